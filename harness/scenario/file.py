@@ -19,6 +19,7 @@ from harness.core.errors import InputError, nearest_name, unknown_name
 from harness.core.resources import shipped_directory
 from harness.scenario.consistency import check_consistency, check_time_out
 from harness.scenario.own_network import with_own_network
+from harness.scenario.own_simulation import with_own_simulation
 from harness.scenario.scenario import Scenario
 from harness.scenario.units import in_si
 
@@ -151,7 +152,7 @@ def validate(
     try:
         whole = in_si(dict(tree), source, key_sources or {})
         scenario = Scenario.model_validate(whole)
-        read = with_own_network(whole, scenario, source)
+        read = with_own_simulation(with_own_network(whole, scenario, source), scenario, source)
         if read is not whole:
             scenario = Scenario.model_validate(read)
         check_consistency(scenario, source)
@@ -195,7 +196,7 @@ def _find(name_or_path: str | Path) -> Path:
 
 
 def _anchor_paths(tree: dict[str, Any], folder: Path) -> None:
-    for name, key in (("model", "path"), ("crossing", "net")):
+    for name, key in (("model", "path"), ("crossing", "net"), ("simulation", "config")):
         section = tree.get(name)
         if isinstance(section, dict) and isinstance(section.get(key), str):
             section[key] = os.path.normpath(folder.absolute() / section[key])

@@ -20,6 +20,7 @@ from harness.scenario.sections import (
     Section,
     TrafficSection,
 )
+from harness.scenario.simulation import SimulationSection
 
 
 class Scenario(Section):
@@ -37,12 +38,19 @@ class Scenario(Section):
     experiment: ExperimentSection = ExperimentSection()
     limits: LimitsSection = LimitsSection()
     traffic: TrafficSection | None = None
+    simulation: SimulationSection | None = None
 
     @property
     def known_traffic(self) -> TrafficSection:
         """The ``[traffic]`` table of a scenario that is known to have one."""
         assert self.traffic is not None
         return self.traffic
+
+    @property
+    def known_simulation(self) -> SimulationSection:
+        """The ``[simulation]`` table of a scenario that is known to have one."""
+        assert self.simulation is not None
+        return self.simulation
 
     @property
     def walks_by_model(self) -> bool:

@@ -108,7 +108,7 @@ def _site(
         angle_deg=angle,
         crossing_edge=crossing.getID(),
         crossing_from=Side.FAR if reverse else Side.NEAR,
-        footpaths=_footpaths(crossing, reverse=reverse),
+        footpaths=footpaths_of(crossing, reverse=reverse),
         pedestrian_priority=any(link.getState() in ("M", "G") for link in links_onto(crossing)),
         signal=_signal(crossing, lane),
         passed=passed_on(path, road, crossing),
@@ -239,8 +239,10 @@ def links_onto(crossing: "Edge") -> list["Connection"]:
     return connections
 
 
-def _footpaths(crossing: "Edge", *, reverse: bool) -> tuple[Footpath, Footpath]:
-    """The near and the far footpath."""
+def footpaths_of(crossing: "Edge", *, reverse: bool = False) -> tuple[Footpath, Footpath]:
+    """The footpaths at both ends of a crossing: the near and the far one for a ``reverse`` that says
+    whether the near kerb is at the end of its edge.
+    """
     start = [link.getFromLane() for link in links_onto(crossing)]
     end = [link.getToLane() for link in crossing.getLane(0).getOutgoing()]
     sides = []

@@ -116,7 +116,7 @@ def read_network(path: Path) -> RoadNetwork:
     try:
         header, location = _beginning(path)
         net = sumolib.net.readNet(
-            path, withPedestrianConnections=True, withFoes=False, lxml=False, maxcache=0
+            path, withPedestrianConnections=True, withFoes=True, lxml=False, maxcache=0
         )
         _check(net)
     except FileNotFoundError:

@@ -1,7 +1,8 @@
 """Every number that a run of hours of traffic reports, each defined once."""
 
 from harness.statistics import CONFLICTS, Entry, Form, Interval, Proportion
-from harness.store.hour_columns import HourColumns, scaled
+from harness.store.arm_columns import scaled
+from harness.store.hour_columns import HourColumns
 
 _NO_VEHICLE = "no vehicle counts, or the queue is permanent"
 _NO_KIND = "no such vehicle counts, or the queue is permanent"

@@ -19,6 +19,9 @@ from harness.measures import MEASURES
 SCHEMA = 3
 """Version of the run folder's format."""
 
+Tables = dict[str, pa.Table]
+"""Tables by name."""
+
 _KEYS = [("cell", pa.int32()), ("pair", pa.int64()), ("arm", pa.string())]
 
 _TYPES = {float: pa.float64(), int: pa.int32(), bool: pa.bool_()}
@@ -155,6 +158,80 @@ HOURS = pa.schema(
     ]
 )
 
+_GROUP_COUNTS = ("trips", "departed", "arrived")
+_GROUP_MEANS = ("duration_s", "time_loss_s", "waiting_s", "stops")
+_GROUP_EMITTED = ("co2_g", "nox_mg", "pmx_mg", "fuel_g", "electricity_wh")
+GROUP_FIELDS = {
+    "group": pa.string(),
+    **dict.fromkeys(_GROUP_COUNTS, pa.int64()),
+    **dict.fromkeys((*_GROUP_MEANS, *_GROUP_EMITTED), pa.float64()),
+}
+"""Columns of ``groups`` beside the keys."""
+
+_CONFLICT_COUNTS = ("conflicts_ttc", "conflicts_time_advantage", "conflicts_pet", "conflicts_drac")
+CROSSWALK_FIELDS = {
+    "crosswalk": pa.string(),
+    **dict.fromkeys(
+        (
+            *("passages", "automated", "not_driven", "turning", "bending", "people", "reached"),
+            *("crashes", *_CONFLICT_COUNTS, "conflicts_unreached", "sumo_collisions"),
+        ),
+        pa.int64(),
+    ),
+    **dict.fromkeys(
+        ("vehicle_delay_s", "pedestrian_wait_s", "queue_mean_m", "queue_p95_m"), pa.float64()
+    ),
+}
+"""Columns of ``crosswalks`` beside the keys."""
+
+_SIMULATION_COUNTS = [
+    *("vehicles", "automated", "people", "unfinished", "not_departed"),
+    *("passages", "met", "driven", "not_driven", "not_measured", "commands", "cut"),
+    *("reached", "crashes", *_CONFLICT_COUNTS, "conflicts_unreached"),
+    *("sumo_collisions", "sumo_person_collisions", "teleports"),
+]
+_SIMULATION_NUMBERS = [
+    *("av_time_loss_s", "other_time_loss_s", "vehicle_time_loss_s", "people_time_loss_s"),
+    *("people_duration_s", "crosswalk_delay_s", "crosswalk_wait_s", "queue_p95_m"),
+    "stops_per_vehicle",
+]
+SIMULATIONS = pa.schema(
+    [
+        *_KEYS,
+        ("reason", pa.string()),
+        *((name, pa.int64()) for name in _SIMULATION_COUNTS),
+        *((name, pa.float64()) for name in _SIMULATION_NUMBERS),
+        ("groups", pa.list_(pa.struct([*GROUP_FIELDS.items()]))),
+        ("crosswalks", pa.list_(pa.struct([*CROSSWALK_FIELDS.items()]))),
+    ]
+)
+
+PASSAGES_OVER = pa.schema(
+    [
+        *_KEYS,
+        ("crosswalk", pa.string()),
+        ("vehicle", pa.string()),
+        ("type", pa.string()),
+        ("automated", pa.bool_()),
+        ("strategy", pa.string()),
+        ("not_driven", pa.string()),
+        ("trigger_s", pa.float64()),
+        ("edge_s", pa.float64()),
+        ("passed_s", pa.float64()),
+        ("free_speed_mps", pa.float64()),
+        ("delay_s", pa.float64()),
+        ("trace_offset_s", pa.float64()),
+        ("commands", pa.int32()),
+        ("cut", pa.int32()),
+        ("ended", pa.string()),
+        *(
+            (name, kind)
+            for name, kind in (_FACTS | _MEASURES).items()
+            if name not in _PASSAGE_COLUMNS
+        ),
+    ]
+)
+
 TABLES = {
     "hours": HOURS,
     "passages": PASSAGES,
@@ -165,6 +242,10 @@ TABLES = {
     "traces": TRACES,
     "walks": PEDESTRIANS,
     "audit": AUDIT,
+    "simulations": SIMULATIONS,
+    "passages_over": PASSAGES_OVER,
+    "groups": pa.schema([*_KEYS, *GROUP_FIELDS.items()]),
+    "crosswalks": pa.schema([*_KEYS, *CROSSWALK_FIELDS.items()]),
 }
 """Every table with a fixed schema, by name; ``cells`` depends on what a study varies."""
 
@@ -173,6 +254,9 @@ def encounter_tables(*, traces: bool, audit: bool) -> list[str]:
     """The tables that the tasks of a run of encounters return, and its shards hold."""
     return ["episodes", "pedestrians", *["traces"] * traces, *["audit"] * audit]
 
+
+SIMULATION_TABLES = ("simulations", "passages_over")
+"""The tables that the tasks of a user's own simulation return."""
 
 HOUR_TABLES = ("hours", "passages", "pedestrians", "queues")
 """The tables of a run of traffic."""

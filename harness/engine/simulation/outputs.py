@@ -1,0 +1,197 @@
+"""The files that a user's scenario writes: each gets a path inside the run folder, or none.
+
+SUMO writes to the paths of its options, to those of detectors and other elements of additional
+files, and to those of device parameters in vehicle types.  The files in which such a path stands
+are copied with the path replaced; all others are read where they are.
+"""
+
+import gzip
+import os
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.core.errors import InputError, one_line
+from harness.site.configuration import SumoConfig, option_sections, option_types
+
+NOWHERE = "/dev/null"
+
+_OUTPUTS: Mapping[str, str] = {
+    **dict.fromkeys(
+        (
+            *("inductionLoop", "e1Detector", "instantInductionLoop"),
+            *("laneAreaDetector", "e2Detector", "entryExitDetector", "e3Detector"),
+            *("edgeData", "laneData", "routeProbe", "vTypeProbe"),
+        ),
+        "file",
+    ),
+    "timedEvent": "dest",
+    "calibrator": "output",
+}
+"""Elements of additional files that write, each with the attribute that has the path."""
+
+_INPUTS: Mapping[str, str] = {
+    "include": "href",
+    "variableSpeedSign": "file",
+    "rerouter": "file",
+    "poly": "imgFile",
+    "poi": "imgFile",
+    "vType": "imgFile",
+}
+"""Elements that read a file; a copy of theirs needs its absolute path."""
+
+_PARAMETERS = ("device.ssm.file", "device.toc.file", "file")
+"""Parameters of vehicles, vehicle types and traffic lights that name a file to write."""
+
+_WRITES = re.compile(rb"""(?:file|dest|output|\bhref)\s*=\s*["']|["'](?:device\.\w+\.)?file["']""")
+
+_SWITCHED_OFF = ("save-configuration", "save-template", "save-schema", "save-state.prefix")
+"""Options that name a file to write and are not in SUMO's section of outputs."""
+
+_INPUT_FILES = ("weight-files", "phemlight-path", "astar.all-distances", "astar.landmark-distances")
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Which of a scenario's outputs are written, and where.
+
+    Attributes:
+        folder: the arm's own folder.
+        names: what is kept: names of SUMO's options without ``-output`` (``fcd``, ``tripinfo`` …),
+            ``detectors`` for whatever additional files write, ``devices`` for device parameters;
+            ``all`` for everything.
+    """
+
+    folder: Path
+    names: frozenset[str]
+
+    def keeps(self, name: str) -> bool:
+        """Whether an output of this name is written."""
+        return "all" in self.names or name in self.names
+
+    def path(self, name: str, written: str) -> str:
+        """The path to which SUMO writes what the scenario writes to ``written``."""
+        if not self.keeps(name) or written.upper() in ("NUL", NOWHERE.upper()):
+            return NOWHERE
+        return str(self.folder / inside(written))
+
+
+def inside(written: str) -> str:
+    """A file name for a path of the scenario's: its parts, joined, without those that lead up."""
+    parts = [part for part in Path(written).parts if part not in ("..", ".", "/", "\\")]
+    return "_".join(parts)
+
+
+def output_options(config: SumoConfig) -> dict[str, str]:
+    """The options of a configuration that make SUMO write a file, with the path each names."""
+    types, sections = option_types(), option_sections()
+    named = {}
+    for name, value in config.options.items():
+        writes = types.get(name) == "FILE" and sections.get(name) in ("output", "report")
+        writes |= name.endswith(("-output", ".output")) or name in (
+            "device.ssm.file",
+            "device.toc.file",
+        )
+        if writes and "input-file" not in name and not name.endswith(".prefix") and value:
+            named[name] = value
+    return named
+
+
+def short_name(option: str) -> str:
+    """The name by which ``simulation.outputs`` keeps the output of an option."""
+    if option.startswith("device."):
+        return "devices"
+    return option.removesuffix("-output").removesuffix("-dump")
+
+
+def final_options(config: SumoConfig, kept: Kept) -> dict[str, str]:
+    """The configuration's options with the paths of its outputs replaced.
+
+    Also written are the copies of route files and additional files that name a path to write.
+
+    Raises:
+        InputError: a file cannot be read as XML.
+    """
+    written = output_options(config)
+    options = {}
+    for name, value in config.options.items():
+        if name in written:
+            path = kept.path(short_name(name), value)
+            if path != NOWHERE:
+                options[name] = path
+        elif not _is_dropped(name):
+            options[name] = value
+    for option in ("route-files", "additional-files"):
+        files = config.files(option)
+        if files:
+            options[option] = ",".join(str(copied(file, kept)) for file in files)
+    return options
+
+
+def _is_dropped(option: str) -> bool:
+    """Whether an option is dropped: it saves states or belongs to the window."""
+    prefixes = ("save-", "output-prefix", "output-suffix", "num-clients", "remote-port")
+    return option.startswith(prefixes) or option_sections().get(option) == "gui_only"
+
+
+def copied(file: Path, kept: Kept) -> Path:
+    """A file, or its copy if it names a path to write.
+
+    Raises:
+        InputError: the file cannot be read as XML.
+    """
+    content = _bytes(file)
+    if not _WRITES.search(content):
+        return file
+    try:
+        tree = ET.ElementTree(ET.fromstring(content))
+    except ET.ParseError as error:
+        raise InputError(str(file), f"cannot be read as XML ({one_line(str(error))})") from None
+    changed = False
+    for element in tree.iter():
+        changed |= _redirect(element, file.parent, kept)
+    if not changed:
+        return file
+    kept.folder.mkdir(parents=True, exist_ok=True)
+    name = inside(str(file)).removesuffix(".gz")
+    copy = kept.folder / name
+    tree.write(copy, encoding="utf-8", xml_declaration=True)
+    return copy
+
+
+def _redirect(element: ET.Element, folder: Path, kept: Kept) -> bool:
+    """Replace the paths of an element; returns whether SUMO would have written to one."""
+    wrote = False
+    tag = element.tag
+    output = _OUTPUTS.get(tag)
+    if output is not None and element.get(output):
+        element.set(output, kept.path("detectors", element.get(output, "")))
+        wrote = True
+    source = _INPUTS.get(tag)
+    if source is not None and element.get(source):
+        path = Path(os.path.normpath(folder / element.get(source, "")))
+        if tag == "include":
+            own = copied(path, kept)
+            wrote |= own != path
+            path = own
+        element.set(source, str(path))
+    if tag == "param" and element.get("key") in _PARAMETERS and element.get("value"):
+        name = "devices" if str(element.get("key")).startswith("device.") else "detectors"
+        element.set("value", kept.path(name, element.get("value", "")))
+        wrote = True
+    return wrote
+
+
+def _bytes(file: Path) -> bytes:
+    try:
+        with gzip.open(file) if file.suffix == ".gz" else file.open("rb") as stream:
+            return stream.read()
+    except (OSError, EOFError) as error:
+        raise InputError(str(file), f"cannot be read ({one_line(str(error))})") from None
+
+
+def allowed_outputs(config: SumoConfig) -> Iterable[str]:
+    """The names that ``simulation.outputs`` may have for a configuration."""
+    return sorted({"all", "detectors", "devices", *map(short_name, output_options(config))})

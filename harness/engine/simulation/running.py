@@ -1,0 +1,141 @@
+"""A user's SUMO scenario, running in this process step by step.
+
+The only other module that starts libsumo is ``harness.engine.sumo``; a process runs one simulation
+at a time.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import libsumo
+
+from harness.core.errors import EngineError, InputError, one_line
+from harness.engine.simulation.outputs import Kept, final_options
+from harness.site.configuration import SumoConfig, first_error
+
+NO_OPTIONS: Mapping[str, str] = {}
+
+CONFIG_FILE = "simulation.sumocfg"
+TRIPS_FILE = "tripinfo.xml"
+
+_ALWAYS = {
+    "random": "false",
+    "no-step-log": "true",
+    "no-warnings": "true",
+    "duration-log.disable": "true",
+    "tripinfo-output.write-unfinished": "true",
+    "tripinfo-output.write-undeparted": "true",
+}
+"""Options of every simulation: the seed decides, and trips that do not end count."""
+
+
+def write_config(
+    config: SumoConfig,
+    kept: Kept,
+    seed: int,
+    step_s: float | None,
+    people: Path | None = None,
+    more: Mapping[str, str] = NO_OPTIONS,
+) -> Path:
+    """Write the configuration of one arm into its folder.
+
+    ``sumo -c`` with this file is the arm without its drivers.
+
+    Args:
+        config: the user's.
+        kept: the arm's folder, and which outputs are written there.
+        seed: of SUMO's random numbers.
+        step_s: another length of a step than the configuration's; None keeps that.
+        people: a file with further people; None: nobody is added.
+        more: further options.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        InputError: a file of the scenario cannot be read.
+    """
+    kept.folder.mkdir(parents=True, exist_ok=True)
+    options = final_options(config, kept) | _ALWAYS | {"seed": str(seed)} | dict(more)
+    if people is not None:
+        options["route-files"] = ",".join(filter(None, [options.get("route-files"), str(people)]))
+    options["tripinfo-output"] = str(kept.folder / TRIPS_FILE)
+    if step_s is not None:
+        options["step-length"] = f"{step_s:.3f}"
+    root = ET.Element("configuration")
+    for name, value in sorted(options.items()):
+        ET.SubElement(root, name, value=value)
+    ET.indent(root)
+    path = kept.folder / CONFIG_FILE
+    ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+    return path
+
+
+class OwnSimulation:
+    """A running simulation of a user's scenario.
+
+    Args:
+        config_file: as ``write_config`` wrote it.
+        end_s: the time at which the simulation ends; None: when everybody has arrived.
+
+    Raises:
+        EngineError: SUMO does not start.
+    """
+
+    def __init__(self, config_file: Path, end_s: float | None) -> None:
+        self.api: Any = libsumo
+        self._end_s = end_s
+        try:
+            libsumo.start(["sumo", "-c", str(config_file)])
+        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
+            raise EngineError(f"SUMO did not start: {said(error)}") from None
+        self.time_s: float = libsumo.simulation.getTime()
+        self.step_s: float = libsumo.simulation.getDeltaT()
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether there is a further step; libsumo itself ignores the end."""
+        if self._end_s is not None:
+            return self.time_s < self._end_s - 1e-9
+        return bool(libsumo.simulation.getMinExpectedNumber() > 0)
+
+    def step(self) -> float:
+        """Simulate one step; returns the time at its end in s.
+
+        Raises:
+            EngineError: SUMO lost the simulation.
+        """
+        try:
+            libsumo.simulationStep()
+        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
+            raise EngineError(f"SUMO lost the simulation: {said(error)}") from None
+        self.time_s = libsumo.simulation.getTime()
+        return self.time_s
+
+    def close(self) -> None:
+        """End the simulation; only then are its output files complete."""
+        libsumo.close()
+
+
+def said(error: Exception) -> str:
+    """SUMO's words, on one line."""
+    text = one_line(str(error))
+    return "see its messages above" if text == "Process Error" else text
+
+
+def check_starts(config_file: Path, where: str) -> None:
+    """Refuse a scenario that SUMO refuses: it loads everything and ends at once.
+
+    Raises:
+        InputError: SUMO's first error.
+    """
+    import subprocess
+
+    begin_s = ET.parse(config_file).getroot().find("begin")
+    begin = "0" if begin_s is None else begin_s.attrib["value"]
+    command = ["sumo", "-c", str(config_file), "--route-steps", "0", "--end", begin]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise InputError(where, f"SUMO refuses it ({first_error(done.stderr)})")

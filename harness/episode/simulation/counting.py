@@ -1,0 +1,97 @@
+"""How many vehicles and people pass each crosswalk of a user's scenario, in one untouched run."""
+
+import xml.etree.ElementTree as ET
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.core.errors import EngineError
+from harness.engine.simulation.outputs import Kept
+from harness.engine.simulation.running import OwnSimulation, write_config
+from harness.site.configuration import SumoConfig
+from harness.site.crosswalks import Crosswalk
+
+ROUTES_FILE = "vehroutes.xml"
+
+
+@dataclass(frozen=True, slots=True)
+class CrosswalkCount:
+    """What passed a crosswalk.
+
+    ``vehicles`` and ``people`` are per hour; ``straight`` is the number of vehicles per hour that
+    went straight on.
+    """
+
+    vehicles: float
+    straight: float
+    people: float
+
+
+def count(
+    config: SumoConfig,
+    crosswalks: Sequence[Crosswalk],
+    folder: Path,
+    progress: Callable[[float, float | None], None] = lambda _time_s, _end_s: None,
+) -> dict[str, CrosswalkCount]:
+    """Simulate a scenario once, untouched, and count at every crosswalk.
+
+    Args:
+        config: the scenario; it is simulated with its own step.
+        crosswalks: those of its network.
+        folder: a temporary folder for SUMO's files.
+        progress: told the simulated time and the end, both in s, after every simulated second.
+
+    Raises:
+        EngineError: SUMO refused or lost the simulation.
+    """
+    options = {
+        "vehroute-output": str(folder / ROUTES_FILE),
+        "vehroute-output.exit-times": "true",
+        "vehroute-output.write-unfinished": "true",
+    }
+    path = write_config(config, Kept(folder, frozenset()), config.seed, None, more=options)
+    simulation = OwnSimulation(path, config.end_s)
+    people: dict[str, set[str]] = {crosswalk.id: set() for crosswalk in crosswalks}
+    persons_on = simulation.api.edge.getLastStepPersonIDs
+    begin_s = told_s = simulation.time_s
+    try:
+        while simulation.goes_on:
+            time_s = simulation.step()
+            for crossing, names in people.items():
+                names.update(persons_on(crossing))
+            if time_s >= told_s + 1.0:
+                told_s = time_s
+                progress(time_s, config.end_s)
+    finally:
+        simulation.close()
+    hours = max(simulation.time_s - begin_s, 1e-9) / 3600.0
+    moves = Counter(_moves(folder / ROUTES_FILE))
+    counts = {}
+    for crosswalk in crosswalks:
+        ways = {(way.from_edge, way.to_edge) for way in crosswalk.ways}
+        straight = {(way.from_edge, way.to_edge) for way in crosswalk.ways if way.is_straight(0.0)}
+        counts[crosswalk.id] = CrosswalkCount(
+            sum(moves[way] for way in ways) / hours,
+            sum(moves[way] for way in straight) / hours,
+            len(people[crosswalk.id]) / hours,
+        )
+    return counts
+
+
+def _moves(file: Path) -> Iterator[tuple[str, str]]:
+    """Every change of a vehicle from one edge to the next, in SUMO's file of routes."""
+    try:
+        for _, element in ET.iterparse(file):
+            if element.tag != "vehicle":
+                continue
+            routes = element.findall(".//route")
+            if routes:
+                edges = routes[-1].get("edges", "").split()
+                times = routes[-1].get("exitTimes", "").split()
+                left = sum(float(each) >= 0 for each in times) if times else len(edges)
+                for number in range(min(left, len(edges) - 1)):
+                    yield edges[number], edges[number + 1]
+            element.clear()
+    except (ET.ParseError, OSError) as error:
+        raise EngineError(f"SUMO's routes cannot be read: {error}") from None

@@ -1,0 +1,218 @@
+"""Vehicles on their ways over chosen crosswalks: who is driven by a strategy, and how."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from harness.core.encounter import EgoView, Observation, PedestrianView, Strategy, Vehicle
+from harness.core.errors import StrategyError
+from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
+from harness.site.simulation import DrivenWay
+
+SPEED_MODE_MID_BLOCK = 23
+"""SUMO keeps the distance, the limits of the vehicle and red lights; it yields to nobody."""
+SPEED_MODE_JUNCTION = 31
+"""As SUMO's own driver: it also yields to vehicles, and slows for the junction itself."""
+NO_LANE_CHANGE = 512
+"""No lane change of the vehicle's own; requests and their safety stay as they are."""
+IGNORED_TYPES = "junctionModel.ignoreTypes"
+
+CUT_MPS = 1e-3
+"""A speed that differs by more than this from the commanded one was cut by SUMO."""
+
+
+@dataclass(slots=True, eq=False)
+class PassageLog:
+    """One vehicle on its way over one crosswalk, from R0 until its rear has left.
+
+    Attributes:
+        name: SUMO's id of the vehicle.
+        type_id: its vType.
+        driven_way: its way.
+        vehicle: its constants; v0 is the speed of a free passage.
+        automated: whether it is an AV (in the reference's arm: whether it is one in the AV's).
+        strategy_name: who drives; ``sumo`` where no strategy may.
+        not_driven: why no strategy may drive it, or None.
+        offset_m: x of the front bumper minus SUMO's odometer.
+        strategy: the driver, or None.
+        time_s, x_m, speed_mps: the states at every step.
+        commands: number of commands; ``cut``: of those, how many SUMO did not follow.
+        ended: ``passed``, or why the passage broke off.
+    """
+
+    name: str
+    type_id: str
+    driven_way: DrivenWay
+    vehicle: Vehicle
+    automated: bool
+    strategy_name: str
+    not_driven: str | None
+    offset_m: float
+    strategy: Strategy | None = None
+    time_s: list[float] = field(default_factory=list)
+    x_m: list[float] = field(default_factory=list)
+    speed_mps: list[float] = field(default_factory=list)
+    commands: int = 0
+    cut: int = 0
+    ended: str | None = None
+    collided: bool = False
+    fallback: bool = False
+
+    def note(self, time_s: float, x_m: float, speed_mps: float) -> None:
+        """Note the state at the end of a step."""
+        self.time_s.append(time_s)
+        self.x_m.append(x_m)
+        self.speed_mps.append(speed_mps)
+
+    @property
+    def rear_left_m(self) -> float:
+        """x of the front bumper at which the rear has left the crosswalk."""
+        return self.vehicle.length_m + self.driven_way.way.crossing.width_m / 2 - ROUNDING_M
+
+
+@dataclass(slots=True)
+class _Kept:
+    """A vehicle's own values, which are restored after control."""
+
+    speed_mode: int
+    lane_change_mode: int
+    ignored_types: str
+
+
+class Control:
+    """The vehicles that strategies drive at present.
+
+    A vehicle may be on its way over several crosswalks at once: each has a strategy object of its
+    own, and the least command holds.
+
+    Args:
+        api: the running simulation.
+        step_s: the length of a step.
+        detection_m: how far the vehicles see people.
+        views: everybody at the crosswalk of a way, as a vehicle on it sees them.
+    """
+
+    def __init__(
+        self,
+        api: Any,
+        step_s: float,
+        detection_m: float,
+        views: Callable[[DrivenWay], list[PedestrianView]],
+    ) -> None:
+        self._vehicle, self._step_s = api.vehicle, step_s
+        self._detection_m, self._views = detection_m + ROUNDING_M, views
+        self._passages: dict[str, list[PassageLog]] = {}
+        self._kept: dict[str, _Kept] = {}
+        self._asked: dict[str, float] = {}
+        self._types: set[str] = set()
+
+    def ignore(self, person_type: str) -> None:
+        """Let driven vehicles pay no attention to people of a type: the strategy does."""
+        if person_type in self._types:
+            return
+        self._types.add(person_type)
+        for name in self._kept:
+            self._ignore_types(name)
+
+    def _ignore_types(self, name: str) -> None:
+        types = self._types.union(self._kept[name].ignored_types.split())
+        self._vehicle.setParameter(name, IGNORED_TYPES, " ".join(sorted(types)))
+
+    def take(self, passage: PassageLog) -> None:
+        """Begin to drive a vehicle over a crosswalk."""
+        passages = self._passages.setdefault(passage.name, [])
+        passages.append(passage)
+        self._set_mode(passage.name)
+
+    def leave(self, passage: PassageLog, *, exists: bool) -> None:
+        """End driving a vehicle over a crosswalk; the last one gives it back to SUMO."""
+        passages = self._passages.get(passage.name, [])
+        if passage in passages:
+            passages.remove(passage)
+            if not passages:
+                del self._passages[passage.name]
+                self._asked.pop(passage.name, None)
+                self._give_back(passage.name, exists=exists)
+            elif exists and passage.name in self._kept:
+                self._set_mode(passage.name)
+
+    def command(self, time_s: float) -> None:
+        """Let every strategy decide on what it sees, and give SUMO the least command."""
+        self._asked.clear()
+        for name, passages in self._passages.items():
+            speeds = [
+                speed for each in passages if (speed := self._decision(each, time_s)) is not None
+            ]
+            if not speeds:
+                self._give_back(name, exists=True)
+                continue
+            if name not in self._kept:
+                self._set_mode(name)
+            speed = min(speeds)
+            self._asked[name] = speed
+            self._vehicle.setSpeed(name, speed)
+
+    def check(self, name: str, speed_mps: float) -> None:
+        """Count whether SUMO followed the last command to a vehicle."""
+        asked = self._asked.get(name)
+        if asked is None:
+            return
+        cut = abs(speed_mps - asked) > CUT_MPS
+        for passage in self._passages.get(name, ()):
+            passage.commands += 1
+            passage.cut += cut
+
+    def _decision(self, passage: PassageLog, now_s: float) -> float | None:
+        """The speed that a strategy wants at the end of the step; None leaves it to SUMO."""
+        assert passage.strategy is not None
+        x, speed = passage.x_m[-1], passage.speed_mps[-1]
+        before = passage.speed_mps[-2] if len(passage.speed_mps) > 1 else speed
+        time_s = (len(passage.x_m) - 1) * self._step_s
+        near = -self._detection_m <= x <= self._detection_m
+        seen = tuple(self._views(passage.driven_way)) if near else ()
+        ego = EgoView(-x, speed, (speed - before) / self._step_s)
+        crossing = passage.driven_way.way.crossing
+        observation = Observation(time_s, self._step_s, ego, passage.vehicle, crossing, seen)
+        try:
+            answer = passage.strategy.decide(observation)
+        except (Exception, SystemExit) as error:
+            raise named(passage, now_s, strategy_raised(error, time_s)) from error
+        if answer is None:
+            return None
+        try:
+            wanted = limited(answer, passage.vehicle, time_s)
+        except StrategyError as error:
+            raise named(passage, now_s, error) from None
+        return max(0.0, speed + wanted * self._step_s)
+
+    def _set_mode(self, name: str) -> None:
+        """Let SUMO follow commands, as far as other vehicles allow."""
+        vehicle = self._vehicle
+        if name not in self._kept:
+            self._kept[name] = _Kept(
+                vehicle.getSpeedMode(name),
+                vehicle.getLaneChangeMode(name),
+                vehicle.getParameter(name, IGNORED_TYPES),
+            )
+            vehicle.setLaneChangeMode(name, NO_LANE_CHANGE)
+            self._ignore_types(name)
+        meets = any(each.driven_way.meets_vehicles for each in self._passages[name])
+        vehicle.setSpeedMode(name, SPEED_MODE_JUNCTION if meets else SPEED_MODE_MID_BLOCK)
+
+    def _give_back(self, name: str, *, exists: bool) -> None:
+        kept = self._kept.pop(name, None)
+        if kept is None or not exists:
+            return
+        vehicle = self._vehicle
+        vehicle.setSpeed(name, -1.0)
+        vehicle.setSpeedMode(name, kept.speed_mode)
+        vehicle.setLaneChangeMode(name, kept.lane_change_mode)
+        vehicle.setParameter(name, IGNORED_TYPES, kept.ignored_types)
+
+
+def named(passage: PassageLog, now_s: float, error: StrategyError) -> StrategyError:
+    """The same error, with the vehicle and the simulation's time."""
+    what = f"vehicle {passage.name} at {passage.driven_way.way.crosswalk}, {now_s:.3f} s: {error}"
+    same = StrategyError(what)
+    same.traceback = error.traceback
+    return same

@@ -1,0 +1,180 @@
+"""Runs pairs of one cell with ``[simulation]``: the user's scenario twice with one seed."""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from harness.core.encounter import Arm, StepMotion, Strategy, Trace
+from harness.core.errors import EngineError, StrategyError, in_one_line
+from harness.engine.simulation.outputs import Kept
+from harness.engine.simulation.running import TRIPS_FILE, OwnSimulation, write_config
+from harness.episode.arms import check_arms, make_strategy
+from harness.episode.simulation.arm import SimulationArm, SimulationLog, uniform_of
+from harness.episode.simulation.demand import number_of, write_people
+from harness.episode.simulation.driving import PassageLog
+from harness.episode.simulation.passages import VehicleTrack, passage
+from harness.episode.simulation.trips import Trip, read_trips
+from harness.measures import EpisodeRecord, measure
+from harness.model.interaction import InteractionModel
+from harness.scenario import Scenario
+from harness.site.simulation import Setting, setting_at
+
+SUMO_DRIVER = "sumo_driver"
+"""The strategy that leaves the driving to SUMO."""
+
+CHUNK = 200
+"""Passages measured together; results do not depend on it."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredPassage:
+    """A passage over a chosen crosswalk with its trace and its record."""
+
+    log: PassageLog
+    trace: Trace
+    record: EpisodeRecord
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationOutcome:
+    """One arm of a pair: what happened in it, or why there is nothing."""
+
+    pair: int
+    arm: Arm
+    scenario: Scenario
+    log: SimulationLog = field(default_factory=SimulationLog)
+    passages: tuple[MeasuredPassage, ...] = ()
+    trips: tuple[Trip, ...] = ()
+    reason: str | None = None
+    traceback: str | None = None
+
+
+GetFolder = Callable[[int, Arm], AbstractContextManager[Path]]
+"""The folder of an arm, where its configuration and its outputs lie while it runs."""
+
+
+class SimulationRunner:
+    """Runs pairs of one cell with ``[simulation]``, one after another.
+
+    Args:
+        scenario: the cell.
+        model: the interaction model.
+        get_folder: the folder of each arm.
+
+    Raises:
+        InputError: the configuration, a crosswalk, or an arm's strategy is refused.
+    """
+
+    def __init__(self, scenario: Scenario, model: InteractionModel, get_folder: GetFolder) -> None:
+        self._scenario, self._model, self._get_folder = scenario, model, get_folder
+        self._setting = setting_of(scenario)
+        check_arms(scenario, model)
+
+    def run(
+        self, pairs: Iterable[int], on_arm: Callable[[], None] = lambda: None
+    ) -> Iterator[SimulationOutcome]:
+        """Both arms of every pair, AV first; ``on_arm`` is called after each."""
+        for pair in pairs:
+            for arm in Arm:
+                yield self.run_arm(pair, arm)
+                on_arm()
+
+    def run_arm(self, pair: int, arm: Arm) -> SimulationOutcome:
+        """One arm of a pair.  A strategy that fails in one vehicle fails the whole arm."""
+        scenario, setting = self._scenario, self._setting
+        simulation = scenario.known_simulation
+        seed = setting.config.seed + pair
+        with self._get_folder(pair, arm) as folder:
+            kept = Kept(folder, frozenset(simulation.outputs))
+            added = write_people(folder, scenario, setting, pair)
+            path = write_config(setting.config, kept, seed, simulation.step_s, added)
+            running: OwnSimulation | None = None
+            try:
+                running = OwnSimulation(path, setting.config.end_s)
+                log = self._arm(running, pair, arm, seed).run()
+            except EngineError as error:
+                text = error.traceback if isinstance(error, StrategyError) else None
+                return SimulationOutcome(pair, arm, scenario, reason=str(error), traceback=text)
+            finally:
+                if running is not None:
+                    running.close()
+            trips = read_trips(folder / TRIPS_FILE, log.end_s)
+        passages = tuple(measured(log, setting))
+        return SimulationOutcome(pair, arm, scenario, log, passages, tuple(trips))
+
+    def _arm(self, running: OwnSimulation, pair: int, arm: Arm, seed: int) -> SimulationArm:
+        scenario, setting = self._scenario, self._setting
+        simulation, ego = scenario.known_simulation, scenario.ego
+        av_types = frozenset(simulation.av_types)
+
+        def is_automated(name: str, type_id: str, vehicle_class: str) -> bool:
+            alike = type_id in av_types or vehicle_class in av_types
+            return alike and uniform_of(seed, name) < simulation.av_share
+
+        def make(name: str, automated: bool) -> tuple[str, Strategy | None]:
+            driver = Arm.AV if automated and arm is Arm.AV else Arm.HUMAN
+            strategy_name = scenario.arms.driver(driver)
+            if strategy_name == SUMO_DRIVER:
+                return strategy_name, None
+            try:
+                number = number_of(name)
+                return strategy_name, make_strategy(scenario, driver, pair, self._model, number)
+            except (Exception, SystemExit) as error:
+                what = f"vehicle {name}: the strategy could not be made: {in_one_line(error)}"
+                raise StrategyError(what, error) from None
+
+        return SimulationArm(
+            running,
+            setting,
+            counted_s(scenario, setting),
+            ego.detection_range_m or ego.trigger_range_m,
+            ego.resume_acceleration_mps2,
+            is_automated,
+            make,
+        )
+
+
+def setting_of(scenario: Scenario) -> Setting:
+    """The chosen crosswalks of a scenario's simulation.
+
+    Raises:
+        InputError: the configuration or a crosswalk is refused.
+    """
+    simulation = scenario.known_simulation
+    return setting_at(
+        Path(simulation.config),
+        simulation.step_s,
+        simulation.crossings,
+        scenario.ego.trigger_range_m,
+        "simulation",
+    )
+
+
+def counted_s(scenario: Scenario, setting: Setting) -> tuple[float, float]:
+    """Begin and end of what is counted, in s; the end is infinite where nothing bounds it."""
+    simulation, config = scenario.known_simulation, setting.config
+    begin_s = config.begin_s if simulation.begin is None else simulation.begin
+    end_s = config.end_s if simulation.end is None else simulation.end
+    return begin_s, float("inf") if end_s is None else end_s
+
+
+def measured(log: SimulationLog, setting: Setting) -> Iterator[MeasuredPassage]:
+    """The passages of an arm with their traces and records, by the time of R0."""
+    motion: StepMotion = "ballistic" if setting.config.ballistic else "euler"
+    with_states = [each for each in log.passages if len(each.x_m) > 1]
+    traces = [
+        passage(
+            VehicleTrack(np.array(each.time_s), np.array(each.x_m), np.array(each.speed_mps)),
+            log.people[each.driven_way.way.crosswalk],
+            each.driven_way.way,
+            each.vehicle,
+            motion=motion,
+        )
+        for each in with_states
+    ]
+    # A chunk has one vehicle and one crosswalk: here every passage may have its own.
+    for each, trace in zip(with_states, traces, strict=True):
+        yield MeasuredPassage(each, trace, measure([trace])[0])

@@ -1,0 +1,148 @@
+"""The people at a chosen crosswalk, as SUMO walks them: recorded, and as strategies see them."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from harness.core.encounter import PedestrianView, Side
+from harness.episode.simulation.passages import STANDING_MPS, WAITING_M, PersonTrack
+from harness.site import Crosswalk, WayOver
+
+
+@dataclass(slots=True, eq=False)
+class PersonAt:
+    """A person who is about to cross, crosses, or has just crossed.
+
+    The lists have one value for each step: time in s, network coordinates in m, and whether the
+    person is on the crossing's edge.
+    """
+
+    id: str
+    index: int
+    time_s: list[float] = field(default_factory=list)
+    x_m: list[float] = field(default_factory=list)
+    y_m: list[float] = field(default_factory=list)
+    on_crossing: list[bool] = field(default_factory=list)
+
+    def note(self, time_s: float, place: Sequence[float], *, on_crossing: bool) -> None:
+        """Note where the person is."""
+        self.time_s.append(time_s)
+        self.x_m.append(place[0])
+        self.y_m.append(place[1])
+        self.on_crossing.append(on_crossing)
+
+    def track(self) -> PersonTrack:
+        """The records as arrays."""
+        return PersonTrack(
+            self.id,
+            np.array(self.time_s),
+            np.array(self.x_m),
+            np.array(self.y_m),
+            np.array(self.on_crossing, dtype=bool),
+        )
+
+
+class PeopleAtCrosswalk:
+    """Everybody who is about to cross at one crosswalk, or is on it.
+
+    Args:
+        api: the running simulation.
+        crosswalk: the crosswalk.
+        on_new: called with the id of everybody who comes.
+    """
+
+    def __init__(self, api: Any, crosswalk: Crosswalk, on_new: Callable[[str], None]) -> None:
+        self.crosswalk = crosswalk
+        self.present: dict[str, PersonAt] = {}
+        self.gone: list[PersonAt] = []
+        self._on_new = on_new
+        self._areas = sorted(crosswalk.areas)
+        self._persons_on: Callable[[str], Sequence[str]] = api.edge.getLastStepPersonIDs
+        self._next_edge: Callable[[str], str] = api.person.getNextEdge
+        self._place: Callable[[str], Sequence[float]] = api.person.getPosition
+
+    def note(self, time_s: float) -> None:
+        """Note where everybody is at the end of a step."""
+        crossing, present = self.crosswalk.id, self.present
+        here = self._persons_on(crossing)
+        known = set(here)
+        for name in here:
+            self._known(name).note(time_s, self._place(name), on_crossing=True)
+        for area in self._areas:
+            for name in self._persons_on(area):
+                if name in known:
+                    continue
+                if self._next_edge(name) == crossing:
+                    self._known(name).note(time_s, self._place(name), on_crossing=False)
+                    known.add(name)
+                elif name in present and present[name].on_crossing[-1]:
+                    # The first place beyond the crossing shows when the kerb was reached.
+                    present[name].note(time_s, self._place(name), on_crossing=False)
+        if len(known) < len(present):
+            for name in [name for name in present if name not in known]:
+                person = present.pop(name)
+                if True in person.on_crossing:
+                    self.gone.append(person)
+
+    def _known(self, name: str) -> PersonAt:
+        person = self.present.get(name)
+        if person is None:
+            person = self.present[name] = PersonAt(name, len(self.gone) + len(self.present))
+            self._on_new(name)
+        return person
+
+    def tracks(self) -> list[PersonTrack]:
+        """Everybody who was on the crossing, by the time at which they came."""
+        everyone = [*self.gone, *(p for p in self.present.values() if True in p.on_crossing)]
+        everyone.sort(key=lambda person: (person.time_s[0], person.index))
+        return [person.track() for person in everyone]
+
+    def views(self, way: WayOver) -> list[PedestrianView]:
+        """Everybody as a vehicle on one way sees them."""
+        return [view_of(person, way) for person in self.present.values()]
+
+
+def view_of(person: PersonAt, way: WayOver) -> PedestrianView:
+    """A person as a vehicle on a way sees them at the last record.
+
+    A person waits who is within 1 m of the kerb and slower than 0.1 m/s.  The others who have not
+    reached the kerb walk and are not on the crossing.
+    """
+    crossing = way.crossing
+    _, y_m = way.frame.to_road(person.x_m[-1], person.y_m[-1])
+    _, first_m = way.frame.to_road(person.x_m[0], person.y_m[0])
+    near = first_m < crossing.length_m / 2
+    side = Side.NEAR if near else Side.FAR
+    progress_m = y_m if near else crossing.length_m - y_m
+    speed_mps = 0.0
+    if len(person.time_s) > 1:
+        _, before_m = way.frame.to_road(person.x_m[-2], person.y_m[-2])
+        moved_m = (y_m - before_m) if near else (before_m - y_m)
+        speed_mps = max(0.0, moved_m / (person.time_s[-1] - person.time_s[-2]))
+    if -WAITING_M <= progress_m < 0.0 and speed_mps < STANDING_MPS:
+        speed_mps = 0.0
+    progress_m = min(progress_m, crossing.length_m)
+    return PedestrianView(
+        person.index,
+        side,
+        crossing.to_lane_m(side) - progress_m,
+        crossing.length_m - progress_m,
+        speed_mps,
+        0.0 <= progress_m < crossing.length_m,
+    )
+
+
+def waited_s(track: PersonTrack, step_s: float, way: WayOver) -> float:
+    """How long a person stood within 1 m of the kerb before stepping off, in s."""
+    first = int(np.argmax(track.on_crossing))
+    x_m, y_m = way.frame.to_road(track.x_m[: first + 1], track.y_m[: first + 1])
+    if len(y_m) < 2:
+        return 0.0
+    near = y_m[0] < way.crossing.length_m / 2
+    to_kerb_m = -y_m if near else y_m - way.crossing.length_m
+    moved_mps = np.hypot(np.diff(x_m), np.diff(y_m)) / step_s
+    waits = (to_kerb_m[1:] <= WAITING_M) & (to_kerb_m[1:] >= 0) & (moved_mps < STANDING_MPS)
+    return math.fsum([step_s] * int(waits.sum()))

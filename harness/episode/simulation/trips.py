@@ -1,0 +1,118 @@
+"""Trips of vehicles and people from SUMO's ``tripinfo`` file."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from harness.core.errors import EngineError
+
+EMISSIONS = ("CO_abs", "CO2_abs", "HC_abs", "PMx_abs", "NOx_abs", "fuel_abs", "electricity_abs")
+"""What SUMO's emission device computes of a whole trip, in mg (electricity in Wh)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trip:
+    """One trip; times in s.
+
+    Attributes:
+        name: SUMO's id.
+        type_id: the vType.
+        person: whether a person travels.
+        due_s: the time at which the trip was to begin.
+        departed: whether it began.
+        arrived: whether it ended before the simulation did.
+        duration_s: from the time due until the arrival, or until the simulation's end.
+        time_loss_s: time lost against the desired speed, with the wait for departure.
+        waiting_s: time standing, with the wait for departure; of people, standing on foot.
+        stops: number of times a vehicle stood; None for people.
+        emissions: by SUMO's names; empty where the scenario computes none.
+    """
+
+    name: str
+    type_id: str
+    person: bool
+    due_s: float
+    departed: bool
+    arrived: bool
+    duration_s: float
+    time_loss_s: float
+    waiting_s: float
+    stops: int | None
+    emissions: Mapping[str, float] = field(default_factory=dict)
+
+
+def read_trips(file: Path, end_s: float) -> list[Trip]:
+    """Every trip of a simulation, in the file's order.
+
+    A trip that has not ended counts with the time until the end.
+
+    Args:
+        file: SUMO's ``tripinfo`` output, with unfinished and undeparted trips.
+        end_s: the time at which the simulation ended.
+
+    Raises:
+        EngineError: the file is cut off.
+    """
+    try:
+        return [*_trips(file, end_s)]
+    except (ET.ParseError, OSError, ValueError) as error:
+        raise EngineError(f"SUMO's tripinfo cannot be read: {error}") from None
+
+
+def _trips(file: Path, end_s: float) -> Iterator[Trip]:
+    for _, element in ET.iterparse(file):
+        if element.tag == "tripinfo":
+            yield _vehicle(element, end_s)
+        elif element.tag == "personinfo":
+            yield _person(element, end_s)
+        else:
+            continue
+        element.clear()
+
+
+def _vehicle(element: ET.Element, end_s: float) -> Trip:
+    depart_s, delay_s = float(element.attrib["depart"]), float(element.attrib["departDelay"])
+    departed, arrived = depart_s >= 0, float(element.attrib["arrival"]) >= 0
+    due_s = depart_s - delay_s if departed else end_s - delay_s
+    emitted = element.find("emissions")
+    return Trip(
+        name=element.attrib["id"],
+        type_id=element.get("vType", ""),
+        person=False,
+        due_s=due_s,
+        departed=departed,
+        arrived=arrived,
+        duration_s=delay_s + float(element.attrib["duration"]),
+        time_loss_s=delay_s + float(element.attrib["timeLoss"]),
+        waiting_s=delay_s + float(element.attrib["waitingTime"]),
+        stops=int(element.attrib["waitingCount"]),
+        emissions={} if emitted is None else _emissions(emitted),
+    )
+
+
+def _emissions(element: ET.Element) -> dict[str, float]:
+    return {name: float(element.get(name, "nan")) for name in EMISSIONS if element.get(name)}
+
+
+def _person(element: ET.Element, end_s: float) -> Trip:
+    depart_s, duration_s = float(element.attrib["depart"]), float(element.attrib["duration"])
+    arrived = duration_s >= 0
+    stages = [*element]
+    # An unfinished stage has its time until the end, but no loss yet: SUMO writes 0.
+    return Trip(
+        name=element.attrib["id"],
+        type_id=element.get("type", ""),
+        person=True,
+        due_s=depart_s,
+        departed=True,
+        arrived=arrived,
+        duration_s=duration_s if arrived else max(0.0, end_s - depart_s),
+        time_loss_s=sum(_number(stage, "timeLoss") for stage in stages),
+        waiting_s=sum(_number(stage, "waitingTime") for stage in stages),
+        stops=None,
+    )
+
+
+def _number(element: ET.Element, name: str) -> float:
+    return max(0.0, float(element.get(name, "0")))

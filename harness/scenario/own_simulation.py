@@ -1,0 +1,114 @@
+"""``[simulation]``: a user's own SUMO scenario defines the step, the vehicles and the people."""
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from harness.core.errors import InputError
+from harness.scenario.scenario import Scenario
+from harness.scenario.sections import PerceptionSection
+from harness.site.configuration import SumoConfig, people_come
+from harness.site.simulation import setting_at
+
+_EGO_KEYS = ("trigger_range_m", "detection_range_m", "resume_acceleration_mps2")
+"""Keys of ``[ego]`` that hold for every vehicle; the others are those of its vehicle type."""
+
+_PEOPLE_KEYS = ("flow_per_hour", "behaviour")
+
+
+def with_own_simulation(
+    tree: Mapping[str, Any], scenario: Scenario, source: str
+) -> Mapping[str, Any]:
+    """The tree of a scenario, with what its SUMO configuration defines.
+
+    A tree whose configuration has been read before (a manifest's) is unchanged.
+
+    Raises:
+        InputError: keys exclude each other, or the configuration cannot be simulated.
+    """
+    simulation = scenario.simulation
+    if simulation is None:
+        return tree
+    _refuse(scenario, source)
+    where = f"{source}: simulation"
+    path = Path(simulation.config)
+    range_m = scenario.ego.trigger_range_m
+    setting = setting_at(path, simulation.step_s, simulation.crossings, range_m, where)
+    config = setting.config
+    _check_times(scenario, config, where)
+    if not scenario.pedestrians.flow_per_hour and not people_come(config):
+        allowed = "people in its files, or pedestrians.flow_per_hour"
+        raise InputError(f"{where}.config", f"{path}: nobody comes on foot", allowed)
+    read = {
+        "config": simulation.config,
+        "sha256": sha256_of(config),
+        "crossings": [crosswalk.id for crosswalk in setting.crosswalks],
+    }
+    if simulation.read is not None and simulation.read.sha256 != read["sha256"]:
+        allowed = f"the files of sha256 {simulation.read.sha256}"
+        problem = f"the files of {path} have changed (sha256 {read['sha256'][:12]}…)"
+        raise InputError(f"{where}.config", problem, allowed)
+    return {
+        **tree,
+        "simulation": {**dict(tree["simulation"]), "read": read},
+        "experiment": {**dict(tree.get("experiment", {})), "step_s": setting.step_s},
+    }
+
+
+def sha256_of(config: SumoConfig) -> str:
+    """The hash of the configuration's network, route files and additional files."""
+    digest = hashlib.sha256()
+    options = ("net-file", "route-files", "additional-files")
+    for path in (config.path, *(file for option in options for file in config.files(option))):
+        try:
+            with path.open("rb") as file:
+                digest.update(hashlib.file_digest(file, "sha256").digest())
+        except OSError as error:
+            raise InputError(str(path), f"cannot be read ({error.strerror})") from None
+    return digest.hexdigest()
+
+
+def _refuse(scenario: Scenario, source: str) -> None:
+    """Refuse keys that the user's own scenario defines."""
+    if scenario.traffic is not None:
+        problem = "cannot be combined with [simulation], whose demand is the configuration's"
+        raise InputError(f"{source}: traffic", problem, "one of the two")
+    if scenario.crossing.model_fields_set:
+        key = sorted(scenario.crossing.model_fields_set)[0]
+        problem = "cannot be combined with [simulation], whose network defines it"
+        raise InputError(f"{source}: crossing.{key}", problem, "simulation.crossings")
+    for key in sorted(scenario.ego.model_fields_set - {*_EGO_KEYS}):
+        problem = "cannot be combined with [simulation], whose vehicle types define it"
+        raise InputError(f"{source}: ego.{key}", problem, ", ".join(_EGO_KEYS))
+    for key in sorted(scenario.pedestrians.model_fields_set - {*_PEOPLE_KEYS}):
+        problem = "is not supported with [simulation]: SUMO moves the people"
+        raise InputError(f"{source}: pedestrians.{key}", problem, ", ".join(_PEOPLE_KEYS))
+    given = scenario.pedestrians.model_fields_set
+    if "behaviour" in given and scenario.pedestrians.behaviour != "sumo":
+        problem = f"{scenario.pedestrians.behaviour!r} is not supported with [simulation]"
+        raise InputError(f"{source}: pedestrians.behaviour", problem, "sumo")
+    if scenario.perception != PerceptionSection():
+        problem = "is not supported with [simulation]"
+        raise InputError(f"{source}: perception", problem, "no [perception] table")
+    own = {"step_s", "timeout_s"} & scenario.experiment.model_fields_set
+    read = scenario.known_simulation.read is not None
+    if own and not read:
+        problem = "cannot be combined with [simulation]"
+        raise InputError(f"{source}: experiment.{min(own)}", problem, "simulation.step_s")
+
+
+def _check_times(scenario: Scenario, config: SumoConfig, where: str) -> None:
+    """Refuse a counted time outside of the simulation's."""
+    simulation = scenario.known_simulation
+    begin_s = config.begin_s if simulation.begin is None else simulation.begin
+    end_s = config.end_s if simulation.end is None else simulation.end
+    last_s = config.end_s
+    if begin_s < config.begin_s or (last_s is not None and begin_s >= last_s):
+        allowed = f"from {config.begin_s:g} s, before the simulation's end"
+        raise InputError(f"{where}.begin", f"{begin_s:g} s", allowed)
+    if end_s is not None and (end_s <= begin_s or (last_s is not None and end_s > last_s)):
+        allowed = f"after begin = {begin_s:g} s" + (
+            "" if last_s is None else f", at most {last_s:g} s"
+        )
+        raise InputError(f"{where}.end", f"{end_s:g} s", allowed)

@@ -1,0 +1,263 @@
+"""A user's SUMO configuration in; its options, with absolute paths and canonical names, out.
+
+SUMO itself reads the configuration (``--save-configuration``), so abbreviations, synonyms and
+SUMO's own errors are SUMO's.
+"""
+
+import gzip
+import os
+import subprocess
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from harness.core.errors import EngineError, InputError, one_line
+
+LONGEST_STEP_S = 0.2
+"""Longest step at which a strategy still decides in time."""
+
+SHORTER_STEP_S = 0.1
+"""The step that a scenario file gets where the configuration's is too long."""
+
+VEHICLES = ("vehicle", "trip", "flow")
+PEOPLE = ("person", "personFlow")
+
+_READING_S = 120
+_SCRATCH = f"crosswalk-harness-{os.getpid()}-"
+
+
+@dataclass(frozen=True)
+class SumoConfig:
+    """A SUMO configuration.
+
+    Attributes:
+        path: the configuration's file.
+        options: the values of its options by SUMO's canonical names; paths are absolute.
+    """
+
+    path: Path
+    options: Mapping[str, str]
+
+    def files(self, option: str) -> list[Path]:
+        """The files that an option lists, in its order."""
+        return [Path(name.strip()) for name in self.options.get(option, "").split(",") if name]
+
+    @property
+    def net(self) -> Path:
+        """The network."""
+        return self.files("net-file")[0]
+
+    @property
+    def step_s(self) -> float:
+        """The length of a step; SUMO's default is 1 s."""
+        return seconds(self.options.get("step-length", "1"))
+
+    @property
+    def begin_s(self) -> float:
+        """The time at which the simulation begins."""
+        return seconds(self.options.get("begin", "0"))
+
+    @property
+    def end_s(self) -> float | None:
+        """The time at which the simulation ends; None: when everybody has arrived."""
+        end_s = seconds(self.options.get("end", "-1"))
+        return None if end_s < 0 else end_s
+
+    @property
+    def seed(self) -> int:
+        """The seed of SUMO's random numbers; SUMO's default is 23423."""
+        return int(self.options.get("seed", "23423"))
+
+    @property
+    def ballistic(self) -> bool:
+        """Whether vehicles move with constant acceleration within a step (default: Euler)."""
+        return is_on(self.options.get("step-method.ballistic", "false"))
+
+
+def seconds(text: str) -> float:
+    """A time of SUMO in s: a number, or ``[days:]hours:minutes:seconds``."""
+    parts = text.split(":")
+    if len(parts) == 1:
+        return float(text)
+    days, (hours, minutes, rest) = (parts[:-3] or ["0"])[0], parts[-3:]
+    return 86_400 * int(days) + 3600 * int(hours) + 60 * int(minutes) + float(rest)
+
+
+def is_on(value: str) -> bool:
+    """The value of one of SUMO's switches."""
+    return value.strip().lower() in ("1", "yes", "true", "on", "x", "t")
+
+
+def read_config(path: Path, step_s: float | None = None) -> SumoConfig:
+    """Read a configuration and refuse what cannot be simulated here.
+
+    Args:
+        path: the configuration's file (.sumocfg).
+        step_s: a shorter step for both arms; None keeps the configuration's.
+
+    Raises:
+        InputError: SUMO refuses the configuration, a file of it is missing, nobody comes, or one of
+            its options is not supported.
+    """
+    if not path.is_file():
+        raise InputError(str(path), "no such configuration", "a SUMO configuration (.sumocfg)")
+    config = SumoConfig(path, _options_of(path.absolute()))
+    _refuse_options(config, step_s)
+    for option in ("net-file", "route-files", "additional-files"):
+        for file in config.files(option):
+            if not file.is_file():
+                raise InputError(f"{path}: {option}", f"{file} does not exist", "a file")
+    _refuse_empty(config)
+    return config
+
+
+def _options_of(path: Path) -> dict[str, str]:
+    with TemporaryDirectory(prefix=_SCRATCH) as folder:
+        saved = Path(folder) / "saved.sumocfg"
+        command = ["sumo", "-c", str(path), "--save-configuration", str(saved)]
+        try:
+            done = subprocess.run(
+                command, cwd=folder, capture_output=True, text=True, timeout=_READING_S, check=False
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise EngineError(f"sumo did not read {path}: {error}") from None
+        if done.returncode or not saved.is_file():
+            raise InputError(str(path), f"SUMO refuses it ({first_error(done.stderr)})")
+        options = {
+            element.tag: element.attrib["value"]
+            for section in ET.parse(saved).getroot()
+            for element in section
+        }
+    return {name: _absolute(name, value, path.parent) for name, value in options.items()}
+
+
+def _absolute(option: str, value: str, folder: Path) -> str:
+    """The value of an option, with each path absolute; SUMO itself resolves most of them."""
+    if option_types().get(option) != "FILE":
+        return value
+    return ",".join(
+        part if not part.strip() else str(Path(os.path.normpath(folder / part.strip())))
+        for part in value.split(",")
+    )
+
+
+def first_error(text: str) -> str:
+    """The first error in SUMO's messages, on one line."""
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    errors = [line.removeprefix("Error:").strip() for line in lines if line.startswith("Error:")]
+    return one_line((errors or lines or ["no message"])[0])
+
+
+@cache
+def option_types() -> Mapping[str, str]:
+    """The type of every option of ``sumo``, as its template says (``FILE``, ``BOOL``, …)."""
+    return {name: kind for name, (_, kind) in _template().items()}
+
+
+@cache
+def option_sections() -> Mapping[str, str]:
+    """The section of every option of ``sumo``, as its template says (``output``, …)."""
+    return {name: section for name, (section, _) in _template().items()}
+
+
+@cache
+def _template() -> Mapping[str, tuple[str, str]]:
+    with TemporaryDirectory(prefix=_SCRATCH) as folder:
+        template = Path(folder) / "template.xml"
+        command = ["sumo", "--save-template", str(template)]
+        try:
+            subprocess.run(command, cwd=folder, capture_output=True, timeout=_READING_S, check=True)
+            root = ET.parse(template).getroot()
+        except (OSError, subprocess.SubprocessError, ET.ParseError) as error:
+            raise EngineError(f"sumo did not list its options: {error}") from None
+    return {
+        option.tag: (section.tag, option.get("type", "")) for section in root for option in section
+    }
+
+
+def _refuse_options(config: SumoConfig, step_s: float | None) -> None:
+    options, where = config.options, str(config.path)
+    if not config.files("net-file"):
+        raise InputError(f"{where}: net-file", "is not given", "a SUMO network")
+    for option, what in (
+        ("mesosim", "the mesoscopic model has no positions of vehicles"),
+        ("device.fcd-replay.enable", "replayed vehicles cannot be driven"),
+    ):
+        if is_on(options.get(option, "false")):
+            raise InputError(f"{where}: {option}", f"{what}; it is not supported", "false")
+    if float(options.get("lateral-resolution", "-1")) > 0:
+        raise InputError(
+            f"{where}: lateral-resolution", "the sublane model is not supported", "0 or not given"
+        )
+    model = options.get("pedestrian.model", "striping")
+    if model != "striping":
+        raise InputError(f"{where}: pedestrian.model", f"{model!r} is not supported", "striping")
+    if int(options.get("remote-port", "0")):
+        what = "the configuration waits for a TraCI client; nobody would answer for it"
+        raise InputError(f"{where}: remote-port", what, "a scenario without a client")
+    if options.get("load-state"):
+        raise InputError(f"{where}: load-state", "a loaded state is not supported", "none")
+    if step_s is None and config.step_s > LONGEST_STEP_S + 1e-9:
+        allowed = f"at most {LONGEST_STEP_S:g} s, or simulation.step_s = {SHORTER_STEP_S:g}"
+        raise InputError(f"{where}: step-length", f"{config.step_s:g} s", allowed)
+
+
+def _refuse_empty(config: SumoConfig) -> None:
+    """Refuse a scenario in which no vehicle comes."""
+    files = [*config.files("route-files"), *config.files("additional-files")]
+    if not any(_holds(file, VEHICLES) for file in files):
+        allowed = "vehicles, trips or flows in its route files or additional files"
+        raise InputError(str(config.path), "no vehicle comes", allowed)
+
+
+def people_come(config: SumoConfig) -> bool:
+    """Whether the route files or additional files of a configuration have people."""
+    files = [*config.files("route-files"), *config.files("additional-files")]
+    return any(_holds(file, PEOPLE) for file in files)
+
+
+def _holds(file: Path, tags: tuple[str, ...]) -> bool:
+    """Whether a file, or one that it includes, has an element with one of these names."""
+    for element in elements_of(file):
+        if element.tag in tags:
+            return True
+        if element.tag == "include":
+            included = Path(os.path.normpath(file.parent / element.get("href", "")))
+            if _holds(included, tags):
+                return True
+    return False
+
+
+def elements_of(file: Path) -> Iterator[ET.Element]:
+    """The elements of an XML file, plain or gzipped, at their beginning and one after another.
+
+    Raises:
+        InputError: the file cannot be read as XML.
+    """
+    try:
+        with gzip.open(file) if file.suffix == ".gz" else file.open("rb") as stream:
+            parents: list[ET.Element] = []
+            for event, element in ET.iterparse(stream, ("start", "end")):
+                if event == "start":
+                    parents.append(element)
+                    yield element
+                else:
+                    parents.pop()
+                    if parents:
+                        parents[-1].remove(element)
+    except (OSError, ET.ParseError, EOFError, ValueError) as error:
+        raise InputError(str(file), f"cannot be read as XML ({one_line(str(error))})") from None
+
+
+def known_types(config: SumoConfig) -> set[str]:
+    """The names of the vehicle types and classes that the scenario's files define."""
+    names = set()
+    for option in ("route-files", "additional-files"):
+        for file in config.files(option):
+            for element in elements_of(file):
+                if element.tag in ("vType", "vTypeDistribution"):
+                    names.add(element.get("id", ""))
+    return names

@@ -1,0 +1,160 @@
+"""The chosen crosswalks of a user's own SUMO scenario, with the ways on which AVs drive."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from harness.core.errors import InputError, nearest_name
+from harness.site.configuration import SumoConfig, read_config
+from harness.site.crosswalks import Crosswalk, WayOver, crosswalks_of
+from harness.site.locate import footpaths_of
+from harness.site.road_network import RoadNetwork, read_network
+from harness.site.site import Footpath
+
+
+@dataclass(frozen=True)
+class DrivenWay:
+    """A way over a chosen crosswalk on which a strategy may drive.
+
+    Attributes:
+        way: the way.
+        meets_vehicles: whether it crosses or joins the way of other vehicles inside the junction.
+    """
+
+    way: WayOver
+    meets_vehicles: bool
+
+
+@dataclass(frozen=True)
+class Setting:
+    """The crosswalks of a simulation.
+
+    Attributes:
+        config: the user's configuration.
+        step_s: the step of both arms.
+        range_m: R0, where a passage begins.
+        crosswalks: the chosen ones, and those that vehicles meet within R0 of them.
+        added: ids of those that were not named but lie within R0 of a chosen one.
+        ways: the ways over them.
+        footpaths: by each named crosswalk, those at its ends.
+    """
+
+    config: SumoConfig
+    step_s: float
+    range_m: float
+    crosswalks: tuple[Crosswalk, ...]
+    added: tuple[str, ...]
+    ways: tuple[DrivenWay, ...]
+    footpaths: Mapping[str, tuple[Footpath, Footpath]]
+
+    def lanes(self) -> Mapping[str, list[DrivenWay]]:
+        """The ways by the lanes on which a vehicle is between R0 and the crosswalk."""
+        by_lane: dict[str, list[DrivenWay]] = defaultdict(list)
+        for each in self.ways:
+            for lane in each.way.lanes:
+                if lane.end_m > -self.range_m and lane.start_m < 0.0:
+                    by_lane[lane.lane].append(each)
+        return by_lane
+
+
+@lru_cache(maxsize=2)
+def setting_at(
+    path: Path, step_s: float | None, crossings: tuple[str, ...], range_m: float, where: str
+) -> Setting:
+    """The chosen crosswalks of a configuration; read once per process.
+
+    Args:
+        path: the configuration's file.
+        step_s: a shorter step than the configuration's; None keeps that.
+        crossings: ids of the chosen crosswalks.
+        range_m: R0.
+        where: names the keys in messages.
+
+    Raises:
+        InputError: the configuration or a crosswalk is refused.
+    """
+    config = read_config(path, step_s)
+    network = read_network(config.net)
+    known = {crosswalk.id: crosswalk for crosswalk in crosswalks_of(network)}
+    for crossing in crossings:
+        _check(crossing, known, f"{where}.crossings")
+    chosen, added = _grouped(crossings, known, range_m)
+    ways = tuple(
+        DrivenWay(way, _meets_vehicles(network, way))
+        for crosswalk in chosen
+        for way in crosswalk.ways
+        if way.to_edge and not way.oblique
+    )
+    paths = {name: footpaths_of(network.crossings[name]) for name in crossings}
+    return Setting(config, step_s or config.step_s, range_m, chosen, added, ways, paths)
+
+
+def _check(crossing: str, known: Mapping[str, Crosswalk], where: str) -> None:
+    crosswalk = known.get(crossing)
+    if crosswalk is None:
+        allowed = f"one of the network's {len(known)} crossings"
+        problem = f"no crossing {crossing!r}"
+        raise InputError(where, problem, allowed, nearest_name(crossing, known))
+    if crosswalk.signalled:
+        problem = f"{crossing}: a traffic light controls it"
+        raise InputError(where, problem, "an unsignalized crosswalk")
+    if crosswalk.refused is not None:
+        raise InputError(where, f"{crossing}: {crosswalk.refused}")
+    if not any(way.is_straight(0.0) for way in crosswalk.ways):
+        raise InputError(where, f"{crossing}: no lane leads straight over it", "another crosswalk")
+
+
+def _grouped(
+    crossings: Iterable[str], known: Mapping[str, Crosswalk], range_m: float
+) -> tuple[tuple[Crosswalk, ...], tuple[str, ...]]:
+    """The chosen crosswalks with those within R0 of them on the same lanes, in the file's order.
+
+    A vehicle that a strategy hands back between two crosswalks has its front so near to the second
+    that SUMO cannot stop it there.
+    """
+    chosen = set(crossings)
+    grown = True
+    while grown:
+        grown = False
+        for crosswalk in known.values():
+            if crosswalk.id in chosen or crosswalk.signalled or crosswalk.refused is not None:
+                continue
+            if any(_near(crosswalk, known[other], range_m) for other in chosen):
+                chosen.add(crosswalk.id)
+                grown = True
+    added = tuple(name for name in known if name in chosen and name not in set(crossings))
+    return tuple(known[name] for name in known if name in chosen), added
+
+
+def _near(crosswalk: Crosswalk, other: Crosswalk, range_m: float) -> bool:
+    """Whether a vehicle meets one crosswalk within R0 of the other."""
+    for way in crosswalk.ways:
+        places = {lane.lane: lane.start_m for lane in way.lanes}
+        for each in other.ways:
+            if not way.is_straight(0.0) or not each.is_straight(0.0):
+                continue
+            for lane in each.lanes:
+                start_m = places.get(lane.lane)
+                # The other crosswalk lies on this lane: its x on this way is the distance.
+                if start_m is None or not lane.start_m <= 0.0 <= lane.end_m:
+                    continue
+                if abs(start_m - lane.start_m) <= range_m:
+                    return True
+    return False
+
+
+def _meets_vehicles(network: RoadNetwork, way: WayOver) -> bool:
+    """Whether vehicles on other ways cross this one inside the junction, or join it there."""
+    junction = network.net.getEdge(way.crosswalk).getToNode()
+    internal = list(junction.getInternal())
+    lanes = {lane.lane for lane in way.lanes}
+    crossings = {f"{each}_0" for each in network.crossings}
+    for number, lane in enumerate(internal):
+        if lane not in lanes:
+            continue
+        for other, name in enumerate(internal):
+            if other != number and name not in crossings and junction.areFoes(number, other):
+                return True
+    return False

@@ -1,0 +1,245 @@
+"""The rows of the tables of users' own simulations.  The columns are described in docs/files.md."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from harness.core.encounter import Arm
+from harness.episode.simulation.arm import BENDS, TURNS, uniform_of
+from harness.episode.simulation.pairing import (
+    MeasuredPassage,
+    SimulationOutcome,
+    counted_s,
+    setting_of,
+)
+from harness.episode.simulation.people import waited_s
+from harness.episode.simulation.trips import Trip
+from harness.measures.ego import crossing_time
+from harness.store.hour_tables import passage_counts, record_row
+from harness.store.tables import (
+    CROSSWALK_FIELDS,
+    SIMULATION_TABLES,
+    TABLES,
+    Tables,
+    table_of,
+)
+
+AVS, OTHERS, VEHICLES, PEOPLE = "AVs", "other vehicles", "all vehicles", "people"
+"""The groups that every simulation has; further ones are its vehicle types."""
+
+_EMITTED = {
+    "co2_g": ("CO2_abs", 1e-3),
+    "nox_mg": ("NOx_abs", 1.0),
+    "pmx_mg": ("PMx_abs", 1.0),
+    "fuel_g": ("fuel_abs", 1e-3),
+    "electricity_wh": ("electricity_abs", 1.0),
+}
+"""Columns of emissions per trip: SUMO's name and the factor to the column's unit."""
+
+
+def simulation_rows(cell: int, outcomes: Iterable[SimulationOutcome]) -> Tables:
+    """The tables ``simulations`` and ``passages_over``.
+
+    A failed arm has a row in ``simulations`` alone.
+    """
+    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in SIMULATION_TABLES}
+    for outcome in outcomes:
+        keys = {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
+        if outcome.reason is not None:
+            rows["simulations"].append(keys | {"reason": outcome.reason})
+            continue
+        begin_s, end_s = counted_s(outcome.scenario, setting_of(outcome.scenario))
+        counted = [p for p in outcome.passages if begin_s <= p.log.time_s[0] < end_s]
+        passages = [_passage_row(each) for each in counted]
+        rows["simulations"].append(keys | _numbers(outcome, passages, (begin_s, end_s)))
+        rows["passages_over"] += [keys | row for row in passages]
+    return {name: table_of(name, content) for name, content in rows.items()}
+
+
+def groups_of(cell: int, rows: pa.Table) -> pa.Table:
+    """The table ``groups`` of a cell: a row for each group of trips."""
+    return _flat("groups", cell, rows)
+
+
+def crosswalks_of_runs(cell: int, rows: pa.Table) -> pa.Table:
+    """The table ``crosswalks`` of a cell: a row for each chosen crosswalk."""
+    return _flat("crosswalks", cell, rows)
+
+
+def _flat(name: str, cell: int, rows: pa.Table) -> pa.Table:
+    """The structs of a column as rows with the keys."""
+    flat = [
+        {"cell": cell, "pair": row["pair"], "arm": row["arm"]} | each
+        for row in rows.select(["pair", "arm", name]).to_pylist()
+        for each in row[name] or ()
+    ]
+    return pa.Table.from_pylist(flat, schema=TABLES[name])
+
+
+def _numbers(
+    outcome: SimulationOutcome,
+    passages: Sequence[Mapping[str, Any]],
+    counted: tuple[float, float],
+) -> dict[str, Any]:
+    """The row of an arm in ``simulations``."""
+    log, scenario = outcome.log, outcome.scenario
+    trips = [trip for trip in outcome.trips if counted[0] <= trip.due_s < counted[1]]
+    groups = _groups(outcome, trips)
+    by_name = {group["group"]: group for group in groups}
+    crosswalks = _crosswalks(outcome, passages, counted)
+    waits = [wait for each in crosswalks for wait in each.pop("waits")]
+    queues = np.array([q for each in log.queues_m.values() for q in each])
+    driver = Arm.AV if outcome.arm is Arm.AV else Arm.HUMAN
+    name = scenario.arms.driver(driver)
+    driven = [row for row in passages if row["strategy"] == name and row["commands"]]
+    delays = [row["delay_s"] for row in passages if row["delay_s"] is not None]
+    return passage_counts(passages, scenario.conflicts) | {
+        "vehicles": by_name[VEHICLES]["trips"],
+        "automated": by_name[AVS]["trips"],
+        "people": by_name[PEOPLE]["trips"],
+        "unfinished": sum(not trip.arrived for trip in trips),
+        "not_departed": sum(not trip.departed for trip in trips),
+        "av_time_loss_s": by_name[AVS]["time_loss_s"],
+        "other_time_loss_s": by_name[OTHERS]["time_loss_s"],
+        "vehicle_time_loss_s": by_name[VEHICLES]["time_loss_s"],
+        "people_time_loss_s": by_name[PEOPLE]["time_loss_s"],
+        "people_duration_s": by_name[PEOPLE]["duration_s"],
+        "passages": len(passages),
+        "met": sum(row["pedestrians"] > 0 for row in passages),
+        "driven": len(driven),
+        "not_driven": sum(row["not_driven"] is not None for row in passages),
+        "not_measured": sum(
+            number for (_, why), number in log.not_measured.items() if why in (TURNS, BENDS)
+        ),
+        "commands": sum(row["commands"] for row in passages),
+        "cut": sum(row["cut"] for row in passages),
+        "crosswalk_delay_s": _mean(delays),
+        "crosswalk_wait_s": _mean(waits),
+        "queue_p95_m": float(np.quantile(queues, 0.95)) if queues.size else None,
+        "sumo_collisions": log.collisions,
+        "sumo_person_collisions": sum(log.person_collisions.values()),
+        "teleports": log.teleports,
+        "groups": groups,
+        "crosswalks": crosswalks,
+    }
+
+
+def _groups(outcome: SimulationOutcome, trips: Sequence[Trip]) -> list[dict[str, Any]]:
+    """The rows of ``groups``: AVs, other vehicles, all vehicles, people, and each vehicle type."""
+    vehicles = [trip for trip in trips if not trip.person]
+    automated = _automated(outcome)
+    groups: dict[str, list[Trip]] = {
+        AVS: [trip for trip in vehicles if automated(trip)],
+        OTHERS: [trip for trip in vehicles if not automated(trip)],
+        VEHICLES: vehicles,
+        PEOPLE: [trip for trip in trips if trip.person],
+    }
+    for type_id in sorted({trip.type_id for trip in vehicles}):
+        groups[f"type {type_id}"] = [trip for trip in vehicles if trip.type_id == type_id]
+    return [{"group": name} | _means(members) for name, members in groups.items()]
+
+
+def _automated(outcome: SimulationOutcome) -> Callable[[Trip], bool]:
+    """Whether a trip is an AV's; both arms have the same AVs, also those that never departed."""
+    simulation = outcome.scenario.known_simulation
+    seed = setting_of(outcome.scenario).config.seed + outcome.pair
+    kinds = outcome.log.vehicles.values()
+    classes = {kind.type_id: kind.vehicle_class for kind in kinds}
+    names = set(simulation.av_types)
+
+    def automated(trip: Trip) -> bool:
+        alike = trip.type_id in names or classes.get(trip.type_id) in names
+        return alike and uniform_of(seed, trip.name) < simulation.av_share
+
+    return automated
+
+
+def _means(trips: Sequence[Trip]) -> dict[str, Any]:
+    """The columns of a group: counts, and means per trip."""
+    stops = [float(trip.stops) for trip in trips if trip.stops is not None]
+    means: dict[str, Any] = {
+        "trips": len(trips),
+        "departed": sum(trip.departed for trip in trips),
+        "arrived": sum(trip.arrived for trip in trips),
+        "duration_s": _mean([trip.duration_s for trip in trips]),
+        "time_loss_s": _mean([trip.time_loss_s for trip in trips]),
+        "waiting_s": _mean([trip.waiting_s for trip in trips]),
+        "stops": _mean(stops),
+    }
+    for column, (name, factor) in _EMITTED.items():
+        values = [factor * trip.emissions[name] for trip in trips if name in trip.emissions]
+        means[column] = _mean(values)
+    return means
+
+
+def _crosswalks(
+    outcome: SimulationOutcome,
+    passages: Sequence[Mapping[str, Any]],
+    counted: tuple[float, float],
+) -> list[dict[str, Any]]:
+    """The rows of ``crosswalks``, each with the single ``waits`` of its people."""
+    log, setting = outcome.log, setting_of(outcome.scenario)
+    rows = []
+    for crosswalk in setting.crosswalks:
+        over = [row for row in passages if row["crosswalk"] == crosswalk.id]
+        delays = [row["delay_s"] for row in over if row["delay_s"] is not None]
+        way = crosswalk.ways[0]
+        people = [
+            track
+            for track in log.people.get(crosswalk.id, ())
+            if counted[0] <= track.time_s[0] < counted[1]
+        ]
+        waits = [waited_s(track, setting.step_s, way) for track in people]
+        queue = np.array(log.queues_m.get(crosswalk.id, ()))
+        rows.append(
+            passage_counts(over, outcome.scenario.conflicts)
+            | {
+                "crosswalk": crosswalk.id,
+                "passages": len(over),
+                "automated": sum(row["automated"] for row in over),
+                "not_driven": sum(row["not_driven"] is not None for row in over),
+                "turning": log.not_measured[crosswalk.id, TURNS],
+                "bending": log.not_measured[crosswalk.id, BENDS],
+                "people": len(people),
+                "vehicle_delay_s": _mean(delays),
+                "pedestrian_wait_s": _mean(waits),
+                "queue_mean_m": float(queue.mean()) if queue.size else None,
+                "queue_p95_m": float(np.quantile(queue, 0.95)) if queue.size else None,
+                "sumo_collisions": log.person_collisions[crosswalk.id],
+                "waits": waits,
+            }
+        )
+    return [
+        {name: row.get(name) for name in ("crosswalk", *CROSSWALK_FIELDS, "waits")} for row in rows
+    ]
+
+
+def _passage_row(measured: MeasuredPassage) -> dict[str, Any]:
+    log, record, trace = measured.log, measured.record, measured.trace
+    begin_s = log.time_s[0]
+    edge_s = crossing_time(trace, -trace.crossing.width_m / 2)
+    passed_s = None if record.pass_time_s is None else begin_s + record.pass_time_s
+    return record_row(record) | {
+        "crosswalk": log.driven_way.way.crosswalk,
+        "vehicle": log.name,
+        "type": log.type_id,
+        "automated": log.automated,
+        "strategy": log.strategy_name,
+        "not_driven": log.not_driven,
+        "trigger_s": begin_s,
+        "edge_s": None if edge_s is None else begin_s + edge_s,
+        "passed_s": passed_s,
+        "free_speed_mps": log.vehicle.initial_speed_mps,
+        "delay_s": record.delay_s,
+        "trace_offset_s": trace.trace_offset_s,
+        "commands": log.commands,
+        "cut": log.cut,
+        "ended": log.ended,
+        "approach_stops": 0,
+    }
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if values else None
