@@ -138,4 +138,7 @@ def hang_limit_s(hang_after_s: float, scenario: Scenario) -> float:
     if traffic is not None:
         # A road full of vehicles takes about ten times the work of one ego.
         simulated_s = 10 * (traffic.warm_up_s + 2 * traffic.duration_s + 900)
+    if scenario.simulation is not None:
+        # Nothing bounds the number of vehicles of a user's scenario.
+        return math.inf
     return hang_after_s + simulated_s / experiment.step_s * HANG_AFTER_S_PER_STEP

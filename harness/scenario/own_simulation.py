@@ -30,14 +30,17 @@ def with_own_simulation(
     simulation = scenario.simulation
     if simulation is None:
         return tree
-    _refuse(scenario, source)
+    if simulation.read is None:
+        _refuse(scenario, source)
     where = f"{source}: simulation"
     path = Path(simulation.config)
     range_m = scenario.ego.trigger_range_m
     setting = setting_at(path, simulation.step_s, simulation.crossings, range_m, where)
     config = setting.config
     _check_times(scenario, config, where)
-    if not scenario.pedestrians.flow_per_hour and not people_come(config):
+    people = dict(tree.get("pedestrians", {}))
+    people = {"flow_per_hour": 0.0, **people, "behaviour": "sumo"}
+    if not people["flow_per_hour"] and not people_come(config):
         allowed = "people in its files, or pedestrians.flow_per_hour"
         raise InputError(f"{where}.config", f"{path}: nobody comes on foot", allowed)
     read = {
@@ -51,6 +54,7 @@ def with_own_simulation(
         raise InputError(f"{where}.config", problem, allowed)
     return {
         **tree,
+        "pedestrians": people,
         "simulation": {**dict(tree["simulation"]), "read": read},
         "experiment": {**dict(tree.get("experiment", {})), "step_s": setting.step_s},
     }
@@ -91,9 +95,7 @@ def _refuse(scenario: Scenario, source: str) -> None:
     if scenario.perception != PerceptionSection():
         problem = "is not supported with [simulation]"
         raise InputError(f"{source}: perception", problem, "no [perception] table")
-    own = {"step_s", "timeout_s"} & scenario.experiment.model_fields_set
-    read = scenario.known_simulation.read is not None
-    if own and not read:
+    if own := {"step_s", "timeout_s"} & scenario.experiment.model_fields_set:
         problem = "cannot be combined with [simulation]"
         raise InputError(f"{source}: experiment.{min(own)}", problem, "simulation.step_s")
 

@@ -240,9 +240,7 @@ def links_onto(crossing: "Edge") -> list["Connection"]:
 
 
 def footpaths_of(crossing: "Edge", *, reverse: bool = False) -> tuple[Footpath, Footpath]:
-    """The footpaths at both ends of a crossing: the near and the far one for a ``reverse`` that says
-    whether the near kerb is at the end of its edge.
-    """
+    """The near and the far footpath; ``reverse``: the crossing's edge ends at the near kerb."""
     start = [link.getFromLane() for link in links_onto(crossing)]
     end = [link.getToLane() for link in crossing.getLane(0).getOutgoing()]
     sides = []

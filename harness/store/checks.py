@@ -12,6 +12,7 @@ import pyarrow.compute as pc
 from harness.core.encounter import Arm, Contact, Ending, Side
 from harness.core.errors import InputError
 from harness.episode.traffic.lanes import Direction
+from harness.store.tables import ROWS_BY_PAIR
 
 _LARGEST, _SMALLEST = 1e18, 1e-18
 """No time, place or deceleration is larger, and no divisor is smaller."""
@@ -36,6 +37,10 @@ _ALWAYS: Mapping[str, tuple[str, ...]] = {
     "pairs": ("cell", "pair"),
     "traces": (*_WHO, "time_s", "object", "x_m", "y_m", "speed_mps"),
     "audit": _WHO,
+    "simulations": _WHO,
+    "passages_over": (*_WHO, "crosswalk", "vehicle", "type", "automated", "strategy", "trigger_s"),
+    "groups": (*_WHO, "group", "trips"),
+    "crosswalks": (*_WHO, "crosswalk", "passages"),
 }
 """Columns of each table that are never null."""
 
@@ -87,7 +92,7 @@ def _check_order(table: pa.Table, name: str, where: str) -> None:
     ordered = (steps > 0) | ((steps == 0) & (np.diff(pairs) >= 0))
     if not ordered.all():
         raise InputError(f"{where}: pair", "rows are not in order", "rows sorted by cell and pair")
-    if name in ("episodes", "hours"):
+    if name in ROWS_BY_PAIR:
         arms = table["arm"].to_pylist()
         whole = arms == [arm.value for arm in Arm] * (len(arms) // 2)
         same = cells[::2].tolist() == cells[1::2].tolist()

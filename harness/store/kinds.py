@@ -1,4 +1,4 @@
-"""The kinds of run: encounters and hours of traffic.
+"""The kinds of run: encounters, hours of traffic, and users' own simulations.
 
 A kind says which tables a run has, and how its findings are computed from them.  The rooms that
 write, read and show runs use this Protocol, so they need not know which kind a run is.  What needs
@@ -23,12 +23,21 @@ from harness.statistics import (
     Plain,
     findings_of,
 )
+from harness.store.arm_columns import arm_columns
 from harness.store.episode_tables import pair_rows
 from harness.store.hour_catalogue import HOURS
 from harness.store.hour_columns import hour_columns
 from harness.store.measure_tables import conflict_rows, measure_rows
+from harness.store.simulation_catalogue import SIMULATIONS
+from harness.store.simulation_tables import crosswalks_of_cell, groups_of
 from harness.store.summaries import columns_of_cell
-from harness.store.tables import HOUR_TABLES, HOUR_TRACES, encounter_tables, hour_tables
+from harness.store.tables import (
+    HOUR_TABLES,
+    HOUR_TRACES,
+    SIMULATION_TABLES,
+    encounter_tables,
+    hour_tables,
+)
 
 Rows = list[dict[str, Plain]]
 
@@ -240,12 +249,44 @@ class HourKind:
         return [{"arm": arm.value, "reason": reason} for arm in Arm]
 
 
-KINDS: Mapping[str, Kind] = {kind.name: kind for kind in (EncounterKind(), HourKind())}
+@dataclass(frozen=True)
+class SimulationKind(HourKind):
+    """A user's own SUMO scenario, from its begin to its end."""
+
+    name: str = "own simulations"
+    section: str = "[simulation]"
+    settles: bool = False
+    records: tuple[str, ...] = SIMULATION_TABLES
+    catalogue: Catalogue = SIMULATIONS
+    rows: str = "simulations"
+    derived: Mapping[str, Derive] = field(
+        default_factory=lambda: {"groups": groups_of, "crosswalks": crosswalks_of_cell}
+    )
+
+    def tables(self, *, traces: bool, audit: bool) -> list[str]:  # noqa: ARG002
+        """See ``Kind``."""
+        return [*SIMULATION_TABLES]
+
+    def findings(self, rows: pa.Table, cell: Cell, confidence: float) -> dict[str, Finding]:  # noqa: ARG002
+        """See ``Kind``."""
+        return findings_of(self.catalogue, arm_columns(rows, self.rows, confidence))
+
+    def counts(self, rows: pa.Table) -> dict[str, int]:
+        """See ``Kind``."""
+        failed = rows.num_rows - rows["reason"].null_count
+        return {"pairs": rows.num_rows // 2, "arms": rows.num_rows, "engine_failed": failed}
+
+
+KINDS: Mapping[str, Kind] = {
+    kind.name: kind for kind in (EncounterKind(), HourKind(), SimulationKind())
+}
 """Every kind by name."""
 
 
 def kind_of(scenario: Scenario) -> Kind:
     """The kind of a run of this scenario."""
+    if scenario.simulation is not None:
+        return KINDS["own simulations"]
     return KINDS["encounters" if scenario.traffic is None else "hours of traffic"]
 
 

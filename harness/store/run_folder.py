@@ -19,6 +19,7 @@ import pyarrow as pa
 
 from harness.core.errors import InputError, resume_command
 from harness.core.files import cannot_write, write_file
+from harness.scenario import Scenario
 from harness.store.reading import MANIFEST, kind_of_folder
 from harness.store.shards import (
     SHARDS,
@@ -80,6 +81,12 @@ class RunFolder:
         """Write ``manifest.json`` with the keys in the given order."""
         content = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
         write_file(self.path / MANIFEST, content.encode())
+
+    def outputs_of(self, scenario: Scenario) -> Path | None:
+        """Where SUMO's own outputs of a user's simulation are kept; None: nowhere."""
+        if scenario.simulation is None or not scenario.simulation.outputs:
+            return None
+        return self.path.resolve() / SUMO_OUTPUTS
 
     def stack_file(self, task: str) -> Path:
         """The file to which a hung worker of that task writes its stack."""

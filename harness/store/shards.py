@@ -15,7 +15,7 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from harness.core.errors import InputError
-from harness.store.tables import with_schema
+from harness.store.tables import ROWS_BY_PAIR, with_schema
 
 SHARDS = "shards"
 """The folder of the shards inside a run folder."""
@@ -99,7 +99,7 @@ def read_shard(shard: Shard) -> dict[str, pa.Table]:
     except (pa.ArrowException, InputError, OSError, ValueError, KeyError, TypeError):
         raise DamagedShardError(shard.path) from None
     # The number of pairs in the name is not covered by the checksum.
-    arms = tables.get("hours", tables.get("episodes"))
+    arms = next((tables[name] for name in ROWS_BY_PAIR if name in tables), None)
     if arms is None or arms.num_rows != 2 * shard.pairs:
         raise DamagedShardError(shard.path)
     return tables

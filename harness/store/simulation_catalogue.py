@@ -130,6 +130,16 @@ SIMULATIONS: tuple[Entry[ArmColumns], ...] = (
         _NO_TRIP,
         first=False,
     ),
+    Entry(
+        "fallback_share",
+        "fallbacks among passages that met someone",
+        "Among the passages that met someone and were driven by the arm's strategy, the share in "
+        "which the strategy fell back on another one.",
+        form=Form.SHARE,
+        of_arm=lambda c, arm: c.share("fallbacks", "met_driven", arm),
+        interval=Proportion,
+        undefined="no passage that a strategy drove met anyone",
+    ),
     _total("vehicles", "vehicles", "Vehicles' trips that were due in the counted time."),
     _total("automated", "AVs", "Of these, the AVs; in the reference's arm the same vehicles."),
     _total("people", "people", "People's trips that were due in the counted time."),

@@ -1,6 +1,6 @@
 """The rows of the tables of users' own simulations.  The columns are described in docs/files.md."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from harness.store.tables import (
     CROSSWALK_FIELDS,
     SIMULATION_TABLES,
     TABLES,
+    Row,
     Tables,
     table_of,
 )
@@ -63,7 +64,7 @@ def groups_of(cell: int, rows: pa.Table) -> pa.Table:
     return _flat("groups", cell, rows)
 
 
-def crosswalks_of_runs(cell: int, rows: pa.Table) -> pa.Table:
+def crosswalks_of_cell(cell: int, rows: pa.Table) -> pa.Table:
     """The table ``crosswalks`` of a cell: a row for each chosen crosswalk."""
     return _flat("crosswalks", cell, rows)
 
@@ -80,7 +81,7 @@ def _flat(name: str, cell: int, rows: pa.Table) -> pa.Table:
 
 def _numbers(
     outcome: SimulationOutcome,
-    passages: Sequence[Mapping[str, Any]],
+    passages: Sequence[Row],
     counted: tuple[float, float],
 ) -> dict[str, Any]:
     """The row of an arm in ``simulations``."""
@@ -108,6 +109,8 @@ def _numbers(
         "people_duration_s": by_name[PEOPLE]["duration_s"],
         "passages": len(passages),
         "met": sum(row["pedestrians"] > 0 for row in passages),
+        "fallbacks": sum(row["fallback"] for row in driven if row["pedestrians"]),
+        "met_driven": sum(row["pedestrians"] > 0 for row in driven),
         "driven": len(driven),
         "not_driven": sum(row["not_driven"] is not None for row in passages),
         "not_measured": sum(
@@ -176,7 +179,7 @@ def _means(trips: Sequence[Trip]) -> dict[str, Any]:
 
 def _crosswalks(
     outcome: SimulationOutcome,
-    passages: Sequence[Mapping[str, Any]],
+    passages: Sequence[Row],
     counted: tuple[float, float],
 ) -> list[dict[str, Any]]:
     """The rows of ``crosswalks``, each with the single ``waits`` of its people."""

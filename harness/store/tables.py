@@ -19,9 +19,6 @@ from harness.measures import MEASURES
 SCHEMA = 3
 """Version of the run folder's format."""
 
-Tables = dict[str, pa.Table]
-"""Tables by name."""
-
 _KEYS = [("cell", pa.int32()), ("pair", pa.int64()), ("arm", pa.string())]
 
 _TYPES = {float: pa.float64(), int: pa.int32(), bool: pa.bool_()}
@@ -186,7 +183,17 @@ CROSSWALK_FIELDS = {
 
 _SIMULATION_COUNTS = [
     *("vehicles", "automated", "people", "unfinished", "not_departed"),
-    *("passages", "met", "driven", "not_driven", "not_measured", "commands", "cut"),
+    *(
+        "passages",
+        "met",
+        "met_driven",
+        "fallbacks",
+        "driven",
+        "not_driven",
+        "not_measured",
+        "commands",
+        "cut",
+    ),
     *("reached", "crashes", *_CONFLICT_COUNTS, "conflicts_unreached"),
     *("sumo_collisions", "sumo_person_collisions", "teleports"),
 ]
@@ -254,6 +261,9 @@ def encounter_tables(*, traces: bool, audit: bool) -> list[str]:
     """The tables that the tasks of a run of encounters return, and its shards hold."""
     return ["episodes", "pedestrians", *["traces"] * traces, *["audit"] * audit]
 
+
+ROWS_BY_PAIR = ("hours", "episodes", "simulations")
+"""The tables with one row for each arm of a pair; a run has one of them."""
 
 SIMULATION_TABLES = ("simulations", "passages_over")
 """The tables that the tasks of a user's own simulation return."""

@@ -1,12 +1,13 @@
 """A scenario or a map in; its SUMO network out, shipped, built or converted."""
 
 from harness.engine.network.build import NetworkFiles, build_network, network_for
-from harness.engine.network.place import network_of, place_of
+from harness.engine.network.place import check_network, network_of, place_of
 from harness.engine.network.sources import plain_sources
 
 __all__ = [
     "NetworkFiles",
     "build_network",
+    "check_network",
     "network_for",
     "network_of",
     "place_of",

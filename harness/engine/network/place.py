@@ -27,6 +27,11 @@ def network_of(scenario: Scenario) -> Path:
     return net
 
 
+def check_network(scenario: Scenario) -> None:
+    """Build the network of a scenario where it is missing, or refuse it; see ``network_of``."""
+    network_of(scenario)
+
+
 def place_of(scenario: Scenario) -> Place:
     """The crosswalk of a scenario in its SUMO network.
 

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.core.errors import InputError, one_line
+from harness.core.errors import InputError, one_line, unknown_name
 from harness.site.configuration import SumoConfig, option_sections, option_types
 
 NOWHERE = "/dev/null"
@@ -192,6 +192,17 @@ def _bytes(file: Path) -> bytes:
         raise InputError(str(file), f"cannot be read ({one_line(str(error))})") from None
 
 
-def allowed_outputs(config: SumoConfig) -> Iterable[str]:
-    """The names that ``simulation.outputs`` may have for a configuration."""
-    return sorted({"all", "detectors", "devices", *map(short_name, output_options(config))})
+NOTHING: frozenset[str] = frozenset()
+"""Keeps no output."""
+
+
+def check_outputs(config: SumoConfig, names: Iterable[str], where: str) -> None:
+    """Refuse names of outputs that a configuration does not write.
+
+    Raises:
+        InputError: the name, and the outputs of the configuration.
+    """
+    known = {"all", "detectors", "devices", "tripinfo", *map(short_name, output_options(config))}
+    for name in names:
+        if name not in known:
+            raise unknown_name(where, "output", name, known)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -176,5 +176,6 @@ def measured(log: SimulationLog, setting: Setting) -> Iterator[MeasuredPassage]:
         for each in with_states
     ]
     # A chunk has one vehicle and one crosswalk: here every passage may have its own.
-    for each, trace in zip(with_states, traces, strict=True):
+    for each, whole in zip(with_states, traces, strict=True):
+        trace = replace(whole, fallback=each.fallback, sumo_collision=each.collided)
         yield MeasuredPassage(each, trace, measure([trace])[0])

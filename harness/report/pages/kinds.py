@@ -5,11 +5,13 @@ from collections.abc import Mapping
 from harness.report.pages.encounter_parts import ENCOUNTER_PARTS
 from harness.report.pages.hour_parts import HOUR_PARTS
 from harness.report.pages.parts import PageParts
+from harness.report.pages.simulation_parts import SIMULATION_PARTS
 from harness.studies.runs.run_data import RunData
 
 PARTS: Mapping[str, PageParts] = {
     "encounters": ENCOUNTER_PARTS,
     "hours of traffic": HOUR_PARTS,
+    "own simulations": SIMULATION_PARTS,
 }
 """By the kind's name."""
 

@@ -254,4 +254,5 @@ class _Work:
             stack_file=self.folder.stack_file(f"{cell.number}-{first}-{count}"),
             engine=options.engine,
             audit=self.plan.audits.get(cell.number),
+            outputs=self.folder.outputs_of(cell.scenario),
         )

@@ -5,7 +5,6 @@ from functools import cached_property
 
 from harness.core.documents import JsonObject
 from harness.core.errors import InputError
-from harness.engine.network import network_of
 from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Options, Scenario, Study, study_from
@@ -15,6 +14,7 @@ from harness.store.reading import MANIFEST
 from harness.strategies.program import is_program
 from harness.strategies.registry import STRATEGIES
 from harness.strategies.sumo_driver import SumoDriver
+from harness.studies.kinds.table import simulation_of
 from harness.studies.workers.audit import Audit, audit_of
 
 
@@ -86,7 +86,7 @@ def plan_of(study: Study, options: Options) -> Plan:
             loaded[key] = load_model(*key)
         models[cell.number] = loaded[key]
         check_arms(cell.scenario, models[cell.number])
-        network_of(cell.scenario)
+        simulation_of(cell.scenario).check(cell.scenario)
     return Plan(study, models, options, origin_of(study, models.values()))
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.engine.network import place_of
+from harness.engine.network import check_network, place_of
 from harness.engine.road import SumoRoad
 from harness.engine.shared import following_of, road_for
 from harness.episode.traffic.pairing import HourRunner
@@ -108,4 +108,5 @@ HOUR_SIMULATION = Simulation(
     in_this_process=_in_this_process,
     with_outputs=_with_outputs,
     in_gui=_in_gui,
+    check=check_network,
 )

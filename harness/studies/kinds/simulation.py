@@ -58,6 +58,7 @@ class Simulation:
         in_this_process: runs an arm on the simulation of this process.
         with_outputs: runs an arm in a fresh SUMO that writes its outputs into a folder.
         in_gui: runs an arm in sumo-gui.
+        check: refuses a scenario that cannot be simulated, before anything is written.
     """
 
     run: Callable[[Task], tuple[TaskResult, ...]]
@@ -65,3 +66,4 @@ class Simulation:
     in_this_process: Callable[[ArmOfPair], ArmRows]
     with_outputs: Callable[[ArmOfPair, Path, Watch], ArmRows]
     in_gui: "Callable[[ArmOfPair, Gui], ArmRows]"
+    check: Callable[[Scenario], None]

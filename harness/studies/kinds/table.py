@@ -7,10 +7,12 @@ from harness.store.kinds import kind_of
 from harness.studies.kinds.encounters import ENCOUNTER_SIMULATION
 from harness.studies.kinds.hours import HOUR_SIMULATION
 from harness.studies.kinds.simulation import Simulation
+from harness.studies.kinds.simulations import OWN_SIMULATION
 
 SIMULATIONS: Mapping[str, Simulation] = {
     "encounters": ENCOUNTER_SIMULATION,
     "hours of traffic": HOUR_SIMULATION,
+    "own simulations": OWN_SIMULATION,
 }
 
 

@@ -90,7 +90,7 @@ def _failures(scenario: Scenario, findings: Findings) -> list[Note]:
         findings[f"failed_{name}"].count for name in ("av", "human", "strategy", "engine")
     )
     text = (
-        f"{failed:,} of {_counted(pairs, 'pair')} failed (AV {av:,}, {scenario.arms.human} "
+        f"{failed:,} of {counted(pairs, 'pair')} failed (AV {av:,}, {scenario.arms.human} "
         f"{human:,}; strategy {strategy:,}, engine {engine:,}); only the worst case counts them."
     )
     return [Note(Rank.FAILURES, text)]
@@ -102,7 +102,7 @@ def _time_outs(scenario: Scenario, findings: Findings) -> list[Note]:
         return []
     av, human = findings["timed_out_av"].count, findings["timed_out_human"].count
     text = (
-        f"{timed_out:,} of {_counted(pairs, 'pair')} timed out (AV {av:,}, "
+        f"{timed_out:,} of {counted(pairs, 'pair')} timed out (AV {av:,}, "
         f"{scenario.arms.human} {human:,}): only the ratio of times uses them, as "
         f"{scenario.experiment.timeout_s:g} s."
     )
@@ -113,11 +113,11 @@ def _crashes_left_out(scenario: Scenario, findings: Findings) -> list[Note]:
     av, human = findings["kappa"].events, findings["kappa_human"].events
     if not av and not human:
         return []
-    counted, defined = findings["time_ratio_pairs"].count, findings["defined_pairs"].count
-    pairs = _counted(findings["pairs"].count, "pair")
-    uses = f"The ratio of times uses {counted:,} of {pairs}, μ and c_v use {defined:,}"
-    if counted == defined:
-        uses = f"The ratio of times, μ and c_v use {counted:,} of {pairs}"
+    with_time, defined = findings["time_ratio_pairs"].count, findings["defined_pairs"].count
+    pairs = counted(findings["pairs"].count, "pair")
+    uses = f"The ratio of times uses {with_time:,} of {pairs}, μ and c_v use {defined:,}"
+    if with_time == defined:
+        uses = f"The ratio of times, μ and c_v use {with_time:,} of {pairs}"
     text = f"{uses} (crashes: AV {av:,}, {scenario.arms.human} {human:,})."
     return [Note(Rank.LEFT_OUT, text)]
 
@@ -189,7 +189,7 @@ def _fallback(scenario: Scenario, findings: Findings) -> list[Note]:
     strategy, share = scenario.arms.av, findings["fallback_share"].number or 0.0
     met = f" ({100 * share:.0f} % of those that met someone)" if share >= MOSTLY else ""
     text = (
-        f"{fallback_of(strategy)} drove {count:,} of {_counted(pairs, 'passage')}{met}, for which "
+        f"{fallback_of(strategy)} drove {count:,} of {counted(pairs, 'passage')}{met}, for which "
         f"{strategy} has no answer."
     )
     return [Note(Rank.FALLBACK, text)]
@@ -254,7 +254,7 @@ def hour_notes(scenario: Scenario, findings: Findings, catalogue: Catalogue) -> 
     notes, traffic = [], scenario.known_traffic
     failed = findings["failed"].count
     if failed:
-        pairs = _counted(findings["pairs"].count, "pair")
+        pairs = counted(findings["pairs"].count, "pair")
         notes.append(Note(Rank.FAILURES, f"{failed:,} of {pairs} failed; no row counts them."))
     if traffic.saturated:
         text = "The queue was permanent: the throughput is the capacity, and delays are undefined."
@@ -291,11 +291,11 @@ def _hour_notes_of_arm(
     if count := findings[f"not_through{end}"].count:
         note(
             Rank.LEFT_OUT,
-            f"{_counted(count, 'vehicle')} never passed, and counted with their time until the end "
+            f"{counted(count, 'vehicle')} never passed, and counted with their time until the end "
             "of the hour, which is less than their delay.",
         )
     if count := findings[f"never_went{end}"].count:
-        note(Rank.LEFT_OUT, f"{_counted(count, 'pedestrian')} never started to cross.")
+        note(Rank.LEFT_OUT, f"{counted(count, 'pedestrian')} never started to cross.")
     growth, bound = (findings[f"{name}{end}"].number for name in ("growth", "growth_bound"))
     rising = findings[f"rising_s{end}"]
     if findings[f"saturated{end}"].value and not scenario.known_traffic.saturated:
@@ -322,7 +322,8 @@ def _hour_notes_of_arm(
     return notes
 
 
-def _counted(count: int, noun: str) -> str:
+def counted(count: int, noun: str) -> str:
+    """A number and its noun, in the plural unless the number is 1."""
     return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
 
 

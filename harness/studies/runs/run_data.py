@@ -238,6 +238,14 @@ class RunData:
         """The rows of one pair in ``episodes``, ``pedestrians`` or ``traces``, as stored."""
         return self._tables.rows_of(name, cell, pair)
 
+    def derived(self, name: str) -> pa.Table:
+        """A table that is derived from the rows by pair, of all cells."""
+        if self.finished:
+            return self._tables.read(name)
+        derive = self.kind.derived[name]
+        parts = [derive(cell.number, rows) for cell, rows in self._tables.by_cell(self.kind.rows)]
+        return pa.concat_tables([TABLES[name].empty_table(), *parts])
+
     @property
     def engine(self) -> EngineName:
         """The engine that moved its egos: ``sumo``, or ``plain`` with an audit in SUMO."""

@@ -18,6 +18,9 @@ def site_words(scenarios: Sequence[Scenario]) -> str:
         texts = {words(scenario) for scenario in scenarios}
         return texts.pop() if len(texts) == 1 else f"{name} varied"
 
+    if kind_of(scenarios[0]).name == "own simulations":
+        words = [common(*each) for each in VEHICLE_WORDS["own simulations"]]
+        return f"Site: {'; '.join(words)}."
     parts = [common(_road, "road"), common(_speed, "v0"), common(_people, "people")]
     parts[2:2] = [common(*words) for words in VEHICLE_WORDS[kind_of(scenarios[0]).name]]
     return f"Site: {'; '.join(parts)}."
@@ -56,8 +59,28 @@ def _people(scenario: Scenario) -> str:
     return f"{as_written(people.flow_per_hour)} people/h"
 
 
+def _config(scenario: Scenario) -> str:
+    simulation = scenario.known_simulation
+    return f"{', '.join(simulation.crossings)} of {Path(simulation.config).name}"
+
+
+def _own_share(scenario: Scenario) -> str:
+    simulation = scenario.known_simulation
+    return f"{100 * simulation.av_share:.4g} % of {', '.join(simulation.av_types)} are AVs"
+
+
+def _added_people(scenario: Scenario) -> str:
+    flow = scenario.pedestrians.flow_per_hour
+    return f"{as_written(flow)} people per hour added" if flow else "its own people"
+
+
 VEHICLE_WORDS: Mapping[str, Sequence[tuple[Callable[[Scenario], str], str]]] = {
     "encounters": (),
+    "own simulations": (
+        (_config, "crosswalks"),
+        (_own_share, "share of AVs"),
+        (_added_people, "people"),
+    ),
     "hours of traffic": ((_share, "share of AVs"), (_vehicles, "vehicles")),
 }
 """What the line says of vehicles, with the name of what may vary, by the kind of run."""

@@ -10,6 +10,7 @@ from harness.scenario import Scenario
 from harness.statistics import Catalogue, Findings, Note
 from harness.studies.runs.notes import encounter_notes, hour_notes
 from harness.studies.runs.run_data import RunData
+from harness.studies.runs.simulation_notes import simulation_notes
 
 ALL_BELOW = 50
 """A run with at most this many pairs is shown completely."""
@@ -125,6 +126,7 @@ def _medians(tau: pd.DataFrame) -> list[Key]:
 VIEWS: Mapping[str, View] = {
     "encounters": View(encounter_notes, _worth_watching, lambda _run, _cell, _pair: None),
     "hours of traffic": View(hour_notes, _longest_queue, _around_the_queue),
+    "own simulations": View(simulation_notes, lambda _run: {}, lambda _run, _cell, _pair: None),
 }
 """The view of every kind of run, by the kind's name."""
 

@@ -39,6 +39,8 @@ class Task:
     ``hung`` belongs to a task of one pair: it is the arm whose strategy gave no answer, and the
     reason.  Only the other arm is then simulated.
 
+    ``outputs`` is the folder in which SUMO's own outputs of a user's simulation are kept.
+
     A worker that hangs for ``hang_after_s`` in one pair writes its Python stack to ``stack_file``
     and ends itself.  If the path is None or cannot be opened, the stack is lost.
     """
@@ -51,6 +53,7 @@ class Task:
     traces: bool
     hang_after_s: float
     stack_file: Path | None
+    outputs: Path | None = None
     engine: "EngineName" = "sumo"
     audit: "Audit | None" = None
     twins: "tuple[Task, ...]" = ()

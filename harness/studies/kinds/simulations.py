@@ -1,0 +1,112 @@
+"""Simulates a user's own scenario: every arm is one SUMO of the process, from begin to end."""
+
+import math
+import os
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from harness.core.encounter import Arm
+from harness.core.errors import EngineError, HarnessError
+from harness.engine.shared import close_engine
+from harness.engine.simulation.outputs import NOTHING, Kept, check_outputs
+from harness.engine.simulation.running import check_starts, write_config
+from harness.engine.starting import scratch_prefix
+from harness.episode.simulation.pairing import GetFolder, SimulationRunner, setting_of
+from harness.scenario import Scenario
+from harness.store.simulation_tables import simulation_rows
+from harness.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation
+from harness.studies.workers.tasks import Task, TaskResult
+from harness.studies.workers.watchdog import Watch, watchdog
+
+if TYPE_CHECKING:
+    from harness.engine.traci import Gui
+
+
+def _folders(cell: int, outputs: Path | None) -> GetFolder:
+    """The folder of each arm: kept below ``outputs``, or removed after the arm."""
+
+    def folder_of(pair: int, arm: Arm) -> AbstractContextManager[Path]:
+        if outputs is None:
+            return _scratch()
+        return _kept(outputs / f"{cell}-{pair}-{arm.value}")
+
+    return folder_of
+
+
+@contextmanager
+def _scratch() -> Iterator[Path]:
+    with TemporaryDirectory(prefix=scratch_prefix(os.getpid())) as folder:
+        yield Path(folder)
+
+
+@contextmanager
+def _kept(folder: Path) -> Iterator[Path]:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise EngineError(f"{folder} cannot be written ({error.strerror})") from None
+    yield folder
+
+
+def _run(task: Task) -> tuple[TaskResult, ...]:
+    # libsumo allows one simulation in a process.
+    close_engine()
+    runner = SimulationRunner(task.scenario, task.model, _folders(task.cell, task.outputs))
+    with watchdog(task.hang_after_s, task.stack_file) as watch:
+        outcomes = list(runner.run(task.pairs, watch.alive))
+    failures = tuple(
+        {
+            "cell": task.cell,
+            "pair": outcome.pair,
+            "arm": outcome.arm.value,
+            "reason": outcome.reason,
+            "traceback": outcome.traceback,
+        }
+        for outcome in outcomes
+        if outcome.reason is not None
+    )
+    return (TaskResult(simulation_rows(task.cell, outcomes), failures),)
+
+
+def _check(scenario: Scenario) -> None:
+    """Refuse a scenario that SUMO refuses, and outputs that it does not have."""
+    setting, simulation = setting_of(scenario), scenario.known_simulation
+    check_outputs(setting.config, simulation.outputs, "simulation.outputs")
+    with _scratch() as folder:
+        path = write_config(
+            setting.config, Kept(folder, NOTHING), setting.config.seed, simulation.step_s
+        )
+        check_starts(path, f"simulation.config: {simulation.config}")
+
+
+def _in_this_process(arm: ArmOfPair) -> ArmRows:
+    return _run_arm(arm, None)
+
+
+def _with_outputs(arm: ArmOfPair, folder: Path, _watch: Watch) -> ArmRows:
+    return _run_arm(arm, folder)
+
+
+def _run_arm(arm: ArmOfPair, folder: Path | None) -> ArmRows:
+    close_engine()
+    get_folder: GetFolder = lambda _pair, _arm: _scratch() if folder is None else _kept(folder)  # noqa: E731
+    outcome = SimulationRunner(arm.scenario, arm.model, get_folder).run_arm(arm.pair, arm.arm)
+    tables = simulation_rows(arm.cell.number, [outcome])
+    return ArmRows(tables, outcome.reason, outcome.traceback)
+
+
+def _in_gui(arm: ArmOfPair, gui: "Gui") -> ArmRows:  # noqa: ARG001
+    raise HarnessError("a user's own simulation is not replayed in sumo-gui")
+
+
+OWN_SIMULATION = Simulation(
+    run=_run,
+    decide_limit_s=lambda _scenario: math.inf,
+    in_this_process=_in_this_process,
+    with_outputs=_with_outputs,
+    in_gui=_in_gui,
+    check=_check,
+)
