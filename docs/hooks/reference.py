@@ -14,10 +14,11 @@ from pydantic import BaseModel
 import harness
 from harness.cli.app import app
 from harness.measures import MEASURES
-from harness.scenario import Scenario, people, sections
-from harness.statistics import ENCOUNTERS, Entry
+from harness.scenario import Scenario, people, sections, simulation
+from harness.statistics import ENCOUNTERS, Catalogue, Entry
 from harness.store import tables
 from harness.store.hour_catalogue import HOURS
+from harness.store.simulation_catalogue import SIMULATIONS
 
 UNITS = {
     "_per_hour": "1/h",
@@ -30,6 +31,9 @@ UNITS = {
 }
 """Units by the ending of a name; longer endings come first."""
 
+KEY_MODULES = (sections, people, simulation)
+"""The modules with the keys of a scenario."""
+
 TYPES = {"number": "number", "integer": "whole number", "boolean": "`true` or `false`"}
 BOUNDS = {
     "minimum": "≥ {}",
@@ -37,7 +41,14 @@ BOUNDS = {
     "maximum": "≤ {}",
     "exclusiveMaximum": "< {}",
 }
-LIKE = {"passages": "episodes", "walks": "pedestrians"}
+CATALOGUES: tuple[tuple[str, Catalogue], ...] = (
+    ("encounters", ENCOUNTERS),
+    ("hours of traffic", HOURS),
+    ("own simulations", SIMULATIONS),
+)
+"""The catalogue of each kind of run."""
+
+LIKE = {"passages": "episodes", "passages_over": "episodes", "walks": "pedestrians"}
 """Tables that have the columns of another one."""
 
 COLUMN_TYPES = {
@@ -118,7 +129,8 @@ def properties(model: type[BaseModel]) -> dict[str, dict[str, Any]]:
 def section_in(schema: Mapping[str, Any]) -> type[BaseModel] | None:
     """The section that a key holds, alone or as a list."""
     name = schema.get("items", schema).get("$ref", "").rpartition("/")[2]
-    return getattr(sections, name, None) or getattr(people, name) if name else None
+    modules = (module for module in KEY_MODULES if hasattr(module, name))
+    return getattr(next(modules), name) if name else None
 
 
 def is_section(schema: Mapping[str, Any]) -> bool:
@@ -158,7 +170,7 @@ def default_of(section: type[BaseModel], name: str) -> str:
 def meanings_of_keys() -> dict[tuple[str, str], str]:
     """The docstring below each key, by the name of its section's class and its own name."""
     meanings = {}
-    for node in ast.parse(inspect.getsource(sections) + inspect.getsource(people)).body:
+    for node in ast.parse("".join(map(inspect.getsource, KEY_MODULES))).body:
         if not isinstance(node, ast.ClassDef):
             continue
         for key, text in zip(node.body, node.body[1:], strict=False):
@@ -203,7 +215,7 @@ def columns_page() -> str:
                 for column, unit, meaning in described(name, meanings)
             ),
         )
-    for kind, catalogue in (("encounters", ENCOUNTERS), ("hours of traffic", HOURS)):
+    for kind, catalogue in CATALOGUES:
         lines += ["", f"## summary.parquet, summary.csv of {kind}", ""]
         lines += [
             "Each cell has one row. It begins with `cell` (Parquet) or the varied keys (CSV).",
@@ -251,7 +263,9 @@ def described(
 
 def kind_of(kind: pa.DataType) -> str:
     """A column's type in words."""
-    return COLUMN_TYPES.get(kind, "list of legs")
+    if pa.types.is_list(kind):
+        return "list of legs" if "y_mps2" in str(kind) else "list of rows"
+    return COLUMN_TYPES[kind]
 
 
 def meanings_of_columns() -> dict[str, dict[str, str]]:

@@ -4,10 +4,11 @@ No other module imports libsumo.
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import libsumo
 from libsumo import _libsumo
@@ -102,6 +103,26 @@ def libsumo_road(
     road = SumoRoad(libsumo, _close, site, crossing, limit_mps, step_s)
     _running.append(road)
     return road
+
+
+def libsumo_with(command: Sequence[str]) -> tuple[Any, Callable[[], None]]:
+    """Start SUMO in this process with a command line of its own.
+
+    Returns:
+        The module ``libsumo``, and the function that ends the simulation.
+
+    Raises:
+        EngineError: SUMO does not start, or one is already running in this process.
+    """
+    if _running:
+        raise EngineError("only one SUMO simulation can run in a process; close the first")
+    try:
+        libsumo.start(list(command))
+    except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
+        text = str(error)
+        why = "its messages say why" if text == "Process Error" else text
+        raise EngineError(f"SUMO did not start: {why}") from None
+    return libsumo, libsumo.close
 
 
 def _start(

@@ -1,7 +1,6 @@
 """The rows of the tables of users' own simulations.  The columns are described in docs/files.md."""
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -45,7 +44,7 @@ def simulation_rows(cell: int, outcomes: Iterable[SimulationOutcome]) -> Tables:
 
     A failed arm has a row in ``simulations`` alone.
     """
-    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in SIMULATION_TABLES}
+    rows: dict[str, list[Row]] = {name: [] for name in SIMULATION_TABLES}
     for outcome in outcomes:
         keys = {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
         if outcome.reason is not None:
@@ -83,7 +82,7 @@ def _numbers(
     outcome: SimulationOutcome,
     passages: Sequence[Row],
     counted: tuple[float, float],
-) -> dict[str, Any]:
+) -> Row:
     """The row of an arm in ``simulations``."""
     log, scenario = outcome.log, outcome.scenario
     trips = [trip for trip in outcome.trips if counted[0] <= trip.due_s < counted[1]]
@@ -129,7 +128,7 @@ def _numbers(
     }
 
 
-def _groups(outcome: SimulationOutcome, trips: Sequence[Trip]) -> list[dict[str, Any]]:
+def _groups(outcome: SimulationOutcome, trips: Sequence[Trip]) -> list[Row]:
     """The rows of ``groups``: AVs, other vehicles, all vehicles, people, and each vehicle type."""
     vehicles = [trip for trip in trips if not trip.person]
     automated = _automated(outcome)
@@ -159,10 +158,10 @@ def _automated(outcome: SimulationOutcome) -> Callable[[Trip], bool]:
     return automated
 
 
-def _means(trips: Sequence[Trip]) -> dict[str, Any]:
+def _means(trips: Sequence[Trip]) -> Row:
     """The columns of a group: counts, and means per trip."""
     stops = [float(trip.stops) for trip in trips if trip.stops is not None]
-    means: dict[str, Any] = {
+    means: Row = {
         "trips": len(trips),
         "departed": sum(trip.departed for trip in trips),
         "arrived": sum(trip.arrived for trip in trips),
@@ -181,7 +180,7 @@ def _crosswalks(
     outcome: SimulationOutcome,
     passages: Sequence[Row],
     counted: tuple[float, float],
-) -> list[dict[str, Any]]:
+) -> list[Row]:
     """The rows of ``crosswalks``, each with the single ``waits`` of its people."""
     log, setting = outcome.log, setting_of(outcome.scenario)
     rows = []
@@ -219,7 +218,7 @@ def _crosswalks(
     ]
 
 
-def _passage_row(measured: MeasuredPassage) -> dict[str, Any]:
+def _passage_row(measured: MeasuredPassage) -> Row:
     log, record, trace = measured.log, measured.record, measured.trace
     begin_s = log.time_s[0]
     edge_s = crossing_time(trace, -trace.crossing.width_m / 2)

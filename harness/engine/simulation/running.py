@@ -1,18 +1,12 @@
-"""A user's SUMO scenario, running in this process step by step.
-
-The only other module that starts libsumo is ``harness.engine.sumo``; a process runs one simulation
-at a time.
-"""
+"""A user's SUMO scenario, running in this process step by step."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
-
-import libsumo
 
 from harness.core.errors import EngineError, InputError, one_line
 from harness.engine.simulation.outputs import Kept, final_options
+from harness.engine.sumo import libsumo_with
 from harness.site.configuration import SumoConfig, first_error
 
 NO_OPTIONS: Mapping[str, str] = {}
@@ -85,21 +79,18 @@ class OwnSimulation:
     """
 
     def __init__(self, config_file: Path, end_s: float | None) -> None:
-        self.api: Any = libsumo
+        self.api, self._close = libsumo_with(["sumo", "-c", str(config_file)])
         self._end_s = end_s
-        try:
-            libsumo.start(["sumo", "-c", str(config_file)])
-        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-            raise EngineError(f"SUMO did not start: {said(error)}") from None
-        self.time_s: float = libsumo.simulation.getTime()
-        self.step_s: float = libsumo.simulation.getDeltaT()
+        self._lost = (self.api.TraCIException, self.api.FatalTraCIError)
+        self.time_s: float = self.api.simulation.getTime()
+        self.step_s: float = self.api.simulation.getDeltaT()
 
     @property
     def goes_on(self) -> bool:
         """Whether there is a further step; libsumo itself ignores the end."""
         if self._end_s is not None:
             return self.time_s < self._end_s - 1e-9
-        return bool(libsumo.simulation.getMinExpectedNumber() > 0)
+        return bool(self.api.simulation.getMinExpectedNumber() > 0)
 
     def step(self) -> float:
         """Simulate one step; returns the time at its end in s.
@@ -108,21 +99,15 @@ class OwnSimulation:
             EngineError: SUMO lost the simulation.
         """
         try:
-            libsumo.simulationStep()
-        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-            raise EngineError(f"SUMO lost the simulation: {said(error)}") from None
-        self.time_s = libsumo.simulation.getTime()
+            self.api.simulationStep()
+        except self._lost as error:
+            raise EngineError(f"SUMO lost the simulation: {one_line(str(error))}") from None
+        self.time_s = self.api.simulation.getTime()
         return self.time_s
 
     def close(self) -> None:
         """End the simulation; only then are its output files complete."""
-        libsumo.close()
-
-
-def said(error: Exception) -> str:
-    """SUMO's words, on one line."""
-    text = one_line(str(error))
-    return "see its messages above" if text == "Process Error" else text
+        self._close()
 
 
 def check_starts(config_file: Path, where: str) -> None:

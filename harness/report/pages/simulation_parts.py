@@ -8,6 +8,7 @@ from harness.report.pages.inputs import strategies_of
 from harness.report.pages.parts import PageParts
 from harness.report.pages.traces import Encoded
 from harness.report.screens.tables import ARM_NAMES, Table, TableCell
+from harness.store.tables import Row
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import ShownPair
 
@@ -33,7 +34,7 @@ def _table(run: RunData, name: str, caption: str, key: str) -> Table:
     """A table with a row for each value of a key and arm, its numbers averaged over pairs."""
     rows = run.derived(name).to_pylist()
     columns = [each for each in rows[0] if each not in ("cell", "pair", "arm", key)] if rows else []
-    groups: dict[tuple[str, str], list[dict[str, object]]] = {}
+    groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         groups.setdefault((row[key], row["arm"]), []).append(row)
     kept = [each for each in columns if any(row[each] is not None for row in rows)]

@@ -25,6 +25,7 @@ from harness.store.walk_rows import stored_walk
 from harness.studies.batch.finish import finish
 from harness.studies.batch.hour_scoring import score_hours
 from harness.studies.batch.plan import Plan
+from harness.studies.batch.simulation_scoring import score_simulations
 
 _AFTER_CONTACT = ("pass_time_ignoring_contact_s",)
 """Measures that need the part of the passage after a contact."""
@@ -95,7 +96,11 @@ def _score_encounters(
         yield first, last - first + 1, _score(run, part, cell) if traced else part
 
 
-SCORERS = {"encounters": _score_encounters, "hours of traffic": score_hours}
+SCORERS = {
+    "encounters": _score_encounters,
+    "hours of traffic": score_hours,
+    "own simulations": score_simulations,
+}
 """The function that scores a cell, by kind."""
 
 
