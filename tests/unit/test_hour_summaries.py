@@ -138,7 +138,7 @@ def test_differences_of_shares_cover() -> None:
             own = rng.beta(share * 20, (1 - share) * 20, 10)
             events = rng.binomial(trials.astype(int), own).astype(float)
             arms.append({"let_go": events, "had_to_wait": trials})
-        columns = HourColumns((arms[0], arms[1]), 10, 0, scenario(), 0.95)
+        columns = HourColumns((arms[0], arms[1]), 10, 0, 0.95, scenario())
         difference = columns.share_difference("let_go", "had_to_wait")
         assert difference.low is not None
         assert difference.high is not None
