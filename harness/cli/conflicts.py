@@ -1,5 +1,6 @@
 """``harness conflicts``: measures of conflicts in the FCD output of any SUMO simulation."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -55,7 +56,8 @@ def conflicts(
 
     check_new(out)
     files = [fcd] if person_fcd is None else [fcd, person_fcd]
-    with progress_bar("bytes", quiet or as_json) as advance:
+    hidden = quiet or as_json or not sys.stderr.isatty()
+    with progress_bar("bytes", hidden) as advance:
         findings = find_conflicts(files, net, types=types or (), edges=edge or (), progress=advance)
     with unwinding(), whole_folder(out) as folder:
         written = write_tables(findings, folder)

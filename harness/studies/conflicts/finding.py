@@ -12,6 +12,7 @@ import numpy as np
 from harness.core.encounter import Ending, StepMotion, Trace, Vehicle
 from harness.core.errors import InputError, nearest_name
 from harness.episode.simulation.cutting import (
+    RANGE_M,
     Cut,
     by_places,
     cuts_of,
@@ -209,6 +210,14 @@ def find_conflicts(
     measured, left_out, undefined = _measured(
         cuts, walks, recorded.types, known_types, motion, rounding_m, progress
     )
+    if not measured:
+        counts = Counter[str]()
+        for (_, reason), count in left_out.items():
+            counts[reason] += count
+        others = ", ".join(f"{count:,} {reason}" for reason, count in counts.items())
+        problem = f"0 passages straight over it ({others})"
+        raise InputError(_crosswalks(crosswalks), problem, "a crosswalk that vehicles pass straight")
+    progress(len(cuts), len(cuts), "passages")
     return ConflictFindings(
         files=tuple(files),
         net=net,
@@ -347,7 +356,7 @@ def _why_not(cut: Cut, kind: VehicleType) -> str | None:
 
 def _vehicle(cut: Cut, kind: VehicleType) -> Vehicle:
     """The constants of a passage; nobody knows the driver's own speed, so v0 is the limit."""
-    range_m = min(-float(cut.track.x_m[0]), cut.way.straight_before_m)
+    range_m = min(RANGE_M, -float(cut.track.x_m[0]), cut.way.straight_before_m)
     return Vehicle(
         initial_speed_mps=min(cut.way.crossing.speed_limit_mps or math.inf, kind.max_speed_mps),
         trigger_range_m=range_m,

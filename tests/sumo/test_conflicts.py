@@ -1,0 +1,251 @@
+"""``harness conflicts`` on SUMO's own outputs: formats, joins, collisions, replays."""
+
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from itertools import pairwise
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import sumo as sumo_package
+
+from harness.core.encounter import Arm
+from harness.engine.network.osm import convert
+from harness.measures.catalogue import COLUMNS
+from harness.studies.conflicts import ConflictFindings, find_conflicts
+from harness.studies.conflicts.vehicle_types import CLASSES
+from harness.studies.replay.rerun import replay
+from tests.batches import CHECKOUT, one_cell, printed, run_inline
+
+HOME = Path(sumo_package.SUMO_HOME)
+MAP = CHECKOUT / "examples" / "maps" / "four_arms.osm"
+
+pytestmark = pytest.mark.usefixtures("no_simulation")
+
+
+def tool(*words: object) -> None:
+    env = {**os.environ, "SUMO_HOME": str(HOME), "PROJ_DATA": str(HOME / "data" / "proj")}
+    subprocess.run([*map(str, words)], env=env, check=True, timeout=300, capture_output=True)
+
+
+@pytest.fixture(scope="module")
+def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four arms with vehicles and people by randomTrips, as a folder with ``simulate``'s files."""
+    folder = tmp_path_factory.mktemp("town")
+    net = convert(MAP, folder / "map").net
+    net.rename(folder / "town.net.xml")
+    for name, seed, options in (
+        ("cars", 1, ["--fringe-factor", 10]),
+        ("people", 2, ["--pedestrians"]),
+    ):
+        tool(
+            sys.executable, HOME / "tools" / "randomTrips.py", "-n", folder / "town.net.xml",
+            "-o", folder / f"{name}.xml", "-e", 180, "-p", 1, "--seed", seed, *options,
+        )  # fmt: skip
+    return folder
+
+
+def simulate(town: Path, name: str, *options: object, step_s: float = 0.1) -> Path:
+    """SUMO's FCD output of the town, by the file's name."""
+    path = town / name
+    tool(
+        HOME / "bin" / "sumo", "-n", town / "town.net.xml",
+        "-r", f"{town / 'cars.xml'},{town / 'people.xml'}", "-e", 220, "--step-length", step_s,
+        "--no-step-log", "--no-warnings", "--fcd-output", path, *options,
+    )  # fmt: skip
+    return path
+
+
+def found(town: Path, *files: Path) -> ConflictFindings:
+    return find_conflicts(files, town / "town.net.xml")
+
+
+def rows(findings: ConflictFindings) -> pd.DataFrame:
+    """The table of passages; the quotient of a standing vehicle's R and v says nothing."""
+    table = pd.DataFrame([each.row() for each in findings.passages])
+    return table.assign(min_time_advantage_s=table["min_time_advantage_s"].clip(upper=100.0))
+
+
+@pytest.fixture(scope="module")
+def exact(town: Path) -> ConflictFindings:
+    collisions = (
+        "--collision.check-junctions", "true", "--collision.mingap-factor", 0,
+        "--collision.action", "warn", "--collision-output", town / "collisions.xml",
+    )  # fmt: skip
+    return found(town, simulate(town, "exact.csv", "--precision", 6, *collisions))
+
+
+@pytest.mark.parametrize("name", ["fcd.xml", "fcd.xml.gz", "fcd.csv.gz", "fcd.parquet"])
+def test_every_format_has_the_same_passages(town: Path, exact: ConflictFindings, name: str) -> None:
+    other = rows(found(town, simulate(town, name, "--precision", 6)))
+    # Parquet has places and speeds of the vehicles in single precision.
+    pd.testing.assert_frame_equal(other, rows(exact), rtol=1e-4, atol=1e-3, check_dtype=False)
+
+
+@pytest.mark.parametrize("ending", ["xml", "parquet"])
+def test_people_in_a_file_of_their_own(town: Path, exact: ConflictFindings, ending: str) -> None:
+    people = town / f"people_apart.{ending}"
+    cars = simulate(town, f"cars_apart.{ending}", "--precision", 6, "--person-fcd-output", people)
+    other = rows(found(town, cars, people))
+    pd.testing.assert_frame_equal(other, rows(exact), rtol=1e-4, atol=1e-3, check_dtype=False)
+
+
+def test_longitudes_and_latitudes(town: Path, exact: ConflictFindings) -> None:
+    geo = found(town, simulate(town, "geo.xml", "--fcd-output.geo", "--precision.geo", 9))
+    assert geo.geo
+    assert not exact.geo
+    assert (exact.motion, exact.by_places) == ("euler", False)
+    here, there = rows(exact), rows(geo)
+    assert list(here["vehicle"]) == list(there["vehicle"])
+    # Two decimals of the vehicles' places and speeds: 1 cm at 1 m/s.
+    assert (here["pet_s"] - there["pet_s"]).abs().median() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("options", "motion", "by_places"),
+    [
+        (("--step-method.ballistic", "true"), "ballistic", False),
+        (("--device.fcd.period", 1), "euler", True),
+    ],
+)
+def test_the_file_says_how_vehicles_moved(
+    town: Path, options: tuple[object, ...], motion: str, by_places: bool
+) -> None:
+    findings = found(town, simulate(town, "moved.csv", *options))
+    assert (findings.motion, findings.by_places) == (motion, by_places)
+
+
+def test_every_vehicle_is_accounted_for(town: Path, exact: ConflictFindings) -> None:
+    """Whoever drives over a crosswalk's junction on its edges is measured or counted."""
+    fcd = pd.read_csv(town / "exact.csv", sep=";", dtype=str)
+    lanes = fcd[fcd["vehicle_lane"].notna()]
+    at_7 = next(each for each in exact.crosswalks if each.crosswalk.id == ":7_c0")
+    pairs = {(way.from_edge, way.to_edge) for way in at_7.crosswalk.ways}
+    passed = 0
+    for _, own in lanes.groupby("vehicle_id"):
+        edges = own["vehicle_lane"].str.rpartition("_")[0]
+        roads = edges[~edges.str.startswith(":")]
+        driven = roads[roads != roads.shift()].tolist()
+        passed += sum((a, b) in pairs for a, b in pairwise(driven))
+    assert passed == len(at_7.passages) + sum(at_7.not_measured.values())
+    assert passed > 50
+
+
+def test_every_collision_of_sumo_on_a_straight_way_is_a_contact(
+    town: Path, exact: ConflictFindings
+) -> None:
+    """SUMO's people and drivers touch at crossings; its verdict comes at the step's end."""
+    lanes = {
+        (way.crosswalk, way.approach): {lane.lane for lane in way.lanes if abs(lane.start_m) < 20}
+        for crosswalk in exact.crosswalks
+        for way in crosswalk.crosswalk.ways
+        if way.is_straight(5.0)
+    }
+    confirmed = 0
+    for collision in ET.parse(town / "collisions.xml").getroot().iter("collision"):
+        time_s, lane = float(collision.attrib["time"]), collision.attrib["lane"]
+        passages = [
+            each
+            for each in exact.passages
+            if each.vehicle == collision.attrib["collider"]
+            and lane in lanes[each.crosswalk, each.approach]
+        ]
+        if passages:
+            assert collision.attrib["victim"] in [
+                each.people[each.record.contact_index]
+                for each in passages
+                if each.record.contact_index is not None
+                and each.record.contact_time_s is not None
+                and each.begin_s + each.record.contact_time_s <= time_s + 1e-6
+            ]
+            confirmed += 1
+    assert confirmed
+
+
+def test_the_classes_are_those_of_sumo(town: Path, tmp_path: Path) -> None:
+    types = "".join(f'<vType id="x_{name}" vClass="{name}"/>' for name in CLASSES)
+    (tmp_path / "t.xml").write_text(f"<additional>{types}</additional>")
+    script = (
+        "import sys, libsumo\n"
+        "libsumo.start(['sumo', '-n', sys.argv[1], '-a', sys.argv[2], '--no-step-log'])\n"
+        "t = libsumo.vehicletype\n"
+        "for i in t.getIDList():\n"
+        "    if i.startswith('x_'):\n"
+        "        print(i[2:], t.getLength(i), t.getWidth(i), t.getAccel(i), t.getDecel(i),\n"
+        "              t.getMaxSpeed(i))\n"
+    )
+    words = [sys.executable, "-c", script, town / "town.net.xml", tmp_path / "t.xml"]
+    done = subprocess.run(
+        [*map(str, words)], check=True, capture_output=True, text=True, timeout=120
+    )
+    checked = 0
+    for line in done.stdout.splitlines():
+        name, *numbers = line.split()
+        if name not in CLASSES:
+            continue
+        kind = CLASSES[name]
+        own = (
+            kind.length_m, kind.width_m, kind.acceleration_mps2, kind.deceleration_mps2,
+            kind.max_speed_mps,
+        )  # fmt: skip
+        assert own == pytest.approx([float(number) for number in numbers], abs=1e-4), name
+        checked += 1
+    assert checked == len(CLASSES)
+
+
+UNKNOWN = {
+    # FCD has no driver's own speed, and nobody who waits and never goes.
+    "delay_s", "pedestrian_delay_s", "arrivals",
+}  # fmt: skip
+
+
+def test_a_replay_has_the_stored_measures(tmp_path: Path) -> None:
+    study = one_cell(
+        "cctc_flow",
+        {"experiment.pairs": 4, "pedestrians.flow_per_hour": 900.0, "arms.av": "hard_yield"},
+    )
+    run_inline(study, tmp_path / "run", workers=1)
+    stored = pd.read_parquet(tmp_path / "run" / "episodes.parquet").set_index(["pair", "arm"])
+    types = tmp_path / "types.xml"
+    vehicle = study.cells[0].scenario.vehicle()
+    types.write_text(
+        f'<routes><vType id="ego" length="{vehicle.length_m}" width="{vehicle.width_m}" '
+        f'decel="{vehicle.max_deceleration_mps2}"/></routes>'
+    )
+    compared = 0
+    for (pair, arm), row in stored.iterrows():
+        if row["pedestrians"] == 0:
+            continue
+        out = tmp_path / f"{pair}-{arm}"
+        (done,) = replay(tmp_path / "run", pair, [Arm(arm)], 0, out)
+        findings = find_conflicts(
+            [done.folder / "fcd.xml"], done.folder / "site.net.xml", types=[types]
+        )
+        (passage,) = findings.passages
+        assert findings.motion == "ballistic"
+        assert passage.record.ending == row["ending"]
+        assert (passage.record.contact is None) == pd.isna(row["contact"])
+        for name in set(COLUMNS) - UNKNOWN:
+            value = getattr(passage.record, name)
+            if value is None or pd.isna(row[name]):
+                assert value is None
+                assert pd.isna(row[name]), name
+                continue
+            # Six decimals: a deceleration is off by 1e-6/0.1 s, jerk by that over 0.1 s.
+            off = {"max_deceleration_mps2": 2e-5, "max_jerk_mps3": 4e-4}.get(name, 2e-5)
+            assert value == pytest.approx(float(row[name]), abs=off), (pair, arm, name)
+        compared += 1
+    assert compared > 3
+
+
+def test_the_command_names_what_it_wrote(town: Path, exact: ConflictFindings) -> None:
+    out = town / "conflicts"
+    net = town / "town.net.xml"
+    text = printed("conflicts", town / "exact.csv", "--net", net, "--out", out, "--full")
+    assert f"{len(exact.passages)} passages" in text
+    assert "turning" in text
+    table = pd.read_csv(out / "crosswalks.csv")
+    assert table["passages"].sum() == len(exact.passages)
+    assert len(pd.read_parquet(out / "passages.parquet")) == len(exact.passages)
