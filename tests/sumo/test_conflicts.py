@@ -42,7 +42,7 @@ def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ):
         tool(
             sys.executable, HOME / "tools" / "randomTrips.py", "-n", folder / "town.net.xml",
-            "-o", folder / f"{name}.xml", "-e", 180, "-p", 1, "--seed", seed, *options,
+            "-o", folder / f"{name}.xml", "-e", 240, "-p", 1, "--seed", seed, *options,
         )  # fmt: skip
     return folder
 
@@ -52,7 +52,7 @@ def simulate(town: Path, name: str, *options: object, step_s: float = 0.1) -> Pa
     path = town / name
     tool(
         HOME / "bin" / "sumo", "-n", town / "town.net.xml",
-        "-r", f"{town / 'cars.xml'},{town / 'people.xml'}", "-e", 220, "--step-length", step_s,
+        "-r", f"{town / 'cars.xml'},{town / 'people.xml'}", "-e", 300, "--step-length", step_s,
         "--no-step-log", "--no-warnings", "--fcd-output", path, *options,
     )  # fmt: skip
     return path
