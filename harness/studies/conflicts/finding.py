@@ -216,7 +216,7 @@ def find_conflicts(
             counts[reason] += count
         others = ", ".join(f"{count:,} {reason}" for reason, count in counts.items())
         problem = f"0 passages straight over it ({others})"
-        raise InputError(_crosswalks(crosswalks), problem, "a crosswalk that vehicles pass straight")
+        raise InputError(_crosswalks(crosswalks), problem, "one that vehicles pass straight")
     progress(len(cuts), len(cuts), "passages")
     return ConflictFindings(
         files=tuple(files),
