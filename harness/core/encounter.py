@@ -244,9 +244,9 @@ class Walk:
 class ModelUse(NamedTuple):
     """How often the interaction model was used in an episode, for pedestrians or drivers.
 
-    ``clamped`` counts the uses with an ego faster or farther away than in all of the model's data,
-    by at most ``speed_excess_mps`` and ``range_excess_m``.  ``near_clamped`` counts those with an
-    ego slower or nearer than in all of the data.
+    ``clamped`` counts the uses in which the ego was faster or farther away than any vehicle in the
+    model's data.  The largest excesses are ``speed_excess_mps`` and ``range_excess_m``.
+    ``near_clamped`` counts the uses in which it was slower or nearer than any of them.
     """
 
     uses: int = 0

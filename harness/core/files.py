@@ -69,7 +69,7 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 _NOT_THERE = (errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT, errno.ENOTDIR)
-"""Errors that only another path avoids; others, such as a full disk, the user can repair."""
+"""Errors that only another path avoids.  The user can repair others, such as a full disk."""
 
 
 def cannot_write(path: Path, error: OSError) -> HarnessError:

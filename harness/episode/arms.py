@@ -66,7 +66,7 @@ def named_strategy(
     model: InteractionModel,
     rng: Callable[[], np.random.Generator],
 ) -> Strategy:
-    """A new object of any strategy, prepared, with the scenario's parameters.
+    """A new object of the strategy with this name, with the scenario's parameters.
 
     Args:
         scenario: has the parameters and the step.

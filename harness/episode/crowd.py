@@ -21,7 +21,7 @@ LetWalk = Callable[[int, Side, float], None]
 """A function of index, kerb and desired speed of a pedestrian who walks by the engine's model."""
 
 VIEW = methodcaller("view")
-"""Returns the view of a walker."""
+"""A function that returns a walker's view."""
 
 
 class Approaching(Protocol):

@@ -29,8 +29,10 @@ CHUNK_PAIRS = 50
 """Number of pairs that are measured together; results do not depend on it."""
 
 EpisodeKey = tuple[Arm, str, Purpose, int]
-"""Arm, name and stream of its strategy, and pair: identifies an episode among cells whose arms
-differ."""
+"""Identifies an episode: its arm, the name and the random stream of its strategy, and its pair.
+
+Cells that differ only in their arms share episodes with the same key.
+"""
 
 Begins = Callable[[int, Arm, Episode], None]
 """A callback with the pair, the arm and the episode that begins."""

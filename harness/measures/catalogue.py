@@ -102,7 +102,7 @@ class Measured:
     pet_s: float | None = _measured(
         conflicts.pet_s,
         "s",
-        "time from when the first road user leaves the conflict area until the second enters it, "
+        "time between the first road user's exit from the conflict area and the second's entry, "
         "smallest over pedestrians; the area is the ego's width × the disc, at the pedestrian's x; "
         "pedestrians continue after the record's end; 0 if both are in it at once without touching "
         "(at a corner)",
@@ -149,8 +149,9 @@ class Measured:
         braking.max_drac_mps2,
         "m/s²",
         "largest DRAC over the states on a collision course with the front: the least constant "
-        "deceleration with which the bumper does not reach the disc, d ahead, before it has left "
-        "the ego's path, T from now: 2 (v − d/T)/T if v T ≤ 2 d, else v²/(2 d)",
+        "deceleration that keeps the bumper behind the disc until the disc leaves the ego's path; "
+        "2 (v − d/T)/T if v T ≤ 2 d, else v²/(2 d), with distance d to the disc and time T until "
+        "it leaves",
         about="conflict",
         undefined_when="crash (it grows without bound), or never on such a course",
         on_step="states",
@@ -160,8 +161,8 @@ class Measured:
     required_deceleration_mps2: float | None = _measured(
         braking.required_deceleration_mps2,
         "m/s²",
-        "v²/(2 d) at first sight: the first state with the pedestrian stepped off and the ego "
-        "within its detection range; largest over pedestrians",
+        "v²/(2 d) at first sight, the first state in which the pedestrian has stepped off and the "
+        "ego is within its detection range; largest over pedestrians",
         about="conflict",
         undefined_when="nobody on a collision course with the front at first sight",
         on_step="states",
@@ -175,7 +176,7 @@ class Measured:
         about="comfort",
         on_step="steps",
         worse="large",
-        source="finite difference: a value for that length of step",
+        source="finite difference; the value depends on the length of the step",
     )
     avoidable: bool | None = _measured(
         avoidable.avoidable,

@@ -20,7 +20,7 @@ class EgoStates:
     """The states of all egos of a chunk, one after another.
 
     ``first`` is the index of each trace's first state; ``steps`` is the number of its steps.
-    ``euler`` says of each trace whether a step is driven at the speed of its end.
+    ``euler`` says for each trace whether its ego drives each step at that step's final speed.
     """
 
     x_m: FloatArray

@@ -88,7 +88,7 @@ class PairOutcome:
         return pd.concat([self.av.rows, self.human.rows], ignore_index=True)
 
     def plot(self, axes: "Axes | None" = None) -> "Axes":
-        """Draw both egos' speed over the distance to the crosswalk; None: into a new figure."""
+        """Draw both egos' speed over the distance to the crosswalk; without axes, a new figure."""
         from matplotlib import pyplot as plt
 
         from harness.report.drawing.episode_figures import draw_speed_over_distance

@@ -149,7 +149,7 @@ class CrossingSection(Section):
 
     @property
     def beside_lanes_m(self) -> float:
-        """Width of ``length_m`` that no lane uses: the median, or both strips of a one-way road."""
+        """Part of ``length_m`` without lanes: the median, or both kerb strips of a one-way road."""
         if self.lane_width_m is None:
             return 0.0
         rest = self.length_m - (self.lanes + self.oncoming_lanes) * self.lane_width_m

@@ -52,7 +52,7 @@ class RoadNetwork:
 
     @cached_property
     def _projection(self) -> tuple[Any, float, float] | None:
-        """The projection and the offset of the network's coordinates in it."""
+        """The network's projection, and the offset of its coordinates; None without one."""
         # If sumolib's own conversion fails, it changes PROJ's data folder for the whole process.
         import pyproj
 

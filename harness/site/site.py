@@ -108,7 +108,7 @@ class Way:
         where = "ego.trigger_range_m"
         # The tolerance accepts the limits themselves in spite of the file's rounding.
         if not range_m <= self.straight_before_m + TOLERANCE_M:
-            problem = f"{range_m:g} m is more than the approach is straight: it {self.ends_before}"
+            problem = f"{range_m:g} m exceeds the straight approach, which {self.ends_before}"
             raise InputError(where, problem, f"at most {self.straight_before_m:.6g} m")
         for number, stretch in enumerate(self.stretches):
             first_m, last_m = stretch.start_m, stretch.end_m

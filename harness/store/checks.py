@@ -15,7 +15,7 @@ from harness.episode.traffic.lanes import Direction
 from harness.store.tables import ROWS_BY_PAIR
 
 _LARGEST, _SMALLEST = 1e18, 1e-18
-"""No time, place or deceleration is larger, and no divisor is smaller."""
+"""Upper limit of times, positions and decelerations, and lower limit of divisors."""
 
 _WORDS: Mapping[str, type[Arm | Ending | Side | Contact | Direction]] = {
     "arm": Arm,

@@ -4,8 +4,8 @@ from harness.statistics import CONFLICTS, Entry, Form, Interval, Proportion
 from harness.store.arm_columns import scaled
 from harness.store.hour_columns import HourColumns
 
-_NO_VEHICLE = "no vehicle counts, or the queue is permanent"
-_NO_KIND = "no such vehicle counts, or the queue is permanent"
+_NO_VEHICLE = "there is no counted vehicle, or the queue is permanent"
+_NO_KIND = "there is no counted vehicle of this kind, or the queue is permanent"
 _NOBODY = "nobody arrived"
 _NOBODY_MET = "no passage met anyone"
 _NOT_REACHED = "no vehicle reached the crosswalk"
@@ -173,8 +173,8 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     Entry(
         "first_driver_yield_share",
         "people for whom the first driver yielded",
-        "Among the people who had to wait, the share who went before the first vehicle that kept "
-        "them waiting.",
+        "Share of the people who had to wait whose first driver yielded: they went before the "
+        "vehicle that first kept them waiting.",
         form=Form.SHARE,
         of_arm=lambda c, arm: c.share("let_go", "had_to_wait", arm),
         paired=lambda c: c.share_difference("let_go", "had_to_wait"),

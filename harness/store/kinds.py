@@ -110,7 +110,7 @@ class Kind(Protocol):
         ...
 
     def conflicts(self, cell: Cell, findings: Findings) -> Mapping[str, Rows]:
-        """The conflict rates of a cell as ``conflicts``; empty if its findings have them."""
+        """The rows of a cell in ``conflicts.csv``; empty if its findings have these rates."""
         ...
 
     def counts(self, rows: pa.Table) -> dict[str, int]:
@@ -122,7 +122,7 @@ class Kind(Protocol):
         ...
 
     def ran(self, rows: pa.Table, *, crashed: bool) -> pa.Table:
-        """The rows of arms that did not fail; with ``crashed`` those that had a crash."""
+        """The rows of arms that did not fail; if ``crashed``, only those with a crash."""
         ...
 
     def given_up(self, scenario: Scenario, reason: str, failed_in: FailedIn) -> Rows:

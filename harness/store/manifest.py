@@ -90,7 +90,7 @@ def refuse_other_versions(then: Mapping[str, Any], now: Mapping[str, Any]) -> No
         now: the same of this installation.
     """
     for change in _changes(then, now):
-        raise InputError("resume", change, "what the run was begun with")
+        raise InputError("resume", change, "the versions, strategies and model of its beginning")
 
 
 def explained(

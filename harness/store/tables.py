@@ -39,7 +39,7 @@ _FACTS = {
 }
 
 _PASSAGE_COLUMNS = ("strategy", "delay_s")
-"""Columns of a passage that do not come from its record: the delay is that to its schedule."""
+"""Columns of a passage that do not come from its record; the delay counts from its schedule."""
 
 MODEL_USE = {
     "conditionings": pa.int32(),

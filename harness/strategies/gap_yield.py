@@ -21,7 +21,7 @@ from harness.strategies.driving import (
 )
 
 ROLLING_MPS = 1.0
-"""Least speed at which it rolls up to the edge; if it would be slower, it stops before the edge."""
+"""Least speed for rolling up to the edge; if the ego would be slower, it stops before the edge."""
 
 
 class GapYield:

@@ -356,7 +356,7 @@ def test_a_network_without_a_crossing_says_what_to_do(tmp_path: Path) -> None:
     net = built(Road(turn_deg=60.0, straight_m=20.0), tmp_path / "short")
     (row,) = list_crossings(read_network(net))
     sentence = (
-        r"a trigger range of 30 m is more than the approach is straight: it bends by \d\.\d° "
+        r"a trigger range of 30 m exceeds the straight approach, which bends by \d\.\d° "
         r"1\d\.\d m before the crosswalk; allowed: at most 1\d\.\d+ m"
     )
     assert re.fullmatch(sentence, row.problem or ""), row.problem

@@ -1,4 +1,4 @@
-"""A scenario or a map in; its SUMO network out, shipped, built or converted."""
+"""A scenario or a map in; its SUMO network out, which is shipped, built or converted."""
 
 from harness.engine.network.build import NetworkFiles, build_network, network_for
 from harness.engine.network.place import check_network, network_of, place_of

@@ -202,7 +202,7 @@ def _left_border_m(crossing: CrossingSection) -> float:
 
 
 def _placed(crossing: CrossingSection, along_m: float, left_m: float) -> tuple[str, str]:
-    """A point of the road, in m from the crosswalk's centre, as metres east and north."""
+    """The metres east and north of a point, given in m along and left of the road's axis."""
     bearing = math.radians(crossing.bearing_deg)
     east, north = math.sin(bearing), math.cos(bearing)
     x, y = along_m * east - left_m * north, along_m * north + left_m * east

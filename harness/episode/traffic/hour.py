@@ -211,7 +211,7 @@ class Hour:
         lane.driven.append(car)
 
     def _note_collisions(self) -> None:
-        """Record SUMO's collisions; it reports them only from ``hits_from_m`` on."""
+        """Record the collisions that SUMO reports; it reports none before ``hits_from_m``."""
         for lane in self.lanes:
             if lane.driven and lane.driven[0].next_x_m > self.hits_from_m:
                 break

@@ -27,7 +27,7 @@ class HourVehicle:
         acceleration_mps2: the acceleration of this step, once it has been read; before that, of the
             last step.
         first_step: when its strategy took over.
-        trace_offset_s: time from its bumper at R0 until ``first_step``.
+        trace_offset_s: time from the moment its front bumper reached R0 until ``first_step``.
         xs, speeds: the states from ``first_step`` until its rear has left the crosswalk.
     """
 

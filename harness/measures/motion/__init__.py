@@ -1,1 +1,1 @@
-"""Motion of ego and pedestrians in; their positions and first contact out, exact."""
+"""Motion of ego and pedestrians in; their exact positions and first contact out."""

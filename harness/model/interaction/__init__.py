@@ -1,4 +1,4 @@
-"""The interaction model: a mixture of four variables, its file, and its readings."""
+"""Model files in; the fitted distribution of walking and driving speeds at an encounter out."""
 
 from harness.model.interaction.file import load_model, read_model, write_model
 from harness.model.interaction.model import (

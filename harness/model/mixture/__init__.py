@@ -1,4 +1,4 @@
-"""A truncated Gaussian mixture: arrays and bounds only."""
+"""Arrays and bounds in; a truncated Gaussian mixture out."""
 
 from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.distribution import TruncatedGaussianMixture

@@ -51,10 +51,10 @@ class Regression:
         rest: indices of the r other variables.
 
     Attributes:
-        matrix, offset: (K (g + 1 + r), g) and (K (g + 1 + r),).  ``matrix @ y + offset`` has for
-            each component g numbers, whose sum of squares is minus the exponent of N_k(y), and
-            then the means of the target and of the rest.
-        log_constant: log of the factor of that exponential, (K,), up to a common constant.
+        matrix, offset: (K (g + 1 + r), g) and (K (g + 1 + r),).  ``matrix @ y + offset`` has
+            g + 1 + r numbers for each component.  The sum of squares of the first g is minus the
+            exponent of N_k(y).  The others are the means of the target and of the rest.
+        log_constant: log of the factor before that exponential, (K,), up to a common constant.
         covariances: covariances of the target and the rest given y, (K, 1 + r, 1 + r).
         spread: standard deviation of the target given y, (K,).
         rest_slopes: slopes of the rest on the target given y, (K, r).

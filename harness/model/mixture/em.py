@@ -128,7 +128,7 @@ class Problem:
         return np.concatenate((constant[:, None], linear, quadratic), axis=1)
 
     def _expectation(self, coefficients: Array) -> tuple[float, Array]:
-        """Log-likelihood and the features summed by responsibility, (K, F)."""
+        """The log-likelihood, and the features' sums weighted by responsibility, (K, F)."""
         statistics = np.zeros_like(coefficients)
         total = 0.0
         for at in range(0, self.weights.size, _CHUNK):

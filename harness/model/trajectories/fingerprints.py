@@ -21,7 +21,7 @@ _DIGITS = 16
 
 
 def fingerprint(track: Track) -> str:
-    """The hash of the track's cell, 16 hexadecimal digits."""
+    """The hash of a track's two mean positions, as cells of 1 mm; 16 hexadecimal digits."""
     return _hash(_cell(track))
 
 

@@ -78,7 +78,7 @@ def draw_speed_over_distance(
 
 
 def draw_speed_over_time(axes: Axes, traces: Mapping[str, pd.DataFrame]) -> None:
-    """Speed of the ego over the time since the trigger; traces as above."""
+    """Speed of the ego over the time since the trigger, for the traces of both arms by label."""
     _speeds(axes, traces, "time_s", 1, "time since the trigger (s)")
 
 

@@ -1,4 +1,4 @@
-"""The first screen of a comparison: who is better in what, the front, and what is allowed."""
+"""The first screen of a comparison: the better cells, the Pareto front, and the allowed cells."""
 
 import shlex
 from collections.abc import Mapping

@@ -108,7 +108,7 @@ def _head(screen: Screen, width: int) -> list[str]:
 
 
 def _rows(screen: Screen, width: int) -> list[str]:
-    """The headings and rows; columns that do not fit go below, or are named there."""
+    """The headings and rows; columns that do not fit are put, or only named, below the table."""
     whole = [row for row in screen.rows if len(row) == len(screen.headings)]
     sizes = [max(map(len, column)) for column in zip(*whole, strict=True)] if whole else []
     sizes = sizes or [0] * len(screen.headings)

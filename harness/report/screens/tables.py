@@ -183,7 +183,7 @@ def count_cell(value: int) -> TableCell:
 
 
 def value_cell(value: Plain) -> TableCell:
-    """The value of a scenario's key; a number, also one that is written as text, can be sorted."""
+    """The value of a scenario's key; it can be sorted if it is a number or text of a number."""
     text = as_written(value)
     try:
         return TableCell(text, sort=repr(float(text)))

@@ -50,7 +50,7 @@ class Perception:
         """The pedestrians that the driver sees at a step.
 
         Args:
-            step: 0, 1, 2, …; each step once.
+            step: number of the step.  Successive calls have 0, 1, 2, ….
             x_m: x of the ego's front bumper.
             people: the ground truth: everybody at the crosswalk, with their x in m.
         """

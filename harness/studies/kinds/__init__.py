@@ -1,1 +1,1 @@
-"""How each kind of run is simulated: a task in a worker, or one arm of a pair once more."""
+"""Takes a task, or one arm of a pair, and simulates it as its kind of run requires."""

@@ -54,8 +54,8 @@ class Exploration:
     """The result of one exploration.
 
     ``failures`` (n, width) are states in the event, empty if none was found; ``levels`` are the
-    thresholds; ``probability`` is the estimate by subset simulation.  ``nominal`` counts the first
-    ``POINTS`` episodes, which are nominal draws; ``nearest`` is the lowest score.
+    thresholds; ``probability`` is the estimate by subset simulation.  ``nominal`` has the counts of
+    the first ``POINTS`` episodes, all of them nominal draws; ``nearest`` is the lowest score.
     """
 
     failures: FloatArray

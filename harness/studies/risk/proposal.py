@@ -93,7 +93,7 @@ def _squares(y: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """Components, and the nominal density with the rest of the shares."""
+    """A mixture of ``components`` and the nominal density, which has the remaining share."""
 
     layout: Layout
     components: tuple[Component, ...]

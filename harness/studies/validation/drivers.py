@@ -32,7 +32,7 @@ ModelOf = Callable[[Passage], InteractionModel]
 def outcomes_of(
     name: str, passages: Sequence[Passage], scenario: Scenario, model_of: ModelOf
 ) -> list[list[DriverOutcome]]:
-    """Drive every passage with one driver, ``DRAWS`` times if its first drive drew a number.
+    """Drive every passage with one driver; ``DRAWS`` times if the driver draws random numbers.
 
     Args:
         name: name of the strategy; its parameters are the scenario's.

@@ -23,7 +23,8 @@ class DriverFindings:
         score_difference_interval_s: its interval; None for the first driver or without an interval.
         draws: drives of each passage; 1 if the driver drew no random number.
         fitted_on_these_data: whether the driver was fitted to these passages and not fitted again.
-        folds: number of folds of vehicles without which its model was fitted again.
+        folds: number of folds in which its model was fitted again, each time without the vehicles
+            of one fold.
         findings: findings of ``ENTRIES`` by key; ``n`` is the number of passages with a value.
     """
 

@@ -13,7 +13,7 @@ from harness.studies.workers.tasks import Task, TaskResult
 def serve(connection: Connection, module: str) -> None:
     """Answer calls from a pipe until the pipe or the parent process is closed.
 
-    The first message is None after all imports, including ``module``, or the error of an import.
+    The first message is None if all imports, including ``module``, succeeded, or else the error.
     The answer to a call is (True, its result) or (False, the reason why there is none).
     """
     # A broken pipe is not an error, because it means that the parent has ended.
