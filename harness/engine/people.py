@@ -63,7 +63,7 @@ class HeldPeople:
         self._coming: dict[int, tuple[float, float]] = {}
 
     def begin(self, arrivals: Sequence[Arrival], run: int) -> None:
-        """Begin an episode or hour with these arrivals; its number ``run`` is part of SUMO's ids."""
+        """Begin an episode or hour with these arrivals; their ids contain its number ``run``."""
         self._arrivals, self._run, self._announced = arrivals, run, 0
         self._sides = {arrival.index: arrival.side for arrival in arrivals}
         self._next_s = arrivals[0].arrival_s if arrivals else math.inf
