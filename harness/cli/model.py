@@ -114,9 +114,7 @@ def fit(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the starts and folds.")] = 1,
     near: Annotated[
         str,
-        typer.Option(
-            help="State R,v of the scenario in m and m/s; the card describes the data near it."
-        ),
+        typer.Option(help="State R,v in m and m/s; the model's card describes the data near it."),
     ] = _STATE,
     name: Annotated[
         str | None, typer.Option(help="Name of the model; default: the name of its file.")

@@ -43,8 +43,9 @@ SeedOption = Annotated[int | None, typer.Option(help="Root seed, instead of the 
 UntilOption = Annotated[
     str | None,
     typer.Option(
-        help="Stop when the interval of every cell has at most this half-width, or at --pairs: "
-        "mu=0.01 or kappa=0.005. Checked at 1,000 pairs and at each doubling.",
+        help="Stop when the interval of every cell has at most this half-width, e.g. mu=0.01 or "
+        "kappa=0.005. The run checks this at 1,000 pairs and at each doubling, and stops at "
+        "--pairs at the latest.",
         metavar="MEASURE=WIDTH",
     ),
 ]
@@ -98,7 +99,10 @@ FullOption = Annotated[
     bool, typer.Option("--full", help="Print every number, not only the first screen.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print only the results, as JSON.")]
-ArmOption = Annotated[Literal["av", "human"], typer.Option(help="Driver of the episodes.")]
+ArmOption = Annotated[
+    Literal["av", "human"],
+    typer.Option(help="Arm of the episodes: the AV's or the human driver's."),
+]
 QuietOption = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print only the paths of the written files.")
 ]

@@ -21,7 +21,9 @@ def replay(
         typer.Option(help="A new folder for SUMO's output files; not with --gui.", metavar="DIR"),
     ] = None,
     cell: Annotated[int, typer.Option(help="Number of the cell in a sweep.")] = 0,
-    arm: Annotated[Literal["av", "human", "both"], typer.Option(help="Driver, or both.")] = "both",
+    arm: Annotated[
+        Literal["av", "human", "both"], typer.Option(help="Arm to repeat, or both.")
+    ] = "both",
     gui: Annotated[
         bool, typer.Option("--gui", help="Show the episode in sumo-gui, one arm after the other.")
     ] = False,
@@ -160,7 +162,7 @@ def compare(
 ) -> None:
     """Compare strategies pair by pair, within or between runs.
 
-    With limits, the command lists the values of a parameter that keep them.
+    With limits of μ and κ, the command lists the parameter values that stay within them.
     """
     from harness.report.screens.comparison_document import comparison_document, comparison_rows
     from harness.report.screens.terminal import print_comparison

@@ -23,7 +23,7 @@ def risk(
         ),
     ] = "crashed",
     target_cv: Annotated[
-        float, typer.Option(help="Target standard error, divided by the probability.")
+        float, typer.Option(help="Target of the standard error divided by the probability.")
     ] = 0.1,
     engine: Annotated[
         Literal["sumo", "plain"],

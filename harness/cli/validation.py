@@ -31,8 +31,8 @@ def validate(
         int,
         typer.Option(
             min=0,
-            help="Number of folds of vehicles: a model fitted to the same data is fitted again "
-            "without each fold; 0: the model is used as it is.",
+            help="Number of folds of vehicles. A model that was fitted to the same data is fitted "
+            "again without each fold. With 0 the model is used as it is.",
         ),
     ] = 5,
     settings: Annotated[

@@ -19,7 +19,7 @@ MAX_BEFORE_KERB_M = 8.0
 """Greatest distance from a timed pedestrian's start to their kerb; a footpath is 10 m long."""
 
 WIDEST_USUAL_LANE_M = 6.0
-"""A wider lane gets a remark: the width of two lanes is easily given as that of one."""
+"""A wider lane gets a remark, because users easily give the width of two lanes as that of one."""
 
 
 def check_consistency(scenario: Scenario, source: str) -> None:

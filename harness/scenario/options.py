@@ -34,7 +34,7 @@ TASK_PAIRS = 50
 
 HANG_AFTER_S = 120.0
 HANG_AFTER_S_PER_STEP = 0.002
-"""A worker is ended if it finishes no pair in this time plus this much for each step."""
+"""A worker is ended if it finishes no pair in the first time plus the second for each step."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def whole_number(where: str, value: object, least: int) -> int:
     """A whole number of Python or NumPy, at least ``least``, as an ``int``.
 
     Raises:
-        InputError: the value is another one; ``where`` names the option.
+        InputError: the value is anything else; ``where`` names the option.
     """
     try:
         number = operator.index(value)  # type: ignore[arg-type]  # raises unless it is an integer
@@ -122,7 +122,7 @@ def number_in(where: str, value: object, least: float, most: float) -> float:
     """A number of Python or NumPy, from ``least`` to ``most``, as a ``float``.
 
     Raises:
-        InputError: the value is another one; ``where`` names the option.
+        InputError: the value is anything else; ``where`` names the option.
     """
     number = float(value) if isinstance(value, Real) else math.nan
     if not least <= number <= most:

@@ -101,7 +101,7 @@ def _check(site: Site, scenario: Scenario, source: str) -> None:
             what = f"the ego's lane is straight for {site.ego.straight_after_m:.1f} m"
             raise InputError(
                 f"{source}: crossing.edge",
-                f"{crossing.edge}: beyond it {what} and {site.ego.ends_after}",
+                f"{crossing.edge}: after the crosswalk {what} and {site.ego.ends_after}",
                 f"at least {needed_m:.1f} m: {_CLEAR}",
             )
     if site.signal is not None and not crossing.ignore_signal:
@@ -128,7 +128,7 @@ def _check_stream(stream: Stream, site: Site, scenario: Scenario, source: str) -
         raise InputError(where, problem, f"at most {begins_m:.6g} m{or_none}")
     after_m, needed_m = min(way.straight_after_m, stream.ends_x_m), _clear_m(site, scenario)
     if after_m < needed_m:
-        problem = f"beyond it {lane} is straight and joins no other lane for only {after_m:.1f} m"
+        problem = f"{lane} turns or joins another lane {after_m:.1f} m after the crosswalk"
         raise InputError(
             f"{source}: crossing.edge",
             f"{scenario.crossing.edge}: {problem}",

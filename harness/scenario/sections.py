@@ -333,7 +333,7 @@ class TrafficSection(Section):
     duration_s: Annotated[float, Field(gt=0, le=7 * 86_400)] = 3600.0
     """Duration over which vehicles and pedestrians are counted; whole steps."""
     warm_up_s: Annotated[float, Field(ge=0, le=86_400)] = 300.0
-    """Duration simulated before that without being counted; whole steps."""
+    """Duration that is simulated before ``duration_s`` and not counted; whole steps."""
     following: Literal["Krauss", "IDM"] = "Krauss"
     """SUMO's car-following model."""
     tau_s: Positive = 1.0

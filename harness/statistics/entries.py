@@ -204,7 +204,7 @@ class Entry(Generic[Source]):
 
         Args:
             source: the columns of one cell.
-            alike: the number that ``ALIKE_COUNT`` names, of the cell.
+            alike: the cell's value of the count that ``ALIKE_COUNT`` names.
         """
         reported: dict[str, Reported] = {}
         for arm, name in enumerate(self.names[:2]):

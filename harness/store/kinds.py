@@ -53,7 +53,7 @@ class Kind(Protocol):
         section: the part of the scenario that makes a run of this kind, as messages name it; empty
             for encounters.
         long_pairs: whether a pair is long.  A long pair is a task of its own and shares no episode
-            with other cells, ``--until`` adds none, and only a stretch of it is shown.
+            with other cells.  ``--until`` adds no long pairs.  The page shows a stretch of one.
         compared: whether ``harness compare`` compares its cells pair by pair.
         settles: whether a pair begins with an empty road, so that ``--settle`` sets its warm-up.
         records: the tables with the results of a pair.

@@ -112,7 +112,7 @@ def speeding_up(
     speed_mps: float,
     acceleration_mps2: float | None = None,
 ) -> tuple[float, float]:
-    """(time in s, final speed in m/s) of a distance ≥ 0 at a0 or a given acceleration, up to v0."""
+    """Time in s and final speed in m/s over a distance ≥ 0, at a0 or another rate, up to v0."""
     vehicle = observation.vehicle
     gain, top = acceleration_mps2 or vehicle.resume_acceleration_mps2, vehicle.initial_speed_mps
     reached = max(speed_mps, min(top, math.sqrt(speed_mps**2 + 2 * gain * distance_m)))

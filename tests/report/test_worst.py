@@ -112,7 +112,7 @@ def test_in_the_shell(runs: tuple[Path, Path]) -> None:
     ("options", "said"),
     [
         (["--by", "pet"], "did you mean 'pet_s'?"),
-        (["--by", "arrivals"], "--by: arrivals has no bad direction"),
+        (["--by", "arrivals"], "--by: neither small nor large values of arrivals are bad"),
         (["--cell", "1"], "--cell: 1; allowed: 0 to 0"),
         (["-n", "0"], "-n: 0; allowed: 1 or more"),
         (["--arm", "car"], "'--arm': 'car' is not one of 'av', 'human'"),

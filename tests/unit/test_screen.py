@@ -168,7 +168,7 @@ worst case                 ratio of times 1.70, crashes 9 of 50, μ 1.900, delay
 ! The AV drove at up to 15.7 m/s, above v0 of 5 m/s, and saves time by speeding.
 ! In 25 % (AV) and 75 % (own:Driver) of the cases the vehicle was outside the data of the
   interaction model, up to 5.39 m/s too fast; the model used the nearest state in its data.
-! How human own:Driver drives was not measured (harness validate).
+! own:Driver was not compared with recorded drivers (harness validate).
 ! Few pairs: intervals are unreliable below 1,000 informative pairs (ratio of times and μ), 4,000
   (c_v).
 All measures: --full. Page: harness report runs/cctc-1"""
@@ -449,8 +449,8 @@ def test_only_what_was_validated_is_said_of_a_reference() -> None:
     assert "right for 86 %, the median error of its pass time was 1.4 s" in lines[0]
     assert "hit somebody in 9 passages" in lines[0]
     assert lines[1:] == [
-        f"How human {name} drives was not measured (harness validate)."
-        for name in ("human_recorded", "sumo_driver")
+        f"{name} was not compared with recorded drivers (harness validate)."
+        for name in ("human_recorded with these settings", "sumo_driver")
     ]
 
 

@@ -120,7 +120,7 @@ def require_columns(path: Path, table: pd.DataFrame, needed: Iterable[str]) -> N
 def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally) -> pd.DataFrame:
     """The table with the named columns as floats, without records that have an unusable cell.
 
-    Each of these is counted as ``not_a_number``, ``missing_value`` or ``out_of_scale``.
+    Each such record is counted as ``not_a_number``, ``missing_value`` or ``out_of_scale``.
 
     Raises:
         InputError: a column contains no number at all.

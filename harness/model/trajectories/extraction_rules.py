@@ -126,7 +126,7 @@ def with_times(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def kept_rows(candidates: pd.DataFrame, rules: ExtractionRules, tally: Tally) -> pd.DataFrame:
-    """The candidates that break no rule; each other one counts under its first broken rule."""
+    """The candidates that break no rule.  The others count under the first rule that they break."""
     tally.candidates += len(candidates)
     alive = np.ones(len(candidates), dtype=bool)
     for reason, breaks in ROW_RULES.items():

@@ -53,9 +53,9 @@ class MobileyeOptions(Options):
         latitude_deg, longitude_deg: the crossing, origin of the axes.
         axes_turn_deg: turn of the axes, counter-clockwise positive; the turned x axis must lie
             along the road.
-        heading_above_deg: buses heading at most this are the other direction and are left out
-            (0 with ``heading_below_deg`` 360 keeps all).
-        heading_below_deg: the same from above.
+        heading_above_deg: buses with a heading of at most this drive in the other direction and are
+            left out.  0 with ``heading_below_deg`` 360 keeps all buses.
+        heading_below_deg: buses with a heading above this are left out for the same reason.
         sequence_gap_s: a longer pause starts a new sequence of the same obstacle.
         min_sequence_s: shorter sequences are left out.
         vehicle_length_m: a 40 ft city bus; only the post-encroachment time uses it.

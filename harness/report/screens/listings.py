@@ -115,7 +115,7 @@ def verdict_document(verdict: RuleResult) -> RuleRow:
 
 
 def installation_checks() -> Iterator[tuple[str, str | None]]:
-    """Check the installation step by step: what, and the problem or None; ends at the first one."""
+    """Yield each check of the installation with its problem or None; end at the first problem."""
     checks = (check_packages, _check_library, _check_network, _check_episode)
     for title, check in zip(CHECKS, checks, strict=True):
         try:

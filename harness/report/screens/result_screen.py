@@ -249,7 +249,7 @@ def _first_worst(run: RunFindings, cell: CellFindings) -> str:
 
 
 def joined_notes(cells: Sequence[tuple[int, Sequence[Note]]]) -> list[Note]:
-    """The notes of several cells by number; those that say the same name their cells together."""
+    """The notes of several cells with the cells' numbers; equal notes are joined into one."""
     numbers: dict[Note, list[int]] = {}
     for cell, notes in cells:
         for note in notes:

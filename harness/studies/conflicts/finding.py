@@ -159,7 +159,7 @@ class ConflictFindings:
 
     @property
     def passages(self) -> list[ConflictPassage]:
-        """Those of all crosswalks."""
+        """The passages of all crosswalks."""
         return [each for crosswalk in self.crosswalks for each in crosswalk.passages]
 
 

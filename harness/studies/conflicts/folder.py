@@ -124,7 +124,9 @@ def worst_rows(rows: Sequence[Row], by: str, most: int) -> list[Row]:
         InputError: there is no such measure, it has no bad direction, or ``most`` is below 1.
     """
     if by in COLUMNS and by not in RANKED:
-        raise InputError("--by", f"{by} has no bad direction", ", ".join(RANKED))
+        raise InputError(
+            "--by", f"neither small nor large values of {by} are bad", ", ".join(RANKED)
+        )
     if by not in RANKED:
         raise unknown_name("--by", "measure", by, RANKED)
     if most < 1:

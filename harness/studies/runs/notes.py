@@ -12,7 +12,7 @@ from harness.scenario import Scenario
 from harness.statistics.entries import Entry, Finding
 from harness.statistics.findings import Note, Rank
 from harness.strategies.registry import fallback_of
-from harness.studies.runs.references import disagreement, is_measured
+from harness.studies.runs.references import disagreement, is_measured, not_measured
 
 Findings = Mapping[str, Finding]
 Catalogue = Sequence[Entry[Any]]
@@ -23,8 +23,9 @@ MOSTLY = 0.5
 FEW_HOURS = 5
 """Below this number of pairs of hours a note says how many there are.
 
-Student's t covers normally distributed hours with any number of them, and skewed hours less with
-any number up to 20 (docs/method.md), so no number makes its intervals reliable.
+The coverage of Student's t does not depend on the number of hours: it reaches its level if hours
+are normally distributed, and less if they are skewed (docs/method.md, up to 20 hours).  So there
+is no number of hours from which its intervals are reliable.
 """
 
 _ENDS = ("", "_human")
@@ -245,7 +246,7 @@ def _reference(scenario: Scenario, findings: Findings) -> list[Note]:
     if ratio is not None and (text := disagreement(scenario, ratio)):
         notes.append(text)
     if not is_measured(scenario):
-        notes.append(f"How human {scenario.arms.human} drives was not measured (harness validate).")
+        notes.append(not_measured(scenario))
     return [Note(Rank.REFERENCE, text) for text in notes]
 
 
@@ -261,7 +262,7 @@ def hour_notes(scenario: Scenario, findings: Findings, catalogue: Catalogue) -> 
         notes.append(Note(Rank.SATURATION, text))
     notes += undefined_notes(findings, catalogue)
     if findings["pairs"].count - failed == 1:
-        text = "One pair of hours has no intervals: nothing says how far another hour would differ."
+        text = "One pair of hours has no intervals: it does not show how much hours differ."
         notes.append(Note(Rank.FEW_PAIRS, text))
     elif 1 < (ran := findings["pairs"].count - failed) < FEW_HOURS:
         notes.append(
@@ -291,8 +292,8 @@ def _hour_notes_of_arm(
     if count := findings[f"not_through{end}"].count:
         note(
             Rank.LEFT_OUT,
-            f"{counted(count, 'vehicle')} never passed, and counted with their time until the end "
-            "of the hour, which is less than their delay.",
+            f"{counted(count, 'vehicle')} never passed. Their time until the end of the hour "
+            "counts as their delay, which would have been longer.",
         )
     if count := findings[f"never_went{end}"].count:
         note(Rank.LEFT_OUT, f"{counted(count, 'pedestrian')} never started to cross.")

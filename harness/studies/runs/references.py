@@ -67,6 +67,13 @@ def keeps_its_defaults(scenario: Scenario, strategy: str) -> bool:
     return defaults | scenario.strategies.get(strategy, {}) == defaults
 
 
+def not_measured(scenario: Scenario) -> str:
+    """The sentence about a reference driver that was not validated with its model and values."""
+    name = scenario.arms.human
+    settings = " with these settings" if name in MEASURED else ""
+    return f"{name}{settings} was not compared with recorded drivers (harness validate)."
+
+
 def is_measured(scenario: Scenario) -> bool:
     """Return whether the reference driver was validated, with the same model for ``human_gmm``."""
     name = scenario.arms.human
@@ -82,14 +89,14 @@ def reference_lines(scenarios: Iterable[Scenario]) -> list[str]:
     for scenario in scenarios:
         name = scenario.arms.human
         if not is_measured(scenario):
-            lines.append(f"How human {name} drives was not measured (harness validate).")
+            lines.append(not_measured(scenario))
             continue
         human = MEASURED[name]
         line = (
             f"{name} replaced the drivers of {MEASURED_ON}: its order of passing was right for "
             f"{100 * human.order_right:.0f} %, the median error of its pass time was "
-            f"{human.pass_time_off_s:.1f} s, and it hit somebody in {human.contacts:g} passages, "
-            "the recorded drivers in none."
+            f"{human.pass_time_off_s:.1f} s, and it hit somebody in {human.contacts:g} passages. "
+            "The recorded drivers hit nobody."
         )
         lines.append(f"{line} {human.remark}".rstrip())
     return list(dict.fromkeys(lines))

@@ -137,8 +137,8 @@ def audit_lines(run: RunData) -> list[str]:
     if run.engine == "sumo":
         return []
     tie = (
-        "A tie of the strategy is a command that differs although all its observations until then "
-        "agreed within 1e-9."
+        "In a tie, the strategy's command differs although all its observations up to then agreed "
+        "within 1e-9."
     )
     lines = [f"{text[0].upper()}{text[1:]}." for text in _audit_scope(run)]
     return [*lines, *_named(run.disagreements), *_named(run.ties), *([tie] if run.ties else [])]

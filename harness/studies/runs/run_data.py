@@ -51,7 +51,7 @@ class RunData:
     shards: tuple[Shard, ...] = ()
     """Finished work of an unfinished run."""
     output_failures: tuple[Failure, ...] = ()
-    """Every episode without SUMO's outputs, of those that were asked for just now."""
+    """The episodes whose SUMO outputs were requested in this call but are missing."""
     _models: dict[tuple[str, str | None], InteractionModel] = field(default_factory=dict)
 
     @property
@@ -266,7 +266,7 @@ class RunData:
 
     @cached_property
     def audited(self) -> pd.DataFrame:
-        """The rows of ``audit``, but an episode that several cells share only in the first."""
+        """The rows of ``audit``; the first of several cells has an episode that they share."""
         return shared_once(self.audit, self.study)
 
     @property

@@ -76,7 +76,9 @@ class RunTables:
             if name in TABLES and (pc.max(table["cell"]).as_py() or 0) >= len(self._cells):
                 where = str(self._path / f"{name}.parquet")
                 raise InputError(
-                    f"{where}: cell", "a cell this run has not", f"0 to {len(self._cells) - 1}"
+                    f"{where}: cell",
+                    "names a cell that does not exist",
+                    f"0 to {len(self._cells) - 1}",
                 )
             return table
         parts = []

@@ -18,7 +18,7 @@ ALL_BELOW = 50
 STRETCH_S = 180.0
 """Time of an hour that is shown; a whole hour would be too large for a page."""
 
-TIME_ADVANTAGE = "smallest time advantage (passes 0 in calm yields too)"
+TIME_ADVANTAGE = "smallest time advantage (calm yielding passes through 0 too)"
 
 _EACH = 5
 """Number of episodes for each reason."""

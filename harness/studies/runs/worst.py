@@ -142,7 +142,9 @@ def _ranked(run: RunData, rows: pd.DataFrame, key: str, by: str, arm: Arm) -> li
 
 def _check(by: str, most: int, arm: Arm | str) -> Arm:
     if by in COLUMNS and by not in RANKED:
-        raise InputError("--by", f"{by} has no bad direction", ", ".join(RANKED))
+        raise InputError(
+            "--by", f"neither small nor large values of {by} are bad", ", ".join(RANKED)
+        )
     if by not in RANKED:
         raise unknown_name("--by", "measure", by, RANKED)
     if most < 1:
