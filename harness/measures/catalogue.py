@@ -130,7 +130,7 @@ class Measured:
     stopped_s: float = _measured(
         efficiency.stopped_s,
         "s",
-        "number of steps that end below 0.1 m/s × step",
+        "number of steps that end below 0.1 m/s, times the length of a step",
         about="comfort",
         on_step="steps",
         worse="large",

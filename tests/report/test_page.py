@@ -395,7 +395,7 @@ def test_what_is_worth_watching(swept: Path) -> None:
     # What is dangerous comes first, and what need not be so last.
     assert next(iter(chosen)) == "crash of the AV"
     assert list(chosen).index("smallest PET") < list(chosen).index("smallest TTC")
-    assert list(chosen)[-1].startswith(("smallest time advantage (passes 0", "other pairs"))
+    assert list(chosen)[-1].startswith(("smallest time advantage (calm", "other pairs"))
     # Cells share their pedestrians: each pair counts once, where it is worst.
     for reason, column, sign in (
         ("smallest PET", "pet_s", 1),
