@@ -6,7 +6,6 @@ from pathlib import Path
 
 from harness.core.errors import EngineError, InputError, one_line
 from harness.engine.simulation.outputs import Kept, final_options
-from harness.engine.sumo import libsumo_with
 from harness.site.configuration import SumoConfig, first_error
 
 NO_OPTIONS: Mapping[str, str] = {}
@@ -79,6 +78,8 @@ class OwnSimulation:
     """
 
     def __init__(self, config_file: Path, end_s: float | None) -> None:
+        from harness.engine.sumo import libsumo_with
+
         self.api, self._close = libsumo_with(["sumo", "-c", str(config_file)])
         self._end_s = end_s
         self._lost = (self.api.TraCIException, self.api.FatalTraCIError)
