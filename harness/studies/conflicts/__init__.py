@@ -1,12 +1,6 @@
 """Conflicts between people and vehicles in a recorded SUMO simulation."""
 
-from harness.studies.conflicts.finding import (
-    REASONS,
-    ConflictFindings,
-    ConflictPassage,
-    CrosswalkConflicts,
-    find_conflicts,
-)
+from harness.studies.conflicts.finding import find_conflicts
 from harness.studies.conflicts.folder import (
     check_new,
     document_of,
@@ -15,6 +9,12 @@ from harness.studies.conflicts.folder import (
     worst_passages,
     worst_rows,
     write_tables,
+)
+from harness.studies.conflicts.records import (
+    REASONS,
+    ConflictFindings,
+    ConflictPassage,
+    CrosswalkConflicts,
 )
 
 __all__ = [

@@ -3,13 +3,11 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from harness.core.encounter import Ending, StepMotion, Trace, Vehicle
+from harness.core.encounter import StepMotion, Trace, Vehicle
 from harness.core.errors import InputError, nearest_name
 from harness.episode.simulation.cutting import (
     RANGE_M,
@@ -25,147 +23,20 @@ from harness.episode.simulation.cutting import (
 )
 from harness.episode.simulation.passages import PersonTrack, passage
 from harness.episode.simulation.recorded import Recorded, read_recorded
-from harness.measures import EpisodeRecord, crossing_time, measure
-from harness.measures.catalogue import COLUMNS
-from harness.scenario.sections import ConflictsSection
+from harness.measures import measure
 from harness.site import Crosswalk, RoadNetwork, crosswalks_of, read_network
-from harness.statistics.conflicts import CONFLICTS
 from harness.studies.conflicts.places import in_network
+from harness.studies.conflicts.records import (
+    ConflictFindings,
+    ConflictPassage,
+    CrosswalkConflicts,
+)
 from harness.studies.conflicts.vehicle_types import VehicleType, read_types, type_of
 
 Progress = Callable[[int, int, str], None]
 
 _SHOWN = 5
 """Number of names that a message lists."""
-
-
-@dataclass(frozen=True)
-class ConflictPassage:
-    """A passage straight over a crosswalk: a row of ``passages.parquet``, and its trace.
-
-    ``begin_s`` is the simulation's time at which the trace begins.
-    """
-
-    crosswalk: str
-    vehicle: str
-    type: str
-    approach: str
-    begin_s: float
-    record: EpisodeRecord
-    trace: Trace
-    people: tuple[str, ...]
-    """Ids of the people who are on the crosswalk during the passage, by index of their arrival."""
-
-    def row(self) -> dict[str, Any]:
-        """The passage as a row of the table."""
-        record, edge_s = self.record, crossing_time(self.trace, -self.trace.crossing.width_m / 2)
-        index, contact_s = record.contact_index, record.contact_time_s
-        return {
-            "crosswalk": self.crosswalk,
-            "approach": self.approach,
-            "vehicle": self.vehicle,
-            "type": self.type,
-            "begin_s": self.begin_s,
-            "edge_s": None if edge_s is None else self.begin_s + edge_s,
-            "range_m": self.trace.vehicle.trigger_range_m,
-            "length_m": self.trace.vehicle.length_m,
-            "width_m": self.trace.vehicle.width_m,
-            "speed_mps": float(self.trace.speed_mps[0]),
-            "people": record.pedestrians,
-            "ending": record.ending.value,
-            "contact": None if record.contact is None else record.contact.value,
-            "contact_person": None if index is None else self.people[index],
-            "contact_s": None if contact_s is None else self.begin_s + contact_s,
-            **{name: getattr(record, name) for name in COLUMNS},
-        }
-
-    def is_conflict(self, name: str, thresholds: ConflictsSection) -> bool:
-        """Whether it is a conflict of a kind of ``CONFLICTS``; a contact is one of every kind."""
-        kind = next(each for each in CONFLICTS if each.name == name)
-        value, limit = getattr(self.record, kind.column), getattr(thresholds, kind.threshold)
-        if self.record.ending is Ending.CRASHED:
-            return True
-        return value is not None and bool(value > limit if kind.above else value < limit)
-
-
-@dataclass(frozen=True)
-class CrosswalkConflicts:
-    """What was found at one crosswalk.
-
-    ``not_measured`` has the number of passages by why they are not measured.
-    """
-
-    crosswalk: Crosswalk
-    walks: int
-    passages: tuple[ConflictPassage, ...]
-    not_measured: Mapping[str, int]
-
-    def row(self, thresholds: ConflictsSection) -> dict[str, Any]:
-        """The crosswalk as a row of the summary."""
-        met = [each for each in self.passages if each.record.pedestrians]
-        records = [each.record for each in met]
-        return {
-            "crosswalk": self.crosswalk.id,
-            "length_m": self.crosswalk.length_m,
-            "width_m": self.crosswalk.width_m,
-            "signalled": self.crosswalk.signalled,
-            "people": self.walks,
-            "passages": len(self.passages),
-            "with_people": len(met),
-            "contacts": sum(record.ending is Ending.CRASHED for record in records),
-            **{
-                f"conflicts_{kind.name}": sum(
-                    each.is_conflict(kind.name, thresholds) for each in met
-                )
-                for kind in CONFLICTS
-            },
-            "min_pet_s": _extreme(min, [record.pet_s for record in records]),
-            "min_ttc_s": _extreme(min, [record.min_ttc_s for record in records]),
-            "max_drac_mps2": _extreme(max, [record.max_drac_mps2 for record in records]),
-            **{reason: self.not_measured.get(reason, 0) for reason in REASONS},
-        }
-
-
-REASONS = {
-    "turning": "the way is not straight from 10 m before the crosswalk until the rear has left it",
-    "oblique": "the way meets the crosswalk at more than 20° from a right angle",
-}
-"""Why a passage is counted and not measured."""
-
-
-@dataclass(frozen=True)
-class ConflictFindings:
-    """The conflicts of a recording.
-
-    ``undefined_types`` has the number of passages by type without a definition; they are measured
-    as passenger cars.  ``by_places`` says that the recorded speeds do not explain the recorded
-    places, so that vehicles move between their places at constant speed.  ``unusable`` has the
-    crosswalks at which nothing can be measured, and why.
-    """
-
-    files: tuple[Path, ...]
-    net: Path
-    step_s: float
-    motion: StepMotion
-    by_places: bool
-    rounding_m: float
-    geo: bool
-    crosswalks: tuple[CrosswalkConflicts, ...]
-    undefined_types: Mapping[str, int]
-    unusable: Mapping[str, str]
-    vehicle_records: int
-    person_records: int
-    thresholds: ConflictsSection = field(default_factory=ConflictsSection)
-
-    @property
-    def passages(self) -> list[ConflictPassage]:
-        """The passages of all crosswalks."""
-        return [each for crosswalk in self.crosswalks for each in crosswalk.passages]
-
-
-def _extreme(best: Callable[..., float], values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return best(known) if known else None
 
 
 def find_conflicts(
@@ -214,9 +85,7 @@ def find_conflicts(
         counts = Counter[str]()
         for (_, reason), count in left_out.items():
             counts[reason] += count
-        others = ", ".join(f"{count:,} {reason}" for reason, count in counts.items())
-        problem = f"0 passages straight over it ({others})"
-        raise InputError(_crosswalks(crosswalks), problem, "one that vehicles pass straight")
+        raise _nothing_straight(crosswalks, counts)
     progress(len(cuts), len(cuts), "passages")
     return ConflictFindings(
         files=tuple(files),
@@ -227,16 +96,7 @@ def find_conflicts(
         rounding_m=rounding_m,
         geo=geo,
         crosswalks=tuple(
-            CrosswalkConflicts(
-                each,
-                len(walks[each.id]),
-                tuple(passage for passage in measured if passage.crosswalk == each.id),
-                {
-                    reason: count
-                    for (crosswalk, reason), count in left_out.items()
-                    if crosswalk == each.id
-                },
-            )
+            _at(each, len(walks[each.id]), measured, left_out)
             for each in crosswalks
             if each.refused is None
         ),
@@ -245,6 +105,28 @@ def find_conflicts(
         vehicle_records=recorded.vehicle_records,
         person_records=recorded.person_records,
     )
+
+
+def _at(
+    crosswalk: Crosswalk,
+    walks: int,
+    passages: Sequence[ConflictPassage],
+    left_out: Mapping[tuple[str, str], int],
+) -> CrosswalkConflicts:
+    """What was found at one crosswalk."""
+    return CrosswalkConflicts(
+        crosswalk,
+        walks,
+        tuple(each for each in passages if each.crosswalk == crosswalk.id),
+        {reason: count for (edge, reason), count in left_out.items() if edge == crosswalk.id},
+    )
+
+
+def _nothing_straight(crosswalks: Sequence[Crosswalk], counts: Mapping[str, int]) -> InputError:
+    """The error for a recording in which every vehicle turns."""
+    others = ", ".join(f"{count:,} {reason}" for reason, count in counts.items())
+    problem = f"0 passages straight over it ({others})"
+    return InputError(_crosswalks(crosswalks), problem, "one that vehicles pass straight")
 
 
 def _names(files: Sequence[Path]) -> str:

@@ -11,7 +11,7 @@ from harness.core.errors import InputError, unknown_name
 from harness.core.files import cannot_write, write_csv, write_file
 from harness.core.versions import versions_of_runs
 from harness.measures.catalogue import COLUMNS, MEASURES
-from harness.studies.conflicts.finding import ConflictFindings
+from harness.studies.conflicts.records import ConflictFindings
 from harness.studies.runs.worst import RANKED, badness, least
 
 PASSAGES, CROSSWALKS, DOCUMENT = "passages.parquet", "crosswalks.csv", "conflicts.json"
