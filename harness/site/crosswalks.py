@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from harness.core.encounter import Crossing
 from harness.core.errors import InputError
 from harness.site.locate import MAX_OBLIQUE_DEG, ends_of, links_onto
-from harness.site.road_network import RoadNetwork
+from harness.site.road_network import RoadNetwork, line_of
 from harness.site.site import RoadFrame
 from harness.site.ways import Path, extended, paths_over, straight
 
@@ -48,6 +48,7 @@ class WayOver:
             from the kerb that traffic keeps to, as in ``harness.site.site``.
         crossing: the crosswalk's constants for a vehicle on this way.
         angle_deg: between way and crosswalk, 0 to 90.
+        turn_deg: between the lane before the junction and the one beyond it, 0 to 180.
         straight_before_m: how far before the centre line the way is straight within 1°.
         straight_after_m: the same beyond it.
         signalled: whether a traffic light rules the vehicles or the people there.
@@ -61,6 +62,7 @@ class WayOver:
     frame: RoadFrame
     crossing: Crossing
     angle_deg: float
+    turn_deg: float
     straight_before_m: float
     straight_after_m: float
     signalled: bool
@@ -191,6 +193,8 @@ def _way(
     to_left = ((ends[1] - path.meeting) / road.direction).imag > 0
     near, far = (ends[1], ends[0]) if to_left == network.left_hand else ends
     across = (far - near) / abs(far - near)
+    coming, onward = line_of(approach), line_of(beyond)
+    turn = (onward[1] - onward[0]) * (coming[-1] - coming[-2]).conjugate()
     links = [link for link in approach.getOutgoing() if link.getToLane() is beyond]
     return WayOver(
         crosswalk=crossing.getID(),
@@ -212,6 +216,9 @@ def _way(
             speed_limit_mps=approach.getSpeed(),
         ),
         angle_deg=angle,
+        turn_deg=abs(
+            math.degrees(cmath.phase((onward[1] - onward[0]) / (coming[-1] - coming[-2])))
+        ),
         straight_before_m=road.before_m,
         straight_after_m=road.after_m,
         signalled=signalled or any(link.getTLSID() for link in links),

@@ -27,6 +27,7 @@ from harness.measures import measure
 from harness.site import Crosswalk, RoadNetwork, crosswalks_of, read_network
 from harness.studies.conflicts.places import in_network
 from harness.studies.conflicts.records import (
+    TURN_DEG,
     ConflictFindings,
     ConflictPassage,
     CrosswalkConflicts,
@@ -231,9 +232,9 @@ def _begin_s(cut: Cut, trace: Trace) -> float:
 
 
 def _why_not(cut: Cut, kind: VehicleType) -> str | None:
-    if cut.way.oblique and cut.way.is_straight(kind.length_m):
-        return "oblique"
-    return None if cut.way.is_straight(kind.length_m) else "turning"
+    if cut.way.is_straight(kind.length_m):
+        return "oblique" if cut.way.oblique else None
+    return "turning" if cut.way.turn_deg >= TURN_DEG else "bending"
 
 
 def _vehicle(cut: Cut, kind: VehicleType) -> Vehicle:

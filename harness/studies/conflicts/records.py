@@ -100,8 +100,13 @@ class CrosswalkConflicts:
         }
 
 
+TURN_DEG = 20.0
+"""A way that turns by less at a junction leads straight on."""
+
 REASONS = {
-    "turning": "the way is not straight from 10 m before the crosswalk until the rear has left it",
+    "turning": f"the way turns by {TURN_DEG:g}° or more at the junction",
+    "bending": "the way leads straight on, but is not straight within 1° from 10 m before the "
+    "crosswalk until the rear has left it",
     "oblique": "the way meets the crosswalk at more than 20° from a right angle",
 }
 """Why a passage is counted and not measured."""
