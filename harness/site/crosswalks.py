@@ -216,9 +216,7 @@ def _way(
             speed_limit_mps=approach.getSpeed(),
         ),
         angle_deg=angle,
-        turn_deg=abs(
-            math.degrees(cmath.phase((onward[1] - onward[0]) / (coming[-1] - coming[-2])))
-        ),
+        turn_deg=abs(math.degrees(cmath.phase(turn))),
         straight_before_m=road.before_m,
         straight_after_m=road.after_m,
         signalled=signalled or any(link.getTLSID() for link in links),
