@@ -1,4 +1,4 @@
-"""``harness crossings``: lists the crosswalks of a network or map, and writes a scenario."""
+"""``harness crossings``: lists crosswalks, and writes a scenario."""
 
 import gc
 from dataclasses import asdict
@@ -10,6 +10,7 @@ import typer
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption
 from harness.cli.output import print_json, print_line, say
+from harness.cli.written import seen_from, write_new
 from harness.core.errors import InputError, nearest_name, one_line
 
 if TYPE_CHECKING:
@@ -33,20 +34,29 @@ def crossings(
     file: Annotated[
         Path,
         typer.Argument(
-            help="A SUMO network (.net.xml), or an OpenStreetMap extract (.osm, .osm.gz), "
-            "which the command converts first."
+            help="A SUMO configuration (.sumocfg), a SUMO network (.net.xml), or an OpenStreetMap "
+            "extract (.osm, .osm.gz), which the command converts first."
         ),
     ],
     write: Annotated[
         Path | None,
-        typer.Option(help="Write a scenario file for one crossing.", metavar="SCENARIO.toml"),
+        typer.Option(
+            help="Write a scenario file for the crossings of --edge.", metavar="SCENARIO.toml"
+        ),
     ] = None,
-    edge: Annotated[str | None, typer.Option(help="Edge of the crossing for --write.")] = None,
+    edge: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Edge of the crossing for --write. Repeatable for a configuration.",
+            metavar="CROSSING",
+        ),
+    ] = None,
     ignore_signal: Annotated[
         bool,
         typer.Option(
             "--ignore-signal",
-            help="Accept crossings with a traffic light; it stays green for everybody.",
+            help="Accept crossings of a network or map with a traffic light; it stays green for "
+            "everybody.",
         ),
     ] = False,
     out: Annotated[
@@ -55,15 +65,48 @@ def crossings(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the crosswalks of a network or a map, usable ones first."""
+    """List the crosswalks of a SUMO scenario, a network or a map, usable ones first.
+
+    Of a configuration (.sumocfg) the command simulates the scenario once, untouched, and counts
+    vehicles and people per hour at every crosswalk. With --write it simulates nothing, and the
+    file has [simulation]: strategies drive in your own scenario, at the crosswalks of --edge.
+
+    Of a network or a map the file has [crossing]: vehicles of the harness come to one crosswalk.
+    """
+    from harness.episode.simulation.listing import is_configuration
+
+    if (write is None) != (not edge):
+        option, missing = ("--write", "--edge") if not edge else ("--edge", "--write")
+        raise InputError(option, f"needs {missing}", f"both, or neither to list {file}")
+    if not is_configuration(file):
+        _of_network(file, write, edge or [], out, ignore_signal=ignore_signal, as_json=as_json)
+        return
+    from harness.cli.own_crossings import of_configuration
+
+    for option, given in (("--out", out is not None), ("--ignore-signal", ignore_signal)):
+        if given:
+            raise InputError(option, "is of networks and maps", f"{file} without it")
+    of_configuration(file, write, edge or [], as_json=as_json)
+
+
+def _of_network(
+    file: Path,
+    write: Path | None,
+    edges: list[str],
+    out: Path | None,
+    *,
+    ignore_signal: bool,
+    as_json: bool,
+) -> None:
+    """List the crossings of a network or a map, or write a scenario for one of them."""
     from harness.engine.network.crossings import list_crossings, scenario_text
     from harness.engine.network.osm import convert, is_osm
     from harness.report.screens.tables import counted
     from harness.site import read_network
 
-    if (write is None) != (edge is None):
-        option, missing = ("--write", "--edge") if edge is None else ("--edge", "--write")
-        raise InputError(option, f"needs {missing}", f"both, or neither to list {file}")
+    if len(edges) > 1:
+        problem = f"is given {len(edges)} times"
+        raise InputError("--edge", problem, "one crossing of a network; several of a .sumocfg")
     net, remarks = file, tuple[str, ...]()
     if is_osm(file):
         with unwinding():
@@ -78,15 +121,8 @@ def crossings(
     if not rows:
         remarks += (_NONE_IN_MAP if is_osm(file) else _NONE_IN_NETWORK,)
     if write is not None:
-        listed = {row.edge: row for row in rows}
-        row = listed.get(edge or "")
-        if row is None:
-            near = nearest_name(edge or "", listed)
-            some = ", ".join([*listed][:_SHOWN]) + ", …" * (len(rows) > _SHOWN)
-            raise InputError("--edge", f"no crossing {edge!r}", some or "there are none", near)
-        if row.problem is not None:
-            raise InputError(f"--edge {edge}", row.problem)
-        _write_new(write, scenario_text(_seen_from(net, write.parent), row))
+        row = _chosen(rows, edges[0])
+        write_new(write, scenario_text(seen_from(net, write.parent), row))
     for remark in remarks:
         say(f"note: {remark}")
     if as_json:
@@ -99,6 +135,19 @@ def crossings(
         print_line(f"{net}: {counted(len(rows), 'crossing')}, {usable} usable")
         for row in rows:
             print_line(_line(row))
+
+
+def _chosen(rows: list["CrossingRow"], edge: str) -> "CrossingRow":
+    """The usable crossing with this edge."""
+    listed = {row.edge: row for row in rows}
+    row = listed.get(edge)
+    if row is None:
+        some = ", ".join([*listed][:_SHOWN]) + ", …" * (len(rows) > _SHOWN)
+        near = nearest_name(edge, listed)
+        raise InputError("--edge", f"no crossing {edge!r}", some or "there are none", near)
+    if row.problem is not None:
+        raise InputError(f"--edge {edge}", row.problem)
+    return row
 
 
 def _line(row: "CrossingRow") -> str:
@@ -118,20 +167,3 @@ def _line(row: "CrossingRow") -> str:
         ]
     parts.append("usable" if row.problem is None else f"not usable: {row.problem}")
     return one_line("; ".join(parts))
-
-
-def _seen_from(net: Path, folder: Path) -> Path:
-    """Return a network's path, relative to the folder of the scenario file if it lies inside."""
-    whole = net.absolute()
-    here = folder.absolute()
-    return whole.relative_to(here) if whole.is_relative_to(here) else whole
-
-
-def _write_new(path: Path, text: str) -> None:
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise InputError("--write", f"{path} exists", "a new file") from None
-    except OSError as error:
-        raise InputError("--write", f"{path} cannot be written ({error.strerror})") from None

@@ -107,6 +107,25 @@ class Crosswalk:
     ways: tuple[WayOver, ...]
     refused: str | None = None
 
+    @property
+    def problem(self) -> str | None:
+        """Why no strategy can drive over it, or None."""
+        if self.signalled:
+            return "a traffic light controls it"
+        if self.refused is not None:
+            return self.refused
+        if not (ways := self.straight_ways):
+            return "no lane leads straight over it"
+        if all(way.oblique for way in ways):
+            angle_deg = max(way.angle_deg for way in ways)
+            return f"vehicles meet it at {angle_deg:.0f}°, not within {MAX_OBLIQUE_DEG:.0f}° of 90°"
+        return None
+
+    @property
+    def straight_ways(self) -> tuple[WayOver, ...]:
+        """The ways that lead straight on over it."""
+        return tuple(way for way in self.ways if way.is_straight(0.0))
+
 
 def crosswalks_of(network: RoadNetwork) -> tuple[Crosswalk, ...]:
     """Every crosswalk of a network, in the file's order.

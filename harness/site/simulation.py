@@ -97,13 +97,9 @@ def _check(crossing: str, known: Mapping[str, Crosswalk], where: str) -> None:
         allowed = f"one of the network's {len(known)} crossings"
         problem = f"no crossing {crossing!r}"
         raise InputError(where, problem, allowed, nearest_name(crossing, known))
-    if crosswalk.signalled:
-        problem = f"{crossing}: a traffic light controls it"
-        raise InputError(where, problem, "an unsignalized crosswalk")
-    if crosswalk.refused is not None:
-        raise InputError(where, f"{crossing}: {crosswalk.refused}")
-    if not any(way.is_straight(0.0) for way in crosswalk.ways):
-        raise InputError(where, f"{crossing}: no lane leads straight over it", "another crosswalk")
+    if crosswalk.problem is not None:
+        allowed = "a crosswalk that `harness crossings` lists as usable"
+        raise InputError(where, f"{crossing}: {crosswalk.problem}", allowed)
 
 
 def _grouped(

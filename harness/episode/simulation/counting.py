@@ -20,7 +20,7 @@ class CrosswalkCount:
     """What passed a crosswalk.
 
     ``vehicles`` and ``people`` are per hour; ``straight`` is the number of vehicles per hour that
-    went straight on.
+    went straight on.  Whoever passes twice counts twice as a vehicle and once as a person.
     """
 
     vehicles: float
@@ -49,6 +49,9 @@ def count(
         "vehroute-output": str(folder / ROUTES_FILE),
         "vehroute-output.exit-times": "true",
         "vehroute-output.write-unfinished": "true",
+        # Her own options of this output must not leave out a route or a part of it.
+        "vehroute-output.last-route": "false",
+        "vehroute-output.skip-ptlines": "false",
     }
     path = write_config(config, Kept(folder, frozenset()), config.seed, None, more=options)
     simulation = OwnSimulation(path, config.end_s)
@@ -70,7 +73,7 @@ def count(
     counts = {}
     for crosswalk in crosswalks:
         ways = {(way.from_edge, way.to_edge) for way in crosswalk.ways}
-        straight = {(way.from_edge, way.to_edge) for way in crosswalk.ways if way.is_straight(0.0)}
+        straight = {(way.from_edge, way.to_edge) for way in crosswalk.straight_ways}
         counts[crosswalk.id] = CrosswalkCount(
             sum(moves[way] for way in ways) / hours,
             sum(moves[way] for way in straight) / hours,
@@ -89,9 +92,10 @@ def _moves(file: Path) -> Iterator[tuple[str, str]]:
             if routes:
                 edges = routes[-1].get("edges", "").split()
                 times = routes[-1].get("exitTimes", "").split()
-                left = sum(float(each) >= 0 for each in times) if times else len(edges)
-                for number in range(min(left, len(edges) - 1)):
-                    yield edges[number], edges[number + 1]
+                # An edge that was not left has -1; SUMO writes no times where none was left.
+                for number, time_s in enumerate(times[: len(edges) - 1]):
+                    if float(time_s) >= 0.0:
+                        yield edges[number], edges[number + 1]
             element.clear()
     except (ET.ParseError, OSError) as error:
         raise EngineError(f"SUMO's routes cannot be read: {error}") from None

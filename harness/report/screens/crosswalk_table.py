@@ -1,0 +1,54 @@
+"""The crosswalks of a user's own scenario, with who passes them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from harness.core.errors import one_line
+from harness.episode.simulation.listing import CrosswalkRow
+from harness.report.screens.console import make_console, print_table
+from harness.report.screens.tables import DASH, Table, TableCell, counted, number
+
+
+def print_crosswalks(config: Path, rows: Sequence[CrosswalkRow]) -> None:
+    """Print one row per crosswalk."""
+    usable = sum(row.usable for row in rows)
+    caption = f"{config}: {counted(len(rows), 'crosswalk')}, {usable} usable"
+    console = make_console()
+    if rows:
+        print_table(console, crosswalk_table(caption, rows))
+    else:
+        console.print(caption)
+
+
+def crosswalk_table(caption: str, rows: Sequence[CrosswalkRow]) -> Table:
+    """The crosswalks as a table; the reason stands where one cannot be chosen."""
+    headings = (
+        "crosswalk",
+        "vehicles per hour",
+        "straight on",
+        "people per hour",
+        "length, m",
+        "limit, m/s",
+        "straight for, m",
+        "roads",
+        "",
+    )
+    return Table("crosswalks", caption, headings, tuple(map(_cells, rows)))
+
+
+def _cells(row: CrosswalkRow) -> tuple[TableCell, ...]:
+    roads = one_line(" / ".join(row.streets))
+    values = (
+        (row.vehicles_per_hour, 0),
+        (row.straight_per_hour, 0),
+        (row.people_per_hour, 0),
+        (row.length_m, 1),
+        (row.speed_limit_mps, 1),
+        (row.straight_m, 0),
+    )
+    return (
+        TableCell(one_line(row.edge)),
+        *(TableCell(DASH if value is None else number(value, digits)) for value, digits in values),
+        TableCell(roads),
+        TableCell("usable" if row.problem is None else f"not usable: {one_line(row.problem)}"),
+    )

@@ -1,0 +1,169 @@
+"""``harness crossings`` of a SUMO configuration: its counts, its table, and the file it writes."""
+
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from harness.scenario import load_scenario
+from tests.batches import here
+
+ROUTES = {
+    # Straight on over the crosswalks of the west and the east arm of junction B1.
+    **{f"straight{number}": "A1B1 B1C1" for number in range(4)},
+    "back": "C1B1 B1A1",
+    # Over the west arm's crosswalk, then to the left or to the right.
+    "left": "A1B1 B1B2",
+    "right": "A1B1 B1B0",
+    # It leaves B1 before the counted crosswalks: it departs beyond them.
+    "beyond": "B1C1 C1C2",
+}
+WALKS = {"up0": "B0B1 B1B2", "up1": "B0B1 B1B2", "down": "B2B1 B1B0", "stays": "B0B1"}
+"""Whoever goes up walks on the east side and crosses the east arm."""
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A grid of 3 × 3 junctions for half an hour, with a step of 1 s."""
+    folder = tmp_path_factory.mktemp("grid")
+    net = folder / "grid.net.xml"
+    words = "netgenerate --grid --grid.number 3 --grid.length 120 --sidewalks.guess"
+    command = [*words.split(), "--crossings.guess", "--default.sidewalk-width", "2", "-o", net]
+    subprocess.run(list(map(str, command)), check=True, capture_output=True)
+    vehicles = "".join(
+        f'<vehicle id="{name}" depart="{20 * number}"><route edges="{edges}"/></vehicle>'
+        for number, (name, edges) in enumerate(ROUTES.items())
+    )
+    # It stops before the crosswalk until after the end.
+    vehicles += (
+        '<vehicle id="stops" depart="400"><route edges="A1B1 B1C1"/>'
+        '<stop edge="A1B1" endPos="50" duration="9999"/></vehicle>'
+    )
+    people = "".join(
+        f'<person id="{name}" depart="500"><walk edges="{edges}"/></person>'
+        for name, edges in WALKS.items()
+    )
+    (folder / "town.rou.xml").write_text(f"<routes>{vehicles}{people}</routes>")
+    (folder / "town.sumocfg").write_text(
+        '<configuration><input><net-file value="grid.net.xml"/><route-files value="town.rou.xml"/>'
+        '</input><time><end value="1800"/></time></configuration>'
+    )
+    return folder / "town.sumocfg"
+
+
+def listed(config: Path) -> dict[str, dict[str, object]]:
+    done = here("crossings", config, "--json")
+    assert done.returncode == 0, done.stderr
+    return {row["edge"]: row for row in json.loads(done.stdout)["crossings"]}
+
+
+def arm(rows: dict[str, dict[str, object]], road: str) -> dict[str, object]:
+    """The crosswalk over a road at junction B1."""
+    (row,) = (row for row in rows.values() if road in str(row["streets"]) and ":B1" in row["edge"])  # type: ignore[operator]
+    return row
+
+
+def test_counts_by_hand(scenario: Path) -> None:
+    before = {path: path.read_bytes() for path in scenario.parent.iterdir()}
+    rows = listed(scenario)
+    # In half an hour a vehicle or a person is 2 per hour.  East: four straight on and one back,
+    # straight too; nobody turns into the arm.  West: these and two who turn.
+    east, west = arm(rows, "B1C1"), arm(rows, "A1B1")
+    names = ("vehicles_per_hour", "straight_per_hour", "people_per_hour")
+    assert [east[name] for name in names] == pytest.approx([10, 10, 4], rel=1e-3)
+    assert [west[name] for name in names] == pytest.approx([14, 10, 2], rel=1e-3)
+    assert [arm(rows, "B1B2")["vehicles_per_hour"], arm(rows, "B1B0")["vehicles_per_hour"]] == (
+        pytest.approx([2, 2], rel=1e-3)
+    )
+    assert {path: path.read_bytes() for path in scenario.parent.iterdir()} == before
+    usable = [bool(row["usable"]) for row in rows.values()]
+    assert usable == sorted(usable, reverse=True)
+
+
+def test_the_table(scenario: Path) -> None:
+    done = here("crossings", scenario)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"town\.sumocfg: \d+ crosswalks, \d+ usable", done.stdout)
+    (line,) = (line for line in done.stdout.splitlines() if line.strip().startswith(":B1_c1"))
+    assert line.rstrip().endswith("usable")
+
+
+def test_a_written_file_is_a_scenario(scenario: Path, tmp_path: Path) -> None:
+    out = tmp_path / "town.toml"
+    edges = ("--edge", ":B1_c1", "--edge", ":B1_c3")
+    done = here("crossings", scenario, "--write", out, *edges)
+    assert (done.returncode, done.stdout.strip()) == (0, str(out)), done.stderr
+    written = load_scenario(out)
+    simulation = written.known_simulation
+    # The configuration's step is SUMO's 1 s.
+    assert (simulation.crossings, simulation.step_s) == ((":B1_c1", ":B1_c3"), 0.1)
+    assert written.arms.human == "sumo_driver"
+    # 13.89² / 4 = 48.2, on the next 5 m.
+    assert written.ego.trigger_range_m == 50.0
+    again = here("crossings", scenario, "--write", out, *edges)
+    assert again.returncode == 2
+    assert "exists" in again.stderr
+
+
+def test_a_fine_step_stays(scenario: Path, tmp_path: Path) -> None:
+    config = scenario.parent / "fine.sumocfg"
+    text = scenario.read_text().replace("<time>", '<time><step-length value="0.2"/>')
+    config.write_text(text)
+    out = tmp_path / "town.toml"
+    done = here("crossings", config, "--write", out, "--edge", ":B1_c1")
+    assert done.returncode == 0, done.stderr
+    assert load_scenario(out).known_simulation.step_s is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("--write {new} --edge :B1_c9", "no crossing ':B1_c9'"),
+        ("--write {new}", "--write: needs --edge"),
+        ("--edge :B1_c1", "--edge: needs --write"),
+        ("--out {new}", "--out: is of networks and maps"),
+        ("--ignore-signal", "--ignore-signal: is of networks and maps"),
+        ("--write {new}/deeper.toml --edge :B1_c1", "cannot be written"),
+    ],
+)
+def test_refusals(scenario: Path, tmp_path: Path, arguments: str, words: str) -> None:
+    new = tmp_path / "new.toml"
+    done = here("crossings", scenario, *arguments.format(new=new).split())
+    assert (done.returncode, done.stdout) == (2, ""), done.stderr
+    assert words in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not new.exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("grid.net.xml", "none.net.xml", "none.net.xml"),
+        ("town.rou.xml", "none.rou.xml", "none.rou.xml"),
+        ("<time>", "<unheard-of value='1'/><time>", "unheard-of"),
+    ],
+)
+def test_damaged_configurations(scenario: Path, old: str, new: str, words: str) -> None:
+    config = scenario.parent / "damaged.sumocfg"
+    config.write_text(scenario.read_text().replace(old, new))
+    done = here("crossings", config)
+    config.unlink()
+    assert (done.returncode, done.stdout) == (2, "")
+    assert words in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_light_is_the_reason(scenario: Path) -> None:
+    folder = scenario.parent
+    command = ["netconvert", "-s", folder / "grid.net.xml", "--tls.set", "B1"]
+    net = folder / "lights.net.xml"
+    subprocess.run([*map(str, command), "-o", str(net)], check=True, capture_output=True)
+    config = folder / "lights.sumocfg"
+    config.write_text(scenario.read_text().replace("grid.net.xml", "lights.net.xml"))
+    rows = listed(config)
+    assert rows[":B1_c1"]["problem"] == "a traffic light controls it"
+    done = here("crossings", config, "--write", folder / "no.toml", "--edge", ":B1_c1")
+    assert (done.returncode, "a traffic light controls it" in done.stderr) == (2, True)
+    assert not (folder / "no.toml").exists()
