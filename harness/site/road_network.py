@@ -52,7 +52,7 @@ class RoadNetwork:
 
     @cached_property
     def _projection(self) -> tuple[Any, float, float] | None:
-        """The network's projection, and the offset of its coordinates; None without one."""
+        """The projection, and the offset of the network's coordinates; None if there is none."""
         # If sumolib's own conversion fails, it changes PROJ's data folder for the whole process.
         import pyproj
 

@@ -43,7 +43,7 @@ def comparison_screen(result: RunComparison) -> Screen:
     headings = ["cell", "AV", "ratio of times", "worst case", "crashes", "front", *better]
     return Screen(
         title=f"{result.name}: {counted(cells, 'cell')} compared pair by pair",
-        scope=f"told apart if p (Holm) < {1 - result.confidence:.2g}",
+        scope=f"significant if p (Holm) < {1 - result.confidence:.2g}",
         headings=(*([shared] if several else []), *headings),
         rows=tuple(row if several else row[1:] for row in rows),
         conclusions=tuple(_sentences(result, hidden)),

@@ -184,7 +184,7 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
     first = f", the first {some:,} here" if some < total else ""
     arms = f"{_one(avs, 'AV')} / {_one(references, 'reference')}"
     return Screen(
-        title=f"{run.name}: {total:,} cells{first}; two numbers: {arms}",
+        title=f"{run.name}: {total:,} cells{first}; values: {arms}",
         scope=scope,
         headings=tuple(headings),
         rows=tuple(zip(*columns, strict=True)),

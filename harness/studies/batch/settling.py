@@ -99,7 +99,7 @@ def _warm_up_s(run: RunData, cell: Cell) -> float:
 
 
 def _cell(cell: Cell, settings: Mapping[str, float]) -> Cell:
-    """Return a cell whose scenario, and whose varied keys if among them, have these values."""
+    """Return the cell with new values of some keys, in its scenario and in its varied keys."""
     varied = {key: settings.get(key, value) for key, value in cell.varied.items()}
     return Cell(cell.number, varied, _with(cell.scenario, settings))
 

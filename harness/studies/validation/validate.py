@@ -172,7 +172,8 @@ def _notes(
     left_out = {reason: count for reason, count in passages.left_out.items() if count}
     if left_out:
         reasons = ", ".join(f"{reason} {count:,}" for reason, count in left_out.items())
-        yield Note(Rank.LEFT_OUT, f"{sum(left_out.values()):,} ways are excluded: {reasons}.")
+        total = sum(left_out.values())
+        yield Note(Rank.LEFT_OUT, f"Excluded ways of vehicles: {total:,} ({reasons}).")
     if remarks:
         yield Note(Rank.LEFT_OUT, "; ".join(remarks) + ".")
     for driver in drivers:
