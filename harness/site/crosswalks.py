@@ -130,20 +130,9 @@ class Crosswalk:
 def crosswalks_of(network: RoadNetwork) -> tuple[Crosswalk, ...]:
     """Every crosswalk of a network, in the file's order.
 
-    Args:
-        network: as read.
-
-    Raises:
-        InputError: the network is damaged at a crossing.
+    A crosswalk at which the network is damaged is ``refused`` and does not refuse the others.
     """
-    crosswalks = []
-    for edge in network.crossings.values():
-        try:
-            crosswalks.append(_crosswalk(network, edge))
-        except (LookupError, ValueError, ZeroDivisionError) as error:
-            problem = f"the network is damaged there ({error})"
-            raise InputError(edge.getID(), problem) from None
-    return tuple(crosswalks)
+    return tuple(_crosswalk(network, edge) for edge in network.crossings.values())
 
 
 def _crosswalk(network: RoadNetwork, crossing: "Edge") -> Crosswalk:
@@ -157,14 +146,13 @@ def _crosswalk(network: RoadNetwork, crossing: "Edge") -> Crosswalk:
     length_m, refused = lane.getLength(), None
     try:
         ends = ends_of(crossing)
+        length_m = abs(ends[1] - ends[0])
+        paths = list(_paths(network, crossing, ends))
+        ways = tuple([_way(network, crossing, ends, path, signalled=signalled) for path in paths])
     except InputError as error:
         refused = error.problem
-    else:
-        length_m = abs(ends[1] - ends[0])
-        ways = tuple(
-            _way(network, crossing, ends, path, signalled=signalled)
-            for path in _paths(network, crossing, ends)
-        )
+    except (LookupError, ValueError, ZeroDivisionError, StopIteration) as error:
+        refused = f"the network is damaged there ({error})"
     return Crosswalk(
         id=crossing.getID(),
         length_m=length_m,

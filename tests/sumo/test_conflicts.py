@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ET
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 import sumo as sumo_package
@@ -249,3 +250,46 @@ def test_the_command_names_what_it_wrote(town: Path, exact: ConflictFindings) ->
     table = pd.read_csv(out / "crosswalks.csv")
     assert table["passages"].sum() == len(exact.passages)
     assert len(pd.read_parquet(out / "passages.parquet")) == len(exact.passages)
+
+
+def test_pet_by_the_places_of_the_vehicles_alone(town: Path, exact: ConflictFindings) -> None:
+    """The vehicle's x and y every 2 ms, without lanes, lengths of lanes or the way's frame."""
+    fcd = pd.read_csv(town / "exact.csv", sep=";", dtype={"vehicle_id": str})
+    of_cars = fcd["vehicle_lane"].notna()
+    cars, people = (dict(list(fcd[of].groupby("vehicle_id"))) for of in (of_cars, ~of_cars))
+    off = []
+    for each in exact.passages:
+        record, trace = each.record, each.trace
+        if record.pet_s is None or record.pet_s > 3.0 or record.pass_time_s is None:
+            continue
+        time_s = np.arange(each.begin_s - 1, each.begin_s + record.end_s + 15, 0.002)
+        car = place(cars[each.vehicle], time_s)
+        at = int(np.argmin(abs(time_s - each.begin_s - record.pass_time_s + 1)))
+        heading = (car[at + 200] - car[at - 200]) / abs(car[at + 200] - car[at - 200])
+        driven = ((car - car[at]) * heading.conjugate()).real
+        pets = []
+        for walk in trace.walks:
+            assert walk.start_s is not None
+            assert walk.legs is not None
+            seen = (place(people[each.people[walk.arrival.index]], time_s) - car[at]) / heading
+            since_s = time_s - each.begin_s
+            on = (since_s >= walk.start_s) & (since_s <= walk.legs[-1].time_s)
+            zone = on & (abs(seen.imag) < 0.9 + 0.25)
+            if walk.start_s >= record.end_s or not zone.any():
+                continue
+            first, last = seen.real[zone].min() - 0.25, seen.real[zone].max() + 5.0 + 0.25
+            if driven.max() < last:
+                continue
+            enters, leaves = time_s[driven >= first][0], time_s[driven >= last][0]
+            before = enters - time_s[zone][-1]
+            pets.append(before if before >= 0 else max(0.0, time_s[zone][0] - leaves))
+        off += [abs(min(pets) - record.pet_s)] if pets else []
+    assert len(off) > 20
+    assert max(off) < 0.03
+
+
+def place(states: pd.DataFrame, time_s: np.ndarray) -> np.ndarray:
+    """East + i north at some times."""
+    known = states["timestep_time"].to_numpy()
+    east, north = (np.interp(time_s, known, states[f"vehicle_{of}"]) for of in "xy")
+    return np.asarray(east + 1j * north)

@@ -260,7 +260,9 @@ def _keep_batch(path: Path, table: "pa.Table", kept: _Kept) -> None:
         names = set(table.column_names)
         if f"{kind}_id" not in names:
             continue
-        there = table.filter(compute.is_valid(table[f"{kind}_id"]))
+        # A time without vehicles has a row without an id.
+        ids = compute.fill_null(table[f"{kind}_id"].cast(pa.string()), "")
+        there = table.filter(compute.not_equal(ids, ""))
         if not len(there):
             continue
         missing = {f"{kind}_{name}" for name in ("x", "y", "speed", "pos")} - names
