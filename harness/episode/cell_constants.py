@@ -10,8 +10,8 @@ from harness.scenario import Scenario
 class CellConstants:
     """The cell's constants.
 
-    ``kerb_wait_s`` is the least time to a vehicle's arrival at which pedestrians step off
-    (``deciding.keeps_waiting``); those with a critical gap use that instead.
+    Pedestrians step off if the next vehicle needs at least ``kerb_wait_s`` to arrive
+    (``deciding.keeps_waiting``).  For a pedestrian with a critical gap, the gap replaces it.
     """
 
     vehicle: Vehicle

@@ -49,9 +49,9 @@ Uniforms = Annotated[tuple[Annotated[float, Field(gt=0, lt=1)], ...], Field(stri
 class DrawnSection(Section):
     """``[[pedestrians.drawn]]``: the pedestrians of one pair; ``harness risk`` writes them.
 
-    The lists hold the uniform random numbers of the first pedestrians and the first ones that a
-    strategy draws.  They replace the first draws of the random streams; later draws come from the
-    streams of ``episode``.
+    The lists hold uniform random numbers: those of the first pedestrians, and the first numbers
+    that a strategy draws.  They replace the first draws of the random streams.  Later draws come
+    from the streams of ``episode``.
     """
 
     episode: Annotated[int, Field(ge=0)]
@@ -59,7 +59,7 @@ class DrawnSection(Section):
     arrival: Uniforms = ()
     """Uniforms of the times between arrivals."""
     side: Uniforms = ()
-    """Uniforms of the kerbs."""
+    """Uniforms that choose the kerb of each pedestrian."""
     quantile: Uniforms = ()
     """Uniforms of the walking speeds."""
     critical_gap: Uniforms = ()

@@ -304,7 +304,7 @@ class ExperimentSection(Section):
 
 
 class LimitsSection(Section):
-    """``[limits]``: ``harness compare`` calls a strategy below both limits allowed."""
+    """``[limits]``: in ``harness compare`` a strategy below both limits counts as allowed."""
 
     mu0: Positive | None = None
     """Limit of μ in ``harness compare``; it does not affect the simulation."""

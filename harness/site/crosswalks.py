@@ -43,7 +43,8 @@ class WayOver:
         approach: the lane before the junction, of the edge ``from_edge``.
         from_edge: the last edge before the junction.
         to_edge: the first edge beyond it.
-        lanes: the lanes that lead there straight on, those inside junctions too, in order.
+        lanes: the lanes that lead straight to the crosswalk, including those inside junctions, in
+            order of travel.
         frame: x along the way, 0 where it meets the crosswalk's centre line; y along the crosswalk
             from the kerb that traffic keeps to, as in ``harness.site.site``.
         crossing: the crosswalk's constants for a vehicle on this way.

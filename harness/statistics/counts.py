@@ -1,4 +1,4 @@
-"""Counts of pairs and episodes of a run of encounters, and what else says how it went."""
+"""Counts of pairs and episodes of a run of encounters, and its uses of fallback and model."""
 
 from harness.statistics.conflicts import NOBODY
 from harness.statistics.encounter_columns import (
@@ -105,8 +105,8 @@ COUNTS: tuple[Entry[EncounterColumns], ...] = (
     Entry(
         "fallback_share",
         "fallbacks among episodes that met someone",
-        "Share of those episodes of the AV that met someone in which its strategy fell back on "
-        "another one.",
+        "Among the episodes of the AV that met someone, the share in which its strategy fell back "
+        "on another one.",
         form=Form.SHARE,
         of_arm=lambda c, _: mean_of(c.pairs.av_fallback[c.pairs.met[0] > 0].astype(float)),
         keys=("fallback_share", "", ""),

@@ -35,8 +35,8 @@ class SoftYield:
     *No answer.*  It has no plan if the pedestrian stands, if a ≥ 0, if the root is of a negative
     number, if the speed would fall below zero within T1, or if a exceeds the vehicle's maximum
     deceleration.  Then Hard-Yield drives, which has no margin, and ``fallback`` is set.  At
-    R = 30 m and v = 5 m/s this is so for every t_x above 9.2246 s: without a margin for every v_p
-    below 0.97565 m/s, with a margin m for every v_p below 9 m / (9.2246 s − m).
+    R = 30 m and v = 5 m/s there is no plan if t_x exceeds 9.2246 s.  Without a margin this is so
+    for v_p below 0.97565 m/s, and with a margin m for v_p below 9 m / (9.2246 s − m).
 
     Args:
         p1: constant of the regression, m/s².

@@ -209,7 +209,8 @@ def test_a_grid_ends_with_its_best_allowed_cell(tmp_path: Path) -> None:
     assert (result.allowed, result.best_allowed) == ([4, 5], 5)
     text = " ".join(printed("compare", run, "--mu0", 1, "--kappa0", 0.05).split())
     said = text[text.index("Best allowed cell: 5 (") :]
-    assert "ratio of times 0.90 (0.90 … 0.90); no pair left out. It is the least of 2 cells" in said
+    assert "ratio of times 0.90 (0.90 … 0.90); no pair left out. It is the smallest" in said
+    assert "It is the smallest ratio of 2 cells allowed" in said
     # The other allowed cell's times are 0.95 in all pairs: told apart from 0.9.
     assert "Not shown to differ" not in said
     untold = replace(result.comparisons[-1], time_ratio_p_holm=0.2)
@@ -261,7 +262,7 @@ def test_json_and_csv(run: Path, tmp_path: Path) -> None:
 def test_tables(run: Path) -> None:
     text = printed("compare", run, "--full")
     words = ("pedestrians.flow_per_hour = 50", "undecided", "dominated", "0 / 10")
-    assert all(word in text for word in (*words, "family of all 6 of this comparison"))
+    assert all(word in text for word in (*words, "corrected for all 6 tests of this comparison"))
     assert max(len(line) for line in text.splitlines()) <= 120
 
 
@@ -274,7 +275,10 @@ def test_tables(run: Path) -> None:
             "together. Bounds of μ unreliable: too few informative pairs.",
         ),
         ((0.8, 0.05), "No value is allowed"),
-        ((1.0, 0.01), "At the present estimates about 477 pairs would show one of them allowed"),
+        (
+            (1.0, 0.01),
+            "At the present estimates about 477 pairs would show that one of them is allowed",
+        ),
     ],
 )
 def test_verdicts_in_words(tmp_path: Path, limits: tuple[float, float], said: str) -> None:

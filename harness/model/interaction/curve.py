@@ -51,7 +51,7 @@ class CurveReading:
     The distribution function is accurate to 1e-3.  Its inverse uses the same grid.
 
     It is undefined (NaN) if L ≤ 0, or if no walking speed in the box gives a T_adv in the box.  The
-    hole then covers the whole box, because L is too long or the vehicle too near.
+    latter happens if L is too long or the vehicle too near.
 
     Args:
         mixture: mixture of dimension 4 with finite bounds of v_p and of w = 1/T_adv.

@@ -15,7 +15,7 @@ REASONS: Mapping[Level, Mapping[str, str]] = {
         "not_a_number": "a needed cell has text instead of a number",
         "out_of_scale": "a needed number is larger than any such measurement (1e12)",
         "duplicated": "same object and same instant as an earlier record",
-        "bus_heading_other_way": "bus heading not above the limit of the sensor format",
+        "bus_heading_other_way": "bus in the other direction (heading outside the limits)",
     },
     "tracks": {
         "one_record": "an object seen only once",

@@ -85,7 +85,7 @@ class Picture:
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Give the figures that are made and saved inside the style's sizes and fonts."""
+    """Apply the style's sizes and fonts to all figures that are made and saved in this context."""
     with mpl.rc_context(_SETTINGS), without_glyph_warnings():
         yield
 

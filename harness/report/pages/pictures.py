@@ -40,8 +40,9 @@ def pictures_of(
 
     Args:
         run: with at least one finished pair.
-        model: of the first of ``model_cells``; None leaves out the figures of the model.
-        place: of the crosswalk of its first cell; None leaves out the figure of the site.
+        model: the interaction model of the first of ``model_cells``; with None the figures of the
+            model are left out.
+        place: the site of the run's first cell; with None the figure of the site is left out.
         shown: the pairs with traces; if there are none, the speed profiles are left out.
     """
     if run.varied_keys:

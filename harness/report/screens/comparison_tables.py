@@ -132,7 +132,7 @@ def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
         "A", "B", "pairs", *(entry_heading(entry, {}) for entry in entries), "times, p (Holm)",
         "crashed in A / B alone", "p (Holm)", "missed in A / B alone", "missed, p (Holm)",
     )  # fmt: skip
-    words = f"{caption}: differences, A − B (negative: A takes less time), over the pairs both have"
+    words = f"{caption}: differences A − B over the common pairs (negative: A takes less time)"
     headings = (*front, "crashed, p", "pairs in μ")
     shown = tuple(range(len(front)))
     return Table(name, words, headings, tuple(rows), sortable=True, terminal=shown)
@@ -198,8 +198,12 @@ def allowed_lines(result: SweepResult, error: float) -> list[str]:
     undecided = _values(result, Verdict.UNDECIDED)
     line = f"Too few pairs to tell: {sweep.parameter} = {undecided} undecided."
     if found.pairs_needed is None:
-        return [f"{line} The present estimates do not say how many would do."]
-    what = "one of them allowed" if found.expected is SweepVerdict.SOME else "that none is allowed"
+        return [f"{line} The present estimates do not show how many pairs would be enough."]
+    what = (
+        "that one of them is allowed"
+        if found.expected is SweepVerdict.SOME
+        else "that none is allowed"
+    )
     return [
         f"{line} At the present estimates about {found.pairs_needed:,} pairs would show {what}."
     ]
@@ -221,7 +225,7 @@ def best_lines(result: GroupResult) -> list[str]:
     text = (
         f"{where}: {cells[best].number} ({cells[best].label}), ratio of times "
         f"{with_limits(ENTRIES['time_ratio'], times)}{few}; {_left_out(findings)}. It is the "
-        f"least of {counted(len(result.allowed), 'cell')} allowed {sure}."
+        f"smallest ratio of {counted(len(result.allowed), 'cell')} allowed {sure}."
     )
     if alike:
         names = ", ".join(str(cells[at].number) for at in alike)
@@ -250,15 +254,15 @@ def comparison_lines(result: RunComparison) -> list[str]:
         for line in allowed_lines(sweep, group.level)
     ]
     notes += [
-        f"Intervals: {level(result.confidence)} each; of differences they leave out 0 only where "
-        "the sign-flip test of the pairs rejects. p: exact McNemar test of the crash rates; Holm: "
-        f"within the family of all {tests} of this comparison.",
+        f"Intervals: {level(result.confidence)} each. The interval of a difference excludes 0 only "
+        "if the sign-flip test of the pairs rejects. p: exact McNemar test of the crash rates. "
+        f"Holm: corrected for all {tests} tests of this comparison.",
         "Ratio of times: sum of the AV's times / sum of the reference's, over the pairs in which "
         "nobody failed and the AV did not crash. Missed: crashed, timed out or strategy failed; "
-        "these are in κ with time-outs.",
-        "Front: by ratio of times and κ with time-outs, told apart where p (Holm) of either is "
-        f"below {error}, within the family of all {2 * tests} tests of both, which an interval may "
-        "contradict; alike where no pair differs.",
+        "κ with time-outs counts all three.",
+        "Front: by ratio of times and κ with time-outs. Two cells differ if p (Holm) of either is "
+        f"below {error}, corrected for all {2 * tests} tests of both. A single interval may "
+        "contradict that. Two cells are alike if they differ in no pair.",
     ]
     few = any(
         finding.reliable is False
@@ -272,7 +276,10 @@ def comparison_lines(result: RunComparison) -> list[str]:
         notes.append("* unreliable: too few informative pairs.")
     repeats = sum(group.group.repeats for group in result.groups)
     if repeats:
-        notes.append(f"{repeats} cells repeat another's strategy and parameters; left out.")
+        notes.append(
+            f"{repeats} cells are left out: each repeats the strategy and parameters of another "
+            "cell."
+        )
     notes += [line for group in result.groups for line in best_lines(group)]
     return notes
 

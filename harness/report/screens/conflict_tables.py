@@ -25,13 +25,13 @@ MOST_WORST = 20
 _MOST_ROWS = 6
 _FROM_SPEEDS = ("max_deceleration_mps2", "max_jerk_mps3")
 _ON_STEP = {
-    "exact": "worked out between records: their distance changes it only as far as vehicles and "
-    "people did not move as joined",
-    "states": "an extreme over the records: shorter steps have more of them and can only make it "
-    "worse",
+    "exact": "computed between records: the step changes it only if vehicles or people move "
+    "differently between records than assumed",
+    "states": "an extreme over the records: a shorter step has more records, so the extreme can "
+    "only become worse",
     "steps": "counted in steps: whole multiples of a step",
 }
-_FROM_DIFFERENCES = "a difference of two speeds: decimals and the step decide its resolution"
+_FROM_DIFFERENCES = "a difference of two speeds: its resolution depends on decimals and step"
 
 
 def print_conflicts(findings: ConflictFindings, folder: Path, full: bool = False) -> None:
@@ -106,7 +106,8 @@ def notes_of(findings: ConflictFindings) -> list[Note]:
         names = ", ".join(name or "(none)" for name in list(findings.undefined_types)[:3])
         count = counted(sum(findings.undefined_types.values()), "passage")
         text = (
-            f"{count} of types without a definition ({names}) count as cars of 5 m: --types FILE."
+            f"{count} of vehicle types without a definition ({names}) are measured as those of "
+            "cars of 5 m; --types FILE defines the types."
         )
         notes.append(Note(Rank.OUTSIDE_MODEL, text))
     notes.append(Note(Rank.FEW_PAIRS, _joined(findings)))
@@ -116,11 +117,13 @@ def notes_of(findings: ConflictFindings) -> list[Note]:
 def _joined(findings: ConflictFindings) -> str:
     """How the records are joined, and what the step does to the measures."""
     how = {
-        "euler": "vehicles drive a step at its last speed (Euler), as their speeds explain",
-        "ballistic": "vehicles accelerate evenly in a step (ballistic), as their speeds explain",
+        "euler": "in each step vehicles drive at its final speed (Euler), which fits the records",
+        "ballistic": "in each step vehicles accelerate evenly (ballistic), which fits the records",
     }[findings.motion]
     if findings.by_places:
-        how = "vehicles move evenly between places, since their speeds do not explain these"
+        how = (
+            "vehicles move evenly between records, because their speeds do not fit their positions"
+        )
     return (
         f"Records are {findings.step_s:g} s apart: {how}; people walk straight. TTC, DRAC and time "
         "advantage are extremes over the records."
@@ -227,7 +230,7 @@ def _measures(findings: ConflictFindings, rows: Sequence[Mapping[str, Any]]) -> 
                 TableCell(on_step(measure)),
             )
         )
-    caption = f"Every measure, and what steps of {findings.step_s:g} s do to it"
+    caption = f"Every measure, and how it depends on the step ({findings.step_s:g} s)"
     headings = ("measure", "defined in", "median", "worst", "the step")
     return Table("measures", caption, headings, tuple(cells), folded=True, brief=True)
 

@@ -237,8 +237,9 @@ def _print_card(console: Console, model: InteractionModel) -> None:
     steepest = f" Largest gradient at a fit's end: {max(norms):.1g} per encounter." if norms else ""
     console.print(
         f"K = {card.components} ({card.chosen_by}); the paper's 10 % rule {words}. "
-        f"Gain: of BIC, as a share of the second component's. Held-out: mean log f(v_p | 1/R, v) "
-        f"and log f(v | 1/R, v_p, 1/T_adv) per encounter on vehicles not fitted on, nats ± "
+        f"Gain: gain in BIC, as a share of the gain by the second component. Held-out: mean log "
+        f"f(v_p | 1/R, v) and log f(v | 1/R, v_p, 1/T_adv) per encounter, on vehicles that the fit "
+        f"has not seen, nats ± "
         f"standard error over vehicles, {card.folds_of_vehicles} folds.{steepest}"
     )
     outside = dict(card.rows_outside_box)

@@ -21,8 +21,8 @@ from harness.studies.validation import ENTRIES, LEFT_OUT, DriverFindings, Valida
 READING = (
     "Drivers are ranked by the mean score of the pass time; without randomness it is the mean "
     "absolute error. Intervals are 95 % of a bootstrap over vehicles. Recorded pedestrians do not "
-    "react, so contacts count against every driver; the number in brackets is of those that only "
-    "this explains."
+    "react, so contacts count against every driver. The number in brackets counts the contacts "
+    "that happened only because of this."
 )
 _RANKED = [entry for entry in ENTRIES if entry.first_screen and not entry.key.startswith("cont")]
 _RECORDED = {"order_right": "100.0 %"}

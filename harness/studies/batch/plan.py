@@ -20,7 +20,7 @@ from harness.studies.workers.audit import Audit, audit_of
 
 @dataclass(frozen=True)
 class Plan:
-    """The plan of a run: its cells, the model of each by number, and the options.
+    """The plan of a run: its cells, the interaction model of each cell by number, and the options.
 
     ``origin`` is the manifest's record of versions, models and strategies (``origin_of``).
     """

@@ -127,7 +127,7 @@ def _pairs(run: Path, episodes: pa.Table) -> int:
     count = len(pairs) // 2
     whole = count > 0 and np.array_equal(pairs, np.repeat(np.arange(count), 2))
     if not whole or arms != [Arm.AV.value, Arm.HUMAN.value] * count:
-        raise InputError(str(run), "its episodes are not two arms of each pair", "a whole run")
+        raise InputError(str(run), "does not have both arms of every pair", "a whole run")
     return count
 
 

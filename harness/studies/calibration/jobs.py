@@ -71,7 +71,7 @@ class Shared:
 
 
 def fitting_pool(workers: int) -> LocalPool:
-    """New processes with one BLAS thread, because their number changes a fit's last digits."""
+    """New processes with one BLAS thread; the number of threads changes a fit's last digits."""
     return LocalPool(workers, imports=__name__, environment=_ONE_THREAD)
 
 

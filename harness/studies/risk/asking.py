@@ -93,7 +93,7 @@ class Settings:
 
 
 def question_of(settings: Settings) -> Question:
-    """Return the question for the workers.
+    """Check the settings and return the scenario and the event as the workers need them.
 
     Raises:
         InputError: a setting, the scenario, the strategy or the event is invalid.

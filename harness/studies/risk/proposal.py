@@ -108,8 +108,8 @@ class Proposal:
     ) -> tuple[FloatArray, Outcomes, NDArray[np.bool_]]:
         """Draw independent states and run them.
 
-        A placed pedestrian whose arrival would be before the trigger or after the window is left
-        out.  Such a state is not in the event, because no density contains it.
+        If a placed pedestrian would arrive before the trigger or after the window, they are left
+        out.  Such a state does not count as an event, because its density is 0.
 
         Args:
             count: number of states.

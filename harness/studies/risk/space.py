@@ -124,8 +124,8 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     window_s = min(_WINDOW_PASSES * free_pass_s, scenario.experiment.timeout_s)
     rate = pedestrians.flow_per_hour / SECONDS_PER_HOUR
     by_chance = (
-        *(["the looks at which perception loses a pedestrian"] if drops else []),
-        *(["the change of perception errors after the first look at a pedestrian"] if errs else []),
+        *(["the updates at which perception loses a pedestrian"] if drops else []),
+        *(["the change of perception errors after a pedestrian's first update"] if errs else []),
     )
     # The streams of pedestrians who walk at the trigger are numbered after those of all arrivals.
     entangled = (errs or drops) and pedestrians.warm_up_s > 0

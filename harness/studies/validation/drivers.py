@@ -105,7 +105,7 @@ def refit_without_folds(
     seed: int,
     progress: Callable[[int], None] = lambda _: None,
 ) -> FoldModels:
-    """Fit a model's number of components to the data again, without each fold of vehicles.
+    """Fit mixtures with a model's number of components again, each without one fold of vehicles.
 
     Rows, weights, box and folds are as ``harness extract`` and ``harness fit`` make them.
 

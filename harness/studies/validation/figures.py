@@ -176,7 +176,7 @@ ENTRIES: tuple[Entry[Drives], ...] = (
     Entry(
         "order_brier",
         "Brier score",
-        "Brier score of that order; without randomness 1 minus the share that is right.",
+        "Brier score of that order; without randomness, the share of wrong orders.",
         digits=3,
         paired=lambda drives: float(drives.brier.sum() / drives.people.sum()),
     ),
@@ -191,7 +191,7 @@ ENTRIES: tuple[Entry[Drives], ...] = (
     Entry(
         "contacts_explained",
         "explained",
-        "Passages with a contact that only a pedestrian who cannot react explains.",
+        "Passages whose contact happened only because recorded pedestrians cannot react.",
         Form.COUNT,
         paired=lambda drives: float(drives.explained.sum()),
         first_screen=True,
@@ -199,7 +199,7 @@ ENTRIES: tuple[Entry[Drives], ...] = (
     Entry(
         "timed_out",
         "timed out",
-        "Passages that did not end within 30 s after the recorded ones; they count with that time.",
+        "Passages more than 30 s longer than recorded; that limit counts as their pass time.",
         Form.COUNT,
         paired=lambda drives: float(drives.timed_out.sum()),
     ),

@@ -167,7 +167,7 @@ def _notes(
             yield Note(
                 Rank.TIME_OUTS,
                 f"{driver.driver} timed out in {driver.findings['timed_out'].value:g} of "
-                f"{len(passages.used):,} passages, which count with that time.",
+                f"{len(passages.used):,} passages; the time limit counts as their pass time.",
             )
     left_out = {reason: count for reason, count in passages.left_out.items() if count}
     if left_out:

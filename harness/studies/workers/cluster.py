@@ -43,7 +43,8 @@ class DaskCluster:
             get_address_host_port(address, strict=True)
             self._client = Client(address, timeout=10, set_as_default=False)
         except (OSError, ValueError) as error:
-            raise InputError(where, f"no scheduler answers ({error})", "host:port of one") from None
+            allowed = "host:port of a running Dask scheduler"
+            raise InputError(where, f"no scheduler answers ({error})", allowed) from None
         threads = self._client.nthreads()
         if not threads or any(count != 1 for count in threads.values()):
             counts = ", ".join(str(count) for count in threads.values()) or "no workers"

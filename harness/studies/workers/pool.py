@@ -169,13 +169,13 @@ class LocalPool:
                 problem = worker.connection.recv()
             except (EOFError, OSError):
                 code = self._bury(worker)
-                self._problem = f"no worker process gets ready (exit code {code})"
+                self._problem = f"no worker process became ready (exit code {code})"
             else:
                 if problem is None:
                     return worker
                 # A second worker would have the same problem.
                 self._bury(worker)
-                self._problem = f"no worker process gets ready ({problem})"
+                self._problem = f"no worker process became ready ({problem})"
                 return None
         return None
 
