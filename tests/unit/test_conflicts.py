@@ -97,7 +97,7 @@ def test_a_contact(tmp_path: Path) -> None:
     assert row["contact_speed_mps"] == pytest.approx(5.0)
     # Nobody said what a bus is.
     assert row["length_m"] == 5.0
-    assert "1 passage of types without a definition (bus@v)" in result.stdout
+    assert "1 passage of vehicle types without a definition (bus@v)" in result.stdout
     assert ":crosswalk_c0, vehicle v, 2 s" in (out / "report.html").read_text("utf-8")
     worst = here("worst", out, "--by", "min_ttc_s", "--quiet")
     assert worst.stdout == ":crosswalk_c0 v 2\n"
@@ -118,7 +118,7 @@ def test_records_rarer_than_the_steps_of_the_simulation(tmp_path: Path) -> None:
     fcd.write_text(f"<fcd-export>{''.join(rows)}</fcd-export>")
     result = here("conflicts", fcd, "--net", NET, "--out", out)
     assert json.loads((out / "conflicts.json").read_text())["motion"] == "places"
-    assert "vehicles move evenly between places" in result.stdout
+    assert "vehicles move evenly between records" in result.stdout
 
 
 Change = Callable[[Path], list[object]]

@@ -106,7 +106,7 @@ def write_model(
     try:
         parse_json(text)
     except ValueError as error:
-        raise InputError(str(path), f"could not be read again ({error})") from None
+        raise InputError(str(path), f"would not be readable as a model file ({error})") from None
     model = _model(document, str(path), hashlib.sha256(text.encode()).hexdigest())
     write_file(path, text.encode())
     return model

@@ -15,8 +15,8 @@ LEFT_OUT: Mapping[str, str] = {
     "only_standing_pedestrians": "all pedestrians recorded with the vehicle stand",
     "begins_too_near": "the vehicle's record begins less than 6 m before the conflict points",
     "gap": "the record of the vehicle or of a pedestrian on the crosswalk has a gap",
-    "pass_not_recorded": "the record ends before the front bumper reaches x = 0, while the "
-    "vehicle stands, or more than 12 m before its rear leaves the crosswalk",
+    "pass_not_recorded": "the record ends too early: before the front bumper reaches x = 0, while "
+    "the vehicle stands, or more than 12 m before its rear leaves the crosswalk",
     "nobody_left": "all pedestrians of the group crossed before the passage begins",
 }
 """Reasons why a vehicle, or its way through a group, is excluded; the first one counts."""
