@@ -43,7 +43,8 @@ def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ):
         tool(
             sys.executable, HOME / "tools" / "randomTrips.py", "-n", folder / "town.net.xml",
-            "-o", folder / f"{name}.xml", "-r", folder / f"{name}.rou.xml", "-e", 240, "-p", 1, "--seed", seed, *options,
+            "-o", folder / f"{name}.xml", "-r", folder / f"{name}.rou.xml",
+            "-e", 240, "-p", 1, "--seed", seed, *options,
         )  # fmt: skip
     return folder
 
