@@ -16,6 +16,7 @@ import pyarrow.compute as pc
 from harness.core.encounter import Arm, Ending, FailedIn
 from harness.scenario import Cell, Scenario, Study
 from harness.statistics import (
+    CONFIDENCE,
     ENCOUNTERS,
     Catalogue,
     Finding,
@@ -29,6 +30,7 @@ from harness.store.hour_catalogue import HOURS
 from harness.store.hour_columns import hour_columns
 from harness.store.measure_tables import conflict_rows, measure_rows
 from harness.store.simulation_catalogue import SIMULATIONS
+from harness.store.simulation_statistics import crosswalk_rows, group_rows
 from harness.store.simulation_tables import crosswalks_of_cell, groups_of
 from harness.store.summaries import columns_of_cell
 from harness.store.tables import (
@@ -270,6 +272,19 @@ class SimulationKind(HourKind):
     def findings(self, rows: pa.Table, cell: Cell, confidence: float) -> dict[str, Finding]:  # noqa: ARG002
         """See ``Kind``."""
         return findings_of(self.catalogue, arm_columns(rows, self.rows, confidence))
+
+    def statistics(
+        self,
+        rows: pa.Table,
+        cell: Cell,  # noqa: ARG002
+        findings: Findings,
+    ) -> Mapping[str, Rows]:
+        """See ``Kind``."""
+        confidence = float(findings["confidence"].number or CONFIDENCE)
+        return {
+            "groups": group_rows(rows, confidence),
+            "crosswalks": crosswalk_rows(rows, confidence),
+        }
 
     def counts(self, rows: pa.Table) -> dict[str, int]:
         """See ``Kind``."""

@@ -1,0 +1,87 @@
+"""Both arms of users' own simulations compared by group of trips and by crosswalk.
+
+Rows of ``groups.csv`` and ``crosswalks.csv`` (docs/files.md).
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+import pyarrow as pa
+
+from harness.core.encounter import Arm
+from harness.statistics import Interval, Plain, student_mean
+from harness.store.tables import CROSSWALK_FIELDS, GROUP_FIELDS, Row
+
+_Numbers = dict[tuple[str, str], dict[int, dict[str, float | None]]]
+"""By name of the group and arm: by pair, the numbers."""
+
+
+def group_rows(rows: pa.Table, confidence: float) -> list[dict[str, Plain]]:
+    """The rows of a cell in ``groups.csv``: one for each group of trips and each of its numbers."""
+    return _compared(rows, "groups", "group", GROUP_FIELDS, confidence)
+
+
+def crosswalk_rows(rows: pa.Table, confidence: float) -> list[dict[str, Plain]]:
+    """The rows of a cell in ``crosswalks.csv``: one for each crosswalk and each of its numbers."""
+    return _compared(rows, "crosswalks", "crosswalk", CROSSWALK_FIELDS, confidence)
+
+
+def _compared(
+    rows: pa.Table, column: str, key: str, fields: Iterable[str], confidence: float
+) -> list[dict[str, Plain]]:
+    """Means over pairs of each number in both arms, and of its difference in the same pairs.
+
+    Args:
+        rows: the table ``simulations`` of a cell, by pair.
+        column: the column with the structs.
+        key: the field that names a struct.
+        fields: its fields.
+        confidence: of each interval of Student's t.
+
+    Returns:
+        ``<key>, number, pairs, av, av_ci_low, …, human, …, difference, …, confidence``.  A pair in
+        which an arm failed does not count.  A value is None if the number is defined in no pair.
+    """
+    whole = [row for row in rows.to_pylist() if row["reason"] is None]
+    both = {row["pair"] for row in whole if row["arm"] == Arm.AV.value} & {
+        row["pair"] for row in whole if row["arm"] == Arm.HUMAN.value
+    }
+    numbers = _numbers([row for row in whole if row["pair"] in both], column, key)
+    names = dict.fromkeys(name for name, _ in numbers)
+    quantities = [field for field in fields if field != key]
+    return [
+        {key: name, "number": quantity, **_statistics(numbers, name, quantity, confidence)}
+        for name in names
+        for quantity in quantities
+    ]
+
+
+def _numbers(rows: Iterable[Row], column: str, key: str) -> _Numbers:
+    numbers: _Numbers = {}
+    for row in rows:
+        for struct in row[column] or ():
+            numbers.setdefault((struct[key], row["arm"]), {})[row["pair"]] = struct
+    return numbers
+
+
+def _statistics(numbers: _Numbers, name: str, quantity: str, confidence: float) -> dict[str, Plain]:
+    arms = [
+        {
+            pair: value
+            for pair, struct in numbers.get((name, arm.value), {}).items()
+            if (value := struct[quantity]) is not None
+        }
+        for arm in Arm
+    ]
+    pairs = sorted(arms[0].keys() & arms[1].keys())
+    values = [np.array([arm[pair] for pair in pairs], dtype=float) for arm in arms]
+    results: dict[str, Interval] = {
+        "av": student_mean(values[0], confidence).within(least=0.0),
+        "human": student_mean(values[1], confidence).within(least=0.0),
+        "difference": student_mean(values[0] - values[1], confidence),
+    }
+    row: dict[str, Plain] = {"pairs": len(pairs)}
+    for label, interval in results.items():
+        ends = (interval.value, interval.low, interval.high)
+        row |= dict(zip((label, f"{label}_ci_low", f"{label}_ci_high"), ends, strict=True))
+    return row | {"confidence": confidence}
