@@ -39,6 +39,17 @@ def replay(
         float | None,
         typer.Option(help="With --screenshots: seconds between two screenshots; default 0.5."),
     ] = None,
+    vehicle: Annotated[
+        str | None,
+        typer.Option(
+            help="With --gui, of a run of [simulation]: show this vehicle's most striking passage.",
+            metavar="ID",
+        ),
+    ] = None,
+    crosswalk: Annotated[
+        str | None,
+        typer.Option(help="The same, over this crosswalk.", metavar="ID"),
+    ] = None,
     in_this_process: Annotated[
         bool,
         typer.Option(
@@ -59,7 +70,8 @@ def replay(
         raise not_with("--debug", "--gui", "--gui alone, in which breakpoint() works, too")
     if in_this_process and out is not None:
         raise not_with("--out", "--debug", "one of the two")
-    refuse_without("--gui", gui, pace=pace, screenshots=screenshots)
+    which = {"vehicle": vehicle, "crosswalk": crosswalk}
+    refuse_without("--gui", gui, pace=pace, screenshots=screenshots, **which)
     refuse_without("--screenshots DIR", screenshots is not None, every=every)
     problems, tracebacks = list[str](), list[str | None]()
     if gui:
@@ -68,7 +80,12 @@ def replay(
         with unwinding():
             pace, every = 1.0 if pace is None else pace, 0.5 if every is None else every
             watched = watch(
-                run_folder, pair, arms, cell, pace=pace, screenshots=screenshots, every_s=every
+                *(run_folder, pair, arms, cell),
+                pace=pace,
+                screenshots=screenshots,
+                every_s=every,
+                vehicle=vehicle,
+                crosswalk=crosswalk,
             )
         shown = [(f"pair {pair}, arm {item.arm}", item.differences) for item in watched]
     elif in_this_process:

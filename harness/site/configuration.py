@@ -6,7 +6,9 @@ SUMO's own errors are SUMO's.
 
 import gzip
 import os
+import shutil
 import subprocess
+import sysconfig
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -114,10 +116,23 @@ def read_config(path: Path, step_s: float | None = None) -> SumoConfig:
     return config
 
 
+def sumo_program() -> str:
+    """The program ``sumo`` of this Python's environment, also if that is not on the PATH.
+
+    Raises:
+        EngineError: there is none.
+    """
+    places = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", "")])
+    program = shutil.which("sumo", path=places)
+    if program is None:
+        raise EngineError("sumo: not found; install eclipse-sumo")
+    return program
+
+
 def _options_of(path: Path) -> dict[str, str]:
     with TemporaryDirectory(prefix=_SCRATCH) as folder:
         saved = Path(folder) / "saved.sumocfg"
-        command = ["sumo", "-c", str(path), "--save-configuration", str(saved)]
+        command = [sumo_program(), "-c", str(path), "--save-configuration", str(saved)]
         try:
             done = subprocess.run(
                 command, cwd=folder, capture_output=True, text=True, timeout=_READING_S, check=False
@@ -167,7 +182,7 @@ def option_sections() -> Mapping[str, str]:
 def _template() -> Mapping[str, tuple[str, str]]:
     with TemporaryDirectory(prefix=_SCRATCH) as folder:
         template = Path(folder) / "template.xml"
-        command = ["sumo", "--save-template", str(template)]
+        command = [sumo_program(), "--save-template", str(template)]
         try:
             subprocess.run(command, cwd=folder, capture_output=True, timeout=_READING_S, check=True)
             root = ET.parse(template).getroot()

@@ -39,6 +39,7 @@ _ALWAYS: Mapping[str, tuple[str, ...]] = {
     "audit": _WHO,
     "simulations": _WHO,
     "passages_over": (*_WHO, "crosswalk", "vehicle", "type", "automated", "strategy", "trigger_s"),
+    "scenes_over": (*_WHO, "passage", "crosswalk", "vehicle", "begin_s", "step_s"),
     "groups": (*_WHO, "group", "trips"),
     "crosswalks": (*_WHO, "crosswalk", "passages"),
 }

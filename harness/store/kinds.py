@@ -37,6 +37,7 @@ from harness.store.tables import (
     HOUR_TABLES,
     HOUR_TRACES,
     SIMULATION_TABLES,
+    SIMULATION_TRACES,
     encounter_tables,
     hour_tables,
 )
@@ -259,6 +260,7 @@ class SimulationKind(HourKind):
     section: str = "[simulation]"
     settles: bool = False
     records: tuple[str, ...] = SIMULATION_TABLES
+    shown: tuple[str, str] = SIMULATION_TRACES
     catalogue: Catalogue = SIMULATIONS
     rows: str = "simulations"
     derived: Mapping[str, Derive] = field(
@@ -267,7 +269,7 @@ class SimulationKind(HourKind):
 
     def tables(self, *, traces: bool, audit: bool) -> list[str]:  # noqa: ARG002
         """See ``Kind``."""
-        return [*SIMULATION_TABLES]
+        return [*SIMULATION_TABLES, *(SIMULATION_TRACES if traces else ())]
 
     def findings(self, rows: pa.Table, cell: Cell, confidence: float) -> dict[str, Finding]:  # noqa: ARG002
         """See ``Kind``."""

@@ -50,12 +50,17 @@ def simulation_rows(cell: int, outcomes: Iterable[SimulationOutcome]) -> Tables:
         if outcome.reason is not None:
             rows["simulations"].append(keys | {"reason": outcome.reason})
             continue
-        begin_s, end_s = counted_s(outcome.scenario, setting_of(outcome.scenario))
-        counted = [p for p in outcome.passages if begin_s <= p.log.time_s[0] < end_s]
-        passages = [_passage_row(each) for each in counted]
-        rows["simulations"].append(keys | _numbers(outcome, passages, (begin_s, end_s)))
+        counted = counted_s(outcome.scenario, setting_of(outcome.scenario))
+        passages = [_passage_row(each) for each in counted_passages(outcome)]
+        rows["simulations"].append(keys | _numbers(outcome, passages, counted))
         rows["passages_over"] += [keys | row for row in passages]
     return {name: table_of(name, content) for name, content in rows.items()}
+
+
+def counted_passages(outcome: SimulationOutcome) -> list[MeasuredPassage]:
+    """The passages that begin in the counted time: the rows of ``passages_over``."""
+    begin_s, end_s = counted_s(outcome.scenario, setting_of(outcome.scenario))
+    return [each for each in outcome.passages if begin_s <= each.log.time_s[0] < end_s]
 
 
 def groups_of(cell: int, rows: pa.Table) -> pa.Table:

@@ -239,6 +239,28 @@ PASSAGES_OVER = pa.schema(
     ]
 )
 
+SCENES_OVER = pa.schema(
+    [
+        *_KEYS,
+        ("passage", pa.int32()),
+        ("crosswalk", pa.string()),
+        ("vehicle", pa.string()),
+        ("approach", pa.string()),
+        ("begin_s", pa.float64()),
+        ("step_s", pa.float64()),
+        ("motion", pa.string()),
+        ("free_speed_mps", pa.float64()),
+        ("range_m", pa.float64()),
+        ("vehicle_length_m", pa.float64()),
+        ("vehicle_width_m", pa.float64()),
+        ("crossing_length_m", pa.float64()),
+        ("crossing_width_m", pa.float64()),
+        ("lane_centre_m", pa.float64()),
+        ("lane_width_m", pa.float64()),
+        ("walks", pa.list_(pa.struct([*PEDESTRIANS][len(_KEYS) :]))),
+    ]
+)
+
 TABLES = {
     "hours": HOURS,
     "passages": PASSAGES,
@@ -251,6 +273,7 @@ TABLES = {
     "audit": AUDIT,
     "simulations": SIMULATIONS,
     "passages_over": PASSAGES_OVER,
+    "scenes_over": SCENES_OVER,
     "groups": pa.schema([*_KEYS, *GROUP_FIELDS.items()]),
     "crosswalks": pa.schema([*_KEYS, *CROSSWALK_FIELDS.items()]),
 }
@@ -267,6 +290,9 @@ ROWS_BY_PAIR = ("hours", "episodes", "simulations")
 
 SIMULATION_TABLES = ("simulations", "passages_over")
 """The tables that the tasks of a user's own simulation return."""
+
+SIMULATION_TRACES = ("traces", "scenes_over")
+"""The further tables of such a run with ``--traces``."""
 
 HOUR_TABLES = ("hours", "passages", "pedestrians", "queues")
 """The tables of a run of traffic."""

@@ -1,12 +1,13 @@
 """A user's SUMO scenario, running in this process step by step."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from harness.core.errors import EngineError, InputError, one_line
 from harness.engine.simulation.outputs import Kept, final_options
-from harness.site.configuration import SumoConfig, first_error
+from harness.site.configuration import SumoConfig, first_error, sumo_program
 
 NO_OPTIONS: Mapping[str, str] = {}
 
@@ -66,21 +67,28 @@ def write_config(
     return path
 
 
+Start = Callable[[Sequence[str]], tuple[Any, Callable[[], None]]]
+"""Starts SUMO with a command line; returns its API and the function that ends it."""
+
+
 class OwnSimulation:
     """A running simulation of a user's scenario.
 
     Args:
         config_file: as ``write_config`` wrote it.
         end_s: the time at which the simulation ends; None: when everybody has arrived.
+        start: starts SUMO with a command line; None: libsumo.
 
     Raises:
         EngineError: SUMO does not start.
     """
 
-    def __init__(self, config_file: Path, end_s: float | None) -> None:
-        from harness.engine.sumo import libsumo_with
+    def __init__(self, config_file: Path, end_s: float | None, start: Start | None = None) -> None:
+        if start is None:
+            from harness.engine.sumo import libsumo_with
 
-        self.api, self._close = libsumo_with(["sumo", "-c", str(config_file)])
+            start = libsumo_with
+        self.api, self._close = start(["sumo", "-c", str(config_file)])
         self._end_s = end_s
         self._lost = (self.api.TraCIException, self.api.FatalTraCIError)
         self.time_s: float = self.api.simulation.getTime()
@@ -106,6 +114,9 @@ class OwnSimulation:
         self.time_s = self.api.simulation.getTime()
         return self.time_s
 
+    def departed(self, name: str, *, automated: bool) -> None:
+        """A vehicle has departed; a window may show whether it is an AV."""
+
     def close(self) -> None:
         """End the simulation; only then are its output files complete."""
         self._close()
@@ -121,7 +132,7 @@ def check_starts(config_file: Path, where: str) -> None:
 
     begin_s = ET.parse(config_file).getroot().find("begin")
     begin = "0" if begin_s is None else begin_s.attrib["value"]
-    command = ["sumo", "-c", str(config_file), "--route-steps", "0", "--end", begin]
+    command = [sumo_program(), "-c", str(config_file), "--route-steps", "0", "--end", begin]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise InputError(where, f"SUMO refuses it ({first_error(done.stderr)})")

@@ -172,6 +172,7 @@ class SimulationArm:
             vehicle_class = api.vehicle.getVehicleClass(name)
             automated = self.is_automated(name, type_id, vehicle_class)
             log.vehicles[name] = VehicleKind(type_id, vehicle_class, automated)
+            self.simulation.departed(name, automated=automated)
         for collision in api.simulation.getCollisions():
             self._note_collision(collision)
         teleported = api.simulation.getStartingTeleportIDList()

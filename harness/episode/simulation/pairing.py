@@ -1,6 +1,6 @@
 """Runs pairs of one cell with ``[simulation]``: the user's scenario twice with one seed."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,7 +10,7 @@ import numpy as np
 from harness.core.encounter import Arm, StepMotion, Strategy, Trace
 from harness.core.errors import EngineError, StrategyError, in_one_line
 from harness.engine.simulation.outputs import Kept
-from harness.engine.simulation.running import TRIPS_FILE, OwnSimulation, write_config
+from harness.engine.simulation.running import NO_OPTIONS, TRIPS_FILE, OwnSimulation, write_config
 from harness.episode.arms import check_arms, make_strategy
 from harness.episode.simulation.arm import SimulationArm, SimulationLog, uniform_of
 from harness.episode.simulation.demand import number_of, write_people
@@ -63,13 +63,23 @@ class SimulationRunner:
         scenario: the cell.
         model: the interaction model.
         get_folder: the folder of each arm.
+        begin: starts the simulation of an arm from its configuration and its end.
+        get_options: further options of SUMO, from the arm's folder.
 
     Raises:
         InputError: the configuration, a crosswalk, or an arm's strategy is refused.
     """
 
-    def __init__(self, scenario: Scenario, model: InteractionModel, get_folder: GetFolder) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        model: InteractionModel,
+        get_folder: GetFolder,
+        begin: Callable[[Path, float | None], OwnSimulation] = OwnSimulation,
+        get_options: Callable[[Path], Mapping[str, str]] = lambda _folder: NO_OPTIONS,
+    ) -> None:
         self._scenario, self._model, self._get_folder = scenario, model, get_folder
+        self._begin, self._get_options = begin, get_options
         self._setting = setting_of(scenario)
         check_arms(scenario, model)
 
@@ -90,10 +100,11 @@ class SimulationRunner:
         with self._get_folder(pair, arm) as folder:
             kept = Kept(folder, frozenset(simulation.outputs))
             added = write_people(folder, scenario, setting, pair)
-            path = write_config(setting.config, kept, seed, simulation.step_s, added)
+            more = self._get_options(folder)
+            path = write_config(setting.config, kept, seed, simulation.step_s, added, more)
             running: OwnSimulation | None = None
             try:
-                running = OwnSimulation(path, setting.config.end_s)
+                running = self._begin(path, setting.config.end_s)
                 log = self._arm(running, pair, arm, seed).run()
             except EngineError as error:
                 text = error.traceback if isinstance(error, StrategyError) else None

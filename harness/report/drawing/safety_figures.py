@@ -15,7 +15,14 @@ _MOST_STEPS = 400
 _BINS = 24
 
 
-def draw_shares(axes: Axes, values: Mapping[str, FloatArray], across: str, up_to: float) -> None:
+def draw_shares(
+    axes: Axes,
+    values: Mapping[str, FloatArray],
+    across: str,
+    up_to: float,
+    up: str = "share of episodes at most x",
+    count: str | None = None,
+) -> None:
     """Share of episodes whose measure is at most x; it ends below 1 if some are undefined.
 
     Args:
@@ -23,6 +30,8 @@ def draw_shares(axes: Axes, values: Mapping[str, FloatArray], across: str, up_to
             measure is undefined: such an episode counts in the total, never as at most x.
         across: label of the measure with its unit.
         up_to: end of the axis.
+        up: label of the share.
+        count: above the figure in place of the number of episodes.
     """
     highest = 0.0
     for (name, column), look in zip(values.items(), (AV, HUMAN), strict=False):
@@ -37,7 +46,7 @@ def draw_shares(axes: Axes, values: Mapping[str, FloatArray], across: str, up_to
     axes.set_xlim(0, up_to)
     axes.set_ylim(0, 1.02 if highest > 0.5 else max(0.05, 1.25 * highest))
     total = max((len(column) for column in values.values()), default=0)
-    finish(axes, across, "share of episodes at most x", f"n = {total:,} per arm")
+    finish(axes, across, up, f"n = {total:,} per arm" if count is None else count)
 
 
 def draw_walking_speeds(

@@ -6,15 +6,17 @@ from pathlib import Path
 import pandas as pd
 
 from harness.core.documents import JsonObject
-from harness.core.encounter import Arm, Ending
+from harness.core.encounter import Arm
 from harness.report.drawing import style
 from harness.report.drawing.conflict_figures import conflict_pictures
+from harness.report.pages.passages import measures_in_words, passage_arm, passage_scene
 from harness.report.pages.player import Player
 from harness.report.pages.template import Page, drawn, write_page
 from harness.report.pages.trace_rows import ego_rows, walk_rows
-from harness.report.pages.traces import rounded, scene_of, short, shown_arm
+from harness.report.pages.traces import short
 from harness.report.screens.conflict_tables import conflict_screen, conflict_tables
 from harness.report.screens.screen import screen_lines
+from harness.store.hour_tables import record_row
 from harness.studies.conflicts import ConflictFindings, ConflictPassage, worst_rows
 
 PAGE = "report.html"
@@ -81,11 +83,7 @@ def _player(findings: ConflictFindings) -> Player | None:
     episodes, scenes = [], {}
     for key, number in numbers.items():
         each = passages[key]
-        scenes[str(number)] = scene_of(each.trace.crossing, each.trace.vehicle) | {
-            # Nobody stops for a line of ours here.
-            "stop": None,
-            "borders": rounded(_lane_of(each)),
-        }
+        scenes[str(number)] = passage_scene(each.trace.crossing, each.trace.vehicle)
         episodes.append(_episode(each, str(number)))
     words = (
         f"The worst {len(episodes)} passages, each from its vehicle's own lane. Time is counted "
@@ -94,48 +92,21 @@ def _player(findings: ConflictFindings) -> Player | None:
     return Player(words, scenes, episodes, {k: v for k, v in groups.items() if v})
 
 
-def _lane_of(each: ConflictPassage) -> tuple[float, float]:
-    crossing = each.trace.crossing
-    half_m = crossing.lane_width_m / 2
-    return crossing.lane_centre_m - half_m, crossing.lane_centre_m + half_m
-
-
 def _episode(each: ConflictPassage, scene: str) -> JsonObject:
-    record = each.record
-    parts = [
-        f"{name} {value:.2f} {unit}"
-        for name, value, unit in (
-            ("PET", record.pet_s, "s"),
-            ("TTC", record.min_ttc_s, "s"),
-            ("DRAC", record.max_drac_mps2, "m/s²"),
-        )
-        if value is not None
+    trace, record = each.trace, record_row(each.record)
+    words = measures_in_words(record)
+    people = [
+        {
+            "index": walk.arrival.index,
+            "side": walk.arrival.side.value,
+            "arrival_s": walk.arrival.arrival_s,
+            "start_s": walk.start_s,
+        }
+        for walk in trace.walks
     ]
-    contact = None
-    if record.contact_time_s is not None and record.contact_index is not None:
-        contact = {"time": short(record.contact_time_s), "index": record.contact_index}
-        parts.insert(0, f"contact at {record.contact_speed_mps:.2f} m/s")
-    words = ", ".join(parts)
-    people = pd.DataFrame(
-        [
-            {
-                "index": walk.arrival.index,
-                "side": walk.arrival.side.value,
-                "arrival_s": max(walk.arrival.arrival_s, 0.0),
-                "start_s": walk.start_s,
-            }
-            for walk in each.trace.walks
-        ],
-        columns=["index", "side", "arrival_s", "start_s"],
-    )
-    rows = pd.concat(
-        [ego_rows(each.trace), *(walk_rows(walk, each.trace) for walk in each.trace.walks)]
-    )
-    rows = rows[rows["time_s"] >= 0]
-    ending = "crossed" if record.ending is Ending.CROSSED else record.ending.replace("_", " ")
+    rows = pd.concat([ego_rows(trace), *(walk_rows(walk, trace) for walk in trace.walks)])
     name = f"{each.crosswalk}, vehicle {each.vehicle}, {each.begin_s:g} s"
     title = f"{each.vehicle}, {each.type}" if each.type else each.vehicle
-    arm = shown_arm(Arm.AV, title, rows, people, each.trace.crossing, f"{ending}; {words}", contact)
     return {
         "scene": scene,
         "name": name,
@@ -144,8 +115,8 @@ def _episode(each: ConflictPassage, scene: str) -> JsonObject:
         "small": words,
         "note": f"Approach: lane {each.approach}.",
         "from": 0.0,
-        "until": short((len(each.trace.x_m) - 1) * each.trace.step_s),
-        "step": each.trace.step_s,
+        "until": short((len(trace.x_m) - 1) * trace.step_s),
+        "step": trace.step_s,
         "speed": 1,
-        "arms": [arm],
+        "arms": [passage_arm(Arm.AV, title, rows, people, trace.crossing, record)],
     }

@@ -7,7 +7,7 @@ from harness.core.errors import HarnessError, InputError
 from harness.engine.network import place_of
 from harness.report.drawing.style import Picture
 from harness.report.pages.inputs import models_of, strategies_of
-from harness.report.pages.parts import PageParts
+from harness.report.pages.parts import PageParts, pair_by_pair
 from harness.report.pages.pictures import pictures_of
 from harness.report.pages.traces import Encoded, pair_title, scene_of, short, shown_arm
 from harness.report.screens.result_tables import statistics_table
@@ -39,7 +39,7 @@ def _opening(run: RunData) -> str:
 
 
 def _tables(run: RunData) -> list[Table]:
-    return [statistics_table(run)]
+    return [] if run.varied_keys else [statistics_table(run)]
 
 
 def _pictures(run: RunData, shown: Sequence[ShownPair]) -> tuple[Iterator[Picture], list[str]]:
@@ -148,6 +148,5 @@ ENCOUNTER_PARTS = PageParts(
     tables=_tables,
     pictures=_pictures,
     player_words=_player_words,
-    scene=_scene,
-    episode=_episode,
+    episodes=pair_by_pair(_scene, _episode),
 )

@@ -7,7 +7,7 @@ from harness.episode.traffic.lanes import Direction, lanes_of
 from harness.report.drawing.style import Picture
 from harness.report.pages.hour_pictures import hour_pictures
 from harness.report.pages.inputs import strategies_of
-from harness.report.pages.parts import PageParts
+from harness.report.pages.parts import PageParts, pair_by_pair
 from harness.report.pages.traces import Encoded, pair_title, scene_of, short, shown_arm
 from harness.report.screens.tables import ARM_NAMES, Table
 from harness.studies.runs.run_data import RunData
@@ -88,6 +88,5 @@ HOUR_PARTS = PageParts(
     tables=_tables,
     pictures=_pictures,
     player_words=_player_words,
-    scene=_scene,
-    episode=_episode,
+    episodes=pair_by_pair(_scene, _episode),
 )

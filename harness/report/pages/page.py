@@ -126,7 +126,8 @@ def _results(run: RunData) -> tuple[list[str], list[Table]]:
     findings = reported(run)
     *screen, _ = screen_lines(replace(screen_of(findings), most_lines=None))
     if run.varied_keys:
-        return screen, [cells_table(findings), *full_tables(findings)[:_MOST_TABLES]]
+        tables = [cells_table(findings), *full_tables(findings)[:_MOST_TABLES]]
+        return screen, [*tables, *parts_of(run).tables(run)]
     return screen, [*full_tables(findings), *parts_of(run).tables(run)]
 
 

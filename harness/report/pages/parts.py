@@ -1,15 +1,25 @@
 """The parts of a page that differ between the kinds of run."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from harness.report.drawing.style import Picture
 from harness.report.pages.traces import Encoded
 from harness.report.screens.tables import Table
 from harness.studies.runs.run_data import RunData
-from harness.studies.runs.shown import ShownPair
+from harness.studies.runs.shown import ShownPair, choose_pairs
 
 Shown = Sequence[ShownPair]
+
+
+@dataclass(frozen=True)
+class ShownEpisode:
+    """An episode for the player: its ``key`` in ``PageParts.groups``, and its scene by name."""
+
+    key: Hashable
+    scene_name: str
+    scene: Encoded
+    document: Encoded
 
 
 @dataclass(frozen=True)
@@ -18,16 +28,39 @@ class PageParts:
 
     Attributes:
         opening: what was simulated, in words.
-        tables: the folded tables of a run of one cell, beside those of its findings.
+        tables: the folded tables beside those of the findings.
         pictures: the figures, and remarks on those that are left out.
-        player_words: what the player plays, from the pairs and how many of them fit on the page.
-        scene: the crosswalk of a cell, in metres.
-        episode: a pair for the player.
+        player_words: what the player plays, from the pairs and how many episodes fit on the page.
+        episodes: the player's episodes, the most important first.
+        groups: the keys of episodes by the reason why they are shown.
+        shown_noun: what an episode shows.
     """
 
     opening: Callable[[RunData], str]
     tables: Callable[[RunData], list[Table]]
     pictures: Callable[[RunData, Shown], tuple[Iterator[Picture], list[str]]]
     player_words: Callable[[RunData, Shown, int], str]
-    scene: Callable[[RunData, int], Encoded]
-    episode: Callable[[RunData, ShownPair], Encoded]
+    episodes: Callable[[RunData, Shown], Iterator[ShownEpisode]]
+    groups: Callable[[RunData], Mapping[str, Sequence[Hashable]]] = choose_pairs
+    shown_noun: str = "pairs"
+
+
+def pair_by_pair(
+    scene: Callable[[RunData, int], Encoded], episode: Callable[[RunData, ShownPair], Encoded]
+) -> Callable[[RunData, Shown], Iterator[ShownEpisode]]:
+    """The episodes of runs whose episodes are pairs.
+
+    Args:
+        scene: the crosswalk of a cell, in metres.
+        episode: a pair for the player.
+    """
+
+    def episodes(run: RunData, shown: Shown) -> Iterator[ShownEpisode]:
+        scenes: dict[int, Encoded] = {}
+        for pair in shown:
+            if pair.cell not in scenes:
+                scenes[pair.cell] = scene(run, pair.cell)
+            key = (pair.cell, pair.pair)
+            yield ShownEpisode(key, str(pair.cell), scenes[pair.cell], episode(run, pair))
+
+    return episodes

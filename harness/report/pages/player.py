@@ -1,7 +1,7 @@
 """The player's part of a page, of every kind of run."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from jinja2.utils import htmlsafe_json_dumps
@@ -9,8 +9,7 @@ from jinja2.utils import htmlsafe_json_dumps
 from harness.report.pages.kinds import parts_of
 from harness.report.pages.traces import Encoded
 from harness.studies.runs.run_data import RunData
-from harness.studies.runs.shown import ShownPair, choose_pairs
-from harness.studies.runs.views import Key
+from harness.studies.runs.shown import ShownPair
 
 MOST_BYTES = 3_000_000
 """Largest size of all episodes together; further episodes are left out."""
@@ -44,27 +43,29 @@ def run_player(run: RunData, shown: Sequence[ShownPair]) -> Player:
     """
     parts = parts_of(run)
     episodes: list[Encoded] = []
-    numbers: dict[Key, int] = {}
-    size = 0
-    for pair in shown:
-        episode = parts.episode(run, pair)
-        size += len(json.dumps(episode))
+    scenes: dict[str, Encoded] = {}
+    numbers: dict[Hashable, int] = {}
+    size = left = 0
+    for each in parts.episodes(run, shown):
+        size += len(json.dumps(each.document))
         if size > MOST_BYTES and episodes:
-            break
-        numbers[pair.cell, pair.pair] = len(episodes)
-        episodes.append(episode)
-    scenes = {str(cell): parts.scene(run, cell) for cell, _ in numbers}
+            left += 1
+            continue
+        numbers[each.key] = len(episodes)
+        scenes[each.scene_name] = each.scene
+        episodes.append(each.document)
     groups = {
         reason: [numbers[key] for key in keys if key in numbers]
-        for reason, keys in choose_pairs(run).items()
+        for reason, keys in parts.groups(run).items()
     }
     groups = {reason: members for reason, members in groups.items() if members}
-    words = " ".join([parts.player_words(run, shown, len(episodes)), *_words(shown, len(episodes))])
+    about = parts.player_words(run, shown, len(episodes))
+    words = " ".join([about, *_words(shown, left, parts.shown_noun)])
     return Player(words, scenes, episodes, groups)
 
 
-def _words(shown: Sequence[ShownPair], episodes: int) -> Iterator[str]:
-    """Where the traces come from, and how many pairs are left out."""
+def _words(shown: Sequence[ShownPair], left: int, noun: str) -> Iterator[str]:
+    """Where the traces come from, and how many episodes are left out."""
     if shown[0].repeated:
         yield "The run stored no traces, so these episodes were simulated again for the page."
         different = sum(bool(pair.differences) for pair in shown)
@@ -73,5 +74,5 @@ def _words(shown: Sequence[ShownPair], episodes: int) -> Iterator[str]:
             if different
             else "All records are identical to the stored ones."
         )
-    if episodes < len(shown):
-        yield f"{len(shown) - episodes:,} chosen pairs are left out to keep the page small."
+    if left:
+        yield f"{left:,} chosen {noun} are left out to keep the page small."

@@ -8,16 +8,18 @@ import pyarrow.compute as pc
 
 from harness.core.errors import HarnessError
 from harness.core.files import cannot_write, write_file
-from harness.engine.network import network_of
 from harness.scenario import Options, hang_limit_s, read_scenario_file, study_of
 from harness.scenario.options import HANG_AFTER_S
 from harness.store.reading import CRITICAL, MANIFEST
 from harness.store.shards import encode_shard, shard_name
+from harness.store.simulation_traces import only_passages
 from harness.studies.batch.experiment import resume, run_study
+from harness.studies.kinds.table import simulation_of
 from harness.studies.runs.opening import load_run
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import MARGIN_S, missing_pairs, shown_folders
-from harness.studies.runs.views import Key, view_of
+from harness.studies.runs.simulation_choice import Key
+from harness.studies.runs.views import view_of
 from harness.studies.workers.execution import run_tasks
 from harness.studies.workers.pool import LocalPool, default_workers
 from harness.studies.workers.tasks import Task, TaskResult
@@ -89,7 +91,7 @@ def _task(run: RunData, cell: int, pair: int) -> Task:
         HarnessError: the network or model is missing or has changed.
     """
     scenario = run.scenario_of(cell)
-    network_of(scenario)
+    simulation_of(scenario).network(scenario)
     return Task(
         cell=cell,
         first_pair=pair,
@@ -106,6 +108,9 @@ def _task(run: RunData, cell: int, pair: int) -> Task:
 def _tables(run: RunData, key: Key, result: TaskResult) -> dict[str, pa.Table]:
     """Return the tables of a pair; of a long pair only the traces of what is shown."""
     tables = dict(result.tables)
+    passages = view_of(run).passages(run, *key)
+    if passages is not None and "scenes_over" in tables:
+        tables = only_passages(tables, passages)
     stretch = view_of(run).stretch(run, *key)
     if stretch is not None and "traces" in tables:
         begin_s, end_s = stretch

@@ -6,16 +6,16 @@ from pathlib import Path
 from harness.scenario import Cell
 from harness.store.hour_tables import passage_counts
 from harness.store.reading import read_table
-from harness.store.tables import Row, Tables, table_of
+from harness.store.tables import SIMULATION_TRACES, Row, Tables, table_of
 
 
-def score_simulations(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int, int, Tables]]:  # noqa: ARG001
+def score_simulations(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int, int, Tables]]:
     """Yield the tables of a cell pair by pair, with recomputed counts; measures stay.
 
     Args:
-        run: a finished run of a user's own simulation, which keeps no traces.
+        run: a finished run of a user's own simulation.
         cell: the cell with the new conflict thresholds.
-        traced: has no effect.
+        traced: whether the run keeps traces, which stay.
 
     Raises:
         InputError: a table cannot be read.
@@ -26,6 +26,8 @@ def score_simulations(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int
         arms = read_table(run, "simulations", cell.number, pair).to_pylist()
         counted = [_counted(row, passages.to_pylist(), cell) for row in arms]
         tables = {"simulations": table_of("simulations", counted), "passages_over": passages}
+        for name in SIMULATION_TRACES if traced else ():
+            tables[name] = read_table(run, name, cell.number, pair)
         yield pair, 1, tables
 
 

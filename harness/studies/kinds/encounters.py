@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from harness.core.encounter import Arm, Ending
 from harness.engine.control import SumoEngine
-from harness.engine.network import check_network, place_of
+from harness.engine.network import check_network, network_of, place_of
 from harness.engine.protocol import Engine
 from harness.engine.shared import engine_for, open_engine
 from harness.episode.pairing import Begins, EpisodeKey, PairRunner
@@ -167,4 +167,5 @@ ENCOUNTER_SIMULATION = Simulation(
     with_outputs=_with_outputs,
     in_gui=_in_gui,
     check=check_network,
+    network=network_of,
 )

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.engine.network import check_network, place_of
+from harness.engine.network import check_network, network_of, place_of
 from harness.engine.road import SumoRoad
 from harness.engine.shared import following_of, road_for
 from harness.episode.traffic.pairing import HourRunner
@@ -109,4 +109,5 @@ HOUR_SIMULATION = Simulation(
     with_outputs=_with_outputs,
     in_gui=_in_gui,
     check=check_network,
+    network=network_of,
 )

@@ -59,6 +59,7 @@ class Simulation:
         with_outputs: runs an arm in a fresh SUMO that writes its outputs into a folder.
         in_gui: runs an arm in sumo-gui.
         check: refuses a scenario that cannot be simulated, before anything is written.
+        network: the file of its network; raises if that is missing or has changed.
     """
 
     run: Callable[[Task], tuple[TaskResult, ...]]
@@ -67,3 +68,4 @@ class Simulation:
     with_outputs: Callable[[ArmOfPair, Path, Watch], ArmRows]
     in_gui: "Callable[[ArmOfPair, Gui], ArmRows]"
     check: Callable[[Scenario], None]
+    network: Callable[[Scenario], Path]

@@ -2,27 +2,32 @@
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from harness.core.encounter import Arm
-from harness.core.errors import EngineError, HarnessError
+from harness.core.errors import EngineError
 from harness.engine.shared import close_engine
 from harness.engine.simulation.outputs import NOTHING, Kept, check_outputs
-from harness.engine.simulation.running import check_starts, write_config
+from harness.engine.simulation.running import OwnSimulation, check_starts, write_config
 from harness.engine.starting import scratch_prefix
 from harness.episode.simulation.pairing import GetFolder, SimulationRunner, setting_of
 from harness.scenario import Scenario
 from harness.store.simulation_tables import simulation_rows
+from harness.store.simulation_traces import simulation_trace_rows
 from harness.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation
 from harness.studies.workers.tasks import Task, TaskResult
 from harness.studies.workers.watchdog import Watch, watchdog
 
 if TYPE_CHECKING:
     from harness.engine.traci import Gui
+
+
+_FILES = {"fcd-output": "fcd.xml", "collision-output": "collisions.xml"}
+"""Outputs of an arm that runs again, beside ``tripinfo.xml`` and those that the run keeps."""
 
 
 def _folders(cell: int, outputs: Path | None) -> GetFolder:
@@ -48,7 +53,8 @@ def _kept(folder: Path) -> Iterator[Path]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise EngineError(f"{folder} cannot be written ({error.strerror})") from None
-    yield folder
+    # SUMO resolves relative paths from the folder of the configuration.
+    yield folder.absolute()
 
 
 def _run(task: Task) -> tuple[TaskResult, ...]:
@@ -68,7 +74,10 @@ def _run(task: Task) -> tuple[TaskResult, ...]:
         for outcome in outcomes
         if outcome.reason is not None
     )
-    return (TaskResult(simulation_rows(task.cell, outcomes), failures),)
+    tables = simulation_rows(task.cell, outcomes)
+    if task.traces:
+        tables |= simulation_trace_rows(task.cell, outcomes)
+    return (TaskResult(tables, failures),)
 
 
 def _check(scenario: Scenario) -> None:
@@ -83,23 +92,40 @@ def _check(scenario: Scenario) -> None:
 
 
 def _in_this_process(arm: ArmOfPair) -> ArmRows:
-    return _run_arm(arm, None)
+    close_engine()
+    runner = SimulationRunner(arm.scenario, arm.model, lambda _pair, _arm: _scratch())
+    return _rows(arm, runner)
 
 
 def _with_outputs(arm: ArmOfPair, folder: Path, _watch: Watch) -> ArmRows:
-    return _run_arm(arm, folder)
-
-
-def _run_arm(arm: ArmOfPair, folder: Path | None) -> ArmRows:
     close_engine()
-    get_folder: GetFolder = lambda _pair, _arm: _scratch() if folder is None else _kept(folder)  # noqa: E731
-    outcome = SimulationRunner(arm.scenario, arm.model, get_folder).run_arm(arm.pair, arm.arm)
+
+    def options(folder: Path) -> Mapping[str, str]:
+        return {option: str(folder.absolute() / name) for option, name in _FILES.items()}
+
+    runner = SimulationRunner(
+        arm.scenario, arm.model, lambda _pair, _arm: _kept(folder), get_options=options
+    )
+    return _rows(arm, runner)
+
+
+def _in_gui(arm: ArmOfPair, gui: "Gui") -> ArmRows:
+    from harness.engine.traci import gui_simulation
+
+    moment = gui.moment
+    assert moment is not None
+
+    def begin(path: Path, end_s: float | None) -> OwnSimulation:
+        return gui_simulation(path, end_s, gui, moment, coloured=arm.arm is Arm.AV)
+
+    runner = SimulationRunner(arm.scenario, arm.model, lambda _pair, _arm: _scratch(), begin)
+    return _rows(arm, runner)
+
+
+def _rows(arm: ArmOfPair, runner: SimulationRunner) -> ArmRows:
+    outcome = runner.run_arm(arm.pair, arm.arm)
     tables = simulation_rows(arm.cell.number, [outcome])
     return ArmRows(tables, outcome.reason, outcome.traceback)
-
-
-def _in_gui(arm: ArmOfPair, gui: "Gui") -> ArmRows:  # noqa: ARG001
-    raise HarnessError("a user's own simulation is not replayed in sumo-gui")
 
 
 OWN_SIMULATION = Simulation(
@@ -109,4 +135,5 @@ OWN_SIMULATION = Simulation(
     with_outputs=_with_outputs,
     in_gui=_in_gui,
     check=_check,
+    network=lambda scenario: setting_of(scenario).config.net,
 )

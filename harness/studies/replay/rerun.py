@@ -10,7 +10,6 @@ from typing import NamedTuple
 from harness.core.encounter import Arm
 from harness.core.errors import HarnessError, InputError
 from harness.engine.installation import check_packages
-from harness.engine.network import network_of
 from harness.engine.shared import close_engine
 from harness.scenario import EngineName, hang_limit_s
 from harness.scenario.options import HANG_AFTER_S
@@ -160,7 +159,7 @@ def repetition(
     scenario = stored.cell.scenario
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(network_of(scenario), folder / "site.net.xml")
+        shutil.copyfile(simulation_of(scenario).network(scenario), folder / "site.net.xml")
     except OSError as error:
         why = f"cannot be written ({error.strerror})"
         raise InputError(str(folder), why, "a writable folder") from None

@@ -11,6 +11,7 @@ from harness.core.errors import EngineError, InputError
 from harness.engine.installation import check_packages
 from harness.engine.shared import close_engine
 from harness.studies.kinds.table import simulation_of
+from harness.studies.replay.moment import moments_of
 from harness.studies.replay.rerun import refuse_in_use
 from harness.studies.replay.stored import StoredCell
 
@@ -32,6 +33,8 @@ def watch(
     pace: float = 1.0,
     screenshots: Path | None = None,
     every_s: float = 0.5,
+    vehicle: str | None = None,
+    crosswalk: str | None = None,
 ) -> list[Watched]:
     """Run the arms of a pair again in sumo-gui, one after the other.
 
@@ -43,6 +46,8 @@ def watch(
         pace: speed of the display: 1 is real time, infinite is without pauses.
         screenshots: a new or empty folder for PNG files; with two arms, each gets a folder in it.
         every_s: simulated time between two screenshots.
+        vehicle, crosswalk: ids in a user's own simulation, which is shown around the most striking
+            passage of this vehicle and over this crosswalk; None: of any.
 
     Raises:
         InputError: the run, cell or pair does not exist, there is no display, or the folder is not
@@ -61,13 +66,14 @@ def watch(
     stored = StoredCell(run, cell, pair)
     _require_display()
     scenario = stored.cell.scenario
+    moments = moments_of(stored, pair, arms, vehicle, crosswalk)
     shown = []
     for arm in arms:
         folder = screenshots
         if screenshots is not None:
             folder = screenshots / arm.value if len(arms) > 1 else screenshots
             folder.mkdir(parents=True, exist_ok=True)
-        gui = Gui(1000 * scenario.experiment.step_s / pace, folder, every_s)
+        gui = Gui(1000 * scenario.experiment.step_s / pace, folder, every_s, moments.get(arm))
         watched = stored.arm(pair, arm)
         try:
             rows = simulation_of(scenario).in_gui(watched, gui)

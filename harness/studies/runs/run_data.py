@@ -132,6 +132,11 @@ class RunData:
         return _frame(self._tables.read("passages"))
 
     @cached_property
+    def passages_over(self) -> pd.DataFrame:
+        """One row per passage × arm of a run of a user's own simulation."""
+        return _frame(self._tables.read("passages_over"))
+
+    @cached_property
     def queues(self) -> pd.DataFrame:
         """One row per minute, lane and arm of a run in traffic."""
         return _frame(self._tables.read("queues"))

@@ -16,9 +16,11 @@ from harness.core.encounter import Arm
 from harness.core.errors import InputError
 from harness.store.manifest import explained
 from harness.store.shards import DamagedShardError, Shard, read_shard, shard_name
+from harness.store.simulation_traces import has_passages, only_passages
 from harness.studies.replay.stored import differences_of
 from harness.studies.runs.run_data import RunData
-from harness.studies.runs.views import Key, view_of
+from harness.studies.runs.simulation_choice import Key
+from harness.studies.runs.views import view_of
 
 SHOWN = "shown"
 """The folder inside a run folder with the pairs that were repeated for the page."""
@@ -31,8 +33,9 @@ MARGIN_S = 1.0
 class ShownPair:
     """A pair with the traces of both arms, from ``begin_s`` to ``end_s``.
 
-    ``reasons`` say why the pair is shown.  ``people`` has the rows of ``pedestrians``, or of
-    ``walks`` for an hour.  ``differences`` lists how a ``repeated`` pair differs from its record.
+    ``reasons`` say why the pair is shown.  ``people`` has the rows of ``pedestrians``, of ``walks``
+    for an hour, or of ``scenes_over`` for a user's own simulation.  ``differences`` lists how a
+    ``repeated`` pair differs from its record.
     """
 
     cell: int
@@ -95,13 +98,16 @@ def shown_folders(run: Path, page: Path | None) -> list[Path]:
 def _shown(run: RunData, key: Key, reasons: tuple[str, ...], page: Path | None) -> ShownPair | None:
     trace_names = run.kind.shown
     differences: tuple[str, ...] = ()
+    passages = view_of(run).passages(run, *key)
     if run.kept_traces:
         tables = {name: run.rows_of(name, *key) for name in trace_names}
     else:
         kept = _repeated(run.path, key, page)
-        if kept is None:
+        if kept is None or (passages is not None and not has_passages(kept, passages)):
             return None
         tables, differences = kept, _differences(run, key, kept)
+    if passages is not None:
+        tables = only_passages(tables, passages)
     traces, people = (tables[name].to_pandas() for name in trace_names)
     begin_s, end_s = 0.0, float(traces["time_s"].max()) if len(traces) else 0.0
     if (stretch := view_of(run).stretch(run, *key)) is not None:

@@ -10,6 +10,7 @@ from harness.scenario import Scenario
 from harness.statistics import Catalogue, Findings, Note
 from harness.studies.runs.notes import encounter_notes, hour_notes
 from harness.studies.runs.run_data import RunData
+from harness.studies.runs.simulation_choice import Key, chosen_pairs, numbers_of
 from harness.studies.runs.simulation_notes import simulation_notes
 
 ALL_BELOW = 50
@@ -33,9 +34,6 @@ _DANGEROUS = {
 }
 """Reasons by danger, with the AV's column; a minus before it asks for the largest values."""
 
-Key = tuple[int, int]
-"""(cell, pair)."""
-
 
 @dataclass(frozen=True)
 class View:
@@ -46,11 +44,13 @@ class View:
         chosen: the pairs worth watching by reason: (cell, pair), the most dangerous first.  Reasons
             without a pair are omitted.
         stretch: begin and end, in s, of the part of a pair that is shown; None: the whole pair.
+        passages: arm and number of each passage of a pair that is shown; None: the whole pair.
     """
 
     notes: Callable[[Scenario, Findings, Catalogue], tuple[Note, ...]]
     chosen: Callable[[RunData], dict[str, list[Key]]]
     stretch: Callable[[RunData, int, int], tuple[float, float] | None]
+    passages: Callable[[RunData, int, int], set[tuple[str, int]] | None]
 
 
 def _worth_watching(run: RunData) -> dict[str, list[Key]]:
@@ -123,10 +123,14 @@ def _medians(tau: pd.DataFrame) -> list[Key]:
     return [key for middle in middles[:_MOST_MEDIANS] for key in _keys(middle)]
 
 
+def _whole(_run: RunData, _cell: int, _pair: int) -> None:
+    """The whole pair is shown."""
+
+
 VIEWS: Mapping[str, View] = {
-    "encounters": View(encounter_notes, _worth_watching, lambda _run, _cell, _pair: None),
-    "hours of traffic": View(hour_notes, _longest_queue, _around_the_queue),
-    "own simulations": View(simulation_notes, lambda _run: {}, lambda _run, _cell, _pair: None),
+    "encounters": View(encounter_notes, _worth_watching, _whole, _whole),
+    "hours of traffic": View(hour_notes, _longest_queue, _around_the_queue, _whole),
+    "own simulations": View(simulation_notes, chosen_pairs, _whole, numbers_of),
 }
 """The view of every kind of run, by the kind's name."""
 

@@ -1,0 +1,189 @@
+"""The figures of a run of a user's own simulation."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pandas as pd
+
+from harness.core.encounter import Arm
+from harness.report.drawing import style
+from harness.report.drawing.group_figures import draw_groups
+from harness.report.drawing.safety_figures import draw_shares
+from harness.report.drawing.style import Picture
+from harness.report.drawing.sweep_figures import Line, draw_over, lines_of
+from harness.report.pages.sweep_pictures import across_key, axis_label
+from harness.report.screens.tables import level
+from harness.scenario import as_written
+from harness.statistics import Interval, student_mean
+from harness.studies.runs.run_data import RunData
+
+_OVER = (
+    ("av_time_loss_s", "time loss of AVs"),
+    ("other_time_loss_s", "time loss of other vehicles"),
+    ("people_time_loss_s", "time loss of people"),
+    ("queue_p95_m", "queue, 95 %"),
+)
+_AT_CROSSWALKS = (
+    ("vehicle_delay_s", "mean delay of vehicles (s)"),
+    ("pedestrian_wait_s", "mean wait of people (s)"),
+    ("queue_p95_m", "queue, 95 % (m)"),
+)
+_SAFETY = (("pet_s", "PET (s)", "PET"), ("min_ttc_s", "smallest TTC (s)", "TTC"))
+_UP_TO_S = 5.0
+_MOST_CROSSWALKS = 12
+_MOST_SAFETY = 3
+"""So many crosswalks have panels of their own."""
+_ROW_INCH = 0.42
+
+
+def simulation_pictures(run: RunData) -> Iterator[Picture]:
+    """The figures of a run with finished pairs; call it inside ``style.styled``."""
+    if not run.varied_keys:
+        yield _groups(run)
+        yield _crosswalks(run)
+        yield from _safety(run)
+    elif (key := across_key(run)) is not None:
+        for name, words in _OVER:
+            yield from _over(run, key, name, words)
+
+
+def _over(run: RunData, key: str, name: str, words: str) -> Iterator[Picture]:
+    """A measure over the main varied key: a line for each strategy, and one for the reference."""
+    summary = run.summary
+    others = [each for each in run.varied_keys if each != key]
+    labels = [", ".join(as_written(row[each]) for each in others) for _, row in summary.iterrows()]
+    labels = [label or run.scenario.arms.av for label in labels]
+    x = summary[key].astype(float)
+    lines = [
+        Line(f"AV's arm: {line.label}", line.x, line.value, line.low, line.high)
+        for line in lines_of(summary, x.tolist(), labels, name)
+    ]
+    if others in ([], ["arms.av"]):
+        # Cells that differ in the AV alone have the same reference arm.
+        once = np.array(labels) == labels[0]
+        label = [f"reference: {run.scenario.arms.human}"] * int(once.sum())
+        lines[1:1] = lines_of(summary[once], x[once].tolist(), label, f"{name}_human")
+    lines = [_defined(line) for line in lines]
+    lines = [line for line in lines if len(line.x)]
+    if not lines:
+        return
+    unit = "m" if name.endswith("_m") else "s"
+    figure, (axes,) = style.new_figure()
+    draw_over(axes, lines[: len(style.SERIES)], axis_label(key), f"{words} ({unit})")
+    left = len(lines) - len(style.SERIES)
+    more = f" summary.csv has {left} more strategies." if left > 0 else ""
+    yield Picture(
+        f"over-{name.rsplit('_', 1)[0].replace('_', '-')}",
+        f"{words[0].upper()}{words[1:]} over {axis_label(key)}",
+        f"Mean over pairs with its {level(run.confidence)} interval (Student's t). In the "
+        f"reference's arm AVs are the vehicles that are AVs in the other one.{more}",
+        figure,
+    )
+
+
+def _defined(line: Line) -> Line:
+    """The points of a line that have a value; an undefined limit is replaced by the value."""
+    there = ~np.isnan(line.value)
+    x, value, low, high = (each[there] for each in (line.x, line.value, line.low, line.high))
+    low, high = (np.where(np.isnan(end), value, end) for end in (low, high))
+    return Line(line.label, x, value, low, high)
+
+
+def _groups(run: RunData) -> Picture:
+    """Time loss of each group of trips in both arms."""
+    rows = run.derived("groups").to_pandas()
+    names = [name for name in dict.fromkeys(rows["group"]) if _any(rows, "group", name)]
+    names = names[:_MOST_CROSSWALKS]
+    figure, (axes,) = style.new_figure(height=1.6 + _ROW_INCH * len(names))
+    draw_groups(axes, names, _means(run, rows, "group", names, "time_loss_s"), "time loss (s)")
+    return Picture(
+        "time-loss",
+        "Time loss by group",
+        f"Mean time loss of a trip, over pairs, with its {level(run.confidence)} interval "
+        "(Student's t); a wait for departure counts. In the reference's arm AVs are the vehicles "
+        "that are AVs in the other one.",
+        figure,
+    )
+
+
+def _any(rows: pd.DataFrame, column: str, name: str) -> bool:
+    return bool(rows.loc[rows[column] == name, "time_loss_s"].notna().any())
+
+
+def _crosswalks(run: RunData) -> Picture:
+    """Delay, wait and queue at each chosen crosswalk in both arms."""
+    rows = run.derived("crosswalks").to_pandas()
+    names = _busiest(rows)[:_MOST_CROSSWALKS]
+    height = len(_AT_CROSSWALKS) * (1.3 + 0.75 * _ROW_INCH * len(names))
+    figure, panels = style.new_figure(len(_AT_CROSSWALKS), height=height)
+    for axes, (column, across) in zip(panels, _AT_CROSSWALKS, strict=True):
+        draw_groups(axes, names, _means(run, rows, "crosswalk", names, column), across)
+    left = rows["crosswalk"].nunique() - len(names)
+    more = f" {left} crosswalks with fewer people are left out." if left else ""
+    return Picture(
+        "crosswalks",
+        "Delay, wait and queue at the crosswalks",
+        f"Means over pairs with their {level(run.confidence)} intervals (Student's t). The queue "
+        "is the 95 % quantile over seconds of the distance from the crosswalk to the rear of the "
+        f"last queued vehicle.{more}",
+        figure,
+    )
+
+
+def _busiest(rows: pd.DataFrame) -> list[str]:
+    """The crosswalks, that with the most people first."""
+    people = rows.groupby("crosswalk", sort=False)["people"].sum()
+    return [str(name) for name in people.sort_values(ascending=False, kind="stable").index]
+
+
+def _means(
+    run: RunData, rows: pd.DataFrame, key: str, names: Sequence[str], column: str
+) -> dict[Arm, list[Interval]]:
+    """The mean over pairs of a column, for each value of a key in each arm."""
+    both = rows.groupby(["cell", "pair", key])["arm"].transform("size") == len(Arm)
+    rows = rows[both]
+    return {
+        arm: [
+            student_mean(
+                rows.loc[(rows["arm"] == arm.value) & (rows[key] == name), column]
+                .dropna()
+                .to_numpy(dtype=float),
+                run.confidence,
+            ).within(least=0.0)
+            for name in names
+        ]
+        for arm in Arm
+    }
+
+
+def _safety(run: RunData) -> Iterator[Picture]:
+    """PET and TTC of the passages with people, at the busiest crosswalks."""
+    met = run.passages_over[run.passages_over["pedestrians"] > 0]
+    names = [
+        name
+        for name in _busiest(run.derived("crosswalks").to_pandas())
+        if (met["crosswalk"] == name).any()
+    ]
+    human = run.scenario.arms.human
+    for column, across, words in _SAFETY:
+        if met[column].isna().all() or not names:
+            continue
+        shown = names[:_MOST_SAFETY]
+        figure, panels = style.new_figure(len(shown), height=0.4 + 3.0 * len(shown))
+        for axes, name in zip(panels, shown, strict=True):
+            there = met[met["crosswalk"] == name]
+            values = {
+                label: there.loc[there["arm"] == arm.value, column].to_numpy(dtype=float)
+                for label, arm in (("AV", Arm.AV), (human, Arm.HUMAN))
+            }
+            draw_shares(axes, values, across, _UP_TO_S, "share of passages at most x", name)
+        more = len(names) - len(shown)
+        yield Picture(
+            f"safety-{words.lower()}",
+            f"{words} at the crosswalks",
+            f"Share of passages with people whose {words} is at most x, in both arms, at the "
+            f"{'' if more == 0 else f'{len(shown)} '}crosswalks with the most people. A curve ends "
+            "below 1 where the measure is undefined or larger. A contact has TTC 0 and no PET."
+            + (f" {more} crosswalks are left out." if more else ""),
+            figure,
+        )

@@ -1,0 +1,88 @@
+"""The moment of a user's own simulation that sumo-gui shows."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+from harness.core.encounter import Arm
+from harness.core.errors import InputError
+from harness.episode.simulation.pairing import setting_of
+from harness.scenario import Scenario
+from harness.store.tables import Row
+from harness.studies.replay.stored import StoredCell
+from harness.studies.runs.simulation_choice import most_striking
+
+if TYPE_CHECKING:
+    from harness.engine.traci import Moment
+
+_MARGIN_S = 3.0
+"""Time shown before and after a passage."""
+
+_LONGEST_S = 60.0
+"""Time shown of a passage that broke off."""
+
+
+def moments_of(
+    stored: StoredCell,
+    pair: int,
+    arms: Sequence[Arm],
+    vehicle: str | None = None,
+    crosswalk: str | None = None,
+) -> "dict[Arm, Moment]":
+    """What is shown of each arm; empty if the run is not of a user's own simulation.
+
+    It is the most striking passage of the first arm, and the same vehicle's over the same crosswalk
+    in the other one; if there is none, the same time.
+
+    Args:
+        stored: the cell.
+        pair: index of the pair.
+        arms: the arms.
+        vehicle, crosswalk: ids of the only vehicle and crosswalk that count.
+
+    Raises:
+        InputError: no passage is like that, or the run is of another kind.
+    """
+    scenario = stored.cell.scenario
+    if scenario.simulation is None:
+        for option, value in (("--vehicle", vehicle), ("--crosswalk", crosswalk)):
+            if value is not None:
+                raise InputError(f"{option} {value}", "is not supported", "a run of [simulation]")
+        return {}
+    frames = {arm: pd.DataFrame(stored.rows_of(pair, arm)["passages_over"]) for arm in arms}
+    first = arms[0]
+    chosen = _passage(frames[first], vehicle, crosswalk)
+    if chosen is None:
+        if vehicle is None and crosswalk is None:
+            raise InputError("--gui", "nobody passed a chosen crosswalk", "another pair or --arm")
+        option, value = (
+            ("--vehicle", vehicle) if vehicle is not None else ("--crosswalk", crosswalk)
+        )
+        problem = f"no such passage in the arm {first.value} of pair {pair}"
+        raise InputError(f"{option} {value}", problem, "a passage that `harness worst` lists")
+    moments = {}
+    for arm in arms:
+        same = chosen
+        if arm is not first:
+            other = _passage(frames[arm], chosen["vehicle"], chosen["crosswalk"])
+            same = chosen if other is None else other
+        moments[arm] = _moment(scenario, same)
+    return moments
+
+
+def _passage(rows: pd.DataFrame, vehicle: str | None, crosswalk: str | None) -> Row | None:
+    return most_striking(rows, vehicle, crosswalk) if len(rows) else None
+
+
+def _moment(scenario: Scenario, row: Row) -> "Moment":
+    from harness.engine.traci import Moment
+
+    begin_s, passed_s = row["trigger_s"], row["passed_s"]
+    end_s: float = begin_s + _LONGEST_S if pd.isna(passed_s) else passed_s
+    crosswalk = next(
+        each for each in setting_of(scenario).crosswalks if each.id == row["crosswalk"]
+    )
+    way = crosswalk.ways[0]
+    x_m, y_m = way.frame.to_network(0.0, way.crossing.length_m / 2)
+    return Moment(begin_s - _MARGIN_S, end_s + _MARGIN_S, x_m, y_m)
