@@ -109,6 +109,8 @@ class Entry(Generic[Source]):
             reliable.
         undefined: the reason if the number is undefined.
         first_screen: whether the first screen shows it; ``--full`` shows every entry.
+        may_be_absent: whether it is undefined because nothing of the kind is there, so that the
+            first screen needs neither a row nor a note of it.
         worst_case: whether the first screen shows it if anything was left out.
         crashes: whether it is of crashes, which no sweep's first screen leaves out: their column
             stands before all others but the first.
@@ -133,6 +135,7 @@ class Entry(Generic[Source]):
     reliable_from: int | None = None
     undefined: str = ""
     first_screen: bool = False
+    may_be_absent: bool = False
     worst_case: bool = False
     crashes: bool = False
     paper: str = ""

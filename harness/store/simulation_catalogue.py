@@ -11,7 +11,14 @@ _NO_COMMAND = "no strategy drove"
 
 
 def _mean(
-    key: str, heading: str, meaning: str, undefined: str, *, unit: str = "s", first: bool = True
+    key: str,
+    heading: str,
+    meaning: str,
+    undefined: str,
+    *,
+    unit: str = "s",
+    first: bool = True,
+    may_be_absent: bool = False,
 ) -> Entry[ArmColumns]:
     """The mean over pairs of the column ``key``, and its difference pair by pair."""
     return Entry(
@@ -25,6 +32,7 @@ def _mean(
         interval=Interval,
         undefined=undefined,
         first_screen=first,
+        may_be_absent=may_be_absent,
     )
 
 
@@ -62,6 +70,7 @@ SIMULATIONS: tuple[Entry[ArmColumns], ...] = (
         "time loss of other vehicles",
         "Mean time loss of the trips of all other vehicles.",
         _NO_TRIP,
+        may_be_absent=True,
     ),
     _mean(
         "people_time_loss_s",
@@ -115,6 +124,7 @@ SIMULATIONS: tuple[Entry[ArmColumns], ...] = (
         interval=Proportion,
         undefined=_NO_COMMAND,
         first_screen=True,
+        may_be_absent=True,
     ),
     _mean(
         "vehicle_time_loss_s",

@@ -91,16 +91,20 @@ def _both(
     limits = [entry_limits(entry, finding) or DASH for finding in (av, reference)]
     if limits == [DASH, DASH]:
         return ""
+    if entry.may_be_absent and None in (av.value, reference.value):
+        return f"{next(text for text in limits if text != DASH)} %"
     if av.events == reference.events == 0:
         high = max(av.high or 0.0, reference.high or 0.0)
         bound = zero_bound(high, cell.findings["confidence"].number or CONFIDENCE)
-        return f"each below {per_cent(bound, 1)} %"
+        # Trials of one pair are correlated: so few pairs are why a bound is high.
+        pairs = f" ({counted(cell.pairs, 'pair')})" if (av.n or 0) > cell.pairs else ""
+        return f"each below {per_cent(bound, 1)} %{pairs}"
     return f"{limits[0]} / {limits[1]} %"
 
 
 def _has_something(entry: Entry[Any], cell: CellFindings) -> bool:
     """Whether a number of the entry is defined, or a note says why it is not."""
-    names = [name for name in entry.names if name is not None]
+    names = [] if entry.may_be_absent else [name for name in entry.names if name is not None]
     return _has_number(entry, cell) or any(cell.findings[name].reason for name in names)
 
 

@@ -153,8 +153,11 @@ def entry_limits(entry: Entry[Any], finding: Finding, digits: int | None = None)
     if finding.low is None or finding.high is None:
         return ""
     decimals = entry.digits if digits is None else digits
-    write = per_cent if entry.form in (Form.EVENTS, Form.SHARE) else _signed
-    return f"{write(finding.low, decimals)} … {write(finding.high, decimals)}"
+    if entry.form not in (Form.EVENTS, Form.SHARE):
+        return f"{_signed(finding.low, decimals)} … {_signed(finding.high, decimals)}"
+    # A lower limit that an exponent would be needed for says no more than 0; an upper one does.
+    low = per_cent(finding.low if finding.low >= 1e-8 else 0.0, decimals)
+    return f"{low} … {per_cent(finding.high, decimals)}"
 
 
 def entry_cell(entry: Entry[Any], findings: Findings, name: str | None) -> TableCell:

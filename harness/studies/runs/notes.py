@@ -143,7 +143,9 @@ def undefined_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
     """Return the reasons for undefined numbers on the first screen."""
     reasons: dict[str, list[str]] = {}
     for entry in catalogue:
-        for name in filter(None, entry.names if entry.first_screen else ()):
+        if not entry.first_screen or entry.may_be_absent:
+            continue
+        for name in filter(None, entry.names):
             finding = findings[name]
             if finding.value is None and finding.reason:
                 reasons.setdefault(finding.reason, []).append(short_name(entry))

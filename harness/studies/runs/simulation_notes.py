@@ -29,18 +29,17 @@ def simulation_notes(
         note(Rank.NOTHING_TESTED, "No vehicle was an AV: check simulation.av_types and av_share.")
     elif findings["driven"].count == 0 and scenario.arms.av != "sumo_driver":
         note(Rank.NOTHING_TESTED, f"{scenario.arms.av} drove no passage.")
-    for who, end in ((f"{scenario.arms.av}'s arm", ""), (scenario.arms.human, "_human")):
-        _left_out(findings, who, end, note)
+    _left_out(findings, note)
     cut = findings["cut_share"].number
     if cut is not None and cut > CUT_SHARE:
         note(
             Rank.LEFT_OUT,
-            f"SUMO did not follow {100 * cut:.0f} % of {scenario.arms.av}'s commands, because of "
-            "other vehicles, lights or the junction: those speeds are SUMO's.",
+            f"SUMO cut {100 * cut:.0f} % of {scenario.arms.av}'s commands: that driving is SUMO's.",
         )
     notes += undefined_notes(findings, catalogue)
     if added := _added(scenario):
-        text = f"{', '.join(added)} lie within R0 of a chosen crosswalk and were chosen with it."
+        verb = "lie" if len(added) > 1 else "lies"
+        text = f"{', '.join(added)} {verb} within R0 of a chosen crosswalk: also chosen."
         note(Rank.REFERENCE, text)
     if 0 < (ran := pairs - failed) < FEW_HOURS:
         text = "One pair has no intervals." if ran == 1 else f"Each interval rests on {ran} pairs."
@@ -54,26 +53,24 @@ def _added(scenario: Scenario) -> list[str]:
     return [name for name in chosen if name not in simulation.crossings]
 
 
-def _left_out(findings: Findings, who: str, end: str, note: Callable[[Rank, str], None]) -> None:
-    """Note what no number of an arm counts, and what SUMO says of it."""
-    measured = findings[f"passages{end}"].count
-    if count := findings[f"not_measured{end}"].count:
-        note(
-            Rank.LEFT_OUT,
-            f"{who}: {counted(count, 'vehicle')} turned at the junction of a chosen crosswalk or "
-            f"bent there; measured are {counted(measured, 'passage')} straight over.",
-        )
-    if count := findings[f"not_driven{end}"].count:
-        text = f"{who}: {counted(count, 'passage')} no strategy may drive; SUMO drove them."
-        note(Rank.LEFT_OUT, text)
-    if count := findings[f"unfinished{end}"].count:
-        note(
-            Rank.LEFT_OUT,
-            f"{who}: {counted(count, 'trip')} did not end; they count with the time until the end.",
-        )
-    if count := findings[f"teleports{end}"].count:
-        text = f"{who}: SUMO teleported {counted(count, 'vehicle')}; their passages are not whole."
-        note(Rank.SATURATION, text)
-    if count := findings[f"sumo_collisions{end}"].count:
-        text = f"{who}: SUMO reports {counted(count, 'collision')} between vehicles."
-        note(Rank.SATURATION, text)
+def _left_out(findings: Findings, note: Callable[[Rank, str], None]) -> None:
+    """Note what no number counts and what SUMO says of the arms, the AV's first."""
+
+    def both(name: str) -> str:
+        """The counts of both arms; empty where there is nothing in either."""
+        counts = [findings[f"{name}{end}"].count for end in ("", "_human")]
+        return " / ".join(f"{count:,}" for count in counts) if any(counts) else ""
+
+    parts = []
+    if counts := both("not_measured"):
+        parts.append(f"{counts} vehicles turned or bent and are not measured")
+    if counts := both("not_driven"):
+        parts.append(f"{counts} passages no strategy may drive")
+    if counts := both("unfinished"):
+        parts.append(f"{counts} trips did not end")
+    if parts:
+        note(Rank.LEFT_OUT, f"In the two arms {'; '.join(parts)}.")
+    if counts := both("teleports"):
+        note(Rank.SATURATION, f"SUMO teleported {counts} vehicles: their passages are not whole.")
+    if counts := both("sumo_collisions"):
+        note(Rank.SATURATION, f"SUMO reports {counts} collisions between vehicles.")
