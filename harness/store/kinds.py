@@ -58,6 +58,9 @@ class Kind(Protocol):
         long_pairs: whether a pair is long.  A long pair is a task of its own and shares no episode
             with other cells.  ``--until`` adds no long pairs.  The page shows a stretch of one.
         compared: whether ``harness compare`` compares its cells pair by pair.
+        instead: what to use where it does not, as a sentence.
+        ranked: the table whose rows ``harness worst`` ranks, and the columns that name a row of it
+            within its arm.  The table has the columns of the table ``episodes``.
         settles: whether a pair begins with an empty road, so that ``--settle`` sets its warm-up.
         records: the tables with the results of a pair.
         shown: the tables with which a pair is shown: the states of everybody, and the people.
@@ -77,6 +80,12 @@ class Kind(Protocol):
 
     @property
     def compared(self) -> bool: ...
+
+    @property
+    def instead(self) -> str: ...
+
+    @property
+    def ranked(self) -> tuple[str, tuple[str, ...]]: ...
 
     @property
     def settles(self) -> bool: ...
@@ -141,6 +150,8 @@ class EncounterKind:
     section: str = ""
     long_pairs: bool = False
     compared: bool = True
+    instead: str = ""
+    ranked: tuple[str, tuple[str, ...]] = ("episodes", ())
     settles: bool = False
     records: tuple[str, ...] = ("episodes", "pedestrians")
     shown: tuple[str, str] = ("traces", "pedestrians")
@@ -205,6 +216,8 @@ class HourKind:
     section: str = "[traffic]"
     long_pairs: bool = True
     compared: bool = False
+    instead: str = ""
+    ranked: tuple[str, tuple[str, ...]] = ("episodes", ())
     settles: bool = True
     records: tuple[str, ...] = HOUR_TABLES
     shown: tuple[str, str] = HOUR_TRACES
@@ -258,6 +271,8 @@ class SimulationKind(HourKind):
 
     name: str = "own simulations"
     section: str = "[simulation]"
+    instead: str = "its summary.csv has the difference of both arms in every cell"
+    ranked: tuple[str, tuple[str, ...]] = ("passages_over", ("crosswalk", "vehicle", "trigger_s"))
     settles: bool = False
     records: tuple[str, ...] = SIMULATION_TABLES
     shown: tuple[str, str] = SIMULATION_TRACES

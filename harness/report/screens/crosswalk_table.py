@@ -27,11 +27,10 @@ def crosswalk_table(caption: str, rows: Sequence[CrosswalkRow]) -> Table:
         "vehicles per hour",
         "straight on",
         "people per hour",
-        "length, m",
         "limit, m/s",
-        "straight for, m",
+        "straight, m",
         "roads",
-        "",
+        "usable",
     )
     return Table("crosswalks", caption, headings, tuple(map(_cells, rows)))
 
@@ -42,7 +41,6 @@ def _cells(row: CrosswalkRow) -> tuple[TableCell, ...]:
         (row.vehicles_per_hour, 0),
         (row.straight_per_hour, 0),
         (row.people_per_hour, 0),
-        (row.length_m, 1),
         (row.speed_limit_mps, 1),
         (row.straight_m, 0),
     )
@@ -50,5 +48,5 @@ def _cells(row: CrosswalkRow) -> tuple[TableCell, ...]:
         TableCell(one_line(row.edge)),
         *(TableCell(DASH if value is None else number(value, digits)) for value, digits in values),
         TableCell(roads),
-        TableCell("usable" if row.problem is None else f"not usable: {one_line(row.problem)}"),
+        TableCell("yes" if row.problem is None else f"no: {one_line(row.problem)}"),
     )

@@ -95,9 +95,11 @@ def _both(
         return f"{next(text for text in limits if text != DASH)} %"
     if av.events == reference.events == 0:
         high = max(av.high or 0.0, reference.high or 0.0)
-        bound = zero_bound(high, cell.findings["confidence"].number or CONFIDENCE)
-        # Trials of one pair are correlated: so few pairs are why a bound is high.
-        pairs = f" ({counted(cell.pairs, 'pair')})" if (av.n or 0) > cell.pairs else ""
+        confidence = cell.findings["confidence"].number or CONFIDENCE
+        bound = zero_bound(high, confidence)
+        # Trials of one pair are correlated: where that raises the bound, the pairs are the reason.
+        alone = 1.0 - (1.0 - confidence) ** (1.0 / max(av.n or 1, 1))
+        pairs = f" ({counted(cell.pairs, 'pair')})" if bound > 1.5 * alone else ""
         return f"each below {per_cent(bound, 1)} %{pairs}"
     return f"{limits[0]} / {limits[1]} %"
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from harness.core.encounter import Ending
+from harness.core.errors import one_line
 from harness.report.screens.tables import Table, TableCell, count_cell, number, sort_key
 from harness.scenario import as_written
 from harness.studies.runs.worst import WorstEpisode
@@ -13,18 +14,20 @@ def worst_tables(episodes: Sequence[WorstEpisode], by: str) -> Table:
     compared = any(episode.ending_before is not None for episode in episodes)
     # Its number is what --cell asks for, its keys what it is.
     keys = list(episodes[0].varied) if episodes else []
+    names = list(episodes[0].names) if episodes else []
     rows = [
         (
             count_cell(episode.cell),
             *(TableCell(as_written(episode.varied[key])) for key in keys),
             count_cell(episode.pair),
+            *(_name_cell(episode.names[name]) for name in names),
             *([_outcome(episode.before, episode.ending_before)] if compared else []),
             _outcome(episode.value, episode.ending),
         )
         for episode in episodes
     ]
     words = "got worse" if compared else "worst"
-    headings = ("cell", *keys, "pair", *([f"{by} before"] if compared else []), by)
+    headings = ("cell", *keys, "pair", *names, *([f"{by} before"] if compared else []), by)
     if not episodes:
         return Table("worst", f"no episode to look at, by {by}", headings, ())
     caption = f"{words} by {by}: {episodes[0].run}, {episodes[0].arm.value}"
@@ -41,6 +44,7 @@ def worst_document(episodes: Sequence[WorstEpisode], by: str) -> Mapping[str, ob
                 "varied": dict(episode.varied),
                 "pair": episode.pair,
                 "arm": episode.arm.value,
+                **episode.names,
                 "ending": episode.ending.value,
                 by: episode.value,
                 "before": episode.before,
@@ -50,6 +54,13 @@ def worst_document(episodes: Sequence[WorstEpisode], by: str) -> Mapping[str, ob
             for episode in episodes
         ],
     }
+
+
+def _name_cell(value: str | float) -> TableCell:
+    """What names a passage: the id of a crosswalk or a vehicle, or a time in s."""
+    if isinstance(value, str):
+        return TableCell(one_line(value))
+    return TableCell(number(value, 1), sort=sort_key(value))
 
 
 def _outcome(value: float | None, ending: Ending | None) -> TableCell:

@@ -67,7 +67,10 @@ def compare(
     for run in opened:
         if not run.kind.compared:
             problem = f"is a run of {run.kind.name}, which has no pairs of episodes to compare"
-            raise InputError(str(run.path), problem, f"a run without {run.kind.section}")
+            allowed = "; ".join(
+                filter(None, (f"a run without {run.kind.section}", run.kind.instead))
+            )
+            raise InputError(str(run.path), problem, allowed)
     several = len(opened) > 1
     names = names_of(opened) if several else [""]
     groups = groups_over([run.study for run in opened], names)

@@ -102,6 +102,11 @@ class RunData:
         return _frame(self._tables.read("episodes"))
 
     @cached_property
+    def ranked(self) -> pd.DataFrame:
+        """The rows that ``harness worst`` ranks: episodes, or passages of own simulations."""
+        return _frame(self._tables.read(self.kind.ranked[0]))
+
+    @cached_property
     def pedestrians(self) -> pd.DataFrame:
         """One row per pedestrian × arm.
 

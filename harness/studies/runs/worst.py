@@ -37,7 +37,8 @@ class WorstEpisode:
 
     ``value`` is the value of the measure; None if it is undefined, and ``ending`` explains why.
     ``before`` and ``ending_before`` are value and ending in the earlier run; None without one.
-    ``varied`` names the cell by its keys.
+    ``varied`` names the cell by its keys.  ``names`` names a passage within its arm: crosswalk,
+    vehicle and time of R0; an episode has none.
     """
 
     run: Path
@@ -49,6 +50,7 @@ class WorstEpisode:
     before: float | None = None
     ending_before: Ending | None = None
     varied: Mapping[str, Any] = field(default_factory=dict)
+    names: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def command(self) -> str:
@@ -116,6 +118,10 @@ def got_worse(
     """
     arm = _check(by, most, arm)
     now, then = finished_run(run), finished_run(since)
+    for data in (now, then):
+        if not data.kind.compared:
+            problem = f"is a run of {data.kind.name}, whose passages differ between runs"
+            raise InputError(f"--diff {data.path}", problem, f"a run without {data.kind.section}")
     groups = groups_over([then.study, now.study], names_of([then, now]))
     check_same_pairs([then, now], groups)
     old, new = _episodes(then, by, arm), _episodes(now, by, arm, cell)
@@ -136,7 +142,8 @@ def got_worse(
 
 
 def _ranked(run: RunData, rows: pd.DataFrame, key: str, by: str, arm: Arm) -> list[WorstEpisode]:
-    order = rows.sort_values([key, "cell", "pair"], ascending=[False, True, True], kind="stable")
+    names = ["cell", "pair", *run.kind.ranked[1]]
+    order = rows.sort_values([key, *names], ascending=[False, *[True] * len(names)], kind="stable")
     return [_episode(run, row, by, arm) for _, row in order.iterrows()]
 
 
@@ -168,7 +175,7 @@ def _matches(cells: tuple[StrategyCell, ...]) -> list[tuple[StrategyCell, Strate
 
 def _episodes(run: RunData, by: str, arm: Arm, cell: int | None = None) -> pd.DataFrame:
     """Return the arm's completed episodes with a column ``badness``: larger is worse."""
-    episodes, cells = run.episodes, len(run.study.cells)
+    episodes, cells = run.ranked, len(run.study.cells)
     if by not in episodes:
         raise InputError(str(run.path), f"has no {by}", "a run that has it: harness score RUN")
     if cell is not None and not 0 <= cell < cells:
@@ -226,4 +233,5 @@ def _episode(run: RunData, row: "pd.Series[Any]", by: str, arm: Arm) -> WorstEpi
         known(row[f"{by}{_BEFORE}"]) if compared else None,
         Ending(row[f"ending{_BEFORE}"]) if compared else None,
         run.study.cells[int(row["cell"])].varied,
+        {name: row[name] for name in run.kind.ranked[1]},
     )
