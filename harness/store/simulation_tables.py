@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 
 from harness.core.encounter import Arm
-from harness.episode.simulation.arm import BENDS, TURNS, uniform_of
+from harness.episode.simulation.log import uniform_of
 from harness.episode.simulation.pairing import (
     MeasuredPassage,
     SimulationOutcome,
@@ -15,6 +15,7 @@ from harness.episode.simulation.pairing import (
 )
 from harness.episode.simulation.people import waited_s
 from harness.episode.simulation.trips import Trip
+from harness.episode.simulation.visits import BENDS, TURNS
 from harness.measures.ego import crossing_time
 from harness.store.hour_tables import passage_counts, record_row
 from harness.store.tables import (

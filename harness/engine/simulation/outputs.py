@@ -29,6 +29,7 @@ _OUTPUTS: Mapping[str, str] = {
     ),
     "timedEvent": "dest",
     "calibrator": "output",
+    "laneCalibrator": "output",
 }
 """Elements of additional files that write, each with the attribute that has the path."""
 
@@ -39,6 +40,8 @@ _INPUTS: Mapping[str, str] = {
     "poly": "imgFile",
     "poi": "imgFile",
     "vType": "imgFile",
+    "edgeData": "edgesFile",
+    "laneData": "edgesFile",
 }
 """Elements that read a file; a copy of theirs needs its absolute path."""
 
@@ -47,10 +50,11 @@ _PARAMETERS = ("device.ssm.file", "device.toc.file", "file")
 
 _WRITES = re.compile(rb"""(?:file|dest|output|\bhref)\s*=\s*["']|["'](?:device\.\w+\.)?file["']""")
 
-_SWITCHED_OFF = ("save-configuration", "save-template", "save-schema", "save-state.prefix")
-"""Options that name a file to write and are not in SUMO's section of outputs."""
+_NO_FILE = re.compile(r"(nul|stdout|stderr|-|[\w.-]+:\d+)", re.IGNORECASE)
+"""Names to which SUMO writes without a file: nowhere, the terminal, a socket."""
 
-_INPUT_FILES = ("weight-files", "phemlight-path", "astar.all-distances", "astar.landmark-distances")
+_SSM_FILE = "device.ssm.file"
+"""SSM devices write a file for each vehicle where this option is not given."""
 
 
 @dataclass(frozen=True)
@@ -71,17 +75,30 @@ class Kept:
         """Whether an output of this name is written."""
         return "all" in self.names or name in self.names
 
-    def path(self, name: str, written: str) -> str:
-        """The path to which SUMO writes what the scenario writes to ``written``."""
-        if not self.keeps(name) or written.upper() in ("NUL", NOWHERE.upper()):
+    def path(self, name: str, written: Path, home: Path) -> str:
+        """The path to which SUMO writes what the scenario writes to ``written``.
+
+        Args:
+            name: of the output.
+            written: an absolute path.
+            home: the configuration's folder.
+        """
+        if not self.keeps(name) or _NO_FILE.fullmatch(written.name) or str(written) == NOWHERE:
             return NOWHERE
-        return str(self.folder / inside(written))
+        return str(self.folder.absolute() / inside(written, home))
 
 
-def inside(written: str) -> str:
-    """A file name for a path of the scenario's: its parts, joined, without those that lead up."""
-    parts = [part for part in Path(written).parts if part not in ("..", ".", "/", "\\")]
-    return "_".join(parts)
+def inside(written: Path, home: Path) -> str:
+    """A file name for a path of the scenario's: the way there from its folder, in one word.
+
+    Example:
+        >>> inside(Path("/town/out/fcd.xml"), Path("/town"))
+        'out_fcd.xml'
+        >>> inside(Path("/fcd.xml"), Path("/town"))
+        'up_fcd.xml'
+    """
+    parts = Path(os.path.relpath(written, home)).parts
+    return "_".join("up" if part == ".." else part for part in parts)
 
 
 def output_options(config: SumoConfig) -> dict[str, str]:
@@ -90,10 +107,7 @@ def output_options(config: SumoConfig) -> dict[str, str]:
     named = {}
     for name, value in config.options.items():
         writes = types.get(name) == "FILE" and sections.get(name) in ("output", "report")
-        writes |= name.endswith(("-output", ".output")) or name in (
-            "device.ssm.file",
-            "device.toc.file",
-        )
+        writes |= name.endswith(("-output", ".output")) or name in _PARAMETERS
         if writes and "input-file" not in name and not name.endswith(".prefix") and value:
             named[name] = value
     return named
@@ -114,30 +128,42 @@ def final_options(config: SumoConfig, kept: Kept) -> dict[str, str]:
     Raises:
         InputError: a file cannot be read as XML.
     """
-    written = output_options(config)
+    written, home = output_options(config), config.path.absolute().parent
     options = {}
     for name, value in config.options.items():
         if name in written:
-            path = kept.path(short_name(name), value)
+            path = kept.path(short_name(name), home / value, home)
             if path != NOWHERE:
                 options[name] = path
         elif not _is_dropped(name):
             options[name] = value
-    for option in ("route-files", "additional-files"):
+    options.setdefault(_SSM_FILE, kept.path("devices", home / "ssm.xml", home))
+    for option in ("net-file", "route-files", "additional-files"):
         files = config.files(option)
         if files:
-            options[option] = ",".join(str(copied(file, kept)) for file in files)
+            options[option] = ",".join(str(copied(file, kept, home)) for file in files)
     return options
 
 
 def _is_dropped(option: str) -> bool:
-    """Whether an option is dropped: it saves states or belongs to the window."""
-    prefixes = ("save-", "output-prefix", "output-suffix", "num-clients", "remote-port")
+    """Whether an option is dropped.
+
+    It saves states, belongs to the window, waits for a client, or leaves out trips.
+    """
+    prefixes = (
+        *("save-", "output-prefix", "output-suffix", "num-clients", "remote-port"),
+        "device.tripinfo.",
+    )
     return option.startswith(prefixes) or option_sections().get(option) == "gui_only"
 
 
-def copied(file: Path, kept: Kept) -> Path:
+def copied(file: Path, kept: Kept, home: Path) -> Path:
     """A file, or its copy if it names a path to write.
+
+    Args:
+        file: of the scenario.
+        kept: where the copy lies, and which of its outputs are written.
+        home: the configuration's folder.
 
     Raises:
         InputError: the file cannot be read as XML.
@@ -151,35 +177,38 @@ def copied(file: Path, kept: Kept) -> Path:
         raise InputError(str(file), f"cannot be read as XML ({one_line(str(error))})") from None
     changed = False
     for element in tree.iter():
-        changed |= _redirect(element, file.parent, kept)
+        changed |= _redirect(element, file.parent, kept, home)
     if not changed:
         return file
     kept.folder.mkdir(parents=True, exist_ok=True)
-    name = inside(str(file)).removesuffix(".gz")
-    copy = kept.folder / name
+    copy = kept.folder.absolute() / inside(file, home).removesuffix(".gz")
     tree.write(copy, encoding="utf-8", xml_declaration=True)
     return copy
 
 
-def _redirect(element: ET.Element, folder: Path, kept: Kept) -> bool:
+def _redirect(element: ET.Element, folder: Path, kept: Kept, home: Path) -> bool:
     """Replace the paths of an element; returns whether SUMO would have written to one."""
+
+    def absolute(path: str) -> Path:
+        return Path(os.path.normpath(folder / path))
+
     wrote = False
     tag = element.tag
     output = _OUTPUTS.get(tag)
     if output is not None and element.get(output):
-        element.set(output, kept.path("detectors", element.get(output, "")))
+        element.set(output, kept.path("detectors", absolute(element.get(output, "")), home))
         wrote = True
     source = _INPUTS.get(tag)
     if source is not None and element.get(source):
-        path = Path(os.path.normpath(folder / element.get(source, "")))
+        path = absolute(element.get(source, ""))
         if tag == "include":
-            own = copied(path, kept)
+            own = copied(path, kept, home)
             wrote |= own != path
             path = own
         element.set(source, str(path))
     if tag == "param" and element.get("key") in _PARAMETERS and element.get("value"):
         name = "devices" if str(element.get("key")).startswith("device.") else "detectors"
-        element.set("value", kept.path(name, element.get("value", "")))
+        element.set("value", kept.path(name, absolute(element.get("value", "")), home))
         wrote = True
     return wrote
 

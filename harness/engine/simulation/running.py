@@ -54,15 +54,17 @@ def write_config(
     kept.folder.mkdir(parents=True, exist_ok=True)
     options = final_options(config, kept) | _ALWAYS | {"seed": str(seed)} | dict(more)
     if people is not None:
-        options["route-files"] = ",".join(filter(None, [options.get("route-files"), str(people)]))
-    options["tripinfo-output"] = str(kept.folder / TRIPS_FILE)
+        options["route-files"] = ",".join(
+            filter(None, [options.get("route-files"), str(people.absolute())])
+        )
+    options["tripinfo-output"] = str(kept.folder.absolute() / TRIPS_FILE)
     if step_s is not None:
         options["step-length"] = f"{step_s:.3f}"
     root = ET.Element("configuration")
     for name, value in sorted(options.items()):
         ET.SubElement(root, name, value=value)
     ET.indent(root)
-    path = kept.folder / CONFIG_FILE
+    path = kept.folder.absolute() / CONFIG_FILE
     ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
     return path
 
@@ -99,7 +101,14 @@ class OwnSimulation:
         """Whether there is a further step; libsumo itself ignores the end."""
         if self._end_s is not None:
             return self.time_s < self._end_s - 1e-9
-        return bool(self.api.simulation.getMinExpectedNumber() > 0)
+        api = self.api
+        if not api.simulation.getMinExpectedNumber():
+            return False
+        people = () if api.vehicle.getIDCount() else api.person.getIDList()
+        if api.simulation.getMinExpectedNumber() > len(people):
+            return True
+        # As SUMO does: nobody waits for a ride that does not come.
+        return any(api.person.getStage(name).type != api.constants.STAGE_DRIVING for name in people)
 
     def step(self) -> float:
         """Simulate one step; returns the time at its end in s.

@@ -1,9 +1,6 @@
 """One arm of a pair in a user's simulation: SUMO step by step, its log out."""
 
-import hashlib
-from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from harness.core.encounter import PedestrianView, Strategy, Vehicle
@@ -11,8 +8,19 @@ from harness.core.errors import EngineError
 from harness.engine.simulation.running import OwnSimulation
 from harness.episode.deciding import ROUNDING_M
 from harness.episode.simulation.driving import Control, PassageLog
-from harness.episode.simulation.passages import PersonTrack
+from harness.episode.simulation.log import SimulationLog, VehicleKind
+from harness.episode.simulation.passages import STANDING_MPS
 from harness.episode.simulation.people import PeopleAtCrosswalk
+from harness.episode.simulation.visits import (
+    BENDS,
+    INSIDE,
+    TURNS,
+    Visit,
+    free_speed,
+    left_way,
+    visit_of,
+    why_not,
+)
 from harness.site.simulation import DrivenWay, Setting
 
 QUEUED_MPS = 5 / 3.6
@@ -21,59 +29,20 @@ QUEUED_MPS = 5 / 3.6
 SAMPLE_S = 1.0
 """How often the queues are looked at."""
 
-TURNS = "turns at the junction"
-INSIDE = "came onto the approach within R0"
-BENDS = "its way bends within R0 or before its rear has left"
-STOPS = "stops before its rear has left"
-ARRIVES = "arrives before its rear has left"
+PATIENCE_S = 60.0
+"""Who stands longer than this at a crosswalk while somebody waits there is counted."""
+
+NEAR_M = 5.0
+"""A vehicle whose front is at most this far before a crosswalk stands at it."""
+
+VANISHED = "vanished"
+TELEPORTED = "teleported"
+
+_WITH_PEOPLE = ("crossing", "walkingarea", "sharedLane")
+"""Types of SUMO's collisions of a vehicle with a person."""
 
 MakeDriver = Callable[[str, bool], tuple[str, Strategy | None]]
 """From a vehicle's id and whether it is an AV: its driver's name and strategy (None: SUMO)."""
-
-
-def uniform_of(seed: int, vehicle: str) -> float:
-    """A number from 0 to 1 that belongs to a vehicle of a pair.
-
-    Whoever's number lies below the share is an AV, so a greater share only adds AVs.
-    """
-    digest = hashlib.blake2b(f"{seed}:{vehicle}".encode(), digest_size=8).digest()
-    return int.from_bytes(digest, "big") / 2**64
-
-
-@dataclass(slots=True)
-class VehicleKind:
-    """What a trip's row needs beside SUMO's: the vehicle's class, and whether it is an AV."""
-
-    type_id: str
-    vehicle_class: str
-    automated: bool
-
-
-@dataclass(slots=True)
-class SimulationLog:
-    """The events of one arm.
-
-    Attributes:
-        vehicles: every vehicle that departed, by id.
-        passages: over the chosen crosswalks, by the time of R0.
-        people: by crosswalk, everybody who was on it.
-        queues_m: by crosswalk, the queue in m at every second that counts.
-        not_measured: by crosswalk and reason, vehicles that were not measured.
-        collisions: number of vehicle–vehicle and vehicle–person collisions by SUMO's own count.
-        person_collisions: by crosswalk, those with people at the chosen crosswalks.
-        teleports: number of vehicles that SUMO teleported.
-        end_s: the time at which the simulation ended.
-    """
-
-    vehicles: dict[str, VehicleKind] = field(default_factory=dict)
-    passages: list[PassageLog] = field(default_factory=list)
-    people: dict[str, list[PersonTrack]] = field(default_factory=dict)
-    queues_m: dict[str, list[float]] = field(default_factory=dict)
-    not_measured: Counter[tuple[str, str]] = field(default_factory=Counter)
-    collisions: int = 0
-    person_collisions: Counter[str] = field(default_factory=Counter)
-    teleports: int = 0
-    end_s: float = 0.0
 
 
 class SimulationArm:
@@ -178,10 +147,10 @@ class SimulationArm:
         teleported = api.simulation.getStartingTeleportIDList()
         log.teleports += len(teleported)
         gone = [(name, "arrived on its way") for name in api.simulation.getArrivedIDList()]
-        for name, why in gone + [(name, "teleported") for name in teleported]:
+        for name, why in gone + [(name, TELEPORTED) for name in teleported]:
             self.judged.pop(name, None)
             for key in [key for key in self.active if key[0] == name]:
-                self._end(key, why, exists=why == "teleported")
+                self._end(key, why, exists=why == TELEPORTED)
 
     def _note_collision(self, collision: Any) -> None:
         """Count a collision once: SUMO repeats one for several steps."""
@@ -190,15 +159,29 @@ class SimulationArm:
         if key in self.hits:
             return
         self.hits.add(key)
-        if collision.victim in log.vehicles:
+        # Vehicles and people may have the same ids.
+        if collision.type not in _WITH_PEOPLE and collision.victim in log.vehicles:
             log.collisions += 1
             return
-        crosswalk = collision.lane.rsplit("_", 1)[0]
+        crosswalk = self._hit_at(collision.lane, collision.pos)
         for passage in self.active.values():
-            if passage.name == collision.collider:
+            at_crosswalk = passage.driven_way.way.crosswalk == crosswalk
+            if passage.name == collision.collider and at_crosswalk:
                 passage.collided = True
-                crosswalk = passage.driven_way.way.crosswalk
         log.person_collisions[crosswalk] += 1
+
+    def _hit_at(self, lane: str, position_m: float) -> str:
+        """The chosen crosswalk that is nearest to a front on a lane; else the lane's edge."""
+        places = {
+            crosswalk.id: abs(part.start_m + position_m)
+            for crosswalk in self.setting.crosswalks
+            for way in crosswalk.ways
+            for part in way.lanes
+            if part.lane == lane and part.start_m + position_m >= -way.crossing.width_m / 2 - NEAR_M
+        }
+        if not places or min(places.values()) > self.setting.range_m:
+            return lane.rsplit("_", 1)[0]
+        return min(places, key=lambda crosswalk: places[crosswalk])
 
     def _follow(self, time_s: float) -> None:
         """Read the states at the step's end of everybody on their way over a crosswalk."""
@@ -206,14 +189,22 @@ class SimulationArm:
         checked: set[str] = set()
         for key, passage in list(self.active.items()):
             name = passage.name
-            x_m = passage.offset_m + vehicle.getDistance(name)
-            speed_mps = vehicle.getSpeed(name)
+            try:
+                x_m = passage.offset_m + vehicle.getDistance(name)
+                speed_mps = vehicle.getSpeed(name)
+            except self.api.TraCIException:
+                self._end(key, VANISHED, exists=False)
+                continue
             passage.note(time_s, x_m, speed_mps)
             if passage.strategy is not None and name not in checked:
                 checked.add(name)
                 self.control.check(name, speed_mps)
             if x_m >= passage.rear_left_m:
                 self._end(key, "passed", exists=True)
+                if left_way(self.api, name, passage.driven_way.way, x_m):
+                    # It was rerouted on its way here.
+                    self.log.passages.remove(passage)
+                    self._not_measured(key[1], TURNS, passage.time_s[0])
 
     def _end(self, key: tuple[str, str], why: str, *, exists: bool) -> None:
         passage = self.active.pop(key)
@@ -231,11 +222,11 @@ class SimulationArm:
             if not names:
                 seen.clear()
                 continue
+            # Whoever comes again is new.
+            seen.intersection_update(names)
             for name in names:
                 if name not in seen and self._judged(name, lane, place(name), ways, time_s):
                     seen.add(name)
-            if len(seen) > len(names):
-                seen.intersection_update(names)
 
     def _judged(
         self, name: str, lane: str, position_m: float, ways: list[DrivenWay], time_s: float
@@ -250,42 +241,51 @@ class SimulationArm:
             x_m = max(x_m for _, x_m in candidates)
             if (name, crosswalk) in self.active or x_m >= 0.0:
                 continue
-            if x_m < -self.setting.range_m - ROUNDING_M:
-                whole = False
-                continue
-            self._arrive(name, crosswalk, candidates, time_s)
+            near = x_m >= -self.setting.range_m - ROUNDING_M
+            whole &= near and self._arrived(name, crosswalk, candidates, time_s)
         return whole
 
-    def _arrive(
+    def _arrived(
         self, name: str, crosswalk: str, candidates: list[tuple[DrivenWay, float]], time_s: float
-    ) -> None:
-        """A vehicle has passed R0 of a crosswalk: its passage begins."""
-        vehicle = self.api.vehicle
-        route, index = vehicle.getRoute(name), vehicle.getRouteIndex(name)
+    ) -> bool:
+        """Whether a vehicle has passed R0 of a crosswalk: then its passage begins, or is counted.
+
+        A vehicle whose route does not lead there is none of the crosswalk's.
+        """
+        api = self.api.vehicle
+        route, index = api.getRoute(name), api.getRouteIndex(name)
         visits = self.judged.setdefault(name, {})
+        elsewhere: Visit | None = None
         for each, x_m in candidates:
-            at = _on_route(route, index, each)
-            if at is None:
+            visit = visit_of(route, index, each.way)
+            if visit is None:
                 continue
-            if visits.get(crosswalk) == at:
-                return
-            visits[crosswalk] = at
-            self._begin(name, each, x_m, time_s)
-            return
-        if visits.get(crosswalk) != index:
-            visits[crosswalk] = index
-            self._not_measured(crosswalk, TURNS, time_s)
+            if visit.why is not None:
+                elsewhere = visit
+                continue
+            if x_m < -self.setting.range_m - ROUNDING_M:
+                return False
+            if visits.get(crosswalk) != visit.at:
+                visits[crosswalk] = visit.at
+                self._begin(name, each, x_m, time_s, route[visit.at + 1 :])
+            return True
+        if elsewhere is not None and visits.get(crosswalk) != elsewhere.at:
+            visits[crosswalk] = elsewhere.at
+            self._not_measured(crosswalk, elsewhere.why or TURNS, time_s)
+        return True
 
     def _not_measured(self, crosswalk: str, why: str, time_s: float) -> None:
         if self.counted[0] <= time_s < self.counted[1]:
             self.log.not_measured[crosswalk, why] += 1
 
-    def _begin(self, name: str, driven_way: DrivenWay, x_m: float, time_s: float) -> None:
-        api, way, range_m = self.api.vehicle, driven_way.way, self.setting.range_m
+    def _begin(
+        self, name: str, driven_way: DrivenWay, x_m: float, time_s: float, ahead: Sequence[str]
+    ) -> None:
+        api, way = self.api.vehicle, driven_way.way
         speed_mps = api.getSpeed(name)
         vehicle = Vehicle(
-            initial_speed_mps=max(api.getAllowedSpeed(name), 0.1),
-            trigger_range_m=range_m,
+            initial_speed_mps=max(free_speed(self.api, name, way), 0.1),
+            trigger_range_m=self.setting.range_m,
             detection_range_m=self.detection_m,
             length_m=api.getLength(name),
             width_m=api.getWidth(name),
@@ -297,7 +297,13 @@ class SimulationArm:
             self._not_measured(way.crosswalk, BENDS, time_s)
             return
         kind = self.log.vehicles[name]
-        refused = self._refused(name, driven_way, vehicle, x_m, speed_mps)
+        step_s = self.simulation.step_s
+        # Where the speed fell within the step, the front may be farther beyond R0.
+        most_m = (speed_mps + vehicle.max_deceleration_mps2 * step_s) * step_s + 1e-6
+        if x_m + self.setting.range_m > most_m:
+            refused: str | None = INSIDE
+        else:
+            refused = why_not(self.api, name, way, vehicle, x_m, ahead)
         driver, strategy = ("sumo", None) if refused else self.make(name, kind.automated)
         passage = PassageLog(
             name=name,
@@ -316,32 +322,6 @@ class SimulationArm:
         if strategy is not None:
             self.control.take(passage)
 
-    def _refused(
-        self, name: str, driven_way: DrivenWay, vehicle: Vehicle, x_m: float, speed_mps: float
-    ) -> str | None:
-        """Why no strategy may drive a vehicle over a crosswalk, or None."""
-        way, range_m = driven_way.way, self.setting.range_m
-        step_s = self.simulation.step_s
-        # Where the speed fell within the step, the front may be farther beyond R0.
-        most_m = (speed_mps + vehicle.max_deceleration_mps2 * step_s) * step_s + 1e-6
-        if x_m + range_m > most_m:
-            return INSIDE
-        if way.straight_before_m < range_m - 1e-6:
-            return BENDS
-        rear_m = vehicle.length_m + way.crossing.width_m / 2
-        for stop in self.api.vehicle.getStops(name, 3):
-            edge, _, _ = stop.lane.rpartition("_")
-            place_m = way.place_m(edge, stop.endPos)
-            if place_m is not None and -range_m <= place_m < rear_m:
-                return STOPS
-        route = self.api.vehicle.getRoute(name)
-        if route[-1] == way.to_edge:
-            length_m = self.api.lane.getLength(f"{way.to_edge}_0")
-            end_m = way.place_m(way.to_edge, length_m)
-            if end_m is not None and end_m < rear_m:
-                return ARRIVES
-        return None
-
     def _sample(self) -> None:
         """Every second: the queue before each crosswalk, to the rear of its last vehicle."""
         vehicle, on_lane = self.api.vehicle, self.api.lane.getLastStepVehicleIDs
@@ -355,16 +335,13 @@ class SimulationArm:
                         )
                         longest_m = max(longest_m, rear_m)
             self.queues[crosswalk].append(longest_m)
-
-
-def _on_route(route: tuple[str, ...], index: int, driven_way: DrivenWay) -> int | None:
-    """The place of a way's approach in a vehicle's route ahead; None if it goes another way."""
-    way = driven_way.way
-    edges = [lane.edge for lane in way.lanes if not lane.edge.startswith(":")]
-    if route[max(index, 0)] not in edges:
-        return None
-    here, last = edges.index(route[max(index, 0)]), edges.index(way.from_edge)
-    ahead = [*edges[here : last + 1], way.to_edge]
-    if list(route[index : index + len(ahead)]) != ahead:
-        return None
-    return index + last - here
+        for (name, crosswalk), passage in self.active.items():
+            near = passage.x_m[-1] >= -passage.driven_way.way.crossing.width_m / 2 - NEAR_M
+            stands = near and passage.speed_mps[-1] < STANDING_MPS
+            passage.stood_s = (
+                passage.stood_s + SAMPLE_S
+                if stands and self.people[crosswalk].anybody_waits
+                else 0.0
+            )
+            if passage.stood_s > PATIENCE_S:
+                self.log.stuck.add(name)

@@ -38,6 +38,9 @@ class PassageLog:
         time_s, x_m, speed_mps: the states at every step.
         commands: number of commands; ``cut``: of those, how many SUMO did not follow.
         ended: ``passed``, or why the passage broke off.
+        collided: whether SUMO reports a collision with a person there.
+        stood_s: how long it has stood at the crosswalk while somebody waited.
+        fallback: whether the strategy fell back at some time.
     """
 
     name: str
@@ -56,6 +59,7 @@ class PassageLog:
     cut: int = 0
     ended: str | None = None
     collided: bool = False
+    stood_s: float = 0.0
     fallback: bool = False
 
     def note(self, time_s: float, x_m: float, speed_mps: float) -> None:

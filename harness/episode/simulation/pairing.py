@@ -12,9 +12,10 @@ from harness.core.errors import EngineError, StrategyError, in_one_line
 from harness.engine.simulation.outputs import Kept
 from harness.engine.simulation.running import NO_OPTIONS, TRIPS_FILE, OwnSimulation, write_config
 from harness.episode.arms import check_arms, make_strategy
-from harness.episode.simulation.arm import SimulationArm, SimulationLog, uniform_of
+from harness.episode.simulation.arm import SimulationArm
 from harness.episode.simulation.demand import number_of, write_people
 from harness.episode.simulation.driving import PassageLog
+from harness.episode.simulation.log import SimulationLog, uniform_of
 from harness.episode.simulation.passages import VehicleTrack, passage
 from harness.episode.simulation.trips import Trip, read_trips
 from harness.measures import EpisodeRecord, measure
@@ -106,13 +107,15 @@ class SimulationRunner:
             try:
                 running = self._begin(path, setting.config.end_s)
                 log = self._arm(running, pair, arm, seed).run()
+                running.close()
+                running = None
+                trips = read_trips(folder / TRIPS_FILE, log.end_s)
             except EngineError as error:
                 text = error.traceback if isinstance(error, StrategyError) else None
                 return SimulationOutcome(pair, arm, scenario, reason=str(error), traceback=text)
             finally:
                 if running is not None:
                     running.close()
-            trips = read_trips(folder / TRIPS_FILE, log.end_s)
         passages = tuple(measured(log, setting))
         return SimulationOutcome(pair, arm, scenario, log, passages, tuple(trips))
 

@@ -34,6 +34,14 @@ class PersonAt:
         self.y_m.append(place[1])
         self.on_crossing.append(on_crossing)
 
+    @property
+    def stands(self) -> bool:
+        """Whether the person moved slower than 0.1 m/s in the last step."""
+        if len(self.time_s) < 2:
+            return False
+        moved_m = math.hypot(self.x_m[-1] - self.x_m[-2], self.y_m[-1] - self.y_m[-2])
+        return moved_m < STANDING_MPS * (self.time_s[-1] - self.time_s[-2])
+
     def track(self) -> PersonTrack:
         """The records as arrays."""
         return PersonTrack(
@@ -58,6 +66,7 @@ class PeopleAtCrosswalk:
         self.crosswalk = crosswalk
         self.present: dict[str, PersonAt] = {}
         self.gone: list[PersonAt] = []
+        self._count = 0
         self._on_new = on_new
         self._areas = sorted(crosswalk.areas)
         self._persons_on: Callable[[str], Sequence[str]] = api.edge.getLastStepPersonIDs
@@ -90,9 +99,15 @@ class PeopleAtCrosswalk:
     def _known(self, name: str) -> PersonAt:
         person = self.present.get(name)
         if person is None:
-            person = self.present[name] = PersonAt(name, len(self.gone) + len(self.present))
+            person = self.present[name] = PersonAt(name, self._count)
+            self._count += 1
             self._on_new(name)
         return person
+
+    @property
+    def anybody_waits(self) -> bool:
+        """Whether somebody stands who is not on the crossing."""
+        return any(person.stands for person in self.present.values() if not person.on_crossing[-1])
 
     def tracks(self) -> list[PersonTrack]:
         """Everybody who was on the crossing, by the time at which they came."""

@@ -1,0 +1,55 @@
+"""What happened in one arm of a user's simulation."""
+
+import hashlib
+from collections import Counter
+from dataclasses import dataclass, field
+
+from harness.episode.simulation.driving import PassageLog
+from harness.episode.simulation.passages import PersonTrack
+
+
+def uniform_of(seed: int, vehicle: str) -> float:
+    """A number from 0 to 1 that belongs to a vehicle of a pair.
+
+    Whoever's number lies below the share is an AV, so a greater share only adds AVs.
+    """
+    digest = hashlib.blake2b(f"{seed}:{vehicle}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "big") / 2**64
+
+
+@dataclass(slots=True)
+class VehicleKind:
+    """What a trip's row needs beside SUMO's: the vehicle's class, and whether it is an AV."""
+
+    type_id: str
+    vehicle_class: str
+    automated: bool
+
+
+@dataclass(slots=True)
+class SimulationLog:
+    """The events of one arm.
+
+    Attributes:
+        vehicles: every vehicle that departed, by id.
+        passages: over the chosen crosswalks, by the time of R0.
+        people: by crosswalk, everybody who was on it.
+        queues_m: by crosswalk, the queue in m at every second that counts.
+        not_measured: by crosswalk and reason, vehicles that were not measured.
+        collisions: number of vehicle–vehicle and vehicle–person collisions by SUMO's own count.
+        person_collisions: by crosswalk, those with people at the chosen crosswalks.
+        teleports: number of vehicles that SUMO teleported.
+        stuck: vehicles that stood longer than 60 s at a crosswalk while somebody waited there.
+        end_s: the time at which the simulation ended.
+    """
+
+    vehicles: dict[str, VehicleKind] = field(default_factory=dict)
+    passages: list[PassageLog] = field(default_factory=list)
+    people: dict[str, list[PersonTrack]] = field(default_factory=dict)
+    queues_m: dict[str, list[float]] = field(default_factory=dict)
+    not_measured: Counter[tuple[str, str]] = field(default_factory=Counter)
+    collisions: int = 0
+    person_collisions: Counter[str] = field(default_factory=Counter)
+    teleports: int = 0
+    stuck: set[str] = field(default_factory=set)
+    end_s: float = 0.0
