@@ -3,10 +3,18 @@
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import sumo
+
+from harness.core.encounter import Arm
+from harness.engine.network.osm import convert
+from harness.engine.shared import close_engine
+from harness.episode.simulation.pairing import SimulationOutcome, SimulationRunner
+from harness.model.interaction import InteractionModel
+from harness.scenario import Scenario, load_scenario
 
 TOOLS = Path(sumo.SUMO_HOME) / "tools"
 COLLISIONS = {
@@ -78,14 +86,30 @@ def main_road(folder: Path, end_s: int = 300, **options: str) -> Path:
 
 def bus_street(folder: Path, end_s: int = 300, **options: str) -> Path:
     """A street as OpenStreetMap has it, with a zebra crossing, bus stops and a bus line."""
-    call(
-        folder,
-        "netconvert",
-        *("--osm-files", str(Path(__file__).parent / "data/town/street.osm"), "-o", "net.net.xml"),
-        *("--osm.crossings", "--sidewalks.guess", "--no-turnarounds", "--keep-edges.by-vclass"),
-        *("passenger,bus,pedestrian", "--junctions.corner-detail", "5"),
+    converted = convert(Path(__file__).parent / "data/town/street.osm", folder)
+    converted.net.rename(folder / "net.net.xml")
+    config = _with_demand(folder, end_s, 2.0, 2.5, **options)
+    # Buses every 30 s, and trucks among the cars.
+    (folder / "buses.add.xml").write_text(
+        """<additional><busStop id="west" lane="10#1_1" startPos="40" endPos="60"/>
+        <busStop id="east" lane="10#2_1" startPos="15" endPos="35"/>
+        <vType id="bus" vClass="bus"/><vType id="truck" vClass="truck"/></additional>"""
     )
-    return _with_demand(folder, end_s, 2.0, 2.5, **options)
+    (folder / "buses.rou.xml").write_text(
+        f"""<routes><flow id="line" type="bus" begin="0" end="{end_s}" period="30">
+        <route edges="10#0 10#1 10#2"/><stop busStop="west" duration="10"/>
+        <stop busStop="east" duration="10"/></flow>
+        <flow id="freight" type="truck" begin="0" end="{end_s}" period="40">
+        <route edges="-10#2 -10#1 -10#0"/></flow></routes>"""
+    )
+    text = config.read_text().replace("people.trips.xml", "people.trips.xml,buses.rou.xml")
+    config.write_text(
+        text.replace(
+            "</configuration>",
+            '<additional-files value="buses.add.xml"/></configuration>',
+        )
+    )
+    return config
 
 
 def _with_demand(
@@ -103,6 +127,30 @@ def _with_demand(
             "end": str(end_s),
             "step-length": "0.1",
             **COLLISIONS,
-            **{name.replace("_", "-"): value for name, value in options.items()},
+            **options,
         },
     )
+
+
+def scenario_of(config: Path, crossings: Sequence[str], **settings: object) -> Scenario:
+    """A scenario with ``[simulation]`` for a configuration."""
+    path = config.with_suffix(".toml")
+    names = ", ".join(f'"{name}"' for name in crossings)
+    path.write_text(f'[simulation]\nconfig = "{config.name}"\ncrossings = [{names}]\n')
+    arms = {"arms.av": "soft_yield", "arms.human": "sumo_driver"}
+    given = {name.replace("__", "."): value for name, value in settings.items()}
+    return load_scenario(path, {**arms, **given})
+
+
+def run_arm(
+    scenario: Scenario, model: InteractionModel, folder: Path, arm: Arm = Arm.AV, pair: int = 0
+) -> SimulationOutcome:
+    """Run one arm; SUMO's files stay in the folder."""
+
+    @contextmanager
+    def same(_pair: int, _arm: Arm) -> Iterator[Path]:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
+
+    close_engine()
+    return SimulationRunner(scenario, model, same).run_arm(pair, arm)
