@@ -1,0 +1,288 @@
+"""The page of a run of a user's own simulation: figures, tables, and the passages to watch."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import harness
+from harness.core.encounter import Arm
+from harness.report.drawing import style
+from harness.report.pages.page import write_report
+from harness.report.pages.player import run_player
+from harness.report.pages.simulation_pictures import simulation_pictures
+from harness.report.pages.simulation_tables import group_and_crosswalk_tables
+from harness.scenario import parse_variation, read_scenario_file, study_of
+from harness.store.reading import read_table
+from harness.store.simulation_traces import has_passages, only_passages
+from harness.store.walk_rows import stored_walk
+from harness.studies.batch.scoring import score
+from harness.studies.batch.showing import write_shown
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.shown import SHOWN, missing_pairs, shown_pairs
+from harness.studies.runs.simulation_choice import (
+    MOST_PAIRS,
+    chosen_pairs,
+    chosen_passages,
+    most_striking,
+    numbers_of,
+)
+from tests.batches import run_inline
+from tests.own_scenario import CROSSING, own_study, write_scenario
+from tests.report.test_page import Page
+
+
+@pytest.fixture(scope="module")
+def traced(tmp_path_factory: pytest.TempPathFactory) -> RunData:
+    """Two pairs, with traces."""
+    folder = tmp_path_factory.mktemp("own")
+    return run_inline(own_study(folder), folder / "run", traces=True)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> RunData:
+    """The same without traces; what its page shows is simulated again."""
+    folder = tmp_path_factory.mktemp("own")
+    return run_inline(own_study(folder), folder / "run")
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> RunData:
+    folder = tmp_path_factory.mktemp("own")
+    path = write_scenario(folder)
+    varied = [parse_variation("simulation.av_share=0.3,1")]
+    return run_inline(study_of(read_scenario_file(str(path)), varied), folder / "run")
+
+
+def test_traces_have_every_passage_and_everybody_at_it(traced: RunData) -> None:
+    traces, scenes = traced.traces, read_table(traced.path, "scenes_over").to_pandas()
+    passages = traced.passages_over
+    keys = ["cell", "pair", "arm"]
+    assert scenes.groupby(keys).size().equals(passages.groupby(keys).size())
+    assert scenes["crosswalk"].eq(CROSSING).all()
+    assert np.array_equal(scenes["begin_s"], passages["trigger_s"])
+    assert scenes["vehicle"].tolist() == passages["vehicle"].tolist()
+    for scene, row in zip(scenes.to_dict("records"), passages.to_dict("records"), strict=True):
+        mine = traces[(traces["pair"] == row["pair"]) & (traces["arm"] == row["arm"])]
+        name = f"passage-{scene['passage']}"
+        ego = mine[mine["object"] == name]
+        # The record counts the steps of the trace, and its end is that of the passage.
+        assert ego["time_s"].iloc[0] == scene["begin_s"]
+        if row["passed_s"] is not None and not np.isnan(row["passed_s"]):
+            assert ego["time_s"].iloc[-1] == pytest.approx(row["passed_s"], abs=scene["step_s"])
+        # Places follow from speeds by the way in which the vehicle moves within a step.
+        speed = ego["speed_mps"].to_numpy()
+        assert scene["motion"] == "euler"
+        assert np.diff(ego["x_m"]) == pytest.approx(speed[1:] * scene["step_s"], abs=1e-6)
+        walked = [stored_walk(walk) for walk in scene["walks"]]
+        assert len(walked) >= row["pedestrians"]
+        people = mine[mine["object"].str.startswith(f"{name}-pedestrian")]
+        assert {*people["object"]} <= {f"{name}-pedestrian-{w.arrival.index}" for w in walked}
+        assert people["y_m"].between(-1e-6, scene["crossing_length_m"] + 1e-6).all()
+
+
+def test_the_most_striking_passages_are_those_of_the_record(traced: RunData) -> None:
+    rows, chosen = traced.passages_over, chosen_passages(traced)
+    for arm, words in ((Arm.AV, "AV's arm"), (Arm.HUMAN, "reference's arm")):
+        mine = rows[(rows["arm"] == arm.value) & rows["automated"]]
+        smallest = mine.nsmallest(1, "pet_s").iloc[0]
+        first = next(each for each in chosen if f"smallest PET, {words}" in each.reasons)
+        assert (first.key[1], first.vehicle) == (smallest["pair"], smallest["vehicle"])
+    for each in chosen:
+        assert each.arm in each.numbers
+        for arm, number in each.numbers.items():
+            of_arm = rows[(rows["pair"] == each.key[1]) & (rows["arm"] == arm.value)]
+            assert of_arm.iloc[number]["vehicle"] == each.vehicle
+    # Lorries are no AVs: without a contact nobody watches them.
+    lorries = {*rows.loc[rows["type"] == "lorry", "vehicle"]}
+    contacts = {*rows.loc[rows["contact_time_s"].notna(), "vehicle"]}
+    assert not {each.vehicle for each in chosen} & (lorries - contacts)
+
+
+def passages(**columns: Any) -> pd.DataFrame:
+    """Rows of ``passages_over`` of one arm, made by hand."""
+    count = len(next(iter(columns.values())))
+    base: dict[str, Any] = {
+        "cell": 0,
+        "pair": range(count),
+        "arm": "av",
+        "crosswalk": "c",
+        "vehicle": [f"v{number}" for number in range(count)],
+        "automated": True,
+        **dict.fromkeys(("contact_time_s", "pet_s", "min_ttc_s", "max_drac_mps2"), np.nan),
+        "delay_s": 0.0,
+    }
+    return pd.DataFrame({**base, **columns})
+
+
+def test_a_contact_comes_before_a_small_pet_and_a_name_before_both() -> None:
+    rows = passages(contact_time_s=[np.nan, 2.0, np.nan], pet_s=[0.1, np.nan, 0.5])
+    found = [most_striking(rows, *ask) for ask in ((None, None), ("v2", None), (None, "other"))]
+    assert [each and each["vehicle"] for each in found] == ["v1", "v2", None]
+    without = most_striking(rows.assign(contact_time_s=np.nan))
+    assert without is not None
+    assert without["vehicle"] == "v0"
+    # If nothing is defined but the delay, the longest delay.
+    late = most_striking(passages(delay_s=[1.0, 9.0]))
+    assert late is not None
+    assert late["vehicle"] == "v1"
+
+
+def test_few_pairs_are_repeated() -> None:
+    class Run:
+        kept_traces = False
+        passages_over = passages(contact_time_s=[1.0] * 9, pet_s=[1.0] * 9)
+
+    run: Any = Run()
+    assert len({each.key for each in chosen_passages(run)}) == MOST_PAIRS
+    run.kept_traces = True
+    assert len({each.key for each in chosen_passages(run)}) == 5
+    assert {*chosen_pairs(run)} >= {"contact, AV's arm"}
+
+
+def test_a_page_shows_what_was_simulated_again(plain: RunData, traced: RunData) -> None:
+    assert missing_pairs(plain) == [(0, 0), (0, 1)]
+    assert write_shown(plain) == ""
+    assert missing_pairs(plain) == []
+    written = write_report(plain)
+    assert written.differing == ()
+    page = Page(written.page)
+    page.has("All records are identical to the stored ones.", "most striking passages of 2 pairs")
+    page.has(
+        "Time loss by group", "Delay, wait and queue at the crosswalks", "PET at the crosswalks"
+    )
+    assert ":crosswalk_c0, vehicle v" in page.source
+    # The same passages, state by state, as of the run that kept them.
+    document = json.loads(run_player(plain, shown_pairs(plain)).json)
+    kept = json.loads(run_player(traced, shown_pairs(traced)).json)
+    assert document["scenes"] == kept["scenes"]
+    for again, stored in zip(document["episodes"], kept["episodes"], strict=True):
+        assert again["arms"] == stored["arms"]
+        assert again["note"].endswith("the record is identical to the stored record.")
+
+
+def test_an_episode_shows_the_same_vehicle_in_both_arms(traced: RunData) -> None:
+    player = run_player(traced, shown_pairs(traced))
+    chosen = chosen_passages(traced)
+    assert len(player.episodes) == len(chosen)
+    rows = traced.passages_over
+    for episode, passage in zip(json.loads(player.json)["episodes"], chosen, strict=True):
+        assert [arm["arm"] for arm in episode["arms"]] == [
+            arm.value for arm in Arm if arm in passage.numbers
+        ]
+        for arm in episode["arms"]:
+            (ego,) = arm["vehicles"]
+            assert ego["t"][0] == 0
+            assert ego["x"][0] <= -29
+            number = passage.numbers[Arm(arm["arm"])]
+            of_arm = rows[(rows["pair"] == passage.key[1]) & (rows["arm"] == arm["arm"])]
+            pet_s = of_arm.iloc[number]["pet_s"]
+            assert (f"PET {pet_s:.2f} s" in arm["words"]) == (not np.isnan(pet_s))
+    assert [name.partition(",")[0] for name in player.groups] == sorted(
+        (name.partition(",")[0] for name in player.groups),
+        key=["contact", "smallest PET", "smallest TTC", "largest DRAC", "longest delay"].index,
+    )
+
+
+def test_who_did_not_pass_in_the_other_arm_is_said(plain: RunData) -> None:
+    """As if the reference's arm had other passages: its rows lose the vehicle."""
+    write_shown(plain)
+    run = harness.load_run(plain.path)
+    rows = run.passages_over
+    gone = chosen_passages(run)[0].vehicle
+    changed = rows["vehicle"].where((rows["arm"] == "av") | (rows["vehicle"] != gone), "other")
+    vars(run)["passages_over"] = rows.assign(vehicle=changed)
+    episodes = json.loads(run_player(run, shown_pairs(run)).json)["episodes"]
+    (note,) = {each["note"] for each in episodes if f"vehicle {gone}," in each["name"]}
+    assert "In the reference's arm it did not pass straight over this crosswalk." in note
+
+
+def test_shown_pairs_lack_passages_that_are_chosen_later(plain: RunData) -> None:
+    write_shown(plain)
+    from harness.store.shards import Shard, read_shard, shard_name
+
+    tables = read_shard(Shard(0, 0, 1, plain.path / SHOWN / shard_name(0, 0, 1)))
+    kept = numbers_of(plain, 0, 0)
+    assert has_passages(tables, kept)
+    assert not has_passages(tables, {*kept, ("av", 10_000)})
+    one = {min(kept)}
+    part = only_passages(tables, one)
+    assert part["scenes_over"].num_rows == 1
+    name = f"passage-{min(kept)[1]}"
+    assert all(
+        each == name or each.startswith(f"{name}-pedestrian")
+        for each in part["traces"]["object"].to_pylist()
+    )
+
+
+def test_tables_have_all_cells_and_no_names_of_columns(swept: RunData) -> None:
+    groups, traffic, delays, conflicts = group_and_crosswalk_tables(swept)
+    for table in (groups, traffic, delays, conflicts):
+        assert not [name for name in table.headings[1:] if "_s" in name or "_m" in name]
+        assert table.headings[0] == "simulation.av_share"
+        assert {row[0].text for row in table.rows} == {"0.3", "1"}
+        assert table.folded
+        assert table.sortable
+    by_row = {tuple(cell.text for cell in row[:3]): row for row in groups.rows}
+    stored = read_table(swept.path, "groups").to_pandas()
+    for share, cell in (("0.3", 0), ("1", 1)):
+        for arm, word in (("av", "AV"), ("human", "human")):
+            mine = stored[
+                (stored["cell"] == cell) & (stored["arm"] == arm) & (stored["group"] == "AVs")
+            ]
+            row = by_row[share, "AVs", word]
+            assert row[groups.headings.index("trips")].text == str(mine["trips"].sum())
+            loss = row[groups.headings.index("time loss (s)")].text
+            assert loss == f"{mine['time_loss_s'].mean():.1f}"
+    assert [cell.text for cell in traffic.rows[0][1:3]] == [CROSSING, "AV"]
+    assert [cell.text for cell in traffic.rows[1][1:3]] == [CROSSING, "human"]
+
+
+def test_figures_of_a_sweep_are_over_its_key(swept: RunData) -> None:
+    with style.styled():
+        pictures = {picture.name: picture for picture in simulation_pictures(swept)}
+    assert {*pictures} >= {"over-av-time-loss", "over-people-time-loss", "over-queue-p95"}
+    (axes,) = pictures["over-av-time-loss"].figure.axes
+    labels = axes.get_legend_handles_labels()[1]
+    assert labels == ["AV's arm: gap_yield", "reference: sumo_driver"]
+    drawn = axes.containers[0].lines[0].get_ydata()  # type: ignore[attr-defined]
+    assert drawn == pytest.approx(swept.summary["av_time_loss_s"].to_numpy())
+
+
+def test_figures_of_a_run_show_the_findings(traced: RunData) -> None:
+    with style.styled():
+        pictures = {picture.name: picture for picture in simulation_pictures(traced)}
+    (axes,) = pictures["time-loss"].figure.axes
+    names = [text.get_text() for text in axes.get_yticklabels()]
+    assert names == ["AVs", "other vehicles", "all vehicles", "people", "type car", "type lorry"]
+    row = traced.summary.iloc[0]
+    for container, end in zip(axes.containers, ("", "_human"), strict=True):
+        drawn = container.lines[0].get_xdata()[:2]  # type: ignore[attr-defined]
+        wanted = [row[f"av_time_loss_s{end}"], row[f"other_time_loss_s{end}"]]
+        assert drawn == pytest.approx(wanted)
+
+
+def test_a_run_with_traces_is_scored_and_shown_again(traced: RunData, tmp_path: Path) -> None:
+    from harness.scenario import Setting
+
+    folder = score(traced.path, tmp_path / "scored", [Setting("conflicts.pet_s", 9.0)])
+    scored = harness.load_run(folder)
+    assert scored.traces.equals(traced.traces)
+    before, after = (
+        read_table(each.path, "simulations").to_pandas()["conflicts_pet"].sum()
+        for each in (traced, scored)
+    )
+    assert after > before
+    assert len(shown_pairs(scored)) == 2
+
+
+def test_a_folder_that_lost_its_scenes_is_refused(traced: RunData, tmp_path: Path) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(traced.path, folder)
+    (folder / "scenes_over.parquet").unlink()
+    with pytest.raises(harness.InputError, match="scenes_over"):
+        harness.load_run(folder)

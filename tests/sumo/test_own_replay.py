@@ -1,0 +1,129 @@
+"""An arm of a user's own simulation again: with SUMO's outputs, and in sumo-gui at the moment."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from harness.core.encounter import Arm
+from harness.core.errors import InputError
+from harness.episode.simulation.pairing import setting_of
+from harness.studies.replay.moment import moments_of
+from harness.studies.replay.rerun import debug
+from harness.studies.replay.stored import StoredCell
+from harness.studies.replay.watch import watch
+from tests.batches import here, one_cell, refusal, run_inline
+from tests.own_scenario import CROSSING, own_study
+from tests.sumo.test_watch import PEDESTRIAN, needs_xvfb, pixels, watched
+
+AV_BLUE, YELLOW = (0, 114, 178), (255, 255, 0)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Every car is an AV, lorries are not."""
+    folder = tmp_path_factory.mktemp("own")
+    return run_inline(own_study(folder), folder / "run").path
+
+
+def rows_of(run: Path, arm: str, pair: int = 1) -> pd.DataFrame:
+    rows = pd.read_parquet(run / "passages_over.parquet")
+    return rows[(rows["pair"] == pair) & (rows["arm"] == arm)]
+
+
+def test_outputs_of_both_arms_and_the_same_record(run: Path, tmp_path: Path) -> None:
+    out = tmp_path / "review"
+    done = here("replay", run, "--pair", "1", "--out", out)
+    assert done.returncode == 0, done.stderr
+    same = "the record is identical to the stored record"
+    assert done.stdout.splitlines() == [f"{out / arm}: {same}" for arm in ("av", "human")]
+    for arm in ("av", "human"):
+        names = {path.name for path in (out / arm).iterdir()}
+        assert {"fcd.xml", "tripinfo.xml", "collisions.xml", "site.net.xml"} <= names
+        positions = {
+            each.get("id")
+            for each in ET.parse(out / arm / "fcd.xml").iter()
+            if each.tag in ("vehicle", "person")
+        }
+        assert {*rows_of(run, arm)["vehicle"]} <= positions
+        assert {each for each in positions if each and each.startswith("p")}
+    # Only the driver differs: the reference's arm has the record of plain SUMO.
+    assert (out / "av" / "fcd.xml").read_bytes() != (out / "human" / "fcd.xml").read_bytes()
+
+
+def test_a_relative_folder_is_one_of_the_working_directory(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = here("replay", run, "--pair", "0", "--arm", "av", "--out", "here")
+    assert done.returncode == 0, done.stdout
+    assert (tmp_path / "here" / "fcd.xml").stat().st_size > 1000
+
+
+def test_debug_repeats_it_in_this_process(run: Path) -> None:
+    repeated = debug(run, 0, [*Arm])
+    assert {arm: each.differences for arm, each in repeated.items()} == dict.fromkeys(Arm, ())
+
+
+def test_the_moment_is_the_most_striking_passage_in_both_arms(run: Path) -> None:
+    stored = StoredCell(run, 0, 1)
+    moments = moments_of(stored, 1, [*Arm])
+    av = rows_of(run, "av")
+    contacts = av[av["contact_time_s"].notna()]
+    worst = (contacts if len(contacts) else av[av["automated"]].nsmallest(1, "pet_s")).iloc[0]
+    human = rows_of(run, "human")
+    same = human[human["vehicle"] == worst["vehicle"]].iloc[0]
+    for arm, row in ((Arm.AV, worst), (Arm.HUMAN, same)):
+        assert moments[arm].begin_s == pytest.approx(row["trigger_s"] - 3)
+        # A passage with a contact has no time at which it passed.
+        ends_s = row["trigger_s"] + 60 if pd.isna(row["passed_s"]) else row["passed_s"]
+        assert moments[arm].end_s == pytest.approx(ends_s + 3)
+    # The middle of the window is the middle of the crosswalk, between its two kerbs.
+    (crosswalk,) = setting_of(stored.cell.scenario).crosswalks
+    for way in crosswalk.ways:
+        x_m, y_m = way.frame.to_road(moments[Arm.AV].x_m, moments[Arm.AV].y_m)
+        assert (x_m, y_m) == pytest.approx((0, way.crossing.length_m / 2), abs=0.01)
+
+
+def test_another_vehicle_is_asked_for(run: Path) -> None:
+    stored, rows = StoredCell(run, 0, 1), rows_of(run, "av")
+    for name in rows["vehicle"].iloc[:3]:
+        moment = moments_of(stored, 1, [Arm.AV], name, CROSSING)[Arm.AV]
+        trigger_s = rows.loc[rows["vehicle"] == name, "trigger_s"].iloc[0]
+        assert moment.begin_s == pytest.approx(trigger_s - 3)
+    with pytest.raises(InputError, match="--vehicle nobody: no such passage"):
+        moments_of(stored, 1, [Arm.AV], "nobody")
+    with pytest.raises(InputError, match="--crosswalk :x_c0: no such passage"):
+        moments_of(stored, 1, [Arm.AV], None, ":x_c0")
+
+
+def test_the_options_are_refused_elsewhere(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "--vehicle" in refusal("replay", run, "--pair", "0", "--vehicle", "v1", "--out", "x")
+    other = run_inline(one_cell("cctc_flow", {"experiment.pairs": 1}), tmp_path / "run").path
+    monkeypatch.setenv("DISPLAY", ":nothing")
+    with pytest.raises(InputError, match=r"--crosswalk c: is not supported.*\[simulation\]"):
+        watch(other, 0, [Arm.AV], crosswalk="c")
+
+
+@needs_xvfb
+def test_sumo_gui_shows_the_moment_with_avs_in_colour(run: Path, tmp_path: Path) -> None:
+    options = ("--pace", "100", "--screenshots", tmp_path / "shots", "--every", "1")
+    text = watched("replay", run, "--pair", "1", "--arm", "both", *options)
+    same = "the record is identical to the stored record"
+    assert text.splitlines() == [f"pair 1, arm {arm}: {same}" for arm in ("av", "human")]
+    moments = moments_of(StoredCell(run, 0, 1), 1, [*Arm])
+    for arm in Arm:
+        pictures = sorted((tmp_path / "shots" / arm.value).glob("*.png"))
+        times = [float(picture.stem.split("-")[1]) for picture in pictures]
+        # Only the passage and some seconds around it are taken.
+        assert times[0] == pytest.approx(moments[arm].begin_s + 0.1, abs=0.11)
+        assert times[-1] == pytest.approx(moments[arm].end_s, abs=1.1)
+        blue = max(pixels(picture, AV_BLUE) for picture in pictures)
+        assert max(pixels(picture, PEDESTRIAN) for picture in pictures) > 30
+        # In the reference's arm nobody is an AV.
+        assert (blue > 300) == (arm is Arm.AV)
+        if arm is Arm.HUMAN:
+            assert max(pixels(picture, YELLOW) for picture in pictures) > 300
