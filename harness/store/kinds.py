@@ -299,8 +299,8 @@ class SimulationKind(HourKind):
         """See ``Kind``."""
         confidence = float(findings["confidence"].number or CONFIDENCE)
         return {
-            "groups": group_rows(rows, confidence),
-            "crosswalks": crosswalk_rows(rows, confidence),
+            "group_means": group_rows(rows, confidence),
+            "crosswalk_means": crosswalk_rows(rows, confidence),
         }
 
     def counts(self, rows: pa.Table) -> dict[str, int]:

@@ -1,6 +1,6 @@
 """Both arms of users' own simulations compared by group of trips and by crosswalk.
 
-Rows of ``groups.csv`` and ``crosswalks.csv`` (docs/files.md).
+Rows of ``group_means.csv`` and ``crosswalk_means.csv`` (docs/files.md).
 """
 
 from collections.abc import Iterable
@@ -17,12 +17,12 @@ _Numbers = dict[tuple[str, str], dict[int, dict[str, float | None]]]
 
 
 def group_rows(rows: pa.Table, confidence: float) -> list[dict[str, Plain]]:
-    """The rows of a cell in ``groups.csv``: one for each group of trips and each of its numbers."""
+    """The rows of a cell in ``group_means.csv``: one for each group and each of its numbers."""
     return _compared(rows, "groups", "group", GROUP_FIELDS, confidence)
 
 
 def crosswalk_rows(rows: pa.Table, confidence: float) -> list[dict[str, Plain]]:
-    """The rows of a cell in ``crosswalks.csv``: one for each crosswalk and each of its numbers."""
+    """The rows of a cell in ``crosswalk_means.csv``: one for each crosswalk and number."""
     return _compared(rows, "crosswalks", "crosswalk", CROSSWALK_FIELDS, confidence)
 
 

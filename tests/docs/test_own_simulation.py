@@ -1,0 +1,107 @@
+"""The commands for a user's own SUMO scenario run as they are written, on the shipped example."""
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.batches import here, printed, refusal
+from tests.docs.conftest import ROOT
+
+EXAMPLE = ROOT / "examples" / "own_simulation"
+PAGE = (ROOT / "docs" / "traffic_engineer.md").read_text("utf-8")
+
+
+def commands(heading: str) -> list[list[str]]:
+    """The words of the commands in the first text block below a heading."""
+    block = re.search(rf"^## {heading}\n.*?^```text\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+    assert block is not None
+    return [shlex.split(line, comments=True) for line in block[1].splitlines()]
+
+
+@pytest.fixture(scope="module")
+def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which the page's commands have run, with one pair for each cell."""
+    folder = tmp_path_factory.mktemp("town") / "town"
+    copy, change, *rest = commands("Your own SUMO scenario")
+    assert (copy, change) == (["cp", "-r", "examples/own_simulation", "town"], ["cd", "town"])
+    shutil.copytree(EXAMPLE, folder)
+    for words in rest + commands("Conflicts from any SUMO output"):
+        if words[0] != "harness":
+            subprocess.run(words, check=True, cwd=folder, capture_output=True)
+            continue
+        fewer = ["--pairs", "1", "--workers", "1"] if words[1] == "run" else []
+        done = here(*words[1:], *fewer, cwd=folder)
+        assert done.returncode == 0, (words, done.stderr)
+    return folder
+
+
+def test_the_commands_of_the_page_run(town: Path) -> None:
+    for name in ("town.toml", "runs/town/report.html", "runs/conflicts/report.html"):
+        assert (town / name).is_file(), name
+
+
+def test_nothing_is_written_beside_the_scenario(town: Path) -> None:
+    # `sumo` itself writes tripinfo.xml there, as the configuration says.
+    new = {path.name for path in town.iterdir()} - {path.name for path in EXAMPLE.iterdir()}
+    assert new == {"town.toml", "runs", "out", "tripinfo.xml"}
+    for path in EXAMPLE.iterdir():
+        assert (town / path.name).read_bytes() == path.read_bytes()
+
+
+def test_the_readme_has_the_same_commands() -> None:
+    lines = (ROOT / "README.md").read_text("utf-8").splitlines()
+    tour = [
+        shlex.split(line, comments=True) for line in lines if "town" in line and "harness" in line
+    ]
+    page = commands("Your own SUMO scenario") + commands("Conflicts from any SUMO output")
+    assert len(tour) >= 4
+    assert [words for words in tour if words not in page] == []
+
+
+def test_the_worst_passages(town: Path) -> None:
+    run = town / "runs" / "town"
+    document = json.loads(printed("worst", run, "--by", "min_gap_m", "-n", 3, "--json"))
+    for row in document["episodes"]:
+        assert row["crosswalk"] in (":J7_c0", ":J9_c1", ":J9_c3")
+        assert 0.0 <= row["trigger_s"] < 600.0
+        assert row["vehicle"]
+    gaps = [row["min_gap_m"] for row in document["episodes"]]
+    assert gaps == sorted(gaps)
+    assert ":J" in printed("worst", run, "-n", 1, "--by", "delay_s", "--arm", "human")
+    assert "--diff" in refusal("worst", run, "--diff", run)
+
+
+def test_compare_says_what_to_use_instead(town: Path) -> None:
+    text = refusal("compare", town / "runs" / "town")
+    assert "summary.csv has the difference of both arms" in text
+
+
+def test_export(town: Path) -> None:
+    run = town / "runs" / "town"
+    means = (run / "group_means.csv").read_bytes()
+    printed("export", run, "--csv")
+    header = (run / "groups.csv").read_text("utf-8").splitlines()[0]
+    assert header.startswith("cell,pair,arm,group,trips")
+    assert (run / "group_means.csv").read_bytes() == means
+
+
+def test_the_example_is_what_its_script_makes(tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    made.mkdir()
+    written = ("town.net.xml", "cars.rou.xml", "trucks.rou.xml", "people.rou.xml")
+    for path in EXAMPLE.iterdir():
+        if path.name not in written:
+            shutil.copy(path, made)
+    # An import of SUMO's package in this process sets SUMO_HOME to a folder without tools.
+    env = {name: value for name, value in os.environ.items() if name != "SUMO_HOME"}
+    subprocess.run(["sh", str(made / "make.sh")], check=True, capture_output=True, env=env)
+    assert {path.name for path in made.iterdir()} == {path.name for path in EXAMPLE.iterdir()}
+    for name in written:
+        assert (made / name).read_text() == (EXAMPLE / name).read_text(), name
+    assert not re.search(r"generated on|/tmp|/home", (EXAMPLE / "town.net.xml").read_text())
