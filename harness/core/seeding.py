@@ -28,6 +28,7 @@ Purpose = Literal[
     "warm_up",
     "av_strategy",
     "pilot",
+    "vehicle_type",
 ]
 
 Given = Mapping[Purpose, Sequence[float]]
@@ -51,6 +52,7 @@ _PURPOSES: dict[Purpose, int] = {
     "warm_up": 13,
     "av_strategy": 14,
     "pilot": 15,
+    "vehicle_type": 16,
 }
 
 

@@ -32,6 +32,7 @@ class SumoRoad:
         crossing: the crosswalk's constants.
         limit_mps: the speed limit of all its lanes.
         step_s: length of a step.
+        endings: of the names of SUMO's types (``Following.endings``).
     """
 
     def __init__(
@@ -42,8 +43,10 @@ class SumoRoad:
         crossing: Crossing,
         limit_mps: float,
         step_s: float,
+        endings: Sequence[str] = ("",),
     ) -> None:
         self._api, self._close, self._step_s = api, close, step_s
+        self._types = [(f"vehicle{ending}", f"av{ending}") for ending in endings]
         self._site, self._crossing = site, crossing
         self.closed = self.lost = False
         self.lanes = streams_of(site)
@@ -103,9 +106,19 @@ class SumoRoad:
         return f"vehicle-{self._hours}-{vehicle}"
 
     def add(
-        self, name: str, lane: int, x_m: float, speed_mps: float, *, automated: bool = False
+        self,
+        name: str,
+        lane: int,
+        x_m: float,
+        speed_mps: float,
+        *,
+        automated: bool = False,
+        kind: int = 0,
     ) -> None:
-        """Insert a vehicle; it has this position and speed at the end of the next step."""
+        """Insert a vehicle of a type of that number.
+
+        It has this position and speed at the end of the next step.
+        """
         road = self.lanes[lane]
         number = road.number_at(x_m)
         first, last = road.stretches[number], road.stretches[-1]
@@ -116,7 +129,7 @@ class SumoRoad:
         self._api.vehicle.add(
             name,
             route,
-            typeID="av" if automated else "vehicle",
+            typeID=self._types[kind][automated],
             depart="now",
             departLane=str(first.lane),
             # SUMO counts a negative position, even a rounding error, from the lane's end.

@@ -59,7 +59,9 @@ def road_for(scenario: Scenario) -> SumoRoad:
 def following_of(scenario: Scenario) -> Following:
     """The car following of a scenario with traffic."""
     traffic = scenario.known_traffic
-    return Following(traffic.following, traffic.tau_s, traffic.min_gap_m)
+    names = (kind.name for kind in traffic.types)
+    types = tuple(zip(names, scenario.vehicles(), strict=False))
+    return Following(traffic.following, traffic.tau_s, traffic.min_gap_m, types)
 
 
 def close_engine() -> None:

@@ -23,11 +23,20 @@ _STANDS_NEARER_M = {"IDM": 0.4}
 
 @dataclass(frozen=True, slots=True)
 class Following:
-    """SUMO's car-following model with its headway τ and its standstill gap."""
+    """SUMO's car-following model with its headway τ and its standstill gap.
+
+    ``types`` has the name and the vehicle of each type of a vehicle mix.
+    """
 
     model: str
     tau_s: float
     min_gap_m: float
+    types: tuple[tuple[str, Vehicle], ...] = ()
+
+    @property
+    def endings(self) -> tuple[str, ...]:
+        """What follows ``vehicle`` or ``av`` in the name of each type."""
+        return tuple(f"_{name}" for name, _ in self.types) or ("",)
 
 
 def scratch_prefix(process: int) -> str:
@@ -75,13 +84,39 @@ def vehicle_types(
     """SUMO's types of vehicles and pedestrians, as XML; no attribute is random.
 
     The type of an AV differs only in name and colour.  The ego of an encounter has the type
-    ``driven`` while SUMO's own driver drives it.
+    ``driven`` while SUMO's own driver drives it.  Of a vehicle mix each type has two of its own,
+    ``vehicle_NAME`` and ``av_NAME``.
 
     Args:
         vehicle: the ego, or each vehicle of an hour.
         speed_limit_mps: the speed limit of the road; None if there is none.
         following: the car following of an hour of traffic; None for an encounter.
     """
+    types: dict[str, Mapping[str, Any]] = {"walker": _WALKER}
+    if following is None:
+        base, driven = _attributes(vehicle, speed_limit_mps)
+        ego = base | {"accel": vehicle.max_acceleration_mps2, "minGap": 0, "maxSpeed": 100}
+        driven |= {"minGap": 0}
+        types |= {"ego": ego, "driven": driven}
+        types |= {"av": ego | AV_COLOUR, "av_driven": driven | AV_COLOUR}
+    else:
+        min_gap_m = following.min_gap_m + _STANDS_NEARER_M.get(following.model, 0.0)
+        vehicles = [each for _, each in following.types] or [vehicle]
+        for ending, each in zip(following.endings, vehicles, strict=True):
+            _, driven = _attributes(each, speed_limit_mps)
+            car = driven | {"carFollowModel": following.model, "tau": following.tau_s}
+            car |= {"minGap": min_gap_m}
+            types |= {f"vehicle{ending}": car, f"av{ending}": car | AV_COLOUR}
+    return "".join(
+        f"<vType {' '.join(f'{name}={quoteattr(str(value))}' for name, value in type_.items())}/>"
+        for type_ in ({"id": name, **attributes} for name, attributes in types.items())
+    )
+
+
+def _attributes(
+    vehicle: Vehicle, speed_limit_mps: float | None
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The attributes of a vehicle's type: those of each driver, and those of SUMO's driver."""
     base = {
         "vClass": "passenger",
         "length": vehicle.length_m,
@@ -97,21 +132,7 @@ def vehicle_types(
         "accel": vehicle.resume_acceleration_mps2,
         "maxSpeed": vehicle.initial_speed_mps,
     }
-    types: dict[str, Mapping[str, Any]] = {"walker": _WALKER}
-    if following is None:
-        ego = base | {"accel": vehicle.max_acceleration_mps2, "minGap": 0, "maxSpeed": 100}
-        driven |= {"minGap": 0}
-        types |= {"ego": ego, "driven": driven}
-        types |= {"av": ego | AV_COLOUR, "av_driven": driven | AV_COLOUR}
-    else:
-        min_gap_m = following.min_gap_m + _STANDS_NEARER_M.get(following.model, 0.0)
-        car = driven | {"carFollowModel": following.model, "tau": following.tau_s}
-        car |= {"minGap": min_gap_m}
-        types |= {"vehicle": car, "av": car | AV_COLOUR}
-    return "".join(
-        f"<vType {' '.join(f'{name}={quoteattr(str(value))}' for name, value in type_.items())}/>"
-        for type_ in ({"id": name, **attributes} for name, attributes in types.items())
-    )
+    return base, driven
 
 
 def _speed_factor(vehicle: Vehicle, speed_limit_mps: float | None) -> float:

@@ -100,7 +100,7 @@ def libsumo_road(
         # SUMO resolves a relative path from the folder of the additional file.
         added += e2_detectors(lanes, detectors.absolute())
     _start(place.net, added, step_s, 1, outputs)
-    road = SumoRoad(libsumo, _close, site, crossing, limit_mps, step_s)
+    road = SumoRoad(libsumo, _close, site, crossing, limit_mps, step_s, following.endings)
     _running.append(road)
     return road
 

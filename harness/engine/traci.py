@@ -115,7 +115,7 @@ def gui_road(
     """Start sumo-gui for hours of traffic; see ``gui_engine``."""
     site, limit_mps, types = site_and_types(place, vehicle, crossing, following)
     close = _on_place("sumo-gui", place, types, step_s, view_settings(gui.delay_ms))
-    road = _ShownRoad(traci, close, site, crossing, limit_mps, step_s)
+    road = _ShownRoad(traci, close, site, crossing, limit_mps, step_s, following.endings)
     road.gui = gui
     _look_at(site, crossing, _ROAD_SHOWN_M)
     return road

@@ -20,6 +20,8 @@ class CellConstants:
     step_s: float
     timeout_s: float
     behaviour: Behaviour
+    types: tuple[Vehicle, ...] = ()
+    """The vehicle of each type of an hour's vehicle mix; empty if all are ``vehicle``."""
 
 
 def constants_of(scenario: Scenario) -> CellConstants:
@@ -32,4 +34,5 @@ def constants_of(scenario: Scenario) -> CellConstants:
         step_s=experiment.step_s,
         timeout_s=experiment.timeout_s,
         behaviour=pedestrians.behaviour,
+        types=scenario.vehicles() if scenario.traffic and scenario.traffic.types else (),
     )

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from operator import methodcaller
 from typing import Protocol
 
-from harness.core.encounter import Arrival, PedestrianView, Side
+from harness.core.encounter import Arrival, PedestrianView, Side, Vehicle
 from harness.episode.cell_constants import CellConstants
 from harness.episode.deciding import keeps_waiting
 from harness.episode.walkers import (
@@ -31,6 +31,7 @@ class Approaching(Protocol):
     speed_mps: float
     acceleration_mps2: float
     passed: bool
+    vehicle: Vehicle
 
 
 class LaneAhead(Protocol):
@@ -198,19 +199,19 @@ class Crowd:
         vehicle = self._first_on_way(walker, -math.inf, elapsed_s)
         if vehicle is None:
             return self._choose_speed(walker.arrival, -1.0, 0.0, None), (None, None)
-        range_m, speed, across = vehicle
+        range_m, speed, across, _ = vehicle
         return self._choose_speed(walker.arrival, range_m, speed, across), (range_m, speed)
 
     def _look_again(self, walker: Walker, elapsed_s: float) -> None:
         walked = -math.inf
         if not self._look_back:
             walked = abs(walker.walk_until(walker.look_s) - self._kerb_m[walker.side])
-        walker.look(*(self._first_on_way(walker, walked, elapsed_s) or (-1.0, 0.0, None)))
+        walker.look(*(self._first_on_way(walker, walked, elapsed_s) or (-1.0, 0.0)))
 
     def _first_on_way(
         self, walker: Walker, walked_m: float, elapsed_s: float
-    ) -> tuple[float, float, float] | None:
-        """Range and speed of the first vehicle ahead, and the distance from the kerb to its lane.
+    ) -> tuple[float, float, float, Vehicle] | None:
+        """The first vehicle ahead: range, speed, distance from the kerb to its lane, constants.
 
         Lanes within ``walked_m`` of the kerb are left out.
         """
@@ -218,5 +219,5 @@ class Crowd:
             across = abs(lane.centre_m - self._kerb_m[walker.side])
             first = lane.first(elapsed_s) if across > walked_m else None
             if first is not None:
-                return -first[0], first[1], across
+                return -first[0], first[1], across, first[2].vehicle
         return None

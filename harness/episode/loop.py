@@ -19,6 +19,7 @@ from harness.core.encounter import (
     PedestrianView,
     Strategy,
     Trace,
+    Vehicle,
     quick_tuple,
 )
 from harness.core.errors import EngineError, StrategyError
@@ -117,10 +118,10 @@ def _drive(steps: Steps, strategy: Strategy) -> Ending:
 class _EgoLane:
     """The ego's lane, with only the ego on it, in its last recorded state."""
 
-    __slots__ = ("acceleration_mps2", "centre_m", "passed", "speed_mps", "x_m")
+    __slots__ = ("acceleration_mps2", "centre_m", "passed", "speed_mps", "vehicle", "x_m")
 
-    def __init__(self, crossing: Crossing) -> None:
-        self.centre_m, self.passed = crossing.lane_centre_m, False
+    def __init__(self, crossing: Crossing, vehicle: Vehicle) -> None:
+        self.centre_m, self.passed, self.vehicle = crossing.lane_centre_m, False, vehicle
         self.at(0.0, 0.0, 0.0)
 
     def at(self, x_m: float, speed_mps: float, acceleration_mps2: float) -> None:
@@ -151,7 +152,7 @@ class Episode:
         perception: Perception | None = None,
     ) -> None:
         self.engine, self.rules, self.perception = engine, rules, perception
-        self._arrivals, self._ego = arrivals, _EgoLane(rules.crossing)
+        self._arrivals, self._ego = arrivals, _EgoLane(rules.crossing, rules.vehicle)
         self.crowd = Crowd(
             arrivals,
             [self._ego],

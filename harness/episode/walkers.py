@@ -93,12 +93,16 @@ class Walker:
         self.due_s = time_s + self._length / speed_mps
 
     def look(
-        self, range_m: float, vehicle_speed_mps: float, to_lane_m: float | None = None
+        self,
+        range_m: float,
+        vehicle_speed_mps: float,
+        to_lane_m: float | None = None,
+        vehicle: Vehicle | None = None,
     ) -> None:
         """Decide again at ``look_s``; a steady walker never looks again.
 
         ``to_lane_m`` is the distance from their kerb to the centre of the vehicle's lane; None for
-        the ego's lane.
+        the ego's lane.  ``vehicle`` has the vehicle's size; None for the ego's.
         """
         raise NotImplementedError
 
@@ -147,6 +151,7 @@ class TimedWalker(Walker):
         range_m: float,
         vehicle_speed_mps: float,
         to_lane_m: float | None = None,  # noqa: ARG002
+        vehicle: Vehicle | None = None,  # noqa: ARG002
     ) -> None:
         """Start on the path; what they see is recorded and changes nothing."""
         self.start_s, self.legs = self.look_s, list(self._path)
@@ -203,9 +208,14 @@ class ReactiveWalker(Walker):
         self._note_leg()
 
     def look(
-        self, range_m: float, vehicle_speed_mps: float, to_lane_m: float | None = None
+        self,
+        range_m: float,
+        vehicle_speed_mps: float,
+        to_lane_m: float | None = None,
+        vehicle: Vehicle | None = None,
     ) -> None:
         """See ``ReactiveWalker``."""
+        self._vehicle = vehicle or self._vehicle
         now = self.look_s
         self.look_s = now + LOOK_EVERY_S
         self.walk_until(now)

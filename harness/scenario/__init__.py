@@ -24,11 +24,9 @@ from harness.scenario.people import (
 )
 from harness.scenario.scenario import Scenario
 from harness.scenario.sections import (
-    QUARTER_S,
     ConflictsSection,
     ExperimentSection,
     PerceptionSection,
-    TrafficSection,
 )
 from harness.scenario.study import (
     Cell,
@@ -37,6 +35,7 @@ from harness.scenario.study import (
     study_from,
     study_of,
 )
+from harness.scenario.traffic import QUARTER_S, TrafficSection
 from harness.scenario.variation import flatten, parse_variation
 
 __all__ = [

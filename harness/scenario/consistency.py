@@ -6,13 +6,9 @@ from harness.core.encounter import PEDESTRIAN_RADIUS_M, Crossing, Side
 from harness.core.errors import InputError, unknown_name
 from harness.scenario.people import TimedSection
 from harness.scenario.scenario import Scenario, path_of
-from harness.scenario.sections import (
-    QUARTER_S,
-    ROUNDING_M,
-    PerceptionSection,
-    TrafficSection,
-)
+from harness.scenario.sections import ROUNDING_M, PerceptionSection
 from harness.scenario.sight import check_sight, check_steps, remarks_on_sight
+from harness.scenario.traffic import QUARTER_S, TrafficSection
 from harness.site.site import Passed
 
 MAX_BEFORE_KERB_M = 8.0
@@ -96,7 +92,7 @@ def passed_by(scenario: Scenario) -> list[Passed]:
         if read
         else []
     )
-    last_m = ego.length_m + scenario.crossing.width_m / 2
+    last_m = scenario.longest_vehicle_m + scenario.crossing.width_m / 2
     on_all = scenario.traffic is not None
     return [
         landmark
@@ -125,21 +121,33 @@ def _check_lanes(scenario: Scenario, source: str) -> None:
 
 def _check_fits(crosswalk: Crossing, scenario: Scenario, source: str) -> None:
     """Refuse a vehicle that is too wide for its lane, or for pedestrians who wait next to it."""
-    ego, crossing, width = scenario.ego, scenario.crossing, crosswalk.lane_width_m
-    if ego.width_m > width:
+    crossing, width = scenario.crossing, crosswalk.lane_width_m
+    key, width_m = _widest(scenario)
+    if width_m > width:
         count = crossing.lanes + crossing.oncoming_lanes
         raise InputError(
-            f"{source}: ego.width_m",
-            f"{ego.width_m:g} m is wider than the lane",
+            f"{source}: {key}",
+            f"{width_m:g} m is wider than the lane",
             f"at most {width:g} m: crossing.lane_width_m, or length_m shared by {count} lanes",
         )
-    room = min(map(crosswalk.to_lane_m, Side)) - ego.width_m / 2
+    room = min(map(crosswalk.to_lane_m, Side)) - width_m / 2
     if room < PEDESTRIAN_RADIUS_M - ROUNDING_M:
         raise InputError(
-            f"{source}: ego.width_m",
-            f"{ego.width_m:g} m leaves {room:.2f} m to a kerb, where people wait",
+            f"{source}: {key}",
+            f"{width_m:g} m leaves {room:.2f} m to a kerb, where people wait",
             f"at least {PEDESTRIAN_RADIUS_M:g} m, the radius of a pedestrian",
         )
+
+
+def _widest(scenario: Scenario) -> tuple[str, float]:
+    """The key and the width of the widest vehicle."""
+    types = () if scenario.traffic is None else scenario.traffic.types
+    keys = [
+        "ego.width_m" if kind.width_m is None else f"traffic.types.{number}.width_m"
+        for number, kind in enumerate(types)
+    ] or ["ego.width_m"]
+    widths = [vehicle.width_m for vehicle in scenario.vehicles()]
+    return max(zip(keys, widths, strict=True), key=lambda pair: pair[1])
 
 
 def check_time_out(scenario: Scenario, source: str) -> None:
@@ -218,6 +226,7 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection, source: str) -> 
     if traffic.tau_s < step_s:
         why = f"{traffic.tau_s:g} s: vehicles would collide with each other"
         raise InputError(f"{where}.tau_s", why, f"at least experiment.step_s = {step_s:g} s")
+    _check_types(traffic, f"{where}.types")
     for key in ("duration_s", "warm_up_s"):
         check_steps(f"{where}.{key}", getattr(traffic, key), step_s)
     for key, oncoming in (("flow_per_hour", False), ("oncoming_per_hour", True)):
@@ -227,6 +236,19 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection, source: str) -> 
                 _check_fits(lane, scenario, source)
         if not traffic.saturated:  # in saturated traffic the flows have no effect
             _check_flow(getattr(traffic, key), len(lanes), scenario, f"{where}.{key}")
+
+
+def _check_types(traffic: TrafficSection, where: str) -> None:
+    """Refuse types with the same name, and shares that do not sum to 1."""
+    if not traffic.types:
+        return
+    names = [kind.name for kind in traffic.types]
+    for number, name in enumerate(names):
+        if name in names[:number]:
+            raise InputError(f"{where}.{number}.name", f"{name!r} is there twice", "another name")
+    total = math.fsum(traffic.shares)
+    if abs(total - 1) > 1e-9:
+        raise InputError(where, f"the shares sum to {total:.10g}", "shares that sum to 1")
 
 
 def _check_flow(
@@ -242,7 +264,8 @@ def _check_flow(
     if max(values) > 0 and not lanes:
         raise InputError(where, f"{max(values):g} vehicles per hour, but no lane for them", "0")
     if max(values) >= most and max(values) > 0:
-        allowed = f"below {most:.4g}: lanes × 3600 s / a headway of tau_s + (length + min_gap_m)/v0"
+        headway = "a mean headway" if traffic.types else "a headway"
+        allowed = f"below {most:.4g}: lanes × 3600 s / {headway} of tau_s + (length + min_gap_m)/v0"
         plural = "" if lanes == 1 else "s"
         problem = f"{max(values):g} vehicles per hour on {lanes} lane{plural}"
         raise InputError(where, problem, allowed)

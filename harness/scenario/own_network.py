@@ -128,13 +128,16 @@ def _check_stream(stream: Stream, site: Site, scenario: Scenario, source: str) -
         raise InputError(where, problem, f"at most {begins_m:.6g} m{or_none}")
     after_m, needed_m = min(way.straight_after_m, stream.ends_x_m), _clear_m(site, scenario)
     if after_m < needed_m:
+        clear = _CLEAR
+        if scenario.known_traffic.types:
+            clear = clear.replace("ego.length_m", "the longest type's length_m")
         problem = f"{lane} turns or joins another lane {after_m:.1f} m after the crosswalk"
         raise InputError(
             f"{source}: crossing.edge",
             f"{scenario.crossing.edge}: {problem}",
-            f"at least {needed_m:.1f} m: {_CLEAR}{or_none}",
+            f"at least {needed_m:.1f} m: {clear}{or_none}",
         )
 
 
 def _clear_m(site: Site, scenario: Scenario) -> float:
-    return scenario.ego.length_m + site.width_m / 2 + CLEAR_M
+    return scenario.longest_vehicle_m + site.width_m / 2 + CLEAR_M

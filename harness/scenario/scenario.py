@@ -18,9 +18,9 @@ from harness.scenario.sections import (
     ObstacleSection,
     PerceptionSection,
     Section,
-    TrafficSection,
 )
 from harness.scenario.simulation import SimulationSection
+from harness.scenario.traffic import TrafficSection
 
 
 class Scenario(Section):
@@ -61,10 +61,24 @@ class Scenario(Section):
 
     def vehicle(self) -> Vehicle:
         """The ego's constants; the detection range defaults to the trigger range."""
-        values = self.ego.model_dump(exclude={"lane"})
-        if values["detection_range_m"] is None:
-            values["detection_range_m"] = values["trigger_range_m"]
-        return Vehicle(**values)
+        return _vehicle(self.ego)
+
+    def vehicles(self) -> tuple[Vehicle, ...]:
+        """The vehicle of each type of ``[[traffic.types]]``; the ego alone if there is no mix."""
+        types = () if self.traffic is None else self.traffic.types
+        return tuple(_vehicle(kind.vehicle_of(self.ego)) for kind in types) or (self.vehicle(),)
+
+    def vehicle_of_type(self, name: str | None) -> Vehicle:
+        """The vehicle of a type of that name; the ego's if the name is None."""
+        if name is None:
+            return self.vehicle()
+        names = [kind.name for kind in self.known_traffic.types]
+        return self.vehicles()[names.index(name)]
+
+    @property
+    def longest_vehicle_m(self) -> float:
+        """Length of the longest vehicle."""
+        return max(vehicle.length_m for vehicle in self.vehicles())
 
     def crosswalk(self) -> Crossing:
         """The crosswalk's constants for the ego's lane."""
@@ -108,13 +122,26 @@ class Scenario(Section):
         )
 
     def least_headway_s(self) -> float:
-        """Shortest headway of vehicles that do not disturb each other at v0; whole steps.
+        """The mean of ``headway_s`` over the vehicle mix; the mean headway must be longer."""
+        pairs = list(zip(self.known_traffic.shares, self.vehicles(), strict=True))
+        return math.fsum(
+            leads * follows * self.headway_s(leader, follower)
+            for leads, leader in pairs
+            for follows, follower in pairs
+        )
 
-        The following distance of SUMO's Krauss model at v0: tau_s + (length + min_gap_m)/v0.
+    def headway_s(self, leader: Vehicle, follower: Vehicle) -> float:
+        """Shortest headway at which a vehicle does not disturb the next at v0; whole steps.
+
+        The following distance of SUMO's Krauss model at v0:
+        tau_s + (length + min_gap_m)/v0 + max(0, v0/2 (1/b − 1/b_l)), with the length and the
+        deceleration b_l of the leader and the deceleration b of the follower.
         """
-        traffic = self.known_traffic
-        spaced_m = self.ego.length_m + traffic.min_gap_m
-        headway_s = traffic.tau_s + spaced_m / self.ego.initial_speed_mps
+        traffic, v0 = self.known_traffic, self.ego.initial_speed_mps
+        headway_s = traffic.tau_s + (leader.length_m + traffic.min_gap_m) / v0
+        own, ahead = follower.max_deceleration_mps2, leader.max_deceleration_mps2
+        if own < ahead:
+            headway_s += v0 / 2 * (1 / own - 1 / ahead)
         step_s = self.experiment.step_s
         return math.ceil(headway_s / step_s - 1e-9) * step_s
 
@@ -131,6 +158,13 @@ class Scenario(Section):
         """The obstacles of ``timed_case``; all of them if it is not given."""
         case = self.pedestrians.timed_case
         return tuple(o for o in self.crossing.obstacles if case is None or o.case in (None, case))
+
+
+def _vehicle(ego: EgoSection) -> Vehicle:
+    values = ego.model_dump(exclude={"lane"})
+    if values["detection_range_m"] is None:
+        values["detection_range_m"] = values["trigger_range_m"]
+    return Vehicle(**values)
 
 
 def path_of(timed: TimedSection, scenario: Scenario) -> tuple[Leg, ...]:

@@ -48,13 +48,20 @@ class HourColumns(ArmColumns):
 
     def queue_m(self, arm: int) -> Interval:
         """The 95 % quantile of the queue in metres: vehicles with the gaps between them."""
-        spacing_m = self.scenario.ego.length_m + self.scenario.known_traffic.min_gap_m
-        return scaled(self.mean("queue_p95", arm), spacing_m)
+        if self.scenario.known_traffic.types:
+            return self.mean("queue_p95_m", arm)
+        return scaled(self.mean("queue_p95", arm), self._spacing_m)
 
     def queue_difference_m(self) -> Interval:
         """The difference of the queues in metres."""
-        spacing_m = self.scenario.ego.length_m + self.scenario.known_traffic.min_gap_m
-        return scaled(self.difference("queue_p95"), spacing_m)
+        if self.scenario.known_traffic.types:
+            return self.difference("queue_p95_m")
+        return scaled(self.difference("queue_p95"), self._spacing_m)
+
+    @property
+    def _spacing_m(self) -> float:
+        """Distance between the fronts of two queued vehicles without a vehicle mix."""
+        return self.scenario.ego.length_m + self.scenario.known_traffic.min_gap_m
 
     def handbook(self, arm: int) -> Handbook:
         """The delay of pedestrians in an arm by the handbooks."""
@@ -63,7 +70,7 @@ class HourColumns(ArmColumns):
         walked = columns["walking_mps"][~np.isnan(columns["walking_mps"])]
         return handbook(
             self.scenario,
-            0.0 if arm else traffic.av_share,
+            0.0 if arm else traffic.share_of_avs,
             float(columns["vehicles"].sum()) / seconds,
             float(columns["pedestrians"].sum()) / seconds,
             float(walked.mean()) if len(walked) else None,

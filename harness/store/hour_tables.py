@@ -17,6 +17,7 @@ from harness.measures import EpisodeRecord
 from harness.measures.motion.walking import cleared_s
 from harness.scenario import ConflictsSection
 from harness.statistics import CONFLICTS
+from harness.store.hour_types import type_numbers
 from harness.store.tables import HOUR_TABLES, PASSAGES, Row, Tables, table_of
 from harness.store.walk_rows import pedestrian_row
 
@@ -48,7 +49,8 @@ def hour_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Tables:
             rows["hours"].append(keys | {"reason": outcome.reason})
             continue
         counted = _counted(outcome)
-        passages = [_passage_row(passage, counted.begin_s) for passage in counted.passages]
+        types = [kind.name for kind in outcome.scenario.known_traffic.types]
+        passages = [_passage_row(passage, counted.begin_s, types) for passage in counted.passages]
         limits = outcome.scenario.conflicts
         numbers = _numbers(outcome, counted) | passage_counts(passages, limits)
         rows["hours"].append(keys | numbers)
@@ -87,19 +89,28 @@ def _numbers(outcome: HourOutcome, counted: _Counted) -> Row:
         "had_to_wait": len(let_go),
         "let_go": sum(let_go),
     }
-    traffic = outcome.scenario.known_traffic
+    traffic, delays = outcome.scenario.known_traffic, list[float]()
     if not traffic.saturated:
         # A vehicle that has not passed by the end is delayed at least until then.
         v0 = outcome.scenario.ego.initial_speed_mps
         delays = [_at_least(passage, last_s, v0) for passage in counted.passages]
         numbers |= _delays(outcome, counted, delays) | _late(outcome, counted)
         numbers["person_delay_h"] = (traffic.occupancy * sum(delays) + sum(waits)) / 3600.0
+    if traffic.types:
+        numbers["types"] = type_numbers(
+            [kind.name for kind in traffic.types],
+            [passage.vehicle.plan.kind for passage in counted.passages],
+            [_automated(outcome, passage) for passage in counted.passages],
+            [passage.passed_s is not None for passage in counted.passages],
+            None if traffic.saturated else delays,
+        )
     return numbers
 
 
 def _vehicle_numbers(outcome: HourOutcome, counted: _Counted) -> Row:
     """Numbers of vehicles, of their passages and of their queues."""
     passages, queues = counted.passages, np.array(outcome.log.queues, dtype=float)
+    queues_m = np.array(outcome.log.queues_m, dtype=float)
     automated = [passage for passage in passages if _automated(outcome, passage)]
     driven = automated if outcome.arm is Arm.AV else passages
     met = [passage.record for passage in driven if passage.record.pedestrians]
@@ -114,6 +125,7 @@ def _vehicle_numbers(outcome: HourOutcome, counted: _Counted) -> Row:
         "throughput_per_hour": in_time / (counted.end_s - counted.begin_s) * 3600.0,
         "queue_mean": float(queues.mean()) if queues.size else None,
         "queue_p95": float(np.quantile(queues, 0.95)) if queues.size else None,
+        "queue_p95_m": float(np.quantile(queues_m, 0.95)) if queues_m.size else None,
         "queue_longest": int(queues.max()) if queues.size else None,
     }
 
@@ -205,7 +217,7 @@ def passage_counts(passages: Sequence[Row], limits: ConflictsSection) -> dict[st
     return counts | {"conflicts_unreached": len(others)}
 
 
-def _passage_row(passage: Passage, begin_s: float) -> Row:
+def _passage_row(passage: Passage, begin_s: float, types: Sequence[str]) -> Row:
     vehicle, record = passage.vehicle, passage.record
     row = record_row(record)
     first = vehicle.first_step
@@ -213,6 +225,7 @@ def _passage_row(passage: Passage, begin_s: float) -> Row:
         "vehicle": vehicle.plan.number,
         "direction": vehicle.plan.lane.direction.value,
         "lane": vehicle.plan.lane.index,
+        "type": types[vehicle.plan.kind] if types else None,
         "strategy": vehicle.strategy_name,
         "scheduled_s": _since(passage.scheduled_s, begin_s),
         "inserted_s": _since(passage.inserted_s, begin_s),

@@ -143,7 +143,7 @@ def _trace(
         if walk.arrival.arrival_s <= until_s and due_s > trigger_s - step_s + _ROUNDING_S
     ]
     return Trace(
-        vehicle=scenario.vehicle(),
+        vehicle=scenario.vehicle_of_type(row["type"]),
         crossing=lane.crossing,
         step_s=step_s,
         x_m=sign * x[kept],

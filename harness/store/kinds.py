@@ -28,6 +28,7 @@ from harness.store.arm_columns import arm_columns
 from harness.store.episode_tables import pair_rows
 from harness.store.hour_catalogue import HOURS
 from harness.store.hour_columns import hour_columns
+from harness.store.hour_types import type_rows
 from harness.store.measure_tables import conflict_rows, measure_rows
 from harness.store.simulation_catalogue import SIMULATIONS
 from harness.store.simulation_statistics import crosswalk_rows, group_rows
@@ -235,12 +236,16 @@ class HourKind:
 
     def statistics(
         self,
-        rows: pa.Table,  # noqa: ARG002
-        cell: Cell,  # noqa: ARG002
-        findings: Findings,  # noqa: ARG002
+        rows: pa.Table,
+        cell: Cell,
+        findings: Findings,
     ) -> Mapping[str, Rows]:
-        """See ``Kind``."""
-        return {}
+        """See ``Kind``; ``types`` is there if a cell has a vehicle mix."""
+        traffic = cell.scenario.traffic
+        if traffic is None or not traffic.types:
+            return {}
+        confidence = findings["confidence"].number or 0.0
+        return {"types": type_rows(rows, [kind.name for kind in traffic.types], confidence)}
 
     def conflicts(self, cell: Cell, findings: Findings) -> Mapping[str, Rows]:  # noqa: ARG002
         """See ``Kind``."""

@@ -108,6 +108,7 @@ PASSAGES = pa.schema(
         *_KEYS,
         ("vehicle", pa.int64()),
         *_WHERE,
+        ("type", pa.string()),
         ("strategy", pa.string()),
         *((name, pa.float64()) for name in _PASSED),
         ("delay_s", pa.float64()),
@@ -143,15 +144,21 @@ _HOUR_COUNTS = [
 _HOUR_NUMBERS = [
     *("vehicle_delay_s", "automated_delay_s", "other_delay_s"),
     *("first_third_delay_s", "last_third_delay_s", "control_delay_s", "travel_time_s"),
-    *("throughput_per_hour", "stops_per_vehicle", "queue_mean", "queue_p95"),
+    *("throughput_per_hour", "stops_per_vehicle", "queue_mean", "queue_p95", "queue_p95_m"),
     *("pedestrian_delay_s", "walking_mps", "person_delay_h"),
 ]
+_TYPE_FIELDS = {
+    "type": pa.string(),
+    **dict.fromkeys(("vehicles", "automated", "not_through"), pa.int64()),
+    "vehicle_delay_s": pa.float64(),
+}
 HOURS = pa.schema(
     [
         *_KEYS,
         ("reason", pa.string()),
         *((name, pa.int64()) for name in _HOUR_COUNTS),
         *((name, pa.float64()) for name in _HOUR_NUMBERS),
+        ("types", pa.list_(pa.struct([*_TYPE_FIELDS.items()]))),
     ]
 )
 

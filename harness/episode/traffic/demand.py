@@ -6,6 +6,7 @@ The schedule is the same in both arms and in all cells.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice, pairwise, repeat
 
 import numpy as np
 
@@ -27,22 +28,25 @@ class Scheduled:
         lane: its lane.
         step: when it is due at the road's upstream end, in steps from the beginning of the warm-up.
         uniform: the vehicle is an AV if this is below the share of AVs.  So a greater share only
-            adds AVs.
+            adds AVs.  It is 1 if vehicles of its type may not be AVs.
+        kind: number of its type in the vehicle mix; 0 without a mix.
     """
 
     number: int
     lane: Lane
     step: int
     uniform: float
+    kind: int = 0
 
 
 def scheduled_vehicles(scenario: Scenario, pair: int, lane: Lane) -> Iterator[Scheduled]:
     """The vehicles of a lane, by time.
 
     The lanes of a direction share its flow equally.  Headways in a lane of flow q are shifted
-    exponential: at least h (the following headway at v0), then with the hazard 1/(1/q − h), so the
-    mean headway is 1/q.  q may change every quarter of an hour.  Times are rounded up to steps.
-    In a saturated lane there is always a next vehicle.
+    exponential: at least h (the following headway at v0 of these two vehicles), then with the
+    hazard 1/(1/q − E[h]), so the mean headway is 1/q.  q may change every quarter of an hour.
+    Times are rounded up to steps.  In a saturated lane there is always a next vehicle.  Types are
+    drawn one by one, each with the probability of its share.
 
     Args:
         scenario: a scenario with ``[traffic]``.
@@ -57,14 +61,28 @@ def scheduled_vehicles(scenario: Scenario, pair: int, lane: Lane) -> Iterator[Sc
     road = lanes_of(scenario)
     place, key = road.index(lane), (list(Direction).index(lane.direction), lane.index)
     automated = _uniforms(stream(seed, "automation", pair, *key))
+    kinds = _kinds(traffic, seed, pair, key)
     if traffic.saturated:
         steps: Iterator[int] = iter(lambda: 0, None)
     else:
         lanes = sum(other.direction is lane.direction for other in road)
         units = _uniforms(stream(seed, "vehicle_arrival", pair, *key))
-        steps = _steps(traffic, lane.direction, lanes, scenario.least_headway_s(), step_s, units)
-    for count, (step, uniform) in enumerate(zip(steps, automated, strict=False)):
-        yield Scheduled(count * len(road) + place, lane, step, uniform)
+        mean_s = scenario.least_headway_s()
+        headways: Iterator[float] = repeat(mean_s)
+        if traffic.types:
+            headways = _headways(scenario, _kinds(traffic, seed, pair, key))
+        steps = _steps(traffic, lane.direction, lanes, mean_s, headways, step_s, units)
+    may_be = [kind.automated for kind in traffic.types] or [True]
+    for count, (step, uniform, kind) in enumerate(zip(steps, automated, kinds, strict=False)):
+        drawn = uniform if may_be[kind] else 1.0
+        yield Scheduled(count * len(road) + place, lane, step, drawn, kind)
+
+
+def scheduled_vehicle(scenario: Scenario, pair: int, number: int) -> Scheduled:
+    """The vehicle of that number."""
+    road = lanes_of(scenario)
+    vehicles = scheduled_vehicles(scenario, pair, road[number % len(road)])
+    return next(islice(vehicles, number // len(road), None))
 
 
 def flow_per_hour(traffic: TrafficSection, direction: Direction, time_s: float) -> float:
@@ -80,18 +98,22 @@ def _steps(
     traffic: TrafficSection,
     direction: Direction,
     lanes: int,
-    headway_s: float,
+    mean_s: float,
+    headways: Iterator[float],
     step_s: float,
     uniforms: Iterator[float],
 ) -> Iterator[int]:
-    """Times of a lane's vehicles, in steps from the beginning of the warm-up."""
-    begin, end, headway = -traffic.warm_up_s, traffic.duration_s, round(headway_s / step_s)
+    """Times of a lane's vehicles, in steps from the beginning of the warm-up.
+
+    ``headways`` are the least headways behind each vehicle, and ``mean_s`` is their expectation.
+    """
+    begin, end = -traffic.warm_up_s, traffic.duration_s
     time_s, earliest = begin, 0
     for uniform in uniforms:
         left = -math.log1p(-uniform)
         while True:
             per_s = flow_per_hour(traffic, direction, time_s) / lanes / SECONDS_PER_HOUR
-            hazard = per_s / (1 - per_s * headway_s)
+            hazard = per_s / (1 - per_s * mean_s)
             until = min(end, (math.floor(time_s / QUARTER_S) + 1) * QUARTER_S)
             if hazard * (until - time_s) > left:
                 time_s += left / hazard
@@ -104,10 +126,28 @@ def _steps(
         if step * step_s >= end - begin - 1e-9:
             return
         yield step
-        earliest = step + headway
+        headway_s = next(headways)
+        earliest = step + round(headway_s / step_s)
         time_s += headway_s
         if time_s >= end:
             return
+
+
+def _kinds(traffic: TrafficSection, seed: int, pair: int, key: tuple[int, int]) -> Iterator[int]:
+    """The number of the type of each vehicle of a lane."""
+    if not traffic.types:
+        return repeat(0)
+    ends = np.cumsum(traffic.shares)
+    ends[-1] = 1.0  # the shares sum to 1 up to rounding
+    units = _uniforms(stream(seed, "vehicle_type", pair, *key))
+    return (int(np.searchsorted(ends, unit, side="right")) for unit in units)
+
+
+def _headways(scenario: Scenario, kinds: Iterator[int]) -> Iterator[float]:
+    """The least headway between each vehicle of a lane and the next."""
+    vehicles = scenario.vehicles()
+    table = [[scenario.headway_s(leader, other) for other in vehicles] for leader in vehicles]
+    return (table[leader][follower] for leader, follower in pairwise(kinds))
 
 
 def _uniforms(generator: np.random.Generator) -> Iterator[float]:

@@ -3,8 +3,10 @@
 import math
 from collections.abc import Callable
 
-from harness.core.encounter import Strategy, Vehicle
+from harness.core.encounter import Strategy
 from harness.engine.road import SumoRoad
+from harness.episode.cell_constants import CellConstants
+from harness.episode.deciding import ROUNDING_M
 from harness.episode.traffic.demand import Scheduled
 from harness.episode.traffic.vehicles import HourVehicle, LaneOnRoad, state_of
 from harness.scenario import TrafficSection
@@ -22,14 +24,16 @@ class Entrance:
     def __init__(
         self,
         road: SumoRoad,
-        vehicle: Vehicle,
+        rules: CellConstants,
         traffic: TrafficSection,
-        step_s: float,
         make: MakeStrategy,
     ) -> None:
-        self._road, self._vehicle, self._traffic = road, vehicle, traffic
-        self._step_s, self._make = step_s, make
-        per_step_m = vehicle.initial_speed_mps * step_s
+        self._road, self._traffic, self._make = road, traffic, make
+        self._step_s, self._types = rules.step_s, rules.types or (rules.vehicle,)
+        half_m = rules.crossing.width_m / 2
+        self._passed_at_m = [kind.length_m + half_m - ROUNDING_M for kind in self._types]
+        vehicle = rules.vehicle
+        per_step_m = vehicle.initial_speed_mps * rules.step_s
         self.x_m = [lane.entry_x_m(vehicle.trigger_range_m, per_step_m) for lane in road.lanes]
 
     def let_in(self, lane: LaneOnRoad, step: int, until_step: int) -> HourVehicle | None:
@@ -44,39 +48,58 @@ class Entrance:
             automated, name, strategy = self._make(planned)
             x_m = self.x_m[lane.number]
             assert x_m is not None
+            kind, sumo_name = planned.kind, self._road.name_of(planned.number)
             lane.due.append(
                 HourVehicle(
-                    planned, self._road.name_of(planned.number), automated, name, strategy, x_m
+                    planned,
+                    sumo_name,
+                    automated,
+                    name,
+                    strategy,
+                    x_m,
+                    self._types[kind],
+                    self._passed_at_m[kind],
                 )
             )
             lane.plan_next()
         if not lane.due or (saturated and step > until_step):
             return None
         car = lane.due[0]
-        speed = self._entry_speed(lane, car.insert_x_m)
+        speed = self._entry_speed(lane, car)
         if speed is None:
             return None
         lane.due.popleft()
         car.inserted_step = step
         car.x_m, car.speed_mps = car.insert_x_m, speed
-        self._road.add(car.name, lane.number, car.insert_x_m, speed, automated=car.automated)
+        self._road.add(
+            car.name,
+            lane.number,
+            car.insert_x_m,
+            speed,
+            automated=car.automated,
+            kind=car.plan.kind,
+        )
         lane.coming.append(car)
         return car
 
-    def _entry_speed(self, lane: LaneOnRoad, x_m: float) -> float | None:
+    def _entry_speed(self, lane: LaneOnRoad, car: HourVehicle) -> float | None:
         """v0, or a lower speed that is safe behind a slow leader; None while there is no room.
 
         There is room if the leader's rear is minGap and the headway τ at v0 ahead.  The safe speed
-        is v = −bτ + sqrt(b²τ² + v_l² + 2 b g), where g is the gap less minGap (Krauss 1998).
+        is v = −bτ + sqrt(b²τ² + v_l² b/max(b, b_l) + 2 b g), where g is the gap less minGap and b_l
+        is the leader's deceleration (Krauss 1998, as in SUMO).
         """
-        vehicle, traffic = self._vehicle, self._traffic
+        vehicle, traffic = car.vehicle, self._traffic
         top = vehicle.initial_speed_mps
         if not lane.coming and not lane.driven:
             return top
-        x, speed = state_of(self._road, lane.coming[-1] if lane.coming else lane.driven[-1])
-        gap = x + speed * self._step_s - vehicle.length_m - x_m - traffic.min_gap_m
+        leader = lane.coming[-1] if lane.coming else lane.driven[-1]
+        x, speed = state_of(self._road, leader)
+        ahead = leader.vehicle
+        gap = x + speed * self._step_s - ahead.length_m - car.insert_x_m - traffic.min_gap_m
         if gap < top * traffic.tau_s - 1e-6:
             return None
-        braking = vehicle.max_deceleration_mps2 * traffic.tau_s
-        safe = -braking + math.sqrt(braking**2 + speed**2 + 2 * vehicle.max_deceleration_mps2 * gap)
+        own = vehicle.max_deceleration_mps2
+        braking, harder = own * traffic.tau_s, max(own, ahead.max_deceleration_mps2)
+        safe = -braking + math.sqrt(braking**2 + speed**2 * (own / harder) + 2 * own * gap)
         return min(top, safe)

@@ -64,7 +64,7 @@ class Hour:
         self.trigger_x_m = -vehicle.trigger_range_m - ROUNDING_M
         self.detection_m = vehicle.detection_range_m + ROUNDING_M
         self.hits_from_m = -rules.crossing.width_m / 2 - COLLISION_REACH_M
-        self.entrance = Entrance(road, vehicle, traffic, self.step_s, make)
+        self.entrance = Entrance(road, rules, traffic, make)
         self.crowd = Crowd(arrivals, lanes, choose_speed, rules, road.remove)
         self.log = HourLog(let_go=self.crowd.let_go)
         self.on_road: dict[str, HourVehicle] = {}
@@ -124,7 +124,7 @@ class Hour:
 
     def _drive(self, now: float, n: int) -> None:
         """Let every strategy decide, on what it sees at the beginning of the step."""
-        step, vehicle, drive = self.step_s, self.rules.vehicle, self.road.drive
+        step, drive = self.step_s, self.road.drive
         detection, everyone = self.detection_m, None
         for lane in self.lanes:
             if not lane.driven:
@@ -133,7 +133,7 @@ class Hour:
                 everyone = self.crowd.views()
             views, crossing = lane.seen_from(everyone), lane.lane.crossing
             for car in lane.driven:
-                x, speed = car.x_m, car.speed_mps
+                x, speed, vehicle = car.x_m, car.speed_mps, car.vehicle
                 time_s = (n - car.first_step) * step  # type: ignore[operator]  # it is driven
                 view = EgoView(-x, speed, car.acceleration_mps2)
                 visible = views if -detection <= x <= detection else ()
@@ -180,7 +180,7 @@ class Hour:
             speed = car.speed_mps = car.next_speed_mps
             car.xs.append(x)
             car.speeds.append(speed)
-        while driven and driven[0].x_m >= lane.passed_at_m:
+        while driven and driven[0].x_m >= driven[0].passed_at_m:
             car = driven.pop(0)
             car.passed = True
             car.came_until = len(self.crowd.came)
@@ -226,6 +226,8 @@ class Hour:
         queues = [self._queued_in(lane) for lane in self.lanes]
         if self.begin_step < step <= self.end_step:
             self.log.queues.append(queues)
+            if self.traffic.types:
+                self.log.queues_m.append([self._queue_m(lane) for lane in self.lanes])
         if self.paths:
             for car in self.on_road.values():
                 # During a passage the trace has the positions.
@@ -242,6 +244,13 @@ class Hour:
             car.stops += standing and not car.standing
             car.standing = standing
         return queued
+
+    def _queue_m(self, lane: LaneOnRoad) -> float:
+        """The length of a lane's queue: each queued vehicle with its length and minGap."""
+        queued = [car for car in lane.driven if car.speed_mps < QUEUED_MPS]
+        queued += [car for car in lane.coming if self.road.speed_of(car.name) < QUEUED_MPS]
+        gap_m = self.traffic.min_gap_m
+        return sum(car.vehicle.length_m + gap_m for car in (*lane.due, *queued))
 
 
 def _in_vehicle(car: HourVehicle, now: float, error: StrategyError) -> StrategyError:

@@ -61,11 +61,11 @@ def passages_of(
         end_x_m: x at which vehicles leave the road, by number of their lane (``number`` % lanes).
         saturated: whether lanes are saturated; there is no schedule then, and delays are undefined.
     """
-    by_lane: dict[Lane, list[HourVehicle]] = defaultdict(list)
+    by_lane: dict[tuple[Lane, int], list[HourVehicle]] = defaultdict(list)
     for car in sorted(log.vehicles, key=lambda car: car.plan.number):
-        by_lane[car.plan.lane].append(car)
+        by_lane[car.plan.lane, car.plan.kind].append(car)
     passages = []
-    for lane, vehicles in by_lane.items():
+    for (lane, _), vehicles in by_lane.items():
         for begin in range(0, len(vehicles), CHUNK):
             part = vehicles[begin : begin + CHUNK]
             traces = [_trace(car, lane, log, rules) for car in part]
@@ -108,7 +108,7 @@ def _trace(car: HourVehicle, lane: Lane, log: HourLog, rules: CellConstants) -> 
         met = [walker.walk for walker in car.met]
         walks = [*met, *log.walks[car.came_from : until]]
     return Trace(
-        vehicle=rules.vehicle,
+        vehicle=car.vehicle,
         crossing=lane.crossing,
         step_s=rules.step_s,
         x_m=np.array(car.xs),

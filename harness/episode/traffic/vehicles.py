@@ -5,10 +5,9 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from harness.core.encounter import PedestrianView, Side, Strategy, Walk
+from harness.core.encounter import PedestrianView, Side, Strategy, Vehicle, Walk
 from harness.engine.road import SumoRoad
 from harness.episode.cell_constants import CellConstants
-from harness.episode.deciding import ROUNDING_M
 from harness.episode.traffic.demand import Scheduled
 from harness.episode.traffic.lanes import Lane
 from harness.episode.walkers import Walker
@@ -22,6 +21,8 @@ class HourVehicle:
     """A vehicle, from its schedule until it has left the road; times are steps of the hour.
 
     Attributes:
+        vehicle: its constants, those of its type.
+        passed_at_m: x at which its rear has left the crosswalk.
         x_m, speed_mps: the state at the beginning of the step.
         next_x_m, next_speed_mps: the state at the end of the step, once it has been read.
         acceleration_mps2: the acceleration of this step, once it has been read; before that, of the
@@ -37,6 +38,8 @@ class HourVehicle:
     strategy_name: str
     strategy: Strategy
     insert_x_m: float
+    vehicle: Vehicle
+    passed_at_m: float
     inserted_step: int | None = None
     x_m: float = 0.0
     speed_mps: float = 0.0
@@ -70,7 +73,6 @@ class LaneOnRoad:
         due: vehicles that are due and not yet on the road.
         coming: vehicles upstream of R0, which SUMO drives.
         driven: vehicles from R0 until they have passed, which their strategies drive.
-        passed_at_m: x at which the rear of a vehicle has left the crosswalk.
     """
 
     def __init__(
@@ -78,7 +80,6 @@ class LaneOnRoad:
     ) -> None:
         self.number, self.lane, self.schedule = number, lane, schedule
         self.centre_m = lane.centre_m
-        self.passed_at_m = rules.vehicle.length_m + rules.crossing.width_m / 2 - ROUNDING_M
         self.plan_next()
         self.due: deque[HourVehicle] = deque()
         self.coming: deque[HourVehicle] = deque()
@@ -105,7 +106,7 @@ class LaneOnRoad:
         for car in self.driven:
             gain = car.acceleration_mps2
             x = car.x_m + car.speed_mps * elapsed_s + gain * elapsed_s**2 / 2
-            if x < self.passed_at_m:
+            if x < car.passed_at_m:
                 return x, car.speed_mps + gain * elapsed_s, car
         if not self.coming:
             return None
@@ -137,6 +138,8 @@ class HourLog:
         vehicles: all vehicles.
         walks: the walks of all pedestrians, by arrival.
         queues: for each second of the counted time, the number of queued vehicles of each lane.
+        queues_m: with a vehicle mix, the lengths of these queues in m: each vehicle counts with its
+            length and ``min_gap_m``.
         let_go: for each pedestrian who had to wait, whether the first vehicle that kept them
             waiting let them go.
         last_step: the last simulated step.
@@ -145,6 +148,7 @@ class HourLog:
     vehicles: list[HourVehicle] = field(default_factory=list)
     walks: list[Walk] = field(default_factory=list)
     queues: list[list[int]] = field(default_factory=list)
+    queues_m: list[list[float]] = field(default_factory=list)
     let_go: dict[int, bool] = field(default_factory=dict)
     last_step: int = 0
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from harness.core.encounter import Arm
+from harness.episode.traffic.demand import scheduled_vehicle
 from harness.episode.traffic.lanes import Direction, lanes_of
 from harness.report.drawing.style import Picture
 from harness.report.pages.hour_pictures import hour_pictures
@@ -54,7 +55,8 @@ def _episode(run: RunData, pair: ShownPair) -> Encoded:
     passages = run.rows_of("passages", pair.cell, pair.pair).to_pylist()
     lanes = [lane for lane in lanes_of(scenario) if lane.direction is Direction.ONCOMING]
     # Vehicles of the warm-up have no row, so their driver is inferred.
-    unknown = scenario.arms.av if scenario.known_traffic.av_share == 1 else scenario.arms.human
+    unknown = scenario.arms.av if scenario.known_traffic.share_of_avs == 1 else scenario.arms.human
+    types = scenario.vehicles() if scenario.known_traffic.types else ()
     arms = []
     for arm in Arm:
         drivers = {
@@ -65,6 +67,10 @@ def _episode(run: RunData, pair: ShownPair) -> Encoded:
         title = f"{ARM_NAMES[arm]}: {scenario.arms.driver(arm)}"
         document = shown_arm(arm, title, rows, walks[there])
         for vehicle in document["vehicles"]:
+            if types:
+                number = int(vehicle["name"].removeprefix("vehicle-"))
+                kind = types[scheduled_vehicle(scenario, pair.pair, number).kind]
+                vehicle["size"] = [kind.length_m, kind.width_m]
             driver = drivers.get(vehicle["name"], unknown)
             vehicle["filled"] = arm is Arm.HUMAN or driver == scenario.arms.av
             vehicle["oncoming"] = vehicle["y"] in [short(lane.centre_m) for lane in lanes]

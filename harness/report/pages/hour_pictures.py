@@ -1,15 +1,14 @@
 """The figures of a run in traffic: measures over a varied key, queues, the time–space diagram."""
 
 from collections.abc import Iterator, Sequence
-from itertools import islice
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
 from harness.core.encounter import Arm
-from harness.episode.traffic.demand import scheduled_vehicles
-from harness.episode.traffic.lanes import Direction, Lane, lanes_of
+from harness.episode.traffic.demand import scheduled_vehicle
+from harness.episode.traffic.lanes import Direction, lanes_of
 from harness.report.drawing import style
 from harness.report.drawing.style import Picture
 from harness.report.drawing.sweep_figures import Line, draw_over
@@ -138,7 +137,8 @@ def _panel(axes: Axes, hour: ShownPair, arm: Arm, scenario: Scenario) -> None:
             continue
         rows = states.loc[numbers.index[numbers == number]]
         shown = rows[rows["x_m"].between(-_BACK_M, _BEYOND_M)]
-        automated = arm is Arm.AV and _is_automated(scenario, hour.pair, lane, number // len(road))
+        planned = scheduled_vehicle(scenario, hour.pair, number)
+        automated = arm is Arm.AV and planned.uniform < scenario.known_traffic.av_share
         look = style.ARM_LOOKS[Arm.AV if automated else Arm.HUMAN]
         words = "AVs" if automated else "others"
         label = words if len(forward) == 1 else f"{words}, lane {lane.index}"
@@ -156,9 +156,3 @@ def _panel(axes: Axes, hour: ShownPair, arm: Arm, scenario: Scenario) -> None:
     axes.hlines(at_crosswalk, people["start_s"], people["cleared_s"], color=style.INK, lw=4.0)
     axes.set_xlim(hour.begin_s, hour.end_s)
     axes.set_ylim(_BACK_M, -_BEYOND_M)
-
-
-def _is_automated(scenario: Scenario, pair: int, lane: Lane, count: int) -> bool:
-    """Whether a lane's vehicle is an AV in the AV's arm; vehicles of the warm-up have no row."""
-    planned = next(islice(scheduled_vehicles(scenario, pair, lane), count, None))
-    return planned.uniform < scenario.known_traffic.av_share

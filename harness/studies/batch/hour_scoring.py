@@ -69,22 +69,23 @@ def _measured(
             traces = list(stored_traces(cell.scenario, arm_passages, arm_walks, states))
         except (KeyError, IndexError):
             raise InputError(str(run), "a passage has no trace", "a whole run") from None
-        for lane_traces in _by_lane(traces):
-            records = measure([trace for _, trace in lane_traces])
-            for (row, _), record in zip(lane_traces, records, strict=True):
+        for alike in _by_lane_and_type(traces):
+            records = measure([trace for _, trace in alike])
+            for (row, _), record in zip(alike, records, strict=True):
                 scored[arm.value, row["vehicle"]] = dict(row) | record_row(record)
     return [scored.get((row["arm"], row["vehicle"]), row) for row in passages]
 
 
-def _by_lane(
+def _by_lane_and_type(
     traces: Sequence[tuple[Any, Trace | None]],
 ) -> Iterator[list[tuple[Any, Trace]]]:
-    """Group rows with a trace by lane: only passages of one lane are measured together."""
-    lanes: dict[tuple[str, int], list[tuple[Any, Trace]]] = {}
+    """Group rows with a trace by lane and type: only such passages are measured together."""
+    groups: dict[tuple[str, int, str | None], list[tuple[Any, Trace]]] = {}
     for row, trace in traces:
         if trace is not None:
-            lanes.setdefault((row["direction"], row["lane"]), []).append((row, trace))
-    yield from lanes.values()
+            key = row["direction"], row["lane"], row["type"]
+            groups.setdefault(key, []).append((row, trace))
+    yield from groups.values()
 
 
 def _states(traces: pa.Table, arm: Arm) -> _States:

@@ -91,11 +91,12 @@
       const obstacle = make("rect", { class: "obstacle", x: west, y: south, width: east - west, height: north - south }, world);
       make("title", {}, obstacle, "obstacle");
     }
-    const side = scene.carWidth / 2;
     const vehicles = arm.vehicles.map((vehicle) => {
+      const [length, width] = vehicle.size || [scene.carLength, scene.carWidth];
+      const side = width / 2;
       const group = make("g", { "data-vehicle": vehicle.name }, world);
       const body = make("g", vehicle.oncoming ? { transform: "scale(-1,1)" } : {}, group);
-      make("rect", { class: vehicle.filled ? "ego" : "other", x: -scene.carLength, y: -side, width: scene.carLength, height: scene.carWidth, rx: 0.35 }, body);
+      make("rect", { class: vehicle.filled ? "ego" : "other", x: -length, y: -side, width: length, height: width, rx: 0.35 }, body);
       make("rect", { class: "ego-front", x: -1.5, y: -side * 0.75, width: 0.6, height: side * 1.5, rx: 0.15 }, body);
       make("title", {}, group, vehicle.name);
       return group;
