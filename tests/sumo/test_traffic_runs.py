@@ -14,8 +14,8 @@ import pytest
 import harness
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, InterruptedRunError
-from harness.episode.traffic.lanes import lanes_of
-from harness.report.pages.hour_pictures import _is_automated, time_space
+from harness.episode.traffic.demand import scheduled_vehicle
+from harness.report.pages.hour_pictures import time_space
 from harness.report.pages.page import write_report
 from harness.report.pages.player import run_player
 from harness.scenario import (
@@ -258,8 +258,8 @@ def test_the_diagram_tells_avs_and_lanes_apart(runs: list[Path]) -> None:
     passages = run.passages
     own = passages[(passages["pair"] == hour.pair) & (passages["arm"] == "av")]
     for row in own.to_dict("records"):
-        lane = lanes_of(run.scenario)[row["vehicle"] % 2]
-        automated = _is_automated(run.scenario, hour.pair, lane, row["vehicle"] // 2)
+        planned = scheduled_vehicle(run.scenario, hour.pair, row["vehicle"])
+        automated = planned.uniform < run.scenario.known_traffic.av_share
         assert automated == (row["strategy"] == "gap_yield")
     assert own["strategy"].nunique() == 2
 
