@@ -1,6 +1,6 @@
 """TOML and JSON from untrusted sources: parsed, never evaluated, and checked against a form.
 
-The parsers accept values that would break a program or a terminal later; they are refused here.
+Values that a parser accepts but that would break a program or a terminal later are refused.
 """
 
 import json
@@ -26,8 +26,8 @@ def parse_toml(text: str) -> JsonObject:
     """The tables of a TOML text.
 
     Raises:
-        ValueError: the text is not TOML, is nested too deeply, or has a whole number of more than
-            64 bits (TOML's own limit) or text with control characters.
+        ValueError: the text is not TOML, is nested too deeply, or contains a whole number of more
+            than 64 bits (TOML's limit) or a control character.
     """
     # Some editors put a byte order mark in front of the text.
     tables: JsonObject = _parsed(tomllib.loads, text.removeprefix("\ufeff"))
@@ -56,7 +56,8 @@ def check_form(form: type[Form], document: Any, where: str) -> Form:
         where: name of the file in messages.
 
     Raises:
-        InputError: a key is missing or unknown, or has another type or range; names the first one.
+        InputError: a key is missing or unknown, or has a wrong type or value; names the first such
+            key.
     """
     try:
         return form.model_validate(document)

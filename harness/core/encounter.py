@@ -22,7 +22,7 @@ FailedIn = Literal["strategy", "engine"]
 """What failed in an episode: the strategy that drove, or the engine or its process."""
 
 StepMotion = Literal["ballistic", "euler"]
-"""How a vehicle moves within a step: with constant acceleration, or at the speed of its end."""
+"""How a vehicle moves within a step: with constant acceleration, or at the step's last speed."""
 
 PEDESTRIAN_RADIUS_M = 0.25
 """Radius of the disc that represents a pedestrian in every contact and distance."""
@@ -169,7 +169,7 @@ class Strategy(Protocol):
     """A strategy drives one ego through one episode; each episode gets a new object.
 
     The harness calls the class with the parameters of its ``[strategies.<name>]`` table as keyword
-    arguments.  It also passes each of these arguments that the constructor names:
+    arguments.  If the constructor has one of the following arguments, it is passed too:
 
     - ``model``: the interaction model;
     - ``rng``: a ``numpy.random.Generator`` whose stream belongs to the pair;
@@ -246,7 +246,8 @@ class ModelUse(NamedTuple):
 
     ``clamped`` counts the uses in which the ego was faster or farther away than any vehicle in the
     model's data.  The largest excesses are ``speed_excess_mps`` and ``range_excess_m``.
-    ``near_clamped`` counts the uses in which it was slower or nearer than any of them.
+    ``near_clamped`` counts the uses in which the ego was slower or nearer than every vehicle in the
+    data.
     """
 
     uses: int = 0
@@ -256,7 +257,7 @@ class ModelUse(NamedTuple):
     range_excess_m: float = 0.0
 
     def joined(self, other: "ModelUse") -> "ModelUse":
-        """The sum of these counts and others of the same episode."""
+        """The counts of both, added, and the larger of their excesses."""
         return ModelUse(
             self.uses + other.uses,
             self.clamped + other.clamped,

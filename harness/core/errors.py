@@ -53,7 +53,7 @@ class StrategyError(EngineError):
 
     Args:
         message: one line.
-        cause: the strategy's exception; the frames of its traceback in the strategy are kept.
+        cause: the strategy's exception; the traceback is kept without the harness's own frames.
     """
 
     def __init__(self, message: str, cause: BaseException | None = None) -> None:
@@ -84,8 +84,8 @@ _REFUSED = (ArithmeticError, LookupError, NotImplementedError, OSError, TypeErro
 def reading(file: object) -> Iterator[None]:
     """Turn the exceptions of a library's parser into an ``InputError``.
 
-    Only the call of the parser belongs inside: an exception there means that the file is damaged,
-    while later exceptions are mistakes of this package.
+    Only the parser's call belongs in the block: an exception there means that the file is damaged,
+    but an exception elsewhere is a mistake of this package.
 
     Args:
         file: the file that is parsed, for the message.
@@ -100,7 +100,7 @@ def reading(file: object) -> Iterator[None]:
 
 
 def one_line(text: str) -> str:
-    """Text on one line, with unprintable characters escaped since a terminal would obey them."""
+    """Text on one line; unprintable characters are escaped, because a terminal would obey them."""
     return "".join(
         char if char.isprintable() else char.encode("unicode_escape").decode()
         for char in " ".join(text.split())

@@ -32,8 +32,8 @@ Purpose = Literal[
 ]
 
 Given = Mapping[Purpose, Sequence[float]]
-"""Uniforms in (0, 1) that replace the first draws of a pair's streams: one for each pedestrian, two
-for each in ``perception_error``, and at most ``GIVEN_DRAWS`` for a strategy."""
+"""Uniforms in (0, 1) that replace the first draws of a pair's streams: one for each pedestrian (two
+in ``perception_error``), and at most ``GIVEN_DRAWS`` for a strategy."""
 
 # The seeds depend on these numbers: changing one changes every result.
 _PURPOSES: dict[Purpose, int] = {
@@ -58,7 +58,7 @@ _PURPOSES: dict[Purpose, int] = {
 
 Resampling = Literal["summary", "comparison", "validation", "risk", "audit"]
 
-# These seeds have another form than the streams above, so they never coincide with them.
+# These seeds have another form than those of the streams above, so no two coincide.
 _RESAMPLINGS: dict[Resampling, int] = {
     "summary": 5,
     "comparison": 6,
@@ -93,9 +93,9 @@ def beginning_with(uniforms: Sequence[float], rng: np.random.Generator) -> np.ra
     The upper 53 bits of each raw word of 64 bits are those of the given uniform, and the lower bits
     are drawn.  So a normal or an integer that is drawn first is a function of the uniform too.
 
-    PCG64 is a linear congruential generator, s' = a s + c modulo 2^128, whose word is a rotation of
-    the xor of a state's halves (O'Neill 2014, PCG XSL RR 128/64).  The upper halves of the first
-    two states are drawn.  The lower halves follow from the words, and c follows from both states.
+    PCG64 is the linear congruential generator s' = a s + c modulo 2^128.  A word is the xor of a
+    state's halves, rotated (O'Neill 2014, PCG XSL RR 128/64).  The upper halves of the first two
+    states are drawn.  The lower halves follow from the words, and c follows from both states.
     Later draws are as random as the drawn halves.
 
     Args:
@@ -113,7 +113,7 @@ def beginning_with(uniforms: Sequence[float], rng: np.random.Generator) -> np.ra
     given += words[len(given) :].tolist()
     first, second = (_state(int(half), word) for half, word in zip(halves, given, strict=True))
     increment = (second - _MULTIPLIER * first) % 2**128
-    if increment % 2 == 0:  # c is odd; another upper half makes it so
+    if increment % 2 == 0:  # c must be odd; another upper half makes it odd
         second = _state(int(halves[1]) ^ 1, given[1])
         increment = (second - _MULTIPLIER * first) % 2**128
     before = (first - increment) * pow(_MULTIPLIER, -1, 2**128) % 2**128

@@ -25,7 +25,7 @@ SPEED_MODE_OWN = 31
 COLLISION_REACH_M = 5.0
 """SUMO's collisions are read only when the ego's front is this near to the crosswalk.
 
-SUMO reports a hit only while the front is on the junction, which begins a few metres before it.
+SUMO reports a hit only while the front is on the junction, which begins a few metres upstream.
 """
 
 
@@ -67,7 +67,8 @@ class SumoEngine:
     ``setSpeed`` sets the ego's speed under ballistic steps, so SUMO's state follows constant
     accelerations in closed form.  ``moveToXY`` sets the positions of all pedestrians at every step,
     because SUMO's own pedestrians would stop for the vehicle and hide crashes.  Without a speed,
-    SUMO's own driver drives: at most at v0, with a0, and with braking up to the vehicle's maximum.
+    SUMO's own driver drives: at most at v0, and with accelerations from −b, the vehicle's maximum
+    deceleration, to a0.
 
     Args:
         api: the module ``libsumo`` or ``traci``, connected to a simulation that was
@@ -77,7 +78,7 @@ class SumoEngine:
         vehicle: the ego.
         crossing: the crosswalk's constants.
         step_s: length of a step, whole milliseconds.
-        calls: the functions that are called at every step; None for those of ``api``.
+        calls: the functions that are called at every step; None: the functions of ``api``.
 
     Attributes:
         automated: whether SUMO's files and window name the ego an AV; set between episodes.
@@ -170,7 +171,7 @@ class SumoEngine:
             raise EngineError(f"SUMO failed during the episode: {error}") from None
 
     def let_walk(self, index: int, side: Side, speed_mps: float) -> None:
-        """See ``Engine.let_walk``; they enter at the footpath's end, 1.5 m before the kerb."""
+        """See ``Engine.let_walk``; they begin at the footpath's end, 1.5 m before the kerb."""
         with self._watched(f"could not add pedestrian {index}"):
             name = self.people.add(index, side, self._way_in_m[side])
             self._api.person.setSpeed(name, speed_mps)

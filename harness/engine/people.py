@@ -18,9 +18,9 @@ KEEP_ROUTE = 2
 """The person may leave their route."""
 
 MATCH_THRESHOLD_M = 1.0
-"""How far SUMO searches for a lane.
+"""Distance within which SUMO searches for a lane.
 
-The three arguments are separate, because unpacking a tuple costs 1 % of a step.
+These three arguments are separate, because unpacking a tuple costs 1 % of a step.
 """
 
 
@@ -28,8 +28,8 @@ class HeldPeople:
     """All pedestrians at the crosswalk, from their arrival until they are removed.
 
     A person exists in SUMO only after the step that follows their insertion, and moving a person
-    who does not exist ends the process.  So each is announced some steps ahead, and held at their
-    kerb until their first position is set.
+    who does not exist ends the process.  So pedestrians are announced some steps ahead, and held at
+    their kerb until their first position is set.
 
     Args:
         api: the module ``libsumo`` or ``traci``, connected to a simulation.
@@ -71,7 +71,7 @@ class HeldPeople:
         self._coming.clear()
 
     def before_step(self, places: Sequence[tuple[int, float]], until_s: float) -> bool:
-        """Set all positions to those at the step's end, and add those who arrive by ``until_s``.
+        """Set all positions at the step's end, and add the pedestrians who arrive by ``until_s``.
 
         Returns:
             Whether pedestrians were added; then ``after_step`` has to be called.

@@ -34,7 +34,7 @@ class Engine(Protocol):
             speed_mps: the ego's speed at the end of the step; None lets the engine's own driver
                 decide.
             pedestrians: (index, y in m at the end of the step) of all pedestrians who have arrived
-                and not left, also of those who wait.
+                and not left; waiting pedestrians are included.
 
         Returns:
             The ego's state (x, speed) at the end of the step.
@@ -64,8 +64,8 @@ class Engine(Protocol):
         """Clear the road.
 
         Returns:
-            Whether the engine itself detected that the ego hit a pedestrian; None if it has no
-            detection.
+            Whether the engine itself detected that the ego hit a pedestrian; None if it detects no
+            collisions.
         """
         ...
 

@@ -30,7 +30,7 @@ class SumoRoad:
         close: ends that simulation.
         site: the crosswalk.
         crossing: the crosswalk's constants.
-        limit_mps: the speed limit of all its lanes.
+        limit_mps: the speed limit of all lanes.
         step_s: length of a step.
         endings: of the names of SUMO's types (``Following.endings``).
     """
@@ -85,8 +85,8 @@ class SumoRoad:
             arrivals: all pedestrians, by arrival time, with indices from 0.
             shown_lanes_m: y of every lane's centre, if SUMO's own driver may drive a vehicle
                 (``hand_over``).  SUMO then has a copy of each pedestrian for each lane, at the
-                position that ``Shown`` gives for its drivers.  None if SUMO's driver never drives:
-                each pedestrian exists once, at their true position.
+                position that ``Shown`` gives for that lane's drivers.  None if SUMO's driver never
+                drives: each pedestrian exists once, at their true position.
         """
         self._hours += 1
         self._steps = 0

@@ -1,6 +1,6 @@
 """The SUMO simulation of this process: scenario in, open engine out.
 
-libsumo allows one simulation per process, so it is kept and used again.
+libsumo allows one simulation per process, so the simulation is kept and used again.
 """
 
 from collections.abc import Callable

@@ -8,7 +8,7 @@ WAITING_M = 0.3
 """A waiting pedestrian is shown this far behind the kerb, off the crossing."""
 
 ON_CROSSING_M = 0.1
-"""Smallest distance of a shown pedestrian on the crossing from the kerb where they began."""
+"""Smallest distance from their first kerb at which a pedestrian on the crossing is shown."""
 
 COMING_M = 5.0
 """A pedestrian who has not arrived yet is held this far behind their kerb, on the footpath.
@@ -24,8 +24,7 @@ class Shown:
     SUMO assumes that every person on its crossing walks in the crossing's own direction, and it
     counts a person at the kerb as on the crossing.  So waiting pedestrians are shown behind their
     kerb.  Pedestrians who walk against that direction are shown mirrored at the lane's centre.
-    Then they are as far from the lane as they really are, and they approach it or leave it as they
-    really do.
+    So their distance from the lane, and whether they approach or leave it, are true.
     """
 
     lane_centre_m: float

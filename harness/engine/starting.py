@@ -18,7 +18,7 @@ AV_COLOUR = {"color": "0,114,178"}
 """Colour of AVs in sumo-gui (blue of Okabe and Ito); other vehicles are yellow."""
 
 _STANDS_NEARER_M = {"IDM": 0.4}
-"""SUMO's IDM stops nearer than its minGap by this much (1.61 m for a minGap of 2 m)."""
+"""SUMO's IDM stops this much nearer than its minGap (at 1.61 m for a minGap of 2 m)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +136,7 @@ def _attributes(
 
 
 def _speed_factor(vehicle: Vehicle, speed_limit_mps: float | None) -> float:
-    """The factor without which SUMO refuses a vehicle that is faster than the road's limit."""
+    """The speedFactor with which SUMO accepts a vehicle that is faster than the road's limit."""
     if speed_limit_mps is None or vehicle.initial_speed_mps <= speed_limit_mps:
         return 1.0
     return vehicle.initial_speed_mps / speed_limit_mps * (1 + 1e-9)

@@ -48,8 +48,8 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
       ``ending``; ``record`` has the measures of that episode.
 
     ``reset(seed=s)`` begins with pair 0 of seed s.  Each further ``reset`` takes the next pair, or
-    the one in ``options={"pair": 17}``.  Without ``seed`` the scenario's seed is used.  The
-    environment can be pickled between two episodes and then continues with the next pair.
+    the pair in ``options={"pair": 17}``.  Without ``seed`` the scenario's seed is used.  The
+    environment can be pickled between two episodes; the copy continues with the next pair.
 
     Args:
         scenario: a scenario, a file, or the name of a shipped one.
@@ -177,7 +177,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         return top_view(self._vehicle, crossing, self._shown.x_m[-1], people)
 
     def __getstate__(self) -> dict[str, Any]:
-        """The state without the simulation, which the next ``reset`` begins anew.
+        """The state without the simulation; the next ``reset`` begins a new one.
 
         Raises:
             EngineError: an episode is running, whose state in SUMO cannot be saved.
@@ -213,7 +213,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         _driving = weakref.ref(self)
 
     def _contact(self) -> bool:
-        """Whether the last step had a contact; it is measured only if one is possible."""
+        """Whether the last step had a contact; measured only where a contact is possible."""
         episode = self._episode
         assert episode is not None
         before, self._places = self._places, episode.places

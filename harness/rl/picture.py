@@ -31,7 +31,8 @@ def top_view(
         people: (x, y) in m of each pedestrian.
 
     Returns:
-        RGB, shape (height, width, 3), 10 pixels to the metre; both are even, as films need it.
+        RGB, shape (height, width, 3), at 10 pixels per metre.  Height and width are even, because
+        video formats need that.
     """
     left = -vehicle.trigger_range_m - vehicle.length_m
     right = crossing.width_m / 2 + vehicle.length_m + BESIDE_M

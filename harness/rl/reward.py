@@ -27,10 +27,10 @@ Reward = Callable[[Transition], float]
 
 
 def time_speeding_and_crash(step: Transition, crash_penalty: float = CRASH_PENALTY) -> float:
-    """The default reward: minus the step in s, the metres driven in excess of v0, and 100 a crash.
+    """The default reward: −(step in s + metres driven in excess of v0 + 100 for a crash).
 
     Its sum over an episode that crosses and never exceeds v0 is minus the pass time, rounded up to
-    a step.  Without the second part the best policy with few pedestrians would be to speed.
+    a step.  Without the second term the best policy with few pedestrians would exceed v0.
 
     Args:
         step: the step.

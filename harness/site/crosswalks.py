@@ -1,4 +1,4 @@
-"""Every crosswalk of a network, with every way of vehicles over it in that way's own frame."""
+"""Every crosswalk of a network, with the ways of vehicles over it; each way has its own frame."""
 
 import cmath
 import math
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from sumolib.net.lane import Lane
 
 STRAIGHT_BEFORE_M = 10.0
-"""A way that is straight for less than this before a crosswalk turns onto it."""
+"""A way whose straight part before the crosswalk is shorter than this counts as turning."""
 
 
 @dataclass(frozen=True, slots=True)
 class LanePlace:
-    """A lane on a way over a crosswalk, and where it lies on that way by SUMO's lengths.
+    """A lane on a way over a crosswalk, with its position on the way by SUMO's lengths.
 
     ``start_m`` is negative before the crosswalk's centre line, positive beyond it.
     """
@@ -40,19 +40,19 @@ class WayOver:
 
     Attributes:
         crosswalk: id of the crossing's edge.
-        approach: the lane before the junction, of the edge ``from_edge``.
+        approach: the lane of ``from_edge`` that leads into the junction.
         from_edge: the last edge before the junction.
         to_edge: the first edge beyond it.
         lanes: the lanes that lead straight to the crosswalk, including those inside junctions, in
             order of travel.
-        frame: x along the way, 0 where it meets the crosswalk's centre line; y along the crosswalk
-            from the kerb that traffic keeps to, as in ``harness.site.site``.
+        frame: x is along the way, 0 at the crosswalk's centre line; y is along the crosswalk, 0 at
+            the near kerb, as in ``harness.site.site``.
         crossing: the crosswalk's constants for a vehicle on this way.
-        angle_deg: between way and crosswalk, 0 to 90.
-        turn_deg: between the lane before the junction and the one beyond it, 0 to 180.
-        straight_before_m: how far before the centre line the way is straight within 1°.
-        straight_after_m: the same beyond it.
-        signalled: whether a traffic light rules the vehicles or the people there.
+        angle_deg: angle between way and crosswalk, 0 to 90.
+        turn_deg: angle between the lanes before and beyond the junction, 0 to 180.
+        straight_before_m: length of the way before the centre line that is straight within 1°.
+        straight_after_m: the same beyond the centre line.
+        signalled: whether a traffic light controls the vehicles or the people there.
     """
 
     crosswalk: str
@@ -70,16 +70,16 @@ class WayOver:
 
     @property
     def oblique(self) -> bool:
-        """Whether it meets the crosswalk at more than 20° from a right angle."""
+        """Whether the angle between way and crosswalk differs from 90° by more than 20°."""
         return self.angle_deg < 90.0 - MAX_OBLIQUE_DEG
 
     def is_straight(self, length_m: float) -> bool:
-        """Whether a vehicle of that length goes straight until its rear has left the crosswalk."""
+        """Whether a vehicle of that length keeps straight on over the crosswalk."""
         rear_m = length_m + self.crossing.width_m / 2
         return self.straight_before_m >= STRAIGHT_BEFORE_M and self.straight_after_m >= rear_m
 
     def place_m(self, edge: str, position_m: float) -> float | None:
-        """x of a position on an edge's lane, also on a lane beside; None off the way."""
+        """x of a position on any lane of an edge; None if the way does not lead over that edge."""
         for each in self.lanes:
             if each.edge == edge:
                 return each.start_m + position_m
@@ -91,10 +91,10 @@ class Crosswalk:
     """A crossing of a SUMO network with the ways of vehicles over it.
 
     Attributes:
-        id: of the crossing's edge, e.g. ``:J7_c0``.
-        length_m: from kerb to kerb, along the crosswalk.
-        width_m: across it.
-        signalled: whether a traffic light rules it.
+        id: id of the crossing's edge, e.g. ``:J7_c0``.
+        length_m: distance from kerb to kerb, along the crosswalk.
+        width_m: extent along the road.
+        signalled: whether a traffic light controls it.
         areas: ids of the walking areas at its ends.
         ways: one for each connection of lanes that leads over it.
         refused: why nothing can be measured there, or None.
@@ -131,7 +131,7 @@ class Crosswalk:
 def crosswalks_of(network: RoadNetwork) -> tuple[Crosswalk, ...]:
     """Every crosswalk of a network, in the file's order.
 
-    A crosswalk at which the network is damaged is ``refused`` and does not refuse the others.
+    If the network is damaged at a crosswalk, only that crosswalk is ``refused``.
     """
     return tuple(_crosswalk(network, edge) for edge in network.crossings.values())
 
@@ -175,7 +175,7 @@ def _paths(network: RoadNetwork, crossing: "Edge", ends: tuple[complex, complex]
             if not _for_vehicles(lane):
                 continue
             for path in paths_over(network, lane, ends):
-                # A lane that touches a crosswalk's end is on a road that it does not lead over.
+                # A lane that only touches the crosswalk's end belongs to another road.
                 if any(each.getEdge() in crossed for each in path.lanes):
                     yield path
 

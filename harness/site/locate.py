@@ -193,7 +193,7 @@ def _ways(
     direction: complex,
     ego_lane: "Lane",
 ) -> tuple[Way, ...]:
-    """The ways of lanes that are straight over the crosswalk, by direction and from the kerb."""
+    """The ways of lanes straight over the crosswalk, sorted by direction, then from the kerb."""
     crossed = {edge.getID() for edge in crossing.getCrossingEdges()}
     ways: list[tuple[bool, Way]] = []
     for lane, path in _approaches(network, crossing):
@@ -240,7 +240,7 @@ def links_onto(crossing: "Edge") -> list["Connection"]:
 
 
 def footpaths_of(crossing: "Edge", *, reverse: bool = False) -> tuple[Footpath, Footpath]:
-    """The near and the far footpath; ``reverse``: the crossing's edge ends at the near kerb."""
+    """The near and the far footpath; with ``reverse`` the crossing's edge ends at the near kerb."""
     start = [link.getFromLane() for link in links_onto(crossing)]
     end = [link.getToLane() for link in crossing.getLane(0).getOutgoing()]
     sides = []

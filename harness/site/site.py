@@ -124,7 +124,7 @@ class Way:
         raise InputError(where, f"{range_m:g} m is inside a junction", f"{possible} at this site")
 
     def longest_range_m(self, range_m: float) -> float:
-        """The longest range up to `range_m`, in tenths of a metre, where a vehicle can be inserted.
+        """The longest range ≤ `range_m` at which a vehicle can be inserted, in tenths of a metre.
 
         It is 0 if no lane is straight up to the crosswalk.
         """
@@ -141,7 +141,7 @@ class Footpath:
     """The footpath on one side of the road.
 
     ``edge`` meets the crosswalk's waiting area ``area`` at its position ``end_m``.  Pedestrians are
-    inserted at ``inside_m``, about 1 m before that.
+    inserted at ``inside_m``, about 1 m before ``end_m``.
     """
 
     edge: str

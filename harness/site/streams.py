@@ -1,4 +1,4 @@
-"""A site in; for each lane the positions where vehicles enter and leave the road out."""
+"""A site in; each lane's stream out, with the positions at which its vehicles enter and leave."""
 
 import math
 from collections import Counter
@@ -39,7 +39,7 @@ class Stream:
         return min(self.stretches[-1].end_m, REACH_AFTER_M)
 
     def entry_x_m(self, range_m: float, per_step_m: float) -> float | None:
-        """The x at which vehicles enter: as far upstream as possible, whole steps before the range.
+        """The x at which vehicles enter: the farthest one that is whole steps before the range.
 
         Args:
             range_m: distance before the crosswalk at which a passage begins.

@@ -20,7 +20,7 @@ STRAIGHT_DEG = 1.0
 """Largest bend of a straight road."""
 REACH_BEFORE_M = 300.0
 REACH_AFTER_M = 120.0
-"""Length of a path before the crosswalk (the longest trigger range) and after it."""
+"""Length of a path on each side of the crosswalk: the longest trigger range."""
 
 _TURNAROUND_DEG = 150.0
 """A link that turns by more than this is a turnaround."""
@@ -29,7 +29,7 @@ _ROUNDING_M = 0.02
 """Rounding of a network file's points, most of which have two decimals."""
 _LENGTH_SHARE = 0.01
 _LENGTH_M = 0.1
-"""Largest difference between SUMO's length of a lane and that of its shape (the larger limit)."""
+"""Largest difference between SUMO's length of a lane and its shape's: the larger of both limits."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ def build_network(crossing: CrossingSection, directory: Path, name: str) -> Netw
     """Write a site's sources into a folder and build its network there with netconvert.
 
     The same arguments give the same bytes, because netconvert's header with the date and the
-    machine's paths is removed.  Files appear complete or not at all, and the network is the last.
+    machine's paths is removed.  Files appear complete or not at all, and the network appears last.
 
     Args:
         crossing: the crosswalk.
@@ -102,7 +102,7 @@ def network_for(crossing: CrossingSection, shipped: Path) -> Path:
 
 
 def run_netconvert(arguments: Sequence[str], directory: Path) -> None:
-    """Run netconvert in a process of its own, in a folder.
+    """Run netconvert in a process of its own, with a folder as its working directory.
 
     Raises:
         EngineError: netconvert is missing, failed or crashed; repeats its last lines.
@@ -113,7 +113,7 @@ def run_netconvert(arguments: Sequence[str], directory: Path) -> None:
         raise EngineError("netconvert: not found; install eclipse-sumo") from error
     home = Path(sumo.SUMO_HOME)
     program = home / "bin" / f"netconvert{'.exe' if os.name == 'nt' else ''}"
-    # Without PROJ_DATA the binary looks for proj.db on the machine where it was built.
+    # Without PROJ_DATA the binary looks for proj.db at its path on the machine that built it.
     places = {"SUMO_HOME": str(home), "PROJ_DATA": str(home / "data" / "proj")}
     try:
         done = subprocess.run(

@@ -145,7 +145,7 @@ def _nodes(crossing: CrossingSection) -> list[str]:
 
 
 def _edges(crossing: CrossingSection) -> list[str]:
-    """The road's edges; with a median, each edge has the line of its own left border."""
+    """The road's edges; with a median, the line of each edge is its own left border."""
     forward, oncoming = _left_border_m(crossing), _left_border_m(crossing) + _median_m(crossing)
     directions = [("", crossing.lanes, "start", "end", -APPROACH_M, EXIT_M, forward)]
     if crossing.oncoming_lanes:
