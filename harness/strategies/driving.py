@@ -11,7 +11,7 @@ CLEARANCE_M = PEDESTRIAN_RADIUS_M + 0.1
 """Least range at which an ego stops: 0.1 m before a pedestrian on the centre line."""
 
 COMFORTABLE_MPS2 = 3.0
-"""Deceleration towards the crosswalk: 10 ft/s², ITE's for drivers before a red light."""
+"""Comfortable deceleration before the crosswalk: 10 ft/s², ITE's value before a red light."""
 
 AT_KERB_M = 1.0
 """A pedestrian who stands at most this far behind the kerb waits at the crosswalk."""
@@ -25,7 +25,7 @@ def resume(observation: Observation) -> float:
 def towards(
     observation: Observation, speed_mps: float, acceleration_mps2: float | None = None
 ) -> float:
-    """Acceleration to a speed in m/s²: at most the given one (or a0) upwards and a0 downwards."""
+    """Acceleration in m/s² to a speed: at most the given acceleration (or a0), at least −a0."""
     limit = observation.vehicle.resume_acceleration_mps2
     most = limit if acceleration_mps2 is None else acceleration_mps2
     wanted = (speed_mps - observation.ego.speed_mps) / observation.step_s
@@ -35,13 +35,13 @@ def towards(
 
 
 def stop_after(distance_m: float, speed_mps: float, step_s: float) -> float:
-    """Acceleration of a constant deceleration that stops the ego after exactly ``distance_m``.
+    """Acceleration that, held constant, stops the ego after exactly ``distance_m``.
 
     A constant deceleration from v over d takes T = 2d/v, which is seldom a whole number of
-    steps.  With n = ceil(T/step) this holds a for n − 1 steps and the rest in the last one, where
-    a solves Σ (v_k + v_{k+1})/2 · step = d: a = −((n − ½) v − d/step) / (step n (n − 1)/2).  It
-    differs from v²/2d by a relative 1/(4 n (n − 1)) at most.  The next step computes the same
-    value.
+    steps.  With n = ceil(T/step) the acceleration is a for n − 1 steps, and the last step ends at
+    speed 0.  a solves Σ (v_k + v_{k+1})/2 · step = d:
+    a = −((n − ½) v − d/step) / (step n (n − 1)/2).  Its size exceeds v²/2d by a relative
+    1/(4 n (n − 1)) at most.  The next step computes the same value.
 
     Args:
         distance_m: distance to the point of rest, > 0.
@@ -112,7 +112,7 @@ def speeding_up(
     speed_mps: float,
     acceleration_mps2: float | None = None,
 ) -> tuple[float, float]:
-    """Time in s and final speed in m/s over a distance ≥ 0, at a0 or another rate, up to v0."""
+    """Time in s and final speed in m/s over a distance ≥ 0, with a0 or a given value, up to v0."""
     vehicle = observation.vehicle
     gain, top = acceleration_mps2 or vehicle.resume_acceleration_mps2, vehicle.initial_speed_mps
     reached = max(speed_mps, min(top, math.sqrt(speed_mps**2 + 2 * gain * distance_m)))
@@ -146,8 +146,9 @@ def can_stop_at_line(
 ) -> bool:
     """Whether a deceleration is enough to stop at the stop line; once true, it stays true.
 
-    An ego that stands before the near edge has stopped.  If its bumper is over the edge it must not
-    stop: nobody steps off in front of such a car, so both would wait for each other.
+    An ego that stands before the near edge counts as stopped.  If its bumper is over the edge it
+    must not stop: nobody steps off in front of such a car, so ego and pedestrians would wait for
+    each other.
 
     Args:
         observation: what the strategy sees.

@@ -10,10 +10,10 @@ class EmergencyBrake:
 
     If both keep their velocities, the ego covers the pedestrian's line (x = 0) from (R − r)/v to
     (R + l + r)/v, and the pedestrian is in its path from (L − h)/v_p to (L + h)/v_p.  Here
-    r = 0.25 m, l is the vehicle's length, and h is half its width plus r.  They are on a collision
-    course if these intervals overlap, and the TTC is the beginning of the overlap.  The TTC is that
-    of docs/measures.md, except that the corners of the ego's outline are not rounded; so it is
-    never later.
+    r = 0.25 m, l is the vehicle's length, and h is half its width plus r.  Both are on a collision
+    course if these intervals overlap, and the TTC is the beginning of the overlap.  It equals the
+    TTC of docs/measures.md, except that the corners of the ego's outline are not rounded; so it is
+    never larger.
 
     It brakes until the pedestrian has left its path or stands outside it; then it returns to v0
     with a0.  If the bumper is past R = r it drives on, because braking would only lengthen the time
@@ -21,8 +21,8 @@ class EmergencyBrake:
 
     Source: the function that Euro NCAP's AEB VRU test protocol presumes (full automatic braking
     when a collision is near, TTC with constant velocities).  The protocol sets no threshold.  1.2 s
-    stop a car that brakes at b = 9 m/s² from 60 km/h: that takes v/2b = 0.93 s, and two steps
-    remain.
+    are enough for a car that brakes from 60 km/h at b = 9 m/s²: a stop needs a TTC of
+    v/2b = 0.93 s, and two steps remain.
 
     Args:
         ttc_threshold_s: the TTC below which it brakes, s, above 0.

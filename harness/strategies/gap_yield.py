@@ -32,7 +32,7 @@ class GapYield:
     at t_free.  An ego that drives on reaches the near edge at t_edge, and its rear bumper leaves
     their line (x = 0.25 m) at t_out.  A pedestrian is in the way if t_free > t_edge and the time
     advantage t_in − t_out is not above ``critical_gap_s``.  If nobody is in the way, the ego drives
-    on.  Once its bumper is over the near edge, only those with t_in ≤ t_out are in the way.
+    on.  Once its bumper is over the near edge, only pedestrians with t_in ≤ t_out are in the way.
 
     *Yielding.*  It reaches the near edge when the last pedestrian in the way has left its lane,
     with one constant deceleration 2 (s − v t_free)/t_free², where s is the distance to the edge.
@@ -40,15 +40,15 @@ class GapYield:
     so that it is at the edge at t_free.  Yielding delays it, so pedestrians whom it would have
     passed first may now be in the way too: it checks all of them again until nobody is.
 
-    *Approach.*  It cannot detect pedestrians before they step off.  From the near kerb its path is
-    at most one second away (1.1 m at the CCTC), while at v = 5 m/s it takes 1.5 s to clear the
+    *Approach.*  It cannot detect pedestrians before they step off.  From the near kerb they reach
+    its path within one second (1.1 m at the CCTC), but at v = 5 m/s it takes 1.5 s to clear the
     crosswalk.  So it must be able to stop until its bumper is over the near edge.  From there on
-    nobody steps off in front of it (the kerb rule of every scenario; it does not rely on
-    ``kerb_wait_s``).  Therefore at the end of every step that begins before the edge,
-    R' − d(v') ≥ 0.35 m, where d(v') = v'²/2b + b step²/8 is the distance of full braking on the
-    time grid.  Applied to one more step at the edge, this allows v_e = b (sqrt(step² + 2 c/b) −
-    step), c = width/2 − 0.35 m − b step²/8: 3.42 m/s with a 4 m crosswalk and b = 4.5 m/s².  It
-    slows down to v_e with 3 m/s² and returns to v0 with a0 from the edge on.
+    nobody steps off in front of it (the kerb rule of every scenario, whatever ``kerb_wait_s`` is).
+    Therefore at the end of every step that begins before the edge, R' − d(v') ≥ 0.35 m, where
+    d(v') = v'²/2b + b step²/8 is the distance of full braking on the time grid.  Applied to one
+    more step at the edge, this allows v_e = b (sqrt(step² + 2 c/b) − step) with
+    c = width/2 − 0.35 m − b step²/8: 3.42 m/s for a 4 m crosswalk and b = 4.5 m/s².  It slows down
+    to v_e with 3 m/s² and returns to v0 with a0 from the edge on.
 
     *Limits.*  Apart from the gap it relies on constant walking speeds.  It slows down for an empty
     crosswalk too, which takes 5 % of the time at the CCTC.  It does not wait for a pedestrian who
@@ -59,8 +59,8 @@ class GapYield:
     the speed from which a vehicle can still stop, as in Krauss 1998 and the assured clear distance.
 
     Args:
-        critical_gap_s: the time advantage above which it goes first, s; below 0 it also goes first
-            if it would be late.  Its aggressiveness is −critical_gap_s.
+        critical_gap_s: the time advantage above which it goes first, s; if negative, it also goes
+            first if it would arrive second.  Its aggressiveness is −critical_gap_s.
         yield_to_waiting: also stop for pedestrians who wait at a kerb, if 3 m/s² are enough.
     """
 
@@ -139,12 +139,12 @@ def _arrival_speed(observation: Observation, until_s: float) -> float:
 
 
 def _yield(observation: Observation, until_s: float, go: float) -> float:
-    """The acceleration to reach the near edge in ``until_s``, or to stop; else ``go``."""
+    """The acceleration for reaching the near edge in ``until_s`` or for a stop, else ``go``."""
     ego, step = observation.ego, observation.step_s
     limit = observation.vehicle.max_deceleration_mps2
     to_edge = _to_edge(observation)
     if ego.speed_mps <= ROUNDING:
-        # It stands; a stop may leave 1e-17 m/s, which must not count as rolling.
+        # The ego stands; a stop may leave 1e-17 m/s, which must not count as rolling.
         return 0.0
     if 2 * to_edge / until_s - ego.speed_mps >= ROLLING_MPS:
         rolling = 2 * (to_edge - ego.speed_mps * until_s) / until_s**2
@@ -183,7 +183,7 @@ def _to_edge(observation: Observation) -> float:
 
 
 def _edge_speed(observation: Observation) -> float:
-    """v_e, from which the ego can still stop if it holds it for one more step at the near edge."""
+    """v_e: the speed at the near edge from which the ego can still stop one step later."""
     limit, step = observation.vehicle.max_deceleration_mps2, observation.step_s
     room = observation.crossing.width_m / 2 - CLEARANCE_M - limit * step**2 / 8
     return limit * (math.sqrt(step**2 + 2 * max(0.0, room) / limit) - step)
@@ -211,7 +211,7 @@ def _run_up(observation: Observation, distance_m: float, speed_mps: float) -> tu
 
 
 def _passage(observation: Observation, to_edge_m: float, speed_mps: float) -> float:
-    """Time from the near edge, or ``to_edge_m`` ≤ 0 past it, until the rear is past x = 0.25 m."""
+    """Time until the rear is past x = 0.25 m, from ``to_edge_m`` ≤ 0: the near edge or beyond."""
     length, width = observation.vehicle.length_m, observation.crossing.width_m
     distance = width / 2 + to_edge_m + length + PEDESTRIAN_RADIUS_M
     return speeding_up(observation, distance, speed_mps)[0]

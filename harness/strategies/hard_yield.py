@@ -13,10 +13,10 @@ from harness.strategies.driving import (
 class HardYield:
     """Brakes constantly to a stop 1 m before the crosswalk, waits until clear, then resumes.
 
-    If it is past that line, or if stopping there would need more than the vehicle's maximum
-    deceleration, it brakes at the maximum if that stops it before R = 0.25 m; otherwise it drives
-    on.  It waits for all pedestrians on the crossing.  Source: the stopping counterpart of
-    Soft-Yield in Schroeder et al. 2014, as defined in docs/method.md.
+    It may be past that line, or unable to stop there even at the vehicle's maximum deceleration.
+    Then it brakes at the maximum if that stops it before R = 0.25 m, and otherwise drives on.  It
+    waits for all pedestrians on the crossing.  Source: the stopping counterpart of Soft-Yield in
+    Schroeder et al. 2014, as defined in docs/method.md.
 
     Args:
         yield_to_waiting: also stop for pedestrians who wait at a kerb, if 3 m/s² are enough.

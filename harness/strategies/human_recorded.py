@@ -33,23 +33,23 @@ class HumanRecorded:
     While there are any, the ego does not accelerate beyond ``speed_among_people_mps``; if it is
     faster it keeps its speed.  While there are none, it returns to v0 with a0.
 
-    *Yielding.*  It goes before pedestrians who enter its path more than ``go_first_s`` after its
-    front has reached their line, and behind those who leave its path at most ``let_go_s`` after
-    that.  It stops 0.3 m before the line of the other relevant pedestrians, once they have been in
-    the way for ``reaction_time_s`` and as late as ``comfortable_deceleration_mps2`` allows.  It
-    drives on when none of them is left.
+    *Yielding.*  It goes before pedestrians who enter its path later than ``go_first_s`` after its
+    front has reached their line.  It goes behind pedestrians who leave its path no later than
+    ``let_go_s`` after that.  For other relevant pedestrians it stops 0.3 m before their line: it
+    brakes once they have been in the way for ``reaction_time_s``, and as late as
+    ``comfortable_deceleration_mps2`` allows.  It drives on when none of them is left.
 
     *Avoiding* has no reaction time and applies to all pedestrians.  The ego also stops there for a
-    pedestrian whom it would meet if it went first (t_in ≤ t_gone and t_out ≥ t_arrive), from the
-    last step on at which full braking is enough.  If full braking is no longer enough, nobody was
-    in the way before, and it goes first.
+    pedestrian whom it would meet if it went first (t_in ≤ t_gone and t_out ≥ t_arrive).  It begins
+    to brake at the last step at which full braking is enough.  If full braking is no longer enough,
+    nobody was in the way before, and the ego goes first.
 
     *Limits.*  It was fitted to a few dozen vehicles at one place: docs/validation.md has its card.
-    Recorded pedestrians give way to a car that rolls among them; if they keep their speeds, as in
-    the flows of the harness, it waits for them.
+    Recorded pedestrians give way to a car that rolls among them.  Pedestrians of the harness's
+    flows keep their speeds, so it waits for them.
 
     Args:
-        horizon_s: time before entering its path from which a pedestrian is relevant, s, above 0.
+        horizon_s: a pedestrian becomes relevant this long before they enter its path, s, above 0.
         go_first_s: threshold for going first, s; larger is more careful.
         let_go_s: threshold for passing behind a pedestrian, s; larger is bolder.
         reaction_time_s: reaction time of yielding, s, at least 0.
@@ -153,7 +153,7 @@ def _people(observation: Observation) -> list[_Person]:
 
 
 def _over_their_line(observation: Observation, pulling_mps2: float) -> tuple[float, float]:
-    """When it begins and ends to cover the pedestrians' line, plus 0.3 m, if it goes first."""
+    """When it starts and when it stops covering their line, plus 0.3 m, if it goes first."""
     ego = observation.ego
     ahead, behind = ego.range_m - _LINE_M, ego.range_m + _LINE_M
     behind += observation.vehicle.length_m

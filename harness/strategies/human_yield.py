@@ -32,16 +32,16 @@ class HumanYield:
 
     *Yielding.*  A vehicle either always yields or never does.  A vehicle that yields stops at the
     stop line, 1 m before the crosswalk, for pedestrians who wait at a kerb.  It also stops for
-    those on the crossing whose disc will not have left its lane when it would reach the near edge.
-    It does so if a comfortable deceleration is enough; otherwise it drives on.  It brakes as late
-    as that deceleration allows, so it often need not stop at all.  Once stopped it waits for those
-    who step off.
+    pedestrians on the crossing if part of their disc will still be in its lane when it would reach
+    the near edge.  It does so if a comfortable deceleration is enough; otherwise it drives on.  It
+    brakes as late as that deceleration allows, so it often need not stop at all.  Once it has
+    stopped, it waits for pedestrians who step off.
 
     *Avoiding.*  Whether it yields or not, it brakes for a pedestrian whom it would meet if it drove
-    on and they kept their velocity.  To meet means to come within 0.1 m of their disc, with a0 up
-    to v0.  It stops comfortably at the stop line if possible; otherwise it brakes as hard as a stop
-    0.1 m before them requires, up to the vehicle's maximum.  If even a full stop comes too late for
-    a pedestrian who would walk into its side, it drives on.
+    on and they kept their velocity.  To meet means to come within 0.1 m of their disc, accelerating
+    with a0 up to v0.  It stops comfortably at the stop line if possible; otherwise it brakes as
+    hard as a stop 0.1 m before them requires, up to the vehicle's maximum.  If even a full stop
+    comes too late for a pedestrian who would walk into its side, it drives on.
 
     *Limits.*  It has no reaction time and does not slow down for pedestrians whom it does not see
     yet: it hits a pedestrian who steps off within its stopping distance.
@@ -113,7 +113,7 @@ def _people_met(observation: Observation) -> list[tuple[float, float]]:
 
 
 def _over_their_line(observation: Observation) -> tuple[float, float]:
-    """When it begins and ends to cover the centre line, plus 0.1 m, if it drives on."""
+    """When it starts and when it stops covering the centre line, plus 0.1 m, if it drives on."""
     ego = observation.ego
     ahead = max(0.0, ego.range_m - CLEARANCE_M)
     behind = ego.range_m + observation.vehicle.length_m + CLEARANCE_M

@@ -45,7 +45,7 @@ def load_own(name: str, where: str) -> StrategyFactory:
         return _load(name, where)
     here = str(Path.cwd())
     if here not in sys.path:
-        # `python -m harness` puts the working directory there; the console script does not.
+        # `python -m harness` adds the working directory; the console script does not.
         sys.path.insert(0, here)
     return load_once(name, where)
 

@@ -101,7 +101,7 @@ def aggressiveness_of(name: str) -> Mapping[str, float]:
 
 
 def fallback_of(name: str) -> str:
-    """The strategy that drives if a strategy has no answer: ``FALLBACK`` of a built-in class."""
+    """The strategy that drives if one has no valid plan: ``FALLBACK`` of a built-in class."""
     fallback: str = getattr(STRATEGIES.get(name), "FALLBACK", "its fallback")
     return fallback
 

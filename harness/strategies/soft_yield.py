@@ -32,10 +32,10 @@ class SoftYield:
 
     *Limits.*  It makes one plan for each walk and keeps it if the pedestrian's speed changes.
 
-    *No answer.*  It has no plan if the pedestrian stands, if a ≥ 0, if the root is of a negative
-    number, if the speed would fall below zero within T1, or if a exceeds the vehicle's maximum
-    deceleration.  Then Hard-Yield drives, which has no margin, and ``fallback`` is set.  At
-    R = 30 m and v = 5 m/s there is no plan if t_x exceeds 9.2246 s.  Without a margin this is so
+    *No valid plan.*  A plan is not valid if the pedestrian stands, if a ≥ 0, if the root is of a
+    negative number, if the speed would fall below zero within T1, or if a exceeds the vehicle's
+    maximum deceleration.  Then Hard-Yield drives, which has no margin, and ``fallback`` is set.  At
+    R = 30 m and v = 5 m/s there is no plan if t_x exceeds 9.2246 s.  Without a margin this happens
     for v_p below 0.97565 m/s, and with a margin m for v_p below 9 m / (9.2246 s − m).
 
     Args:
@@ -114,7 +114,7 @@ class SoftYield:
 
 
 def _follow(plan: _Plan, observation: Observation) -> float:
-    """The planned motion on the time grid: exact at x = 0, within 1e-3 s where it passes."""
+    """The acceleration that follows a plan on the time grid; its pass time is within 1e-3 s."""
     now, step = observation.time_s, observation.step_s
     if plan.acceleration_mps2 == 0:
         return 0.0
@@ -136,7 +136,7 @@ def _follow(plan: _Plan, observation: Observation) -> float:
 
 
 def _coasting_speed(observation: Observation, until_arrival: float) -> float:
-    """Speed at the end of the step in which T1 ends, for which the ego arrives on time.
+    """The speed that it needs at the end of the step in which T1 ends to arrive on time.
 
     If it held ``a`` to the end of the step, it would arrive up to 34 ms late.  The formula includes
     the distance that the ego gains in the step of the arrival before it arrives.

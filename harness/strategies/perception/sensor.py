@@ -33,10 +33,10 @@ class Sensor:
 
 
 def sensor_of(scenario: Scenario, arm: Arm) -> Sensor | None:
-    """The sensor of an arm's driver; None if they see the ground truth within the detection range.
+    """The sensor of an arm's driver; None if they see the truth within the detection range.
 
     The human's arm has the sensor of the AV's arm if ``perception.human`` is set; otherwise only
-    obstacles limit its sight.
+    obstacles limit that driver's sight.
     """
     perception = scenario.perception
     imperfect = arm is Arm.AV or perception.human

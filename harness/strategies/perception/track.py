@@ -1,4 +1,4 @@
-"""A sensor's track of one pedestrian: when it is detected and lost, and its errors."""
+"""A sensor's track of one pedestrian: times of detection and loss, and measurement errors."""
 
 import math
 from types import MappingProxyType
@@ -34,7 +34,7 @@ def updates_until_found(quantile: float, detection_probability: float) -> float:
 
 
 class Track:
-    """A sensor's track of one pedestrian; to be updated once at every update from their arrival on.
+    """A sensor's track of one pedestrian; ``update`` is called at every update after they arrive.
 
     Args:
         sensor: the sensor, with its probabilities and errors.
