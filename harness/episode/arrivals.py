@@ -31,12 +31,12 @@ def planned_arrivals(
     Args:
         scenario: has flow, bounds, shares and seed.
         pair: index of the pair; both arms and all cells get the same pedestrians.
-        given: uniforms that replace the first draws; None: those that ``pedestrians.drawn`` lists
-            for the pair, if any.
+        given: uniforms that replace the first draws; None: the values of ``pedestrians.drawn`` for
+            the pair, if any.
         horizon_s: the last possible arrival time; None for ``timeout_s``.
 
     Returns:
-        Arrivals at times in [0, horizon]: at most ``max_count``, and the timed pedestrians.
+        At most ``max_count`` arrivals at times in [0, horizon], and the timed pedestrians.
     """
     pedestrians, experiment = scenario.pedestrians, scenario.experiment
     if given is None and pedestrians.drawn:

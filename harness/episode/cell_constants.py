@@ -11,7 +11,8 @@ class CellConstants:
     """The cell's constants.
 
     Pedestrians step off if the next vehicle needs at least ``kerb_wait_s`` to arrive
-    (``deciding.keeps_waiting``).  For a pedestrian with a critical gap, the gap replaces it.
+    (``deciding.keeps_waiting``).  A pedestrian's critical gap, if there is one, replaces
+    ``kerb_wait_s``.
     """
 
     vehicle: Vehicle

@@ -18,7 +18,7 @@ from harness.episode.walkers import (
 )
 
 LetWalk = Callable[[int, Side, float], None]
-"""A function of index, kerb and desired speed of a pedestrian who walks by the engine's model."""
+"""Gets index, kerb and desired speed of a pedestrian who walks by the engine's model."""
 
 VIEW = methodcaller("view")
 """A function that returns a walker's view."""
@@ -40,7 +40,7 @@ class LaneAhead(Protocol):
     centre_m: float
 
     def first(self, elapsed_s: float) -> tuple[float, float, Approaching] | None:
-        """x, speed and vehicle of the first that has not passed, ``elapsed_s`` into the step."""
+        """x, speed and object of the first vehicle not yet past, ``elapsed_s`` into the step."""
         ...
 
 
@@ -54,7 +54,7 @@ class Crowd:
         rules: the cell's constants.
         leave: called with the index of each pedestrian who has reached the other kerb.
         let_walk: called for each pedestrian who walks by the engine's own model.
-        look_back: whether pedestrians also look at vehicles of lanes that they have crossed, as in
+        look_back: whether pedestrians also look at vehicles on lanes that they have crossed, as in
             encounters.
     """
 
@@ -74,8 +74,8 @@ class Crowd:
         self.came: list[Walker] = []
         """The pedestrians who have arrived so far, in order of arrival."""
         self.let_go: dict[int, bool] = {}
-        """For each pedestrian who had to wait: whether the first vehicle that blocked them let them
-        go."""
+        """For each pedestrian who had to wait: whether they went before the first vehicle that
+        blocked them."""
         self._arrivals, self._lanes, self._rules = arrivals, lanes, rules
         self._choose_speed, self._leave, self._let_walk = choose_speed, leave, let_walk
         self._next_arrival_s = arrivals[0].arrival_s if arrivals else math.inf
@@ -147,7 +147,7 @@ class Crowd:
         return Walker(arrival, crossing)
 
     def _admit(self, walker: Walker, elapsed_s: float) -> None:
-        """Treat an arrival: they look for a gap, or the engine moves them, or they wait."""
+        """Begin an arrival: they look for a gap, wait, or walk by the engine's model."""
         arrival = walker.arrival
         if isinstance(walker, NativeWalker):
             assert self._let_walk is not None
@@ -163,7 +163,7 @@ class Crowd:
         return self._rules.kerb_wait_s if critical_gap_s is None else critical_gap_s
 
     def _blocker(self, wait_s: float, elapsed_s: float) -> Approaching | None:
-        """The first vehicle to arrive that blocks a pedestrian who needs that gap; else None."""
+        """The earliest vehicle that blocks a pedestrian who needs that gap; None without one."""
         nearest: Approaching | None = None
         first_s = math.inf
         for lane in self._lanes:

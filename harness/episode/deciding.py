@@ -39,8 +39,9 @@ def keeps_waiting(
     """The kerb rule: whether a pedestrian waits for this vehicle.
 
     They wait while the vehicle is on the crosswalk.  They also wait while its front, at its present
-    speed, would reach the near edge, ``to_edge_m`` ahead (negative beyond it), within ``wait_s``,
-    unless it stands or stops before the edge at its present deceleration.
+    speed, would reach the near edge within ``wait_s``, unless it stands, or stops before the edge
+    at its present deceleration.  The near edge is ``to_edge_m`` ahead of the front; the distance is
+    negative once the front is past it.
     """
     if to_edge_m <= ROUNDING_M:
         return True

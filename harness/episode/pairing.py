@@ -73,7 +73,7 @@ class PairRunner:
         Args:
             pairs: indices of the pairs.
             begins: called with every episode before its strategy drives.
-            on_pair: called after every simulated pair, since outcomes come in chunks.
+            on_pair: called after every simulated pair; the outcomes come later, in chunks.
             known: episodes of a cell that differs from this one only in its arms; shared episodes
                 are not simulated again.
         """

@@ -48,7 +48,7 @@ class ChooseSpeed(Protocol):
 class Walker:
     """A pedestrian at the crosswalk who steps off and keeps their speed.
 
-    ``due_s`` is the time from which the beginning of a step has to treat them: −∞ while they wait,
+    At ``due_s`` the beginning of a step has something to do for them: it is −∞ while they wait, and
     then the time at which they reach the other kerb.  ``look_s`` is the time at which they next
     look at the vehicles; it may lie within a step.
     """
