@@ -98,7 +98,7 @@ def main() -> None:
             raise KeyboardInterrupt
     except (InputError, TyperException) as error:
         text = error.format_message() if isinstance(error, TyperException) else str(error)
-        text = text.replace("Value error, ", "")  # from pydantic, by which typer checks choices
+        text = text.replace("Value error, ", "")  # from pydantic, with which typer checks choices
         # For `harness` or `harness model` alone typer answers with the whole help.
         say(text if text.startswith("Usage:") else one_line(f"harness: {text}"))
         code = 2

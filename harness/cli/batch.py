@@ -66,8 +66,8 @@ def run(
         study = _settled(study, choices, quiet or as_json)
     from harness.studies.workers.executors import executor_for
 
-    # Local workers import modules while this process still does.  A wrong address is refused before
-    # a run folder exists.
+    # Local workers import modules at the same time as this process.  A wrong address is refused
+    # before a run folder exists.
     executor = executor_for(study, choices, dask)
     try:
         from harness.studies.batch.experiment import run_study

@@ -60,7 +60,7 @@ def exit_code() -> int:
 
 
 def _handled_signals() -> list[signal.Signals]:
-    """Return the signals that are not ignored, as a shell's background job ignores Ctrl-C."""
+    """Return the signals that are not ignored; a shell's background job ignores Ctrl-C."""
     return [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
 
 

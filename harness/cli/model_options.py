@@ -37,7 +37,7 @@ def state(text: str) -> tuple[float, float]:
 
 
 def bounds(texts: list[str] | None) -> tuple[Any, Any]:
-    """Return lower and upper bounds (4,), (4,): the default, changed for the named variables."""
+    """Return lower and upper bounds, each of shape (4,): the defaults with the named changes."""
     import numpy as np
 
     from harness.model.interaction import VARIABLES
