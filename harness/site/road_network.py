@@ -73,7 +73,7 @@ class RoadNetwork:
     def from_the_ground(
         self, longitude_deg: FloatArray, latitude_deg: FloatArray
     ) -> tuple[FloatArray, FloatArray] | None:
-        """The network's coordinates of points; None if PROJ does not know the projection."""
+        """The network's coordinates of points; None without a projection that PROJ knows."""
         if self._projection is None:
             return None
         projection, east_m, north_m = self._projection

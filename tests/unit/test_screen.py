@@ -102,7 +102,7 @@ crashes                    0 of 50  0 of 50    each below 5.8 %       0
 delay, s                   1.5      4.5        −3.0 (−3.5 … −2.2)
 people's wait, s           0.0      0.0
 PET below 1.5 s            30 %     4.0 %      18 … 45 / 0.50 … 14 %
-! hard_yield drove 5 of 50 passages, for which soft_yield has no answer.
+! hard_yield drove 5 of 50 passages, for which soft_yield has no valid plan.
 ! Against human_recorded soft_yield is slower: the result depends on the reference (docs/study.md).
 ! Few pairs: intervals are unreliable below 1,000 informative pairs (ratio of times and μ), 4,000
   (c_v).
@@ -164,7 +164,7 @@ worst case                 ratio of times 1.70, crashes 9 of 50, μ 1.900, delay
   counts as driving on after a crash.
 ! Undefined: people's wait (nobody arrived).
 ! hard_yield drove 30 of 50 passages (60 % of those that met someone), for which soft_yield has no
-  answer.
+  valid plan.
 ! The AV drove at up to 15.7 m/s, above v0 of 5 m/s, and saves time by speeding.
 ! In 25 % (AV) and 75 % (own:Driver) of the cases the vehicle was outside the data of the
   interaction model, up to 5.39 m/s too fast; the model used the nearest state in its data.

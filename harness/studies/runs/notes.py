@@ -193,7 +193,7 @@ def _fallback(scenario: Scenario, findings: Findings) -> list[Note]:
     met = f" ({100 * share:.0f} % of those that met someone)" if share >= MOSTLY else ""
     text = (
         f"{fallback_of(strategy)} drove {count:,} of {counted(pairs, 'passage')}{met}, for which "
-        f"{strategy} has no answer."
+        f"{strategy} has no valid plan."
     )
     return [Note(Rank.FALLBACK, text)]
 
@@ -320,7 +320,7 @@ def _hour_notes_of_arm(
         note(
             Rank.FALLBACK,
             f"{fallback_of(strategy)} drove {100 * share:.0f} % of the passages that met someone, "
-            f"for which {strategy} has no answer.",
+            f"for which {strategy} has no valid plan.",
         )
     return notes
 

@@ -16,8 +16,8 @@ from harness.studies.workers.tasks import Failure
 PAPER_REMARK = (
     "The paper's column is a reference, not a target. The paper's 2,973 events and fitted "
     "parameters were never published, so the model here is fitted to other trajectories. "
-    "Soft-Yield has no answer for walkers under 0.976 m/s at (30 m, 5 m/s); here Hard-Yield takes "
-    "over in that case."
+    "Soft-Yield has no valid plan for walkers under 0.976 m/s at (30 m, 5 m/s); here Hard-Yield "
+    "takes over in that case."
 )
 
 PAPER_MU = float(next(entry.paper for entry in ENCOUNTERS if entry.key == "mu"))
