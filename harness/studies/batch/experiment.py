@@ -24,14 +24,14 @@ from harness.studies.workers.pool import workers_for
 from harness.studies.workers.tasks import Executor, ExecutorLostError, Task
 
 SHORTEST_S, LONGEST_S = 0.02, 5.0
-"""Bounds on the duration of a task.  Tasks get shorter at the end of a run, so that all workers
-end together, and are never longer, so that a slow strategy keeps all workers busy."""
+"""Shortest and longest duration of a task.  Tasks get shorter at the end of a run, so that all
+workers end together.  The upper bound keeps all workers busy even if a strategy is slow."""
 
 _OPTIONS = Options()
 
 MakeExecutor = Callable[[int], Executor]
 Progress = Callable[[int, int, str], None]
-"""(done, planned, unit)."""
+"""Receives the number of finished pairs, the number of planned pairs, and the unit."""
 
 
 def run_study(
@@ -48,9 +48,10 @@ def run_study(
         study: the cells to run.
         options: options of the run.
         out: the folder; default ``runs/<name>-<next free number>``.
-        progress: called with the progress.
-        make_executor: makes the executor for a number of workers; None: local processes, or this
-            process if ``options.workers`` is 0 or a strategy is a class of this script or notebook.
+        progress: see ``Progress``.
+        make_executor: makes the executor for a number of workers.  None means local processes, or
+        this process if ``options.workers`` is 0 or a strategy is a class of this script
+        or notebook.
 
     Raises:
         InputError: SUMO, model, strategies or folder are refused; nothing has been written.
@@ -73,7 +74,7 @@ def resume(
     progress: Progress = lambda _done, _planned, _what: None,
     make_executor: MakeExecutor | None = None,
 ) -> RunData:
-    """Continue an interrupted run; a finished run is only read.
+    """Continue an interrupted run.  A finished run is only read.
 
     Raises:
         InputError: the folder is not a run folder, another process uses it, or versions or the
@@ -106,7 +107,7 @@ def _held(folder: RunFolder) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         if not (folder.path / MANIFEST).is_file():
-            raise  # nothing has begun that could be resumed
+            raise  # there is nothing to resume
         raise InterruptedRunError(folder.path) from None
     except ExecutorLostError as error:
         advice = f"finished work is kept: {resume_command(folder.path)}"
@@ -131,7 +132,7 @@ def _carry_out(
 
 
 def _with_outputs(run: RunData, folder: RunFolder, plan: Plan, progress: Progress) -> RunData:
-    """Add SUMO's own outputs that are requested and missing."""
+    """Write the requested outputs of SUMO that are still missing."""
     if plan.options.sumo_outputs is None:
         return run
     unit = "SUMO outputs (slow: a SUMO for each episode)"
@@ -194,17 +195,17 @@ class _Work:
             self.executor.stop()
 
     def _executor(self) -> Executor:
-        """Return the executor, which all looks of ``--until`` share."""
+        """Return the executor.  All looks of ``--until`` use the same one."""
         if self.executor is None:
             planned = sum(self.plan.planned.values())
             self.executor = self.make_executor(workers_for(planned, self.plan.options))
         return self.executor
 
     def _tasks(self, missing: dict[int, list[int]], left: int, workers: int) -> Iterator[Task]:
-        """Yield tasks of consecutive pairs, smaller towards the end, so that no worker ends late.
+        """Yield tasks of consecutive pairs.
 
-        Each task is made when a worker is free; its size follows from the duration of earlier
-        pairs.
+        Each task is made when a worker is free.  Its size follows from the duration of earlier
+        pairs.  Tasks get smaller towards the end, so that no worker ends late.
         """
         for cells in self._twins(missing):
             pairs = missing[cells[0].number]
@@ -233,7 +234,7 @@ class _Work:
         return max(1, min(most, max(share, int(SHORTEST_S / each_s))))
 
     def _twins(self, missing: dict[int, list[int]]) -> Iterable[list[Cell]]:
-        """Group the cells that differ only in their arms and miss the same pairs."""
+        """Group cells that differ only in their arms and lack the same pairs."""
         groups: dict[object, list[Cell]] = {}
         for cell in self.plan.study.cells:
             if pairs := missing.get(cell.number):

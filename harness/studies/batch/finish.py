@@ -19,7 +19,7 @@ from harness.studies.runs.run_data import RunData
 
 
 def finish(folder: RunFolder, plan: Plan) -> RunData:
-    """Turn a folder's shards into tables, a summary and finally the manifest with counts."""
+    """Turn a folder's shards into tables and a summary, and write the manifest with counts last."""
     kind, cells = plan.kind, plan.study.cells
     write_parquet(folder.path / "cells.parquet", *_cells_table(plan.study))
     folder.finish_tables(plan.shard_tables)
@@ -45,7 +45,10 @@ def finish(folder: RunFolder, plan: Plan) -> RunData:
 
 
 def _cells_table(study: Study) -> tuple[pa.Schema, Iterator[pa.Table]]:
-    """Return ``cells.parquet``: number and varied keys; a key with mixed types becomes text."""
+    """Return ``cells.parquet`` with each cell's number and varied keys.
+
+    A key whose values have different types is stored as text.
+    """
     columns: dict[str, pa.Array] = {
         "cell": pa.array([cell.number for cell in study.cells], type=pa.int32())
     }

@@ -89,7 +89,7 @@ def _by_lane_and_type(
 
 
 def _states(traces: pa.Table, arm: Arm) -> _States:
-    """Return time, x and speed of every object of one arm, by name."""
+    """Return time, x and speed of every object of one arm, by the object's name."""
     arms, objects = traces["arm"].to_pylist(), traces["object"].to_pylist()
     columns = [traces[name].to_numpy() for name in ("time_s", "x_m", "speed_mps")]
     rows_by_object: dict[str, list[int]] = {}

@@ -20,7 +20,7 @@ from harness.studies.workers.audit import Audit, audit_of
 
 @dataclass(frozen=True)
 class Plan:
-    """The plan of a run: its cells, the interaction model of each cell by number, and the options.
+    """The cells of a run, the interaction model of each cell by cell number, and the options.
 
     ``origin`` is the manifest's record of versions, models and strategies (``origin_of``).
     """
@@ -52,7 +52,7 @@ class Plan:
 
     @property
     def planned(self) -> dict[int, int]:
-        """Number of pairs of each cell, by cell number; with ``--until`` the maximum."""
+        """Number of pairs of each cell, by cell number.  With ``--until`` it is the maximum."""
         return {cell.number: cell.scenario.experiment.pairs for cell in self.study.cells}
 
     def manifest(self, counts: dict[str, int] | None = None) -> JsonObject:
@@ -91,7 +91,7 @@ def plan_of(study: Study, options: Options) -> Plan:
 
 
 def _refuse_for_plain(study: Study, options: Options) -> None:
-    """Refuse options and scenarios that need SUMO."""
+    """Refuse options and scenarios that need SUMO, because this run uses the plain engine."""
     if options.sumo_outputs is not None:
         raise InputError(
             "--sumo-outputs", "cannot be combined with --engine plain", "--engine sumo"

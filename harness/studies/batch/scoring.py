@@ -28,7 +28,7 @@ from harness.studies.batch.plan import Plan
 from harness.studies.batch.simulation_scoring import score_simulations
 
 _AFTER_CONTACT = ("pass_time_ignoring_contact_s",)
-"""Measures that need the part of the passage after a contact."""
+"""Measures that depend on the part of the passage after a contact."""
 
 _PART_PAIRS = 500
 """Number of pairs in memory at once."""
@@ -86,7 +86,7 @@ def _score_encounters(
     """Yield first pair, number of pairs and tables, part by part."""
     audited = (run / "audit.parquet").is_file()
     names = encounter_tables(traces=traced, audit=audited)
-    # Measures are recomputed, so columns that are newer than the run may be missing.
+    # Older runs may lack columns, but the measures are recomputed anyway.
     optional = COLUMNS if traced else ()
     tables = {name: read_table(run, name, cell.number, optional=optional) for name in names}
     pairs = _pairs(run, tables["episodes"])
@@ -122,7 +122,11 @@ def _apply(settings: Sequence[Setting], document: JsonObject) -> None:
 
 
 def _pairs(run: Path, episodes: pa.Table) -> int:
-    """Return the number of pairs, numbered from 0, each with the AV's arm before the human's."""
+    """Return the number of pairs.
+
+    Raises:
+        InputError: pairs are not numbered from 0, or not each has the AV's arm before the human's.
+    """
     pairs, arms = episodes["pair"].to_numpy(), episodes["arm"].to_pylist()
     count = len(pairs) // 2
     whole = count > 0 and np.array_equal(pairs, np.repeat(np.arange(count), 2))
@@ -144,7 +148,7 @@ def _score(run: Path, tables: dict[str, pa.Table], cell: Cell) -> dict[str, pa.T
         if old["ending"] == Ending.ENGINE_FAILED:
             rows.append(old)  # a failed episode has nothing to measure
             continue
-        # Stored traces end at the contact; only the run knew the part after it.
+        # Stored traces end at the contact; the part after it is known only during the run.
         crashed = old["ending"] == Ending.CRASHED
         kept = (*MODEL_USE, *_AFTER_CONTACT) if crashed else MODEL_USE
         rows.append(new | {name: old[name] for name in kept if name in old})
@@ -170,7 +174,7 @@ def _outcomes(run: Path, tables: dict[str, pa.Table], scenario: Scenario) -> Ite
                 x_m=x,
                 speed_mps=speed,
                 walks=tuple(walks.get(key, ())),
-                # The engine's ending is not stored after a contact; measuring finds the contact.
+                # After a contact the engine's ending is not stored; measuring finds the contact.
                 ending=Ending.TIMED_OUT if ending is Ending.CRASHED else ending,
                 reason=row["reason"],
                 sumo_collision=row["sumo_collision"],

@@ -18,7 +18,7 @@ from harness.studies.runs.run_data import RunData
 WARM_UP = "traffic.warm_up_s"
 
 ROUND_S = 300.0
-"""Warm-ups are multiples of this time, or equal the counted time."""
+"""Every warm-up is a multiple of this time or equals the counted time."""
 
 
 def settled(
@@ -30,8 +30,8 @@ def settled(
 
     The pilot of a cell is one pair with a separate seed.  It begins with an empty road and lasts
     twice the counted time.  The warm-up is the longest time that a queue took to clear in either
-    arm, at least the scenario's warm-up and at most the counted time.  In a study of several cells
-    it becomes a varied key.
+    arm.  It is at least the scenario's warm-up and at most the counted time.  In a study of several
+    cells the warm-up becomes a varied key.
 
     Raises:
         InputError: a cell has no traffic, flows that change, or a permanent queue.
@@ -72,7 +72,7 @@ def _check(scenario: Scenario) -> None:
 
 
 def _pilot(scenario: Scenario) -> Mapping[str, float]:
-    """Return the keys in which a pilot differs from its cell."""
+    """Return the keys and values in which a pilot differs from its cell."""
     seed = stream(scenario.experiment.seed, "pilot", 0).integers(2**62)
     return {
         WARM_UP: 0.0,
@@ -83,13 +83,16 @@ def _pilot(scenario: Scenario) -> Mapping[str, float]:
 
 
 def _warm_up_s(run: RunData, cell: Cell) -> float:
-    """Return the longest queue of both arms, rounded up to ``ROUND_S`` within its limits."""
+    """Return the longest time in s that a queue lasted in either arm.
+
+    The time is rounded up to ``ROUND_S`` and kept within its limits.
+    """
     traffic, passages = cell.scenario.known_traffic, run.passages
     cell_passages, end_s = passages[passages["cell"] == cell.number], 2 * traffic.duration_s
     longest_s = 0.0
     for arm in Arm:
         rows = cell_passages[cell_passages["arm"] == arm.value]
-        # A vehicle that never passed is late from its scheduled time on at the latest.
+        # A vehicle that never passed counts as late at the latest from its scheduled time on.
         due_s = (rows["passed_s"] - rows["delay_s"]).fillna(rows["scheduled_s"]).to_numpy(float)
         left_s = rows["passed_s"].fillna(math.inf).to_numpy(float)
         late = left_s > due_s
@@ -99,7 +102,7 @@ def _warm_up_s(run: RunData, cell: Cell) -> float:
 
 
 def _cell(cell: Cell, settings: Mapping[str, float]) -> Cell:
-    """Return the cell with new values of some keys, in its scenario and in its varied keys."""
+    """Return the cell with new values of some keys in its scenario and in its varied keys."""
     varied = {key: settings.get(key, value) for key, value in cell.varied.items()}
     return Cell(cell.number, varied, _with(cell.scenario, settings))
 

@@ -1,4 +1,4 @@
-"""Repeats the pairs that a page shows if there are no traces of them."""
+"""Repeats the pairs that a page shows if the run kept no traces of them."""
 
 import os
 from pathlib import Path
@@ -25,7 +25,7 @@ from harness.studies.workers.pool import LocalPool, default_workers
 from harness.studies.workers.tasks import Task, TaskResult
 
 _WORKERS = 2
-"""Number of processes; enough for so few pairs."""
+"""Number of processes.  The page shows only a few pairs."""
 
 
 def write_shown(run: RunData, page: Path | None = None) -> str:
@@ -45,7 +45,7 @@ def write_shown(run: RunData, page: Path | None = None) -> str:
         folders = shown_folders(run.path, page)
         folder = next((each for each in folders if os.access(each.parent, os.W_OK)), folders[0])
         folder.mkdir(exist_ok=True)
-        # A pair may kill or hang its process, so it runs in another process than this one.
+        # A pair may kill or hang its process, so it runs in a process of its own.
         tasks = [_task(run, *key) for key in missing]
         pool = LocalPool(min(_WORKERS, default_workers(), len(tasks)))
         try:
@@ -62,10 +62,12 @@ def write_shown(run: RunData, page: Path | None = None) -> str:
 
 
 def write_shown_risk(folder: Path, page: Path | None = None) -> str:
-    """Run the likeliest events of a finished risk estimate, with traces, as ``write_shown`` does.
+    """Repeat the likeliest events of a finished risk estimate and keep their traces.
+
+    See ``write_shown`` for the arguments.
 
     Returns:
-        The reason why there are none to show; empty if they are there.
+        The reason why there are no events to show; empty if there are some.
     """
     if not (folder / CRITICAL).is_file():
         return "No episode of the estimate ended in the event."
@@ -106,7 +108,7 @@ def _task(run: RunData, cell: int, pair: int) -> Task:
 
 
 def _tables(run: RunData, key: Key, result: TaskResult) -> dict[str, pa.Table]:
-    """Return the tables of a pair; of a long pair only the traces of what is shown."""
+    """Return the tables of a pair.  A long pair keeps only the traces that the page shows."""
     tables = dict(result.tables)
     passages = view_of(run).passages(run, *key)
     if passages is not None and "scenes_over" in tables:

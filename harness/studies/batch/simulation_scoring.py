@@ -32,7 +32,7 @@ def score_simulations(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int
 
 
 def _counted(row: Row, passages: Sequence[Row], cell: Cell) -> Row:
-    """The row of an arm with the counts of its passages, of all crosswalks and of each."""
+    """Return the row of an arm with recounted passages, in total and by crosswalk."""
     if row["reason"] is not None:
         return row
     over = [each for each in passages if each["arm"] == row["arm"]]

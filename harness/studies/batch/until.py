@@ -23,8 +23,8 @@ def reach_precision(
     Args:
         plan: plan of the run.
         until: the required half-width.
-        reach: runs cells up to the numbers of pairs that it gets by cell number.
-        episodes_of: returns the ``episodes`` of a cell so far.
+        reach: runs cells up to given numbers of pairs, by cell number.
+        episodes_of: returns the rows of ``episodes`` that a cell has so far.
     """
     planned = plan.planned
     confidence = confidence_of(plan.study, plan.options)

@@ -1,4 +1,4 @@
-"""Takes a weighted sample and returns the fit of every K, its held-out score, and the chosen K."""
+"""Takes a weighted sample and returns a fit and held-out score for every K, and the chosen K."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -35,10 +35,10 @@ class Candidate:
         components: K.
         mixture: the fit to all rows.
         log_likelihood: the weighted log-likelihood of this fit, in nats.
-        bic: its BIC, where n is the sum of the weights.
-        converged, gradient_norm, steps: properties of the best start.
-        held_out: log scores of f(v_p | 1/R, v) by vehicle; ``held-out`` chooses K by their mean.
-            None if there are no folds or a fold could not be fitted.
+        bic: BIC of this fit, where n is the sum of the weights.
+        converged, gradient_norm, steps: diagnostics of the best start.
+        held_out: log scores of f(v_p | 1/R, v) by vehicle; None if there are no folds or a fold
+            could not be fitted.  The criterion ``held-out`` compares their mean.
         held_out_driver: log scores of f(v | 1/R, v_p, 1/T_adv) by vehicle, for information.
     """
 
@@ -65,7 +65,7 @@ class Calibration:
     Attributes:
         candidates: the fits by ascending K.
         chosen: the candidate that becomes the model.
-        criterion: what chose it: ``bic``, ``rule``, ``held-out`` or ``given``.
+        criterion: the criterion of the choice: ``bic``, ``rule``, ``held-out`` or ``given``.
         folds: number of folds; 0 without held-out scores.
         warnings: sentences for the model's card.
     """
@@ -84,9 +84,9 @@ def calibrate(
 
     Args:
         sample: the weighted rows inside the box.
-        settings: what to fit and how to choose.
+        settings: the settings of the fits and the choice.
         workers: number of processes; the result does not depend on it.
-        progress: called with the number of finished fits, of ``job_count`` in all.
+        progress: called with the number of finished fits; ``job_count`` is their total.
 
     Raises:
         InputError: there are fewer rows than components, a column is constant, columns are
@@ -111,19 +111,19 @@ def calibrate(
 
 
 def job_count(sample: Sample, settings: Settings) -> int:
-    """Number of fits that ``calibrate`` makes."""
+    """Return the number of fits that ``calibrate`` makes."""
     return len(settings.components) * (1 + fold_count(sample, settings))
 
 
 def fold_count(sample: Sample, settings: Settings) -> int:
-    """Number of folds; 0 if vehicles are not identified or if there are fewer than two."""
+    """Return the number of folds; 0 if vehicles are not identified or fewer than two."""
     if settings.folds < 2 or not sample.vehicles or sample.vehicles < 2:
         return 0
     return min(settings.folds, sample.vehicles)
 
 
 def _check(sample: Sample, settings: Settings) -> None:
-    """Raise, before any process starts, the error that every fit would raise."""
+    """Raise errors that every fit would raise, before any process starts."""
     if not settings.components or min(settings.components) < 1:
         raise InputError("--components", f"{settings.components}", "1 or more")
     most, rows = max(settings.components), int((sample.weights > 0).sum())
@@ -197,7 +197,7 @@ def _candidate(
 
 
 def _joined(scores: Sequence[HeldOut | None]) -> HeldOut | None:
-    """The scores of all folds together; every vehicle is in exactly one fold."""
+    """Return the scores of all folds together.  Every vehicle is in exactly one fold."""
     parts = [part for part in scores if part is not None]
     if not parts or len(parts) < len(scores):
         return None
@@ -205,7 +205,7 @@ def _joined(scores: Sequence[HeldOut | None]) -> HeldOut | None:
         np.sum([part.totals for part in parts], axis=0),
         np.sum([part.weights for part in parts], axis=0),
     )
-    # A row with density 0 makes the mean infinite, so it cannot be compared.
+    # A row with density 0 makes the mean infinite, so the fit cannot be compared.
     return joined if np.isfinite(joined.mean) else None
 
 

@@ -20,7 +20,7 @@ NEAR_SPEED_MPS = 1.0
 """A row is near a state (R, v) if R and v both differ by at most this."""
 
 FEW = 10
-"""The card warns if fewer vehicles, or fewer effective rows, are near the scenario's state."""
+"""The card warns if fewer vehicles or effective rows than this are near the scenario's state."""
 
 
 def card(
@@ -31,13 +31,13 @@ def card(
     command: str,
     state: tuple[float, float],
 ) -> dict[str, Any]:
-    """The card as plain data, for the model file's ``provenance``.
+    """Return the card as plain data, for the model file's ``provenance``.
 
     Args:
         sample: the fitted rows.
-        settings: how they were fitted.
+        settings: the settings of the fits.
         calibration: the result of the fits.
-        file: the file of the rows; it also has the command of the extraction.
+        file: the file of the rows, with the command of the extraction.
         command: the exact command of the fit.
         state: (R in m, v in m/s) at the trigger of the scenario that will use the model.
     """
@@ -82,11 +82,11 @@ def card(
 
 
 def near_state(sample: Sample, state: tuple[float, float]) -> dict[str, Any]:
-    """Number of rows, encounters and vehicles with |R − R0| ≤ 5 m and |v − v0| ≤ 1 m/s.
+    """Return the numbers of rows, encounters and vehicles near a state.
 
-    ``effective_rows`` and ``effective_vehicles`` are (Σw)²/Σw², where w is the sum of the weights
-    of a distinct row or of a vehicle.  If one of 7 vehicles has nearly all the weight, the
-    effective number is close to 1.
+    Near means |R − R0| ≤ 5 m and |v − v0| ≤ 1 m/s.  ``effective_rows`` and ``effective_vehicles``
+    are (Σw)²/Σw², where w is the total weight of a distinct row or of a vehicle.  If one of 7
+    vehicles has nearly all the weight, the effective number is close to 1.
     """
     range_m = 1.0 / sample.data[:, INVERSE_RANGE]
     near = np.abs(range_m - state[0]) <= NEAR_RANGE_M
@@ -106,12 +106,12 @@ def near_state(sample: Sample, state: tuple[float, float]) -> dict[str, Any]:
 
 
 def _effective(item: np.ndarray | None, weights: FloatArray) -> float | None:
-    """Effective number of items, by each row's item; None if rows do not identify it."""
+    """Return the effective number of items; None if rows do not identify their item."""
     return None if item is None else effective_number(np.bincount(item, weights).astype(float))
 
 
 def _copy_warnings(sample: Sample) -> list[str]:
-    """Warnings about rows and vehicles that occur more than once in the data."""
+    """Return warnings about rows and vehicles that occur more than once in the data."""
     warnings = []
     if sample.copies:
         warnings.append(
@@ -136,7 +136,7 @@ def _near_warnings(near: dict[str, Any]) -> list[str]:
 
 
 def _scored(candidate: Candidate) -> dict[str, Any]:
-    """Mean held-out log scores, in nats per encounter."""
+    """Return the mean held-out log scores in nats per encounter."""
     return {
         "log f(v_p | 1/R, v)": _mean_and_error(candidate.held_out),
         "log f(v | 1/R, v_p, 1/T_adv)": _mean_and_error(candidate.held_out_driver),
@@ -150,7 +150,7 @@ def _mean_and_error(scores: HeldOut | None) -> dict[str, float | None] | None:
 
 
 def _table(calibration: Calibration) -> list[dict[str, Any]]:
-    """One entry per K."""
+    """Return one entry per K."""
     gain = relative_gain({c.components: c.bic for c in calibration.candidates})
     chosen = calibration.chosen.held_out
     rows = []
@@ -176,7 +176,7 @@ def _table(calibration: Calibration) -> list[dict[str, Any]]:
 
 
 def _rule(calibration: Calibration) -> dict[str, Any]:
-    """The K by the paper's rule; null if the rule cannot be applied."""
+    """Return the K by the paper's rule; null if the rule cannot be applied."""
     try:
         components = by_rule({c.components: c.bic for c in calibration.candidates})
     except InputError:

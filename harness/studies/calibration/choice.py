@@ -9,16 +9,16 @@ from harness.studies.calibration.scores import HeldOut
 Choice = Literal["bic", "rule", "held-out"]
 
 RULE_SHARE = 0.10
-"""The paper adds no component that changes BIC by less than this share."""
+"""The paper stops adding components when BIC changes by less than this share."""
 
 
 def by_bic(bic: Mapping[int, float]) -> int:
-    """The K with the lowest BIC; the smallest K if several are equal."""
+    """Return the K with the lowest BIC, or the smallest such K."""
     return min(bic, key=lambda k: (bic[k], k))
 
 
 def by_held_out(scores: Mapping[int, HeldOut]) -> int:
-    """The K with the highest mean held-out score; the smallest K if several are equal.
+    """Return the K with the highest mean held-out score, or the smallest such K.
 
     Raises:
         InputError: ``scores`` is empty.
@@ -33,14 +33,14 @@ def by_held_out(scores: Mapping[int, HeldOut]) -> int:
 
 
 def by_rule(bic: Mapping[int, float]) -> int | None:
-    """The smallest K with BIC_K − BIC_{K+1} < 0.1 (BIC_1 − BIC_2): the paper's rule without units.
+    """Return the smallest K with BIC_K − BIC_{K+1} < 0.1 (BIC_1 − BIC_2).
 
-    The paper takes the K beyond which BIC changes by less than 10 %.  A share of BIC itself depends
-    on the units of the data, because a change of units adds a constant to every BIC.  The gain of
-    the next component is therefore compared with the gain of the second component.
+    The paper takes the K beyond which BIC changes by less than 10 %.  That share depends on the
+    units of the data, because a change of units adds a constant to every BIC.  This rule therefore
+    compares the gain of the next component with the gain of the second component.
 
     Returns:
-        K, or None if no fitted K meets the rule.
+        K; None if no fitted K meets the rule.
 
     Raises:
         InputError: the fitted K are not 1, 2, … without gaps up to at least 3.
@@ -57,7 +57,7 @@ def by_rule(bic: Mapping[int, float]) -> int | None:
 
 
 def relative_gain(bic: Mapping[int, float]) -> dict[int, float]:
-    """(BIC_{K−1} − BIC_K) / (BIC_1 − BIC_2), dimensionless, for every K with a fitted K − 1."""
+    """Return (BIC_{K−1} − BIC_K) / (BIC_1 − BIC_2) for every K with a fitted K − 1."""
     if not {1, 2} <= set(bic) or bic[1] == bic[2]:
         return {}
     return {k: (bic[k - 1] - bic[k]) / (bic[1] - bic[2]) for k in sorted(bic) if k - 1 in bic}

@@ -1,6 +1,7 @@
-"""Takes a sample and returns one fit: each job has its own seed and runs in one thread.
+"""Takes a sample and returns one fit.
 
-The numbers therefore do not depend on the number of processes.
+Each job has its own seed and runs in one thread, so results do not depend on the number of
+processes.
 """
 
 from dataclasses import dataclass
@@ -24,12 +25,12 @@ _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM
 
 @dataclass(frozen=True)
 class Settings:
-    """How to fit.
+    """The settings of a calibration.
 
     Attributes:
         components: every K to fit, ascending.
         choose: the criterion that chooses among several K.
-        starts: number of k-means++ starts of a fit; the best is used.
+        starts: number of k-means++ starts per fit.  The fit keeps the best start.
         folds: number of folds of vehicles for the held-out scores; 0 or 1 means no scores.
         seed: the seed of the starts and the folds.
         tol: a fit stops when its gradient per unit of weight is below this (see `fit_mixture`).
@@ -45,7 +46,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Job:
-    """One fit, to all rows (``fold`` is None) or to the rows outside a fold."""
+    """One fit to all rows (``fold`` is None) or to the rows outside a fold."""
 
     components: int
     fold: int | None
@@ -63,7 +64,7 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """What all jobs have in common; ``row_folds`` is the fold of every row."""
+    """The data that all jobs share; ``row_folds`` is the fold of every row."""
 
     sample: Sample
     settings: Settings
@@ -71,18 +72,21 @@ class Shared:
 
 
 def fitting_pool(workers: int) -> LocalPool:
-    """New processes with one BLAS thread; the number of threads changes a fit's last digits."""
+    """Start processes with one BLAS thread, because the number of threads changes last digits."""
     return LocalPool(workers, imports=__name__, environment=_ONE_THREAD)
 
 
 def jobs_of(settings: Settings, folds: int) -> list[Job]:
-    """All jobs, the slowest first, so that no worker ends with a long one."""
+    """Return all jobs, the slowest first, so that no worker ends late with a long job."""
     descending = sorted(settings.components, reverse=True)
     return [Job(k, fold) for k in descending for fold in (None, *range(folds))]
 
 
 def run_job(task: tuple[Job, Shared]) -> Answer:
-    """One fit in a worker; an ``InputError`` is returned, since pickling would lose its parts."""
+    """Run one fit in a worker.
+
+    An ``InputError`` is returned and not raised, because pickling would lose its parts.
+    """
     try:
         return _fit(*task)
     except InputError as error:

@@ -26,13 +26,13 @@ from harness.model.trajectories.csv_input import (
 from harness.model.trajectories.extraction import ENCOUNTER_KEY, EXTRACTION_KEY, VEHICLE_KEY
 from harness.model.trajectories.extraction_rules import TEXT_COLUMNS
 
-# A sensor resolves R up to 60 m and 1/T_adv up to 2 per s. The lowest speeds are those of the
-# extraction; they keep E[1/T_adv] and passing times finite.
+# A sensor resolves R up to 60 m and 1/T_adv up to 2 per s. The extraction has the same minimum
+# speeds; they keep E[1/T_adv] and passing times finite.
 BOX_LOWER = (1 / 60, 0.3, 0.3, 0.0)
 BOX_UPPER = (0.5, 8.0, 3.0, 2.0)
 
 COLUMNS = ("range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s")
-# The names of the model's variables in messages are the columns of the user's file.
+# In messages the model's variables are called by the columns of the user's file.
 LABELS = ("range_m (as 1/R)", COLUMNS[1], COLUMNS[2], "time_advantage_s (as 1/T_adv)")
 FACTOR_COLUMN = "weight"
 
@@ -45,7 +45,7 @@ class RowFile:
         name: the file's name without its folder.
         rows: all rows of the file.
         sha256: the file's hash.
-        extraction: the metadata that ``harness extract`` wrote; empty for other files.
+        extraction: the metadata of ``harness extract``; empty for other files.
     """
 
     name: str
@@ -64,14 +64,15 @@ class Sample:
             such copies the sum is ``encounters``, or n if rows have no identifiers.
         row: (n,) index of the distinct row; copies have the same index.
         vehicle, encounter: (n,) index of the row's vehicle and encounter; None if a row does not
-            identify them.  Vehicles with a common row or recorded track count as one vehicle,
-            whatever their names are.
-        vehicles, encounters: their numbers inside the box; None if not known.
-        named_vehicles: number of the vehicles' names; None if not known.
-        tracks: fingerprints of the vehicles' recorded tracks; empty if not known.
+            identify them.  Vehicles that share a row or a recorded track count as one vehicle,
+            even if their names differ.
+        vehicles, encounters: number of vehicles and encounters inside the box; None if unknown.
+        named_vehicles: number of different vehicle names; None if unknown.
+        tracks: fingerprints of the vehicles' recorded tracks; empty if unknown.
         lower, upper: (4,) the box.
         rows_read: number of rows before the box was applied.
-        outside: column → number of rows outside the box in it; a row may count in several.
+        outside: column → number of rows outside the box in this column; a row may count in several
+            columns.
         weigh: how the rows were weighted.
         factor: whether a ``weight`` column multiplied the weights.
         sources: names of the data sets.
@@ -116,7 +117,7 @@ def read_rows(path: Path) -> RowFile:
     for name in COLUMNS:
         if not pd.api.types.is_numeric_dtype(rows[name]):
             raise InputError(f"{path}: {name}", "contains text", "numbers")
-    # Another program's file may have identifiers of any type; here they are text.
+    # Other programs write identifiers of any type; here they become text.
     rows = rows.assign(**{name: identifiers(rows[name]) for name in TEXT_COLUMNS if name in rows})
     for source in rows["source"].dropna().unique() if "source" in rows else ():
         if not source.isprintable():
@@ -127,7 +128,7 @@ def read_rows(path: Path) -> RowFile:
 
 
 def _extraction(path: Path) -> Mapping[str, Any]:
-    """The metadata of the extraction; {} if the file has none."""
+    """Return the metadata of the extraction; {} if the file has none."""
     try:
         metadata = pq.read_schema(path).metadata or {}
         extraction = parse_json(metadata.get(EXTRACTION_KEY, b"{}"))
@@ -144,12 +145,12 @@ def make_sample(
     upper: FloatArray | None = None,
     strict: bool = False,
 ) -> Sample:
-    """Check the rows, leave out rows outside the box, and weigh the others.
+    """Check the rows, leave out rows outside the box, and weight the others.
 
     Args:
-        rows: a table with ``COLUMNS``.  Weighing by encounter or vehicle also needs the identifiers
-            ``source, clip, vehicle, pedestrian``.  A column ``weight`` (≥ 0) multiplies the
-            weights.
+        rows: a table with ``COLUMNS``.  Weighting by encounter or vehicle also needs the
+            identifiers ``source, clip, vehicle, pedestrian``.  A column ``weight`` (≥ 0) multiplies
+            the weights.
         weigh: ``row``, ``encounter`` or ``vehicle``, see
             ``harness.model.trajectories.row_weights``.
         lower, upper: (4,) the box in the model's variables; by default ``BOX_LOWER`` and
@@ -209,20 +210,20 @@ def make_sample(
 
 
 def distinct_rows(rows: pd.DataFrame) -> np.ndarray:
-    """(n,) index of each distinct row of ``COLUMNS``; copies have the same index."""
+    """Return each row's index among the distinct rows of ``COLUMNS``, shape (n,)."""
     return np.asarray(rows.groupby(list(COLUMNS), sort=False, dropna=False).ngroup().to_numpy())
 
 
 def independent_vehicles(rows: pd.DataFrame) -> np.ndarray | None:
-    """(n,) index of each row's vehicle; None if a row does not identify its vehicle.
+    """Return the index of each row's vehicle, (n,); None if a row does not identify its vehicle.
 
-    Vehicles with a common row, or with the same fingerprint of their track, count as one vehicle.
-    Otherwise the same vehicle could be both in the fitted folds and in the held-out fold.
+    Vehicles that share a row or a track's fingerprint count as one vehicle.  Otherwise the same
+    vehicle could be both in the fitted folds and in the held-out fold.
     """
     named = _codes(rows, VEHICLE_KEY)
     if named is None:
         return None
-    # Imported here, because loading a model does not need it.
+    # Loading a model does not need this import, so it is here.
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -239,13 +240,13 @@ def independent_vehicles(rows: pd.DataFrame) -> np.ndarray | None:
 
 
 def effective_number(weights: FloatArray) -> float:
-    """(Σw)² / Σw², Kish's effective number of weighted items; 0 if there is no weight."""
+    """Return Kish's effective number of weighted items, (Σw)² / Σw²; 0 if all weights are 0."""
     squares = float(weights @ weights)
     return float(weights.sum() ** 2 / squares) if squares > 0 else 0.0
 
 
 def _variables(rows: pd.DataFrame) -> FloatArray:
-    """(n, 4) the model's variables in its order; an error names the column."""
+    """Return the model's variables in its order, (n, 4); an error names the column."""
     values = np.array(rows[list(COLUMNS)].to_numpy(dtype=float, na_value=np.nan))
     for i, name in enumerate(COLUMNS):
         invalid = int((~np.isfinite(values[:, i])).sum())
@@ -281,7 +282,7 @@ def _factor(rows: pd.DataFrame) -> FloatArray | None:
 
 
 def _codes(rows: pd.DataFrame, key: tuple[str, ...]) -> np.ndarray | None:
-    """Index of each row's group in order of first appearance; None if an identifier is missing."""
+    """Return each row's group index by first appearance; None if an identifier is missing."""
     if not all(name in rows for name in key) or rows[list(key)].isna().any(axis=None):
         return None
     return np.asarray(rows.groupby(list(key), sort=False).ngroup().to_numpy())

@@ -45,26 +45,26 @@ class HeldOut:
         return float(np.sqrt(count / (count - 1) * (errors @ errors)) / self.weights.sum())
 
     def less(self, other: "HeldOut") -> "HeldOut":
-        """These scores minus another model's scores on the same rows, by vehicle."""
+        """Return these scores minus another model's scores on the same rows, by vehicle."""
         return HeldOut(self.totals - other.totals, self.weights)
 
 
 def walking_log_scores(mixture: TruncatedGaussianMixture, data: FloatArray) -> FloatArray:
-    """log f(v_p | 1/R, v) of rows (n, 4), shape (n,), in nats: the pedestrians' distribution."""
+    """Return log f(v_p | 1/R, v) of rows (n, 4), shape (n,), in nats: how pedestrians walk."""
     given = (INVERSE_RANGE, VEHICLE_SPEED)
     conditional = mixture.conditional(PEDESTRIAN_SPEED, given)
     return conditional.logpdf(data[:, PEDESTRIAN_SPEED], data[:, list(given)])
 
 
 def driving_log_scores(mixture: TruncatedGaussianMixture, data: FloatArray) -> FloatArray:
-    """log f(v | 1/R, v_p, 1/T_adv) of rows (n, 4), shape (n,): the human driver's distribution."""
+    """Return log f(v | 1/R, v_p, 1/T_adv) of rows (n, 4), (n,), in nats: how humans drive."""
     given = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
     conditional = mixture.conditional(VEHICLE_SPEED, given)
     return conditional.logpdf(data[:, VEHICLE_SPEED], data[:, list(given)])
 
 
 def by_vehicle(scores: FloatArray, weights: FloatArray, vehicle: np.ndarray, count: int) -> HeldOut:
-    """Weighted sums of the rows' scores (n,) by vehicle, for ``count`` vehicles."""
+    """Sum the rows' weighted scores (n,) by vehicle, for ``count`` vehicles."""
     return HeldOut(
         np.bincount(vehicle, scores * weights, minlength=count).astype(float),
         np.bincount(vehicle, weights, minlength=count).astype(float),
@@ -72,9 +72,10 @@ def by_vehicle(scores: FloatArray, weights: FloatArray, vehicle: np.ndarray, cou
 
 
 def vehicle_folds(vehicle: np.ndarray, weights: FloatArray, folds: int, seed: int) -> np.ndarray:
-    """Fold of every row (n,): a vehicle is in one fold, and the folds' weights are nearly equal.
+    """Return the fold of every row, (n,).
 
-    Vehicles are taken by descending weight, and each goes into the lightest fold so far.
+    All rows of a vehicle are in one fold.  The folds' weights are nearly equal: vehicles are taken
+    by descending weight, and each goes into the lightest fold so far.
 
     Args:
         vehicle: (n,) index of each row's vehicle.

@@ -1,4 +1,4 @@
-"""From a recording and its network to the measures of every passage straight over a crosswalk."""
+"""Takes a recording and its network and returns the measures of every straight passage."""
 
 import math
 from collections import Counter
@@ -54,8 +54,8 @@ def find_conflicts(
         files: FCD outputs of one simulation.
         net: its network.
         types: files that define its vehicle types.
-        edges: ids of the crossings; empty: all.
-        progress: told (done, planned, what is counted).
+        edges: ids of the crossings; empty means all.
+        progress: called with the numbers done and planned, and the unit.
 
     Raises:
         InputError: a file cannot be used, nobody crosses, or no vehicle passes.
@@ -114,7 +114,8 @@ def _at(
     passages: Sequence[ConflictPassage],
     left_out: Mapping[tuple[str, str], int],
 ) -> CrosswalkConflicts:
-    """What was found at one crosswalk."""
+    """Return the conflicts at one crosswalk."""
+
     return CrosswalkConflicts(
         crosswalk,
         walks,
@@ -124,7 +125,7 @@ def _at(
 
 
 def _nothing_straight(crosswalks: Sequence[Crosswalk], counts: Mapping[str, int]) -> InputError:
-    """The error for a recording in which every vehicle turns."""
+    """Return the error for a recording in which every vehicle turns."""
     others = ", ".join(f"{count:,} {reason}" for reason, count in counts.items())
     problem = f"0 passages straight over it ({others})"
     return InputError(_crosswalks(crosswalks), problem, "one that vehicles pass straight")
@@ -140,7 +141,7 @@ def _crosswalks(crosswalks: Sequence[Crosswalk]) -> str:
 
 
 def _chosen(network: RoadNetwork, net: Path, edges: Sequence[str]) -> tuple[Crosswalk, ...]:
-    """All crosswalks, or those named."""
+    """Return the named crosswalks; all if none is named."""
     ids = network.crossings
     if not ids:
         allowed = "one with crossings: netconvert --crossings.guess adds them"
@@ -160,7 +161,7 @@ def _chosen(network: RoadNetwork, net: Path, edges: Sequence[str]) -> tuple[Cros
 def _check_recorded(
     recorded: Recorded, files: Sequence[Path], net: Path, crosswalks: Sequence[Crosswalk]
 ) -> None:
-    """Refuse a recording without vehicles near, or people on, the crosswalks."""
+    """Refuse a recording without vehicles near the crosswalks or without people on them."""
     names = _names(files)
     if not recorded.vehicle_records:
         raise InputError(names, "has no vehicles", "SUMO's --fcd-output")
@@ -184,7 +185,10 @@ def _measured(
     rounding_m: float,
     progress: Progress,
 ) -> tuple[list[ConflictPassage], Counter[tuple[str, str]], Counter[str]]:
-    """The passages by time, those left out by crosswalk and reason, and undefined types."""
+    """Return the measured passages by time, the counts of the others, and undefined types.
+
+    Passages that are left out are counted by crosswalk and reason.
+    """
     left_out: Counter[tuple[str, str]] = Counter()
     undefined: Counter[str] = Counter()
     times = {
@@ -227,7 +231,7 @@ def _measured(
 
 
 def _begin_s(cut: Cut, trace: Trace) -> float:
-    """The simulation's time of a trace's first state."""
+    """Return the simulation's time in s at a trace's first state."""
     return float(cut.track.time_s[np.searchsorted(cut.track.x_m, trace.x_m[0])])
 
 
@@ -238,7 +242,10 @@ def _why_not(cut: Cut, kind: VehicleType) -> str | None:
 
 
 def _vehicle(cut: Cut, kind: VehicleType) -> Vehicle:
-    """The constants of a passage; nobody knows the driver's own speed, so v0 is the limit."""
+    """Return the constants of a passage.
+
+    The driver's desired speed is not recorded, so v0 is the speed limit.
+    """
     range_m = min(RANGE_M, -float(cut.track.x_m[0]), cut.way.straight_before_m)
     return Vehicle(
         initial_speed_mps=min(cut.way.crossing.speed_limit_mps or math.inf, kind.max_speed_mps),

@@ -20,10 +20,10 @@ Row = dict[str, Any]
 
 
 def check_new(folder: Path) -> None:
-    """Refuse a folder that exists already, unless it is empty.
+    """Refuse a folder that exists and is not empty.
 
     Raises:
-        InputError: it holds files, or is one.
+        InputError: the folder contains files, or the path is a file.
     """
     try:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -34,7 +34,7 @@ def check_new(folder: Path) -> None:
 
 @contextmanager
 def whole_folder(folder: Path) -> Iterator[Path]:
-    """A folder beside ``folder``, which takes its place if the block succeeds."""
+    """Yield a temporary folder, which is renamed to ``folder`` if the block succeeds."""
     beside = folder.with_name(f".{folder.name}.partial")
     try:
         shutil.rmtree(beside, ignore_errors=True)
@@ -50,7 +50,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
 
 def write_tables(findings: ConflictFindings, folder: Path) -> list[Path]:
-    """Write the tables and the document; returns their names in the folder."""
+    """Write the tables and the document, and return their paths in the folder."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -63,7 +63,7 @@ def write_tables(findings: ConflictFindings, folder: Path) -> list[Path]:
 
 
 def _schema() -> Any:
-    """The columns of ``passages.parquet``."""
+    """Return the schema of ``passages.parquet``."""
     import pyarrow as pa
 
     texts = ("crosswalk", "approach", "vehicle", "type")
@@ -82,7 +82,7 @@ def _schema() -> Any:
 
 
 def document_of(findings: ConflictFindings) -> dict[str, Any]:
-    """What was read, how, and every crosswalk's numbers; the document of ``--json``."""
+    """Return the document of ``--json``: inputs, how they were read, and crosswalks' numbers."""
     return {
         "files": [str(path) for path in findings.files],
         "net": str(findings.net),
@@ -101,12 +101,12 @@ def document_of(findings: ConflictFindings) -> dict[str, Any]:
 
 
 def is_conflicts(folder: Path) -> bool:
-    """Whether a folder holds the conflicts of a recording."""
+    """Return whether a folder contains the conflicts of a recording."""
     return (folder / DOCUMENT).is_file()
 
 
 def worst_passages(folder: Path, by: str, most: int) -> list[Row]:
-    """The worst passages of a folder, as ``worst_rows``."""
+    """Return the worst passages of a folder; see ``worst_rows``."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -118,7 +118,7 @@ def worst_passages(folder: Path, by: str, most: int) -> list[Row]:
 
 
 def worst_rows(rows: Sequence[Row], by: str, most: int) -> list[Row]:
-    """The worst passages by a measure, as ``harness worst`` ranks episodes.
+    """Return the worst passages by a measure, ranked as ``harness worst`` ranks episodes.
 
     Raises:
         InputError: there is no such measure, it has no bad direction, or ``most`` is below 1.

@@ -1,4 +1,4 @@
-"""People's recorded places in the network's coordinates, and how far they may be off."""
+"""Converts people's recorded positions to the network's coordinates, with their accuracy."""
 
 import math
 from collections.abc import Sequence
@@ -17,25 +17,25 @@ if TYPE_CHECKING:
 _MOST_DECIMALS = 7
 _METRES_PER_DEGREE = 111_320.0
 _BESIDE_M = 3.0
-"""How far from a crosswalk somebody on it may be: SUMO's people walk beside their lane."""
+"""Tolerated distance in m from the crosswalk.  SUMO's people may walk beside their lane."""
 _MOST_BESIDE = 0.1
-"""Which share of the records may be farther."""
+"""Tolerated share of the records that are farther from the crosswalk."""
 
 
 def in_network(
     people: "pd.DataFrame", network: RoadNetwork, crosswalks: Sequence[Crosswalk], net: Path
 ) -> tuple["pd.DataFrame", float, bool]:
-    """Records of people in the network's coordinates.
+    """Return the records of people in the network's coordinates.
 
     Args:
         people: records of ``read_recorded``.
-        network: of the simulation.
-        crosswalks: with the ways over them.
-        net: its file, for messages.
+        network: the simulation's network.
+        crosswalks: the crosswalks with the ways over them.
+        net: the network's file, for messages.
 
     Returns:
-        The records, by how much a place may be off by the file's decimals (m), and whether the file
-        holds longitudes and latitudes.
+        The records, the rounding error of a position in m, and whether the file contains
+        longitudes and latitudes.
 
     Raises:
         InputError: people on a crosswalk are recorded elsewhere.
@@ -56,7 +56,7 @@ def in_network(
 
 
 def _decimals(values: FloatArray) -> int:
-    """With how many decimals a file's numbers are written."""
+    """Return the number of decimals of a file's numbers."""
     sample = values[:: max(1, len(values) // 1000)]
     for digits in range(_MOST_DECIMALS):
         if np.all(np.abs(sample - sample.round(digits)) < 10.0 ** -(_MOST_DECIMALS + 2)):
@@ -67,7 +67,7 @@ def _decimals(values: FloatArray) -> int:
 def _beside(
     people: "pd.DataFrame", crosswalks: Sequence[Crosswalk], x_m: FloatArray, y_m: FloatArray
 ) -> float:
-    """The share of records on a crossing's edge that do not lie there."""
+    """Return the share of records on a crossing's edge whose position is not on the crossing."""
     beside, all_of_them = 0, 0
     edges = people["edge"].to_numpy()
     for crosswalk in crosswalks:

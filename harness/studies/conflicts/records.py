@@ -1,4 +1,4 @@
-"""What is found in a recording: its passages, its crosswalks, and how it was read."""
+"""The findings in a recording: its passages, its crosswalks, and how it was read."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,9 +15,9 @@ from harness.statistics.conflicts import CONFLICTS
 
 @dataclass(frozen=True)
 class ConflictPassage:
-    """A passage straight over a crosswalk: a row of ``passages.parquet``, and its trace.
+    """A passage straight over a crosswalk: its row in ``passages.parquet`` and its trace.
 
-    ``begin_s`` is the simulation's time at which the trace begins.
+    ``begin_s`` is the simulation's time in s at which the trace begins.
     """
 
     crosswalk: str
@@ -28,10 +28,10 @@ class ConflictPassage:
     record: EpisodeRecord
     trace: Trace
     people: tuple[str, ...]
-    """Ids of the people who are on the crosswalk during the passage, by index of their arrival."""
+    """Ids of the people who are on the crosswalk during the passage, in order of arrival."""
 
     def row(self) -> dict[str, Any]:
-        """The passage as a row of the table."""
+        """Return the passage as a row of the table."""
         record, edge_s = self.record, crossing_time(self.trace, -self.trace.crossing.width_m / 2)
         index, contact_s = record.contact_index, record.contact_time_s
         return {
@@ -54,7 +54,7 @@ class ConflictPassage:
         }
 
     def is_conflict(self, name: str, thresholds: ConflictsSection) -> bool:
-        """Whether it is a conflict of a kind of ``CONFLICTS``; a contact is one of every kind."""
+        """Return whether it is a conflict of this kind of ``CONFLICTS``; a contact always is."""
         kind = next(each for each in CONFLICTS if each.name == name)
         value, limit = getattr(self.record, kind.column), getattr(thresholds, kind.threshold)
         if self.record.ending is Ending.CRASHED:
@@ -64,9 +64,9 @@ class ConflictPassage:
 
 @dataclass(frozen=True)
 class CrosswalkConflicts:
-    """What was found at one crosswalk.
+    """The findings at one crosswalk.
 
-    ``not_measured`` has the number of passages by why they are not measured.
+    ``not_measured`` counts the passages that are not measured, by reason.
     """
 
     crosswalk: Crosswalk
@@ -75,7 +75,7 @@ class CrosswalkConflicts:
     not_measured: Mapping[str, int]
 
     def row(self, thresholds: ConflictsSection) -> dict[str, Any]:
-        """The crosswalk as a row of the summary."""
+        """Return the crosswalk as a row of the summary."""
         met = [each for each in self.passages if each.record.pedestrians]
         records = [each.record for each in met]
         return {
@@ -101,7 +101,7 @@ class CrosswalkConflicts:
 
 
 TURN_DEG = 20.0
-"""A way that turns by less at a junction leads straight on."""
+"""A way whose turn at a junction is smaller than this angle leads straight on."""
 
 REASONS = {
     "turning": f"the way turns by {TURN_DEG:g}° or more at the junction",
@@ -109,17 +109,17 @@ REASONS = {
     "crosswalk until the rear has left it",
     "oblique": "the way meets the crosswalk at more than 20° from a right angle",
 }
-"""Why a passage is counted and not measured."""
+"""Reasons why a passage is counted but not measured."""
 
 
 @dataclass(frozen=True)
 class ConflictFindings:
     """The conflicts of a recording.
 
-    ``undefined_types`` has the number of passages by type without a definition; they are measured
-    as passenger cars.  ``by_places`` says that the recorded speeds do not explain the recorded
-    places, so that vehicles move between their places at constant speed.  ``unusable`` has the
-    crosswalks at which nothing can be measured, and why.
+    ``undefined_types`` counts the passages of each vehicle type without a definition; they are
+    measured as passenger cars.  If ``by_places``, the recorded speeds contradict the recorded
+    positions, so vehicles are assumed to move between positions at constant speed.  ``unusable``
+    has the reason for each crosswalk at which nothing can be measured.
     """
 
     files: tuple[Path, ...]

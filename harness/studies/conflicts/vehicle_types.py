@@ -1,4 +1,4 @@
-"""Lengths, widths and accelerations of vehicle types, which FCD output does not have."""
+"""Reads lengths, widths and accelerations of vehicle types, which FCD output lacks."""
 
 import gzip
 import xml.etree.ElementTree as ET
@@ -49,7 +49,7 @@ CLASSES: Mapping[str, VehicleType] = {
     "bicycle": VehicleType(1.6, 0.65, 1.2, 3.0, 13.8889),
     "scooter": VehicleType(1.2, 0.5, 1.2, 3.0, 6.9444),
 }  # fmt: skip
-"""The defaults of the vehicle classes, as SUMO 1.28 gives them to a vType without attributes."""
+"""SUMO 1.28's default values of each vehicle class."""
 
 _DEFAULT_TYPES = {
     "DEFAULT_VEHTYPE": "passenger",
@@ -61,10 +61,10 @@ _ATTRIBUTES = ("length", "width", "accel", "decel", "maxSpeed")
 
 
 def read_types(files: Sequence[Path]) -> dict[str, VehicleType]:
-    """The vehicle types that additional or route files define, by their ids.
+    """Return the vehicle types that additional or route files define, by id.
 
-    An attribute that a vType does not have is that of its class.  SUMO's types without a
-    definition (DEFAULT_VEHTYPE and the like) are of their classes.
+    A missing attribute has the default of the type's vehicle class.  SUMO's predefined types
+    (DEFAULT_VEHTYPE and the like) have the defaults of their classes.
 
     Raises:
         InputError: a file is missing, is no XML, defines no type, or a type is damaged.
@@ -80,7 +80,7 @@ def read_types(files: Sequence[Path]) -> dict[str, VehicleType]:
                     if element.tag == "vType":
                         found += 1
                         types[element.get("id", "")] = _type(path, element.attrib)
-                    # A vType's own children hold nothing that is needed here.
+                    # Nothing in the children of a vType is needed here.
                     element.clear()
         except (ET.ParseError, EOFError, zlib.error) as error:
             raise InputError(f"--types {path}", f"cut off, or no XML ({error})") from None
@@ -120,9 +120,9 @@ def _values(kind: VehicleType) -> tuple[float, ...]:
 
 
 def type_of(name: str | None, types: Mapping[str, VehicleType]) -> tuple[VehicleType, bool]:
-    """A vehicle's type, and whether it is defined; otherwise it is that of a passenger car.
+    """Return a vehicle's type and whether it is defined; an undefined type is a passenger car.
 
-    SUMO names the type that it copies for one vehicle ``type@vehicle``.
+    If SUMO copies a type for a single vehicle, it names the copy ``type@vehicle``.
     """
     known = types.get(name or "") or types.get((name or "").partition("@")[0])
     return (known, True) if known is not None else (CLASSES["passenger"], False)

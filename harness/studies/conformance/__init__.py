@@ -1,7 +1,7 @@
-"""Takes a strategy and returns the result of every rule, checked in small scenes.
+"""Takes a strategy, checks every rule in small scenes, and returns the results.
 
 The scenes run on the plain engine.  Built-in strategies (tests/conformance) and a user's own
-strategy (``harness strategies --check``) are checked alike.
+strategy (``harness strategies --check``) undergo the same checks.
 """
 
 from harness.studies.conformance.checking import RuleResult, check_strategy

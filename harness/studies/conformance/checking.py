@@ -17,7 +17,7 @@ from harness.studies.conformance.checks import CHECKS, HAS_DEFAULTS
 from harness.studies.conformance.subject import SURVIVES, BrokenRuleError, StoppedError, Subject
 
 LIMIT_S = 60.0
-"""Limit of the wall time of all checks together."""
+"""Wall-time limit in s for all checks together."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class RuleResult:
     """The result of one check; ``problem`` is None if the strategy passed.
 
     ``observation`` is the observation at which the strategy broke the rule; None if no single
-    observation caused it.  ``checked`` is False if the problem of another check prevented this
-    one; ``problem`` then repeats that problem.
+    observation caused it.  If another check's problem prevented this check, ``checked`` is False
+    and ``problem`` repeats that problem.
     """
 
     check: str
@@ -51,7 +51,7 @@ def check_strategy(
         scenario: gives the crosswalk, the ego and the strategy's parameters.  The scenes give the
             pedestrians and may change the ego.
         settings: changes to a scenario that is given by name or path.
-        limit_s: limit of the wall time of all checks together.
+        limit_s: wall-time limit for all checks together.
 
     Raises:
         InputError: the strategy does not exist, or the scenario, a setting or a parameter is
@@ -101,7 +101,7 @@ def _check_all(subject: Subject, errors: dict[str, BrokenRuleError | None]) -> N
 
 
 def _verdicts(errors: Mapping[str, BrokenRuleError | None]) -> list[RuleResult]:
-    """One result for each check; a fault that stopped several checks is reported once."""
+    """Return one result for each check.  A fault that stopped several checks is reported once."""
     stopped = {check: error for check, error in errors.items() if isinstance(error, StoppedError)}
     verdicts = []
     for check in CHECKS:

@@ -1,4 +1,4 @@
-"""The rules for all strategies: a function each, which takes a subject and raises if it fails."""
+"""The rules for all strategies.  Each is a function that raises if the strategy breaks the rule."""
 
 import copy
 import inspect
@@ -76,7 +76,10 @@ def _leaves_alone(subject: Subject) -> None:
 
 
 def _keeps_nothing_in_its_class(subject: Subject) -> None:
-    """State in the class would reach the next episode, so results would depend on the workers."""
+    """Raise if state is kept in the class.
+
+    The next episode would see that state, so results would depend on the number of workers.
+    """
     subject.play(EMPTY_ROAD, 0.1)
     before = _class_state(subject.factory)
     for scene in SCENES:
@@ -106,7 +109,7 @@ def _refuse_difference(where: str, first: Observed, second: Observed) -> None:
 
 
 def _keeps_to_the_limit(subject: Subject) -> None:
-    """Raise if the ego exceeds the road's limit, or v0 without a limit: speeding saves time."""
+    """Raise if the ego exceeds the speed limit (v0 if there is none), because that saves time."""
     for scene in SCENES:
         trace, watched = subject.play(scene, 0.1)
         v0_mps = trace.vehicle.initial_speed_mps

@@ -1,4 +1,4 @@
-"""Takes a strategy and a small scene and returns the trace and all answers, on the plain engine."""
+"""Plays a small scene with a strategy on the plain engine; returns the trace and all answers."""
 
 from collections.abc import Mapping
 from time import monotonic
@@ -18,7 +18,7 @@ from harness.strategies.registry import find_strategy
 STEPS_S = (0.1, 0.05)
 
 DECIDE_LIMIT_S = ExperimentSection().decide_limit_s
-"""Limit of the wall time of one answer, as in a run."""
+"""Wall-time limit in s for one answer, as in a run."""
 
 Walker = tuple[float, Side, float]
 """Arrival time (s), side, walking speed (m/s)."""
@@ -64,7 +64,7 @@ SCENES: dict[str, Scene] = {
 
 SURVIVES = "plays every scene to its end"
 IS_FINITE = "answers with a finite number or None"
-"""A scene that cannot be played to its end breaks one of these two rules."""
+"""If a scene cannot be played to its end, the strategy broke one of these two rules."""
 
 
 class BrokenRuleError(Exception):
@@ -98,7 +98,7 @@ class Observed:
         """Start of the call that has not returned; None between calls."""
 
     def decide(self, observation: Observation, /) -> float:
-        """The strategy's answer; ``changed`` records an observation that the call changed."""
+        """Return the strategy's answer; ``changed`` records an observation that it changed."""
         before = repr(observation)
         self.observations.append(observation)
         self.call_began_s = monotonic()
@@ -161,12 +161,12 @@ class Subject:
         return trace, observed
 
     def stopped(self, problem: str, rule: str) -> StoppedError:
-        """The error for a strategy that takes too long, with its last observation."""
+        """Return the error for a strategy that takes too long, with its last observation."""
         observations = [] if self.current is None else self.current.observations
         return StoppedError(problem, rule, observations[-1] if observations else None)
 
     def hangs(self) -> bool:
-        """Whether the present call takes too long; called from another thread."""
+        """Return whether the current call takes too long.  Another thread calls this."""
         call_began_s = None if self.current is None else self.current.call_began_s
         return call_began_s is not None and monotonic() - call_began_s > self.decide_limit_s
 

@@ -1,1 +1,1 @@
-"""Takes a task, or one arm of a pair, and simulates it as its kind of run requires."""
+"""Simulates a task, or one arm of a pair, according to its kind of run."""

@@ -1,4 +1,4 @@
-"""Simulates encounters: one ego after another, in the one SUMO of the process."""
+"""Simulates encounters one after another in the one SUMO of the process."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _cell = ""
 _runners: dict[EngineName, PairRunner] = {}
-"""The runners of the present cell, by engine."""
+"""The runners of the current cell, by engine."""
 
 _UNWATCHED: Begins = lambda _pair, _arm, _episode: None  # noqa: E731
 
@@ -66,7 +66,7 @@ def _in_gui(arm: ArmOfPair, gui: "Gui") -> ArmRows:
 
 
 def _run_once(arm: ArmOfPair, engine: SumoEngine, begins: Begins = _UNWATCHED) -> ArmRows:
-    """Run an arm on an engine, which is then closed."""
+    """Run an arm on an engine and close the engine."""
     engine.automated = arm.arm is Arm.AV
     try:
         return _run_arm(arm, lambda: engine, begins)
@@ -107,7 +107,7 @@ def _run_encounters(task: Task) -> Iterator[TaskResult]:
                 hung.add(key)
             outcomes = list(runner.run(each.pairs, watch.begins, watch.alive, known))
             known |= {runner.key(outcome.arm, outcome.pair): outcome for outcome in outcomes}
-            # An episode that hung would also hang in SUMO and stop the other arm.
+            # An episode that hung would hang in SUMO too and stop the other arm.
             ended = [
                 outcome for outcome in outcomes if runner.key(outcome.arm, outcome.pair) not in hung
             ]
@@ -148,7 +148,7 @@ def _failures(cell: int, outcomes: list[Outcome]) -> Iterator[LoggedFailure]:
 
 
 def _runner_for(task: Task, engine: EngineName) -> PairRunner:
-    """The runner of a cell on an engine; made again only when the cell changes."""
+    """Return the runner of a cell on an engine.  It is made again only when the cell changes."""
     global _cell
     scenario = task.scenario
     cell = repr((scenario, task.model.sha256))

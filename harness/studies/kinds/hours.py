@@ -1,4 +1,4 @@
-"""Simulates hours of traffic: all vehicles of an hour, in the one SUMO of the process."""
+"""Simulates hours of traffic in the one SUMO of the process."""
 
 import math
 from collections.abc import Callable
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from harness.engine.traci import Gui
 
 HOUR_FILES = SUMO_FILES | {"--queue-output": "queues.xml"}
-"""SUMO's files of an hour of traffic, beside ``DETECTORS``."""
+"""SUMO's output files of an hour of traffic, without ``DETECTORS``."""
 
 DETECTORS = "e2.xml"
 
 _PERIOD_S = "1"
-"""How often SUMO writes places and queues of an hour; at every step they would be too long."""
+"""Period in which SUMO writes positions and queues of an hour.  Every step would be too much."""
 
 _PERIODS = dict.fromkeys(("--device.fcd.period", "--queue-output.period"), _PERIOD_S)
 
@@ -88,7 +88,7 @@ def _in_gui(arm: ArmOfPair, gui: "Gui") -> ArmRows:
 
 
 def _run_once(arm: ArmOfPair, road: SumoRoad) -> ArmRows:
-    """Run an arm on a road, which is then closed; it fails if the simulation is lost."""
+    """Run an arm on a road and close the road.  The arm fails if the simulation is lost."""
     try:
         rows = _run_arm(arm, lambda: road)
         return rows if road.lost else replace(rows, failure=None)

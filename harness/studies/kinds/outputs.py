@@ -1,4 +1,4 @@
-"""SUMO's own outputs of an arm that runs again."""
+"""Options for SUMO's own outputs of an arm that is repeated."""
 
 import os
 from collections.abc import Mapping
@@ -18,21 +18,21 @@ _FURTHER_OPTIONS = {
     "--fcd-output.acceleration": "true",
     "--tripinfo-output.write-unfinished": "true",
     "--precision": "6",
-    # Pedestrians are held where they are told to be: what SUMO makes of their walks is no trip.
+    # The harness places the pedestrians, so SUMO's records of their walks would be meaningless.
     "--personinfo-output": os.devnull,
 }
 
 
 def outputs_in(folder: Path, files: Mapping[str, str] = SUMO_FILES) -> dict[str, str]:
-    """SUMO's options that write these files into a folder."""
+    """Return the options with which SUMO writes these files into a folder."""
     return {option: str(folder / name) for option, name in files.items()} | _FURTHER_OPTIONS
 
 
 def with_speed_limit(scenario: Scenario) -> Crossing:
-    """Return the crosswalk on a road with a speed limit, which SUMO's time loss refers to.
+    """Return the crosswalk on a road with a speed limit, which SUMO needs for its time loss.
 
-    Without a limit in the scenario the limit is v0, as for the delay of the harness.  SUMO's own
-    driver would obey this limit, so with that driver the road keeps the limit of the run.
+    If the scenario has no limit, v0 is used, as in the harness's own delay.  SUMO's own driver
+    would obey this limit, so with that driver the road keeps the limit of the run.
     """
     crossing = scenario.crosswalk()
     arms = (scenario.arms.av, scenario.arms.human)

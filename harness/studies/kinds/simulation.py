@@ -1,4 +1,4 @@
-"""What the rooms that simulate a run need from its kind."""
+"""The protocol by which a kind of run is simulated."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class ArmOfPair:
 
     @property
     def name(self) -> str:
-        """Identifies the arm among all of a run."""
+        """A name that is unique within the run."""
         return f"{self.cell.number}-{self.pair}-{self.arm.value}"
 
 
@@ -40,7 +40,8 @@ class ArmOfPair:
 class ArmRows:
     """The rows of one arm as a run stores them, by table.
 
-    ``failure`` says why the engine came to no end, ``traceback`` where a strategy raised.
+    ``failure`` is the reason why the engine did not finish.  ``traceback`` is the traceback of a
+    strategy that raised.
     """
 
     tables: Tables
@@ -53,8 +54,8 @@ class Simulation:
     """How a kind of run is simulated.
 
     Attributes:
-        run: runs every pair of a task; the results of ``task.each``.
-        decide_limit_s: the time that a decision may take, in s; infinite if only the pair has one.
+        run: runs every pair of a task and returns the results of ``task.each``.
+        decide_limit_s: longest time of one decision in s; infinite if only the pair has a limit.
         in_this_process: runs an arm on the simulation of this process.
         with_outputs: runs an arm in a fresh SUMO that writes its outputs into a folder.
         in_gui: runs an arm in sumo-gui.

@@ -1,4 +1,4 @@
-"""Simulates a user's own scenario: every arm is one SUMO of the process, from begin to end."""
+"""Simulates a user's own scenario.  Every arm is one SUMO simulation from begin to end."""
 
 import math
 import os
@@ -31,7 +31,10 @@ _FILES = {"fcd-output": "fcd.xml", "collision-output": "collisions.xml"}
 
 
 def _folders(cell: int, outputs: Path | None) -> GetFolder:
-    """The folder of each arm: kept below ``outputs``, or removed after the arm."""
+    """Return a function that gives the folder of each arm.
+
+    The folders are kept below ``outputs``; without ``outputs`` each is removed after its arm.
+    """
 
     def folder_of(pair: int, arm: Arm) -> AbstractContextManager[Path]:
         if outputs is None:
@@ -81,7 +84,7 @@ def _run(task: Task) -> tuple[TaskResult, ...]:
 
 
 def _check(scenario: Scenario) -> None:
-    """Refuse a scenario that SUMO refuses, and outputs that it does not have."""
+    """Refuse a scenario that SUMO refuses, and outputs that the scenario does not have."""
     setting, simulation = setting_of(scenario), scenario.known_simulation
     check_outputs(setting.config, simulation.outputs, "simulation.outputs")
     with _scratch() as folder:

@@ -17,5 +17,5 @@ SIMULATIONS: Mapping[str, Simulation] = {
 
 
 def simulation_of(scenario: Scenario) -> Simulation:
-    """How runs of this scenario are simulated."""
+    """Return the simulation of this scenario's kind of run."""
     return SIMULATIONS[kind_of(scenario).name]

@@ -1,4 +1,4 @@
-"""Takes episodes of a stored run and runs each again in a new SUMO that writes its own outputs."""
+"""Repeats episodes of a stored run, each in a new SUMO that writes its own outputs."""
 
 import shutil
 from collections.abc import Sequence
@@ -23,10 +23,10 @@ from harness.studies.workers.watchdog import watchdog
 
 @dataclass(frozen=True)
 class Replayed:
-    """One repeated episode or hour: its folder, and how its record differs from the stored record.
+    """A repeated episode or hour: its folder, and how its record differs from the stored record.
 
-    ``problem`` is the reason if there is no record; SUMO's files are then incomplete.
-    ``traceback`` is the strategy's traceback if it raised an exception.
+    ``problem`` is the reason why there is no record; SUMO's files are then incomplete.
+    ``traceback`` is the traceback of a strategy that raised an exception.
     """
 
     arm: Arm
@@ -84,7 +84,7 @@ def replay(
         InputError: the run, cell or pair does not exist, or ``out`` is not empty.
     """
     check_packages()
-    # Episodes run in other processes, because an episode may kill its process.
+    # An episode may kill its process, so each runs in another process.
     pool = LocalPool(len(arms))
     folders: list[Path] = []
     try:

@@ -1,4 +1,4 @@
-"""Takes a cell of a stored run and returns its rows, and how repeated episodes differ from them."""
+"""Reads the rows of a stored cell, and compares repeated episodes with them."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import repeat
@@ -27,7 +27,7 @@ class StoredCell:
     Args:
         run: the run folder.
         number: number of the cell.
-        pair: a pair that the run must have; None means that no pair is checked.
+        pair: a pair that the run must contain; None means no check.
 
     Raises:
         InputError: the run is not finished, the cell or pair does not exist, or its tables or
@@ -53,29 +53,29 @@ class StoredCell:
             )
 
     def arm(self, pair: int, arm: Arm) -> ArmOfPair:
-        """An arm of a pair of the cell."""
+        """Return an arm of a pair of the cell."""
         return ArmOfPair(self.cell, self.model, pair, arm)
 
     def rows_of(self, pair: int, arm: Arm) -> Rows:
-        """The stored rows of an episode, or of an arm of an hour, by table."""
+        """Return the stored rows of an episode, or of an hour's arm, by table."""
         key = (pair, arm.value)
         return {name: rows.get(key, []) for name, rows in self._rows.items()}
 
     def differences(self, arm: ArmOfPair, rows: ArmRows) -> tuple[str, ...]:
-        """The differences of a repeated arm from its stored record, in words."""
+        """Return sentences about how a repeated arm differs from its stored record."""
         stored = self.rows_of(arm.pair, arm.arm)
         return self.explained(record_differences(rows.tables, stored, self.engine))
 
     def explained(self, differences: Iterable[str]) -> tuple[str, ...]:
-        """The same, after what changed since the run, such as the code of a strategy."""
+        """Prepend what changed since the run, such as the code of a strategy."""
         return explained(differences, self._document, self.cell.scenario, self.model)
 
 
 def record_differences(tables: Tables, stored: Rows, engine: EngineName) -> Iterator[str]:
-    """Yield the differences between a repeated arm in SUMO and its stored rows, in words.
+    """Yield sentences about how an arm that SUMO repeated differs from its stored rows.
 
     If SUMO made the stored record, all values must be equal.  If the plain engine made it, numbers
-    must agree within ``TOLERANCE``, and it has no collision verdict of SUMO.
+    must agree within ``TOLERANCE``, and SUMO's verdict on collisions is not compared.
 
     Args:
         tables: rows of the repeated arm.
@@ -92,7 +92,7 @@ def record_differences(tables: Tables, stored: Rows, engine: EngineName) -> Iter
 def differences_of(
     name: str, now: Sequence[Row], stored: Sequence[Row], near: float = 0.0
 ) -> Iterator[str]:
-    """Yield the differences between new and stored rows of a table, in words.
+    """Yield sentences about how new rows of a table differ from stored rows.
 
     Numbers are equal if they differ by at most ``near``, absolutely or relatively.
     """

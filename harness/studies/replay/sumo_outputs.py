@@ -1,8 +1,8 @@
-"""Takes a finished run and writes SUMO's own outputs of its episodes (``--sumo-outputs``).
+"""Writes SUMO's own outputs for episodes of a finished run (``--sumo-outputs``).
 
 Each selected episode, or arm of an hour, runs again in its own SUMO and writes into
 ``RUN/sumo/CELL-PAIR-ARM/``.  A folder is either complete or missing, so after an interruption only
-the missing ones are written.
+missing folders are written.
 """
 
 import shutil
@@ -25,7 +25,7 @@ from harness.studies.workers.tasks import ExecutorLostError, Failure
 def write_outputs(
     folder: RunFolder, study: Study, options: Options, progress: Callable[[int, int], None]
 ) -> tuple[Failure, ...]:
-    """Write the selected outputs that are missing.
+    """Write the missing outputs of the selected episodes.
 
     Args:
         folder: folder of a run with finished tables.
@@ -34,7 +34,7 @@ def write_outputs(
         progress: called with the numbers of done and planned episodes.
 
     Returns:
-        Every episode without outputs after two attempts, or with a different record.
+        Every episode that has no outputs after two attempts or whose record differs.
     """
     selected = _selected(folder.path, study, options.sumo_outputs)
     missing = {
@@ -80,7 +80,7 @@ def write_outputs(
 
 
 def _selected(run: Path, study: Study, whose: str | None) -> dict[int, list[tuple[int, Arm]]]:
-    """Pair and arm of every selected episode, by cell.
+    """Return pair and arm of every selected episode, by cell.
 
     Failed episodes are never selected, because SUMO completes its files only at a regular end.
     """

@@ -1,4 +1,4 @@
-"""Takes a stored episode or hour and shows it in sumo-gui, by the same loop through TraCI."""
+"""Shows a stored episode or hour in sumo-gui.  The same loop drives it, through TraCI."""
 
 import os
 import sys
@@ -18,7 +18,7 @@ from harness.studies.replay.stored import StoredCell
 
 @dataclass(frozen=True)
 class Watched:
-    """An episode or hour that was shown, and how its record differs from the stored record."""
+    """A shown episode or hour, and how its record differs from the stored record."""
 
     arm: Arm
     differences: tuple[str, ...]
@@ -43,7 +43,7 @@ def watch(
         pair: index of the pair.
         arms: the arms.
         cell: number of the cell.
-        pace: speed of the display: 1 is real time, infinite is without pauses.
+        pace: speed of the display; 1 is real time, and infinite means no pauses.
         screenshots: a new or empty folder for PNG files; with two arms, each gets a folder in it.
         every_s: simulated time between two screenshots.
         vehicle, crosswalk: ids in a user's own simulation, which is shown around the most striking

@@ -1,4 +1,4 @@
-"""Takes the user's settings of a risk estimate and returns the question for the workers."""
+"""Takes the user's settings of a risk estimate and returns the input of its workers."""
 
 from dataclasses import dataclass, fields
 
@@ -24,7 +24,10 @@ class Document(BaseModel):
 
 
 class SettingsDocument(Document):
-    """``risk.json``: everything that determines the result; ``model`` has its name and sha256."""
+    """``risk.json``: everything that determines the result.
+
+    ``model`` contains the interaction model's name and sha256.
+    """
 
     name: str
     scenario: JsonObject
@@ -49,7 +52,7 @@ class SettingsDocument(Document):
 
 @dataclass(frozen=True)
 class Question:
-    """The input of a worker that runs episodes; ``in_sumo`` makes SUMO the engine."""
+    """The input of a worker that runs episodes, in SUMO if ``in_sumo``."""
 
     scenario: Scenario
     model: InteractionModel

@@ -24,9 +24,9 @@ _runners: dict[bool, PairRunner] = {}
 
 @dataclass(frozen=True)
 class Episodes:
-    """Episodes of a batch from the ``first``-th on, with their numbers and states (n, width).
+    """Consecutive episodes of a batch from index ``first`` on; states have shape (n, width).
 
-    With ``compare`` the other engine runs them too, and differing records are reported.
+    With ``compare`` the other engine runs them too, and differences are reported.
     """
 
     question: Question
@@ -45,7 +45,7 @@ class Score(NamedTuple):
         passed_s: time at which the ego's front reached the centre line; NaN if it did not.
         timed_out: whether the time limit ended the episode.
         reason: reason of a failure; else None.
-        difference: the difference of the two engines' records; None if they are equal.
+        difference: the difference between the two engines' records; None if they are equal.
         by_a_tie: whether a tie of the strategy caused the difference.
         drew_more: whether the strategy drew more random numbers than the sampled ones.
     """
@@ -109,7 +109,7 @@ def run_episodes(task: Episodes) -> list[Score]:
 
 
 def _tie_s(question: Question, number: int, given: Given) -> float | None:
-    """Return the time of the tie that made the two engines' records differ; None without a tie."""
+    """Return the time of the tie that caused the engines' difference; None without a tie."""
     decisions: tuple[list[Decision], list[Decision]] = ([], [])
     for engine_decisions, in_sumo in zip(decisions, (False, True), strict=True):
         _runner_of(question, in_sumo).run_arm(

@@ -1,9 +1,9 @@
-"""Stage two: the probability of the event, by importance sampling with independent draws.
+"""Stage two: estimates the event's probability by importance sampling with independent draws.
 
 p = E_q[1_F φ/q] for any density q that is positive where φ is (Owen, Monte Carlo theory, methods
-and examples, ch. 9).  The draws are independent, their number is fixed before the first draw, and
-draws that the proposal was fitted to are not counted.  So the estimate is unbiased even if the
-exploration missed a way to the event.
+and examples, ch. 9).  The number of draws is fixed before the first draw.  Draws to which the
+proposal was fitted are not counted.  So the estimate is unbiased even if the exploration missed a
+way to the event.
 """
 
 import math
@@ -24,7 +24,7 @@ from harness.studies.risk.proposal import NOMINAL_SHARE, Proposal, draws_from, k
 from harness.studies.risk.refitting import refit
 
 EXPLORATIONS = 3
-"""Number of independent explorations; a single one sometimes loses a way to the event."""
+"""Number of independent explorations; a single one sometimes misses a way to the event."""
 
 _LEAST_DRAWS = 4_000
 
@@ -32,38 +32,40 @@ _RESERVE = 2.5
 """Factor on the number of draws that the refits suggest, because large weights are found late."""
 
 _RESERVE_OF_BRUTE_FORCE = 1.25
-"""The same factor if all weights are 1: then the frequency of the event is roughly known."""
+"""The same factor if all weights are 1, because the event's frequency is then roughly known."""
 
 _AFFORDABLE = 50_000
-"""Episodes that exploring and refitting need anyway; brute force may use the same number."""
+"""Number of episodes that exploring and refitting need; brute force may use as many."""
 
 _PILOT_EVENTS = (4, 0.25)
-"""The pilot ends at this number of events, and at this part of what the estimate will need."""
+"""The pilot ends at this number of events and at this share of the estimate's episodes."""
 
 _PILOT_MOST = 10_000
-"""Maximum number of pilot episodes; if the pilot is undecided then, exploration follows."""
+"""Maximum number of pilot episodes.  If the pilot is still undecided, exploration follows."""
 
 _PILOT_DOUBT = 0.05
-"""The pilot ends if so few events had this probability or less under affordable brute force."""
+"""The pilot ends without brute force if so few events are less likely than this.
+
+The probability is computed for the smallest event frequency at which brute force is affordable."""
 
 _SMALL_SAMPLE = 30
 """The interval is unreliable below this effective sample size."""
 
 _LARGE_SHARE = 0.1
-"""Maximum share of the estimate from one weight, or from the nominal draws together."""
+"""Maximum share of the estimate that one weight or all nominal draws together contribute."""
 
 _CHECK_TAIL = 0.001
-"""Tail probability below which the brute-force check disagrees."""
+"""The brute-force check disagrees if its tail probability is below this."""
 
 
 @dataclass(frozen=True, slots=True)
 class Estimation:
     """The estimate with its draws and diagnostics.
 
-    ``z`` (n, width), ``weights`` (n,), episode ``numbers`` (n,) and ``keys`` (n, k), see
-    ``keys_of``, belong to the final draws that ended in the event.  ``episodes`` counts all
-    episodes, ``events_in_all`` those that ended in the event.  ``first_look`` counts the draws
-    that decided between brute force and exploration; the estimate does not use them.
+    ``z`` (n, width), ``weights`` (n,), episode ``numbers`` (n,) and ``keys`` (n, k, see
+    ``keys_of``) describe the final draws that ended in the event.  ``episodes`` counts all
+    episodes; ``events_in_all`` counts the episodes that ended in the event.  ``first_look`` counts
+    the draws that decided between brute force and exploration; the estimate does not use them.
     ``failed_weight`` is the probability that failed episodes would add if all ended in the event.
     """
 
@@ -97,7 +99,7 @@ def estimate_probability(
         target_cv: target coefficient of variation of the estimate.
         most_draws: maximum number of draws in the last stage.
     """
-    # Several threads slow small matrices down, and the last bits depend on their number.
+    # Several threads are slower for small matrices, and the last bits depend on their number.
     with threadpool_limits(1, user_api="blas"):
         return _estimate(Counted(evaluate), layout, rng, target_cv, most_draws)
 
@@ -109,7 +111,7 @@ def _estimate(
     target_cv: float,
     most_draws: int,
 ) -> Estimation:
-    # The pilot has a separate generator, so that its length does not change later draws.
+    # The pilot has its own generator, so that its length does not change later draws.
     share, pilot = _pilot(counted, layout, rng.spawn(1)[0], target_cv)
     explorations: list[Exploration] = []
     if share is None:
@@ -122,7 +124,7 @@ def _estimate(
         probability = float(np.mean([exploration.probability for exploration in explorations]))
         proposal, squared_cv = refit(counted, layout, explored, probability, rng)
     else:
-        # The location of the event is unknown, so more nominal draws can only bound it.
+        # No state in the event is known, so more nominal draws can only bound the probability.
         proposal, squared_cv = nominal(layout), 0.0
     weighted = bool(proposal.components)
     reserve = _RESERVE if weighted else _RESERVE_OF_BRUTE_FORCE
@@ -172,7 +174,7 @@ def _pilot(
     """Draw nominal states until it is clear whether brute force alone is affordable.
 
     Returns:
-        The share of events, None if brute force is not affordable, and the draws.
+        The share of events (None if brute force is not affordable) and the draws.
     """
     least = min(1.0, 1 / (_AFFORDABLE * target_cv**2))
     enough = max(_PILOT_EVENTS[0], math.ceil(_PILOT_EVENTS[1] / target_cv**2))
@@ -187,8 +189,8 @@ def _pilot(
 
 
 def _doubts(estimate: Estimate, weights: FloatArray, *, weighted: bool) -> list[str]:
-    """Describe the doubts about a weighted estimate."""
-    # The interval of brute force is exact, however few events there were.
+    """Return sentences with the doubts about an estimate."""
+    # The interval of brute force is exact even for few events.
     if estimate.probability is None or not weighted:
         return []
     doubts = []

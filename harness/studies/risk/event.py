@@ -1,7 +1,7 @@
 """The event of a risk estimate, and a score for the distance of an episode from the event.
 
-The score is graded outside the event, because subset simulation cannot approach the event with a
-mere indicator.  The score orders episodes and has no other meaning.
+The score varies outside the event, because subset simulation cannot approach the event with a
+0/1 indicator.  The score orders episodes and has no other meaning.
 """
 
 import math
@@ -15,13 +15,13 @@ from harness.measures import MEASURES, EpisodeRecord
 CRASHED = "crashed"
 
 GRADINGS = 3
-"""Number of ways to grade the distance of an episode from an event."""
+"""Number of scores by which the distance of an episode from an event is graded."""
 
 _FAR = 1_000.0
-"""Added to the score of an episode in which the measure of the event is undefined."""
+"""Added to the score of an episode in which the event's measure is undefined."""
 
 _NEVER_NEAR = 100.0
-"""Added to the smallest gap in m, which grades an episode without a conflict."""
+"""Added to the smallest gap in m, which is the score of an episode without a conflict."""
 
 _BEYOND = {
     "min_time_advantage_s": "<",
@@ -29,7 +29,7 @@ _BEYOND = {
     "max_drac_mps2": ">",
     "required_deceleration_mps2": ">",
 }
-"""Measures that do not identify a crash, and the side of any limit on which a crash lies."""
+"""Measures that are undefined in some crashes, and the side of any limit where a crash lies."""
 
 _FORM = re.compile(r"\s*(\w+)\s*([<>])\s*([-+.\deE]+)\s*")
 
@@ -38,10 +38,9 @@ _FORM = re.compile(r"\s*(\w+)\s*([<>])\s*([-+.\deE]+)\s*")
 class Event:
     """A crash (``measure`` None), or a measure below or above a limit.
 
-    A crash with an undefined measure is in the event if it lies on that side of any limit: a DRAC
-    that grew without bound is above every limit.  Likewise a crash is below every time advantage,
-    which refers to points and is not 0 when bodies touch.  Any other undefined measure is not in
-    the event.
+    In a crash DRAC grows without bound, so a crash lies above every limit of DRAC.  A crash lies
+    below every limit of the time advantage, which refers to points and is not 0 when bodies touch.
+    Any other episode with an undefined measure is not in the event.
     """
 
     text: str
@@ -62,11 +61,11 @@ class Event:
     def scores(self, record: EpisodeRecord) -> tuple[float, ...]:
         """Return the distance of an episode from the event, graded in ``GRADINGS`` ways.
 
-        Each score is at most 0 in the event and positive outside; NaN if the episode failed.
-        Without a crash the scores are 10/DRAC, PET and TTC, so that one of them leads to each kind
-        of contact.  If such a measure is undefined, the score is 100 plus the smallest gap in m,
-        or +∞ if nobody stepped off.  For another event the score is the distance of the measure
-        from its limit, in its unit.
+        Each score is at most 0 in the event and positive outside it; NaN if the episode failed.
+        If the event is a crash, the scores of other episodes are 10/DRAC, PET and TTC, so that one
+        of them leads to each kind of contact.  If such a measure is undefined, the score is 100
+        plus the smallest gap in m, or +∞ if nobody stepped off.  For another event the score is
+        the distance of the measure from its limit, in the measure's unit.
         """
         if record.ending is Ending.ENGINE_FAILED:
             return (math.nan,) * GRADINGS
@@ -84,7 +83,7 @@ class Event:
 
 
 def _to_a_crash(record: EpisodeRecord) -> tuple[float, ...]:
-    """Return the scores of ``Event.scores``; after a crash minus the contact speed in m/s."""
+    """Return ``Event.scores`` for the event crash; in a crash, minus the contact speed in m/s."""
     if record.ending is Ending.CRASHED:
         return (-float(record.contact_speed_mps or 0.0),) * GRADINGS
     gap_m = record.min_gap_m

@@ -1,6 +1,6 @@
 """Stage one: locates the event by subset simulation in normal space (Au & Beck 2001).
 
-The levels descend the score until the event is reached.  In each level, chains move by the
+Each level has a lower score, until the event is reached.  In each level, chains move by the
 preconditioned Crank–Nicolson step, component by component (Papaioannou et al. 2015, adaptive
 conditional sampling).  The result is a set of points in the event, which only the proposal uses.
 """
@@ -21,19 +21,19 @@ POINTS = 1_000
 """Number of episodes in a level."""
 
 _LEVEL_SHARE = 0.1
-"""Share of a level's points from which the next one starts."""
+"""Share of a level's points from which the next level starts."""
 
 _MOST_LEVELS = 24
-"""Maximum number of levels; a tenth per level reaches far below any relevant probability."""
+"""Maximum number of levels.  With a tenth per level, they reach any relevant probability."""
 
 _STANDSTILL = 3
 """The exploration ends after this number of levels without a lower score."""
 
 _LOWER = 1e-3
-"""Relative decrease that counts as a lower score; many scores approach a minimum for ever."""
+"""Relative decrease that counts as a lower score, because a score may converge endlessly."""
 
 _PARTS = (0.1, 0.3, 0.6)
-"""Shares of the uniforms that a move draws anew."""
+"""Shares of the uniforms that a move redraws."""
 
 _ANEW = 0.2
 """Share of the moves that redraw a part of the uniforms; the others shift all uniforms a little."""
@@ -42,20 +42,20 @@ _ACCEPTED = 0.4
 """Target acceptance rate of the small moves, to which the step is adapted."""
 
 _LEAST_STEP = 0.02
-"""Smallest step; the largest step, 1, is an independent draw."""
+"""Smallest step.  The largest step is 1, an independent draw."""
 
 
 Graded = Callable[[FloatArray, str], FloatArray]
-"""Maps states and their purpose to scores of shape (n,)."""
+"""Returns the scores, shape (n,), of states that are run for a purpose."""
 
 
 @dataclass(frozen=True, slots=True)
 class Exploration:
     """The result of one exploration.
 
-    ``failures`` (n, width) are states in the event, empty if none was found; ``levels`` are the
-    thresholds; ``probability`` is the estimate by subset simulation.  ``nominal`` has the counts of
-    the first ``POINTS`` episodes, all of them nominal draws; ``nearest`` is the lowest score.
+    ``failures`` (n, width) are the states in the event; n may be 0.  ``levels`` are the thresholds.
+    ``probability`` is the estimate by subset simulation.  ``nominal`` counts the first ``POINTS``
+    episodes, which are nominal draws.  ``nearest`` is the lowest score.
     """
 
     failures: FloatArray
@@ -68,13 +68,13 @@ class Exploration:
 def explore(
     evaluate: Evaluate, layout: Layout, rng: np.random.Generator, grading: int = 0
 ) -> Exploration:
-    """Descend the score until the event is reached, or until no lower score is found.
+    """Lower the score until the event is reached or no lower score is found.
 
     Args:
         evaluate: runs episodes.
         layout: layout of the states.
         rng: draws the starting points and the moves.
-        grading: index of the score to descend, modulo the number of scores.
+        grading: index of the score to lower, modulo the number of scores.
     """
 
     def graded(z: FloatArray, what: str) -> FloatArray:
@@ -107,7 +107,8 @@ def explore(
 def _next_level(score: FloatArray) -> tuple[float, NDArray[np.bool_]]:
     """Return the next threshold, at least 0, and which points are at or below it.
 
-    A plateau of equal scores is left as a whole; without a point below it, no point is inside.
+    If the threshold would be the highest score, the next lower score replaces it; 0 if there is
+    none.
     """
     level = float(np.sort(score)[int(_LEVEL_SHARE * len(score)) - 1])
     if level == score.max():
@@ -120,9 +121,9 @@ def _next_level(score: FloatArray) -> tuple[float, NDArray[np.bool_]]:
 class _Moves:
     """Chains from seeds, with a step that is adapted during an exploration.
 
-    Most moves shift all uniforms a little, by a step adapted to the acceptance rate.  The chains
-    have to separate; otherwise all points would descend from a few seeds and a way to the event
-    could be lost.  The other moves redraw a random part of the uniforms.
+    Most moves shift all uniforms a little, by a step adapted to the acceptance rate.  The other
+    moves redraw a random part of the uniforms, so that chains separate.  Otherwise all points
+    would descend from a few seeds, and a way to the event could be lost.
     """
 
     def __init__(self, graded: Graded, layout: Layout, rng: np.random.Generator) -> None:

@@ -1,4 +1,4 @@
-"""The findings of a risk estimate: ``result.json``; ``--json``, terminal and page are views."""
+"""The findings of a risk estimate (``result.json``), which every view shows."""
 
 from dataclasses import replace
 from operator import attrgetter
@@ -24,8 +24,8 @@ Number = Annotated[float, Field(ge=-1e18, le=1e18)]
 class Person(Document):
     """A pedestrian of an episode.
 
-    ``quantile`` is None for timed pedestrians.  ``found_at_look`` is None if every pedestrian or
-    no pedestrian is detected.
+    ``quantile`` is None for timed pedestrians.  ``found_at_look`` is None if perception detects
+    every pedestrian or no pedestrian.
     """
 
     arrival_s: Number
@@ -56,10 +56,10 @@ class Way(Document):
 class RiskFindings(Document):
     """The findings of a finished risk estimate.
 
-    ``by_brute_force`` says that all draws of the estimate are nominal.  ``probability`` is None if
-    no draw ended in the event; ``nominal_high`` is the upper bound from the nominal draws alone.
-    ``probability_worst`` counts every failed episode as an event; it is None if no episode failed
-    and there is no probability.
+    If ``by_brute_force``, all draws of the estimate are nominal.  ``probability`` is None if no
+    draw ended in the event.  ``nominal_high`` is the upper bound from the nominal draws alone.
+    ``probability_worst`` counts every failed episode as an event.  It is None if no episode failed
+    and ``probability`` is None.
     """
 
     scenario: str
@@ -97,7 +97,7 @@ class RiskFindings(Document):
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        """Check that an estimate has its interval, sample size and worst case."""
+        """Check that a probability comes with its interval, sample size and worst case."""
         together = [
             (self.probability is not None, ("ci_low", "ci_high")),
             (self.brute_force_episodes is not None, ("effective_sample_size",)),
@@ -132,7 +132,7 @@ class RiskFindings(Document):
 def _number(
     key: str, heading: str, meaning: str, form: Form = Form.NUMBER, undefined: str = ""
 ) -> Entry[RiskFindings]:
-    """An entry whose value is the field of that key."""
+    """Return an entry whose value is the field with the same key."""
     return Entry(key, heading, meaning, form, paired=attrgetter(key), undefined=undefined)
 
 

@@ -16,27 +16,27 @@ from harness.studies.risk.layout import Layout
 from harness.studies.risk.proposal import NOMINAL_SHARE, Cases, Component, Proposal
 
 COMPONENTS = 8
-"""Maximum number of components, separately with and without a placed pedestrian."""
+"""Maximum number of components with a placed pedestrian, and of components without one."""
 
 _POINTS = 20
-"""Number of cases for each component."""
+"""Number of cases per component."""
 
 _NARROWEST = 1e-4
 """Smallest variance of a component in any direction; the nominal variance is 1."""
 
 _VARIANCE_PRIOR = 2.0
-"""Weight, in cases, of the prior variance 1."""
+"""The prior variance 1 weighs as much as this number of cases."""
 
 _CORRELATION_PRIOR = 4.0
-"""Weight, in cases for each dimension, of the prior correlation 0."""
+"""The prior correlation 0 weighs as much as this number of cases per dimension."""
 
 _DIVERGENCE = 0.1
-"""Divergence in nats below which a uniform of the cases counts as nominal."""
+"""A uniform counts as nominal if its divergence in nats is below this."""
 
 _ROUNDS = 20
 
 _FEWEST = 2.0
-"""Effective number of cases below which a component is removed."""
+"""A component with fewer effective cases is removed."""
 
 
 def first_components(
@@ -47,7 +47,7 @@ def first_components(
     Args:
         layout: layout of the states.
         cases: cases in the event.
-        who: place of the decisive pedestrian of each case, −1 if there is none, shape (n,).
+        who: place of each case's decisive pedestrian, shape (n,); −1 if there is none.
         rng: generator for the clusters.
     """
     parts = []
@@ -114,9 +114,9 @@ def fit_components(
 def spread(layout: Layout, components: tuple[Component, ...]) -> Proposal:
     """Return the proposal of fitted components, with a nominal part and heavier tails.
 
-    Each component's share is the mean of its fitted share and an equal share, so that a way to the
-    event with few explored cases is drawn too.  Each component occurs twice: with its fitted
-    covariance, and with a variance of at least 1 in every direction.
+    Each component's share is the mean of its fitted share and an equal share, so that ways to the
+    event with few explored cases are drawn too.  Each component occurs twice: once with its fitted
+    covariance, and once with a variance of at least 1 in every direction.
     """
     parts = []
     whole = sum(part.share for part in components)
@@ -152,7 +152,7 @@ def _component(
     variances = np.maximum(raw ** (count / (count + _VARIANCE_PRIOR)), _NARROWEST)
     is_nominal = (mean**2 + variances - 1 - np.log(variances)) / 2 < _DIVERGENCE
     if placed:
-        is_nominal[layout.fixed] = False  # the time, whose nominal density is not normal
+        is_nominal[layout.fixed] = False  # the arrival, whose nominal density is not normal
     covariance = correlations * np.sqrt(np.outer(variances, variances))
     covariance[is_nominal[:, None] | is_nominal[None, :]] = 0.0
     covariance[is_nominal, is_nominal] = 1.0

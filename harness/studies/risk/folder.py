@@ -1,8 +1,8 @@
-"""Takes the settings of a risk estimate and writes its folder; it can also resume one.
+"""Takes the settings of a risk estimate and writes its folder, or resumes it.
 
 The folder contains ``risk.json`` (the settings), ``result.json`` (the findings),
-``failures.parquet`` (the draws that ended in the event, with their weights) and ``critical.toml``,
-a scenario whose pairs are the likeliest of these draws and on which any strategy can be run.
+``failures.parquet`` (the draws that ended in the event, with their weights) and ``critical.toml``.
+The last is a scenario whose pairs are the likeliest of these draws.  Any strategy can run on it.
 """
 
 import shutil
@@ -67,7 +67,7 @@ def resume_risk(
     progress: Progress = lambda _done, _planned, _what: None,
     make_executor: MakeExecutor | None = None,
 ) -> None:
-    """Continue an interrupted risk estimate; a finished one is left as it is.
+    """Continue an interrupted risk estimate.  A finished one stays as it is.
 
     Raises:
         InputError: the folder has no risk estimate, or versions or the model differ.

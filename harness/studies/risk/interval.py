@@ -13,7 +13,7 @@ from harness.statistics.intervals import CONFIDENCE, clopper_pearson
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """The number of independent nominal draws and of the events among them."""
+    """The number of independent nominal draws, and the number of events among them."""
 
     draws: int
     events: int
@@ -37,12 +37,12 @@ class Tally:
 class Estimate:
     """A probability with its two-sided interval; None if no draw was in the event.
 
-    In that case ``ci_high`` is ``nominal.high``.  ``nominal`` counts the nominal draws of all
-    stages: a weighted estimate covers only the ways to the event that the exploration found, and
-    only the nominal draws bound other ways.
+    Without an event ``ci_high`` is ``nominal.high``.  ``nominal`` counts the nominal draws of all
+    stages.  A weighted estimate covers only the ways to the event that the exploration found; only
+    the nominal draws bound other ways.
 
-    ``effective_sample_size`` is (Σw)²/Σw² over the draws in the event; ``largest_share`` is the
-    largest weight's share of the estimate, None without an estimate.
+    ``effective_sample_size`` is (Σw)²/Σw² over the draws in the event.  ``largest_share`` is the
+    largest weight's share of the estimate; None without an estimate.
     """
 
     probability: float | None
@@ -60,10 +60,10 @@ def estimate_of(weight: FloatArray, event: NDArray[np.bool_], nominal: Tally) ->
     """Return the mean of w·1_F with its interval.
 
     If all weights are 1, the interval is Clopper–Pearson's.  Otherwise it is Student's t interval
-    on the scale of ln p, p̂ exp(± t s/(p̂ √n)), because weights and estimate are skew.  Its degrees
-    of freedom follow from the effective sample size, because an estimate from one dominant draw is
-    very uncertain.  Large weights are rare, so s is too small in most samples; therefore s
-    includes the largest weight once more.
+    of ln p, p̂ exp(± t s/(p̂ √n)), because weights and estimate are skewed.  Its degrees of freedom
+    follow from the effective sample size, because an estimate from one dominant draw is very
+    uncertain.  Large weights are rare, so s is too small in most samples.  Therefore s includes
+    the largest weight twice.
 
     Args:
         weight: φ/q of every draw, shape (n,).

@@ -1,11 +1,10 @@
-"""Lays out the state of an episode: takes sizes and returns arrays of normal scores.
+"""Represents the random inputs of an episode, its state, as an array of normal scores.
 
-The pedestrians of a flow are a Poisson process: their number is random, and each has an arrival
+The pedestrians of a flow are a Poisson process.  Their number is random, and each has an arrival
 time and independent uniforms (side, quantile, ...).  Their normal scores are z = Φ⁻¹(u), with
-u = t/window for the arrival.  They are N ~ Poisson(Λ) points, each standard normal in m dimensions.
-Every episode also has fixed uniforms.  A state is one row: first the fixed uniforms, then
-``places`` places of m numbers each.  NaN marks an empty place; the order of the places is
-arbitrary.
+u = t/window for the arrival.  So a crowd is N ~ Poisson(Λ) points, each standard normal in m
+dimensions.  Every episode also has fixed uniforms.  A state is one row: the fixed uniforms, then
+``places`` places of m numbers each.  NaN marks an empty place.  The order of places is arbitrary.
 """
 
 from dataclasses import dataclass
@@ -19,10 +18,10 @@ from scipy.special import ndtr, ndtri
 from harness.core.encounter import FloatArray
 
 _NEVER = 1e-15
-"""Upper bound on the probability of more pedestrians than places; such pedestrians are left out."""
+"""Maximum probability that a pedestrian is left out because every place is taken."""
 
 _SPARE = 3
-"""Places for pedestrians that the sampling adds to a drawn crowd."""
+"""Number of places for pedestrians whom the sampling adds to a drawn crowd."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +30,10 @@ class Layout:
 
     Attributes:
         fixed: number of uniforms that every episode has, ≥ 0.
-        marks: m, number of uniforms of a pedestrian of the crowd, including the arrival; 0 without
-            a crowd.
+        marks: m, the number of uniforms of a pedestrian in the crowd, including the arrival; 0
+        without a crowd.
         rate_per_s: the crowd's arrival rate, > 0 if there is a crowd.
-        window_s: the crowd arrives between 0 and this time, > 0 if there is a crowd.
+        window_s: the crowd arrives between 0 and this time in s, > 0 if there is a crowd.
         entangled: whether a pedestrian may change the episode before their arrival.
     """
 
@@ -60,18 +59,18 @@ class Layout:
         return self.fixed + self.places * self.marks
 
     def people(self, z: FloatArray) -> FloatArray:
-        """The crowd of every state, a view of shape (n, places, m)."""
+        """Return the crowd of every state as a view of shape (n, places, m)."""
         return z[:, self.fixed :].reshape(len(z), self.places, self.marks)
 
     def arrivals_s(self, z: FloatArray) -> FloatArray:
-        """The crowd's arrival times in s, shape (n, places); NaN at empty places."""
+        """Return the crowd's arrival times in s, shape (n, places); NaN at empty places."""
         if not self.marks:
             return np.zeros((len(z), 0))
         arrivals: FloatArray = self.window_s * ndtr(self.people(z)[:, :, 0])
         return arrivals
 
     def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """Independent nominal states, shape (count, width)."""
+        """Draw independent nominal states, shape (count, width)."""
         z = rng.standard_normal((count, self.width))
         if self.marks:
             number = np.minimum(rng.poisson(self.mean_count, count), self.places - _SPARE)
@@ -79,7 +78,7 @@ class Layout:
         return z
 
     def renewed(self, z: FloatArray, share: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """The states with a share of the crowd replaced; nominal states remain nominal.
+        """Replace a share of the crowd in each state.  Nominal states remain nominal.
 
         Independent thinning leaves a Poisson process with mean (1 − share) Λ.  The new pedestrians
         are a Poisson process with mean share Λ, so the mean of both together is Λ.
@@ -87,7 +86,7 @@ class Layout:
         Args:
             z: states, shape (n, width).
             share: probability in [0, 1] that a pedestrian leaves, shape (n, 1).
-            rng: generator for the pedestrians who leave and who are new.
+            rng: generator for who leaves and for the new pedestrians.
         """
         if not self.marks:
             return z
@@ -102,7 +101,7 @@ class Layout:
         return z
 
     def joined(self, z: FloatArray, arrival_s: FloatArray, marks: FloatArray) -> FloatArray:
-        """The states with one more pedestrian in each.
+        """Return the states with one more pedestrian each.
 
         Args:
             z: states, shape (n, width).
@@ -117,7 +116,7 @@ class Layout:
         return z
 
     def without(self, z: FloatArray, place: NDArray[np.intp]) -> FloatArray:
-        """The states without the pedestrian at ``place``, shape (n,)."""
+        """Return the states without the pedestrian at each state's ``place``, shape (n,)."""
         z = z.copy()
         self.people(z)[np.arange(len(z)), place] = np.nan
         return z
@@ -125,5 +124,5 @@ class Layout:
 
 @cache
 def _most(mean_count: float) -> int:
-    """The number that a Poisson variable exceeds with a probability of at most ``_NEVER``."""
+    """Return the number that a Poisson variable exceeds with at most probability ``_NEVER``."""
     return int(stats.poisson.isf(_NEVER, mean_count))

@@ -11,11 +11,11 @@ from harness.core.encounter import FloatArray
 class Outcomes(NamedTuple):
     """The outcomes of some states.
 
-    ``score`` (n, gradings) is at most 0 in the event and increases with the distance from it; it
+    ``score`` (n, gradings) is at most 0 in the event and increases with the distance from it.  It
     is +∞ if the distance is unknown and NaN if the episode failed.  ``passed_s`` (n,) is the time
-    at which the ego's front reached the centre line of the crosswalk, NaN if it did not.
-    ``numbers`` (n,) are the keys of all randomness outside the state: the same state with the same
-    number has the same outcome.
+    at which the ego's front reached the centre line of the crosswalk; NaN if it did not.
+    ``numbers`` (n,) are the keys of all randomness outside the state, so equal states with equal
+    numbers have equal outcomes.
     """
 
     score: FloatArray
@@ -24,17 +24,17 @@ class Outcomes(NamedTuple):
 
     @property
     def event(self) -> NDArray[np.bool_]:
-        """Which states are in the event, shape (n,)."""
+        """Whether each state is in the event, shape (n,)."""
         event: NDArray[np.bool_] = self.score[:, 0] <= 0
         return event
 
     @property
     def failed(self) -> NDArray[np.bool_]:
-        """Which episodes failed, shape (n,)."""
+        """Whether each episode failed, shape (n,)."""
         return np.isnan(self.score[:, 0])
 
     def where(self, chosen: NDArray[np.bool_]) -> "Outcomes":
-        """The outcomes of the chosen states."""
+        """Return the outcomes of the chosen states."""
         return Outcomes(self.score[chosen], self.passed_s[chosen], self.numbers[chosen])
 
 
@@ -48,14 +48,14 @@ class Evaluate(Protocol):
 
         Args:
             z: the states.
-            what: their purpose, for the progress bar.
+            what: purpose of the episodes, for the progress bar.
             numbers: numbers of the episodes; None for new numbers.
         """
         ...
 
 
 class Counted:
-    """Counts the episodes of an evaluation, and those in the event."""
+    """Counts the episodes of an evaluation and the events among them."""
 
     def __init__(self, evaluate: Evaluate) -> None:
         self._evaluate = evaluate

@@ -1,16 +1,16 @@
-"""Takes a proposal density and returns weighted draws: normal densities around the explored events.
+"""Returns weighted draws from a mixture of normal densities around the explored events.
 
-A component draws the fixed uniforms f from a normal density g of normal scores.  It may also place
-one more pedestrian beside a nominal crowd.  This pedestrian arrives τ after the time T at which the
-ego would pass without them, and has marks m (side, quantile, ...); g draws f, τ and m.  By Mecke's
-formula (Last & Penrose, Lectures on the Poisson process, theorem 4.1), the ratio of the component's
-density to the nominal density is, for a crowd ξ with rate λ,
+A component draws the normal scores f of the fixed uniforms from a normal density g.  It may also
+add one pedestrian to a nominal crowd.  This pedestrian arrives τ after the time T at which the ego
+would pass without them, and has marks m (side, quantile, ...); g then draws f, τ and m.  For a
+crowd ξ with rate λ, the ratio of the component's density to the nominal density follows from
+Mecke's formula (Last & Penrose, Lectures on the Poisson process, theorem 4.1):
 
     Σ over x = (t, m) in ξ of g(f, t − T(ξ without x), m) / (λ φ(f) φ(m)).
 
-Without a placed pedestrian it is g(f)/φ(f), a normal mixture.  The nominal density has the share
-``NOMINAL_SHARE`` of the proposal, so no weight exceeds 1/``NOMINAL_SHARE``, whatever the
-exploration missed.
+Without a placed pedestrian the ratio is g(f)/φ(f).  The nominal density has the share
+``NOMINAL_SHARE`` of the proposal, so no weight exceeds 1/``NOMINAL_SHARE``, even if the
+exploration missed a way to the event.
 """
 
 import math
@@ -30,7 +30,7 @@ NOMINAL_SHARE = 0.1
 
 
 class Points(NamedTuple):
-    """Arguments of a component's density: ``y`` (k, d), and the index ``case`` (k,) of the case."""
+    """Arguments ``y`` (k, d) of a component's density, and the index ``case`` (k,) of each."""
 
     y: FloatArray
     case: NDArray[np.intp]
@@ -40,19 +40,19 @@ class Points(NamedTuple):
 class Cases:
     """States in the coordinates of components.
 
-    ``fixed`` (n, F) are the fixed uniforms.  ``people`` (n, places, m) has for each pedestrian the
-    time in s from the ego's passage without them to their arrival, and their marks.  It is NaN at
-    empty places and if the ego never passed.
+    ``fixed`` (n, F) are the fixed uniforms.  ``people`` (n, places, m) contains for each pedestrian
+    their marks and their arrival, in s after the ego would have passed without them.  It is NaN at
+    empty places, and if the ego never passed.
     """
 
     fixed: FloatArray
     people: FloatArray
 
     def points(self, *, placed: bool) -> Points:
-        """The arguments of a component's density.
+        """Return the arguments of a component's density.
 
         If the component places a pedestrian, a case has one point for each pedestrian who may be
-        the placed one; otherwise it has one point.
+        the placed one.  Otherwise it has one point.
         """
         if not placed:
             return Points(self.fixed, np.arange(len(self.fixed)))
@@ -75,12 +75,12 @@ class Component:
     factor: FloatArray
 
     def log_ratio(self, layout: Layout, y: FloatArray) -> FloatArray:
-        """ln of the ratio of its density to the nominal density at y (k, d), shape (k,)."""
+        """Return ln(component's density / nominal density) at y (k, d), shape (k,)."""
         scaled = (y - self.mean) @ np.linalg.inv(self.factor).T
         ratio: FloatArray = (_squares(y) - _squares(scaled)) / 2
         ratio -= np.log(np.diag(self.factor)).sum()
         if self.placed:
-            # The nominal density of a time is uniform, not normal.
+            # The nominal density of an arrival time is uniform, not normal.
             ratio -= y[:, layout.fixed] ** 2 / 2
             ratio -= math.log(layout.rate_per_s) + math.log(2 * math.pi) / 2
         return ratio
@@ -108,8 +108,8 @@ class Proposal:
     ) -> tuple[FloatArray, Outcomes, NDArray[np.bool_]]:
         """Draw independent states and run them.
 
-        If a placed pedestrian would arrive before the trigger or after the window, they are left
-        out.  Such a state does not count as an event, because its density is 0.
+        A placed pedestrian who would arrive before the trigger or after the window is left out.
+        Such a state does not count as an event, because its density is 0.
 
         Args:
             count: number of states.
@@ -118,7 +118,7 @@ class Proposal:
             what: purpose of the episodes, for the progress bar.
 
         Returns:
-            The states (n, width), their outcomes, and which came from the nominal density (n,).
+            The states (n, width), their outcomes, and whether each is a nominal draw (n,).
         """
         layout = self.layout
         z = layout.draw(count, rng)
@@ -146,7 +146,7 @@ class Proposal:
         return z, Outcomes(score, passed_s, outcomes.numbers), chosen == 0
 
     def log_weight(self, cases: Cases) -> FloatArray:
-        """ln of nominal density over proposal density, (n,); at most −ln ``NOMINAL_SHARE``."""
+        """Return ln(nominal density / proposal density), (n,), at most −ln ``NOMINAL_SHARE``."""
         ratio = np.full(len(cases.fixed), self.nominal_share)
         for part in self.components:
             y, case = cases.points(placed=part.placed)
@@ -157,7 +157,7 @@ class Proposal:
 
 
 def nominal(layout: Layout) -> Proposal:
-    """The nominal density alone, for brute force."""
+    """Return the nominal density alone, for brute force."""
     return Proposal(layout, ())
 
 
@@ -173,17 +173,17 @@ def cases_of(
     Args:
         layout: layout of the states.
         z: states, shape (n, width).
-        outcomes: their outcomes.
-        evaluate: runs the episodes again; without it, times count from the passage with everybody.
+        outcomes: outcomes of the states.
+        evaluate: runs the episodes again.  Without it, arrivals count from the actual passage.
 
     Returns:
-        The cases, and the score of each state without each of its pedestrians, shape (n, places);
-        NaN if that episode was not run.
+        The cases, and the scores (n, places): entry (i, k) is the score of state i without the
+        pedestrian at place k, or NaN if that episode was not run.
     """
     arrivals_s = layout.arrivals_s(z)
     passed_s = np.repeat(outcomes.passed_s[:, None], arrivals_s.shape[1], axis=1)
     score = np.full_like(passed_s, np.nan)
-    # Any pedestrian may be the reason why an ego never passed.
+    # If the ego never passed, any pedestrian may be the reason.
     later = (arrivals_s > passed_s) & (not layout.entangled)
     row, place = np.nonzero(~np.isnan(arrivals_s) & ~later)
     if evaluate is not None and len(row):
@@ -200,9 +200,10 @@ def cases_of(
 class Draws(NamedTuple):
     """Independent draws from a proposal.
 
-    ``event`` and ``failed`` (n,) are their outcomes.  ``weight`` (n,) is φ/q of the draws in the
-    event and of the failed ones, and 0 of the others; for the nominal density it is 1 of all draws.
-    ``cases`` are the draws in the event.  ``nominal`` counts the draws from the nominal density.
+    ``event`` and ``failed`` (n,) are the draws' outcomes.  ``weight`` (n,) is φ/q for draws in the
+    event and for failed draws, and 0 for all others; if the proposal is the nominal density, it is
+    1 for all draws.  ``cases`` are the draws in the event.  ``nominal`` counts the draws from the
+    nominal density.
     """
 
     z: FloatArray
@@ -217,7 +218,7 @@ class Draws(NamedTuple):
 def draws_from(
     proposal: Proposal, evaluate: Evaluate, count: int, rng: np.random.Generator, what: str
 ) -> Draws:
-    """Draw from a proposal, run the episodes and weigh them."""
+    """Draw from a proposal, run the episodes and weight them."""
     z, outcomes, nominal = proposal.draw(count, evaluate, rng, what)
     event, failed = outcomes.event, outcomes.failed
     run_again = evaluate if proposal.components else None
@@ -232,16 +233,16 @@ def draws_from(
 
 
 def keys_of(proposal: Proposal, cases: Cases) -> FloatArray:
-    """The fixed uniforms of each state, and the pedestrian who was most likely the placed one.
+    """Return each state's fixed uniforms and the pedestrian who was most likely the placed one.
 
     Args:
         proposal: the proposal from which the states were drawn.
         cases: the states.
 
     Returns:
-        Shape (n, fixed + m).  The pedestrian has the highest share times density over all
-        components.  For the nominal density they are the one whose arrival is nearest to the
-        passage.  Without a pedestrian their numbers are 0.
+        Shape (n, fixed + m).  The chosen pedestrian has the highest product of a component's share
+        and density.  If the proposal is the nominal density, it is the pedestrian whose arrival is
+        nearest to the passage.  Without a pedestrian the m numbers are 0.
     """
     layout = proposal.layout
     if not layout.marks:
@@ -254,7 +255,7 @@ def keys_of(proposal: Proposal, cases: Cases) -> FloatArray:
     if not proposal.components:
         best = -np.abs(y[:, layout.fixed])
     who = np.zeros((len(cases.fixed), layout.marks))
-    # The last assignment holds, so the likeliest pedestrian of each case must come last.
+    # Later assignments overwrite earlier ones, so the likeliest pedestrian must come last.
     order = np.argsort(best, kind="stable")
     who[case[order]] = y[order, layout.fixed :]
     return np.concatenate([cases.fixed, who], axis=1)

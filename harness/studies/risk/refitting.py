@@ -1,4 +1,4 @@
-"""Takes explored states in the event and returns the proposal for the estimate."""
+"""Fits the proposal of the estimate to explored states in the event."""
 
 import math
 
@@ -15,16 +15,16 @@ _REFITS = 3
 _POINTS_OF_REFIT = 2_000
 
 _WORTH = 20.0
-"""Effective number of the explored states, many of which descend from the same few."""
+"""Effective number of explored states.  Many of them descend from the same few states."""
 
 _FITTED = 2_000
 """Maximum number of explored states for the first fit, without a crowd."""
 
 _LOOKED_AT = 600
-"""The same with a crowd, where the decisive pedestrian of every state costs further episodes."""
+"""The same maximum with a crowd; finding each decisive pedestrian costs further episodes."""
 
 _FEWEST_EVENTS = 10
-"""Effective number of events below which a batch cannot compare a proposal with brute force."""
+"""A batch with fewer effective events cannot compare a proposal with brute force."""
 
 _ENOUGH_EVENTS = 200
 """Effective number of events at which a refit draws no further batch."""
@@ -39,14 +39,14 @@ def refit(
 ) -> tuple[Proposal, float]:
     """Fit a proposal to explored states and to weighted draws of earlier proposals.
 
-    The result is brute force if no proposal is better, or if no proposal's draws contained
+    The result is brute force if no proposal is better, or if every proposal's draws had fewer than
     ``_FEWEST_EVENTS`` effective events.
 
     Args:
         counted: runs and counts episodes.
         layout: layout of the states.
         explored: states in the event, shape (n, width).
-        probability: estimate of the event's probability by the exploration.
+        probability: the exploration's estimate of the event's probability.
         rng: generator for all draws.
 
     Returns:
@@ -84,7 +84,7 @@ def refit(
 
 
 def _effective(weight: FloatArray) -> float:
-    """(Σw)²/Σw², Kish's effective number; 0 if there is no weight."""
+    """Return Kish's effective number, (Σw)²/Σw²; 0 if all weights are 0."""
     squares = float(np.sum(weight**2))
     return float(weight.sum()) ** 2 / squares if squares else 0.0
 
@@ -94,14 +94,14 @@ def _cases_with_decisive(
 ) -> tuple[Cases, NDArray[np.intp]]:
     """Return the cases of explored states, and the place of the decisive pedestrian in each.
 
-    The decisive pedestrian is the last to arrive among those without whom the event does not
-    happen.  The place is −1 if there is none.
+    A pedestrian is necessary if the event does not happen without them.  The decisive pedestrian
+    is the necessary one who arrives last.  The place is −1 if there is none.
     """
     explored = explored[rng.permutation(len(explored))[: _LOOKED_AT if layout.marks else _FITTED]]
     if not layout.marks:
         return Cases(explored, np.empty((len(explored), 0, 0))), np.full(len(explored), -1)
     outcomes = evaluate(explored, "decisive pedestrians")
-    # Randomness outside the state is drawn again, so some states are no longer in the event.
+    # Randomness outside the state is redrawn, so some states are no longer in the event.
     event = outcomes.event
     explored = explored[event]
     cases, without = cases_of(layout, explored, outcomes.where(event), evaluate)

@@ -1,8 +1,8 @@
 """Runs the batches of a risk estimate and keeps finished episodes for ``harness resume``.
 
-Each batch is determined by the earlier ones, so the batches have a fixed order and are identified
-by their numbers.  After an interruption the sampling starts again and reuses the stored episodes.
-The results do not depend on the number of workers or on interruptions.
+Each batch follows from the earlier ones, so batches have a fixed order and are identified by their
+numbers.  After an interruption the sampling starts again and reuses the stored episodes.  Results
+depend neither on the number of workers nor on interruptions.
 """
 
 from collections.abc import Callable, Iterator
@@ -32,10 +32,10 @@ FIRST_NUMBER = 2**40
 """Number of the first episode; its random streams differ from those of a run's pairs."""
 
 CHECKED_EVERY = 100
-"""One in this many episodes is repeated in the other engine."""
+"""The other engine repeats every n-th episode, with n this number."""
 
 KEPT_EVERY_S = 20.0
-"""Time between two writes of finished episodes; a killed process loses less than a minute."""
+"""Time in s between two writes of finished episodes, which limits what a killed process loses."""
 
 _CHUNK = 25
 """Number of episodes in a task; the results do not depend on it."""
@@ -52,16 +52,16 @@ _SCORES = pa.schema(
         "drew_more": pa.bool_(),
     }
 )
-"""``Score`` with its position in the batch."""
+"""The fields of ``Score`` with the episode's position in the batch."""
 
 Progress = Callable[[int, int, str], None]
-"""(episodes done, episodes planned, their purpose)."""
+"""Receives the numbers of finished and planned episodes, and their purpose."""
 
 
 class Compared(NamedTuple):
-    """The number of episodes that both engines ran, and descriptions of the differing records.
+    """The number of episodes that both engines ran, and descriptions of their differences.
 
-    Records in ``ties`` differ by a tie of the strategy, records in ``differs`` otherwise.
+    ``ties`` are the differences that a tie of the strategy caused; ``differs`` are all others.
     """
 
     episodes: int
@@ -73,13 +73,13 @@ class Evaluation:
     """Runs batches on an executor.
 
     Args:
-        question: for the workers.
-        folder: keeps the finished episodes.
+        question: the workers' input.
+        folder: folder for the finished episodes.
         executor: runs tasks of episodes.
-        progress: is called with the progress of a batch.
+        progress: called with the progress of a batch.
 
     ``episodes``, ``timed_out``, ``drew_more`` and ``reasons`` (of failures) count over all batches
-    so far; ``compared`` is the outcome of ``compare``.
+    so far.  ``compared`` is the result of ``compare``.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class Evaluation:
         return Outcomes(score, table["passed_s"].to_numpy(), numbers)
 
     def compare(self, z: FloatArray, numbers: NDArray[np.int64]) -> None:
-        """Compare both engines on these episodes and on one in ``CHECKED_EVERY`` of all batches."""
+        """Compare both engines on these and on every ``CHECKED_EVERY``-th episode so far."""
         chosen = [*self._sampled, *zip(z, numbers, strict=True)]
         states, keys = (np.array(column) for column in zip(*chosen, strict=True))
         table = self._scores(states, keys, "checks in SUMO", compare=True)
@@ -123,7 +123,7 @@ class Evaluation:
     def _scores(
         self, z: FloatArray, numbers: NDArray[np.int64], what: str, *, compare: bool
     ) -> pa.Table:
-        """Return the scores of a batch in order; episodes without a stored score are run."""
+        """Return the scores of a batch in order.  Episodes without a stored score are run."""
         form = f"batch-{self._batches}-{{}}.parquet"
         self._batches += 1
         parts = [_SCORES.empty_table()]

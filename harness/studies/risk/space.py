@@ -1,12 +1,12 @@
-"""Takes a scenario and returns the sampled uniforms of its episodes, by their random streams.
+"""Takes a scenario and returns the sampled uniforms of its episodes by random stream.
 
 An episode is a function of uniforms.  They determine each pedestrian's arrival, side, quantile of
 the walking speed, critical gap, first detection, detection after the first loss, and first errors,
 and the strategy's first draws.  Timed pedestrians, the first pedestrian at the trigger, and the
-strategy have fixed uniforms.  The flow is a Poisson process: each pedestrian who arrives within
-``window_s`` of the trigger is a point whose first uniform is arrival/window.  All other randomness
-(later pedestrians, later draws of the strategy and of perception) comes from the streams of the
-episode's number, with weight 1.
+strategy have fixed uniforms.  The flow is a Poisson process.  Each of its pedestrians who arrives
+within ``window_s`` of the trigger is a point whose first uniform is arrival/window.  All other
+randomness (later pedestrians, later draws of the strategy and of perception) comes from streams
+keyed by the episode's number and is not weighted.
 """
 
 import math
@@ -25,10 +25,10 @@ from harness.store.kinds import kind_of
 from harness.studies.risk.layout import Layout
 
 _WINDOW_PASSES = 4.0
-"""Length of the window in which the flow is sampled, in unhindered passing times."""
+"""Length of the flow's sampled window as a multiple of the unhindered passing time."""
 
 _OPEN = 2.0**-53
-"""Smallest distance of a uniform from 0 and 1, where quantiles are infinite."""
+"""Smallest distance of a uniform from 0 and from 1, where quantiles are infinite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +36,13 @@ class Space:
     """The meaning of the numbers of a state.
 
     Attributes:
-        fixed: the purpose of each fixed uniform, in the order of the draws of that stream.
-        marks: purposes of the uniforms of a pedestrian of the flow, the arrival first; () without
-            a flow.
+        fixed: the purpose of each fixed uniform, in the order of its stream's draws.
+        marks: the purpose of each uniform of a pedestrian in the flow, the arrival first; ()
+            without a flow.
         layout: sizes of a state.
         first: index of the flow's first pedestrian.
         seed: seed of the streams.
-        by_chance: random processes of perception that no uniform of a state represents, in words.
+        by_chance: names of perception's random processes that no uniform of a state represents.
     """
 
     fixed: tuple[Purpose, ...]
@@ -53,11 +53,11 @@ class Space:
     by_chance: tuple[str, ...]
 
     def given(self, z: FloatArray, number: int) -> Given:
-        """The uniforms Φ(z) by purpose, which replace the first draws of each stream.
+        """Return the uniforms Φ(z) by purpose.  They replace the first draws of each stream.
 
-        The stream of arrivals has the exponential gaps between pedestrians of the flow.  A Poisson
-        process has no memory, so the gap to the first pedestrian after the window counts from its
-        end.
+        The stream of arrivals contains the exponential gaps between the flow's pedestrians.  A
+        Poisson process has no memory, so the gap to the first pedestrian after the window counts
+        from the window's end.
 
         Args:
             z: a state, shape (width,).
@@ -86,7 +86,7 @@ class Space:
 
 
 def space_of(scenario: Scenario, arm: Arm) -> Space:
-    """The sampled uniforms of the episodes of one arm.
+    """Return the sampled uniforms of one arm's episodes.
 
     Raises:
         InputError: the scenario has ``[traffic]``, SUMO moves the pedestrians, or nothing in an

@@ -1,4 +1,4 @@
-"""Takes the draws in the event and returns its likeliest ways: clusters with their pedestrians."""
+"""Clusters the draws in the event into its likeliest ways."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ class Cluster:
     """Similar draws in the event.
 
     ``share`` is their share of the probability.  ``members`` are their indices among all draws in
-    the event, by increasing distance of their keys from 0, the nominal mean.
+    the event, sorted by the distance of their keys from 0, the nominal mean.
     """
 
     share: float
@@ -31,10 +31,10 @@ class Cluster:
 
 
 def ways_of(keys: FloatArray, weights: FloatArray, rng: np.random.Generator) -> list[Cluster]:
-    """At most ``WAYS`` clusters by weighted k-means, the largest share first.
+    """Return at most ``WAYS`` clusters by weighted k-means, the largest share first.
 
     Args:
-        keys: ``keys_of`` the draws in the event, shape (n, d), n ≥ 1.
+        keys: result of ``keys_of`` for the draws in the event, shape (n, d), n ≥ 1.
         weights: φ/q of each draw, shape (n,).
         rng: generator for the starting points of k-means.
     """
@@ -50,7 +50,7 @@ def ways_of(keys: FloatArray, weights: FloatArray, rng: np.random.Generator) -> 
 
 
 def people_of(scenario: Scenario, space: Space, number: int, z: FloatArray) -> tuple[Person, ...]:
-    """The timed and the sampled pedestrians of an episode."""
+    """Return the timed and the sampled pedestrians of an episode."""
     given = space.given(z, number)
     arrivals = planned_arrivals(scenario, number, given)
     chance = scenario.perception.detection_probability
@@ -69,6 +69,6 @@ def people_of(scenario: Scenario, space: Space, number: int, z: FloatArray) -> t
 
 
 def drawn_of(space: Space, number: int, z: FloatArray) -> JsonObject:
-    """The entry of ``[[pedestrians.drawn]]`` that repeats an episode."""
+    """Return the entry of ``[[pedestrians.drawn]]`` that repeats an episode."""
     uniforms: JsonObject = {key: [*values] for key, values in space.given(z, number).items()}
     return {"episode": number} | uniforms

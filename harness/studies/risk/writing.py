@@ -1,4 +1,4 @@
-"""Takes a finished risk estimate and writes its findings, its events and the likeliest ones."""
+"""Writes a finished risk estimate: its findings, its events and the likeliest events."""
 
 import json
 import math
@@ -35,13 +35,13 @@ def write_findings(
     evaluation: Evaluation,
     rng: np.random.Generator,
 ) -> None:
-    """Write ``failures.parquet``, ``critical.toml`` if there were events, and ``result.json``.
+    """Write ``failures.parquet``, ``result.json`` and, if there were events, ``critical.toml``.
 
     Args:
         folder: folder of the risk estimate.
         settings: the user's settings.
         estimation: the result of the sampling.
-        evaluation: has the counts of episodes and the comparison of the engines.
+        evaluation: counts of episodes, and the comparison of the engines.
         rng: seeds the clusters of events.
     """
     question = evaluation.question
@@ -66,7 +66,7 @@ def as_json(tree: Mapping[str, object]) -> bytes:
 def findings_of(
     settings: Settings, estimation: Estimation, evaluation: Evaluation, ways: tuple[Way, ...]
 ) -> RiskFindings:
-    """Return the findings; the arguments are those of ``write_findings``, and the ways."""
+    """Return the findings.  See ``write_findings`` for the arguments."""
     compared = evaluation.compared
     estimate, failed = estimation.estimate, len(evaluation.reasons)
     p, cv = estimate.probability, estimate.coefficient_of_variation
@@ -190,7 +190,7 @@ def _write_failures(folder: Path, question: Question, estimation: Estimation) ->
 def _write_critical(
     folder: Path, question: Question, estimation: Estimation, clusters: list[Cluster]
 ) -> None:
-    """Write the scenario of the likeliest episodes; in the findings each way names its pairs."""
+    """Write the scenario of the likeliest episodes.  Each way in the findings names its pairs."""
     drawn = [
         drawn_of(question.space, int(estimation.numbers[k]), estimation.z[k])
         for cluster in clusters

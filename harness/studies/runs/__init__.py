@@ -1,1 +1,1 @@
-"""Stored runs read and compared.  Nothing is simulated."""
+"""Reads and compares stored runs, without simulation."""

@@ -21,5 +21,5 @@ class CellResult:
 
     @property
     def conflicts(self) -> list[dict[str, Plain]]:
-        """How often each kind of conflict arose in each arm: rows of ``conflicts.csv``."""
+        """The rate of each kind of conflict in each arm: rows of ``conflicts.csv``."""
         return conflict_rows(self.findings, self.cell.scenario.conflicts)

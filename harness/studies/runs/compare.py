@@ -1,7 +1,7 @@
 """Compares the strategies of a sweep, or of several runs, pair by pair within each group.
 
-The comparison simulates nothing.  ``harness.statistics`` does the arithmetic, ``strategy_groups``
-finds comparable cells, and ``same_pairs`` checks that several runs met the same pedestrians.
+Nothing is simulated.  ``harness.statistics`` does the arithmetic, ``strategy_groups`` finds
+comparable cells, and ``same_pairs`` checks that several runs met the same pedestrians.
 """
 
 import math
@@ -37,7 +37,7 @@ from harness.studies.runs.strategy_groups import (
 )
 
 Progress = Callable[[int, int], None]
-"""(steps done, steps planned)."""
+"""Receives the numbers of done and planned steps."""
 
 
 def compare(
@@ -53,9 +53,9 @@ def compare(
     Args:
         runs: finished runs or their folders: one run with several cells, or several runs with the
             same seed, pedestrians, ego and reference.
-        mu0: limit of μ for the allowed interval; default: the first scenario's ``limits.mu0``.
+        mu0: limit of μ; default: the first scenario's ``limits.mu0``.
         kappa0: limit of κ; default: the first scenario's ``limits.kappa0``.
-        progress: called with (comparisons done, comparisons planned).
+        progress: called with the numbers of done and planned comparisons.
 
     Raises:
         InputError: a run is not finished, a limit is out of range, no two cells can be compared,
@@ -130,7 +130,7 @@ def _limits(group: StrategyGroup, mu0: float | None, kappa0: float | None) -> Li
 
 
 class _Steps:
-    """Counts the comparisons that are done."""
+    """Counts the finished comparisons."""
 
     def __init__(self, planned: int, progress: Progress) -> None:
         self._done, self._planned, self._progress = 0, planned, progress
@@ -141,7 +141,7 @@ class _Steps:
 
 
 def _as_one_family(results: list[GroupResult]) -> tuple[GroupResult, ...]:
-    """Adjust the p values by Holm: one family for the crashes, one for the front."""
+    """Adjust the p values by Holm, in one family for the crashes and one for the front."""
     items = [item for result in results for item in result.comparisons]
     crashes = holm([item.crashes.p for item in items])
     times = [item.time_ratio_difference.p for item in items]
@@ -192,7 +192,7 @@ def _compare(
     seed: int,
     confidence: float,
 ) -> Comparison:
-    # With --until, cells end at different numbers of pairs; pair i is entry i in every cell.
+    # With --until, cells have different numbers of pairs; pair i is entry i in every cell.
     common = min(len(columns[a].tau), len(columns[b].tau))
     first, second = (columns[cell].where(slice(common)) for cell in (a, b))
     scenario = group.cells[a].cell.scenario
@@ -240,7 +240,7 @@ def _judge(
 def _judged(
     cells: Sequence[int], columns: list[PairColumns], limits: Limits, seed: int, level: float
 ) -> AllowedInterval:
-    """Judge some cells with bounds that hold for all of them simultaneously."""
+    """Judge cells with bounds that hold for all of them simultaneously."""
     swept = [
         swept_value(
             columns[cell].tau_all,

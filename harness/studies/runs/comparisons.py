@@ -26,15 +26,15 @@ from harness.studies.runs.strategy_groups import ParameterSweep, StrategyGroup
 
 @dataclass(frozen=True)
 class Comparison:
-    """Cell ``a`` minus cell ``b``, over the pairs that both have.
+    """Cell ``a`` minus cell ``b``, over their common pairs.
 
-    ``a`` and ``b`` are positions in the group.  ``time_ratio_difference`` is the difference of the
-    ratios of times over the ``counted_in_both`` pairs that count in both cells
-    (``PairColumns.times_counted``); ``counted_in_one`` pairs count in only one cell.
-    ``mu_worst_difference`` and ``delay_worst_difference_s`` are over all pairs.  ``crashes`` tests
-    κ; ``misses`` tests κ with time-outs and failures of the strategy.  ``p_holm`` is the p value
-    of ``crashes``, adjusted over all such tests of the run.  ``time_ratio_p_holm`` (sign-flip
-    test) and ``misses_p_holm`` decide the front and are adjusted over both kinds of test.
+    ``a`` and ``b`` are positions in the group.  ``time_ratio_difference`` is the difference between
+    the ratios of times, over the ``counted_in_both`` pairs that count in both cells
+    (``PairColumns.times_counted``).  ``counted_in_one`` pairs count in only one cell.
+    ``mu_worst_difference`` and ``delay_worst_difference_s`` cover all pairs.  ``crashes`` tests κ;
+    ``misses`` tests κ with time-outs and failures of the strategy.  ``p_holm`` is the p value of
+    ``crashes``, adjusted over all such tests of the run.  ``time_ratio_p_holm`` (sign-flip test)
+    and ``misses_p_holm`` decide the front and are adjusted over both kinds of test.
     """
 
     a: int
@@ -57,7 +57,7 @@ class Comparison:
 
     @property
     def indicative(self) -> list[str]:
-        """Keys of the differences whose intervals have too few informative pairs to be reliable.
+        """Keys of the differences whose intervals are unreliable, with too few informative pairs.
 
         A difference without any informative pair is not listed, because the cells are equal.
         """
@@ -75,7 +75,7 @@ class SweepResult:
 
     @property
     def indicative(self) -> tuple[bool, ...]:
-        """For each value, whether the bound of μ has too few informative pairs to be reliable."""
+        """Whether the bound of μ at each value is unreliable, with too few informative pairs."""
         return tuple(
             judgement.swept.mu.informative < MU_BOUND_FROM for judgement in self.found.judgements
         )
@@ -114,7 +114,7 @@ class GroupResult:
         return min(defined)[1] if defined else None
 
     def untold_from(self, best: int) -> list[int]:
-        """Positions of the other allowed cells whose times do not differ significantly."""
+        """Return the allowed cells whose times do not differ significantly from ``best``."""
         significant = (Relation.BETTER, Relation.WORSE)
         return [
             item.a + item.b - best
@@ -130,11 +130,11 @@ class GroupResult:
         )
 
     def standings(self) -> list[Standing]:
-        """The place of every cell on the front of (ratio of times, κ with time-outs)."""
+        """The standing of every cell on the front of (ratio of times, κ with time-outs)."""
         return pareto_front(len(self.summaries), self._relations())
 
     def beaten_by(self, cell: int, by: int) -> list[int]:
-        """Positions of the cells that one is better than: ``by`` 0 in times, 1 in κ."""
+        """Return the positions of the cells that ``cell`` beats, in times (``by`` 0) or κ (1)."""
         beaten = [
             b if cell == a else a
             for (a, b), relations in self._relations().items()
@@ -143,7 +143,7 @@ class GroupResult:
         return sorted(beaten)
 
     def _relations(self) -> dict[tuple[int, int], tuple[Relation, Relation]]:
-        """How the cells a and b relate in the ratio of times and in κ with time-outs."""
+        """The relations of cells a and b in the ratio of times and in κ with time-outs."""
         return {
             (item.a, item.b): (
                 self._times(item),

@@ -9,10 +9,10 @@ from harness.studies.runs.opening import finished_run
 
 
 def export_csv(folder: Path) -> list[Path]:
-    """Write every table of a run folder as CSV next to it: all tables, or none.
+    """Write every table of a run folder as CSV next to it.  After an error none is written.
 
     Raises:
-        InputError: no finished run, or a table is missing or cannot be read.
+        InputError: the run is not finished, or a table is missing or cannot be read.
     """
     finished_run(folder)
     written = []

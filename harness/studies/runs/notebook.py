@@ -19,7 +19,7 @@ _MOST = 12
 
 
 def table_html(caption: str, table: pd.DataFrame) -> str:
-    """Return a table as HTML; its values are escaped, so that a file cannot add markup."""
+    """Return a table as HTML.  Its values are escaped, so that a file cannot add markup."""
     # Long names are not shortened.
     with pd.option_context("display.max_colwidth", None):
         html: str = table.to_html(index=False, border=0)
@@ -36,7 +36,7 @@ def figure_html(figure: "Figure") -> str:
 def intervals_html(
     intervals: Sequence[tuple[str, Interval | Difference]], label: str, mark: float
 ) -> str:
-    """Draw the first values with their intervals, one per row, and a line at ``mark``."""
+    """Draw the first values with their intervals, one per row, and a vertical line at ``mark``."""
     from matplotlib.figure import Figure
 
     drawn = [(name, each) for name, each in intervals if each.value is not None][:_MOST]
@@ -54,7 +54,7 @@ def intervals_html(
 
 
 def run_html(name: str, varied: list[str], summary: pd.DataFrame, finished: bool) -> str:
-    """Return the summary of a run as HTML; without μ it is the plain table.
+    """Return the summary of a run as HTML; without μ it is a table of all columns.
 
     Args:
         name: name of the run.

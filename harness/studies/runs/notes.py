@@ -18,21 +18,20 @@ Findings = Mapping[str, Finding]
 Catalogue = Sequence[Entry[Any]]
 
 MOSTLY = 0.5
-"""From this share of fallbacks on, the AV's label also names the fallback strategy."""
+"""If the share of fallbacks is at least this, the AV's label names the fallback strategy too."""
 
 FEW_HOURS = 5
-"""Below this number of pairs of hours a note says how many there are.
+"""A note gives the number of pairs of hours if it is below this.
 
-The coverage of Student's t does not depend on the number of hours: it reaches its level if hours
-are normally distributed, and less if they are skewed (docs/method.md, up to 20 hours).  So there
-is no number of hours from which its intervals are reliable.
+No number of hours makes the intervals of Student's t reliable.  Their coverage reaches its level
+if hours are normally distributed; it is lower if they are skewed (docs/method.md, up to 20 hours).
 """
 
 _ENDS = ("", "_human")
 
 
 def av_label(strategy: str, findings: Findings) -> str:
-    """Return the AV's strategy, with the fallback strategy if that drove most passages.
+    """Return the AV's strategy, and the fallback strategy if it drove most passages.
 
     >>> av_label("soft_yield", {"fallback_share": Finding(1.0)})
     'soft_yield (hard_yield in 100 %)'
@@ -124,7 +123,7 @@ def _crashes_left_out(scenario: Scenario, findings: Findings) -> list[Note]:
 
 
 def _direction(scenario: Scenario, findings: Findings) -> list[Note]:
-    """Return the direction of the bias if μ lies outside the interval of μ over all pairs."""
+    """Return a note on the direction of bias if μ lies outside the interval of μ over all pairs."""
     mu, over_all = findings["mu"].number, findings["mu_all"]
     if mu is None or over_all.low is None or over_all.high is None:
         return []
@@ -140,7 +139,7 @@ def _direction(scenario: Scenario, findings: Findings) -> list[Note]:
 
 
 def undefined_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
-    """Return the reasons for undefined numbers on the first screen."""
+    """Return notes with the reasons for undefined numbers on the first screen."""
     reasons: dict[str, list[str]] = {}
     for entry in catalogue:
         if not entry.first_screen or entry.may_be_absent:
@@ -154,7 +153,7 @@ def undefined_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
 
 
 def few_pairs_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
-    """Name the unreliable intervals of the first screen, and a ratio of times that includes 1."""
+    """Note unreliable intervals of the first screen, and a ratio whose interval includes 1."""
     names: dict[int, list[str]] = {}
     for entry in catalogue:
         if not entry.first_screen:
@@ -199,7 +198,7 @@ def _fallback(scenario: Scenario, findings: Findings) -> list[Note]:
 
 
 def _speeding(scenario: Scenario, findings: Findings) -> list[Note]:
-    """Name the drivers above the road's limit, or above v0 if the road has none."""
+    """Note the drivers who exceed the speed limit, or v0 if the road has no limit."""
     limit_mps = scenario.speed_limit_mps
     limit = "v0" if scenario.crossing.road_speed_limit_mps is None else "the road's limit"
     notes = []
@@ -218,7 +217,7 @@ def _speeding(scenario: Scenario, findings: Findings) -> list[Note]:
 
 
 def _outside_the_model(scenario: Scenario, findings: Findings) -> list[Note]:
-    """Report how often the model was evaluated outside the range of its data."""
+    """Note how often the model was evaluated outside the range of its data."""
     arms = zip(("AV", scenario.arms.human), _ENDS, strict=True)
     shares = [
         f"{100 * share:.3g} % ({who})"
@@ -279,7 +278,7 @@ def hour_notes(scenario: Scenario, findings: Findings, catalogue: Catalogue) -> 
 def _hour_notes_of_arm(
     scenario: Scenario, findings: Findings, who: str, end: str, strategy: str
 ) -> list[Note]:
-    """Return the notes of one arm; ``end`` is the ending of its findings' names."""
+    """Return the notes of one arm; ``end`` is the suffix of its findings' keys."""
     notes = []
 
     def note(rank: Rank, text: str) -> None:
@@ -326,7 +325,7 @@ def _hour_notes_of_arm(
 
 
 def counted(count: int, noun: str) -> str:
-    """A number and its noun, in the plural unless the number is 1."""
+    """Return a number and its noun, in the plural unless the number is 1."""
     return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
 
 

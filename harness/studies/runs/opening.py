@@ -17,7 +17,7 @@ def load_run(path: str | Path) -> RunData:
         path: the folder.
 
     Returns:
-        Its content; each table is read on first use.
+        The run's content; each table is read on first use.
 
     Raises:
         InputError: the folder is not a run folder, has another format version, or is incomplete
@@ -48,10 +48,10 @@ def load_run(path: str | Path) -> RunData:
 
 
 def finished_run(run: RunData | str | Path) -> RunData:
-    """Open the folder of a finished run; a run that is already open is returned as it is.
+    """Open the folder of a finished run.  A run that is already open is returned unchanged.
 
     Raises:
-        InputError: as ``load_run``, or the run was interrupted or still continues.
+        InputError: see ``load_run``; or the run was interrupted or still continues.
     """
     data = run if isinstance(run, RunData) else load_run(run)
     if not data.finished:

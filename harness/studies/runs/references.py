@@ -9,14 +9,14 @@ from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES
 
 MEASURED_ON = "34 recorded passages of 26 vehicles (DUT)"
-"""The data behind ``MEASURED``: `harness validate` on DUT with these drivers, seed 1."""
+"""The source of ``MEASURED``: `harness validate` on DUT with these drivers, seed 1."""
 
 
 @dataclass(frozen=True)
 class Humanness:
     """Validation findings about one driver with its default parameters.
 
-    ``remark`` names the data that the driver was fitted to; it is empty if there are none.
+    ``remark`` names the data to which the driver was fitted; it is empty if there are none.
     """
 
     order_right: float
@@ -68,14 +68,14 @@ def keeps_its_defaults(scenario: Scenario, strategy: str) -> bool:
 
 
 def not_measured(scenario: Scenario) -> str:
-    """The sentence about a reference driver that was not validated with its model and values."""
+    """Return that the reference driver was not validated with its model and parameters."""
     name = scenario.arms.human
     settings = " with these settings" if name in MEASURED else ""
     return f"{name}{settings} was not compared with recorded drivers (harness validate)."
 
 
 def is_measured(scenario: Scenario) -> bool:
-    """Return whether the reference driver was validated, with the same model for ``human_gmm``."""
+    """Return whether the reference driver was validated; ``human_gmm`` needs the same model."""
     name = scenario.arms.human
     other_model = (scenario.model.name, scenario.model.path) != ("dut", None)
     if name not in MEASURED or (other_model and name == "human_gmm"):
@@ -105,9 +105,9 @@ def reference_lines(scenarios: Iterable[Scenario]) -> list[str]:
 def disagreement(scenario: Scenario, time_ratio: float) -> str:
     """Return a sentence if another shipped reference is known to give the opposite result.
 
-    In docs/study.md each of ``_STUDIED`` took more time than ``human_recorded`` in every scenario,
-    and less than ``human_gmm`` in ``cctc``.  For other sites or parameters the result is unknown
-    and the sentence is empty.
+    In docs/study.md each strategy of ``_STUDIED`` took more time than ``human_recorded`` in every
+    scenario, and less time than ``human_gmm`` in ``cctc``.  For other sites or parameters the
+    result is unknown and the sentence is empty.
 
     >>> disagreement(load_scenario("cctc", {"arms.av": "gap_yield"}), 0.7)[:43]
     'Against human_recorded gap_yield is slower:'
@@ -125,7 +125,7 @@ def disagreement(scenario: Scenario, time_ratio: float) -> str:
 
 
 def _studied_as(scenario: Scenario) -> str | None:
-    """Return the entry of ``_STUDIES`` that equals a scenario except for drivers and pairs."""
+    """Return the key in ``_STUDIES`` of a scenario that differs only in drivers and pairs."""
     same = _but_for_arms(scenario)
     for name, (file, changes) in _STUDIES.items():
         if _but_for_arms(load_scenario(file, changes)) == same:
@@ -140,10 +140,10 @@ def _but_for_arms(scenario: Scenario) -> Scenario:
 
 
 def agreement(ratios: Sequence[tuple[str, Finding]]) -> str:
-    """Say whether the intervals of the ratio of times lie on the same side of 1.
+    """Return whether the intervals of the ratio of times lie on the same side of 1, as a sentence.
 
     Args:
-        ratios: the name of each reference and the ratio of times against it.
+        ratios: the name of each reference, and the ratio of times against it.
     """
     sides, parts = set(), []
     for name, ratio in ratios:

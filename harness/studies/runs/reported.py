@@ -1,4 +1,4 @@
-"""Collects the findings and notes that a run reports from its folder."""
+"""Collects the findings and notes of a run from its folder."""
 
 from harness.core.errors import resume_command
 from harness.scenario import Scenario
@@ -57,13 +57,13 @@ def _cell_findings(run: RunData, result: CellResult) -> CellFindings:
 
 
 def _has_paper_values(run: RunData) -> bool:
-    """Return whether the paper reports numbers of this run: one cell of the paper's scenario."""
+    """Return whether the paper reports this run's numbers: one cell with the paper's scenario."""
     reported_there = any(entry.paper is not None for entry in run.kind.catalogue)
     return reported_there and not run.varied_keys and is_the_papers(run.scenario)
 
 
 def is_the_papers(scenario: Scenario) -> bool:
-    """Return whether a scenario is the paper's: Table II, arms and pedestrian, any N and seed."""
+    """Return whether a scenario is the paper's (Table II, arms, pedestrian), with any N and seed."""
     ego, pedestrians = scenario.ego, scenario.pedestrians
     arms = (scenario.arms.av, scenario.arms.human)
     return (
@@ -121,7 +121,7 @@ def _audit_scope(run: RunData) -> list[str]:
 
 
 def remarks(run: RunData) -> list[str]:
-    """Return what ``--full`` and the page add to the notes: paper, references, audit, models."""
+    """Return the remarks on paper, references, audit and models for ``--full`` and the page."""
     scenarios = [cell.scenario for cell in run.study.cells]
     return [
         *([PAPER_REMARK] if _has_paper_values(run) else []),

@@ -1,4 +1,4 @@
-"""A run folder in Python: typed, read when asked for, finished or still going on.
+"""A run folder in Python, finished or unfinished.
 
 run = harness.load_run("runs/cctc-1")
 run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean()
@@ -38,8 +38,8 @@ from harness.studies.workers.tasks import Failure
 class RunData:
     """The content of a run folder.  Tables are read on first use and kept; do not change them.
 
-    A missing value is NaN or None.  Of an unfinished run the frames hold the pairs finished when
-    it was loaded, and ``summary`` is worked out from those.
+    A missing value is NaN or None.  The tables of an unfinished run, and the ``summary`` computed
+    from them, contain the pairs that were finished when it was loaded.
     """
 
     path: Path
@@ -47,21 +47,21 @@ class RunData:
     """``manifest.json``: scenario, versions, models, counts (docs/files.md)."""
     study: Study
     finished: bool
-    """False while the run goes on, or after it was broken off."""
+    """False while the run continues or after an interruption."""
     shards: tuple[Shard, ...] = ()
     """Finished work of an unfinished run."""
     output_failures: tuple[Failure, ...] = ()
-    """The episodes whose SUMO outputs were requested in this call but are missing."""
+    """Episodes whose SUMO outputs this call requested but could not write."""
     _models: dict[tuple[str, str | None], InteractionModel] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
-        """The name of the run: its scenario's."""
+        """The name of the run, which is its scenario's name."""
         return self.study.name
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario before anything was varied."""
+        """The scenario without the values of varied keys."""
         return self.study.base
 
     def scenario_of(self, cell: int) -> Scenario:
@@ -70,17 +70,17 @@ class RunData:
 
     @property
     def varied_keys(self) -> list[str]:
-        """The keys that a sweep varies; none for a run of one cell."""
+        """The keys that a sweep varies; empty for a run of one cell."""
         return self.study.varied_keys
 
     @property
     def kept_traces(self) -> bool:
-        """Whether the run keeps every step (``--traces``)."""
+        """Whether the run kept every step (``--traces``)."""
         return bool(self.manifest["traces"])
 
     @property
     def planned_pairs(self) -> int:
-        """Pairs of all cells as planned; ``--until`` may end with fewer."""
+        """Number of planned pairs of all cells; ``--until`` may end with fewer."""
         return sum(cell.scenario.experiment.pairs for cell in self.study.cells)
 
     @cached_property
@@ -111,24 +111,24 @@ class RunData:
         """One row per pedestrian × arm.
 
         ``cell, pair, arm, index, arrival_s, start_s, side, quantile, speed_mps, range_m,
-        vehicle_speed_mps, cleared_s``; what they saw and how fast they went is missing where they
-        never got to go.
+        vehicle_speed_mps, cleared_s``.  Range and speeds are missing for pedestrians who never
+        stepped off.
         """
         return _frame(self._tables.read("pedestrians"))
 
     @property
     def kind(self) -> Kind:
-        """The kind of the run: which tables it has, and what it reports."""
+        """The kind of the run, which determines its tables and its findings."""
         return kind_of_study(self.study)
 
     @property
     def finished_pairs(self) -> int:
-        """Pairs of all cells that are finished."""
+        """Number of finished pairs of all cells."""
         return len(self._tables.read(self.kind.rows)) // 2
 
     @cached_property
     def hours(self) -> pd.DataFrame:
-        """One row per cell × pair × arm of a run in traffic: what its summary is made of."""
+        """One row per cell × pair × arm of a run in traffic; the summary is computed from it."""
         return _frame(self._tables.read("hours"))
 
     @cached_property
@@ -165,8 +165,8 @@ class RunData:
         """One row per cell: ``cell``, the varied keys and the columns of ``summary.csv``.
 
         ``pairs, defined_pairs, mu, mu_ci_low, mu_ci_high, cv …, kappa …`` (docs/files.md).  It is
-        worked out from the episodes where ``summary.parquet`` is not there yet, or is older than a
-        column.  Cells of an unfinished run without a finished pair are left out.
+        computed from the episodes if ``summary.parquet`` does not exist yet or lacks a newer
+        column.  Cells without a finished pair are left out.
         """
         rows = [
             {
@@ -177,7 +177,7 @@ class RunData:
             for result in self.results
         ]
         frame = pd.DataFrame(rows)
-        # A column that is undefined in every cell is one of numbers all the same.
+        # A column that is undefined in every cell still has a numeric type.
         types = {name: of for name, of in columns_of(self.kind.catalogue).items() if of is not str}
         return frame.astype({name: types[name] for name in frame.columns if name in types})
 
@@ -195,10 +195,10 @@ class RunData:
 
     @cached_property
     def measures(self) -> pd.DataFrame:
-        """Statistics of every measure, one row per cell × arm × measure, as ``measures.csv``.
+        """Statistics of every measure, one row per cell × arm × measure, as in ``measures.csv``.
 
-        ``cell``, the varied keys, ``arm, measure, defined, mean, p05, p50, p95``; the last five
-        with ``_met_someone`` too, over the pairs in which either arm met somebody.
+        ``cell``, the varied keys, ``arm, measure, defined, mean, p05, p50, p95``.  The last five
+        exist a second time with ``_met_someone``, over the pairs in which either arm met somebody.
         """
         return pd.DataFrame(
             [
@@ -210,10 +210,11 @@ class RunData:
 
     @cached_property
     def conflicts(self) -> pd.DataFrame:
-        """Conflict rates, one row per cell × arm × kind of conflict, as ``conflicts.csv``.
+        """Conflict rates, one row per cell × arm × kind of conflict, as in ``conflicts.csv``.
 
         ``cell``, the varied keys, ``arm, conflict, threshold, episodes, conflicts, rate, ci_low,
-        ci_high``; ``episodes``, ``conflicts`` and ``rate`` with ``_met_someone`` too.
+        ci_high``.  ``episodes``, ``conflicts`` and ``rate`` exist a second time with
+        ``_met_someone``.
         """
         return pd.DataFrame(
             [
@@ -225,31 +226,31 @@ class RunData:
 
     @cached_property
     def traces(self) -> pd.DataFrame:
-        """One row per step and object; big: ``traces_of`` reads one pair.
+        """One row per step and object.  This table is large; ``traces_of`` reads one pair.
 
-        ``cell, pair, arm, time_s, object, x_m, y_m, speed_mps, acceleration_mps2``; ``object`` is
-        ``ego`` (its front bumper) or ``pedestrian-<index>`` (their centre); of a run in traffic
-        ``vehicle-<number>`` in place of ``ego``.
+        ``cell, pair, arm, time_s, object, x_m, y_m, speed_mps, acceleration_mps2``.  ``object`` is
+        ``ego`` (its front bumper) or ``pedestrian-<index>`` (their centre).  A run in traffic has
+        ``vehicle-<number>`` instead of ``ego``.
 
         Raises:
-            InputError: the run keeps no traces.
+            InputError: the run kept no traces.
         """
         return _frame(self._traced.read("traces"))
 
     def traces_of(self, cell: int, pair: int) -> pd.DataFrame:
-        """The rows of ``traces`` of both arms of one pair.
+        """Return the rows of ``traces`` of both arms of one pair.
 
         Raises:
-            InputError: the run keeps no traces.
+            InputError: the run kept no traces.
         """
         return _frame(self._traced.rows_of("traces", cell, pair))
 
     def rows_of(self, name: str, cell: int, pair: int) -> pa.Table:
-        """The rows of one pair in ``episodes``, ``pedestrians`` or ``traces``, as stored."""
+        """Return the stored rows of one pair in ``episodes``, ``pedestrians`` or ``traces``."""
         return self._tables.rows_of(name, cell, pair)
 
     def derived(self, name: str) -> pa.Table:
-        """A table that is derived from the rows by pair, of all cells."""
+        """Return a table of all cells that is computed from the stored rows."""
         if self.finished:
             return self._tables.read(name)
         derive = self.kind.derived[name]
@@ -258,7 +259,7 @@ class RunData:
 
     @property
     def engine(self) -> EngineName:
-        """The engine that moved its egos: ``sumo``, or ``plain`` with an audit in SUMO."""
+        """The engine of the run: ``sumo``, or ``plain`` with an audit in SUMO."""
         engine: EngineName = self.manifest["engine"]
         return engine
 
@@ -266,9 +267,9 @@ class RunData:
     def audit(self) -> pd.DataFrame:
         """One row per cell and episode of the plain engine that was repeated in SUMO.
 
-        ``cell, pair, arm, difference, tie_s``; ``difference`` is missing where the records agree,
-        ``tie_s`` where they do not differ by a tie of the strategy (docs/batches.md).  An episode
-        that several cells share has a row in each of them.
+        ``cell, pair, arm, difference, tie_s``.  ``difference`` is missing if the records agree.
+        ``tie_s`` is missing unless a tie of the strategy caused the difference (docs/batches.md).
+        An episode that several cells share has a row in each of them.
         """
         if self.engine == "sumo":
             return _frame(TABLES["audit"].empty_table())
@@ -276,12 +277,12 @@ class RunData:
 
     @cached_property
     def audited(self) -> pd.DataFrame:
-        """The rows of ``audit``; the first of several cells has an episode that they share."""
+        """The rows of ``audit``; if cells share an episode, only the first cell lists it."""
         return shared_once(self.audit, self.study)
 
     @property
     def disagreements(self) -> tuple[Failure, ...]:
-        """(cell, pair, arm, difference) of each record that differs in SUMO, ``ties`` apart."""
+        """(cell, pair, arm, difference) of each record that differs in SUMO, without ``ties``."""
         return disagreements(self.audited)
 
     @property
@@ -291,21 +292,21 @@ class RunData:
 
     @cached_property
     def failures(self) -> tuple[Failure, ...]:
-        """(cell, pair, arm, reason) of every episode in which engine or strategy failed."""
+        """(cell, pair, arm, reason) of every episode in which the engine or the strategy failed."""
         failed = self.kind.failed(self._tables.read(self.kind.rows))
         columns = (failed[name].to_pylist() for name in ("cell", "pair", "arm", "reason"))
         return tuple((*where, reason or "") for *where, reason in zip(*columns, strict=True))
 
     def pair_columns_of(self, cell: int) -> PairColumns:
-        """The columns of one cell that its summary is made of, one entry for each pair."""
+        """Return the columns from which a cell's summary is computed, one entry for each pair."""
         episodes = self._tables.read("episodes")
         return pair_columns(episodes.filter(pc.equal(episodes["cell"], cell)))
 
     def model_of(self, cell: int) -> InteractionModel:
-        """The interaction model a cell used.
+        """Return the interaction model that a cell used.
 
         Raises:
-            InputError: it is no longer there, or has changed since.
+            InputError: the model's file is missing or has changed since the run.
         """
         section = self.scenario_of(cell).model
         key = (section.name, section.path)
@@ -319,7 +320,7 @@ class RunData:
 
     @property
     def confidence(self) -> float:
-        """The confidence of each interval of the run."""
+        """The confidence level of each interval of the run."""
         return confidence_of(self.study, options_of(self.manifest))
 
     def __repr__(self) -> str:
@@ -327,7 +328,7 @@ class RunData:
         return f"<RunData {self.name} in {self.path}>"
 
     def _repr_html_(self) -> str:
-        """The summary, for a notebook."""
+        """Return the summary as HTML for a notebook."""
         return run_html(self.name, self.varied_keys, self.summary, self.finished)
 
     @cached_property

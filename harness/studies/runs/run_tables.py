@@ -1,4 +1,4 @@
-"""The tables of a run: of its files where it is finished, of its shards where it is not."""
+"""Reads the tables of a run, from its files if it is finished and otherwise from its shards."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,11 +14,11 @@ from harness.store.tables import TABLES
 
 
 class RunTables:
-    """Reads a run's tables when they are asked for and keeps all but the big one, ``traces``.
+    """Reads a run's tables on first use and keeps all except the large table ``traces``.
 
     Args:
         path: the run folder.
-        finished: whether its tables are written.
+        finished: whether the run's tables are written.
         shards: the finished work of an unfinished run.
         cells: all cells of the run.
     """
@@ -30,10 +30,10 @@ class RunTables:
         self._kept: dict[str, pa.Table] = {}
 
     def read(self, name: str) -> pa.Table:
-        """All rows of a table.
+        """Return all rows of a table.
 
         Raises:
-            InputError: it is missing or damaged.
+            InputError: the table is missing or damaged.
         """
         if name == "traces":
             return self._table(name, self._shards)
@@ -42,7 +42,7 @@ class RunTables:
         return self._kept[name]
 
     def rows_of(self, name: str, cell: int, pair: int) -> pa.Table:
-        """The rows of one pair in ``episodes``, ``pedestrians`` or ``traces``.
+        """Return the rows of one pair in ``episodes``, ``pedestrians`` or ``traces``.
 
         Raises:
             InputError: the table is missing or damaged.
@@ -60,12 +60,12 @@ class RunTables:
         return table.filter(selected)
 
     def by_cell(self, name: str) -> Iterator[tuple[Cell, pa.Table]]:
-        """The rows of every cell that has any."""
+        """Yield every cell that has rows, with its rows."""
         table = self.read(name)
         numbers = table["cell"].to_numpy()
         for cell in self._cells:
             of_cell = numbers == cell.number
-            # A run of one cell is big, if any is: no second copy of it.
+            # The rows of a single cell may be large, so they are not copied.
             rows = table if of_cell.all() else table.filter(pa.array(of_cell))
             if rows.num_rows:
                 yield cell, rows
@@ -96,10 +96,10 @@ class RunTables:
 
 
 def readable_shards(folder: Path, study: Study) -> tuple[Shard, ...]:
-    """The shards that can be read; one that cannot does not count, as when a run is resumed.
+    """Return the readable shards.  Unreadable shards are ignored, as when a run is resumed.
 
     Raises:
-        InputError: a shard is of another study.
+        InputError: a shard belongs to another study.
     """
     readable = []
     for shard in shards_of(folder):

@@ -15,7 +15,7 @@ _NAMED = 5
 """Number of keys that a refusal lists."""
 
 _OF_THE_HUMAN = ("ending", "steps", "pedestrians", "arrivals", "pass_time_s", "pedestrian_delay_s")
-"""Columns that are equal if the reference arm met the same pedestrians and drove the same."""
+"""Columns that are equal if the reference arm met the same pedestrians and drove equally."""
 
 
 def names_of(runs: Sequence[RunData]) -> list[str]:
@@ -32,13 +32,13 @@ def check_same_pairs(runs: Sequence[RunData], groups: Sequence[StrategyGroup]) -
         groups: the groups of all their cells together.
 
     Raises:
-        InputError: a run is given twice, differs in more than the AV's strategy (the keys are
-            named), used another model, or its reference arm has other results.
+        InputError: a run is given twice, differs in more than the AV's strategy (the message names
+        the keys), used another model, or has other results in its reference arm.
     """
     for number, run in enumerate(runs):
         if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:
             raise InputError(str(run.path), "is named twice", "different runs")
-    # For a run without a partner the refusal names its differences from the first run.
+    # A run without comparable cells is refused with its differences from the first run.
     for number in (*range(1, len(runs)), 0):
         together = {m.run for group in groups if _has(group, number) for m in group.cells}
         if together == {number}:
@@ -58,7 +58,7 @@ def _has(group: StrategyGroup, run: int) -> bool:
 
 
 def _refuse_other_scenario(first: RunData, other: RunData) -> None:
-    """Refuse with the keys in which the two most similar cells differ."""
+    """Raise an error that names the keys in which the two most similar cells differ."""
     trees = [
         [flatten(all_but_the_strategy(cell.scenario)) for cell in run.study.cells]
         for run in (first, other)

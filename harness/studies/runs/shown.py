@@ -23,10 +23,10 @@ from harness.studies.runs.simulation_choice import Key
 from harness.studies.runs.views import view_of
 
 SHOWN = "shown"
-"""The folder inside a run folder with the pairs that were repeated for the page."""
+"""The folder inside a run folder that contains the pairs repeated for the page."""
 
 MARGIN_S = 1.0
-"""Additional time that is read on either side."""
+"""Additional time in s that is read before and after the shown part."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class ShownPair:
     differences: tuple[str, ...] = ()
 
     def of_arm(self, arm: Arm) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """The rows of ``traces`` and ``people`` of one arm."""
+        """Return the rows of ``traces`` and ``people`` of one arm."""
         traces, people = (rows[rows["arm"] == arm.value] for rows in (self.traces, self.people))
         return traces, people
 
@@ -68,7 +68,7 @@ def choose_pairs(run: RunData) -> dict[str, list[Key]]:
 
 
 def shown_pairs(run: RunData, page: Path | None = None) -> list[ShownPair]:
-    """Return the chosen pairs that have traces, each once, in the order of ``choose_pairs``.
+    """Return the chosen pairs with traces, without duplicates, in the order of ``choose_pairs``.
 
     Args:
         run: a run with at least one finished pair.

@@ -7,7 +7,7 @@ from harness.statistics import Catalogue, Findings, Note, Rank
 from harness.studies.runs.notes import FEW_HOURS, counted, undefined_notes
 
 CUT_SHARE = 0.05
-"""Above this share a note says how many commands SUMO did not follow."""
+"""Above this share a note gives the number of commands that SUMO did not follow."""
 
 
 def simulation_notes(

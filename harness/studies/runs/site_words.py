@@ -1,4 +1,4 @@
-"""Where a run takes place and who comes, in one line."""
+"""Describes the site and the traffic of a run in one line."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -8,7 +8,7 @@ from harness.store.kinds import kind_of
 
 
 def site_words(scenarios: Sequence[Scenario]) -> str:
-    """Return the site, the speed of arrival, and who comes; values that differ are "varied".
+    """Return the site, the initial speed and the traffic; values that differ are "varied".
 
     >>> site_words([Scenario()])
     'Site: road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people/h.'
@@ -83,4 +83,4 @@ VEHICLE_WORDS: Mapping[str, Sequence[tuple[Callable[[Scenario], str], str]]] = {
     ),
     "hours of traffic": ((_share, "share of AVs"), (_vehicles, "vehicles")),
 }
-"""What the line says of vehicles, with the name of what may vary, by the kind of run."""
+"""The line's words about vehicles, and the name of the value that may vary, by kind of run."""

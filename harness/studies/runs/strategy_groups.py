@@ -1,9 +1,9 @@
-"""Cells that differ in the AV's strategy alone, and sweeps of one parameter among them.
+"""Groups cells that differ only in the AV's strategy, and finds sweeps of one parameter.
 
-What makes two cells comparable, of one study or of several: everything but ``arms.av``, the
-parameters of the AV's strategy and its perception is the same.  A parameter of a strategy that also
-drives the reference arm changes that arm, and so does perception that the human shares: cells that
-differ in it stand apart.
+Two cells of one study or of several are comparable if they differ only in ``arms.av``, the
+parameters of the AV's strategy and its perception.  If the strategy also drives the reference arm,
+its parameters change that arm.  Perception that the human shares also changes it.  Cells that
+differ in such a key are in different groups.
 """
 
 import json
@@ -21,11 +21,11 @@ _PERCEPTION = "perception."
 
 @dataclass(frozen=True)
 class StrategyCell:
-    """A cell with its AV's strategy, all its parameters, and a name that tells it in its group.
+    """A cell with its AV's strategy, all parameters, and a name that is unique in its group.
 
-    Where the group's perception is not all default its keys count as parameters, by their dotted
-    names.  ``run`` is the place of its run among those compared, ``number`` its own among the
-    cells of all of them.
+    If a cell of the group changes perception from its default, the keys of perception count as
+    parameters, by their dotted names.  ``run`` is the index of the cell's run among the compared
+    runs.  ``number`` is the cell's index among the cells of all runs.
     """
 
     run: int
@@ -38,10 +38,10 @@ class StrategyCell:
 
 @dataclass(frozen=True)
 class StrategyGroup:
-    """Cells that differ in the AV's strategy alone; ``shared`` are the varied keys they share.
+    """Cells that differ only in the AV's strategy; ``shared`` are the varied keys they share.
 
-    ``repeats`` counts further cells that are the same as one of these in all that matters, as when
-    a grid varies a parameter of a strategy that does not drive.
+    ``repeats`` counts further cells that are equivalent to one of these.  They arise if a grid
+    varies a parameter of a strategy that does not drive.
     """
 
     shared: Parameters
@@ -53,8 +53,8 @@ class StrategyGroup:
 class ParameterSweep:
     """Cells of a group that differ in one numeric parameter of one strategy.
 
-    ``cells`` are positions in the group, ``values`` the parameter's there, rising; ``fixed`` holds
-    the strategy's other parameters where the group varies them too.
+    ``cells`` are positions in the group, and ``values`` are the parameter's ascending values there.
+    ``fixed`` has the strategy's other parameters if the group varies them too.
     """
 
     strategy: str
@@ -65,39 +65,39 @@ class ParameterSweep:
 
     @property
     def key(self) -> str:
-        """The parameter as a scenario writes it."""
+        """The parameter's key in a scenario."""
         if self.of_perception:
             return self.parameter
         return f"{table_key(self.strategy)}.{self.parameter}"
 
     @property
     def of_perception(self) -> bool:
-        """Whether it is a key of ``[perception]``, not of the strategy."""
+        """Whether the parameter is a key of ``[perception]`` and not of the strategy."""
         return self.parameter.startswith(_PERCEPTION)
 
     @property
     def aggressiveness(self) -> tuple[float, ...] | None:
-        """The aggressiveness at every value, where the parameter is known to stand for it."""
+        """The aggressiveness at every value; None if the parameter does not determine it."""
         sign = aggressiveness_of(self.strategy).get(self.parameter)
-        # No negative zero: a margin of 0 is an aggressiveness of 0.
+        # Adding 0 removes a negative zero, because a margin of 0 is an aggressiveness of 0.
         return None if sign is None else tuple(sign * value + 0.0 for value in self.values)
 
 
 _Numbered = tuple[int, int, Cell]
-"""Place of the run, number among the cells of all runs, the cell."""
+"""Index of the run, index among the cells of all runs, and the cell."""
 
 
 def strategy_groups(study: Study) -> list[StrategyGroup]:
-    """The groups of a study, in order of their first cells; also those of one cell."""
+    """Return the groups of a study, also groups of one cell, in order of their first cells."""
     return groups_over([study])
 
 
 def groups_over(studies: Sequence[Study], names: Sequence[str] = ("",)) -> list[StrategyGroup]:
-    """The groups of the cells of several studies; see ``strategy_groups``.
+    """Return the groups of the cells of several studies; see ``strategy_groups``.
 
     Args:
-        studies: in order of their numbers.
-        names: of each, to end its cells' labels with.
+        studies: the studies, in order of their numbers.
+        names: the name of each study, which ends the labels of its cells.
     """
     members: dict[str, list[_Numbered]] = {}
     number = 0
@@ -110,7 +110,7 @@ def groups_over(studies: Sequence[Study], names: Sequence[str] = ("",)) -> list[
 
 
 def parameter_sweeps(group: StrategyGroup) -> list[ParameterSweep]:
-    """Every set of at least two cells that differ in one numeric parameter alone."""
+    """Return every set of at least two cells that differ only in one numeric parameter."""
     sweeps = []
     for strategy in dict.fromkeys(member.strategy for member in group.cells):
         sets = {i: m.parameters for i, m in enumerate(group.cells) if m.strategy == strategy}
@@ -186,11 +186,11 @@ def _group(cells: list[_Numbered], names: Sequence[str]) -> StrategyGroup:
 
 
 _SAYS_NO_MORE = (("experiment", "pairs"), ("experiment", "decide_limit_s"))
-"""Keys that change nothing of a pair; nor do ``conflicts`` and ``limits``."""
+"""Keys that do not affect a pair; ``conflicts`` and ``limits`` do not either."""
 
 
 def all_but_the_strategy(scenario: Scenario) -> Parameters:
-    """Nested tables of what two cells must share to be compared pair by pair."""
+    """Return the nested tables that two cells must share to be compared pair by pair."""
     tree = scenario.model_dump()
     human = tree["arms"]["human"]
     del tree["arms"]["av"], tree["conflicts"], tree["limits"]
@@ -203,7 +203,7 @@ def all_but_the_strategy(scenario: Scenario) -> Parameters:
 
 
 def _parameters(scenario: Scenario, strategy: str) -> Parameters:
-    """With the defaults of the shipped strategies filled in; a user's code is not needed here."""
+    """Return a strategy's parameters with the defaults of shipped strategies, without user code."""
     given = scenario.strategies.get(strategy, {})
     if strategy not in STRATEGIES:
         return dict(given)
@@ -211,7 +211,7 @@ def _parameters(scenario: Scenario, strategy: str) -> Parameters:
 
 
 def _varied(tables: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Parameters that are not the same in all tables."""
+    """Return the parameters whose values differ between tables."""
     all_of = list(tables)
     names = dict.fromkeys(name for table in all_of for name in table)
     return [name for name in names if len({_frozen(table.get(name)) for table in all_of}) > 1]

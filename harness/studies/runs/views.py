@@ -1,4 +1,4 @@
-"""How a run of each kind is shown: its notes and the pairs worth watching."""
+"""The view of each kind of run: its notes and the pairs worth watching."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from harness.studies.runs.simulation_choice import Key, chosen_pairs, numbers_of
 from harness.studies.runs.simulation_notes import simulation_notes
 
 ALL_BELOW = 50
-"""A run with at most this many pairs is shown completely."""
+"""If a run has at most this many pairs, all are shown."""
 
 STRETCH_S = 180.0
-"""Time of an hour that is shown; a whole hour would be too large for a page."""
+"""Shown time of an hour, in s.  A whole hour would be too large for a page."""
 
 TIME_ADVANTAGE = "smallest time advantage (calm yielding passes through 0 too)"
 
@@ -32,12 +32,12 @@ _DANGEROUS = {
     "smallest TTC": "min_ttc_s",
     "largest DRAC": "-max_drac_mps2",
 }
-"""Reasons by danger, with the AV's column; a minus before it asks for the largest values."""
+"""Reasons by danger, with the AV's column; a minus before it selects the largest values."""
 
 
 @dataclass(frozen=True)
 class View:
-    """How a kind of run is shown.
+    """The view of a kind of run.
 
     Attributes:
         notes: the notes of a cell, sorted by rank.
@@ -54,7 +54,7 @@ class View:
 
 
 def _worth_watching(run: RunData) -> dict[str, list[Key]]:
-    """The most dangerous pairs.
+    """Return the most dangerous pairs.
 
     Contacts come first, then the AV's smallest PET and TTC and its largest DRAC.  Cells share
     their pedestrians, so for a measure each pair counts once, in the cell with the most extreme
@@ -83,7 +83,7 @@ def _worth_watching(run: RunData) -> dict[str, list[Key]]:
 
 
 def _longest_queue(run: RunData) -> dict[str, list[Key]]:
-    """The hour with the AV's longest queue."""
+    """Return the hour with the AV's longest queue."""
     ran = run.hours[run.hours["reason"].isna()]
     both = ran.groupby(["cell", "pair"])["arm"].transform("size") == len(Arm)
     queues = ran[both & (ran["arm"] == Arm.AV.value)]
@@ -92,7 +92,7 @@ def _longest_queue(run: RunData) -> dict[str, list[Key]]:
 
 
 def _around_the_queue(run: RunData, cell: int, pair: int) -> tuple[float, float]:
-    """The three minutes around the AV's longest queue."""
+    """Return the three minutes around the AV's longest queue."""
     duration_s = run.scenario_of(cell).known_traffic.duration_s
     queues = run.queues
     queues = queues[(queues["cell"] == cell) & (queues["pair"] == pair) & (queues["arm"] == Arm.AV)]
@@ -103,7 +103,7 @@ def _around_the_queue(run: RunData, cell: int, pair: int) -> tuple[float, float]
 
 
 def _by_danger(rows: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Sort rows by a column, smallest first; with a minus before its name largest first."""
+    """Sort rows by a column, smallest first, or largest first if its name begins with a minus."""
     name = column.removeprefix("-")
     return rows.dropna(subset=name).sort_values(name, ascending=name == column, kind="stable")
 
@@ -118,7 +118,7 @@ def _keys(rows: pd.DataFrame, most: int | None = _EACH) -> list[Key]:
 
 
 def _medians(tau: pd.DataFrame) -> list[Key]:
-    """Return the pair with the median τ of each cell (the lower one of two)."""
+    """Return the pair with the median τ of each cell (the lower median if there are two)."""
     middles = [rows.iloc[[(len(rows) - 1) // 2]] for _, rows in tau.groupby("cell", sort=True)]
     return [key for middle in middles[:_MOST_MEDIANS] for key in _keys(middle)]
 
@@ -136,5 +136,5 @@ VIEWS: Mapping[str, View] = {
 
 
 def view_of(run: RunData) -> View:
-    """How a run is shown."""
+    """Return the view of a run's kind."""
     return VIEWS[run.kind.name]

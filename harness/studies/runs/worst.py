@@ -1,4 +1,4 @@
-"""Finds the worst episodes of a run, or those that became worse since an earlier run."""
+"""Finds the worst episodes of a run, or the episodes that became worse since an earlier run."""
 
 import math
 import shlex
@@ -70,7 +70,7 @@ def worst(
     """Return the worst episodes of a run.
 
     For a conflict measure (PET, DRAC …) crashes come first, sorted by impact speed.  For delay and
-    pass time, time-outs come first; crashes are excluded, because both are undefined for them.
+    pass time, time-outs come first; crashes are excluded, because they have no such value.
 
     Args:
         run: a finished run or its folder.
@@ -100,10 +100,10 @@ def got_worse(
 ) -> list[WorstEpisode]:
     """Return the episodes that are worse than in an earlier run, the greatest change first.
 
-    Cells are matched as in ``compare``: the same strategy and parameters in both runs, or the only
-    cell of each run in a group.  A PET or TTC that exceeds 5 s or is undefined counts as 5 s; no
-    contact counts as 0 m/s.  For other measures, episodes with an undefined value are excluded.
-    New crashes (for delay, new time-outs) come first.
+    Cells are matched as in ``compare``: they have the same strategy and parameters, or they are the
+    only cell of their run in a group.  A PET or TTC that exceeds 5 s or is undefined counts as 5 s.
+    An episode without contact has an impact speed of 0 m/s.  For other measures, episodes with an
+    undefined value are excluded.  New crashes (for delay, new time-outs) come first.
 
     Args:
         run: a finished run or its folder.
@@ -114,7 +114,7 @@ def got_worse(
         cell: number of the cell of ``run``; None: all cells.
 
     Raises:
-        InputError: as ``worst``, or the runs cannot be compared pair by pair.
+        InputError: see ``worst``; or the runs cannot be compared pair by pair.
     """
     arm = _check(by, most, arm)
     now, then = finished_run(run), finished_run(since)
@@ -195,11 +195,11 @@ def _episodes(run: RunData, by: str, arm: Arm, cell: int | None = None) -> pd.Da
 
 
 _FINAL = 1_000_000.0
-"""Badness above every value: a crash or, for delay, a time-out."""
+"""Badness above every value, for a crash or (for delay) a time-out."""
 
 
 def badness(by: str, value: float | None, ending: str, contact_speed_mps: float | None) -> float:
-    """How bad an episode is by a measure of ``RANKED``: larger is worse; NaN: undefined."""
+    """Return an episode's badness by a measure of ``RANKED``; larger is worse, NaN undefined."""
     measure = RANKED[by]
     if measure.about == "time" and ending == Ending.TIMED_OUT:
         return _FINAL

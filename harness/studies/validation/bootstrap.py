@@ -1,4 +1,4 @@
-"""Takes passages and returns resamples of their vehicles, and a warning if they are few."""
+"""Resamples the vehicles of passages, and warns if there are too few vehicles."""
 
 from collections.abc import Sequence
 
@@ -12,13 +12,13 @@ RESAMPLES = 1_000
 """Number of bootstrap resamples of vehicles."""
 
 _TRUSTED = 0.935
-"""Intervals with a lower coverage are called unreliable, as in a run."""
+"""An interval with lower coverage is called unreliable, as in a run."""
 
 
 def resamples(passages: Sequence[Passage], seed: int) -> list[np.ndarray]:
     """Draw vehicles with replacement, ``RESAMPLES`` times, and return their passages.
 
-    The result is empty for a single vehicle, which does not show how vehicles differ.
+    The result is empty for a single vehicle, because it does not show how vehicles differ.
     """
     vehicles = list(dict.fromkeys(passage.vehicle_id for passage in passages))
     if len(vehicles) < 2:
@@ -31,11 +31,11 @@ def resamples(passages: Sequence[Passage], seed: int) -> list[np.ndarray]:
 
 
 def few_vehicles(vehicles: int) -> str | None:
-    """Say why intervals over few vehicles are unreliable; None if they cover 93.5 % or more.
+    """Return why intervals over few vehicles are unreliable; None if they cover 93.5 % or more.
 
-    The percentiles of the bootstrap of a mean lie √((n − 1)/n) · 1.96 standard errors from it, less
-    than Student's t requires.  Their coverage for normal values is P(|t| < that limit) with n − 1
-    degrees of freedom, and lower for skewed values.
+    The percentiles of a mean's bootstrap lie √((n − 1)/n) · 1.96 standard errors from the mean,
+    closer than Student's t requires.  For normal values their coverage is P(|t| < that limit) with
+    n − 1 degrees of freedom; for skewed values it is lower.
 
     >>> few_vehicles(5)
     'Intervals from 5 vehicles are unreliable: they cover a mean in at most 85 %, not 95 %.'
@@ -54,7 +54,7 @@ def few_vehicles(vehicles: int) -> str | None:
 
 
 def middle(values: Sequence[float | None]) -> tuple[float, float] | None:
-    """Return the middle 95 % of resampled values; None if a value is undefined or there is none."""
+    """Return the middle 95 % of resampled values; None if there are none or one is undefined."""
     defined = [value for value in values if value is not None]
     if not defined or len(defined) < len(values):
         return None

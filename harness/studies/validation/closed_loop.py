@@ -1,4 +1,4 @@
-"""Takes a recorded passage and returns a trace, of a driver model or of the recorded vehicle."""
+"""Takes a recorded passage and returns the trace of a driver model or of the recorded vehicle."""
 
 from dataclasses import replace
 
@@ -15,15 +15,15 @@ from harness.studies.validation.passages import BEYOND_S, Passage
 def drive(passage: Passage, strategy: Strategy) -> Trace:
     """Let a strategy drive a passage from its recorded start until its rear has left.
 
-    The pedestrians walk as recorded, whatever the strategy does.  The time limit is 30 s after the
-    recorded vehicle has passed.
+    The pedestrians walk as recorded and do not react.  The time limit is 30 s after the recorded
+    vehicle has passed.
 
     Args:
         passage: the recorded passage.
         strategy: a new strategy object.
     """
     steps = len(passage.x_m) - 1 + round(BEYOND_S / passage.step_s)
-    # An engine begins at v0, but here the start speed differs from v0, except for the driver at
+    # An engine begins at v0.  Here the start speed differs from v0, except for the driver at
     # constant speed, whose v0 is the start speed.
     begun = replace(passage.vehicle, initial_speed_mps=passage.start_speed_mps)
     rules = CellConstants(
@@ -40,7 +40,7 @@ def drive(passage: Passage, strategy: Strategy) -> Trace:
 
 
 def recorded_trace(passage: Passage) -> Trace:
-    """Return the recorded passage as a simulated trace; speeds are central differences."""
+    """Return the recorded passage as a trace whose speeds are central differences."""
     x_m = passage.x_m
     walks = tuple(
         Walk(arrival, arrival.arrival_s, abs(arrival.path[-1].y_mps), legs=arrival.path)

@@ -1,4 +1,4 @@
-"""Takes passages and a driver and returns its outcomes, with models fitted without the passage."""
+"""Drives passages with a driver whose model was fitted without the passage."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,10 +32,10 @@ ModelOf = Callable[[Passage], InteractionModel]
 def outcomes_of(
     name: str, passages: Sequence[Passage], scenario: Scenario, model_of: ModelOf
 ) -> list[list[DriverOutcome]]:
-    """Drive every passage with one driver; ``DRAWS`` times if the driver draws random numbers.
+    """Drive every passage with one driver, ``DRAWS`` times if the driver draws random numbers.
 
     Args:
-        name: name of the strategy; its parameters are the scenario's.
+        name: name of the strategy.  The scenario gives its parameters.
         passages: the passages to drive.
         scenario: gives parameters, seed and step.
         model_of: the interaction model for a passage.
@@ -72,9 +72,9 @@ STRATEGIES_FITTED_ON = {"human_recorded": "dut"}
 
 
 def fitted_on(card: Mapping[str, Any], seen: frozenset[str]) -> bool | None:
-    """Return whether a model's card lists one of the tracks ``seen``, see ``fingerprints_of``.
+    """Return whether a model's card lists one of the tracks ``seen`` (see ``fingerprints_of``).
 
-    The result is None if the card lists no tracks: its version is older, or its rows had none.
+    The result is None if the card lists no tracks, because it is older or its rows had no tracks.
     """
     tracks = card.get("tracks")
     if not isinstance(tracks, list) or not tracks:
@@ -84,7 +84,7 @@ def fitted_on(card: Mapping[str, Any], seen: frozenset[str]) -> bool | None:
 
 @dataclass(frozen=True, eq=False)
 class FoldModels:
-    """Models that were each fitted without a fold of vehicles, and the model fitted to all."""
+    """One model fitted without each fold of vehicles, and the model fitted to all vehicles."""
 
     whole: InteractionModel
     fold_models: Sequence[InteractionModel]
@@ -105,9 +105,9 @@ def refit_without_folds(
     seed: int,
     progress: Callable[[int], None] = lambda _: None,
 ) -> FoldModels:
-    """Fit mixtures with a model's number of components again, each without one fold of vehicles.
+    """Refit mixtures with the model's number of components, each without one fold of vehicles.
 
-    Rows, weights, box and folds are as ``harness extract`` and ``harness fit`` make them.
+    ``harness extract`` and ``harness fit`` would make the same rows, weights, box and folds.
 
     Args:
         model: a model fitted to the same data.
@@ -119,7 +119,7 @@ def refit_without_folds(
     whole = model.mixture
     rows = extract(list(paths), format_, **options).rows
     code = independent_vehicles(rows)
-    assert code is not None  # rows from tracks always identify their vehicle
+    assert code is not None  # rows from tracks identify their vehicle
     number = min(folds, int(code.max()) + 1)
     row_folds = vehicle_folds(code, row_weights(rows, "encounter"), number, seed)
     models = []

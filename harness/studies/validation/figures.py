@@ -1,4 +1,4 @@
-"""The catalogue of a validation: how close a driver model is to the recorded drivers."""
+"""The catalogue of a validation's numbers: how close a driver model is to recorded drivers."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -13,24 +13,24 @@ from harness.studies.validation.bootstrap import middle
 from harness.studies.validation.outcomes import HORIZONS_S, DriverOutcome
 
 Outcomes = Sequence[Sequence[DriverOutcome]]
-"""Outcomes of a driver: one for each passage, or one for each draw of a random model."""
+"""Outcomes of a driver by passage and draw; only a random model has several draws."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drives:
-    """A driver's outcomes as arrays, passages first.
+    """A driver's outcomes as arrays whose first axis is the passage.
 
     The draws of a random model share the weight of their passage.  In the last three arrays the
-    last column belongs to the recorded vehicle; NaN is undefined.
+    last column belongs to the recorded vehicle.  NaN means undefined.
     """
 
-    error_s: FloatArray  # (passages, draws), of the pass time
-    score_s: FloatArray  # (passages,), what drivers are ranked by, see ``pass_time_score``
-    squared_m2: FloatArray  # (passages, horizons), NaN where either has passed
-    right: FloatArray  # (passages,) sums over pedestrians of the share of draws that are right
+    error_s: FloatArray  # (passages, draws), error of the pass time
+    score_s: FloatArray  # (passages,), ranks the drivers, see ``pass_time_score``
+    squared_m2: FloatArray  # (passages, horizons), NaN if either vehicle has passed
+    right: FloatArray  # (passages,) sums over pedestrians of the share of correct draws
     brier: FloatArray  # (passages,) sums over pedestrians
     people: FloatArray  # (passages,)
-    contact: FloatArray  # (passages,) share of draws
+    contact: FloatArray  # (passages,) share of draws with a contact
     explained: FloatArray
     timed_out: FloatArray
     least_speed_mps: FloatArray  # (passages, draws + 1)
@@ -77,18 +77,17 @@ def drives_of(outcomes: Outcomes, recorded: Sequence[DriverOutcome]) -> Drives:
 
 
 def pass_time_score(pass_times_s: FloatArray, recorded_s: float) -> float:
-    """Return the continuous ranked probability score of one passage's pass times, s ≥ 0.
+    """Return the continuous ranked probability score of one passage's pass times, in s.
 
-    E|X − y| − ½ E|X − X'| over draws X, X' of the model and the recorded y.  For a model without
-    randomness it is the absolute error; for a random model it rewards neither a spread that is too
-    wide nor one that is too narrow.  It is unbiased for any number of draws, because X and X' are
-    different draws.
+    The score is E|X − y| − ½ E|X − X'| over draws X, X' of the model and the recorded y.  For a
+    model without randomness it is the absolute error.  It penalises a spread that is too wide or
+    too narrow.  It is unbiased for any number of draws, because X and X' are different draws.
 
     Source: Gneiting, Raftery 2007, Journal of the American Statistical Association 102.
 
     Args:
-        pass_times_s: (draws,).
-        recorded_s: y.
+        pass_times_s: (draws,) the model's pass times X.
+        recorded_s: the recorded pass time y.
 
     >>> pass_time_score(np.array([7.0]), 5.0)
     2.0
@@ -230,8 +229,7 @@ ENTRIES: tuple[Entry[Drives], ...] = (
 )
 """The numbers that a validation reports for each driver.
 
-All except the counts, which are sums over passages, have a 95 % bootstrap interval over
-vehicles."""
+Counts are sums over passages.  All other numbers have a 95 % bootstrap interval over vehicles."""
 
 
 def findings_of(
@@ -241,8 +239,8 @@ def findings_of(
 
     Args:
         drives: the drives of every passage.
-        samples: passages of resampled vehicles, the same for every driver.
-        doubt: why intervals over few vehicles are unreliable; None if they are reliable.
+        samples: passages of resampled vehicles, which are the same for every driver.
+        doubt: reason why the intervals are unreliable; None if they are reliable.
     """
     defined = _defined(drives)
     resampled = [drives.sample(sample) for sample in samples]
@@ -264,7 +262,7 @@ def findings_of(
 
 
 def _defined(drives: Drives) -> dict[str, int]:
-    """Count the passages in which a number is defined, by key, for numbers that may be not."""
+    """Count the passages with a value, by key, for numbers that may be undefined."""
     squared = {
         f"position_rmse_{horizon_s:g}s_m": drives.squared_m2[:, place, None]
         for place, horizon_s in enumerate(HORIZONS_S)

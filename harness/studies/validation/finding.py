@@ -24,13 +24,13 @@ START_RANGE_M = 30.0
 """A passage begins at the first record within this distance of x = 0."""
 
 LEAST_RANGE_M = 6.0
-"""A passage whose record begins closer than this is not used."""
+"""A passage is left out if its record begins closer than this."""
 
 GROUP_GAP_M = 5.0
-"""Neighbouring conflict points farther apart than this, a car's length, split a group."""
+"""A group ends where the next conflict point is farther than this, a car's length."""
 
 LEAST_WIDTH_M = 4.0
-"""Smallest width of the crosswalk, which is as wide as the spread of the conflict points."""
+"""Smallest width of the crosswalk.  Its width is the spread of the conflict points."""
 
 _ROUNDING_M = 0.05
 """Tolerance of the start range, because recorded positions are rounded."""
@@ -39,7 +39,7 @@ _START_S, _FREE_S = 0.5, 1.0
 
 
 def crossing_about(width_m: float) -> Crossing:
-    """Return a crosswalk of that width, with the vehicle's path 4.5 m from either kerb."""
+    """Return a crosswalk of this width whose kerbs are 4.5 m from the vehicle's path."""
     return Crossing(2 * KERB_M, width_m, KERB_M, 2 * KERB_M)
 
 
@@ -48,9 +48,10 @@ def find_passages(
 ) -> Passages:
     """Find every passage of a vehicle through a group of crossing pedestrians.
 
-    A pedestrian crosses where the two paths first cross at an angle that extraction allows, ahead
-    of the vehicle's first record.  Conflict points more than ``GROUP_GAP_M`` apart along the
-    vehicle's path are of different groups.  The road is the vehicle's own path, straightened.
+    A pedestrian's conflict point is ahead of the vehicle's first record, where both paths first
+    cross at an angle that extraction allows.  A gap of more than ``GROUP_GAP_M`` between
+    neighbouring conflict points along the vehicle's path separates two groups.  The road is the
+    vehicle's own path, straightened.
 
     Args:
         clips: clips with tracks.
@@ -78,7 +79,7 @@ def find_passages(
 
 @dataclass(frozen=True, eq=False)
 class _Crosser:
-    """A pedestrian whose path crosses the vehicle's, with the place and the walking direction."""
+    """A pedestrian whose path crosses the vehicle's path, with place and walking direction."""
 
     track: Track
     arc_m: float
@@ -131,7 +132,7 @@ def _crosser(car: Mover, walker: Mover, rules: ExtractionRules) -> _Crosser | No
 
 
 def _groups(crossers: list[_Crosser]) -> list[list[_Crosser]]:
-    """Group crossers by their place along the path, with a cut between distant neighbours."""
+    """Sort crossers along the path and split them into groups between distant neighbours."""
     arcs = np.array([crosser.arc_m for crosser in crossers])
     order = np.argsort(arcs, kind="stable")
     number = np.empty(len(arcs), dtype=int)
@@ -194,7 +195,10 @@ class _Builder:
         )
 
     def _states(self, x_m: FloatArray, first: int, crossing: Crossing) -> FloatArray | str:
-        """Return the recorded front bumper at every step until the rear has left, or a reason."""
+        """Return the front bumper's recorded position at every step until the rear has left.
+
+        If that is impossible, return the reason.
+        """
         time_s = rounded(self.track.time_s[first:] - self.track.time_s[first])
         passed_at = crossing.width_m / 2 + self.track.length_m
         x_m = np.maximum.accumulate(x_m[first:])
@@ -247,7 +251,7 @@ def _people(
     max_gap_s: float,
     start_s: float,
 ) -> tuple[tuple[Arrival, ...], FloatArray, FloatArray, tuple[bool, ...]] | str:
-    """Return the pedestrians present during the passage, or the reason why it does not count."""
+    """Return the pedestrians present during the passage, or the reason why it is left out."""
     people = []
     for crosser, course in zip(group, courses, strict=True):
         legs = course.legs(until_s)
@@ -275,7 +279,7 @@ def _people(
 
 
 def _start_speed(time_s: FloatArray, x_m: FloatArray) -> float:
-    """Speed at the first record, of a parabola through the first 0.5 s; not below 0."""
+    """Return the speed ≥ 0 at the first record, from a parabola through the first 0.5 s."""
     near = time_s <= time_s[0] + _START_S + 1e-9
     if near.sum() < 3:
         return max(0.0, float((x_m[1] - x_m[0]) / (time_s[1] - time_s[0])))
@@ -284,7 +288,7 @@ def _start_speed(time_s: FloatArray, x_m: FloatArray) -> float:
 
 
 def _free_speed(time_s: FloatArray, x_m: FloatArray) -> float:
-    """The highest mean speed over one second of the whole record, or over all of a shorter one."""
+    """Return the highest mean speed over one second, or over the whole record if it is shorter."""
     window = min(_FREE_S, float(time_s[-1] - time_s[0]))
     begin = time_s[time_s <= time_s[-1] - window + 1e-9]
     there = np.interp(np.minimum(begin + window, time_s[-1]), time_s, x_m)

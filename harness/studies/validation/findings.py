@@ -1,4 +1,4 @@
-"""The findings of a validation; ``--json``, terminal and page are views of them."""
+"""The findings of a validation, which ``--json``, the terminal and the page show."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -7,7 +7,7 @@ from harness.statistics.entries import Findings
 from harness.statistics.findings import Note
 
 SCHEMA = 2
-"""Version of ``validation.json`` and ``--json``; 1 had neither ``findings`` nor ``notes``."""
+"""Version of ``validation.json`` and ``--json``; version 1 lacked ``findings`` and ``notes``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,14 +17,14 @@ class DriverFindings:
     Attributes:
         driver: name of the driver.
         rank: 1 is closest to the recorded drivers.
-        not_told_apart: drivers whose scores do not differ significantly: the 95 % bootstrap
-            interval over vehicles of the paired difference includes 0.
+        not_told_apart: drivers whose scores do not differ significantly, because the 95 %
+            bootstrap interval over vehicles of the paired difference includes 0.
         score_difference_s: mean score minus the mean score of the first driver.
-        score_difference_interval_s: its interval; None for the first driver or without an interval.
+        score_difference_interval_s: interval of this difference; None for the first driver or
+            without an interval.
         draws: drives of each passage; 1 if the driver drew no random number.
-        fitted_on_these_data: whether the driver was fitted to these passages and not fitted again.
-        folds: number of folds in which its model was fitted again, each time without the vehicles
-            of one fold.
+        fitted_on_these_data: whether the driver was fitted to these passages and not refitted.
+        folds: number of refits of its model, each without the vehicles of one fold.
         findings: findings of ``ENTRIES`` by key; ``n`` is the number of passages with a value.
     """
 
@@ -47,10 +47,10 @@ class ValidationFindings:
         sources: names of the data sets.
         passages: number of driven passages.
         vehicles: number of vehicles in these passages.
-        encounters: pedestrians who passed a vehicle's path after its passage began.
+        encounters: pedestrians who crossed a vehicle's path after its passage began.
         contacts_recorded: passages with a contact of the recorded vehicle.
-        left_out: reason of ``LEFT_OUT`` → number of excluded vehicles or ways through a group.
-        remarks: exclusions and assumptions that the data made necessary.
+        left_out: reason of ``LEFT_OUT`` → number of excluded vehicles or passages.
+        remarks: exclusions and assumptions that these data required.
         notes: notes, sorted by rank.
         drivers: drivers, the closest to the recorded drivers first.
     """
@@ -66,7 +66,7 @@ class ValidationFindings:
     drivers: tuple[DriverFindings, ...]
 
     def document(self) -> list[dict[str, object]]:
-        """Return one object for each driver, the closest first, each with the shared values."""
+        """Return one object per driver, the closest first, each including the shared values."""
         shared = {"schema": SCHEMA, **asdict(self)}
         del shared["drivers"]
         documents = []

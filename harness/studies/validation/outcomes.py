@@ -10,7 +10,7 @@ from harness.measures.ego import crossing_time, ego_state
 from harness.studies.validation.passages import Passage
 
 HORIZONS_S = (1.0, 2.0, 4.0)
-"""Times after the start at which positions are compared."""
+"""Times in s after the start at which positions are compared."""
 
 _STANDING_MPS = 0.1
 
@@ -25,14 +25,14 @@ class DriverOutcome:
             ``timed_out``.
         timed_out: whether the time limit ended the passage.
         x_m: (3,) position of the front bumper after ``HORIZONS_S``; NaN after the passage.
-        first: (n,) whether the vehicle was at the conflict point before the pedestrian, for each
-            pedestrian who had not passed it at the start.
+        first: (n,) whether the vehicle reached the conflict point before the pedestrian, for each
+        pedestrian who had not passed it at the start.
         least_speed_mps: lowest speed of the passage.
         pet_s, time_advantage_s: the measures of docs/measures.md; None if undefined.
         contact: whether the vehicle touched a pedestrian.
         contact_explained: whether the contact happened only because recorded pedestrians cannot
-            react.  They walked into its flank or into a standing vehicle, or full braking since
-            their arrival would not have avoided the contact.
+        react.  Either they walked into the vehicle's flank or into a standing vehicle, or full
+        braking since their arrival would not have avoided the contact.
     """
 
     trace: Trace
@@ -73,16 +73,16 @@ def outcome_of(passage: Passage, trace: Trace) -> DriverOutcome:
 
 
 def pass_time_of(passage: Passage, trace: Trace) -> tuple[float, bool]:
-    """The pass time in s, and whether it is the time limit because the vehicle did not pass."""
+    """Return the pass time in s, and whether the vehicle timed out; then it is the time limit."""
     passed = crossing_time(trace, passage.crossing.width_m / 2 + passage.vehicle.length_m)
     if passed is not None:
         return passed, False
-    # An engine ends the passage within 1 nm of the edge, so the rear may be just before it.
+    # An engine ends the passage within 1 nm of the edge, so the rear may not quite have left.
     return (len(trace.x_m) - 1) * trace.step_s, trace.ending is Ending.TIMED_OUT
 
 
 def order_of(passage: Passage, trace: Trace) -> np.ndarray:
-    """See ``DriverOutcome.first``; bool of shape (n,)."""
+    """Return ``DriverOutcome.first``, bool of shape (n,)."""
     counts = passage.passing_s > 0
     places, passing_s = passage.conflict_x_m[counts], passage.passing_s[counts]
     times = [crossing_time(trace, place) for place in places.tolist()]

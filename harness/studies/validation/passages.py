@@ -1,4 +1,4 @@
-"""Holds recorded passages: one vehicle's way through one group of crossing pedestrians."""
+"""Recorded passages, in which one vehicle passes through one group of crossing pedestrians."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ LEFT_OUT: Mapping[str, str] = {
     "the vehicle stands, or more than 12 m before its rear leaves the crosswalk",
     "nobody_left": "all pedestrians of the group crossed before the passage begins",
 }
-"""Reasons why a vehicle, or its way through a group, is excluded; the first one counts."""
+"""Reasons why a vehicle or a passage is excluded.  Only the first reason that applies counts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,8 @@ class Passage:
     """One recorded passage in the road's frame: x = 0 at the group's median conflict point.
 
     Attributes:
-        source, clip, vehicle_key, group: identify the passage; ``group`` counts along the path.
+        source, clip, vehicle_key, group: identify the passage; ``group`` is numbered along the
+        path.
         vehicle: the ego's constants.  ``initial_speed_mps`` is the free speed v0: the maximum of
             the start speed and of the mean speeds over one second.
         start_speed_mps: the speed at the start, from a parabola through the first 0.5 s.
@@ -38,9 +39,9 @@ class Passage:
             crosswalk.
         recorded_s: end of the record; after it the vehicle keeps its last speed.
         arrivals: the pedestrians who are present during the passage, with their walks.
-        passing_s: (pedestrians,) time at which they pass the vehicle's path; −inf if they passed
-            it before the start, inf if they never pass it.
-        conflict_x_m: (pedestrians,) place along the road at which they pass the vehicle's path.
+        passing_s: (pedestrians,) time at which they cross the vehicle's path; −inf if they crossed
+            it before the start, inf if they never cross it.
+        conflict_x_m: (pedestrians,) place along the road at which they cross the vehicle's path.
         extended: (pedestrians,) whether a part of the walk was not recorded.
     """
 
@@ -61,12 +62,12 @@ class Passage:
 
     @property
     def vehicle_id(self) -> tuple[str, str, str]:
-        """The vehicle; resampling and folds keep its passages together."""
+        """Identifies the vehicle, whose passages stay together in resampling and folds."""
         return self.source, self.clip, self.vehicle_key
 
     @property
     def name(self) -> str:
-        """Clip, vehicle and group as one name."""
+        """A name made of clip, vehicle and group."""
         return f"{self.clip}/{self.vehicle_key}#{self.group}"
 
 
@@ -84,5 +85,5 @@ class Passages:
 
     @property
     def encounters(self) -> int:
-        """Number of pedestrians who pass a vehicle's path after its passage began."""
+        """Number of pedestrians who cross a vehicle's path after its passage began."""
         return sum(int((passage.passing_s > 0).sum()) for passage in self.used)

@@ -1,4 +1,4 @@
-"""Takes drivers' scores and returns their ranking by closeness to the recorded drivers."""
+"""Ranks drivers by closeness to the recorded drivers."""
 
 from collections.abc import Mapping, Sequence
 
@@ -21,8 +21,8 @@ def ranking(
         samples: passages of resampled vehicles.
 
     Returns:
-        For each driver its name, its mean score minus that of the first driver, the interval of
-        that difference, and the drivers from which it does not differ significantly.
+        For each driver: its name, its mean score minus the first driver's, the interval of that
+        difference, and the drivers from which it does not differ significantly.
     """
     means = {driver: float(score_s.mean()) for driver, score_s in scores_s.items()}
     order = sorted(scores_s, key=means.__getitem__)

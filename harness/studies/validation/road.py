@@ -1,4 +1,4 @@
-"""Takes a recorded path and tracks and returns the straightened road and pedestrians' courses."""
+"""Takes recorded tracks and returns the straightened road and the pedestrians' courses."""
 
 from dataclasses import dataclass
 
@@ -9,16 +9,16 @@ from harness.model.trajectories.paths import TravelPath
 from harness.model.trajectories.tracks import Track
 
 KERB_M = 4.5
-"""Distance from the vehicle's path to either kerb; the crosswalk is 9 m long, as in the paper."""
+"""Distance in m from the vehicle's path to each kerb, for a 9 m crosswalk as in the paper."""
 
 FOOTPATH_M = 1.5
-"""A pedestrian is present from this distance before the kerb on, as in SUMO's own model."""
+"""A pedestrian becomes present at this distance before the kerb, as in SUMO's own model."""
 
 LEG_S = 0.1
-"""Shortest leg of a walk; records of faster cameras are thinned to it."""
+"""Shortest leg of a walk in s.  Records at shorter intervals are thinned."""
 
 VELOCITY_S = 0.5
-"""Before and after the record a pedestrian walks at their mean velocity over this time."""
+"""Before and after the record a pedestrian keeps their mean velocity over this time in s."""
 
 _EXTENSION_M = 60.0
 
@@ -33,7 +33,7 @@ class Road:
     arc_m: FloatArray
 
     def coordinates(self, position_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Path length and distance to the left of the path in m, (n,) each, of positions (n, 2)."""
+        """Return distances in m along the path and to its left, (n,) each, of positions (n, 2)."""
         away = position_m[:, None, :] - self.start_m[None]
         share = np.clip((away * self.piece_m).sum(axis=2) / self.length_m**2, 0.0, 1.0)
         foot = away - share[:, :, None] * self.piece_m
@@ -49,9 +49,9 @@ class Road:
 
 
 def road_about(path: TravelPath, arc_m: float, reach_m: float, chord_m: float) -> Road:
-    """The part of a path within ``reach_m`` of a place on it, as a road.
+    """Return the part of a path within ``reach_m`` of a place on it, as a road.
 
-    Farther pieces are left out, so that a path that returns to the place has only one road there.
+    Farther pieces are left out, because the path may return to the place.
 
     Args:
         path: path of the vehicle's centre.
@@ -63,7 +63,7 @@ def road_about(path: TravelPath, arc_m: float, reach_m: float, chord_m: float) -
     first, last = max(0.0, arc_m - reach_m), min(float(path.arc_m[-1]), arc_m + reach_m)
     arcs = np.unique(np.concatenate([[first], corners, [last]]))
     points = np.array([path.at(arc) for arc in arcs.tolist()])
-    # A corner at almost the same place as an end would give a piece without a direction.
+    # A corner very close to an end would give a piece without a direction.
     kept = np.concatenate([[True], np.diff(arcs) > 1e-6])
     arcs, points = arcs[kept], points[kept]
     ahead = path.direction(last - chord_m / 2, chord_m / 2)
@@ -95,11 +95,11 @@ class Course:
 
     @property
     def progress_m(self) -> FloatArray:
-        """(n,) distance from their kerb in walking direction; negative on the footpath."""
+        """Distance in m from their kerb in walking direction, (n,); negative on the footpath."""
         return self.y_m if self.side is Side.NEAR else 2 * KERB_M - self.y_m
 
     def reaches_s(self, progress_m: float, since_s: float = -np.inf) -> float:
-        """First time in s, from ``since_s`` on, with at least this progress; infinite if never."""
+        """Return the first time in s from ``since_s`` on with this progress; infinite if never."""
         progress = self.progress_m
         if since_s > self.time_s[0]:
             here = np.interp(since_s, self.time_s, progress)
@@ -118,11 +118,11 @@ class Course:
         return float(times[at - 1] + share * (times[at] - times[at - 1]))
 
     def x_at(self, time_s: float) -> float:
-        """Position along the road in m at a time."""
+        """Return the position along the road in m at a time."""
         return float(np.interp(time_s, self.time_s, self.x_m))
 
     def legs(self, until_s: float) -> tuple[Leg, ...]:
-        """Their walk from the footpath before their kerb, or from t = 0, to the other kerb.
+        """Return their walk from the footpath, or from their place at t = 0, to the other kerb.
 
         It is empty if they are past the other kerb at t = 0 or not present before ``until_s``.
         """
@@ -133,7 +133,7 @@ class Course:
         inner = self.time_s[(self.time_s > begin + 1e-9) & (self.time_s < end - 1e-9)]
         times = np.concatenate([[begin], inner, [end]])
         x, y = (np.interp(times, self.time_s, values) for values in (self.x_m, self.y_m))
-        # A leg has no end, so the last one also leads them over the kerb.
+        # A leg has no end, so the last leg also leads over the kerb.
         step = np.diff(times)
         columns = np.column_stack(
             (times[:-1], x[:-1], y[:-1], np.diff(x) / step, np.diff(y) / step, 0.0 * step)
@@ -144,7 +144,7 @@ class Course:
 def course_of(
     track: Track, road: Road, origin_m: float, start_s: float, until_s: float, side: Side, flip: int
 ) -> Course:
-    """A pedestrian's course in a passage.
+    """Return a pedestrian's course in a passage.
 
     Args:
         track: their recorded track.
@@ -175,13 +175,13 @@ def course_of(
 
 
 def rounded(values: FloatArray) -> FloatArray:
-    """Values rounded to 1e-9, so that results do not depend on the last bits."""
+    """Round values to 1e-9, so that results do not depend on the last bits."""
     result: FloatArray = np.round(values, 9)
     return result
 
 
 def _thinned(time_s: FloatArray) -> list[int]:
-    """Indices of records at least ``LEG_S`` apart, including the first and the last record."""
+    """Return indices of records at least ``LEG_S`` apart, including the first and the last."""
     kept = [0]
     for index, time in enumerate(time_s.tolist()):
         if time - time_s[kept[-1]] >= LEG_S - 1e-6:
@@ -194,7 +194,7 @@ def _thinned(time_s: FloatArray) -> list[int]:
 def _velocity(
     time_s: FloatArray, x_m: FloatArray, y_m: FloatArray, *, last: bool
 ) -> tuple[float, float]:
-    """Mean velocity in m/s along and across the road, at the beginning or end of a record."""
+    """Return the mean velocity in m/s along and across the road at a record's start or end."""
     if last:
         begin, end = max(0, int(np.searchsorted(time_s, time_s[-1] - VELOCITY_S - 1e-9))), -1
         begin = min(begin, len(time_s) - 2)

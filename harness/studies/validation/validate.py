@@ -1,4 +1,4 @@
-"""Takes recorded trajectories and drivers and returns how close each driver is to the record."""
+"""Compares drivers with recorded trajectories."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -46,8 +46,8 @@ class Validation:
 
     Attributes:
         passages: the driven passages and the counts of excluded ones.
-        recorded: outcome of the recorded vehicle for each passage.
-        outcomes: driver → passages → draws.
+        recorded: outcome of the recorded vehicle in each passage.
+        outcomes: outcomes by driver, passage and draw.
         findings: the findings of the validation.
     """
 
@@ -72,16 +72,16 @@ def validate(
     Args:
         paths, format_: the data, as for ``harness.extract``.
         drivers: names of strategies.
-        scenario: gives their parameters, the interaction model, the vehicles' width and
+        scenario: gives the drivers' parameters, the interaction model, the vehicles' width and
             accelerations, step and seed.
-        folds: number of folds of vehicles; a model fitted to the same data is fitted again without
+        folds: number of folds of vehicles; a model fitted to the same data is refitted without
             each fold.
         options: options of the extraction and of the format's reader.
-        progress: called with (steps done, steps planned, unit).
+        progress: called with the numbers of done and planned steps, and the unit.
 
-    Raises:
-        InputError: a format, option or driver is unknown, the data cannot be read, or they have no
-            passage.
+        Raises:
+            InputError: a format, option or driver is unknown, or the data cannot be read or contain
+            no passage.
     """
     _check_drivers(drivers, scenario)
     given, seed = dict(options or {}), scenario.experiment.seed
@@ -161,7 +161,7 @@ def _notes(
     unknown: str | None,
     doubt: str | None,
 ) -> Iterator[Note]:
-    """Yield the notes that qualify the numbers, sorted by rank."""
+    """Yield the notes about the numbers, sorted by rank."""
     for driver in drivers:
         if driver.findings["timed_out"].value:
             yield Note(
@@ -197,7 +197,7 @@ def _notes(
 
 
 def _check_drivers(drivers: Sequence[str], scenario: Scenario) -> None:
-    """Raise for unknown drivers and parameters, and for SUMO's driver, before data are read."""
+    """Refuse unknown drivers and parameters, and SUMO's driver, before data are read."""
     if not drivers:
         raise InputError("--drivers", "names no driver", "e.g. human_gmm,human_yield")
     for name in drivers:

@@ -1,4 +1,4 @@
-"""Takes episodes of the plain engine and returns how a sample of them differs in SUMO."""
+"""Repeats a sample of the plain engine's episodes in SUMO and returns the differences."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -16,18 +16,18 @@ from harness.studies.workers.watchdog import Watch
 
 @dataclass(frozen=True)
 class Audit:
-    """The pairs that are repeated: every ``every``-th from ``first`` on; no pair if it is None."""
+    """Repeats every ``every``-th pair from pair ``first`` on; no pair if ``first`` is None."""
 
     every: int | None
     first: int
 
     def repeats(self, pair: int) -> bool:
-        """Whether both arms of a pair are repeated; crashed episodes are always repeated."""
+        """Return whether both arms of a pair are repeated; crashed episodes always are."""
         return self.every is not None and pair % self.every == self.first
 
 
 def audit_of(share: float, scenario: Scenario) -> Audit:
-    """A systematic sample of at least one of a cell's pairs; the seed chooses its start.
+    """Return a systematic sample of at least one pair of a cell.  The seed chooses its start.
 
     Args:
         share: share of the pairs, 0 to 1; with 0 only crashed episodes are repeated.
@@ -41,7 +41,7 @@ def audit_of(share: float, scenario: Scenario) -> Audit:
 
 
 class Finding(NamedTuple):
-    """The difference of SUMO's record, None if there is none, and the time of a tie behind it."""
+    """The difference of both records and the time of the tie that caused it; None if absent."""
 
     difference: str | None
     tie_s: float | None
@@ -63,7 +63,8 @@ def repeated_in_sumo(
         runner: runs the same cell in SUMO.
         plain: runs the same cell on the plain engine.
         watch: notified of every episode.
-        repeated: findings by episode; cells may share episodes.  New findings are added.
+        repeated: earlier findings by episode, because cells may share episodes.  New findings are
+            added.
     """
     for outcome in outcomes:
         if audit.repeats(outcome.pair) or outcome.record.ending is Ending.CRASHED:

@@ -59,7 +59,7 @@ class DaskCluster:
     def submit(
         self, function: Callable[[Argument], Result], argument: Argument
     ) -> "Future[Result]":
-        """See ``Executor.submit``; Dask does not retry, because the harness counts failures."""
+        """See ``Executor.submit``.  Dask does not retry, because the harness counts failures."""
         lost = ExecutorLostError(f"the Dask cluster at {self._address} is gone")
         if self._client.status != "running":
             raise lost
@@ -87,7 +87,7 @@ class DaskCluster:
         self._client.close()
 
     def _uploaded(self, argument: object) -> str | None:
-        """The archive with the user's strategies of a task, after its upload to every worker."""
+        """Upload the user's strategies of a task to every worker; return the archive's name."""
         if not isinstance(argument, Task):
             return None
         modules = self._modules | top_modules(argument.scenario.arms.model_dump().values())
@@ -108,16 +108,16 @@ _apart: tuple[str | None, LocalPool] | None = None
 
 
 def call_apart(function: Callable[[Any], Any], argument: Any, archive: str | None) -> Any:
-    """Call a function in a process apart from the Dask worker.
+    """Call a function in another process than the Dask worker.
 
-    A task that kills its process then does not kill a worker of the cluster.  Dask would give such
-    a task to up to four workers, and would blame the other tasks of these workers too.
+    A task that kills its process then does not kill a worker of the cluster.  Otherwise Dask would
+    give such a task to up to four workers and blame the other tasks of these workers too.
 
     Args:
         function: see ``Executor.submit``.
         argument: see ``Executor.submit``.
         archive: the uploaded file with the user's strategies.  A new archive starts a new process,
-            so that no module of an earlier run is used again.
+        so that modules of an earlier run are not used again.
     """
     global _apart
     if _apart is not None and _apart[0] != archive:
@@ -129,12 +129,12 @@ def call_apart(function: Callable[[Any], Any], argument: Any, archive: str | Non
 
 
 def _unpacked(archive: str) -> Path:
-    """The folder with the content of an uploaded archive."""
+    """Unpack an uploaded archive and return its folder."""
     from distributed import get_worker
 
     file = Path(get_worker().local_directory) / archive
     folder = file.with_suffix("")
-    # The name has a digest of the content, so files of an earlier run are the same.
+    # The name contains a digest of the content, so files from an earlier run are identical.
     with ZipFile(file) as content:
         content.extractall(folder)
     return folder

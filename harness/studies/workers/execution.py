@@ -1,7 +1,7 @@
-"""Takes an executor and tasks and yields their results, with retries after failures.
+"""Runs tasks on an executor and yields their results, with retries after failures.
 
 A task whose worker dies is run again.  A task that fails twice is run pair by pair.  A pair that
-fails twice gets the ending ``engine_failed`` with the reason, and all others keep their results.
+fails twice gets the ending ``engine_failed`` with the reason.  All other pairs keep their results.
 """
 
 import time
@@ -30,10 +30,10 @@ ATTEMPTS = 2
 """Number of failures after which a task is split into pairs, or a single pair is abandoned."""
 
 SILENT_S = 2.0
-"""After this time without a finished task the progress names the episodes it waits for."""
+"""If no task finishes for this time, the progress names the episodes that are still running."""
 
 Note = Callable[..., None]
-"""Writes an event with its details to the log."""
+"""Writes an event and its details to the log."""
 
 
 def run_tasks(
@@ -50,7 +50,7 @@ def run_tasks(
         executor: runs the tasks.
         tasks: the tasks; only a few per worker are taken at a time.
         note: called with retries and abandoned pairs.
-        waits_for: called with the episodes without progress if no task finishes.
+        waits_for: called with the episodes that make no progress if no task finishes.
     """
     waiting = iter(tasks)
     again: list[Task] = []
@@ -72,12 +72,12 @@ def run_tasks(
             hang = hang_of(task.stack_file) if isinstance(error, WorkerDiedError) else None
             reason = reason_of(error, task.hang_after_s, task.stack_file)
             if task.twins:
-                # Only one of the cells may be to blame.
+                # Perhaps only one of the cells causes the failure.
                 note("task failed", task=task.name, reason=reason, stack=_stack(task))
                 again += task.each
                 continue
             if hang is not None and hang.in_decide and hang.episode is not None:
-                # The pair is known, and another attempt would take as long, so only others go on.
+                # The hung pair is known and a retry would hang too, so only the others go on.
                 pair, arm = hang.episode
                 limit_s = task.scenario.experiment.decide_limit_s
                 reason = f"decide gave no answer within {limit_s:g} s (arm {arm.value})"
@@ -86,7 +86,7 @@ def run_tasks(
                 what = "episode given up" if task.hung is None else "pair given up"
                 note(what, cell=task.cell, pair=pair, reason=reason, stack=_stack(task))
                 if task.hung is None:
-                    # The other arm still runs.
+                    # Only one arm hung, so the other arm still runs.
                     again.append(alone)
                 else:
                     yield alone, _given_up(alone, f"{task.hung[1]}; {reason}", "strategy")
@@ -138,33 +138,33 @@ def _part(task: Task, pair: int) -> Task:
 
 
 def _named(part: Task) -> Task:
-    """The part of a task with its own stack file."""
+    """Return the part of a task with a stack file of its own."""
     if part.stack_file is None:
         return part
     return replace(part, stack_file=part.stack_file.with_name(f"stack-{part.name}.txt"))
 
 
 def _around(task: Task, pair: int) -> tuple[Task, Task]:
-    """The pairs of a task before and after one of them."""
+    """Split a task into the pairs before and the pairs after ``pair``."""
     before = replace(task, count=pair - task.first_pair)
     after = replace(task, first_pair=pair + 1, count=task.count - before.count - 1)
     return _named(before), _named(after)
 
 
 def _silent(task: Task) -> str | None:
-    """The present episode of a task without recent progress; None if there is none."""
+    """Return the current episode of a task that made no progress recently; None if it did."""
     path = task.stack_file
     try:
         if path is None or time.time() - path.stat().st_mtime < SILENT_S:
             return None
-    except OSError:  # not begun, or just finished
+    except OSError:  # the task has not begun or has just finished
         return None
     episode = begun_in(path)
     return None if episode is None else f"pair {episode[0]} ({episode[1].value})"
 
 
 def reason_of(error: BaseException, hang_after_s: float, stack_file: Path | None) -> str:
-    """The reason why there is no result, in one line."""
+    """Return the reason why there is no result, in one line."""
     if isinstance(error, WorkerDiedError) and hang_of(stack_file) is not None:
         return f"the worker was ended: no pair finished within {hang_after_s:g} s"
     text = " ".join(str(error).split())
@@ -180,7 +180,7 @@ def _stack(task: Task) -> str | None:
 
 
 def _given_up(task: Task, reason: str, failed_in: FailedIn = "engine") -> TaskResult:
-    """The rows of a pair that was abandoned."""
+    """Return the rows of an abandoned pair."""
     kind = kind_of(task.scenario)
     which = {"cell": task.cell, "pair": task.first_pair}
     failed = kind.given_up(task.scenario, reason, failed_in)

@@ -1,4 +1,4 @@
-"""Takes a study and its options and returns the executor of its tasks."""
+"""Chooses the executor for the tasks of a study."""
 
 from harness.scenario import Options, Study
 from harness.store.kinds import kind_of_study
@@ -30,6 +30,6 @@ def executor_for(study: Study, options: Options, dask: str | None = None) -> Exe
 
         return ThisProcess()
     pairs = sum(cell.scenario.experiment.pairs for cell in study.cells)
-    # A few quick pairs do not need all workers, so not all start at once.
+    # A few quick pairs do not need all workers, so the workers start in stages.
     at_once = pairs if kind_of_study(study).long_pairs else -(-pairs // options.task_pairs)
     return LocalPool(workers_for(pairs, options), at_once=at_once)

@@ -36,8 +36,8 @@ from multiprocessing.connection import Connection
 from harness.studies.workers.worker import serve
 serve(Connection(int(sys.argv[1])), sys.argv[2])
 """
-"""The program of a worker.  It is a new interpreter, because a libsumo simulation does not survive
-a fork.  It is not multiprocessing's interpreter, which would run the caller's main module again in
+"""The program of a worker.  It runs in a new interpreter, because a libsumo simulation does not
+survive a fork.  It does not use multiprocessing, which would run the caller's main module again in
 each worker.  From its first lines on it ends when its parent ends."""
 
 _STANDARD_ERROR = 2
@@ -46,7 +46,7 @@ LATER_S = 3.0
 """Delay after which further workers start if there are still tasks."""
 
 _STARTS = 3
-"""A worker may die this many times before it is ready; no task is to blame for these deaths."""
+"""How many times a worker may die before it is ready.  No task causes these deaths."""
 
 
 class _Job(NamedTuple):
@@ -65,11 +65,10 @@ class LocalPool:
 
     Args:
         workers: number of processes.
-        folder: working directory of the workers, in which they find the user's own strategies;
-            None means that of this process.
-        at_once: number of workers that start at once.  The others start if there is still work
-            after ``LATER_S``, because a start takes as long as some hundred quick pairs.  None
-            means all.
+        folder: working directory of the workers, in which they find the user's own strategies.
+            None means the working directory of this process.
+        at_once: number of workers that start at once; None means all.  The others start if there is
+            still work after ``LATER_S``, because a start takes as long as some hundred quick pairs.
         imports: module of the functions to run, imported before the first job.
         environment: further environment variables of the workers.
     """
@@ -127,7 +126,7 @@ class LocalPool:
             self._stopped.wait(LATER_S)
         while (job := self._queue.get()) is not None:
             if worker is not None and worker.process.poll() is not None:
-                # It died between two jobs, so no job is to blame.
+                # The worker died between two jobs, so no job caused its death.
                 self._bury(worker)
                 worker = None
             worker = worker or self._ready()
@@ -173,7 +172,7 @@ class LocalPool:
             else:
                 if problem is None:
                     return worker
-                # A second worker would have the same problem.
+                # Another worker would fail in the same way.
                 self._bury(worker)
                 self._problem = f"no worker process became ready ({problem})"
                 return None
@@ -185,8 +184,8 @@ class LocalPool:
                 return None
             ours, theirs = Pipe()
             try:
-                # A worker ends when its standard input ends, which happens however its parent dies.
-                # Its standard output goes to standard error, because it is not a result.  It has
+                # A worker ends when its standard input ends, which happens if its parent dies.
+                # Its standard output is not a result, so it goes to standard error.  The worker has
                 # its own process group, so that only the parent receives Ctrl-C.
                 process = subprocess.Popen(
                     [sys.executable, "-P", "-c", _START, str(theirs.fileno()), *self._words],
@@ -208,7 +207,7 @@ class LocalPool:
             return _Worker(process, ours)
 
     def _bury(self, worker: _Worker) -> int:
-        """Clean up after a worker that is dead or dying; return its exit code."""
+        """Clean up after a dead or dying worker and return its exit code."""
         worker.connection.close()
         try:
             worker.process.wait(timeout=10)
@@ -216,7 +215,7 @@ class LocalPool:
             worker.process.kill()
         with self._lock:
             self._alive.discard(worker.process)
-        # This also closes its standard input.
+        # This also closes the worker's standard input.
         worker.process.communicate()
         # A worker that is killed while SUMO starts leaves these folders.
         for folder in Path(gettempdir()).glob(f"{scratch_prefix(worker.process.pid)}*"):
@@ -230,5 +229,5 @@ def default_workers() -> int:
 
 
 def workers_for(pairs: int, options: Options) -> int:
-    """Number of workers for some pairs: at most one for each pair, and at most the option."""
+    """Return the number of workers: at most one for each pair, and at most ``options.workers``."""
     return max(1, min(options.workers or default_workers(), pairs))

@@ -1,6 +1,6 @@
 """Tasks, their results, and the protocol of executors that run them.
 
-This module imports nothing heavy, so that worker processes and their parent import in parallel.
+This module imports nothing slow, so that a parent and its workers import in parallel.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,7 +22,7 @@ Failure = tuple[int, int, str, str]
 """Cell, pair, arm and reason of an episode that has no result."""
 
 LoggedFailure = Mapping[str, int | str | None]
-"""What the log says of a failed episode."""
+"""The log's details of a failed episode."""
 
 Argument = TypeVar("Argument")
 Result = TypeVar("Result")
@@ -32,12 +32,12 @@ Result = TypeVar("Result")
 class Task:
     """Some pairs of one cell.
 
-    ``twins`` are tasks of the same pairs in cells that differ only in their arms; an episode that
-    they share is simulated once.  ``engine`` moves the egos; with an ``audit`` some episodes are
-    repeated in SUMO.
+    ``twins`` are tasks of the same pairs in cells that differ only in their arms.  Episodes that
+    they share are simulated once.  ``engine`` simulates the egos.  With an ``audit`` some episodes
+    are repeated in SUMO.
 
-    ``hung`` belongs to a task of one pair: it is the arm whose strategy gave no answer, and the
-    reason.  Only the other arm is then simulated.
+    ``hung`` is set only for a task of one pair.  It holds the arm whose strategy gave no answer,
+    and the reason.  Only the other arm is then simulated.
 
     ``outputs`` is the folder in which SUMO's own outputs of a user's simulation are kept.
 
@@ -61,12 +61,12 @@ class Task:
 
     @property
     def each(self) -> "tuple[Task, ...]":
-        """The task of every cell, on its own."""
+        """The task of each cell without its twins."""
         return replace(self, twins=()), *self.twins
 
     @property
     def name(self) -> str:
-        """Identifies the task among all of a run."""
+        """A name that is unique within the run."""
         return f"{self.cell}-{self.first_pair}-{self.count}"
 
     @property
@@ -88,7 +88,7 @@ class TaskResult:
 
 
 class Executor(Protocol):
-    """Runs calls, each in a process that the call may kill."""
+    """Runs each call in a process that the call may kill."""
 
     workers: int
 
@@ -109,11 +109,11 @@ class Executor(Protocol):
 
 
 class ExecutorLostError(HarnessError):
-    """The executor is gone; no task is to blame."""
+    """The executor is lost; no task caused the loss."""
 
 
 class WorkerDiedError(HarnessError):
-    """The process that ran a task is gone."""
+    """The process that ran a task has died."""
 
 
 class TaskFailedError(HarnessError):

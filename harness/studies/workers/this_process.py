@@ -1,4 +1,4 @@
-"""Takes tasks and runs them in this process, with its standard input and without time limits."""
+"""Runs tasks in this process, with its standard input and without time limits."""
 
 import math
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from harness.studies.workers.tasks import Argument, Result, Task, TaskFailedErro
 
 
 class ThisProcess:
-    """See ``Executor``; ``breakpoint()`` in a strategy stops there.
+    """See ``Executor``.  ``breakpoint()`` works in a strategy.
 
     A strategy that kills its process kills this process, and a strategy that hangs is not ended.
     """

@@ -1,4 +1,4 @@
-"""Takes names of strategies and returns the user's own modules as one archive."""
+"""Packs the modules of the user's own strategies into one archive."""
 
 import hashlib
 import importlib.util
@@ -28,9 +28,9 @@ class Archive:
 
 
 def top_modules(strategies: Iterable[str]) -> frozenset[str]:
-    """The top-level modules of the user's own strategies (``package.module:Class``).
+    """Return the top-level modules of the user's own strategies (``package.module:Class``).
 
-    Programs are excluded, because every machine must have them installed.
+    Strategies that are programs are excluded, because every machine must have them installed.
     """
     return frozenset(
         name.partition(":")[0].partition(".")[0]
@@ -40,7 +40,7 @@ def top_modules(strategies: Iterable[str]) -> frozenset[str]:
 
 
 def archive_of(modules: Iterable[str]) -> Archive | None:
-    """Zip modules; a package is zipped with all its files.
+    """Zip modules.  A package is zipped with all its files.
 
     Args:
         modules: top-level modules that can be imported on this machine.
@@ -58,7 +58,7 @@ def archive_of(modules: Iterable[str]) -> Archive | None:
 
 
 def _files(module: str) -> Iterator[tuple[str, Path]]:
-    """Each file of a module with its name inside the archive."""
+    """Yield each file of a module with its name inside the archive."""
     spec = importlib.util.find_spec(module)
     if spec is None:
         return

@@ -14,14 +14,14 @@ from harness.core.encounter import Arm
 from harness.episode.loop import Episode
 
 _HEAD = 64
-"""Size in bytes of the head of a stack file, which names the latest episode."""
+"""Size in bytes of a stack file's head, which names the latest episode."""
 
 
 class Watch:
     """The progress that the watchdog observes; it costs an episode almost no time.
 
     Args:
-        file: the stack file, which names the present episode.
+        file: the stack file, which names the current episode.
     """
 
     def __init__(self, file: IO[str]) -> None:
@@ -31,12 +31,12 @@ class Watch:
         """Grows with every answer of a strategy; empty between two episodes."""
 
     def alive(self) -> None:
-        """Note that something is finished and that no strategy is called at present."""
+        """Note progress, and that no strategy is being called."""
         self.finished += 1
         self.states = ()
 
     def begins(self, pair: int, arm: Arm, episode: Episode) -> None:
-        """Note that the strategy of this episode is called from now on."""
+        """Note that the strategy of this episode is being called."""
         os.pwrite(self._file.fileno(), f"{pair} {arm.value}".ljust(_HEAD).encode(), 0)
         self.finished += 1
         self.states = episode.x_m
@@ -54,7 +54,7 @@ def watchdog(
 
     Args:
         hang_after_s: limit for one episode or hour; infinite means no watchdog.
-        stack_file: file for the stack; None, or a path that cannot be opened, means no file.
+        stack_file: file for the stack.  If it is None or cannot be opened, the stack is lost.
         decide_limit_s: limit for one answer of a strategy.
     """
     if math.isinf(hang_after_s):
@@ -91,7 +91,7 @@ def watchdog(
 
 
 def _open_for_writing(path: Path | None) -> IO[str]:
-    """Open the file, or the null device if a worker on another machine cannot see the folder."""
+    """Open the file, or the null device if the folder is on another machine."""
     try:
         return (path or Path(os.devnull)).open("w", encoding="utf-8")
     except OSError:
@@ -107,7 +107,7 @@ class Hang(NamedTuple):
 
 
 def hang_of(stack_file: Path | None) -> Hang | None:
-    """The content of a stack file; None if the watchdog did not end the worker."""
+    """Return the content of a stack file; None if the watchdog did not end the worker."""
     if stack_file is None or not stack_file.is_file():
         return None
     episode = begun_in(stack_file)
@@ -123,7 +123,7 @@ def hang_of(stack_file: Path | None) -> Hang | None:
 
 
 def begun_in(stack_file: Path) -> tuple[int, Arm] | None:
-    """The latest episode that the worker of this file began; None before the first."""
+    """Return the latest episode that the worker began; None before the first episode."""
     head = stack_file.read_bytes()[:_HEAD].strip(b"\0 ").decode()
     if not head:
         return None

@@ -1,4 +1,4 @@
-"""Takes a task in a worker process and returns its tables, from the process's one SUMO."""
+"""Runs tasks in a worker process, in the one SUMO of the process."""
 
 import importlib
 from contextlib import suppress
@@ -11,10 +11,10 @@ from harness.studies.workers.tasks import Task, TaskResult
 
 
 def serve(connection: Connection, module: str) -> None:
-    """Answer calls from a pipe until the pipe or the parent process is closed.
+    """Answer calls from a pipe until the pipe is closed or the parent process ends.
 
-    The first message is None if all imports, including ``module``, succeeded, or else the error.
-    The answer to a call is (True, its result) or (False, the reason why there is none).
+    The first message is None if all imports, including ``module``, succeeded; otherwise it is the
+    error.  The answer to a call is (True, result) or (False, reason why there is no result).
     """
     # A broken pipe is not an error, because it means that the parent has ended.
     with suppress(EOFError, OSError):
@@ -28,7 +28,7 @@ def serve(connection: Connection, module: str) -> None:
             function, argument = connection.recv()
             try:
                 answer = (True, function(argument))
-            except BaseException as error:  # a strategy may well call sys.exit
+            except BaseException as error:  # a strategy may call sys.exit
                 answer = (False, f"{type(error).__name__}: {error}")
             connection.send(answer)
 
