@@ -79,7 +79,7 @@ def _measured(
 def _by_lane_and_type(
     traces: Sequence[tuple[Any, Trace | None]],
 ) -> Iterator[list[tuple[Any, Trace]]]:
-    """Group rows with a trace by lane and type: only such passages are measured together."""
+    """Group rows with a trace by lane and type, because each group is measured together."""
     groups: dict[tuple[str, int, str | None], list[tuple[Any, Trace]]] = {}
     for row, trace in traces:
         if trace is not None:

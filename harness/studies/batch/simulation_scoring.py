@@ -10,7 +10,7 @@ from harness.store.tables import SIMULATION_TRACES, Row, Tables, table_of
 
 
 def score_simulations(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int, int, Tables]]:
-    """Yield the tables of a cell pair by pair, with recomputed counts; measures stay.
+    """Yield the tables of a cell pair by pair, with recomputed counts.  The measures stay.
 
     Args:
         run: a finished run of a user's own simulation.

@@ -63,7 +63,7 @@ def _has_paper_values(run: RunData) -> bool:
 
 
 def is_the_papers(scenario: Scenario) -> bool:
-    """Return whether a scenario is the paper's (Table II, arms, pedestrian), with any N and seed."""
+    """Return whether a scenario is the paper's (Table II, arms, pedestrian), for any N and seed."""
     ego, pedestrians = scenario.ego, scenario.pedestrians
     arms = (scenario.arms.av, scenario.arms.human)
     return (

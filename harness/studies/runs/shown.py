@@ -33,9 +33,9 @@ MARGIN_S = 1.0
 class ShownPair:
     """A pair with the traces of both arms, from ``begin_s`` to ``end_s``.
 
-    ``reasons`` say why the pair is shown.  ``people`` has the rows of ``pedestrians``, of ``walks``
-    for an hour, or of ``scenes_over`` for a user's own simulation.  ``differences`` lists how a
-    ``repeated`` pair differs from its record.
+    ``reasons`` are the reasons for showing the pair.  ``people`` has the rows of ``pedestrians``;
+    for an hour, of ``walks``; for a user's own simulation, of ``scenes_over``.  ``differences``
+    lists how a ``repeated`` pair differs from its record.
     """
 
     cell: int

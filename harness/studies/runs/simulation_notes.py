@@ -54,10 +54,10 @@ def _added(scenario: Scenario) -> list[str]:
 
 
 def _left_out(findings: Findings, note: Callable[[Rank, str], None]) -> None:
-    """Note what no number counts and what SUMO says of the arms, the AV's first."""
+    """Note what the numbers leave out, and what SUMO reports; the AV's count comes first."""
 
     def both(name: str) -> str:
-        """The counts of both arms; empty where there is nothing in either."""
+        """Return the counts of both arms; empty if both are 0."""
         counts = [findings[f"{name}{end}"].count for end in ("", "_human")]
         return " / ".join(f"{count:,}" for count in counts) if any(counts) else ""
 

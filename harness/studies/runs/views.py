@@ -40,11 +40,11 @@ class View:
     """The view of a kind of run.
 
     Attributes:
-        notes: the notes of a cell, sorted by rank.
-        chosen: the pairs worth watching by reason: (cell, pair), the most dangerous first.  Reasons
-            without a pair are omitted.
-        stretch: begin and end, in s, of the part of a pair that is shown; None: the whole pair.
-        passages: arm and number of each passage of a pair that is shown; None: the whole pair.
+        notes: returns the notes of a cell, sorted by rank.
+        chosen: returns the pairs (cell, pair) worth watching by reason, the most dangerous first.
+            Reasons without a pair are omitted.
+        stretch: returns begin and end, in s, of the shown part of a pair; None: the whole pair.
+        passages: returns arm and number of each shown passage of a pair; None: the whole pair.
     """
 
     notes: Callable[[Scenario, Findings, Catalogue], tuple[Note, ...]]

@@ -36,9 +36,9 @@ class WorstEpisode:
     """An episode with the value that ranks it.
 
     ``value`` is the value of the measure; None if it is undefined, and ``ending`` explains why.
-    ``before`` and ``ending_before`` are value and ending in the earlier run; None without one.
-    ``varied`` names the cell by its keys.  ``names`` names a passage within its arm: crosswalk,
-    vehicle and time of R0; an episode has none.
+    ``before`` and ``ending_before`` are value and ending in the earlier run; None if there is no
+    earlier run.  ``varied`` has the cell's varied keys.  ``names`` identifies a passage within its
+    arm by crosswalk, vehicle and time of R0; it is empty for an episode.
     """
 
     run: Path
