@@ -1,0 +1,89 @@
+"""The first screen of users' own simulations, made from findings that were written by hand."""
+
+from harness.report.screens.result_screen import screen_of
+from harness.report.screens.screen import MOST_LINES, screen_lines
+from harness.scenario import Scenario
+from harness.statistics import CellFindings, Finding, Form, RunFindings
+from harness.store.simulation_catalogue import SIMULATIONS
+from harness.studies.runs.simulation_notes import simulation_notes
+
+SCENARIO = Scenario.model_validate(
+    {
+        "simulation": {"config": "town.sumocfg", "crossings": [":J7_c0"]},
+        "arms": {"av": "soft_yield", "human": "sumo_driver"},
+    }
+)
+
+
+def findings(**changes: Finding) -> dict[str, Finding]:
+    """Two pairs in which 62 vehicles of an arm reached the crosswalk and every vehicle is an AV."""
+    names = {name: entry for entry in SIMULATIONS for name in entry.names if name is not None}
+    calm = {
+        name: Finding(0)
+        if entry.form is Form.COUNT
+        else Finding(None, reason=entry.undefined or None)
+        for name, entry in names.items()
+    }
+    # 1 − 0.05^(1/2), the bound of Clopper and Pearson for two trials without an event.
+    no_contact = Finding(0.0, 0.0, 1 - 0.025**0.5, 124, 0)
+    return calm | {
+        "av_time_loss_s": Finding(19.5, 10.0, 29.0, 2),
+        "av_time_loss_s_human": Finding(20.6, 11.0, 30.0, 2),
+        "av_time_loss_s_difference": Finding(-1.1, -4.9, 4.5, 2),
+        "kappa": no_contact,
+        "kappa_human": no_contact,
+        "pairs": Finding(2),
+        "automated": Finding(120),
+        "automated_human": Finding(120),
+        "driven": Finding(100),
+        "passages": Finding(124),
+        "passages_human": Finding(124),
+        "not_measured": Finding(52),
+        "not_measured_human": Finding(50),
+        "confidence": Finding(0.95),
+        **changes,
+    }
+
+
+def lines_of(width: int = 100, **changes: Finding) -> list[str]:
+    numbers = findings(**changes)
+    notes = simulation_notes(SCENARIO, numbers, SIMULATIONS)
+    cell = CellFindings(
+        0, {}, "soft_yield", "sumo_driver", 2, SCENARIO.conflicts.model_dump(), numbers, notes
+    )
+    run = RunFindings(SIMULATIONS, "town", "runs/town", "seed 1", 0.95, False, (cell,))
+    return screen_lines(screen_of(run), width)
+
+
+def test_vehicles_that_are_not_there_have_neither_row_nor_note() -> None:
+    lines = lines_of()
+    assert not any("other vehicles" in line or "commands cut" in line for line in lines)
+    there = lines_of(other_time_loss_s=Finding(26.5, 20.0, 33.0, 2))
+    assert any(line.startswith("time loss of other vehicles") for line in there)
+
+
+def test_a_bound_of_few_pairs_names_them() -> None:
+    (row,) = (line for line in lines_of() if line.startswith("contacts with people"))
+    # 1 − 0.05^(1/2) = 77.6 %; 124 vehicles that are independent would have 2.4 %.
+    assert row.rstrip().endswith("each below 77.6 % (2 pairs)")
+
+
+def test_a_share_of_one_arm_has_one_interval_and_no_exponent() -> None:
+    (row,) = (
+        line
+        for line in lines_of(cut_share=Finding(0.25, 1.4e-10, 0.99, 5_000, 1_250))
+        if line.startswith("commands cut by SUMO")
+    )
+    assert row.rstrip().endswith("0 … 99 %")
+
+
+def test_one_note_says_what_is_left_out_of_both_arms() -> None:
+    lines = lines_of()
+    assert "! In the two arms 52 / 50 vehicles turned or bent and are not measured." in lines
+    assert all(len(screen) <= MOST_LINES for screen in (lines, lines_of(80)))
+
+
+def test_driving_of_sumo_is_not_credited_to_the_strategy() -> None:
+    lines = lines_of(cut_share=Finding(0.25, 0.06, 0.58, 5_000, 1_250))
+    assert "! SUMO cut 25 % of soft_yield's commands: that driving is SUMO's." in lines
+    assert not any("! SUMO cut" in line for line in lines_of(cut_share=Finding(0.02, 0.0, 0.1)))
