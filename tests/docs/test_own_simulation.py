@@ -91,6 +91,15 @@ def test_export(town: Path) -> None:
     assert (run / "group_means.csv").read_bytes() == means
 
 
+def test_conflicts_print_one_document_or_paths(town: Path) -> None:
+    words = ("conflicts", town / "out" / "fcd.xml.gz", "--net", town / "town.net.xml", "--out")
+    document = json.loads(printed(*words, town / "runs" / "as_json", "--json"))
+    assert {row["crosswalk"] for row in document["crosswalks"]} >= {":J7_c0", ":J9_c1"}
+    lines = printed(*words, town / "runs" / "quiet", "--quiet").splitlines()
+    assert lines
+    assert all(Path(line).is_file() for line in lines)
+
+
 def test_the_example_is_what_its_script_makes(tmp_path: Path) -> None:
     made = tmp_path / "made"
     made.mkdir()

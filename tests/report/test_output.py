@@ -33,7 +33,7 @@ CALLS = {
     "strategies": [],
     "doctor": [],
 }
-ELSEWHERE = {"crossings", "extract", "fit", "validate", "risk", "worst"}
+ELSEWHERE = {"conflicts", "crossings", "extract", "fit", "validate", "risk", "worst"}
 """Covered by tests of their own."""
 
 
