@@ -64,7 +64,7 @@ class CurveReading:
         self._speeds = mixture.lower[target], mixture.upper[target]
         self._inverse_times = mixture.lower[rest], mixture.upper[rest]
         self._even = np.linspace(*self._speeds, _SPEEDS)
-        # Quadratic steps: most pedestrians have T_adv of seconds, w near 0.
+        # The steps are quadratic because T_adv is mostly some seconds, so w is near 0.
         steps = np.linspace(0.0, 1.0, _TIMES) ** 2
         w = self._inverse_times[0] + (self._inverse_times[1] - self._inverse_times[0]) * steps
         self._advantages = 1.0 / np.maximum(w, 1e-9)
@@ -111,7 +111,7 @@ class CurveReading:
         return self._answers(densities, speed_mps, range_m, lateral_m, vehicle_speed_mps)
 
     def _answers(self, function: Callable[..., FloatArray], *arguments: FloatArray) -> FloatArray:
-        """A function of x, grid and state for n pedestrians, computed in batches."""
+        """Evaluate a function of x, grid and state for n pedestrians, in batches."""
         parts = np.broadcast_arrays(*(np.atleast_1d(np.asarray(a, dtype=float)) for a in arguments))
         result = np.full(parts[0].size, np.nan)
         ahead = np.flatnonzero(parts[2] > 0.0)

@@ -23,7 +23,7 @@ SHIPPED = Path(__file__).parents[1] / "shipped"
 """The folder of the shipped models."""
 
 _Number = Annotated[float, Field(ge=-1e9, le=1e9)]
-"""No speed in m/s and no inverse of a distance or a time is larger, so products stay finite."""
+"""A number in a model file; larger numbers are errors, and their products might be infinite."""
 
 
 class _ModelFile(BaseModel):
@@ -60,9 +60,9 @@ def read_model(path: Path) -> InteractionModel:
     """Read and check a model file (format: docs/files.md).
 
     Raises:
-        InputError: missing, no JSON, another format version or other variables, wrong shapes,
-            weights that do not sum to 1, scale matrices that are not positive definite, empty or
-            infinite bounds.
+        InputError: the file is missing or is not JSON, its format version or variables differ, its
+            arrays have wrong shapes, its weights do not sum to 1, a scale matrix is not positive
+            definite, or bounds are empty or infinite.
     """
     content = read_file(path)
     try:
@@ -80,9 +80,9 @@ def write_model(
 
     Args:
         path: the file; an existing one is replaced.
-        mixture: of dimension 4, variables in the order of ``VARIABLES``.
-        name: of the model.
-        provenance: its card, as plain data.
+        mixture: mixture of dimension 4, with variables in the order of ``VARIABLES``.
+        name: name of the model.
+        provenance: the model's card, as plain data.
 
     Returns:
         The model, as read from the file.
@@ -113,7 +113,7 @@ def write_model(
 
 
 def _model(document: Any, where: str, sha256: str) -> InteractionModel:
-    """The model of a document, after checks of its variables and bounds."""
+    """Check the variables and bounds of a document and return its model."""
     file = check_form(_ModelFile, document, where)
     if file.variables != list(VARIABLES):
         raise InputError(where, f"variables {file.variables!r}", ", ".join(VARIABLES))

@@ -65,19 +65,19 @@ class InteractionModel:
 
         Args:
             quantile: shape (n,), in [0, 1].
-            range_m: R, shape (n,); R ≤ 0 has no condition: see ``walking_speed_unconditional``.
+            range_m: R > 0, shape (n,); for R ≤ 0 use ``walking_speed_unconditional``.
             vehicle_speed_mps: v, shape (n,).
 
         Returns:
-            Walking speeds in m/s, shape (n,), within the model's box.  Each is the same to the
-            last bit, whatever the other entries of the call are.
+            Walking speeds in m/s, shape (n,), within the model's box.  A speed does not depend on
+            the other entries of the call, to the last bit.
         """
         conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
         given = self._clamped(conditional, _inverse(range_m), vehicle_speed_mps)
         return conditional.ppf(np.asarray(quantile, dtype=float), given)
 
     def walking_speed_at(self, quantile: float, range_m: float, vehicle_speed_mps: float) -> float:
-        """``walking_speed`` of one pedestrian, with equal bits but faster."""
+        """``walking_speed`` of one pedestrian: faster, with the same bits."""
         conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
         return conditional.ppf_at(
             quantile, self._clamped_row(conditional, (1 / range_m, vehicle_speed_mps))
@@ -126,8 +126,8 @@ class InteractionModel:
         Args:
             speed_mps: v_p, (n,).
             range_m, vehicle_speed_mps: (n,) or one value, clamped.
-            inverse_time_advantage_per_s: given, for the reading ``given_time_advantage``.
-            lateral_m: given, for the reading ``curve``; with neither it is ``marginal``.
+            inverse_time_advantage_per_s: 1/T_adv, for the reading ``given_time_advantage``.
+            lateral_m: L, for the reading ``curve``. Without either, the reading is ``marginal``.
         """
         state = (range_m, vehicle_speed_mps, inverse_time_advantage_per_s, lateral_m)
         return self._walking("pdf", speed_mps, *state)
@@ -176,7 +176,7 @@ class InteractionModel:
             pedestrian_speed_mps: v_p.
             inverse_time_advantage_per_s: 1/T_adv with the present v (reading
                 ``given_time_advantage``); None leaves it out (``marginal``).
-            quantile: of the conditional distribution; None takes its mode.
+            quantile: quantile of the conditional distribution; None: its mode.
         """
         values = [1 / range_m, pedestrian_speed_mps]
         if inverse_time_advantage_per_s is not None:
@@ -194,7 +194,7 @@ class InteractionModel:
         inverse_time: FloatArray | None,
         lateral_m: FloatArray | None,
     ) -> FloatArray:
-        """A function of v_p under the reading that belongs to the given variables."""
+        """Evaluate a function of v_p under the reading that the given variables imply."""
         speeds = np.asarray(speed_mps, dtype=float)
         result: FloatArray
         if lateral_m is not None:
@@ -230,7 +230,7 @@ class InteractionModel:
         return within
 
     def _clamped_row(self, conditional: Conditional, values: Sequence[float]) -> FloatArray:
-        """``_clamped`` of one pedestrian; plain numbers are faster, and every episode needs it."""
+        """``_clamped`` of one pedestrian; plain numbers are faster, and every episode calls it."""
         limits = [self._limits[variable] for variable in conditional.given]
         return np.array(
             [min(max(x, low), high) for x, (low, high) in zip(values, limits, strict=True)]

@@ -13,7 +13,8 @@ class ModelUseCounter:
 
     The model's conditions are clamped to its box, so for a farther or faster ego the answer belongs
     to another state.  An ego that stands, or that is nearer than any in the data, is clamped too
-    but counted separately: there the answer for the slowest or nearest ego is the right one.
+    but counted separately, because the answer for the slowest or nearest ego in the data also
+    applies to it.
     """
 
     def __init__(self, model: InteractionModel) -> None:

@@ -19,15 +19,16 @@ Array = NDArray[np.float64]
 FAR = 30.0
 # Corners with a smaller weight change a probability by less than rounding.
 _NEGLIGIBLE = 1e-17
-# The Gauss-Legendre rule for correlations up to each limit, accurate to 1e-12; then Owen's T.
+# The Gauss-Legendre rule for correlations up to each limit, accurate to 1e-12. The last limit has
+# no rule, because Owen's T is used there.
 _RULES = (
     (0.3, np.polynomial.legendre.leggauss(5)),
     (0.6, np.polynomial.legendre.leggauss(8)),
     (0.85, np.polynomial.legendre.leggauss(12)),
     (np.inf, None),
 )
-# The number of Gauss-Legendre nodes for canonical correlations up to each limit; boxes of three or
-# four variables are accurate to 1e-11.
+# The number of Gauss-Legendre nodes for canonical correlations up to each limit. With these numbers
+# boxes of three or four variables are accurate to 1e-11.
 _PATH_LIMITS = np.array([0.2, 0.4, 0.6, 0.8, 0.9, 0.95])
 _PATH_SIZES = np.array([4, 5, 7, 9, 11, 13, 24])
 _PATH_STARTS = np.cumsum(_PATH_SIZES) - _PATH_SIZES

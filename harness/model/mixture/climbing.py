@@ -57,11 +57,11 @@ def start(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> 
 
 
 def climb(problem: Problem, first: Parameters, tol: float, max_iter: int) -> Climb | None:
-    """A few EM steps from `first`, then quasi-Newton steps until the gradient is nearly 0.
+    """Take a few EM steps from `first`, then quasi-Newton steps until the gradient is nearly 0.
 
     Every accepted step raises the penalised likelihood. The climb has converged only if the largest
-    component of the gradient per unit of weight is below tol; it also ends if neither method finds
-    a step. It is None if the likelihood at `first` cannot be computed.
+    component of the gradient per unit of weight is below tol. It also ends if neither method finds
+    a step. The result is None if the likelihood at `first` cannot be computed.
     """
     at = problem.evaluate(problem.allowed(first))
     if at is None:

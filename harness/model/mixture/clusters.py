@@ -41,14 +41,14 @@ def k_means(
 
 
 def _first_centres(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> Array:
-    """Rows drawn one by one, by weight times squared distance to the nearest row drawn before."""
+    """Draw rows one by one, by weight times squared distance to the nearest row drawn before."""
     chance = weights
     centres = []
     nearest = np.full(rows.shape[0], np.inf)
     for _ in range(count):
         reached = np.cumsum(chance)
         if not reached[-1] > 0.0:
-            # Fewer distinct rows than centres.
+            # There are fewer distinct rows than centres.
             reached = np.cumsum(weights)
         drawn = np.searchsorted(reached, rng.random() * reached[-1], side="right")
         centres.append(rows[min(int(drawn), rows.shape[0] - 1)])

@@ -18,11 +18,11 @@ Array = NDArray[np.float64]
 
 # An infinite bound of the target is replaced by this many spreads beyond every component.
 _BEYOND = 12.0
-# A smaller total probability has too few digits, without and with integrated variables.
+# A smaller total probability has too few digits. The second limit is for integrated variables.
 _SMALLEST_TOTAL = (1e-200, 1e-7)
 _LOWEST = 1e-300
-# A mode is searched on finer and finer grids around the highest node of a table. Nodes are at most
-# a fifth of the narrowest component's spread apart.
+# The mode is searched on finer and finer grids around the highest node of a table. Nodes are at
+# most a fifth of the narrowest component's spread apart.
 _LOOKS = np.linspace(-1.0, 1.0, 33)
 _NARROWING = 0.2 * 16.0 ** -np.arange(4)
 # Number of cached tables, for states that repeat, such as the state at the trigger.
@@ -244,7 +244,7 @@ def _boxes(covariances: Array, lower: Array, upper: Array) -> Array:
 
 
 def _log_interval(a: Array, b: Array) -> Array:
-    """log(Φ(b) − Φ(a)), a < b, finite however far from 0 the interval lies."""
+    """log(Φ(b) − Φ(a)) for a < b; it is finite even if the interval is far from 0."""
     inside = interval(a, b)
     if inside.min() > _LOWEST:
         log_inside: Array = np.log(inside)

@@ -12,7 +12,7 @@ from harness.model.mixture.em import Evaluation, Parameters, Problem
 
 Array = NDArray[np.float64]
 
-# A scale matrix at its floor is raised by this share of the floor, so that it has a factor.
+# A scale matrix at its floor is raised by this share of the floor, so that S − F I has a factor.
 _ABOVE_FLOOR = 1e-6
 _TINY = 1e-12
 # Components with fewer rows have the units of a component with this number of rows.
@@ -20,7 +20,7 @@ _FEWEST_ROWS = 1.0
 
 
 class Coordinates:
-    """A vector z, 0 at the reference, for logits of weights, locations and scale matrices.
+    """A vector z for logits of weights, locations and scale matrices; z = 0 at the reference.
 
     Let N_k be the number of rows of component k, F the floor, and S_k = F I + L_k L_kᵀ at the
     reference. The vector gives the logits logit + z/√N_k, the locations m_k + L_k z/√N_k, and the

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 # Rows handled at once by the expectation step; its temporary arrays then stay in the cache.
 _CHUNK = 4096
-# Components out here are running away; their moments are noise.
+# A component beyond these limits diverges, and its moments are noise.
 _SMALLEST_MASS = 1e-8
 _LARGEST_EIGENVALUE = 1e8
 _SMALLEST_COUNT = 1e-9
@@ -80,7 +80,7 @@ class Problem:
         squares = rows[:, self._pairs[0]] * rows[:, self._pairs[1]]
         features = np.concatenate((np.ones((rows.shape[0], 1)), rows, squares), axis=1)
         self._features = np.ascontiguousarray(features.T)
-        # An off-diagonal product stands for both of its places in the quadratic form.
+        # An off-diagonal product occurs twice in the quadratic form.
         self._doubled = np.where(self._pairs[0] == self._pairs[1], 1.0, 2.0)
 
     def evaluate(self, parameters: Parameters) -> Evaluation | None:

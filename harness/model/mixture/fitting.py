@@ -100,8 +100,8 @@ def fit_mixture(
     # Imported here, because episodes load this package without fitting.
     from threadpoolctl import threadpool_limits
 
-    # Several threads would change the last digits of each step. With matrices of this size they
-    # also wait for each other, on a busy machine ten times as long as one thread takes.
+    # Several threads would change the last digits of each step. With matrices this small they would
+    # also be slower: on a busy machine by a factor of ten, because they wait for each other.
     with threadpool_limits(1, user_api="blas"):
         centre, spread = _standards(rows, weights, labels)
         rows = (rows - centre) / spread

@@ -13,11 +13,11 @@ _NEGLIGIBLE = 25.0
 # A component with a peak of e^-7 adds at most a thousandth to another peak, so no ascent starts
 # from it.
 _LOW = 7.0
-# One Newton step from its mean an ascent has almost its final height, so an ascent below this share
-# of the highest one cannot exceed it.
+# After one Newton step an ascent has almost its final height. An ascent below this share of the
+# highest one therefore cannot exceed it.
 _PROMISING = 0.5
-# In spreads: ascents nearer than the first number end at the same peak. A step below the second
-# number is the last one, because Newton's method converges quadratically.
+# Both numbers are in spreads. Ascents nearer than the first number end at the same peak. A step
+# below the second number is the last one, because Newton's method converges quadratically.
 _SAME = 0.2
 _LAST_STEP = 1e-5
 _TINY = 1e-300

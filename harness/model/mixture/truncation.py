@@ -97,7 +97,7 @@ def _positive_mass(covariance: Array, a: Array, b: Array) -> float:
 
 
 def _window(lo: Array, hi: Array) -> tuple[Array, Array]:
-    """Nodes and weights (N, M) for the integral of φ over [lo, hi], cut where φ is e^-40 lower."""
+    """Nodes and weights (N, M) for the integral of φ over [lo, hi], cut where φ fell by e^-40."""
     nearest = np.clip(0.0, lo, hi)
     reach = np.sqrt(nearest**2 + 80.0)
     lo, hi = np.maximum(lo, -reach), np.minimum(hi, reach)

@@ -1,4 +1,4 @@
-"""Raw trajectories to rows of the interaction model's variables."""
+"""Raw trajectories in; rows of the interaction model's variables out."""
 
 from harness.model.trajectories.counting import REASONS, Counts
 from harness.model.trajectories.encounters import conflict_point

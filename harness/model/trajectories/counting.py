@@ -1,4 +1,4 @@
-"""Counts of the items that an extraction used and left out, by named rule."""
+"""Counts the items that an extraction used and left out, by rule."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -95,7 +95,7 @@ class Counts:
         rows: rows kept.
         candidates: sampled instants of crossing pairs before the row rules;
             ``rows + sum(dropped["candidates"].values()) == candidates``.
-        out_of_order: records that precede an earlier instant in their file (they are used).
+        out_of_order: records that stand below a later instant in their file; they are used.
         default_lengths: vehicles whose length was not in the data and was taken from the options.
         skipped: clip → reason, for clips that could not be used at all.
         dropped: level → reason → number left out; the reasons are in ``REASONS``.
@@ -121,7 +121,7 @@ class Counts:
 
 
 def freeze(tally: Tally, rows: int, vehicles: int | None, pairs: int | None) -> Counts:
-    """The tally as an immutable record; every reason of ``REASONS`` appears, also with 0."""
+    """The tally as an immutable record with every reason of ``REASONS``, even if its count is 0."""
     every_reason = {
         level: {reason: tally.dropped[level][reason] for reason in reasons}
         for level, reasons in REASONS.items()

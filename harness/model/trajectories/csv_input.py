@@ -13,7 +13,7 @@ import pyarrow as pa
 from harness.core.errors import InputError
 from harness.model.trajectories.counting import Tally
 
-# No coordinate, speed or time of such data is larger; larger numbers would overflow later.
+# Larger coordinates, speeds and times are errors, and would overflow later.
 LARGEST_NUMBER = 1e12
 
 
@@ -63,7 +63,7 @@ def contents_of(
     """Yield what ``read`` returns for each named file; empty files are skipped and counted.
 
     Raises:
-        InputError: no file has usable contents; ``what`` names them: a clip, a trip or a row.
+        InputError: no file has usable contents. ``what`` names these: a clip, a trip or a row.
     """
     where, used = "", False
     for name, file in files:
@@ -153,7 +153,7 @@ def as_numbers(path: Path, column: pd.Series) -> pd.Series:
 
 
 def once_each(records: pd.DataFrame, clock: str, tally: Tally) -> pd.DataFrame:
-    """Records sorted by time, only the first of each instant; repeated ones are counted."""
+    """Records sorted by time; the first of each instant is kept, the others are counted."""
     tally.out_of_order += int((records[clock].diff() < 0).sum())
     records = records.sort_values(clock, kind="stable")
     repeated = records[clock].duplicated()

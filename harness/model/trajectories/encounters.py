@@ -65,7 +65,7 @@ def conflict_point(vehicle: Track, pedestrian: Track, rules: ExtractionRules) ->
 
     Args:
         vehicle, pedestrian: tracks of one clip.
-        rules: how far paths are extended; the angle of the crossing is ignored.
+        rules: lengths by which paths are extended; the limits of the angle are ignored.
     """
     car, walker = car_of(vehicle, rules), walker_of(pedestrian, rules)
     if car is None or walker is None:
@@ -217,9 +217,9 @@ def sampling_instants(first: FloatArray, second: FloatArray, sample_s: float) ->
         sample_s: interval, s.
 
     Returns:
-        Increasing times, possibly none. An end that is a multiple up to rounding is included.
-        Pauses of the first track longer than ``LONG_PAUSE_S`` have no instants, because a wrong
-        clock time could otherwise cause millions of them.
+        Increasing times, possibly none. The ends of the common time are included if they are
+        multiples up to rounding. A pause of the first track longer than ``LONG_PAUSE_S`` has no
+        instants, because one wrong time could otherwise cause millions of them.
     """
     pauses = np.flatnonzero(np.diff(first) > LONG_PAUSE_S)
     starts = np.maximum(first[np.concatenate([[0], pauses + 1])], second[0])

@@ -72,7 +72,8 @@ def extract(paths: str | Path | Sequence[str | Path], format: str, **options: An
         Rows and counts; ``rows`` may be empty when nothing passes the rules.
 
     Raises:
-        InputError: unknown format or option, no data, or data of another format.
+        InputError: the format or an option is unknown, there is no data, or the data has another
+            format.
     """
     known = _known_format(format)
     rules, reader = split_options(options, known.options, f"format {format}")
@@ -80,7 +81,7 @@ def extract(paths: str | Path | Sequence[str | Path], format: str, **options: An
     if known.rows is not None:
         candidates = _typed(known.rows(files, reader, tally))
     else:
-        # No pair gives no rows, with the same columns.
+        # Without pairs there are no rows, but the columns are the same.
         frames = [pd.DataFrame(columns=CANDIDATE_COLUMNS)]
         for clip in known.clips(files, reader, tally) if known.clips else ():
             frames += candidate_rows(clip, rules, tally)
@@ -144,8 +145,8 @@ def summary(extraction: Extraction) -> dict[str, Any]:
         ``rows``, ``vehicles``, ``encounters``; ``quartiles``: column → n, min, q25, median, q75,
         max over its rows (null where a column is empty); ``rows_per_vehicle``: min, median, max;
         ``five_busiest_vehicles``: their share of the rows and of the encounters, 0–1;
-        ``passed_first``: encounters by who passed first; ``counts``: all that was left out. Figures
-        that need identifiers are null if the rows have none.
+        ``passed_first``: encounters by who passed first; ``counts``: everything that was left out.
+        Figures that need identifiers are null if the rows have none.
     """
     rows, counts = extraction.rows, extraction.counts
     encounters = rows.drop_duplicates(list(ENCOUNTER_KEY))

@@ -76,10 +76,10 @@ class ExtractionRules(Options):
 def split_options(
     options: Mapping[str, Any], reader_options: type[ReaderOptions], where: str
 ) -> tuple[ExtractionRules, ReaderOptions]:
-    """Sort keyword options into the rules and the reader's own.
+    """Split keyword options into the rules and the reader's options.
 
     Raises:
-        InputError: an unknown option, or a value that is not allowed.
+        InputError: an option is unknown, or a value is not allowed.
     """
     names = set(ExtractionRules.model_fields)
     known = names | set(reader_options.model_fields)
@@ -93,8 +93,8 @@ def split_options(
 
 Mask = Callable[[pd.DataFrame, ExtractionRules], "pd.Series[bool]"]
 
-# Each rule says which rows it drops. Comparisons are written so that a missing L (ready-made rows
-# may lack it) passes, and the bounds themselves pass.
+# Each rule returns the rows that it drops. A missing L passes (ready-made rows may lack it), and so
+# does a value that equals a bound.
 ROW_RULES: Mapping[str, Mask] = {
     "speed_undefined": lambda rows, _: (
         rows["vehicle_speed_mps"].isna() | rows["pedestrian_speed_mps"].isna()
@@ -116,7 +116,7 @@ ROW_RULES: Mapping[str, Mask] = {
 def with_times(rows: pd.DataFrame) -> pd.DataFrame:
     """Add the arrival time R/v and T_adv = |R/v − L/v_p| (paper, eq. for T_Adv) to candidates.
 
-    Undefined (NaN) where a speed is zero or missing.
+    They are *undefined* (NaN) where a speed is zero or missing.
     """
     speed = rows["vehicle_speed_mps"].where(rows["vehicle_speed_mps"] != 0)
     walking = rows["pedestrian_speed_mps"].where(rows["pedestrian_speed_mps"] != 0)

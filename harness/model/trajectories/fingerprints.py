@@ -3,7 +3,7 @@
 A fingerprint is the hash of the track's mean position over the first and over the second half of
 its time, in cells of 1 mm. These four numbers do not depend on names, the order of the records, the
 origin of the clock or the frame rate. Noise below 1 mm changes each number by at most one cell, so
-a track is searched in its own cell and in the neighbouring cells. Positions cannot be recovered
+a search for a track covers its own cell and the neighbouring cells. Positions cannot be recovered
 from a hash.
 """
 

@@ -53,8 +53,8 @@ class MobileyeOptions(Options):
         latitude_deg, longitude_deg: the crossing, origin of the axes.
         axes_turn_deg: turn of the axes, counter-clockwise positive; the turned x axis must lie
             along the road.
-        heading_above_deg: buses with a heading of at most this drive in the other direction and are
-            left out.  0 with ``heading_below_deg`` 360 keeps all buses.
+        heading_above_deg: buses with this heading or a smaller one drive in the other direction and
+            are left out.  0 with ``heading_below_deg`` 360 keeps all buses.
         heading_below_deg: buses with a heading above this are left out for the same reason.
         sequence_gap_s: a longer pause starts a new sequence of the same obstacle.
         min_sequence_s: shorter sequences are left out.
@@ -119,7 +119,7 @@ def _bus(table: pd.DataFrame, options: MobileyeOptions) -> tuple[FloatArray, Flo
     east = (radians[:, 0] - math.radians(options.longitude_deg)) * parallel * EARTH_RADIUS_M
     north = (radians[:, 1] - math.radians(options.latitude_deg)) * EARTH_RADIUS_M
     turn = math.radians(options.axes_turn_deg)
-    # Coordinates in axes turned by an angle: the points turn the other way.
+    # If the axes turn by an angle, the coordinates of a point turn by the opposite angle.
     to_turned = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
     position = np.column_stack([east, north]) @ to_turned
     forward = np.column_stack([np.sin(radians[:, 2]), np.cos(radians[:, 2])]) @ to_turned

@@ -72,7 +72,7 @@ def build_path(
         extension_m: length of the extension beyond the last record.
 
     Returns:
-        The path; None *when undefined*: the object never moves a step away.
+        The path; it is *undefined* (None) if the object never moves a step away.
     """
     kept = thinned(position_m, step_m)
     if len(kept) < 2:
@@ -97,8 +97,8 @@ def build_path(
 def arc_of_records(path: TravelPath, position_m: FloatArray) -> FloatArray:
     """(n,) path length of every record of the path's own track.
 
-    A record is projected onto the nearest piece among those next to it in time.  On a path that
-    returns near itself it therefore stays on its own branch.
+    A record is projected onto the nearest of the pieces that are next to it in time. It therefore
+    stays on its own branch if the path returns near itself.
     """
     pieces = np.diff(path.points, axis=0)
     lengths = np.diff(path.arc_m)

@@ -53,16 +53,16 @@ class VehicleTrack(Track):
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """One pedestrian as measured by a sensor on the vehicle: the variables of the pair.
+    """The variables of one pair, measured by a sensor on the vehicle.
 
     Attributes:
         vehicle, pedestrian: keys of the clip's tracks.
         time_s: (n,) strictly increasing.
         range_m: (n,) R from the front bumper.
-        lateral_m: (n,) L, negative once past the vehicle's line.
+        lateral_m: (n,) L, negative after the pedestrian passed the vehicle's line.
         vehicle_speed_mps: (n,).
         pedestrian_speed_mps: one speed for the whole sighting.
-        crossing_angle_deg: between the two directions of motion, 0–180.
+        crossing_angle_deg: angle between the two directions of motion, 0–180.
     """
 
     vehicle: str

@@ -63,7 +63,7 @@ def read_clips(paths: Sequence[Path], options: VciOptions, tally: Tally) -> Iter
     Time is frame / frame rate.
 
     Raises:
-        InputError: no clip there, none usable, or a file that is not of this format.
+        InputError: there is no clip, no clip is usable, or a file has another format.
     """
     rate, assumed = options.frame_rate_hz, ""
     if rate == VciOptions().frame_rate_hz:
@@ -125,7 +125,7 @@ def _read_clip(
     tally.clips += 1
     tally.vehicle_tracks += len(vehicles)
     tally.pedestrian_tracks += len(walkers)
-    # Clips of one site are named alike but for their number: intersection_01, intersection_02.
+    # The names of one site's clips differ only in the number: intersection_01, intersection_02.
     site = re.sub(r"[\W_]*\d*$", "", name)
     return Clip(source, name, vehicles, walkers, y_down=True, site=site)
 
@@ -163,7 +163,7 @@ def _lengths_m(vehicle_file: Path, stem: str, ratio: float | None) -> dict[str, 
         return {}
     table = read_table(path)
     require_columns(path, table, ("id", *CORNERS))
-    # Records dropped here are not positions, so the extraction does not count them.
+    # These records are not positions, so the extraction does not count those that are dropped.
     table = numbers(path, table, CORNERS, Tally())
     x = (table["x_fl"] + table["x_fr"] - table["x_rr"] - table["x_rl"]) / 2
     y = (table["y_fl"] + table["y_fr"] - table["y_rr"] - table["y_rl"]) / 2

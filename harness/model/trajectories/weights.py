@@ -19,8 +19,8 @@ def row_weights(rows: pd.DataFrame, weigh: str) -> FloatArray:
     - ``row``: every row counts the same, E / n.
     - ``encounter``: every encounter counts 1, shared equally by its rows.
     - ``vehicle``: a vehicle counts as its number of encounters, at most the median over the
-      vehicles, shared by its encounters and then their rows; all scaled to sum to E. A vehicle met
-      once is not raised to a busy one's weight, so no row is blown up.
+      vehicles, shared by its encounters and then their rows; all scaled to sum to E. Small weights
+      are not raised, so no single row gets a large weight.
 
     Args:
         rows: as returned by ``extract``.
@@ -30,8 +30,8 @@ def row_weights(rows: pd.DataFrame, weigh: str) -> FloatArray:
         (n,) weights above 0. Rows without identifiers count as one encounter each under ``row``.
 
     Raises:
-        InputError: unknown weighing, or ``encounter`` and ``vehicle`` for rows that
-            do not say which encounter they are of.
+        InputError: the weighing is unknown, or it is ``encounter`` or ``vehicle`` and the rows do
+            not identify their encounters.
     """
     if weigh not in WEIGHINGS:
         raise unknown_name("--weigh", "weighing", weigh, WEIGHINGS)
