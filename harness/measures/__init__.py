@@ -1,8 +1,8 @@
 """Traces in; measures of safety and delay out.
 
-All traces of a chunk are measured together, because numpy's cost is per call.  Every value of an
-episode depends on that episode alone, to the last bit, whatever else is in the chunk.  The measures
-are listed in ``catalogue.MEASURES`` and docs/measures.md.
+All traces of a chunk are measured together, because numpy's cost is per call.  To the last bit, a
+value of an episode does not depend on the other episodes of the chunk.  The measures are listed in
+``catalogue.MEASURES`` and docs/measures.md.
 """
 
 from harness.measures.catalogue import MEASURES, Measure

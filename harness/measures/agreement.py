@@ -1,4 +1,4 @@
-"""Compares two records of an episode: those of two engines, or of two versions."""
+"""Compares the records of one episode by two engines or two versions."""
 
 from harness.measures.catalogue import COLUMNS
 from harness.measures.record import EpisodeRecord
@@ -10,7 +10,7 @@ TOLERANCE = 1e-6
 def difference(first: EpisodeRecord, second: EpisodeRecord) -> str | None:
     """The first difference between two records of an episode; None if they are equal.
 
-    Equal means: the same ending and contact, and numbers within ``TOLERANCE``.
+    Records are equal if ending and contact are the same and all numbers agree within ``TOLERANCE``.
     """
     for name in ("ending", "contact", "contact_index"):
         if getattr(first, name) != getattr(second, name):

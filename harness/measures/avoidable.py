@@ -14,7 +14,7 @@ def avoidable(chunk: Chunk) -> FloatArray:
 
     The ego brakes at ``max_deceleration_mps2`` from its state at that moment until it stands, and
     stays there.  The pedestrian walks as in the run, all the way across.  The value is 0 if they
-    would still have touched, even if the ego stood by then; it is NaN if there was no contact.
+    would still touch, even if the ego stands at that time. It is NaN if there was no contact.
     """
     values = np.full(len(chunk.traces), np.nan)
     for number, strike in enumerate(chunk.strikes):
@@ -26,7 +26,8 @@ def avoidable(chunk: Chunk) -> FloatArray:
 def _still_hit(chunk: Chunk, number: int, strike: Strike) -> bool:
     legs, braking = chunk.legs, chunk.vehicle.max_deceleration_mps2
     legs_of_struck = np.flatnonzero(legs.walk == strike.walk)
-    # For a pedestrian who stepped off before the trace began, the ego brakes from its beginning on.
+    # If the pedestrian stepped off before the trace began, the ego brakes from the trace's
+    # beginning.
     begin = max(0.0, float(legs.begin_s[legs_of_struck[0]]))
     x, speed = ego_state(chunk.traces[number], begin)
     stands = begin + speed / braking

@@ -1,8 +1,8 @@
 """Every measure, defined once.
 
 To add a measure, write a function of a chunk in one of this package's files and an attribute of
-``Measured`` here.  Tables, statistics, the check of docs/measures.md and the conformance tests are
-made from it.
+``Measured`` here.  Tables, statistics, the check of docs/measures.md and the conformance tests use
+it.
 """
 
 from collections.abc import Callable
@@ -23,11 +23,11 @@ class Measure:
         column, kind: name and type of its attribute in ``Measured``.
         compute: returns a value for each trace of a chunk, NaN if it is undefined.  Each value
             depends on that trace alone, to the last bit.
-        on_step: how the value depends on the length of a step: not at all (``exact``); as an
-            extreme over the states, of which a shorter step has more (``states``); or as a number
-            of steps (``steps``).
-        worse: whether small or large values are bad; None if neither are.  For a measure of
-            conflicts a crash is worse than every value.
+        on_step: how the value depends on the length of a step. ``exact``: it does not. ``states``:
+            it is an extreme over the states, and shorter steps have more states. ``steps``: it is a
+            number of steps.
+        worse: whether small or large values are bad; None if neither. In a measure of conflicts a
+            crash is worse than every value.
     """
 
     column: str

@@ -30,12 +30,12 @@ class Chunk:
     strikes: tuple[Strike | None, ...]
     crashed: np.ndarray
     pass_time_s: FloatArray
-    """From the trigger until the rear bumper leaves the far edge; NaN after a contact, or where the
-    ego did not cross."""
+    """Time from the trigger until the rear bumper leaves the far edge; NaN after a contact, or
+    if the ego did not cross."""
     pass_time_ignoring_contact_s: FloatArray
     """The pass time if contacts are ignored: the simulation continues after a contact."""
     end_s: FloatArray
-    """The time at which the record ends: at the contact, the pass, the time-out or the failure."""
+    """The time of the record's end: the contact, the pass, the time-out or the failure."""
     steps: IntArray
     """Steps of the record."""
 
@@ -60,7 +60,7 @@ class Chunk:
         return body_of(self.traces[0])
 
     def record_steps(self) -> tuple[IntArray, IntArray]:
-        """Every step of every record: number of its episode, place of its state in ``ego``."""
+        """Number of the episode and index of the state in ``ego`` of every step."""
         trace = np.repeat(np.arange(len(self.traces)), self.steps)
         within = np.arange(len(trace)) - np.repeat(np.cumsum(self.steps) - self.steps, self.steps)
         return trace, self.ego.first[trace] + within
@@ -69,8 +69,8 @@ class Chunk:
         """The smallest value of every episode; NaN if there is none, or if it is infinite.
 
         Args:
-            trace: number of the episode each value belongs to.
-            values: none of them NaN.
+            trace: number of each value's episode.
+            values: the values, without NaN.
         """
         minima = np.full(len(self.traces), np.inf)
         np.minimum.at(minima, trace, values)

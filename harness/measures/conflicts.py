@@ -49,8 +49,8 @@ def pet_s(chunk: Chunk) -> FloatArray:
     The conflict area is the part of the road that both the ego's width and the pedestrian's disc
     cover.  It moves along the road with the pedestrian.  A pedestrian who is in it when their walk
     begins, as after a warm-up, enters it then.  PET is 0 if both were in the area at once without
-    touching (at a corner).  It is undefined if either never enters it.  Pedestrians keep their
-    speed after the trace's end.  Source: Allen, Shin, Cooper 1978.
+    touching (at a corner).  It is undefined if either of them never enters it. Pedestrians keep
+    their speed after the trace's end.  Source: Allen, Shin, Cooper 1978.
     """
     legs, crossing, vehicle = chunk.legs, chunk.crossing, chunk.vehicle
     half = vehicle.width_m / 2 + PEDESTRIAN_RADIUS_M
@@ -73,7 +73,7 @@ def pet_s(chunk: Chunk) -> FloatArray:
 
 
 def _bumper_at(chunk: Chunk, x_m: FloatArray) -> FloatArray:
-    """When the bumper of each walker's ego reaches their ``x_m``; NaN if it never does."""
+    """The time at which the bumper reaches each pedestrian's ``x_m``; NaN if it never does."""
     known: dict[tuple[int, float], float] = {}  # most pedestrians walk along the same line
     times = []
     for key in zip(chunk.legs.walk_trace.tolist(), x_m.tolist(), strict=True):

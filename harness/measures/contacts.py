@@ -13,7 +13,7 @@ from harness.measures.steps import Rows
 
 @dataclass(frozen=True, slots=True)
 class Strike:
-    """A contact: its time, its walk (a number in ``Legs``), its place on the ego and its speed."""
+    """A contact: its time, number of the walk in ``Legs``, place on the ego, and speed."""
 
     time_s: float
     walk: int

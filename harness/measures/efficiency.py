@@ -19,9 +19,9 @@ def delay_s(chunk: Chunk) -> FloatArray:
 
 
 def beyond(time_s: FloatArray | float, free_s: float) -> FloatArray:
-    """A time minus the time of a free passage, in s; 0 within 1e-9 s.
+    """A time minus the time of a free passage, in s; differences up to 1e-9 s count as 0.
 
-    Sums of step times and a quotient differ in their last bits.
+    A sum of step times and a quotient may differ in their last bits.
     """
     delay = np.subtract(time_s, free_s)
     return np.where(np.abs(delay) < _ROUNDING_S, 0.0, delay)
@@ -74,7 +74,7 @@ def arrivals(chunk: Chunk) -> FloatArray:
 
 
 def _arrivals(chunk: Chunk) -> Iterator[tuple[int, Walk, float]]:
-    """Number of the episode, walk and end of the record of everyone who arrived within it."""
+    """Episode's number, walk and record's end for everyone who arrived within the record."""
     for number, (trace, end_s) in enumerate(zip(chunk.traces, chunk.end_s.tolist(), strict=True)):
         for walk in trace.walks:
             if 0 <= walk.arrival.arrival_s <= end_s and walk.arrival.quantile is not None:

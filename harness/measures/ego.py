@@ -43,7 +43,7 @@ def ego_states(traces: Sequence[Trace]) -> EgoStates:
 
 
 def crossing_time(trace: Trace, x_m: float) -> float | None:
-    """When the front bumper reaches ``x_m``, exact within the step; None if it never does."""
+    """The exact time at which the front bumper reaches ``x_m``; None if it never does."""
     step = int(trace.x_m.searchsorted(x_m))
     if step >= len(trace.x_m):
         return None
@@ -67,7 +67,7 @@ def ego_state(trace: Trace, time_s: float) -> tuple[float, float]:
 
 
 def _speeds(trace: Trace, step: int) -> tuple[float, float]:
-    """The speeds with which a step is driven, at its beginning and its end."""
+    """The speeds at the beginning and the end of a step, under the trace's ``motion``."""
     after = float(trace.speed_mps[step + 1])
     return (after if trace.motion == "euler" else float(trace.speed_mps[step])), after
 

@@ -1,4 +1,4 @@
-"""The record of an episode, and the one function that makes records of traces."""
+"""The record of an episode, and the function that computes records from traces."""
 
 from collections import namedtuple
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ class EpisodeRecord(Measured):
 
     @property
     def values(self) -> tuple[Value, ...]:
-        """The measures in the order of ``MEASURES``, also by their columns' names."""
+        """The measures in the order of ``MEASURES``, accessible by their columns' names."""
         return Values(*(getattr(self, column) for column in COLUMNS))
 
 
@@ -70,7 +70,7 @@ def measure(traces: Sequence[Trace]) -> list[EpisodeRecord]:
     """The record of every trace, in order.
 
     Args:
-        traces: of one vehicle, crossing and step (a chunk of one cell).
+        traces: traces with the same vehicle, crossing and step (a chunk of one cell).
     """
     if not traces:
         return []

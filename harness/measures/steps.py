@@ -1,6 +1,6 @@
 """Traces in; the states of ego and pedestrians at every step out.
 
-Only this module of the measures uses the form of a walk: straight legs with constant velocity
+Only this module of the measures knows the form of a walk: straight legs with constant velocity
 along the road and constant acceleration across it.
 """
 
@@ -43,10 +43,10 @@ class Legs:
 class Rows:
     """One row for each step of each pedestrian on the crossing, in order of traces and walks.
 
-    ``start_s`` … ``stop_s`` is the part of the step in which they are on the crossing.  The other
-    columns are those at ``start_s``: the ego's bumper is at ``x_m`` (``x_stop_m`` at the step's
-    end) with its speed and acceleration, the pedestrian at (``walker_x_m``, ``walker_y_m``) with
-    their velocity.
+    The pedestrian is on the crossing from ``start_s`` to ``stop_s`` of the step. The other columns
+    are values at ``start_s``: ``x_m`` of the ego's bumper (``x_stop_m``: at the step's end), the
+    ego's speed and acceleration, and the pedestrian's position (``walker_x_m``, ``walker_y_m``)
+    and velocity.
     """
 
     trace: IntArray
@@ -119,7 +119,7 @@ def legs_of(traces: Sequence[Trace]) -> Legs:
 
 
 def time_at(legs: Legs, across_m: FloatArray, length_m: float) -> FloatArray:
-    """When each walk first reaches a distance across the road, in s; NaN if it never does.
+    """The time at which each walk first reaches a distance across the road, in s; NaN if never.
 
     Args:
         legs: the legs of all walks.
@@ -165,9 +165,9 @@ def x_range(legs: Legs, since_s: FloatArray, until_s: FloatArray) -> tuple[Float
 def rows_of(legs: Legs, ego: EgoStates, step_s: float) -> Rows:
     """Every step of every leg until the end of the ego's trace."""
     first = np.floor(legs.begin_s / step_s).astype(np.int64)
-    # Rounding may put a beginning at a step's time into the step before.
+    # Because of rounding, a leg that begins with a step may be assigned to the step before.
     first += (first + 1) * step_s <= legs.begin_s
-    # A pedestrian who stepped off before the trace began is there from its first step on.
+    # A pedestrian who stepped off before the trace began is present from its first step on.
     first = np.maximum(first, 0)
     last = np.minimum(np.ceil(legs.end_s / step_s).astype(np.int64), ego.steps[legs.trace])
     counts = np.maximum(last - first, 0)

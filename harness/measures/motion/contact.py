@@ -40,7 +40,7 @@ def first_contact_in_step(
     """Time into the step at which contact begins, or None.
 
     Candidates are the roots of all pieces of the boundary (at most quartic).  The result is the
-    earliest at which the distance is within the radius.
+    earliest root at which the distance is within the radius.
 
     Args:
         ego: motion of the front bumper, along the road.
@@ -81,7 +81,7 @@ def first_contact_in_step(
 
 
 def _times_at(path: Motion, edge_m: float) -> tuple[float, ...]:
-    """The times at which a coordinate is at an edge; a miss within rounding counts as a touch."""
+    """The times at which a coordinate reaches an edge; a miss within rounding counts."""
     square, slope, constant = path.acceleration_mps2 / 2, path.speed_mps, path.place_m - edge_m
     if square == 0:
         return () if slope == 0 else (-constant / slope,)
@@ -89,7 +89,7 @@ def _times_at(path: Motion, edge_m: float) -> tuple[float, ...]:
     if discriminant < 0:
         touches = math.sqrt(-discriminant) < 2 * abs(square) * _REAL_S
         return (-slope / (2 * square),) if touches else ()
-    # The sum with equal signs loses no digits; the other root follows from it.
+    # The sum of terms of equal sign loses no digits; the other root follows from it.
     larger = -(slope + math.copysign(math.sqrt(discriminant), slope)) / 2
     return (larger / square, constant / larger) if larger != 0 else ()  # from the start on
 
@@ -144,8 +144,8 @@ def time_to_collision(
     Args:
         ahead_m: pedestrian's distance ahead of the front bumper (negative at or behind it).
         y_m: the pedestrian's y.
-        ahead_mps: rate of ``ahead_m``: their velocity along the road minus the ego's speed.
-        y_mps: their velocity across the road.
+        ahead_mps: the pedestrian's velocity along the road minus the ego's speed.
+        y_mps: the pedestrian's velocity across the road.
         body: (length, y of the right side, y of the left side) of the ego in m.
 
     Returns:

@@ -24,7 +24,7 @@ def timed_path(
     vehicle: Vehicle,
     crossing: Crossing,
 ) -> tuple[Leg, ...]:
-    """The walk of a pedestrian whom a car that does not brake hits at a given share of its width.
+    """The walk of a pedestrian who is hit at a given share of the car's width if it does not brake.
 
     They accelerate uniformly from rest to v_p over the distance d_a and keep that speed.  The
     front touches their disc at T = (R0 − radius)/v0; their centre is then at
@@ -80,7 +80,7 @@ def legs_of(walk: Walk, crossing: Crossing) -> tuple[Leg, ...]:
 
 
 def cleared_s(walk: Walk, crossing: Crossing) -> float | None:
-    """When a pedestrian reaches the other kerb; None if they never do."""
+    """The time at which a pedestrian reaches the other kerb; None if they never do."""
     if walk.start_s is None or walk.speed_mps is None:
         return None
     if walk.legs is None:
