@@ -1,12 +1,13 @@
-"""Which values of a strategy's parameter keep μ below μ0 and κ below κ0, as far as the pairs
-decide it (after the paper's figure of the vehicle's aggressiveness).
+"""Decides which values of a strategy's parameter keep μ below μ0 and κ below κ0, or are undecided.
+
+The question is that of the paper's figure of the vehicle's aggressiveness.
 
 μ is over all pairs in which the AV crossed; a human who crashed counts as if they had driven on.
-κ counts time-outs and failures of the strategy as crashes: an AV that does not arrive is not
-allowed.
+κ counts time-outs and failures of the strategy as crashes, because an AV that does not arrive is
+not allowed.
 
 All bounds of a sweep hold simultaneously: m values have 2 m upper bounds, each one-sided at
-1 − level / 2m (Bonferroni), and as many lower bounds.
+1 − level / 2m (Bonferroni), and 2 m lower bounds.
 """
 
 import math
@@ -52,7 +53,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class SweptValue:
-    """μ and κ at one value; each limit of their intervals is a one-sided bound of the sweep.
+    """μ and κ at one value; the limits of their intervals are one-sided bounds over the sweep.
 
     ``defined_pairs`` is the number of ``pairs`` that have a τ.
     """
@@ -65,7 +66,7 @@ class SweptValue:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """The verdict on one value; an undecided one would need ``pairs_needed`` at these estimates."""
+    """The verdict on one value; ``pairs_needed`` pairs would decide it at these estimates."""
 
     swept: SweptValue
     verdict: Verdict
@@ -77,8 +78,8 @@ class AllowedInterval:
     """The verdict on a sweep: some values are allowed, none is, or there are too few pairs.
 
     If there are too few pairs, ``expected`` is the verdict that the present estimates suggest, and
-    ``pairs_needed`` pairs would show it: one value allowed, or all of them denied.
-    ``pairs_needed`` is None if the number is unknown.
+    with ``pairs_needed`` pairs one value would be allowed, or all would be denied. ``pairs_needed``
+    is None if the number is unknown.
     """
 
     verdict: SweepVerdict
@@ -100,9 +101,9 @@ def swept_value(
     Args:
         tau: ``tau_all`` of each pair, NaN where undefined.
         missed: whether the AV crashed, timed out, or failed because of its strategy.
-        tried: whether its episode did not fail in the engine.
+        tried: whether the AV's episode ran, or failed because of its strategy.
         rng: draws the resamples.
-        values: m, the number of values swept.
+        values: m, the number of swept values.
         level: probability that any upper (or any lower) bound is wrong.
     """
     confidence = 1 - 2 * _tail(values, level)
@@ -121,7 +122,7 @@ def allowed_interval(sweep: Sequence[SweptValue], limits: Limits, level: float) 
     Args:
         sweep: see ``swept_value``.
         limits: μ0 and κ0.
-        level: as given to ``swept_value``.
+        level: the level given to ``swept_value``.
     """
     tail = _tail(len(sweep), level)
     judgements = tuple(_judge(swept, limits, tail) for swept in sweep)
@@ -156,7 +157,7 @@ def _judge(swept: SweptValue, limits: Limits, tail: float) -> Judgement:
 
 
 def _pairs_needed(swept: SweptValue, limits: Limits, tail: float) -> int | None:
-    """Pairs that would show both estimates below their limits, or else one of them beyond."""
+    """Pairs that would show that both estimates are below their limits, or that one is not."""
     sides = [
         (swept.mu.value, limits.mu0, _pairs_for_mu(swept, limits.mu0)),
         (swept.kappa.value, limits.kappa0, _pairs_for_kappa(swept, limits.kappa0, tail)),
@@ -184,7 +185,7 @@ def _within(swept: SweptValue, limits: Limits) -> bool:
 
 
 def _pairs_for_mu(swept: SweptValue, limit: float) -> int | None:
-    """Pairs at which the bound would reach the limit: its distance from μ shrinks with 1/√N."""
+    """Pairs at which the bound would reach the limit; its distance from μ falls with 1/√N."""
     mu = swept.mu
     if mu.value is None or mu.low is None or mu.high is None or mu.value == limit:
         return None

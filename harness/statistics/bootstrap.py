@@ -22,7 +22,7 @@ FEWEST_RESAMPLES = 1_999
 _DRAWS_IN_MEMORY = 2_000_000
 
 _DIGITS = 9
-"""Values that agree to this many decimals count as equal: sums differ in their last bits."""
+"""Values that agree to this many decimals count as equal, because sums have rounding errors."""
 
 _RESAMPLES_BEYOND = 20
 """At least this many resamples lie beyond each limit of an interval."""
@@ -62,7 +62,7 @@ def bootstrap_mean(
     Args:
         values: shape (n,), finite.
         rng: draws the resamples, in batches of bounded memory.
-        confidence: of the interval, two-sided.
+        confidence: two-sided confidence of the interval.
 
     Returns:
         If all values are equal, the interval is that point.  With n = 1 there is no interval; with
@@ -122,11 +122,11 @@ def bootstrap_ratio(
         numerators: one for each unit that is resampled, shape (n,), finite.
         denominators: likewise, ≥ 0.
         rng: draws the resamples, in batches of bounded memory.
-        confidence: of the interval, two-sided.
+        confidence: two-sided confidence of the interval.
 
     Returns:
-        Everything is None if all denominators are 0.  There is no interval if the denominators
-        sum to 0 without one of the units, or in a resample: too few units count then.
+        Everything is None if all denominators are 0.  There is no interval if the denominators sum
+        to 0 in a resample or after one unit is left out, because too few units count then.
     """
     n, total = len(numerators), float(np.sum(denominators))
     if total == 0:
@@ -148,7 +148,7 @@ def bootstrap_ratio(
 
 
 def _informative(values: FloatArray) -> int:
-    """How many differ from the most common value by more than rounding; all if no two are equal."""
+    """The number of values other than the most common one (up to rounding); n if all differ."""
     _, counts = np.unique(np.round(values, _DIGITS), return_counts=True)
     most = int(counts.max(initial=0))
     return len(values) - (most if most > 1 else 0)
@@ -170,10 +170,9 @@ def _samples(values: FloatArray, rng: np.random.Generator, total: int) -> Iterat
 
 
 def _draws(n: int, rng: np.random.Generator, total: int) -> Iterator[NDArray[np.int64]]:
-    """Which of n values each of ``total`` resamples takes, in batches of shape (some, n).
+    """The indices of the values in each of ``total`` resamples, in batches of shape (some, n).
 
-    The generator is copied and its state is left as it was: the same values always have the same
-    interval, whatever was resampled before.
+    The generator is copied and keeps its state, so the same values always have the same interval.
     """
     rng = copy.deepcopy(rng)
     batch = max(1, _DRAWS_IN_MEMORY // n)
@@ -189,7 +188,7 @@ def _bca(
     confidence: float,
 ) -> Resampled:
     """Efron (1987): percentiles shifted by the bias z0 and the acceleration a."""
-    # Resamples of the same values summed in another order differ in their last bits alone.
+    # Sums of the same values in another order differ only in their last bits.
     same = 1e-9 * np.ptp(resampled)
     below = (np.mean(resampled < estimate - same) + np.mean(resampled <= estimate + same)) / 2
     bias = special.ndtri(below)

@@ -19,14 +19,14 @@ from harness.statistics.pair_columns import BothArms, PairColumns
 
 @dataclass(frozen=True)
 class EncounterColumns:
-    """The aligned columns of a cell, and what else their statistics need.
+    """The aligned columns of a cell and the other inputs of their statistics.
 
     Attributes:
-        pairs: the columns, of at least one pair.
+        pairs: the columns of at least one pair.
         timeout_s: the experiment's time-out.
         free_pass_s: the pass time at the initial speed.
-        rng: draws the resamples; every interval begins with the same generator.
-        confidence: of each interval, two-sided.
+        rng: draws the resamples; every interval begins with the same state.
+        confidence: two-sided confidence of each interval.
         conflicts: which episodes had a conflict of each kind, by the kind's name.
     """
 
@@ -58,11 +58,11 @@ class EncounterColumns:
 
     @cached_property
     def worst(self) -> BothArms:
-        """Both arms' times of every pair; what is missing counts against the AV."""
+        """Both arms' times of every pair; missing times count against the AV."""
         return self.pairs.times_worst(self.timeout_s, self.free_pass_s)
 
     def ran(self, arm: int) -> np.ndarray:
-        """Which episodes of an arm did not fail."""
+        """A mask of the episodes of an arm that did not fail."""
         return ~self.pairs.failed[arm]
 
     def mean(self, values: FloatArray) -> Resampled:
@@ -89,7 +89,7 @@ class EncounterColumns:
         return self.share(missing, np.ones_like(missing))
 
     def share(self, marked: np.ndarray, trials: np.ndarray) -> Proportion:
-        """The share of marked pairs among some pairs."""
+        """The share of marked pairs among the pairs of the mask ``trials``."""
         return proportion(count(marked), count(trials), self.confidence)
 
     def walking_delay(self, arm: int) -> Resampled:
@@ -110,17 +110,17 @@ class EncounterColumns:
 
 
 def count(marked: np.ndarray) -> int:
-    """How many are marked."""
+    """The number of marked entries."""
     return int(np.count_nonzero(marked))
 
 
 def count_defined(values: FloatArray) -> int:
-    """How many values are defined."""
+    """The number of defined values."""
     return count(~np.isnan(values))
 
 
 def defined(values: FloatArray) -> FloatArray:
-    """The values that are defined."""
+    """The defined values."""
     return values[~np.isnan(values)]
 
 

@@ -1,4 +1,4 @@
-"""An entry of a catalogue: a reported number, defined once, and its values, the findings."""
+"""An entry of a catalogue defines a reported number once; a finding is its value."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,13 +9,13 @@ from harness.statistics.bootstrap import Resampled
 from harness.statistics.intervals import Interval, Proportion
 
 Source = TypeVar("Source")
-"""What the entries of a kind of run are computed from: the aligned columns of one cell."""
+"""The aligned columns of one cell, from which the entries of a kind of run are computed."""
 
 Plain = float | int | str | bool | None
 """A value of a table, of JSON, and of a scenario's key."""
 
 Reported = Interval | Plain
-"""What an entry's computation returns: a value with its interval, or a value alone."""
+"""The result of an entry's computation: a value with its interval, or a value alone."""
 
 ALIKE_COUNT = "defined_pairs_met_someone"
 """The count of pairs that met someone and in which both vehicles crossed.
@@ -46,7 +46,7 @@ _STORED: Mapping[type[Interval] | None, tuple[tuple[str, str, type], ...]] = {
     Resampled: (*_LIMITS, ("_ci_informative", "n", int)),
     Proportion: (*_LIMITS, ("_events", "events", int), ("_n", "n", int)),
 }
-"""What ``summary.csv`` holds beside a value: suffix of the column, field of a finding, type."""
+"""Columns of ``summary.csv`` beside a value: suffix, field of the finding, type."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +89,7 @@ Findings = Mapping[str, Finding]
 
 @dataclass(frozen=True, slots=True)
 class Entry(Generic[Source]):
-    """A reported number of a cell: of each arm, of both arms together, or of all three.
+    """A reported number of a cell: one of each arm, one of both arms together, or all three.
 
     Attributes:
         key: its name in ``summary.csv`` and in JSON, with its unit.
@@ -102,9 +102,9 @@ class Entry(Generic[Source]):
         of_arm: computes the number of one arm: 0 is the AV's arm, 1 the reference's.
         paired: computes the number of both arms together, a ratio or the difference AV − reference.
         interval: the kind of interval that the numbers have; None if they have no interval.
-        keys: the names of the three numbers in ``summary.csv``; an empty name is not reported.  By
-            default the AV's is ``key``, the reference's ``key_human`` and the paired one
-            ``key_difference``, or ``key`` if no single arm has a number.
+        keys: the names of the three numbers in ``summary.csv``; a number with an empty name is not
+            reported.  By default the AV's is ``key``, the reference's ``key_human`` and the paired
+            one ``key_difference``, or ``key`` if no single arm has a number.
         reliable_from: the number of informative pairs from which on a bootstrap interval is
             reliable.
         undefined: the reason if the number is undefined.
@@ -112,12 +112,12 @@ class Entry(Generic[Source]):
         may_be_absent: whether it is undefined because nothing of the kind is there, so that the
             first screen needs neither a row nor a note of it.
         worst_case: whether the first screen shows it if anything was left out.
-        crashes: whether it is of crashes, which no sweep's first screen leaves out: their column
-            stands before all others but the first.
+        crashes: whether it reports crashes.  The first screen of every sweep has these columns,
+            directly after its first one.
         paper: the value in Chen, Zhao, Peng (2017), section III-E, as it is printed there.
-        paired_heading: if each arm has a number, too: the name of the paired number with its
-            unit; by default it is the difference of the arms.
-        paired_meaning: if each arm has a number, too: the meaning of the paired number.
+        paired_heading: the name of the paired number with its unit, if each arm has a number too;
+            by default the name of a difference of the arms.
+        paired_meaning: the meaning of the paired number, if each arm has a number too.
         paired_digits: decimals of the paired number; None: ``digits``.
         paired_from: ``reliable_from`` of the paired number; None: the same.
     """
@@ -189,7 +189,7 @@ class Entry(Generic[Source]):
         return self.paired_from if paired else self.reliable_from
 
     def interval_of(self, name: str) -> type[Interval] | None:
-        """The kind of interval of the number of that name: a difference of shares is no share."""
+        """The kind of interval of the number of that name; plain for a difference of shares."""
         difference = self.of_arm is not None and name == self.names[2]
         return Interval if difference and self.interval is Proportion else self.interval
 

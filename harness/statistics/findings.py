@@ -61,7 +61,7 @@ class RunFindings:
 
     ``catalogue`` is the catalogue of the run's kind.  ``scope`` says what the run consists of
     besides its pairs, such as its seed and its audit.  ``paper`` says whether the run's only cell
-    is the paper's experiment.  ``site`` says where the run takes place and who comes.
+    is the paper's experiment.  ``site`` describes the place, the flows and the share of AVs.
     """
 
     catalogue: Catalogue

@@ -83,12 +83,12 @@ def student_ratio(
     """Ratio of two sums, Σ a / Σ b, with the interval of Fieller (1954).
 
     It holds all ρ for which Student's t test does not reject that the mean of a − ρ b is 0.  It is
-    exact for normally distributed (a, b), however few they are.
+    exact for any number of normally distributed (a, b).
 
     Args:
         numerators: a, one for each unit, shape (n,), finite.
         denominators: b, likewise.
-        confidence: of the interval, two-sided.
+        confidence: two-sided confidence of the interval.
 
     Returns:
         Undefined if Σ b is 0; there is no interval for fewer than two units, or if it is unbounded.
@@ -133,9 +133,9 @@ def clustered_proportion(
     clusters over the binomial variance; it is at least 1, and 1 if the binomial variance is 0.
 
     Args:
-        successes: their number in each cluster, shape (k,).
-        trials: likewise.
-        confidence: of the interval, two-sided.
+        successes: number of successes in each cluster, shape (k,).
+        trials: number of trials in each cluster, shape (k,).
+        confidence: two-sided confidence of the interval.
 
     Returns:
         Undefined if there are no trials; a single cluster has no interval.
@@ -174,12 +174,12 @@ def clopper_pearson(
 
 
 def zero_bound(high: float, confidence: float = CONFIDENCE) -> float:
-    """Upper one-sided 95 % bound of a proportion of which nothing was seen.
+    """Upper one-sided 95 % bound of a proportion if no success was observed.
 
     Args:
-        high: the upper limit of its two-sided interval, of as many independent trials as tell as
-            much.
-        confidence: of that interval.
+        high: the upper limit of its two-sided Clopper–Pearson interval, for the effective number of
+            trials.
+        confidence: confidence of that interval.
 
     >>> round(zero_bound(clopper_pearson(0, 50)[1]), 4)  # 1 − 0.05^(1/50)
     0.0582

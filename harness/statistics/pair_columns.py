@@ -21,10 +21,10 @@ class PairColumns:
     ``avoidable`` marks crashes that full braking would have prevented, ``failed_strategy`` marks
     failures of the strategy. ``met`` is the number of pedestrians who stepped off. ``arrivals`` is
     the number of those who arrived, ``waited_s`` the sum of their waits at the kerb.
-    ``conditionings`` is how often the interaction model was used, ``clamped`` how often it was used
-    for an ego that was faster or farther away than its box. The two excesses are the largest
-    amounts by which it was; they are NaN where it never was. ``max_speed_mps`` is the ego's
-    largest speed.
+    ``conditionings`` is the number of uses of the interaction model.  ``clamped`` is the number of
+    uses for an ego that was faster or farther away than the model's box.  The two excesses are the
+    largest distances from the box; they are NaN where there are none.  ``max_speed_mps`` is the
+    ego's largest speed.
     """
 
     time_s: BothArms
@@ -88,8 +88,8 @@ class PairColumns:
 
         These are the pairs in which no arm failed and the AV did not crash.  A driver who has not
         passed at ``timeout_s`` counts with ``timeout_s``; a human who crashed counts with
-        ``untouched_time_s``.  If a run did not store that, the pairs in which the human crashed
-        are left out.
+        ``untouched_time_s``.  If a run did not store this time, the pairs in which the human
+        crashed are left out.
         """
         av = np.where(self.timed_out[0], timeout_s, self.time_s[0])
         human = np.where(self.crashed[1], self.untouched_time_s[1], self.time_s[1])
@@ -100,7 +100,7 @@ class PairColumns:
         return np.where(counted, av, np.nan), np.where(counted, human, np.nan)
 
     def times_worst(self, timeout_s: float, free_pass_s: float) -> BothArms:
-        """Both arms' times of every pair; what is missing counts against the AV.
+        """Both arms' times of every pair; missing times count against the AV.
 
         An AV that crashed, failed or timed out counts with ``timeout_s``; a human who did not pass
         counts with ``free_pass_s``.

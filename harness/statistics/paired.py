@@ -25,8 +25,8 @@ class CrashTest:
     """Crashes of two cells over the same pairs, and the exact McNemar test of equal crash rates.
 
     ``pairs`` is the number of pairs that ran in both cells.  ``only_a`` and ``only_b`` are the
-    numbers of discordant pairs, in which the AV crashed in one of the cells alone.  ``ran_in_one``
-    is the number of pairs that ran in one cell alone.
+    numbers of discordant pairs, in which the AV crashed in only one cell.  ``ran_in_one`` is the
+    number of pairs that ran in only one cell.
     """
 
     pairs: int
@@ -43,7 +43,7 @@ class CrashTest:
 
 @dataclass(frozen=True, slots=True)
 class Difference(Resampled):
-    """A difference of two cells over the same pairs, and the p of the sign-flip test.
+    """A difference of two cells over the same pairs, and the p-value of the sign-flip test.
 
     The test's hypothesis is that the cells do not differ.  ``informative`` is the number of pairs
     that differ.  The interval excludes 0 only if the test rejects.
@@ -67,13 +67,13 @@ def paired_difference(
 
     Args:
         a: shape (n,), NaN where undefined.
-        b: of the other cell, same shape.
+        b: the same column of the other cell, same shape.
         rng: draws the resamples.
-        confidence: of the interval, two-sided.
+        confidence: two-sided confidence of the interval.
 
     Returns:
-        As ``bootstrap_mean``: if all differences are equal, the interval is that point; one pair
-        has no interval; without a pair everything is None.
+        The mean with its interval.  If all differences are equal, the interval is that point.  With
+        one pair there is no interval; without a pair everything is None.
     """
     difference = _without_rounding(a - b)
     difference = difference[~np.isnan(difference)]
@@ -110,12 +110,13 @@ def _tested(estimate: Resampled, differences: FloatArray, confidence: float) -> 
 
 
 def sign_flip_p(differences: FloatArray) -> float:
-    """Two-sided p of the sum of paired differences under random signs (Fisher 1935).
+    """Two-sided p-value of the sum of paired differences under random signs (Fisher 1935).
 
     If the two cells have the same distribution, each difference is as likely to have either sign.
     All signs of the ``_FLIPPED`` largest differences are enumerated; the sum of the others is
     approximated by a normal distribution whose variance is their sum of squares.  If at most
-    ``_FLIPPED`` differences are not 0, the test is exact: k of one sign have p = 2^(1 − k).
+    ``_FLIPPED`` differences are not 0, the test is exact: k differences of one sign have
+    p = 2^(1 − k).
 
     Args:
         differences: shape (n,), finite.
@@ -131,7 +132,7 @@ def sign_flip_p(differences: FloatArray) -> float:
     if len(sizes) <= _FLIPPED:
         beyond = np.mean(sums >= total * (1 - _ROUNDING))
     else:
-        # Continuity correction: half the step between two sums if all sizes are equal.
+        # The continuity correction is half the step between two sums if all sizes are equal.
         gap = (sums + sizes[-1] - total) / np.sqrt(np.sum(sizes[_FLIPPED:] ** 2))
         beyond = np.mean(special.ndtr(gap))
     return min(1.0, 2 * float(beyond))
@@ -160,11 +161,11 @@ def mcnemar(
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Adjusted p of each test of a family (Holm 1979).
+    """Adjusted p-value of each test of a family (Holm 1979).
 
-    The j-th smallest of m values of p is multiplied by m − j + 1.  The result is at most 1, and
-    never below the result for a smaller p.  If tests are rejected below 5 %, the probability of
-    any wrong rejection in the family is at most 5 %, however the tests depend on each other.
+    The j-th smallest of m p-values is multiplied by m − j + 1.  The result is at most 1, and never
+    below the result for a smaller p.  If tests are rejected below 5 %, the probability of any wrong
+    rejection in the family is at most 5 %, even if the tests are dependent.
     """
     p = np.asarray(p_values, dtype=float)
     order = np.argsort(p, kind="stable")

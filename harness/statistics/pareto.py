@@ -1,4 +1,4 @@
-"""Which cells are on the Pareto front of ratio of times and κ, as far as the pairs decide it."""
+"""The Pareto front of ratio of times and κ: whether each cell is on it, or is undecided."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -35,8 +35,8 @@ class Place(StrEnum):
 class Standing:
     """A cell's place on the Pareto front of (ratio of times, κ).
 
-    ``dominated_by`` holds the positions of the cells that dominate it; ``open_against`` those of
-    the cells for which this is undecided.
+    ``dominated_by`` holds the positions of the cells that dominate it.  ``open_against`` holds the
+    positions of the cells for which this is undecided.
     """
 
     place: Place
@@ -50,8 +50,8 @@ def relation_of_times(
     """The relation by a paired difference a − b.
 
     It is decided if the interval excludes 0 and the sign-flip test, adjusted within its family,
-    rejects at ``level``.  ``counted_in_one`` is the number of pairs that count in one cell alone;
-    if there are any, the cells are never alike.
+    rejects at ``level``.  ``counted_in_one`` is the number of pairs that count in only one cell.
+    If there are any, the cells are never alike.
     """
     if difference.low is None or difference.high is None:
         return Relation.UNDECIDED
@@ -82,7 +82,7 @@ def pareto_front(
 
     Args:
         count: number of cells.
-        relations: of a to b in (ratio of times, κ), for each a < b.
+        relations: relations of cell a to cell b in (ratio of times, κ), for each a < b.
     """
     standings = []
     for b in range(count):
