@@ -1,4 +1,4 @@
-"""Columns of both arms of a cell, a value for each pair, and the statistics of them.
+"""Columns of both arms of a cell, with a value for each pair, and their statistics.
 
 Means have Student's t intervals over pairs.  Shares have the intervals of Korn and Graubard,
 because the trials of one pair may be correlated.
@@ -28,7 +28,7 @@ Columns = Mapping[str, FloatArray]
 class ArmColumns:
     """The columns of both arms of a cell, AV's first.
 
-    A pair in which an arm failed counts in ``pairs`` and ``failed`` alone.
+    A pair in which an arm failed counts only in ``pairs`` and ``failed``.
     """
 
     arms: tuple[Columns, Columns]
@@ -66,7 +66,7 @@ class ArmColumns:
             return Interval(None, None, None)
         av, human = (share or 0.0 for share in shares)
         difference = av - human
-        # Over the mean of the trials, as the sum of the pairs' parts is the share itself.
+        # Contributions of the pairs to the share, linearised: their mean is 0.
         parts = [
             (columns[events] - share * columns[trials]) / columns[trials].mean()
             for columns, share in zip(self.arms, (av, human), strict=True)
@@ -89,7 +89,7 @@ def arm_columns(rows: pa.Table, name: str, confidence: float) -> ArmColumns:
     """The columns of a cell, from its rows of a table by pair, AV first.
 
     Raises:
-        InputError: the rows do not have both arms of each pair; ``name`` is the table's.
+        InputError: the rows do not have both arms of each pair; ``name`` is the table's name.
     """
     check_pairs(rows, name)
     ran = np.array([reason is None for reason in rows["reason"].to_pylist()], dtype=bool)

@@ -1,4 +1,4 @@
-"""Checks that a table of unknown origin holds possible values in every column.
+"""Checks the values of every column in a table of unknown origin.
 
 All code that reads a run relies on these checks.
 """
@@ -53,8 +53,8 @@ def check_values(table: pa.Table, name: str, where: str) -> None:
     """Refuse values that a table of that name never holds.
 
     Args:
-        table: with the types of its schema.
-        name: of the table.
+        table: a table with the types of its schema.
+        name: the table's name.
         where: the file, for messages.
 
     Raises:
@@ -85,7 +85,7 @@ def _check_range(values: pa.ChunkedArray, least: float, most: float, at: str) ->
 
 
 def _check_order(table: pa.Table, name: str, where: str) -> None:
-    """Rows are sorted by cell and pair; in a pair the AV's arm comes before the human's."""
+    """Check that rows are sorted by cell and pair, and in a pair the AV's arm comes first."""
     if not table.num_rows:
         return
     cells, pairs = (table[key].to_numpy() for key in ("cell", "pair"))

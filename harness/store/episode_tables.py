@@ -49,11 +49,11 @@ def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> pa.Table:
 def audit_rows(
     cell: int, audited: Iterable[tuple[Outcome, tuple[str | None, float | None]]]
 ) -> pa.Table:
-    """The table ``audit``: every episode that was repeated in SUMO, and what differs.
+    """The table ``audit``: every episode that was repeated in SUMO, and its differences.
 
     Args:
-        cell: its number.
-        audited: the episodes, each with what differs and the time of the tie that caused it.
+        cell: number of the cell.
+        audited: the episodes, each with its difference and the time of the tie that caused it.
     """
     return table_of(
         "audit",

@@ -16,7 +16,7 @@ from harness.store.arm_columns import ArmColumns, arm_columns, scaled
 
 @dataclass(frozen=True)
 class HourColumns(ArmColumns):
-    """The columns of both arms of a cell, and what else the statistics of hours need."""
+    """The columns of both arms of a cell and the other inputs of the statistics of hours."""
 
     scenario: Scenario
 
@@ -47,7 +47,7 @@ class HourColumns(ArmColumns):
         return self.mean_of(columns["last_third_delay_s"] - columns["first_third_delay_s"])
 
     def queue_m(self, arm: int) -> Interval:
-        """The 95 % quantile of the queue in metres: vehicles with the gaps between them."""
+        """The 95 % quantile of the queue in metres: vehicles and the gaps between them."""
         if self.scenario.known_traffic.types:
             return self.mean("queue_p95_m", arm)
         return scaled(self.mean("queue_p95", arm), self._spacing_m)
@@ -77,9 +77,10 @@ class HourColumns(ArmColumns):
         )
 
     def los_vehicles(self, arm: int) -> str | None:
-        """The level by the control delay; F if the road is saturated (HCM: above capacity).
+        """The level of service by control delay; F if the road is saturated (HCM: above capacity).
 
-        A vehicle that has not passed has no control delay, but at least ``vehicle_delay_s``.
+        The control delay omits vehicles that have not passed, so the larger of it and the mean of
+        ``vehicle_delay_s`` is used.
         """
         if self.saturated(arm):
             return "F"
@@ -88,7 +89,7 @@ class HourColumns(ArmColumns):
         return level_of_service(max(delays), VEHICLE_LOS_S) if delays else None
 
     def los_pedestrians(self, arm: int) -> str | None:
-        """The level by the mean wait at the kerb."""
+        """The level of service by the mean wait at the kerb."""
         delay_s = self.mean("pedestrian_delay_s", arm).value
         return None if delay_s is None else level_of_service(delay_s, PEDESTRIAN_LOS_S)
 

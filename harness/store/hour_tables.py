@@ -40,7 +40,7 @@ def hour_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Tables:
     """The tables ``hours``, ``passages``, ``pedestrians`` and ``queues``.
 
     Times count from the end of the warm-up.  Vehicles and people who were due before it, or after
-    the hour, have no row.  A failed arm has a row in ``hours`` alone.
+    the hour, have no row.  A failed arm has a row only in ``hours``.
     """
     rows: dict[str, list[Row]] = {name: [] for name in HOUR_TABLES}
     for outcome in outcomes:
@@ -77,7 +77,7 @@ def _counted(outcome: HourOutcome) -> _Counted:
 
 
 def _numbers(outcome: HourOutcome, counted: _Counted) -> Row:
-    """The row of an arm in ``hours``: sums, means and numbers over what counts."""
+    """The row of an arm in ``hours``: sums, means and numbers over its counted time."""
     walks, last_s = counted.walks, outcome.log.last_step * outcome.scenario.experiment.step_s
     waits = [(last_s if w.start_s is None else w.start_s) - w.arrival.arrival_s for w in walks]
     let_go = [outcome.log.let_go[i] for w in walks if (i := w.arrival.index) in outcome.log.let_go]
@@ -133,7 +133,7 @@ def _vehicle_numbers(outcome: HourOutcome, counted: _Counted) -> Row:
 def _delays(
     outcome: HourOutcome, counted: _Counted, delays: Sequence[float]
 ) -> dict[str, float | None]:
-    """Mean delays: over all vehicles, over those that are AVs in the AV's arm, and by thirds."""
+    """Mean delays of all vehicles, of the vehicles that are AVs in the AV's arm, and by thirds."""
     passages, third_s = counted.passages, (counted.end_s - counted.begin_s) / 3
     automated = [_automated(outcome, passage) for passage in passages]
     # Without a permanent queue every vehicle that counts has a schedule.
@@ -154,7 +154,7 @@ def _delays(
 
 
 def _late(outcome: HourOutcome, counted: _Counted) -> dict[str, int]:
-    """The least number of late vehicles in each half, those from the warm-up included.
+    """The least number of late vehicles in each half, including vehicles from the warm-up.
 
     A vehicle is late from the time at which it is due to pass until it passes.
     """
@@ -189,8 +189,8 @@ def passage_counts(passages: Sequence[Row], limits: ConflictsSection) -> dict[st
     """Columns of ``hours`` from its rows of ``passages``: stops, crashes, conflicts of each kind.
 
     ``reached`` counts the vehicles that reached the crosswalk's near edge or crashed before it.
-    Crashes and conflicts are those of these vehicles; conflicts of the others are counted in
-    ``conflicts_unreached``.  A crash counts as a conflict of every kind.
+    Only their crashes and conflicts count; ``conflicts_unreached`` has the other vehicles'
+    conflicts.  A crash counts as a conflict of every kind.
     """
     crashed = [row["ending"] == Ending.CRASHED for row in passages]
     reached = [

@@ -1,7 +1,7 @@
-"""The motion of vehicles and people in an hour as rows, and passages' traces made of the rows.
+"""Writes the motion of vehicles and people in an hour as rows, and makes traces from the rows.
 
 The columns are described in docs/files.md.  Times count from the end of the warm-up.  x and y are
-those of the forward direction, so oncoming vehicles drive towards smaller x.
+in the axes of the forward direction, so oncoming vehicles drive towards smaller x.
 """
 
 import math
@@ -25,7 +25,7 @@ _ROUNDING_S = 1e-9
 
 
 def hour_trace_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Tables:
-    """The tables ``traces`` and ``walks`` of everyone simulated, warm-up and clearing included.
+    """The tables ``traces`` and ``walks`` of everyone simulated, including warm-up and clearing.
 
     A vehicle has a row for each step from R0 until its rear has left the crosswalk; before and
     after that it has one row per second.
@@ -103,7 +103,7 @@ def stored_traces(
     """The traces of one arm's passages, lane by lane.
 
     Args:
-        scenario: of the cell.
+        scenario: the cell's scenario.
         passages: the arm's rows of ``passages``.
         walks: its rows of ``walks``.
         states: time, x and speed of each object of ``traces``, by name.
@@ -158,5 +158,5 @@ def _trace(
 
 
 def _due_s(row: Row) -> float:
-    """When a pedestrian leaves the crosswalk; infinite if they never do."""
+    """The time at which a pedestrian leaves the crosswalk; infinite if they never do."""
     return math.inf if row["cleared_s"] is None else row["cleared_s"]

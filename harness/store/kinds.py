@@ -1,9 +1,9 @@
 """The kinds of run: encounters, hours of traffic, and users' own simulations.
 
 A kind says which tables a run has, and how its findings are computed from them.  The rooms that
-write, read and show runs use this Protocol, so they need not know which kind a run is.  What needs
-an engine or a page stands under the kind's name in ``studies.kinds.table``, ``studies.runs.views``
-and ``report.pages.kinds``.
+write, read and show runs use this Protocol, so they need not know which kind a run is.  Functions
+that need an engine or a page are listed under the kind's name in ``studies.kinds.table``,
+``studies.runs.views`` and ``report.pages.kinds``.
 """
 
 from collections.abc import Callable, Mapping
@@ -57,7 +57,8 @@ class Kind(Protocol):
         section: the part of the scenario that makes a run of this kind, as messages name it; empty
             for encounters.
         long_pairs: whether a pair is long.  A long pair is a task of its own and shares no episode
-            with other cells.  ``--until`` adds no long pairs.  The page shows a stretch of one.
+            with other cells.  ``--until`` adds no long pairs.  The page shows only a part of a long
+            pair.
         compared: whether ``harness compare`` compares its cells pair by pair.
         instead: what to use where it does not, as a sentence.
         ranked: the table whose rows ``harness worst`` ranks, and the columns that name a row of it
@@ -123,7 +124,7 @@ class Kind(Protocol):
         ...
 
     def conflicts(self, cell: Cell, findings: Findings) -> Mapping[str, Rows]:
-        """The rows of a cell in ``conflicts.csv``; empty if its findings have these rates."""
+        """The rows of a cell in ``conflicts.csv``; empty if its findings contain these rates."""
         ...
 
     def counts(self, rows: pa.Table) -> dict[str, int]:

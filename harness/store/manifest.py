@@ -15,7 +15,7 @@ from harness.strategies.registry import find_strategy, source_digests
 
 
 def origin_of(study: Study, models: Iterable[InteractionModel]) -> JsonObject:
-    """The part of the manifest on what the traces and measures of a new run are made with."""
+    """The part of the manifest about the versions, strategies and models of a new run."""
     driven = study.driven
     return {
         "know_the_model": [name for name in driven if knows_the_model(find_strategy(name, "arms"))],
@@ -34,7 +34,7 @@ def _simulated_now(driven: Iterable[str], models: Iterable[InteractionModel]) ->
 
 
 def scored_now() -> JsonObject:
-    """The part of the manifest on what measures are made with: traces suffice for them."""
+    """The part of the manifest about the versions with which traces are measured."""
     return {"versions": versions_of_runs()}
 
 
@@ -48,7 +48,7 @@ def manifest_of(
 
     Args:
         study: the study.
-        origin: see ``origin_of``; for a run that is scored again, that of its traces.
+        origin: see ``origin_of``; for a run that is scored again, the origin of its traces.
         options: the options of the run.
         counts: None until the tables are finished.
     """
@@ -87,7 +87,7 @@ def refuse_other_versions(then: Mapping[str, Any], now: Mapping[str, Any]) -> No
 
     Args:
         then: the manifest's ``simulated_with``.
-        now: the same of this installation.
+        now: the same part for this installation.
     """
     for change in _changes(then, now):
         raise InputError("resume", change, "the versions, strategies and model of its beginning")
@@ -99,12 +99,12 @@ def explained(
     scenario: Scenario,
     model: InteractionModel,
 ) -> tuple[str, ...]:
-    """How a repeated episode differs from its record, after what has changed since the run.
+    """Changes since the run, then the differences of a repeated episode from its record.
 
     Args:
-        differences: in words.
+        differences: the differences in words; without any, nothing is returned.
         document: the run's manifest.
-        scenario: of the episode's cell.
+        scenario: the scenario of the episode's cell.
         model: the interaction model of the repetition.
     """
     if not (words := tuple(differences)):
@@ -114,7 +114,7 @@ def explained(
 
 
 def _changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
-    """What has changed in ``simulated_with``, in words."""
+    """The changes in ``simulated_with``, in words."""
     for name, digest in now["strategies"].items():
         if then["strategies"].get(name) != digest:
             yield f"the strategy {name} has been edited since the run"

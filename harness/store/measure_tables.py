@@ -19,12 +19,12 @@ def measure_rows(episodes: pa.Table) -> list[dict[str, Plain]]:
     """Statistics of every measure, for each arm, over the episodes in which it is defined.
 
     Args:
-        episodes: of one cell.
+        episodes: rows of one cell.
 
     Returns:
         ``arm, measure, defined, mean, p05, p50, p95``, and the same with ``_met_someone`` over the
-        pairs in which either arm met someone.  Failed episodes do not count, quantiles are
-        interpolated linearly, true counts as 1.  A statistic is None if the measure is defined in
+        pairs in which either arm met someone.  Failed episodes do not count.  Quantiles are
+        interpolated linearly.  True counts as 1.  A statistic is None if the measure is defined in
         no episode.
     """
     rows = []
@@ -87,7 +87,7 @@ def _that_ran(episodes: pa.Table, arm: Arm) -> pa.Table:
 
 
 def _met_someone(ran: pa.Table, episodes: pa.Table) -> np.ndarray:
-    """Which episodes of an arm belong to pairs in which either arm met someone."""
+    """A mask of the episodes of an arm that belong to pairs in which either arm met someone."""
     met = episodes.filter(pc.greater(episodes["pedestrians"], 0))["pair"]
     return np.isin(ran["pair"].to_numpy(), met.to_numpy())
 

@@ -58,7 +58,7 @@ class _Manifest(BaseModel):
 
 
 def kind_of_folder(folder: Path) -> Literal["run", "risk"]:
-    """What a folder holds: a risk estimate, or else a run."""
+    """The kind of a folder: ``"risk"`` if it holds a risk estimate, otherwise ``"run"``."""
     return "risk" if (folder / RISK).is_file() else "run"
 
 
@@ -125,8 +125,8 @@ def read_table(
     """A table of a finished run: the whole table, the rows of a cell, or those of a pair.
 
     Args:
-        folder: of the run.
-        name: of the table.
+        folder: the run's folder.
+        name: the table's name.
         cell: the number of a cell; None for all cells.
         pair: the number of a pair; None for all pairs.
         optional: columns that may be missing.
@@ -150,7 +150,7 @@ def read_table(
 
 
 def count_rows(folder: Path, name: str) -> int:
-    """Number of rows of a finished run's table, from its footer alone.
+    """Number of rows of a finished run's table, read from its footer.
 
     Raises:
         InputError: the table is missing or damaged.

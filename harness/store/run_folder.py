@@ -2,7 +2,7 @@
 
 The result of each task is written at once as a shard (an Arrow file), so that after an interruption
 nothing is lost and nothing runs twice.  At the end the shards become the tables, with a fixed order
-and fixed row groups: equal results are equal bytes, however the work was divided.
+and fixed row groups, so equal results give equal bytes for every division of the work.
 """
 
 import json
@@ -54,7 +54,7 @@ class RunFolder:
         self.path = path
         self._lock = filelock.FileLock(path / _LOCK, timeout=0)
         try:
-            # The operating system releases the lock when the process ends, however it ends.
+            # The operating system releases the lock when the process ends, even if it is killed.
             self._lock.acquire()
         except filelock.Timeout:
             raise InputError(str(path), "another process is working on this run") from None
@@ -63,7 +63,7 @@ class RunFolder:
 
     def close(self) -> None:
         """Release the folder."""
-        # Removed while the lock is held: afterwards it could be the next process's lock.
+        # The file is removed while the lock is held; later it could be the next process's lock.
         (self.path / _LOCK).unlink(missing_ok=True)
         self._lock.release()
 
@@ -83,7 +83,7 @@ class RunFolder:
         write_file(self.path / MANIFEST, content.encode())
 
     def outputs_of(self, scenario: Scenario) -> Path | None:
-        """Where SUMO's own outputs of a user's simulation are kept; None: nowhere."""
+        """The folder for SUMO's own outputs of a user's simulation; None if none are kept."""
         if scenario.simulation is None or not scenario.simulation.outputs:
             return None
         return self.path.resolve() / SUMO_OUTPUTS
@@ -104,7 +104,7 @@ class RunFolder:
         """The finished pairs of each cell; a damaged shard is removed and does not count.
 
         Args:
-            planned: pairs of each cell, by number.
+            planned: number of pairs by the cell's number.
             names: the tables that each shard must hold.
 
         Raises:
@@ -124,7 +124,7 @@ class RunFolder:
         return done
 
     def episodes_of(self, cell: int) -> pa.Table:
-        """The ``episodes`` rows of a cell so far, by pair."""
+        """The finished rows of ``episodes`` of a cell, by pair."""
         shards = (shard for shard in shards_of(self.path) if shard.cell == cell)
         return _rows("episodes", shards)
 
@@ -177,7 +177,7 @@ def claim_folder(out: Path | str | None, name: str) -> Path:
 
     Args:
         out: the user's choice, or None for ``runs/<name>-<next free number>``.
-        name: of the scenario.
+        name: the scenario's name.
 
     Raises:
         InputError: the folder already holds a run, is a file, or cannot be written.

@@ -1,8 +1,8 @@
 """Shards: the results of one task, stored in the run folder until the run is finished.
 
-A shard is a checksum followed by Arrow data, one stream for each table.  Its name says which pairs
-of which cell it holds.  Files appear complete or not at all, so a run can be read while another
-process works on it.
+A shard is a checksum followed by Arrow data, one stream for each table.  Its name gives the cell
+and the pairs that it holds.  Files appear complete or not at all, so a run can be read while
+another process works on it.
 """
 
 import io
@@ -33,7 +33,7 @@ class DamagedShardError(Exception):
 
 
 class Shard(NamedTuple):
-    """``pairs`` pairs of a cell from ``first`` on, and the file that holds them."""
+    """The file of ``pairs`` pairs of a cell, which begin with pair ``first``."""
 
     cell: int
     first: int
@@ -42,7 +42,7 @@ class Shard(NamedTuple):
 
     @property
     def numbers(self) -> range:
-        """The pairs it holds."""
+        """The numbers of its pairs."""
         return range(self.first, self.first + self.pairs)
 
 
@@ -66,7 +66,7 @@ def encode_shard(tables: Mapping[str, pa.Table]) -> bytes:
     """The content of a shard's file.
 
     Args:
-        tables: by name.
+        tables: the tables by name.
     """
     buffer = io.BytesIO()
     for name, table in tables.items():
@@ -111,10 +111,10 @@ def check_planned(run: Path, shards: Iterable[Shard], planned: Mapping[int, int]
     Args:
         run: the folder.
         shards: the readable shards.
-        planned: pairs of each cell, by number.
+        planned: number of pairs by the cell's number.
 
     Raises:
-        InputError: a shard of another run.
+        InputError: a shard belongs to another run.
     """
     for shard in shards:
         if shard.first + shard.pairs > planned.get(shard.cell, 0):

@@ -1,4 +1,4 @@
-"""From the episodes of a cell to its summary."""
+"""Episodes of a cell in; its summary out."""
 
 from typing import Any
 
@@ -38,7 +38,7 @@ def confidence_of(study: Study, options: Options) -> float:
     """Confidence of each interval.
 
     With ``--until`` a run may stop at any of L looks, which would make 95 % intervals invalid.
-    Each look therefore uses 1 − 0.05/L (Bonferroni); all looks together hold with 95 %.
+    Each look therefore uses 1 − 0.05/L (Bonferroni), so that all looks hold together with 95 %.
     """
     if options.until is None:
         return CONFIDENCE
@@ -69,14 +69,14 @@ def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary
 
 
 def conflict_marks(episodes: pa.Table, thresholds: ConflictsSection) -> dict[str, BothArms]:
-    """Which episodes had a conflict of each kind, by the kind's name.
+    """Masks of the episodes that had a conflict, by the name of the kind of conflict.
 
     An episode has a conflict if its measure lies beyond the threshold, or if it crashed.  If the
     measure is undefined and the episode did not crash, there was no conflict.
 
     Args:
-        episodes: of one cell by pair, AV first.
-        thresholds: of its scenario.
+        episodes: rows of one cell by pair, AV first.
+        thresholds: the thresholds of its scenario.
     """
     crashed = np.array(episodes["ending"].to_pylist()) == Ending.CRASHED
     marks = {}
@@ -138,7 +138,7 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
 
 
 def check_pairs(rows: pa.Table, what: str) -> None:
-    """Refuse rows of a cell that are not two arms of each pair, the AV's first.
+    """Refuse rows of a cell unless each pair has two of them, the AV's first.
 
     Raises:
         InputError: an arm is missing, or rows of two runs are mixed.

@@ -39,7 +39,7 @@ _FACTS = {
 }
 
 _PASSAGE_COLUMNS = ("strategy", "delay_s")
-"""Columns of a passage that do not come from its record; the delay counts from its schedule."""
+"""Columns of a passage that do not come from its record; its delay is relative to its schedule."""
 
 MODEL_USE = {
     "conditionings": pa.int32(),
@@ -323,7 +323,7 @@ Row = dict[str, Any]
 
 
 def table_of(name: str, rows: Iterable[Mapping[str, object]]) -> pa.Table:
-    """Rows as the table of that name in ``TABLES``; a value that a row does not have is null."""
+    """Rows as the table of that name in ``TABLES``; missing values of a row are null."""
     return pa.Table.from_pylist([*rows], schema=TABLES[name])
 
 
@@ -355,7 +355,7 @@ def with_schema(table: pa.Table, name: str, where: str, optional: Collection[str
     """A table of unknown origin with the columns and types of its schema.
 
     Raises:
-        InputError: a column is missing that is not ``optional``; ``where`` names the file.
+        InputError: a column that is not ``optional`` is missing; ``where`` names the file.
         ValueError: a value does not fit its column's type.
     """
     missing = {*TABLES[name].names} - {*table.column_names}
