@@ -15,18 +15,18 @@ MAX_BEFORE_KERB_M = 8.0
 """Greatest distance from a timed pedestrian's start to their kerb; a footpath is 10 m long."""
 
 WIDEST_USUAL_LANE_M = 6.0
-"""A wider lane gets a remark, because users easily give the width of two lanes as that of one."""
+"""A wider lane gets a remark, because users may enter the width of two lanes as that of one."""
 
 
 def check_consistency(scenario: Scenario, source: str) -> None:
     """Refuse a scenario whose keys do not fit together.
 
     Args:
-        scenario: its keys have each been accepted.
+        scenario: a scenario in which each single key was accepted.
         source: name of the file in messages.
 
     Raises:
-        InputError: naming the key to change.
+        InputError: keys do not fit together; the message names the key to change.
     """
     ego, crossing, experiment = scenario.ego, scenario.crossing, scenario.experiment
     if (crossing.latitude_deg is None) is not (crossing.longitude_deg is None):
@@ -187,7 +187,7 @@ def _check_pedestrians(scenario: Scenario, where: str) -> None:
 
 
 def _check_timed(timed: TimedSection, scenario: Scenario, where: str) -> None:
-    """Refuse a pedestrian who would start off the footpath, in the car or before the trigger."""
+    """Refuse a pedestrian who would start beyond the footpath, in the car or before the trigger."""
     ego = scenario.ego
     to_kerb_m = scenario.crosswalk().to_lane_m(Side(timed.side))
     nearest, farthest = ego.width_m / 2 + PEDESTRIAN_RADIUS_M, to_kerb_m + MAX_BEFORE_KERB_M

@@ -34,7 +34,7 @@ class Setting(NamedTuple):
 
 @dataclass(frozen=True)
 class ScenarioFile:
-    """A scenario file as read: it is TOML, and nothing else has been checked.
+    """A scenario file as read: it is valid TOML, but its keys have not been checked.
 
     ``sweep`` is its ``[sweep]`` table, or None.  Relative paths are relative to the file's folder.
     """
@@ -67,7 +67,7 @@ class ScenarioFile:
 
 
 Settings = Sequence[Setting] | Mapping[str, Any]
-"""Settings as the command line makes them, or as a dictionary: values by dotted key."""
+"""Settings from the command line, or a dictionary of values by dotted key."""
 
 
 def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> ScenarioFile:
@@ -215,7 +215,7 @@ def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
         branch = parse_toml(f"{key} = 0")
     except ValueError:
         branch = {}
-    # A comment and a text of several lines would be valid TOML too.
+    # Comments and texts of several lines are refused, although they are valid TOML.
     if len(branch) != 1 or "\n" in key:
         raise InputError(f"{setting.source} {key}", "not a dotted key", _how_written(key)) from None
     node = tree

@@ -34,17 +34,17 @@ TASK_PAIRS = 50
 
 HANG_AFTER_S = 120.0
 HANG_AFTER_S_PER_STEP = 0.002
-"""A worker is ended if it finishes no pair in the first time plus the second for each step."""
+"""A worker's time limit for a pair is the first time plus the second one for each step."""
 
 
 @dataclass(frozen=True)
 class Precision:
-    """``--until``: add pairs until the half-width of every cell's interval is this small.
+    """``--until``: add pairs until every cell's interval has at most this half-width.
 
     ``measure`` is ``mu`` or ``kappa``; ``half_width`` is between 0 and 1.
 
     Raises:
-        InputError: one of the two has another value.
+        InputError: ``measure`` or ``half_width`` has another value.
     """
 
     measure: str

@@ -22,7 +22,7 @@ _READ: Mapping[str, Callable[[Survey], Any]] = {
     "lane_width_m": lambda facts: facts.site.ego.width_m,
     "road_speed_limit_mps": lambda facts: facts.site.ego.speed_limit_mps,
 }
-"""The keys of ``[crossing]`` that a network defines, and how each follows from its survey."""
+"""The keys of ``[crossing]`` that a network defines, each with its value in a survey."""
 
 CLEAR_M = 1.0
 """Length of straight road that the ego needs after its rear has left the crosswalk."""
@@ -113,7 +113,7 @@ def _check(site: Site, scenario: Scenario, source: str) -> None:
 
 
 def _check_stream(stream: Stream, site: Site, scenario: Scenario, source: str) -> None:
-    """Refuse a lane on which vehicles cannot approach the crosswalk as the single ego does."""
+    """Refuse a lane on which vehicles cannot approach the crosswalk in the same way as the ego."""
     ego, way = scenario.ego, stream.way
     lane = f"lane {stream.approach.edge}_{stream.approach.lane}"
     or_none = f", or traffic.{'oncoming' if way.oncoming else 'flow'}_per_hour = 0"

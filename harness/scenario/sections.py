@@ -15,7 +15,7 @@ MAX_TRIGGER_RANGE_M = 300.0
 """Longest range at which the ego can be inserted: the length of every network's approach road."""
 
 ROUNDING_M = 1e-9
-"""A width below this that the lanes leave unused counts as zero."""
+"""An unused width below this counts as zero."""
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]

@@ -13,11 +13,11 @@ def check_sight(scenario: Scenario, source: str) -> None:
     """Refuse times that are not whole steps, and obstacles in the way of the ego or pedestrians.
 
     Args:
-        scenario: its keys have each been accepted.
+        scenario: a scenario in which each single key was accepted.
         source: name of the file in messages.
 
     Raises:
-        InputError: naming the key to change.
+        InputError: keys do not fit together; the message names the key to change.
     """
     perception, step_s = scenario.perception, scenario.experiment.step_s
     obstacles = scenario.crossing.obstacles

@@ -58,7 +58,7 @@ class Study:
 
     @property
     def driven(self) -> list[str]:
-        """The strategies that drive in any cell, by name, each once."""
+        """The names of the strategies that drive in any cell, without repetition."""
         arms = (cell.scenario.arms.model_dump().values() for cell in self.cells)
         return list(dict.fromkeys(name for names in arms for name in names))
 
@@ -72,7 +72,7 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
     """The cells of a run, from ``variations`` or the file's ``[sweep]`` table; otherwise one cell.
 
     A key to which a setting gives a value is left out of the file's sweep.  Cells that are then
-    equal, apart from parameters of strategies that do not drive in them, become one.
+    equal are merged; parameters of strategies that do not drive are ignored in this comparison.
 
     Raises:
         InputError: a key or value is not accepted, a key varies twice or is also set, two cells are
@@ -131,7 +131,7 @@ def _check_driven(study: Study, settings: Sequence[Setting]) -> None:
 def _given(
     file: ScenarioFile, points: Sequence[Mapping[str, Any]], source: str
 ) -> dict[str, Setting]:
-    """The varied keys to which a setting gives a value, also as a part or as a whole table."""
+    """The varied keys with the setting that also sets the key, a part of it or its table."""
     keys = dict.fromkeys(key for point in points for key in point)
     paths = [(setting, _path_of(setting)) for setting in file.settings]
     return {
@@ -145,7 +145,7 @@ def _given(
 def _without(
     given: Mapping[str, Setting], point: Mapping[str, Any], file: ScenarioFile, source: str
 ) -> dict[str, Any]:
-    """A cell's changes without the set keys and without parameters of strategies not driving."""
+    """A cell's changes without the set keys and parameters of strategies that do not drive."""
     kept = {key: value for key, value in point.items() if key not in given}
     scenario = file.scenario([Setting(key, value, source) for key, value in kept.items()])
     drivers = set(scenario.arms.model_dump().values())
@@ -185,7 +185,7 @@ def study_from(document: Mapping[str, Any], where: str) -> Study:
 
 
 def as_written(value: Any) -> str:
-    """A value of a scenario in the form in which a user would write it."""
+    """A value of a scenario as a user would write it."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

@@ -29,7 +29,7 @@ def planned_cells(
         source: name of the variations in messages.
 
     Raises:
-        InputError: there are both, a key varies twice, or a key has no list of values.
+        InputError: both are given, a key varies twice, or a key has no list of values.
     """
     if file.sweep is None:
         return _grid([(key, as_plain(values)) for key, values in variations], source)
@@ -125,7 +125,7 @@ def _grid(variations: Sequence[Variation], where: str) -> list[dict[str, Any]]:
             raise InputError(where, f"{key} varies twice", "each key once")
         if not values:
             raise InputError(f"{where} {key}", "no values", "at least one")
-    # They are counted before they are made: two long ranges would not fit into memory.
+    # The cells are counted first, because two long ranges would not fit into memory.
     count = math.prod(len(values) for _, values in variations)
     if count > MAX_CELLS:
         raise InputError(where, f"{count} cells", f"at most {MAX_CELLS}")
