@@ -22,7 +22,7 @@ class Measure:
     Attributes:
         column, kind: name and type of its attribute in ``Measured``.
         compute: returns a value for each trace of a chunk, NaN if it is undefined.  Each value
-            depends on that trace alone, to the last bit.
+            depends only on that trace, to the last bit.
         on_step: how the value depends on the length of a step. ``exact``: it does not. ``states``:
             it is an extreme over the states, and shorter steps have more states. ``steps``: it is a
             number of steps.

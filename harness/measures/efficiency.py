@@ -51,7 +51,7 @@ def max_speed_mps(chunk: Chunk) -> FloatArray:
 
 
 def pedestrian_delay_s(chunk: Chunk) -> FloatArray:
-    """Mean wait at the kerb of those who arrived within the record, in s; NaN if nobody did.
+    """Mean wait at the kerb of the people who arrived within the record, in s; NaN if nobody did.
 
     A wait lasts from arrival until stepping off, or until the record's end.  Timed pedestrians, who
     have no quantile, do not count: they step off at a given time.

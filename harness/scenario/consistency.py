@@ -209,7 +209,7 @@ def _check_timed(timed: TimedSection, scenario: Scenario, where: str) -> None:
 
 
 def _check_traffic(scenario: Scenario, traffic: TrafficSection, source: str) -> None:
-    """Refuse flows beyond a lane's capacity, fractions of steps, and keys that need a trigger."""
+    """Refuse flows above capacity, times that are not whole steps, and keys that need a trigger."""
     pedestrians, step_s = scenario.pedestrians, scenario.experiment.step_s
     people, where = f"{source}: pedestrians", f"{source}: traffic"
     if pedestrians.behaviour == "sumo":

@@ -12,7 +12,7 @@ from harness.site.configuration import SumoConfig, people_come
 from harness.site.simulation import setting_at
 
 _EGO_KEYS = ("trigger_range_m", "detection_range_m", "resume_acceleration_mps2")
-"""Keys of ``[ego]`` that hold for every vehicle; the others are those of its vehicle type."""
+"""Keys of ``[ego]`` that apply to every vehicle; vehicle types define the other properties."""
 
 _PEOPLE_KEYS = ("flow_per_hour", "behaviour")
 
@@ -20,7 +20,7 @@ _PEOPLE_KEYS = ("flow_per_hour", "behaviour")
 def with_own_simulation(
     tree: Mapping[str, Any], scenario: Scenario, source: str
 ) -> Mapping[str, Any]:
-    """The tree of a scenario, with what its SUMO configuration defines.
+    """The tree of a scenario, with the values that its SUMO configuration defines.
 
     A tree whose configuration has been read before (a manifest's) is unchanged.
 
@@ -101,7 +101,7 @@ def _refuse(scenario: Scenario, source: str) -> None:
 
 
 def _check_times(scenario: Scenario, config: SumoConfig, where: str) -> None:
-    """Refuse a counted time outside of the simulation's."""
+    """Refuse a counted time that is not within the simulation's time."""
     simulation = scenario.known_simulation
     begin_s = config.begin_s if simulation.begin is None else simulation.begin
     end_s = config.end_s if simulation.end is None else simulation.end

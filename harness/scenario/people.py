@@ -49,13 +49,13 @@ Uniforms = Annotated[tuple[Annotated[float, Field(gt=0, lt=1)], ...], Field(stri
 class DrawnSection(Section):
     """``[[pedestrians.drawn]]``: the pedestrians of one pair; ``harness risk`` writes them.
 
-    The lists hold uniform random numbers: those of the first pedestrians, and the first numbers
-    that a strategy draws.  They replace the first draws of the random streams.  Later draws come
-    from the streams of ``episode``.
+    The lists hold uniform random numbers for the first pedestrians and for a strategy's first
+    draws.  They replace the first draws of the random streams.  Later draws come from the streams
+    of ``episode``.
     """
 
     episode: Annotated[int, Field(ge=0)]
-    """Number of the episode whose random streams give everything that is not listed."""
+    """Number of the episode whose random streams supply all other draws."""
     arrival: Uniforms = ()
     """Uniforms of the times between arrivals."""
     side: Uniforms = ()
@@ -104,7 +104,7 @@ class WalkingSpeedSection(Section):
 
 
 class PedestriansSection(Section):
-    """``[pedestrians]``: how many arrive, from which kerb, how they decide and walk."""
+    """``[pedestrians]``: the flow of pedestrians, their kerbs, decisions and walking speeds."""
 
     flow_per_hour: Annotated[float, Field(ge=0, le=100_000)] = 250.0
     """λ, pedestrians per hour from both kerbs together."""

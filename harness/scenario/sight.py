@@ -33,7 +33,7 @@ def check_sight(scenario: Scenario, source: str) -> None:
 
 
 def check_steps(where: str, time_s: float, step_s: float, fewest: int = 0) -> None:
-    """Refuse a time that is not a whole number of steps, or fewer steps than ``fewest``."""
+    """Refuse a time that is not a whole number of steps or is shorter than ``fewest`` steps."""
     steps = time_s / step_s
     if steps < fewest - 1e-9 or abs(steps - round(steps)) > 1e-6:
         allowed = f"whole steps of experiment.step_s = {step_s:g} s"
@@ -55,7 +55,7 @@ def remarks_on_sight(scenario: Scenario) -> list[str]:
 
 
 def _check_obstacle(obstacle: ObstacleSection, scenario: Scenario, where: str) -> None:
-    """Refuse an obstacle in the path of the ego or of pedestrians, or of an unknown case."""
+    """Refuse an obstacle in the path of the ego or of pedestrians, or with an unknown case."""
     pedestrians, crossing, ego = scenario.pedestrians, scenario.crosswalk(), scenario.ego
     names = [timed.name for timed in pedestrians.timed]
     if obstacle.case is not None and obstacle.case not in names:

@@ -1,4 +1,4 @@
-"""``[simulation]``: every key of it, with its meaning and default."""
+"""Every key of ``[simulation]``, with its meaning and default."""
 
 from typing import Annotated
 
@@ -36,7 +36,7 @@ class SimulationSection(Section):
     begin: NonNegative | None = None
     """Time in s from which trips and passages count; if not given, the simulation's begin."""
     end: Positive | None = None
-    """Time in s until which they count; if not given, the simulation's end."""
+    """Time in s until which trips and passages count; if not given, the simulation's end."""
     outputs: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """Outputs of the scenario to keep in the run folder, for example ``tripinfo``, ``fcd``,
     ``detectors``, or ``all``."""

@@ -1,4 +1,4 @@
-"""A scenario file in, the cells of its study out: one cell, or a grid of varied keys."""
+"""A scenario file in; the cells of its study out: one cell, or a grid of varied keys."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""``--vary`` or a ``[sweep]`` table in; the keys and values that each cell changes out."""
+"""``--vary`` or a ``[sweep]`` table in; each cell's changed keys with their values out."""
 
 import itertools
 import math

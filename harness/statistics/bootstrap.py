@@ -33,8 +33,8 @@ class Resampled(Interval):
     """A bootstrap's interval, and the number of values that inform it.
 
     ``informative`` is the number of values that differ from the most common one.  With a flow of
-    pedestrians the most common value is usually that of the pairs that met nobody.  If no two
-    values are equal, all are informative.
+    pedestrians the most common value usually belongs to pairs that met nobody.  If no two values
+    are equal, all are informative.
     """
 
     informative: int

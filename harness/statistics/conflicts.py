@@ -48,7 +48,7 @@ CONFLICTS = (
 
 
 def conflict_entries(conflict: Conflict) -> tuple[Entry[EncounterColumns], Entry[EncounterColumns]]:
-    """The rate of a kind of conflict over all pairs, and over those that met someone."""
+    """The rate of a kind of conflict over all pairs, and over pairs that met someone."""
     name = conflict.name
     return (
         Entry(

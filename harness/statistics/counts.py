@@ -1,4 +1,4 @@
-"""Counts of pairs and episodes of a run of encounters, and its uses of fallback and model."""
+"""Counts of pairs and episodes of a run of encounters, and of uses of fallback and model."""
 
 from harness.statistics.conflicts import NOBODY
 from harness.statistics.encounter_columns import (

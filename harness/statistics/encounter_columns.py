@@ -74,7 +74,7 @@ class EncounterColumns:
         return bootstrap_ratio(numerators, denominators, self.rng, self.confidence)
 
     def rate(self, marked: BothArms, arm: int) -> Proportion:
-        """The share of marked episodes among those of an arm that did not fail."""
+        """The share of marked episodes among the episodes of an arm that did not fail."""
         return self.share(marked[arm] & self.ran(arm), self.ran(arm))
 
     def conflict_rate(self, name: str, arm: int) -> Proportion:

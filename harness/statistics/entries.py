@@ -96,7 +96,7 @@ class Entry(Generic[Source]):
         heading: its name on screens and pages, without its unit.  It may hold the name of a
             threshold of conflicts in braces, see ``title``.
         meaning: its meaning, for the reference in the documentation.
-        form: how it is written.
+        form: the form in which it is written.
         unit: empty for pure numbers; a share is written in per cent.
         digits: decimals on a screen.
         of_arm: computes the number of one arm: 0 is the AV's arm, 1 the reference's.
@@ -105,8 +105,7 @@ class Entry(Generic[Source]):
         keys: the names of the three numbers in ``summary.csv``; a number with an empty name is not
             reported.  By default the AV's is ``key``, the reference's ``key_human`` and the paired
             one ``key_difference``, or ``key`` if no single arm has a number.
-        reliable_from: the number of informative pairs from which on a bootstrap interval is
-            reliable.
+        reliable_from: the least number of informative pairs for a reliable bootstrap interval.
         undefined: the reason if the number is undefined.
         first_screen: whether the first screen shows it; ``--full`` shows every entry.
         may_be_absent: whether it is undefined because nothing of the kind is there, so that the
@@ -118,8 +117,8 @@ class Entry(Generic[Source]):
         paired_heading: the name of the paired number with its unit, if each arm has a number too;
             by default the name of a difference of the arms.
         paired_meaning: the meaning of the paired number, if each arm has a number too.
-        paired_digits: decimals of the paired number; None: ``digits``.
-        paired_from: ``reliable_from`` of the paired number; None: the same.
+        paired_digits: decimals of the paired number; None means ``digits``.
+        paired_from: ``reliable_from`` of the paired number; None means ``reliable_from``.
     """
 
     key: str
@@ -184,7 +183,7 @@ class Entry(Generic[Source]):
         return f"{self.title(thresholds)}{end}{self.unit and ', ' + self.unit}"
 
     def least(self, name: str) -> int | None:
-        """The number of informative pairs from which on the interval of that name is reliable."""
+        """The least number of informative pairs for a reliable interval of that name."""
         paired = name == self.names[2] and self.paired_from is not None
         return self.paired_from if paired else self.reliable_from
 

@@ -38,7 +38,7 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class CellFindings:
-    """What a run reports of one cell.
+    """The findings of one cell, with everything that screens show of it.
 
     ``varied`` maps the keys that a sweep varies to the cell's values.  ``av`` and ``reference``
     are the drivers' names as screens show them.  ``thresholds`` are the thresholds of conflicts,
@@ -57,11 +57,11 @@ class CellFindings:
 
 @dataclass(frozen=True, slots=True)
 class RunFindings:
-    """What a run reports: its cells, and the notes about the run as a whole.
+    """The findings of a run: its cells, and the notes about the run as a whole.
 
-    ``catalogue`` is the catalogue of the run's kind.  ``scope`` says what the run consists of
-    besides its pairs, such as its seed and its audit.  ``paper`` says whether the run's only cell
-    is the paper's experiment.  ``site`` describes the place, the flows and the share of AVs.
+    ``catalogue`` is the catalogue of the run's kind.  ``scope`` describes the run apart from its
+    pairs, for example its seed and its audit.  ``paper`` says whether the run's only cell is the
+    paper's experiment.  ``site`` describes the place, the flows and the share of AVs.
     """
 
     catalogue: Catalogue

@@ -87,7 +87,7 @@ def student_ratio(
 
     Args:
         numerators: a, one for each unit, shape (n,), finite.
-        denominators: b, likewise.
+        denominators: b, one for each unit, shape (n,), finite.
         confidence: two-sided confidence of the interval.
 
     Returns:

@@ -19,12 +19,12 @@ class PairColumns:
     pass time if contacts are ignored; it is NaN where the ego never passed. ``stops`` and
     ``stopped_s`` are NaN where the arm failed. ``front`` marks contacts with the front,
     ``avoidable`` marks crashes that full braking would have prevented, ``failed_strategy`` marks
-    failures of the strategy. ``met`` is the number of pedestrians who stepped off. ``arrivals`` is
-    the number of those who arrived, ``waited_s`` the sum of their waits at the kerb.
-    ``conditionings`` is the number of uses of the interaction model.  ``clamped`` is the number of
-    uses for an ego that was faster or farther away than the model's box.  The two excesses are the
-    largest distances from the box; they are NaN where there are none.  ``max_speed_mps`` is the
-    ego's largest speed.
+    failures of the strategy.  ``met`` is the number of pedestrians who stepped off.  ``arrivals``
+    is the number of pedestrians who arrived, and ``waited_s`` is the sum of their waits at the
+    kerb.  ``conditionings`` is the number of uses of the interaction model.  ``clamped`` is the
+    number of uses for an ego that was faster or farther away than the model's box.  The two
+    excesses are the largest distances from the box; they are NaN where there are none.
+    ``max_speed_mps`` is the ego's largest speed.
     """
 
     time_s: BothArms

@@ -1,4 +1,4 @@
-"""Two cells over the same pairs: the difference of means, and of crash rates.
+"""Compares two cells over the same pairs: the difference of means and of crash rates.
 
 Entry i of every column belongs to pair i, whose pedestrians draw the same random numbers in both
 cells.

@@ -9,7 +9,7 @@ from harness.statistics.paired import CrashTest
 
 
 class Relation(StrEnum):
-    """How one cell compares with another in one measure; smaller is better in both measures."""
+    """The relation of one cell to another in one measure; smaller is better in both measures."""
 
     BETTER = "better"
     WORSE = "worse"
@@ -24,7 +24,7 @@ class Relation(StrEnum):
 
 
 class Place(StrEnum):
-    """Where a cell is with respect to the front."""
+    """The place of a cell relative to the front."""
 
     FRONT = "on the front"
     DOMINATED = "dominated"
@@ -76,7 +76,7 @@ def pareto_front(
 ) -> list[Standing]:
     """The place of every cell.
 
-    A dominates B if A is better in one measure and better or alike in the other.  A does not
+    A dominates B if A is better in one measure, and better or alike in the other.  A does not
     dominate B if B is better in a measure, or if the cells are alike in both.  Otherwise it is
     undecided.  A cell is on the front if it is decided that no cell dominates it.
 

@@ -60,12 +60,12 @@ class Kind(Protocol):
             with other cells.  ``--until`` adds no long pairs.  The page shows only a part of a long
             pair.
         compared: whether ``harness compare`` compares its cells pair by pair.
-        instead: what to use where it does not, as a sentence.
+        instead: a sentence that says what to use if ``compared`` is false.
         ranked: the table whose rows ``harness worst`` ranks, and the columns that name a row of it
             within its arm.  The table has the columns of the table ``episodes``.
         settles: whether a pair begins with an empty road, so that ``--settle`` sets its warm-up.
         records: the tables with the results of a pair.
-        shown: the tables with which a pair is shown: the states of everybody, and the people.
+        shown: the tables with which a pair is shown: all states, and the people.
         catalogue: every number that such a run reports.
         rows: the table from which findings are computed; each pair has two rows, the AV's first.
         derived: further tables, each with the function that makes a cell's part from those rows.

@@ -122,7 +122,7 @@ def read_table(
     pair: int | None = None,
     optional: Collection[str] = (),
 ) -> pa.Table:
-    """A table of a finished run: the whole table, the rows of a cell, or those of a pair.
+    """A table of a finished run: the whole table, the rows of a cell, or the rows of a pair.
 
     Args:
         folder: the run's folder.

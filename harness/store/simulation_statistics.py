@@ -1,4 +1,4 @@
-"""Both arms of users' own simulations compared by group of trips and by crosswalk.
+"""Compares both arms of users' own simulations by group of trips and by crosswalk.
 
 Rows of ``group_means.csv`` and ``crosswalk_means.csv`` (docs/files.md).
 """
@@ -13,7 +13,7 @@ from harness.statistics import Interval, Plain, student_mean
 from harness.store.tables import CROSSWALK_FIELDS, GROUP_FIELDS, Row
 
 _Numbers = dict[tuple[str, str], dict[int, dict[str, float | None]]]
-"""By name of the group and arm: by pair, the numbers."""
+"""The numbers by pair, for each name of a group and arm."""
 
 
 def group_rows(rows: pa.Table, confidence: float) -> list[dict[str, Plain]]:
@@ -36,7 +36,7 @@ def _compared(
         column: the column with the structs.
         key: the field that names a struct.
         fields: its fields.
-        confidence: of each interval of Student's t.
+        confidence: confidence of each interval (Student's t).
 
     Returns:
         ``<key>, number, pairs, av, av_ci_low, …, human, …, difference, …, confidence``.  A pair in

@@ -43,7 +43,7 @@ _EMITTED = {
 def simulation_rows(cell: int, outcomes: Iterable[SimulationOutcome]) -> Tables:
     """The tables ``simulations`` and ``passages_over``.
 
-    A failed arm has a row in ``simulations`` alone.
+    A failed arm has a row only in ``simulations``.
     """
     rows: dict[str, list[Row]] = {name: [] for name in SIMULATION_TABLES}
     for outcome in outcomes:
@@ -150,7 +150,7 @@ def _groups(outcome: SimulationOutcome, trips: Sequence[Trip]) -> list[Row]:
 
 
 def _automated(outcome: SimulationOutcome) -> Callable[[Trip], bool]:
-    """Whether a trip is an AV's; both arms have the same AVs, also those that never departed."""
+    """Whether a trip is an AV's; both arms have the same AVs, including AVs that never departed."""
     simulation = outcome.scenario.known_simulation
     seed = setting_of(outcome.scenario).config.seed + outcome.pair
     kinds = outcome.log.vehicles.values()
@@ -187,7 +187,7 @@ def _crosswalks(
     passages: Sequence[Row],
     counted: tuple[float, float],
 ) -> list[Row]:
-    """The rows of ``crosswalks``, each with the single ``waits`` of its people."""
+    """The rows of ``crosswalks``, each with the individual ``waits`` of its people."""
     log, setting = outcome.log, setting_of(outcome.scenario)
     rows = []
     for crosswalk in setting.crosswalks:

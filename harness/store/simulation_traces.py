@@ -1,7 +1,7 @@
 """The passages of a user's own simulation as rows, step by step.
 
-The columns are described in docs/files.md.  Times are those of the simulation.  x and y are those
-of the frame of the vehicle's way over the crosswalk.
+The columns are described in docs/files.md.  Times are times of the simulation.  x and y are in the
+frame of the vehicle's way over the crosswalk.
 """
 
 from collections.abc import Collection, Iterable, Iterator
@@ -23,7 +23,7 @@ _ROUNDING = 1e-9
 def simulation_trace_rows(cell: int, outcomes: Iterable[SimulationOutcome]) -> Tables:
     """The tables ``traces`` and ``scenes_over`` of every passage in ``passages_over``.
 
-    A passage's number is that of its row in ``passages_over`` within its arm.
+    A passage's number is the number of its row in ``passages_over`` within its arm.
     """
     numbered = [
         ({"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}, number, passage)
@@ -41,10 +41,10 @@ def simulation_trace_rows(cell: int, outcomes: Iterable[SimulationOutcome]) -> T
 
 
 def only_passages(tables: Tables, kept: Collection[tuple[str, int]]) -> Tables:
-    """The tables of a pair with the traces of some passages alone.
+    """The tables of a pair, with the traces of only some passages.
 
     Args:
-        tables: of one pair.
+        tables: the tables of one pair.
         kept: arm and number of each passage that is kept.
     """
     scenes, traces = (tables[name] for name in ("scenes_over", "traces"))
@@ -68,7 +68,7 @@ def has_passages(tables: Tables, kept: Collection[tuple[str, int]]) -> bool:
 
 
 def scene_parts(row: Row) -> tuple[Crossing, Vehicle]:
-    """The crosswalk and the vehicle of a row of ``scenes_over``; limits of accelerations are 0."""
+    """The crosswalk and the vehicle of a row of ``scenes_over``; its acceleration limits are 0."""
     crossing = Crossing(
         length_m=row["crossing_length_m"],
         width_m=row["crossing_width_m"],
@@ -113,7 +113,7 @@ def _scene(number: int, passage: MeasuredPassage) -> Row:
 
 
 def _motions(number: int, passage: MeasuredPassage) -> Iterator[tuple[str, Motion]]:
-    """Name and motion of a passage's vehicle, and of everybody at the steps of their walk."""
+    """Name and motion of a passage's vehicle, and of each pedestrian at the steps of their walk."""
     trace, name = passage.trace, f"passage-{number}"
     times: FloatArray = (np.arange(len(trace.x_m)) * trace.step_s).astype(np.float64)
     begin_s = passage.log.time_s[0]

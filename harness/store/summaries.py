@@ -49,7 +49,7 @@ def confidence_of(study: Study, options: Options) -> float:
 def columns_of_cell(episodes: pa.Table, cell: Cell, confidence: float) -> EncounterColumns:
     """The columns from which the numbers of a cell are computed, from its episodes by pair.
 
-    The stream of the resampling depends on the scenario's seed alone, so the same episodes give the
+    The stream of the resampling depends only on the scenario's seed, so the same episodes give the
     same intervals.
     """
     scenario = cell.scenario

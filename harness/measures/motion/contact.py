@@ -116,7 +116,7 @@ def _range(path: Motion, duration_s: float) -> tuple[float, float]:
 
 
 def _near(span: tuple[float, float], place_m: float, reach_m: float) -> bool:
-    """Whether a range of positions comes within reach of a position, with a margin for rounding."""
+    """Whether a range of positions is within reach of a position, with a margin for rounding."""
     reach_m += _MARGIN_M
     return span[0] - reach_m <= place_m <= span[1] + reach_m
 

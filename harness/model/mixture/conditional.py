@@ -244,7 +244,7 @@ def _boxes(covariances: Array, lower: Array, upper: Array) -> Array:
 
 
 def _log_interval(a: Array, b: Array) -> Array:
-    """log(Φ(b) − Φ(a)) for a < b; it is finite even if the interval is far from 0."""
+    """log(Φ(b) − Φ(a)) for a < b; finite even if the interval is far from 0."""
     inside = interval(a, b)
     if inside.min() > _LOWEST:
         log_inside: Array = np.log(inside)

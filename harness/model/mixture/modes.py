@@ -67,7 +67,7 @@ class _Climb(NamedTuple):
 
 
 def _top(normals: list[Normal], climb: _Climb, lower: float, upper: float) -> tuple[float, float]:
-    """Height and position of the next peak; a step that would go down is quartered."""
+    """Height and position of the next peak; a step that would lower the height is quartered."""
     x, reach, best, step = climb
     step = min(max(x + step, lower), upper) - x
     for _ in range(_MOST_STEPS):

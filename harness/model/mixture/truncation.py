@@ -121,7 +121,7 @@ def _derivatives(correlations: Array, a: Array, b: Array) -> tuple[Array, Array]
 
 
 def _faces(correlations: Array, a: Array, b: Array, edges: Array) -> Array:
-    """φ at both bounds of each variable times the others' probability given it, (K, d, 2)."""
+    """φ at both bounds of each variable, times the others' conditional probability, (K, d, 2)."""
     dimension = a.shape[1]
     others = np.array([[p for p in range(dimension) if p != i] for i in range(dimension)], int)
     result: Array = np.exp(-0.5 * edges * edges) / np.sqrt(2.0 * np.pi)

@@ -89,10 +89,10 @@ class Counts:
     Attributes:
         clips: clips that were read (None for ready-made rows, which have none).
         vehicle_tracks, pedestrian_tracks: usable tracks in those clips.
-        vehicles: distinct vehicles that supply at least one row; None when not known.
-        pairs: distinct vehicle–pedestrian pairs (encounters) with at least one row; None when
-            not known.
-        rows: rows kept.
+        vehicles: distinct vehicles with at least one row; None if unknown.
+        pairs: distinct vehicle–pedestrian pairs (encounters) with at least one row; None if
+            unknown.
+        rows: number of kept rows.
         candidates: sampled instants of crossing pairs before the row rules;
             ``rows + sum(dropped["candidates"].values()) == candidates``.
         out_of_order: records that stand below a later instant in their file; they are used.

@@ -63,7 +63,7 @@ def contents_of(
     """Yield what ``read`` returns for each named file; empty files are skipped and counted.
 
     Raises:
-        InputError: no file has usable contents. ``what`` names these: a clip, a trip or a row.
+        InputError: no file has usable contents; ``what`` is their name, such as "clip".
     """
     where, used = "", False
     for name, file in files:

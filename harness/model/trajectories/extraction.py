@@ -69,7 +69,7 @@ def extract(paths: str | Path | Sequence[str | Path], format: str, **options: An
         **options: fields of ``ExtractionRules``, or of the format's own options.
 
     Returns:
-        Rows and counts; ``rows`` may be empty when nothing passes the rules.
+        Rows and counts; ``rows`` is empty if nothing passes the rules.
 
     Raises:
         InputError: the format or an option is unknown, there is no data, or the data has another
@@ -129,7 +129,7 @@ def read_clips(
         The usable clips in their fixed order.
 
     Raises:
-        InputError: as ``extract``; also for ``table``, which has no tracks.
+        InputError: as for ``extract``, or the format is ``table``, which has no tracks.
     """
     known = _known_format(format)
     if known.clips is None:

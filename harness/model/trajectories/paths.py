@@ -16,7 +16,7 @@ class TravelPath:
     Attributes:
         points: (m, 2) corner points, m ≥ 2.
         arc_m: (m,) path length up to each corner.
-        record: (m − 1,) index of the track record behind each observed corner.
+        record: (m − 1,) index of the track record of each corner before the extension.
     """
 
     points: FloatArray

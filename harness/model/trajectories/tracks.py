@@ -43,8 +43,8 @@ class VehicleTrack(Track):
 
     Attributes:
         length_m: bumper to bumper.
-        front_offset_m: from the recorded point forward to the front bumper (half the length where
-            the centre is recorded, 0 where the bumper is).
+        front_offset_m: distance from the recorded point to the front bumper; half the length if the
+            centre is recorded, 0 if the bumper is.
     """
 
     length_m: float
@@ -89,7 +89,7 @@ class Clip:
         vehicles, pedestrians: tracks by identifier, in a fixed order.
         sightings: the pairs that a sensor measured; None if pairs are found from the paths.
         y_down: whether y points down if x points right, as in images; maps must flip this axis.
-        site: the place, if a source has several; clips of one site share axes and a map.
+        site: the place, if a source has several places; clips of one site share axes and a map.
     """
 
     source: str

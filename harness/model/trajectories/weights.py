@@ -23,7 +23,7 @@ def row_weights(rows: pd.DataFrame, weigh: str) -> FloatArray:
       are not raised, so no single row gets a large weight.
 
     Args:
-        rows: as returned by ``extract``.
+        rows: rows as returned by ``extract``.
         weigh: one of ``WEIGHINGS``.
 
     Returns:
