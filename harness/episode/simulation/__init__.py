@@ -1,1 +1,1 @@
-"""Passages in a SUMO simulation that is not built by the harness: a user's own."""
+"""A user's own SUMO scenario or its recording in; passages over its crosswalks out."""

@@ -24,13 +24,13 @@ from harness.episode.simulation.visits import (
 from harness.site.simulation import DrivenWay, Setting
 
 QUEUED_MPS = 5 / 3.6
-"""Slower than this counts as queued (SUMO's queue output: 5 km/h)."""
+"""A vehicle below this speed is queued (5 km/h, as in SUMO's queue output)."""
 
 SAMPLE_S = 1.0
-"""How often the queues are looked at."""
+"""Time between two samples of the queues."""
 
 PATIENCE_S = 60.0
-"""Who stands longer than this at a crosswalk while somebody waits there is counted."""
+"""A vehicle that stands longer than this at a crosswalk while somebody waits there is stuck."""
 
 NEAR_M = 5.0
 """A vehicle whose front is at most this far before a crosswalk stands at it."""
@@ -42,20 +42,20 @@ _WITH_PEOPLE = ("crossing", "walkingarea", "sharedLane")
 """Types of SUMO's collisions of a vehicle with a person."""
 
 MakeDriver = Callable[[str, bool], tuple[str, Strategy | None]]
-"""From a vehicle's id and whether it is an AV: its driver's name and strategy (None: SUMO)."""
+"""From a vehicle's id and whether it is an AV to its driver's name and strategy (None: SUMO)."""
 
 
 class SimulationArm:
-    """One arm on the road.
+    """One arm of a pair.
 
     Args:
         simulation: SUMO, running the user's scenario.
         setting: its crosswalks.
-        counted: begin and end of what is counted, in s.
-        detection_m: how far vehicles see people.
+        counted: begin and end of the counted time, in s.
+        detection_m: distance within which vehicles see people.
         resume_mps2: a0 of every strategy.
         is_automated: whether a vehicle with this id, type and class is an AV.
-        make: the driver of a vehicle that a strategy may drive.
+        make: makes the driver of a vehicle that a strategy may drive.
     """
 
     def __init__(
@@ -100,7 +100,8 @@ class SimulationArm:
         """Simulate until the end.
 
         Raises:
-            EngineError: SUMO lost the simulation; StrategyError: a strategy failed.
+            EngineError: SUMO's simulation broke off.
+            StrategyError: a strategy failed.
         """
         simulation, log = self.simulation, self.log
         sample_steps = max(1, round(SAMPLE_S / simulation.step_s))
@@ -134,7 +135,7 @@ class SimulationArm:
         self.control.ignore(self.api.person.getTypeID(person))
 
     def _count(self) -> None:
-        """Note who departed, collided, was teleported, or has left."""
+        """Count the vehicles that departed, collided, were teleported, or have left."""
         api, log = self.api, self.log
         for name in api.simulation.getDepartedIDList():
             type_id = api.vehicle.getTypeID(name)
@@ -153,7 +154,7 @@ class SimulationArm:
                 self._end(key, why, exists=why == TELEPORTED)
 
     def _note_collision(self, collision: Any) -> None:
-        """Count a collision once: SUMO repeats one for several steps."""
+        """Count a collision once, although SUMO reports it at several steps."""
         log = self.log
         key = (collision.collider, collision.victim)
         if key in self.hits:
@@ -171,7 +172,7 @@ class SimulationArm:
         log.person_collisions[crosswalk] += 1
 
     def _hit_at(self, lane: str, position_m: float) -> str:
-        """The chosen crosswalk that is nearest to a front on a lane; else the lane's edge."""
+        """The chosen crosswalk nearest to a vehicle's front on a lane; else the lane's edge."""
         places = {
             crosswalk.id: abs(part.start_m + position_m)
             for crosswalk in self.setting.crosswalks
@@ -184,7 +185,7 @@ class SimulationArm:
         return min(places, key=lambda crosswalk: places[crosswalk])
 
     def _follow(self, time_s: float) -> None:
-        """Read the states at the step's end of everybody on their way over a crosswalk."""
+        """Read the states, at the step's end, of all vehicles on their way over a crosswalk."""
         vehicle = self.api.vehicle
         checked: set[str] = set()
         for key, passage in list(self.active.items()):
@@ -222,7 +223,7 @@ class SimulationArm:
             if not names:
                 seen.clear()
                 continue
-            # Whoever comes again is new.
+            # A vehicle that comes again begins a new passage.
             seen.intersection_update(names)
             for name in names:
                 if name not in seen and self._judged(name, lane, place(name), ways, time_s):
@@ -231,7 +232,7 @@ class SimulationArm:
     def _judged(
         self, name: str, lane: str, position_m: float, ways: list[DrivenWay], time_s: float
     ) -> bool:
-        """Whether it is known of every crosswalk on this lane how the vehicle passes it."""
+        """Whether nothing remains to be decided about a vehicle at any crosswalk on this lane."""
         by_crosswalk: dict[str, list[tuple[DrivenWay, float]]] = {}
         for each in ways:
             start_m = next(part.start_m for part in each.way.lanes if part.lane == lane)
@@ -248,9 +249,9 @@ class SimulationArm:
     def _arrived(
         self, name: str, crosswalk: str, candidates: list[tuple[DrivenWay, float]], time_s: float
     ) -> bool:
-        """Whether a vehicle has passed R0 of a crosswalk: then its passage begins, or is counted.
+        """Whether a vehicle has passed R0 of a crosswalk; if so, its passage begins or is counted.
 
-        A vehicle whose route does not lead there is none of the crosswalk's.
+        A vehicle whose route does not lead over the crosswalk has no passage there.
         """
         api = self.api.vehicle
         route, index = api.getRoute(name), api.getRouteIndex(name)
@@ -298,7 +299,7 @@ class SimulationArm:
             return
         kind = self.log.vehicles[name]
         step_s = self.simulation.step_s
-        # Where the speed fell within the step, the front may be farther beyond R0.
+        # If the speed fell within the step, the front may be farther beyond R0.
         most_m = (speed_mps + vehicle.max_deceleration_mps2 * step_s) * step_s + 1e-6
         if x_m + self.setting.range_m > most_m:
             refused: str | None = INSIDE
@@ -323,7 +324,7 @@ class SimulationArm:
             self.control.take(passage)
 
     def _sample(self) -> None:
-        """Every second: the queue before each crosswalk, to the rear of its last vehicle."""
+        """Record each crosswalk's queue once per second, to the rear of its last vehicle."""
         vehicle, on_lane = self.api.vehicle, self.api.lane.getLastStepVehicleIDs
         for crosswalk, lanes in self.approaches.items():
             longest_m = 0.0

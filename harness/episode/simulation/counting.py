@@ -17,10 +17,10 @@ ROUTES_FILE = "vehroutes.xml"
 
 @dataclass(frozen=True, slots=True)
 class CrosswalkCount:
-    """What passed a crosswalk.
+    """The number of vehicles and people that pass a crosswalk.
 
     ``vehicles`` and ``people`` are per hour; ``straight`` is the number of vehicles per hour that
-    went straight on.  Whoever passes twice counts twice as a vehicle and once as a person.
+    went straight on.  A vehicle that passes twice counts twice; a person counts once.
     """
 
     vehicles: float
@@ -38,9 +38,9 @@ def count(
 
     Args:
         config: the scenario; it is simulated with its own step.
-        crosswalks: those of its network.
+        crosswalks: the crosswalks of its network.
         folder: a temporary folder for SUMO's files.
-        progress: told the simulated time and the end, both in s, after every simulated second.
+        progress: called with the simulated time and the end, in s, after every simulated second.
 
     Raises:
         EngineError: SUMO refused or lost the simulation.
@@ -49,7 +49,7 @@ def count(
         "vehroute-output": str(folder / ROUTES_FILE),
         "vehroute-output.exit-times": "true",
         "vehroute-output.write-unfinished": "true",
-        # Her own options of this output must not leave out a route or a part of it.
+        # The user's options of this output must not leave out a route or a part of it.
         "vehroute-output.last-route": "false",
         "vehroute-output.skip-ptlines": "false",
     }
@@ -92,7 +92,7 @@ def _moves(file: Path) -> Iterator[tuple[str, str]]:
             if routes:
                 edges = routes[-1].get("edges", "").split()
                 times = routes[-1].get("exitTimes", "").split()
-                # An edge that was not left has -1; SUMO writes no times where none was left.
+                # An edge that was not left has -1; if no edge was left, SUMO writes no times.
                 for number, time_s in enumerate(times[: len(edges) - 1]):
                     if float(time_s) >= 0.0:
                         yield edges[number], edges[number + 1]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 RANGE_M = 50.0
 """A passage begins this far before the crosswalk, or where the way begins to be straight."""
 LONGEST_M = 60.0
-"""How far beyond a crosswalk vehicles are kept: a long one's rear must have left it."""
+"""Vehicles are kept this far beyond a crosswalk, where the rear of a long vehicle has left it."""
 
 Pair = tuple[str, str]
 
@@ -54,10 +54,10 @@ def wanted_edges(crosswalks: Sequence[Crosswalk]) -> frozenset[str]:
 def ways_by_edges(
     network: RoadNetwork, crosswalks: Sequence[Crosswalk]
 ) -> Mapping[Pair, tuple[WayOver, ...]]:
-    """The ways over crosswalks by the edges before and after, on which a vehicle is recorded.
+    """The ways over crosswalks by pairs of successive edges on which a vehicle may be recorded.
 
-    Where a step is long, a vehicle may have no record on a short edge.  Two edges with one such
-    edge between them therefore belong to the way as well, unless they are connected.
+    In a long step a vehicle may pass a short edge without a record there.  So two edges with one
+    such edge between them belong to the way too, unless they are connected.
     """
     ways: dict[Pair, list[WayOver]] = defaultdict(list)
     skipping: dict[Pair, list[WayOver]] = defaultdict(list)
@@ -91,8 +91,8 @@ def cuts_of(
 
     Args:
         vehicles: the records of ``read_recorded``.
-        ways: of ``ways_by_edges``.
-        step_s: time between two records; a vehicle without one for longer is another one.
+        ways: the result of ``ways_by_edges``.
+        step_s: time between two records; after a longer gap a vehicle counts as another one.
     """
     rows = vehicles.sort_values("time_s", kind="stable")
     for name, own in rows.groupby("id", sort=True):
@@ -157,11 +157,11 @@ def _track(
 
 
 def motion_of(cuts: Sequence[Cut], step_s: float) -> tuple[StepMotion, bool]:
-    """How the vehicles of a recording moved between two records, and whether the records say so.
+    """How the vehicles of a recording moved between two records, and whether the records show it.
 
-    The speeds of a step explain its way by Euler's rule (the new speed) or by the ballistic one
-    (the mean of both).  Where neither does, the records are further apart than the steps of the
-    simulation, and only the places say how the vehicle moved.
+    Either Euler's rule (the new speed) or the ballistic rule (the mean of both speeds) gives the
+    distance of a step.  If neither does, the records are further apart than the steps of the
+    simulation, and only the positions show how the vehicle moved.
     """
     moved, before, after = (np.concatenate(each) for each in _steps(cuts))
     changing = np.abs(after - before) > 0.05
@@ -184,7 +184,7 @@ def _steps(cuts: Sequence[Cut]) -> tuple[list[FloatArray], list[FloatArray], lis
 
 
 def by_places(track: VehicleTrack) -> VehicleTrack:
-    """A track with the speeds that join its places by straight lines."""
+    """A track with the mean speeds between its positions."""
     driven = np.diff(track.x_m) / np.diff(track.time_s)
     return VehicleTrack(track.time_s, track.x_m, np.concatenate((track.speed_mps[:1], driven)))
 
@@ -192,10 +192,10 @@ def by_places(track: VehicleTrack) -> VehicleTrack:
 def people_over(
     people: "pd.DataFrame", crosswalks: Sequence[Crosswalk], step_s: float
 ) -> dict[str, list[PersonTrack]]:
-    """The walks over each crosswalk, by when they begin.
+    """The walks over each crosswalk, in the order in which they begin.
 
-    A walk is a stretch of records on the crossing, with those on the walking areas before it and
-    the one after it.
+    A walk has successive records on the crossing, the records on the walking area before them, and
+    the first record after them.
     """
     ids = {each.id for each in crosswalks}
     walks: dict[str, list[PersonTrack]] = {each.id: [] for each in crosswalks}

@@ -1,4 +1,4 @@
-"""People that a scenario adds at its chosen crosswalks; SUMO walks them."""
+"""People whom a scenario adds at its chosen crosswalks; SUMO moves them."""
 
 import hashlib
 import math
@@ -27,7 +27,7 @@ def write_people(folder: Path, scenario: Scenario, setting: Setting, pair: int) 
     crosswalk; its unit exponentials are stretched by 3600/λ, so runs with several λ share them.
 
     Returns:
-        The file; None where nobody is added.
+        The file; None if nobody is added.
     """
     if not scenario.pedestrians.flow_per_hour:
         return None

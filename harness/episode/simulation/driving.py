@@ -1,4 +1,4 @@
-"""Vehicles on their ways over chosen crosswalks: who is driven by a strategy, and how."""
+"""Vehicles on their ways over chosen crosswalks, and the strategies that drive them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,13 +12,13 @@ from harness.site.simulation import DrivenWay
 SPEED_MODE_MID_BLOCK = 23
 """SUMO keeps the distance, the limits of the vehicle and red lights; it yields to nobody."""
 SPEED_MODE_JUNCTION = 31
-"""As SUMO's own driver: it also yields to vehicles, and slows for the junction itself."""
+"""SUMO's own driver's mode: SUMO also yields to vehicles, and slows down for the junction."""
 NO_LANE_CHANGE = 512
-"""No lane change of the vehicle's own; requests and their safety stay as they are."""
+"""The vehicle makes no lane changes by itself; requested ones are still made, safely."""
 IGNORED_TYPES = "junctionModel.ignoreTypes"
 
 CUT_MPS = 1e-3
-"""A speed that differs by more than this from the commanded one was cut by SUMO."""
+"""SUMO has cut a command if the speed differs from it by more than this."""
 
 
 @dataclass(slots=True, eq=False)
@@ -30,17 +30,17 @@ class PassageLog:
         type_id: its vType.
         driven_way: its way.
         vehicle: its constants; v0 is the speed of a free passage.
-        automated: whether it is an AV (in the reference's arm: whether it is one in the AV's).
-        strategy_name: who drives; ``sumo`` where no strategy may.
+        automated: whether it is an AV in the AV's arm; the same value in the reference's arm.
+        strategy_name: name of the strategy that drives; ``sumo`` if none may drive.
         not_driven: why no strategy may drive it, or None.
         offset_m: x of the front bumper minus SUMO's odometer.
         strategy: the driver, or None.
         time_s, x_m, speed_mps: the states at every step.
-        commands: number of commands; ``cut``: of those, how many SUMO did not follow.
+        commands: number of commands; ``cut``: number of these commands that SUMO did not follow.
         ended: ``passed``, or why the passage broke off.
         collided: whether SUMO reports a collision with a person there.
-        stood_s: how long it has stood at the crosswalk while somebody waited.
-        fallback: whether the strategy fell back at some time.
+        stood_s: time for which it has stood at the crosswalk while somebody waited.
+        fallback: the strategy's ``fallback`` (``Strategy``).
     """
 
     name: str
@@ -86,14 +86,14 @@ class _Kept:
 class Control:
     """The vehicles that strategies drive at present.
 
-    A vehicle may be on its way over several crosswalks at once: each has a strategy object of its
-    own, and the least command holds.
+    A vehicle may be on its way over several crosswalks at once.  Then it has a strategy object for
+    each, and the lowest command applies.
 
     Args:
         api: the running simulation.
         step_s: the length of a step.
-        detection_m: how far the vehicles see people.
-        views: everybody at the crosswalk of a way, as a vehicle on it sees them.
+        detection_m: distance within which the vehicles see people.
+        views: returns everybody at the crosswalk of a way, as a vehicle on the way sees them.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class Control:
         self._types: set[str] = set()
 
     def ignore(self, person_type: str) -> None:
-        """Let driven vehicles pay no attention to people of a type: the strategy does."""
+        """Let SUMO ignore people of a type for driven vehicles; the strategy reacts to them."""
         if person_type in self._types:
             return
         self._types.add(person_type)
@@ -129,7 +129,7 @@ class Control:
         self._set_mode(passage.name)
 
     def leave(self, passage: PassageLog, *, exists: bool) -> None:
-        """End driving a vehicle over a crosswalk; the last one gives it back to SUMO."""
+        """Stop driving a vehicle over a crosswalk; after the last one SUMO drives it again."""
         passages = self._passages.get(passage.name, [])
         if passage in passages:
             passages.remove(passage)
@@ -141,7 +141,7 @@ class Control:
                 self._set_mode(passage.name)
 
     def command(self, time_s: float) -> None:
-        """Let every strategy decide on what it sees, and give SUMO the least command."""
+        """Let every strategy decide, and give SUMO the lowest command for each vehicle."""
         self._asked.clear()
         for name, passages in self._passages.items():
             speeds = [
@@ -190,7 +190,7 @@ class Control:
         return max(0.0, speed + wanted * self._step_s)
 
     def _set_mode(self, name: str) -> None:
-        """Let SUMO follow commands, as far as other vehicles allow."""
+        """Set the mode in which SUMO follows commands, limited only by other vehicles."""
         vehicle = self._vehicle
         if name not in self._kept:
             self._kept[name] = _Kept(

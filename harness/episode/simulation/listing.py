@@ -23,7 +23,7 @@ from harness.site.road_network import RoadNetwork, read_network
 from harness.site.simulation import setting_at
 
 _COMFORTABLE_MPS2 = 2.0
-"""R0 of a written scenario is enough to stop from the speed limit with this deceleration."""
+"""R0 of a written scenario lets a vehicle stop from the speed limit with this deceleration."""
 
 _SHOWN = 5
 """Number of crosswalks that a refusal lists."""
@@ -37,11 +37,11 @@ class CrosswalkRow:
         edge: id of the crossing's edge.
         streets: names of the edges that it crosses, or their ids.
         problem: why it cannot be chosen, or None.
-        length_m: from kerb to kerb.
-        speed_limit_mps: the highest of the lanes that lead straight over it; None without one.
-        straight_m: for how far before the crosswalk the longest of them is straight.
-        vehicles_per_hour: vehicles that passed it; None where nothing was simulated.
-        straight_per_hour: those of them that went straight on.
+        length_m: distance from kerb to kerb.
+        speed_limit_mps: highest limit of the lanes straight over it; None without such a lane.
+        straight_m: longest straight part of these lanes before the crosswalk.
+        vehicles_per_hour: vehicles that passed it; None if nothing was simulated.
+        straight_per_hour: vehicles that passed it straight on.
         people_per_hour: people who walked over it.
     """
 
@@ -98,12 +98,12 @@ def crosswalk_rows(
 ) -> list[CrosswalkRow]:
     """Every crosswalk with vehicles and people per hour, in one untouched run.
 
-    Usable crosswalks come first, those with most vehicles straight on and people before the others.
+    Usable crosswalks come first, sorted by their vehicles straight on and people, most first.
 
     Args:
-        scenario: as read.
+        scenario: the scenario.
         folder: a temporary folder.
-        progress: told the simulated time and the end, both in s.
+        progress: called with the simulated time and the end, in s.
 
     Raises:
         EngineError: SUMO lost the simulation.
@@ -143,10 +143,10 @@ def _streets(network: RoadNetwork, crosswalk: Crosswalk) -> tuple[str, ...]:
 def simulation_text(
     scenario: OwnScenario, edges: Sequence[str], config: Path
 ) -> tuple[str, tuple[str, ...]]:
-    """A commented scenario file for some crosswalks, and those that are chosen with them.
+    """A commented scenario file for some crosswalks, and the crosswalks that are chosen with them.
 
     Args:
-        scenario: as read.
+        scenario: the scenario.
         edges: ids of the crosswalks.
         config: path of the configuration, as it appears in the scenario file.
 
@@ -186,7 +186,7 @@ def _check(edge: str, known: dict[str, Crosswalk]) -> None:
 
 
 def _range_m(crosswalks: Sequence[Crosswalk]) -> float:
-    """R0: enough to stop comfortably, where every crosswalk has an approach straight that far."""
+    """R0: enough to stop comfortably if the straight approach of every crosswalk is that long."""
     ways = [[way for way in each.straight_ways if not way.oblique] for each in crosswalks]
     fastest_mps = max(way.crossing.speed_limit_mps or 0.0 for over in ways for way in over)
     wanted_m = 5.0 * math.ceil(fastest_mps**2 / (2 * _COMFORTABLE_MPS2) / 5.0)

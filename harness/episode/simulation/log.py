@@ -1,4 +1,4 @@
-"""What happened in one arm of a user's simulation."""
+"""The events of one arm of a user's simulation."""
 
 import hashlib
 from collections import Counter
@@ -11,7 +11,7 @@ from harness.episode.simulation.passages import PersonTrack
 def uniform_of(seed: int, vehicle: str) -> float:
     """A number from 0 to 1 that belongs to a vehicle of a pair.
 
-    Whoever's number lies below the share is an AV, so a greater share only adds AVs.
+    A vehicle is an AV if its number is below the share of AVs, so a greater share only adds AVs.
     """
     digest = hashlib.blake2b(f"{seed}:{vehicle}".encode(), digest_size=8).digest()
     return int.from_bytes(digest, "big") / 2**64
@@ -19,7 +19,7 @@ def uniform_of(seed: int, vehicle: str) -> float:
 
 @dataclass(slots=True)
 class VehicleKind:
-    """What a trip's row needs beside SUMO's: the vehicle's class, and whether it is an AV."""
+    """Values of a trip that SUMO does not write: the vehicle's class, and whether it is an AV."""
 
     type_id: str
     vehicle_class: str
@@ -33,11 +33,11 @@ class SimulationLog:
     Attributes:
         vehicles: every vehicle that departed, by id.
         passages: over the chosen crosswalks, by the time of R0.
-        people: by crosswalk, everybody who was on it.
+        people: everybody who was on a crosswalk, by crosswalk.
         queues_m: by crosswalk, the queue in m at every second that counts.
         not_measured: by crosswalk and reason, vehicles that were not measured.
         collisions: number of vehicle–vehicle and vehicle–person collisions by SUMO's own count.
-        person_collisions: by crosswalk, those with people at the chosen crosswalks.
+        person_collisions: number of collisions with people at the chosen crosswalks, by crosswalk.
         teleports: number of vehicles that SUMO teleported.
         stuck: vehicles that stood longer than 60 s at a crosswalk while somebody waited there.
         end_s: the time at which the simulation ended.

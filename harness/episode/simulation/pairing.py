@@ -41,7 +41,7 @@ class MeasuredPassage:
 
 @dataclass(frozen=True, slots=True)
 class SimulationOutcome:
-    """One arm of a pair: what happened in it, or why there is nothing."""
+    """One arm of a pair: its log and passages, or the reason why it failed."""
 
     pair: int
     arm: Arm
@@ -87,14 +87,14 @@ class SimulationRunner:
     def run(
         self, pairs: Iterable[int], on_arm: Callable[[], None] = lambda: None
     ) -> Iterator[SimulationOutcome]:
-        """Both arms of every pair, AV first; ``on_arm`` is called after each."""
+        """Simulate both arms of every pair, the AV's first; ``on_arm`` is called after each arm."""
         for pair in pairs:
             for arm in Arm:
                 yield self.run_arm(pair, arm)
                 on_arm()
 
     def run_arm(self, pair: int, arm: Arm) -> SimulationOutcome:
-        """One arm of a pair.  A strategy that fails in one vehicle fails the whole arm."""
+        """Simulate one arm of a pair; if a strategy fails in one vehicle, the whole arm fails."""
         scenario, setting = self._scenario, self._setting
         simulation = scenario.known_simulation
         seed = setting.config.seed + pair
@@ -168,7 +168,7 @@ def setting_of(scenario: Scenario) -> Setting:
 
 
 def counted_s(scenario: Scenario, setting: Setting) -> tuple[float, float]:
-    """Begin and end of what is counted, in s; the end is infinite where nothing bounds it."""
+    """Begin and end of the counted time, in s; infinite if the simulation has no fixed end."""
     simulation, config = scenario.known_simulation, setting.config
     begin_s = config.begin_s if simulation.begin is None else simulation.begin
     end_s = config.end_s if simulation.end is None else simulation.end
@@ -189,7 +189,7 @@ def measured(log: SimulationLog, setting: Setting) -> Iterator[MeasuredPassage]:
         )
         for each in with_states
     ]
-    # A chunk has one vehicle and one crosswalk: here every passage may have its own.
+    # A chunk has one vehicle and one crosswalk, but here every passage may have other ones.
     for each, whole in zip(with_states, traces, strict=True):
         trace = replace(whole, fallback=each.fallback, sumo_collision=each.collided)
         yield MeasuredPassage(each, trace, measure([trace])[0])

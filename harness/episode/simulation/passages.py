@@ -1,6 +1,6 @@
-"""From what SUMO recorded of a vehicle and of people to the trace of one passage.
+"""SUMO's records of a vehicle and of people in; the trace of one passage out.
 
-The records are places and speeds at times one step apart.  Between two of them a vehicle moves as
+The records are positions and speeds, one step apart.  Between two records a vehicle moves as
 ``motion`` says, and a person walks straight at constant speed.
 """
 
@@ -27,9 +27,9 @@ from harness.measures.ego import ego_state
 from harness.site import WayOver
 
 WAITING_M = 1.0
-"""Who stands within this distance of the kerb waits there."""
+"""A person who stands within this distance of the kerb waits there."""
 KERB_M = 0.02
-"""Whoever is nearer to a kerb stands at it: SUMO holds places within 1 cm of one off it."""
+"""A person nearer to a kerb than this is at it: SUMO may hold people 1 cm away from a kerb."""
 STANDING_MPS = 0.1
 """SUMO's threshold for waiting."""
 
@@ -38,7 +38,8 @@ STANDING_MPS = 0.1
 class VehicleTrack:
     """The records of a vehicle on a way over a crosswalk, one step apart.
 
-    ``x_m`` is the place of its front bumper on the way (``WayOver.place_m``).  Shapes (n,), n ≥ 2.
+    ``x_m`` is the position of its front bumper on the way (``WayOver.place_m``).
+    Shapes (n,), n ≥ 2.
     """
 
     time_s: FloatArray
@@ -50,8 +51,8 @@ class VehicleTrack:
 class PersonTrack:
     """The records of a person who goes over a crosswalk once, in the network's coordinates.
 
-    ``on_crossing`` says of each record whether it is on the crossing's edge.  The records before
-    it, on the walking area, show how long they waited.  Shapes (n,).
+    ``on_crossing`` says whether each record is on the crossing's edge.  Earlier records, on the
+    walking area, show how long they waited.  Shapes (n,).
     """
 
     id: str
@@ -72,22 +73,22 @@ def passage(
 ) -> Trace:
     """The trace of a vehicle's passage over a crosswalk.
 
-    The trace begins at the first record within the vehicle's trigger range and ends at the first
-    one with the rear beyond the crosswalk.  A vehicle whose records begin within the range gets a
-    trigger range that begins there.
+    The trace begins at the first record within the vehicle's trigger range.  It ends at the first
+    record with the rear beyond the crosswalk.  If the vehicle's records begin within the range, its
+    trigger range is shortened accordingly.
 
     Args:
-        track: of the vehicle, on the way.
-        people: who went over this crosswalk; the number of each is the index of their arrival.
-            Those who are not there during the passage are left out.
-        way: the vehicle's, over the crosswalk.
+        track: the vehicle's records on the way.
+        people: everybody who went over this crosswalk; their numbers are the indices of arrivals.
+            People who are not there during the passage are left out.
+        way: the vehicle's way over the crosswalk.
         vehicle: its constants; v0 is the speed of a free passage.
         motion: how it moves between two records.
-        rounding_m: how far a recorded place may be off.  Records that a walk at constant speed
+        rounding_m: largest error of a recorded position.  Records that a walk at constant speed
             explains are left out.
 
     Returns:
-        The trace, in the way's frame; ``timed_out`` where the rear never left the crosswalk.
+        The trace, in the way's frame; ``timed_out`` if the rear never left the crosswalk.
     """
     base = _driven(track, way, vehicle, motion)
     begin_s = float(track.time_s[_first(track, vehicle)])
@@ -141,7 +142,7 @@ def _driven(track: VehicleTrack, way: WayOver, vehicle: Vehicle, motion: StepMot
 
 
 def _seen(walk: Walk, trace: Trace, length_s: float) -> Walk:
-    """A walk with the vehicle's state at the moment of stepping off, where it is recorded."""
+    """A walk with the vehicle's state at the moment of stepping off, if it is recorded."""
     assert walk.start_s is not None
     if not 0.0 <= walk.start_s <= length_s or len(trace.x_m) < 2:
         return walk
@@ -154,8 +155,8 @@ def _walk(
 ) -> Walk | None:
     """The walk of a person from kerb to kerb, in the passage's time and the way's frame.
 
-    It is None if no part of a way over the crosswalk is recorded.  Someone whose records end
-    between the kerbs is gone from there on.
+    It is None if no part of a way over the crosswalk is recorded.  A person whose records end
+    between the kerbs is gone afterwards.
     """
     crossing, time_s = way.crossing, person.time_s - begin_s
     x_m, y_m = way.frame.to_road(person.x_m, person.y_m)
@@ -172,7 +173,7 @@ def _walk(
     start_s, end_s = float(points[0, 0]), float(points[-1, 0])
     walked_m = float(points[-1, 2] - points[0, 2])
     return Walk(
-        # There is no quantile: NaN says that they are no timed pedestrian.
+        # There is no quantile; NaN distinguishes them from timed pedestrians.
         arrival=Arrival(index, _arrival_s(time_s, x_m, ahead_m, on[0], start_s), side, math.nan),
         start_s=start_s,
         speed_mps=max(walked_m / (end_s - start_s), 1e-3),
@@ -190,9 +191,9 @@ def _goes_up(y_m: FloatArray, on: np.ndarray, crossing: Crossing) -> bool:
 def _between_kerbs(track: FloatArray, on: np.ndarray, length_m: float) -> FloatArray:
     """The rows (time, x, y ahead) of a walk from 0 to ``length_m``, cut at both kerbs.
 
-    Somebody meets a kerb at the speed of the nearest step between the kerbs, since they may have
-    waited in the step before, or turn in the one after it.  Where that puts the kerb into another
-    step, the straight line to the record beyond it is cut.
+    A person crosses a kerb at the speed of the nearest step between the kerbs, because they may
+    have waited in the step before or may turn in the step after it.  If the kerb would then fall
+    into another step, it is taken on the straight line to the record beyond the kerb.
     """
     inside = (track[:, 2] >= KERB_M) & (track[:, 2] <= length_m - KERB_M)
     inside[: on[0]] = inside[on[-1] + 1 :] = False
@@ -216,7 +217,7 @@ def _between_kerbs(track: FloatArray, on: np.ndarray, length_m: float) -> FloatA
 
 
 def _kerb(track: FloatArray, near: int, way: int, y_m: float, far: int) -> FloatArray | None:
-    """The point at which a kerb is met, beyond the last record before it; None off the records.
+    """The point at which a kerb is crossed; None if the records do not reach it.
 
     Args:
         track: rows (time, x, y ahead).
@@ -236,7 +237,7 @@ def _kerb(track: FloatArray, near: int, way: int, y_m: float, far: int) -> Float
 
 
 def _cut(before: FloatArray, after: FloatArray, y_m: float, *, beyond: bool = False) -> FloatArray:
-    """The point of a straight step at which y is met; ``beyond`` goes on after the step."""
+    """The point of a straight step at which y is reached; with ``beyond`` also after the step."""
     rise = float(after[2] - before[2])
     share = (y_m - float(before[2])) / rise if rise else 0.0
     point: FloatArray = before + (share if beyond else min(max(share, 0.0), 1.0)) * (after - before)
@@ -245,10 +246,10 @@ def _cut(before: FloatArray, after: FloatArray, y_m: float, *, beyond: bool = Fa
 
 
 def _simplified(points: FloatArray, rounding_m: float) -> FloatArray:
-    """Points without those within rounding of a straight walk (Douglas and Peucker, 1973).
+    """A walk without the points within rounding of a straight walk (Douglas and Peucker, 1973).
 
-    The distance of a point is that from where the straight walk is at the same time; the point and
-    the walk's ends may be off.
+    The distance of a point is its distance from the straight walk's position at the same time; both
+    the point and the ends of the walk may have errors.
     """
     keep = {0, len(points) - 1}
     spans = [(0, len(points) - 1)]
@@ -286,7 +287,7 @@ def _legs(points: FloatArray, side: Side, crossing: Crossing) -> tuple[Leg, ...]
 def _arrival_s(
     time_s: FloatArray, x_m: FloatArray, ahead_m: FloatArray, first: int, start_s: float
 ) -> float:
-    """When they began to wait within 1 m of the kerb; when they stepped off if they did not."""
+    """When they began to wait within 1 m of the kerb, or when they stepped off without a wait."""
     arrival_s = start_s
     for number in range(first - 1, 0, -1):
         if ahead_m[number] < -WAITING_M:

@@ -1,4 +1,4 @@
-"""The people at a chosen crosswalk, as SUMO walks them: recorded, and as strategies see them."""
+"""The people at a chosen crosswalk, whom SUMO moves: their records and the strategies' views."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -88,7 +88,7 @@ class PeopleAtCrosswalk:
                     self._known(name).note(time_s, self._place(name), on_crossing=False)
                     known.add(name)
                 elif name in present and present[name].on_crossing[-1]:
-                    # The first place beyond the crossing shows when the kerb was reached.
+                    # The first position beyond the crossing shows when the kerb was reached.
                     present[name].note(time_s, self._place(name), on_crossing=False)
         if len(known) < len(present):
             for name in [name for name in present if name not in known]:
@@ -110,7 +110,7 @@ class PeopleAtCrosswalk:
         return any(person.stands for person in self.present.values() if not person.on_crossing[-1])
 
     def tracks(self) -> list[PersonTrack]:
-        """Everybody who was on the crossing, by the time at which they came."""
+        """The records of everybody who was on the crossing, in the order in which they came."""
         everyone = [*self.gone, *(p for p in self.present.values() if True in p.on_crossing)]
         everyone.sort(key=lambda person: (person.time_s[0], person.index))
         return [person.track() for person in everyone]
@@ -123,7 +123,7 @@ class PeopleAtCrosswalk:
 def view_of(person: PersonAt, way: WayOver) -> PedestrianView:
     """A person as a vehicle on a way sees them at the last record.
 
-    A person waits who is within 1 m of the kerb and slower than 0.1 m/s.  The others who have not
+    A person within 1 m of the kerb and slower than 0.1 m/s waits.  Other people who have not
     reached the kerb walk and are not on the crossing.
     """
     crossing = way.crossing

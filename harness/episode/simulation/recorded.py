@@ -1,7 +1,6 @@
 """SUMO's FCD output read in parts: XML, packed by gzip or not, CSV or Parquet.
 
-Of a file only the vehicles near crosswalks and the people on them are kept, so that a long file
-needs memory for these alone.
+Only vehicles near crosswalks and people on them are kept, so a long file needs little memory.
 """
 
 import gzip
@@ -31,10 +30,10 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Recorded:
-    """What is kept of a recording.
+    """The rows that are kept of a recording.
 
     ``vehicles`` has ``VEHICLE_COLUMNS`` and ``people`` has ``PERSON_COLUMNS``, in the files' order.
-    The counts are of all records, those that are left out too.
+    The counts include the records that are left out.
     """
 
     vehicles: "pd.DataFrame"
@@ -47,7 +46,7 @@ class Recorded:
 
 @dataclass
 class _Kept:
-    """Rows of the files so far, of what is wanted."""
+    """The wanted rows of the files read so far."""
 
     lanes: Set[str]
     edges: Set[str]
@@ -66,7 +65,7 @@ def read_recorded(
         files: FCD files of one simulation.
         lanes: ids of the lanes whose vehicles are kept.
         edges: ids of the edges, crossings and walking areas, whose people are kept.
-        progress: told (bytes read, bytes of all files).
+        progress: called with the bytes read and the bytes of all files.
 
     Raises:
         InputError: a file is missing, cut off, no FCD, or has no ids, places or speeds.
@@ -102,7 +101,7 @@ def _size(path: Path) -> int:
 
 
 def _read(path: Path, kept: _Kept) -> Iterator[int]:
-    """Read a file by its content; yields how many of its bytes are read."""
+    """Read a file in the format of its content; yield the number of bytes read so far."""
     import pyarrow as pa
 
     name = path.name.removesuffix(".gz")
@@ -252,7 +251,7 @@ def _check_columns(path: Path, names: list[str]) -> None:
 
 
 def _keep_batch(path: Path, table: "pa.Table", kept: _Kept) -> None:
-    """The wanted rows of a table: vehicles have a lane; people are those without one."""
+    """Keep the wanted rows of a table; rows with a lane are vehicles, the others people."""
     import pyarrow as pa
     from pyarrow import compute
 

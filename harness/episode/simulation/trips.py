@@ -8,7 +8,7 @@ from pathlib import Path
 from harness.core.errors import EngineError
 
 EMISSIONS = ("CO_abs", "CO2_abs", "HC_abs", "PMx_abs", "NOx_abs", "fuel_abs", "electricity_abs")
-"""What SUMO's emission device computes of a whole trip, in mg (electricity in Wh)."""
+"""Values that SUMO's emission device computes for a whole trip, in mg (electricity in Wh)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,14 +19,14 @@ class Trip:
         name: SUMO's id.
         type_id: the vType.
         person: whether a person travels.
-        due_s: the time at which the trip was to begin.
+        due_s: scheduled begin of the trip.
         departed: whether it began.
         arrived: whether it ended before the simulation did.
         duration_s: from the time due until the arrival, or until the simulation's end.
         time_loss_s: time lost against the desired speed, with the wait for departure.
-        waiting_s: time standing, with the wait for departure; of people, standing on foot.
+        waiting_s: time standing, with the wait for departure; for people, time standing on foot.
         stops: number of times a vehicle stood; None for people.
-        emissions: by SUMO's names; empty where the scenario computes none.
+        emissions: by SUMO's names; empty if the scenario computes none.
     """
 
     name: str
@@ -99,7 +99,7 @@ def _person(element: ET.Element, end_s: float) -> Trip:
     depart_s, duration_s = float(element.attrib["depart"]), float(element.attrib["duration"])
     arrived = duration_s >= 0
     stages = [*element]
-    # An unfinished stage has its time until the end, but no loss yet: SUMO writes 0.
+    # SUMO writes an unfinished stage with its time until the end, but with a loss of 0.
     return Trip(
         name=element.attrib["id"],
         type_id=element.get("type", ""),

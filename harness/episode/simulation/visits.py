@@ -1,4 +1,4 @@
-"""What a vehicle does at a chosen crosswalk, and whether a strategy may drive it there."""
+"""A vehicle's way over a chosen crosswalk, and whether a strategy may drive it there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ ARRIVES = "arrives before its rear has left"
 LIGHT = "a traffic light controls its way"
 
 _STOPS_AHEAD = 3
-"""How many stops ahead are looked at."""
+"""Number of stops ahead that are read."""
 
 
 @dataclass(frozen=True, slots=True)
 class Visit:
     """A vehicle at a crosswalk.
 
-    ``at`` is the place of the crosswalk's approach in its route; ``why`` says why it does not go
-    straight on over the crosswalk, or None.
+    ``at`` is the index of the crosswalk's approach in its route.  ``why`` is the reason why it does
+    not go straight on over the crosswalk, or None.
     """
 
     at: int
@@ -31,12 +31,12 @@ class Visit:
 
 
 def visit_of(route: Sequence[str], index: int, way: WayOver) -> Visit | None:
-    """What a route does on a way over a crosswalk; None where it does not lead to the approach.
+    """The visit of a route to a way over a crosswalk; None if it does not lead to the approach.
 
     Args:
         route: ids of its edges.
-        index: of the edge on which the vehicle is, or which it has just left.
-        way: over the crosswalk.
+        index: index of the edge on which the vehicle is, or which it has just left.
+        way: the way over the crosswalk.
     """
     edges = [lane.edge for lane in way.lanes if not lane.edge.startswith(":")]
     here = route[max(index, 0)]
@@ -53,7 +53,7 @@ def visit_of(route: Sequence[str], index: int, way: WayOver) -> Visit | None:
 
 
 def free_speed(api: Any, name: str, way: WayOver) -> float:
-    """v0 in m/s: the approach's limit by the vehicle's speed factor, at most its own maximum."""
+    """v0 in m/s: the approach's limit × the vehicle's speed factor, at most its maximum speed."""
     vehicle = api.vehicle
     if vehicle.getLaneID(name) == way.approach:
         return float(vehicle.getAllowedSpeed(name))
@@ -68,10 +68,10 @@ def why_not(
 
     Args:
         api: the running simulation.
-        name: of the vehicle.
-        way: on which it goes straight over the crosswalk.
+        name: id of the vehicle.
+        way: the way on which it goes straight over the crosswalk.
         vehicle: its constants.
-        x_m: of its front bumper.
+        x_m: x of its front bumper.
         ahead: the edges of its route from the crosswalk on.
     """
     if way.straight_before_m < vehicle.trigger_range_m - 1e-6:
@@ -103,7 +103,7 @@ def _ends(way: WayOver, rear_m: float, ahead: Sequence[str]) -> str | None:
 
 
 def left_way(api: Any, name: str, way: WayOver, x_m: float) -> bool:
-    """Whether a vehicle that was to be at x on a way is elsewhere."""
+    """Whether a vehicle is not at the x on a way where it should be."""
     if x_m > way.lanes[-1].end_m:
         return False
     return api.vehicle.getRoadID(name) not in {lane.edge for lane in way.lanes}

@@ -48,7 +48,7 @@ def gap_wait_s(flow_per_s: float, critical_gap_s: float) -> float:
 
 
 def critical_headway_s(length_m: float, walking_speed_mps: float, start_up_s: float) -> float:
-    """The critical headway, the shortest in which a pedestrian crosses: t_c = L/S_p + t_s.
+    """The shortest headway in which a pedestrian can cross, the critical one: t_c = L/S_p + t_s.
 
     Args:
         length_m: L, kerb to kerb.
@@ -77,7 +77,7 @@ def group_headway_s(
     Source: HCM 2010, chapter 19 (pedestrian mode).
     """
     v, walkers, t = flow_per_s, pedestrians_per_s, headway_s
-    # Each term is divided by e^{(v_p − v) t} first, so only a result that overflows does so here.
+    # Each term is divided by e^{(v_p − v) t} first, so it overflows only if the result does.
     exponents = (v * t, -walkers * t)
     if exponents[0] > 700:
         return math.inf
@@ -139,8 +139,8 @@ def priority_capacity_per_s(
 ) -> float:
     """Capacity of a lane that yields to all pedestrians: λ e^{−λτ} Σ_k e^{−λ d_k}, in vehicles/s.
 
-    Intervals without pedestrians begin at the rate λ e^{−λτ}.  The k-th queued vehicle passes if
-    no pedestrian arrives within d_k of the beginning, when the vehicle can no longer stop.
+    Intervals without pedestrians begin at the rate λ e^{−λτ}.  The k-th queued vehicle can no
+    longer stop d_k after the beginning, and passes if no pedestrian arrives before that.
 
     Args:
         pedestrians_per_s: λ > 0.

@@ -26,7 +26,7 @@ class Scheduled:
         number: k · lanes + number of its lane, for the k-th vehicle of the lane.  So it is the same
             in every arm and every cell with these lanes.
         lane: its lane.
-        step: when it is due at the road's upstream end, in steps from the beginning of the warm-up.
+        step: the step in which it is due at the road's upstream end; step 0 begins the warm-up.
         uniform: the vehicle is an AV if this is below the share of AVs.  So a greater share only
             adds AVs.  It is 1 if vehicles of its type may not be AVs.
         kind: number of its type in the vehicle mix; 0 without a mix.

@@ -44,7 +44,7 @@ class Lane:
         return centre_m if forward else self.crossing.length_m - centre_m
 
     def own_side(self, side: Side) -> Side:
-        """The side of a kerb in this lane's direction, from its side in the ego's direction."""
+        """The side of a kerb as seen in this lane's direction, from the side that the ego sees."""
         return side if self.direction is Direction.FORWARD else side.other
 
 

@@ -27,11 +27,11 @@ class Passage:
 
     Attributes:
         vehicle: the vehicle.
-        scheduled_s: when it was to enter the road.
-        due_s: when its rear would have left the crosswalk, with v0 from its schedule on.
-        inserted_s: when it entered the road.
-        edge_s: when its front reached the near edge of the crosswalk.
-        passed_s: when its rear had left the crosswalk.
+        scheduled_s: scheduled time of entering the road.
+        due_s: time at which its rear would leave the crosswalk if it drove at v0 from then on.
+        inserted_s: time at which it entered the road.
+        edge_s: time at which its front reached the near edge of the crosswalk.
+        passed_s: time at which its rear had left the crosswalk.
         delay_s: ``passed_s`` − ``due_s``.
         control_delay_s: the same delay up to the place where vehicles leave the road.
         record: its measures.

@@ -16,7 +16,7 @@ CHANCE = 0.01
 """Probability that a road without growth exceeds ``Growth.bound``."""
 
 DEPARTURES = 1.5
-"""Variance of the number of vehicles that pass in a lane, over that number (docs/method.md)."""
+"""Variance of the number of vehicles that pass in a lane, divided by its mean (docs/method.md)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ def growth_of(growths: FloatArray, arrivals: FloatArray, lanes: int) -> Growth:
     """The growth of late vehicles from the first half of the hours to the second.
 
     Args:
-        growths: for each hour, ``least_late`` of the second half less that of the first half.
+        growths: for each hour, ``least_late`` of the second half minus ``least_late`` of the first.
         arrivals: for each hour, the vehicles due to pass within half of the counted time.
         lanes: number of lanes with vehicles.
 

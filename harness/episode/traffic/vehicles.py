@@ -25,8 +25,8 @@ class HourVehicle:
         passed_at_m: x at which its rear has left the crosswalk.
         x_m, speed_mps: the state at the beginning of the step.
         next_x_m, next_speed_mps: the state at the end of the step, once it has been read.
-        acceleration_mps2: the acceleration of this step, once it has been read; before that, of the
-            last step.
+        acceleration_mps2: the acceleration of this step, once it has been read; before that, that
+            of the last step.
         first_step: when its strategy took over.
         trace_offset_s: time from the moment its front bumper reached R0 until ``first_step``.
         xs, speeds: the states from ``first_step`` until its rear has left the crosswalk.
@@ -63,7 +63,7 @@ class HourVehicle:
     """The pedestrians at the crosswalk when its strategy took over."""
     came_from: int = 0
     came_until: int = 0
-    """The range of the hour's pedestrians, by order of arrival, who arrived during its passage."""
+    """The pedestrians who arrived during its passage: a half-open range of arrival numbers."""
 
 
 class LaneOnRoad:
@@ -140,8 +140,8 @@ class HourLog:
         queues: for each second of the counted time, the number of queued vehicles of each lane.
         queues_m: with a vehicle mix, the lengths of these queues in m: each vehicle counts with its
             length and ``min_gap_m``.
-        let_go: for each pedestrian who had to wait, whether the first vehicle that kept them
-            waiting let them go.
+        let_go: for each pedestrian who had to wait, whether they went before the first vehicle that
+            kept them waiting.
         last_step: the last simulated step.
     """
 
