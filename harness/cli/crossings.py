@@ -67,11 +67,11 @@ def crossings(
 ) -> None:
     """List the crosswalks of a SUMO scenario, a network or a map, usable ones first.
 
-    Of a configuration (.sumocfg) the command simulates the scenario once, untouched, and counts
+    For a configuration (.sumocfg) the command simulates the scenario once, untouched, and counts
     vehicles and people per hour at every crosswalk. With --write it simulates nothing, and the
     file has [simulation]: strategies drive in your own scenario, at the crosswalks of --edge.
 
-    Of a network or a map the file has [crossing]: vehicles of the harness come to one crosswalk.
+    For a network or a map the file has [crossing]: vehicles of the harness come to one crosswalk.
     """
     from harness.episode.simulation.listing import is_configuration
 

@@ -220,7 +220,7 @@ def _take(gui: Gui, steps: int, step_s: float, form: str) -> None:
 def _on_place(
     program: str, place: Place, added: str, step_s: float, settings: str
 ) -> Callable[[], None]:
-    """Start SUMO with a place's network and connect to it; return what closes both."""
+    """Start SUMO with a place's network and connect to it; return the function that closes both."""
     folder = TemporaryDirectory(prefix="crosswalk-harness-")
     types = write_additional(folder.name, added)
     _, *options = start_command(place.net, types, step_s, sumo_seed=1)

@@ -1,7 +1,7 @@
 """A user's SUMO configuration in; its options, with absolute paths and canonical names, out.
 
 SUMO itself reads the configuration (``--save-configuration``), so abbreviations, synonyms and
-SUMO's own errors are SUMO's.
+errors are as in SUMO.
 """
 
 import gzip
@@ -22,7 +22,7 @@ LONGEST_STEP_S = 0.2
 """Longest step at which a strategy still decides in time."""
 
 SHORTER_STEP_S = 0.1
-"""The step that a scenario file gets where the configuration's is too long."""
+"""The step that a scenario file gets if the configuration's step is too long."""
 
 VEHICLES = ("vehicle", "trip", "flow")
 PEOPLE = ("person", "personFlow")
@@ -89,12 +89,12 @@ def seconds(text: str) -> float:
 
 
 def is_on(value: str) -> bool:
-    """The value of one of SUMO's switches."""
+    """Whether the text of one of SUMO's switches means "on"."""
     return value.strip().lower() in ("1", "yes", "true", "on", "x", "t")
 
 
 def read_config(path: Path, step_s: float | None = None) -> SumoConfig:
-    """Read a configuration and refuse what cannot be simulated here.
+    """Read a configuration, and refuse one that cannot be simulated here.
 
     Args:
         path: the configuration's file (.sumocfg).
@@ -117,7 +117,7 @@ def read_config(path: Path, step_s: float | None = None) -> SumoConfig:
 
 
 def sumo_program() -> str:
-    """The program ``sumo`` of this Python's environment, also if that is not on the PATH.
+    """The program ``sumo`` of this Python's environment, also if the PATH does not have it.
 
     Raises:
         EngineError: there is none.
@@ -247,7 +247,7 @@ def _holds(file: Path, tags: tuple[str, ...]) -> bool:
 
 
 def elements_of(file: Path) -> Iterator[ET.Element]:
-    """The elements of an XML file, plain or gzipped, at their beginning and one after another.
+    """The elements of an XML file, plain or gzipped, one after another; without their content.
 
     Raises:
         InputError: the file cannot be read as XML.

@@ -35,10 +35,10 @@ class Setting:
         config: the user's configuration.
         step_s: the step of both arms.
         range_m: R0, where a passage begins.
-        crosswalks: the chosen ones, and those that vehicles meet within R0 of them.
-        added: ids of those that were not named but lie within R0 of a chosen one.
-        ways: the ways over them.
-        footpaths: by each named crosswalk, those at its ends.
+        crosswalks: the chosen crosswalks, and further ones within R0 of them.
+        added: ids of the further ones.
+        ways: the ways over all of them.
+        footpaths: the footpaths at both ends of each named crosswalk.
     """
 
     config: SumoConfig
@@ -67,10 +67,10 @@ def setting_at(
 
     Args:
         path: the configuration's file.
-        step_s: a shorter step than the configuration's; None keeps that.
+        step_s: a shorter step than the configuration's; None keeps the configuration's.
         crossings: ids of the chosen crosswalks.
         range_m: R0.
-        where: names the keys in messages.
+        where: the keys' names in messages.
 
     Raises:
         InputError: the configuration or a crosswalk is refused.
@@ -105,10 +105,10 @@ def _check(crossing: str, known: Mapping[str, Crosswalk], where: str) -> None:
 def _grouped(
     crossings: Iterable[str], known: Mapping[str, Crosswalk], range_m: float
 ) -> tuple[tuple[Crosswalk, ...], tuple[str, ...]]:
-    """The chosen crosswalks with those within R0 of them on the same lanes, in the file's order.
+    """The chosen crosswalks and further ones within R0 on the same lanes, in the file's order.
 
-    A vehicle that a strategy hands back between two crosswalks has its front so near to the second
-    that SUMO cannot stop it there.
+    If a strategy handed a vehicle back between two such crosswalks, its front would be too near to
+    the second one for SUMO to stop it.
     """
     chosen = set(crossings)
     grown = True

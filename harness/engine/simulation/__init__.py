@@ -1,1 +1,1 @@
-"""A user's own SUMO scenario in; the same scenario running under our eyes out."""
+"""A user's own SUMO scenario in; its running simulation out, with its output files redirected."""

@@ -1,8 +1,8 @@
 """The files that a user's scenario writes: each gets a path inside the run folder, or none.
 
-SUMO writes to the paths of its options, to those of detectors and other elements of additional
-files, and to those of device parameters in vehicle types.  The files in which such a path stands
-are copied with the path replaced; all others are read where they are.
+Paths to which SUMO writes stand in its options, in detectors and other elements of additional
+files, and in device parameters of vehicle types.  A file with such a path is copied and the path
+replaced; SUMO reads all other files where they are.
 """
 
 import gzip
@@ -43,7 +43,7 @@ _INPUTS: Mapping[str, str] = {
     "edgeData": "edgesFile",
     "laneData": "edgesFile",
 }
-"""Elements that read a file; a copy of theirs needs its absolute path."""
+"""Elements that read a file; their copies need its absolute path."""
 
 _PARAMETERS = ("device.ssm.file", "device.toc.file", "file")
 """Parameters of vehicles, vehicle types and traffic lights that name a file to write."""
@@ -51,10 +51,10 @@ _PARAMETERS = ("device.ssm.file", "device.toc.file", "file")
 _WRITES = re.compile(rb"""(?:file|dest|output|\bhref)\s*=\s*["']|["'](?:device\.\w+\.)?file["']""")
 
 _NO_FILE = re.compile(r"(nul|stdout|stderr|-|[\w.-]+:\d+)", re.IGNORECASE)
-"""Names to which SUMO writes without a file: nowhere, the terminal, a socket."""
+"""Names that are no files for SUMO: the null device, the terminal, a socket."""
 
 _SSM_FILE = "device.ssm.file"
-"""SSM devices write a file for each vehicle where this option is not given."""
+"""Without this option SSM devices write a file for each vehicle."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,9 @@ class Kept:
 
     Attributes:
         folder: the arm's own folder.
-        names: what is kept: names of SUMO's options without ``-output`` (``fcd``, ``tripinfo`` …),
-            ``detectors`` for whatever additional files write, ``devices`` for device parameters;
-            ``all`` for everything.
+        names: the outputs that are kept: names of SUMO's options without ``-output`` (``fcd``,
+            ``tripinfo`` …), ``detectors`` for outputs of additional files, ``devices`` for device
+            parameters; ``all`` for all outputs.
     """
 
     folder: Path
@@ -76,10 +76,10 @@ class Kept:
         return "all" in self.names or name in self.names
 
     def path(self, name: str, written: Path, home: Path) -> str:
-        """The path to which SUMO writes what the scenario writes to ``written``.
+        """The path that replaces the path ``written`` of an output.
 
         Args:
-            name: of the output.
+            name: name of the output.
             written: an absolute path.
             home: the configuration's folder.
         """
@@ -89,7 +89,7 @@ class Kept:
 
 
 def inside(written: Path, home: Path) -> str:
-    """A file name for a path of the scenario's: the way there from its folder, in one word.
+    """A file name for a path: the path relative to ``home``, joined by underscores.
 
     Example:
         >>> inside(Path("/town/out/fcd.xml"), Path("/town"))
@@ -102,7 +102,7 @@ def inside(written: Path, home: Path) -> str:
 
 
 def output_options(config: SumoConfig) -> dict[str, str]:
-    """The options of a configuration that make SUMO write a file, with the path each names."""
+    """The options of a configuration that make SUMO write a file, each with the file's path."""
     types, sections = option_types(), option_sections()
     named = {}
     for name, value in config.options.items():
@@ -123,7 +123,7 @@ def short_name(option: str) -> str:
 def final_options(config: SumoConfig, kept: Kept) -> dict[str, str]:
     """The configuration's options with the paths of its outputs replaced.
 
-    Also written are the copies of route files and additional files that name a path to write.
+    Route files and additional files that name an output are copied, too.
 
     Raises:
         InputError: a file cannot be read as XML.
@@ -148,7 +148,7 @@ def final_options(config: SumoConfig, kept: Kept) -> dict[str, str]:
 def _is_dropped(option: str) -> bool:
     """Whether an option is dropped.
 
-    It saves states, belongs to the window, waits for a client, or leaves out trips.
+    These options save states, belong to the window, wait for a client, or leave out trips.
     """
     prefixes = (
         *("save-", "output-prefix", "output-suffix", "num-clients", "remote-port"),
@@ -158,10 +158,10 @@ def _is_dropped(option: str) -> bool:
 
 
 def copied(file: Path, kept: Kept, home: Path) -> Path:
-    """A file, or its copy if it names a path to write.
+    """A file of the scenario, or its copy if it names an output.
 
     Args:
-        file: of the scenario.
+        file: the file.
         kept: where the copy lies, and which of its outputs are written.
         home: the configuration's folder.
 
@@ -187,7 +187,7 @@ def copied(file: Path, kept: Kept, home: Path) -> Path:
 
 
 def _redirect(element: ET.Element, folder: Path, kept: Kept, home: Path) -> bool:
-    """Replace the paths of an element; returns whether SUMO would have written to one."""
+    """Replace the paths of an element; return whether SUMO would have written to one of them."""
 
     def absolute(path: str) -> Path:
         return Path(os.path.normpath(folder / path))
@@ -229,7 +229,7 @@ def check_outputs(config: SumoConfig, names: Iterable[str], where: str) -> None:
     """Refuse names of outputs that a configuration does not write.
 
     Raises:
-        InputError: the name, and the outputs of the configuration.
+        InputError: an output is unknown; the message lists the configuration's outputs.
     """
     known = {"all", "detectors", "devices", "tripinfo", *map(short_name, output_options(config))}
     for name in names:

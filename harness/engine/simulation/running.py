@@ -22,7 +22,7 @@ _ALWAYS = {
     "tripinfo-output.write-unfinished": "true",
     "tripinfo-output.write-undeparted": "true",
 }
-"""Options of every simulation: the seed decides, and trips that do not end count."""
+"""Options of every simulation: a fixed seed, few messages, and output of unfinished trips too."""
 
 
 def write_config(
@@ -35,14 +35,14 @@ def write_config(
 ) -> Path:
     """Write the configuration of one arm into its folder.
 
-    ``sumo -c`` with this file is the arm without its drivers.
+    ``sumo -c`` with this file simulates the arm without the harness's strategies.
 
     Args:
-        config: the user's.
-        kept: the arm's folder, and which outputs are written there.
-        seed: of SUMO's random numbers.
-        step_s: another length of a step than the configuration's; None keeps that.
-        people: a file with further people; None: nobody is added.
+        config: the user's configuration.
+        kept: the arm's folder, and the outputs that are written there.
+        seed: seed of SUMO's random numbers.
+        step_s: length of a step; None keeps the configuration's.
+        people: a file with additional people; None: nobody is added.
         more: further options.
 
     Returns:
@@ -77,7 +77,7 @@ class OwnSimulation:
     """A running simulation of a user's scenario.
 
     Args:
-        config_file: as ``write_config`` wrote it.
+        config_file: a configuration that ``write_config`` wrote.
         end_s: the time at which the simulation ends; None: when everybody has arrived.
         start: starts SUMO with a command line; None: libsumo.
 
@@ -107,11 +107,11 @@ class OwnSimulation:
         people = () if api.vehicle.getIDCount() else api.person.getIDList()
         if api.simulation.getMinExpectedNumber() > len(people):
             return True
-        # As SUMO does: nobody waits for a ride that does not come.
+        # As in SUMO, people who wait for a ride do not keep the simulation going.
         return any(api.person.getStage(name).type != api.constants.STAGE_DRIVING for name in people)
 
     def step(self) -> float:
-        """Simulate one step; returns the time at its end in s.
+        """Simulate one step; return the time at its end in s.
 
         Raises:
             EngineError: SUMO lost the simulation.
@@ -124,7 +124,7 @@ class OwnSimulation:
         return self.time_s
 
     def departed(self, name: str, *, automated: bool) -> None:
-        """A vehicle has departed; a window may show whether it is an AV."""
+        """Called when a vehicle has departed; a window may colour AVs."""
 
     def close(self) -> None:
         """End the simulation; only then are its output files complete."""
