@@ -71,7 +71,8 @@ def crossings(
     vehicles and people per hour at every crosswalk. With --write it simulates nothing, and the
     file has [simulation]: strategies drive in your own scenario, at the crosswalks of --edge.
 
-    For a network or a map the file has [crossing]: vehicles of the harness come to one crosswalk.
+    For a network or a map the file has [crossing]: the harness sends its own vehicles over one
+    crosswalk.
     """
     from harness.episode.simulation.listing import is_configuration
 

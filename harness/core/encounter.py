@@ -134,7 +134,7 @@ class EgoView(NamedTuple):
 
 
 class PedestrianView(NamedTuple):
-    """What a strategy sees of one pedestrian.
+    """One pedestrian as a strategy sees them.
 
     ``lateral_m`` (L) is the distance, in their walking direction, to the centre of the ego's lane;
     it is negative once they are past it.  ``remaining_m`` is the distance to the kerb that they

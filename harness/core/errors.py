@@ -1,7 +1,7 @@
 """The errors that the package raises for a caller to handle.
 
-Every message is one line.  It says where the problem is, what it is, what is allowed and, for a
-misspelt name, which valid name is nearest.
+Every message is one line.  It has the place, the problem, the allowed values and, for a misspelt
+name, the nearest valid name.
 """
 
 import difflib
@@ -24,7 +24,7 @@ class InputError(HarnessError):
 
     Args:
         where: the file, key or option, e.g. ``cctc.toml: pedestrians.flow_per_hour``.
-        problem: what is wrong there, with the value.
+        problem: the problem there, with the value.
         allowed: the values that are accepted.
         nearest: the valid name closest to a misspelt one.
     """

@@ -90,8 +90,8 @@ GIVEN_DRAWS = 2
 def beginning_with(uniforms: Sequence[float], rng: np.random.Generator) -> np.random.Generator:
     """A generator of the same kind whose first draws of ``random()`` are given.
 
-    The upper 53 bits of each raw word of 64 bits are those of the given uniform, and the lower bits
-    are drawn.  So a normal or an integer that is drawn first is a function of the uniform too.
+    Each raw word of 64 bits has the 53 bits of the given uniform first, and drawn bits after them.
+    So a normal or an integer that is drawn first is a function of the uniform, too.
 
     PCG64 is the linear congruential generator s' = a s + c modulo 2^128.  A word is the xor of a
     state's halves, rotated (O'Neill 2014, PCG XSL RR 128/64).  The upper halves of the first two

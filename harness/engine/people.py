@@ -38,7 +38,7 @@ class HeldPeople:
         copy: suffix of the type and of the ids, if there are several copies of each pedestrian.
         shown: the positions at which SUMO's own driver sees them; None for their true positions.
             It can be set at any time.
-        move: the function that sets a position; None for that of ``api``.
+        move: the function that sets a position; None: ``moveToXY`` of ``api``.
     """
 
     def __init__(

@@ -32,7 +32,7 @@ class SumoRoad:
         crossing: the crosswalk's constants.
         limit_mps: the speed limit of all lanes.
         step_s: length of a step.
-        endings: of the names of SUMO's types (``Following.endings``).
+        endings: endings of the names of SUMO's types (``Following.endings``).
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class SumoRoad:
         automated: bool = False,
         kind: int = 0,
     ) -> None:
-        """Insert a vehicle of a type of that number.
+        """Insert a vehicle of type number ``kind``.
 
         It has this position and speed at the end of the next step.
         """

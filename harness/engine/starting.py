@@ -35,7 +35,7 @@ class Following:
 
     @property
     def endings(self) -> tuple[str, ...]:
-        """What follows ``vehicle`` or ``av`` in the name of each type."""
+        """The ending of each type's name, after ``vehicle`` or ``av``."""
         return tuple(f"_{name}" for name, _ in self.types) or ("",)
 
 
@@ -84,8 +84,8 @@ def vehicle_types(
     """SUMO's types of vehicles and pedestrians, as XML; no attribute is random.
 
     The type of an AV differs only in name and colour.  The ego of an encounter has the type
-    ``driven`` while SUMO's own driver drives it.  Of a vehicle mix each type has two of its own,
-    ``vehicle_NAME`` and ``av_NAME``.
+    ``driven`` while SUMO's own driver drives it.  Each type of a vehicle mix becomes two SUMO
+    types, ``vehicle_NAME`` and ``av_NAME``.
 
     Args:
         vehicle: the ego, or each vehicle of an hour.
@@ -116,7 +116,7 @@ def vehicle_types(
 def _attributes(
     vehicle: Vehicle, speed_limit_mps: float | None
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The attributes of a vehicle's type: those of each driver, and those of SUMO's driver."""
+    """The attributes of a vehicle's type: first for all drivers, then for SUMO's driver alone."""
     base = {
         "vClass": "passenger",
         "length": vehicle.length_m,

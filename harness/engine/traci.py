@@ -52,7 +52,7 @@ class Gui:
         delay_ms: pause after each step.
         screenshots: folder for PNG files; None for no screenshots.
         every_s: time between two screenshots, a whole number of steps.
-        moment: what is shown of a user's own simulation.
+        moment: the part of a user's own simulation that is shown.
     """
 
     delay_ms: float
@@ -67,7 +67,7 @@ class Moment:
 
     Attributes:
         begin_s, end_s: simulated times; before and after them the simulation is not slowed down.
-        x_m, y_m: the place in the middle of the window, in the network's coordinates.
+        x_m, y_m: the middle of the window, in the network's coordinates.
     """
 
     begin_s: float
@@ -129,7 +129,7 @@ def gui_simulation(
     Args:
         config_file, end_s: see ``OwnSimulation``.
         gui: settings of the window.
-        moment: what is shown.
+        moment: the part that is shown.
         coloured: whether AVs get their colour.
     """
     shown = _ShownSimulation(config_file, end_s, _start_with_settings)

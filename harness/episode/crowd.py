@@ -90,7 +90,7 @@ class Crowd:
         self._look_back = look_back
 
     def begin_step(self, now: float) -> None:
-        """Waiting pedestrians look again; those who have reached the other kerb leave."""
+        """Let waiting pedestrians look again; remove everybody who reached the other kerb."""
         finished = []
         blockers: dict[float, Approaching | None] = {}  # by the gap that a pedestrian needs
         for walker in self.walkers:

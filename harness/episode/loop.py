@@ -236,7 +236,7 @@ class Episode:
             wanted = yield quick_tuple(Observation, (now, step, view, vehicle, crossing, seen))
             target = None
             if wanted is None:
-                # What the engine's driver does is known only afterwards.  Until then the
+                # The acceleration of the engine's driver is known only afterwards.  Until then the
                 # acceleration of the last step is assumed, but no speed below 0.
                 acceleration = max(acceleration, -speed / step)
             else:

@@ -160,7 +160,7 @@ class PairRunner:
         return Outcome(pair, arm, name, measure([trace])[0], trace)
 
     def _people(self, pair: int, given: Given | None = None) -> "_People":
-        """All pedestrians of a pair: those at the crosswalk at the trigger and those who follow."""
+        """All pedestrians of a pair, also the ones who are on the crosswalk at the trigger."""
         drawn = self._scenario.pedestrians.drawn
         number = drawn[pair].episode if drawn else pair
         given = drawn[pair].uniforms if drawn and given is None else given or {}

@@ -87,7 +87,7 @@ class Walker:
         self._to_lane = crossing.to_lane_m(self.side)
 
     def step_off(self, time_s: float, speed_mps: float, state: SeenState) -> None:
-        """Leave the kerb at a speed; ``state`` is what they saw: (range_m, vehicle_speed_mps)."""
+        """Leave the kerb at a speed; ``state`` is the vehicle's (range, speed) that they saw."""
         self._start, self._speed = time_s, speed_mps
         self.start_s, self.wanted_mps, self.seen = time_s, speed_mps, state
         self.due_s = time_s + self._length / speed_mps
@@ -118,7 +118,7 @@ class Walker:
         return 0.0
 
     def view(self) -> PedestrianView:
-        """What a strategy sees of them now."""
+        """The pedestrian as a strategy sees them now."""
         progress, speed = self._progress, self._speed
         to_lane, remaining = self._to_lane - progress, self._length - progress
         return quick_tuple(
@@ -153,7 +153,7 @@ class TimedWalker(Walker):
         to_lane_m: float | None = None,  # noqa: ARG002
         vehicle: Vehicle | None = None,  # noqa: ARG002
     ) -> None:
-        """Start on the path; what they see is recorded and changes nothing."""
+        """Start on the path; the vehicle that they see is recorded and changes nothing."""
         self.start_s, self.legs = self.look_s, list(self._path)
         self.wanted_mps = abs(self._path[-1].y_mps)
         self.seen = range_m, vehicle_speed_mps

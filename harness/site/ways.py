@@ -1,4 +1,4 @@
-"""A lane in; its path over a crosswalk out, with the path's straight part and what it passes."""
+"""A lane in; its path over a crosswalk out, with its straight part and traffic lights."""
 
 import cmath
 import math
@@ -36,8 +36,8 @@ _LENGTH_M = 0.1
 class Path:
     """Successive lanes, and the point where they meet the crosswalk's centre line.
 
-    ``start_m`` has the position of each lane's beginning by SUMO's lengths; it is 0 at that point.
-    ``direction`` is the unit vector of travel there.
+    ``start_m`` has the position of each lane's beginning by SUMO's lengths; positions are 0 at that
+    point.  ``direction`` is the unit vector of travel there.
     """
 
     lanes: tuple["Lane", ...]

@@ -28,7 +28,7 @@ MEAN_YIELD_RATE = 0.74
 
 
 class HumanYield:
-    """Yields to pedestrians at a measured rate, and brakes for those who are in its path.
+    """Yields to pedestrians at a measured rate, and brakes for pedestrians in its path.
 
     *Yielding.*  A vehicle either always yields or never does.  A vehicle that yields stops at the
     stop line, 1 m before the crosswalk, for pedestrians who wait at a kerb.  It also stops for

@@ -26,7 +26,7 @@ class SoftYield:
     a = p1 + p2 v + p3 R (paper, section III-C) and
     T1 = t_x − sqrt(t_x² − 2 (R − v t_x) / a), with t_x = remaining distance / v_p + time_margin_s.
     If R ≥ v t_x, the pedestrian clears first and it keeps its speed.  With several pedestrians it
-    plans for the one who leaves last, and plans again when another one becomes the last.  With a
+    plans for the last to leave, and plans again when another pedestrian becomes the last.  With a
     positive margin it follows the plan until t_x, after the pedestrian has left.  The paper's
     strategy has no margin; here its aggressiveness (paper, figure 1) is −time_margin_s.
 

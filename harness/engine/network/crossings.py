@@ -1,4 +1,4 @@
-"""A network in; its pedestrian crossings out, each with what the harness cannot simulate there."""
+"""A network in; its pedestrian crossings out, each usable or with the reason why not."""
 
 from dataclasses import dataclass
 from pathlib import Path

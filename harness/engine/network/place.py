@@ -28,7 +28,7 @@ def network_of(scenario: Scenario) -> Path:
 
 
 def check_network(scenario: Scenario) -> None:
-    """Build the network of a scenario where it is missing, or refuse it; see ``network_of``."""
+    """Build a scenario's network if it is missing, or refuse the scenario; see ``network_of``."""
     network_of(scenario)
 
 

@@ -157,7 +157,7 @@ class Control:
             self._vehicle.setSpeed(name, speed)
 
     def check(self, name: str, speed_mps: float) -> None:
-        """Count whether SUMO followed the last command to a vehicle."""
+        """Count the last command to a vehicle, and whether SUMO cut it."""
         asked = self._asked.get(name)
         if asked is None:
             return

@@ -98,7 +98,8 @@ def crosswalk_rows(
 ) -> list[CrosswalkRow]:
     """Every crosswalk with vehicles and people per hour, in one untouched run.
 
-    Usable crosswalks come first, sorted by their vehicles straight on and people, most first.
+    Usable crosswalks come first.  They are sorted by the product of vehicles straight on and people
+    per hour, largest first.
 
     Args:
         scenario: the scenario.

@@ -151,7 +151,7 @@ def view_of(person: PersonAt, way: WayOver) -> PedestrianView:
 
 
 def waited_s(track: PersonTrack, step_s: float, way: WayOver) -> float:
-    """How long a person stood within 1 m of the kerb before stepping off, in s."""
+    """The time in s for which a person stood within 1 m of the kerb before stepping off."""
     first = int(np.argmax(track.on_crossing))
     x_m, y_m = way.frame.to_road(track.x_m[: first + 1], track.y_m[: first + 1])
     if len(y_m) < 2:

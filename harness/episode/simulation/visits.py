@@ -103,7 +103,7 @@ def _ends(way: WayOver, rear_m: float, ahead: Sequence[str]) -> str | None:
 
 
 def left_way(api: Any, name: str, way: WayOver, x_m: float) -> bool:
-    """Whether a vehicle is not at the x on a way where it should be."""
+    """Whether a vehicle has left a way before its end; ``x_m`` is where it should be."""
     if x_m > way.lanes[-1].end_m:
         return False
     return api.vehicle.getRoadID(name) not in {lane.edge for lane in way.lanes}

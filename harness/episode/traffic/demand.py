@@ -28,7 +28,7 @@ class Scheduled:
         lane: its lane.
         step: the step in which it is due at the road's upstream end; step 0 begins the warm-up.
         uniform: the vehicle is an AV if this is below the share of AVs.  So a greater share only
-            adds AVs.  It is 1 if vehicles of its type may not be AVs.
+            adds AVs.  It is 1 if no vehicle of its type may be an AV.
         kind: number of its type in the vehicle mix; 0 without a mix.
     """
 
@@ -43,8 +43,8 @@ def scheduled_vehicles(scenario: Scenario, pair: int, lane: Lane) -> Iterator[Sc
     """The vehicles of a lane, by time.
 
     The lanes of a direction share its flow equally.  Headways in a lane of flow q are shifted
-    exponential: at least h (the following headway at v0 of these two vehicles), then with the
-    hazard 1/(1/q − E[h]), so the mean headway is 1/q.  q may change every quarter of an hour.
+    exponential: at least h (the following headway of these two vehicles at v0), and beyond h with
+    the hazard 1/(1/q − E[h]).  So the mean headway is 1/q.  q may change every quarter of an hour.
     Times are rounded up to steps.  In a saturated lane there is always a next vehicle.  Types are
     drawn one by one, each with the probability of its share.
 

@@ -123,7 +123,7 @@ class Hour:
             self._sample(after)
 
     def _drive(self, now: float, n: int) -> None:
-        """Let every strategy decide, on what it sees at the beginning of the step."""
+        """Let every strategy decide, from its observation at the beginning of the step."""
         step, drive = self.step_s, self.road.drive
         detection, everyone = self.detection_m, None
         for lane in self.lanes:
@@ -235,7 +235,7 @@ class Hour:
                     car.path.append((step, *state_of(self.road, car)))
 
     def _queued_in(self, lane: LaneOnRoad) -> int:
-        """The number of queued vehicles of a lane, with those that wait to enter the road."""
+        """The number of queued vehicles of a lane, including those that wait to enter it."""
         queued = len(lane.due) + sum(car.speed_mps < QUEUED_MPS for car in lane.driven)
         for car in lane.coming:
             speed = self.road.speed_of(car.name)
@@ -246,7 +246,7 @@ class Hour:
         return queued
 
     def _queue_m(self, lane: LaneOnRoad) -> float:
-        """The length of a lane's queue: each queued vehicle with its length and minGap."""
+        """The length of a lane's queue: the sum of each queued vehicle's length and minGap."""
         queued = [car for car in lane.driven if car.speed_mps < QUEUED_MPS]
         queued += [car for car in lane.coming if self.road.speed_of(car.name) < QUEUED_MPS]
         gap_m = self.traffic.min_gap_m

@@ -8,7 +8,7 @@ from harness.scenario import Scenario
 
 
 class Direction(StrEnum):
-    """The direction of travel: that of the ego of an encounter, or the opposite."""
+    """The direction of travel: the ego's in an encounter, or the opposite."""
 
     FORWARD = "forward"
     ONCOMING = "oncoming"

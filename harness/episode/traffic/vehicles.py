@@ -21,7 +21,7 @@ class HourVehicle:
     """A vehicle, from its schedule until it has left the road; times are steps of the hour.
 
     Attributes:
-        vehicle: its constants, those of its type.
+        vehicle: the constants of its type.
         passed_at_m: x at which its rear has left the crosswalk.
         x_m, speed_mps: the state at the beginning of the step.
         next_x_m, next_speed_mps: the state at the end of the step, once it has been read.
@@ -138,7 +138,7 @@ class HourLog:
         vehicles: all vehicles.
         walks: the walks of all pedestrians, by arrival.
         queues: for each second of the counted time, the number of queued vehicles of each lane.
-        queues_m: with a vehicle mix, the lengths of these queues in m: each vehicle counts with its
+        queues_m: with a vehicle mix, the lengths of these queues in m: the sum of each vehicle's
             length and ``min_gap_m``.
         let_go: for each pedestrian who had to wait, whether they went before the first vehicle that
             kept them waiting.
