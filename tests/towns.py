@@ -56,7 +56,7 @@ def grid(folder: Path, end_s: int = 300, **options: str) -> Path:
     """Four by four junctions with people on every sidewalk; a light at two junctions."""
     arguments = ("--grid", "--grid.number", "4", "--grid.length", "100", "--tls.set", "C2,D1")
     call(folder, "netgenerate", *arguments, *_WALKABLE, "-j", "priority", "-o", "net.net.xml")
-    return _with_demand(folder, end_s, 1.0, 0.8, **options)
+    return with_demand(folder, end_s, 1.0, 0.8, **options)
 
 
 def main_road(folder: Path, end_s: int = 300, **options: str) -> Path:
@@ -81,14 +81,14 @@ def main_road(folder: Path, end_s: int = 300, **options: str) -> Path:
     (folder / "e.edg.xml").write_text(f"<edges>{edges}</edges>")
     files = ("-n", "n.nod.xml", "-e", "e.edg.xml", "-o", "net.net.xml")
     call(folder, "netconvert", *files, "--crossings.guess", "--no-turnarounds")
-    return _with_demand(folder, end_s, 1.5, 2.0, **options)
+    return with_demand(folder, end_s, 1.5, 2.0, **options)
 
 
 def bus_street(folder: Path, end_s: int = 300, **options: str) -> Path:
     """A street as OpenStreetMap has it, with a zebra crossing, bus stops and a bus line."""
     converted = convert(Path(__file__).parent / "data/town/street.osm", folder)
     converted.net.rename(folder / "net.net.xml")
-    config = _with_demand(folder, end_s, 2.0, 2.5, **options)
+    config = with_demand(folder, end_s, 2.0, 2.5, **options)
     # Buses every 30 s, and trucks among the cars.
     (folder / "buses.add.xml").write_text(
         """<additional><busStop id="west" lane="10#1_1" startPos="40" endPos="60"/>
@@ -112,7 +112,7 @@ def bus_street(folder: Path, end_s: int = 300, **options: str) -> Path:
     return config
 
 
-def _with_demand(
+def with_demand(
     folder: Path, end_s: int, vehicles_s: float, people_s: float, **options: str
 ) -> Path:
     net = folder / "net.net.xml"

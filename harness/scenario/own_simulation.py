@@ -1,14 +1,14 @@
 """``[simulation]``: a user's own SUMO scenario defines the step, the vehicles and the people."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from harness.core.errors import InputError
+from harness.core.errors import InputError, nearest_name
 from harness.scenario.scenario import Scenario
 from harness.scenario.sections import PerceptionSection
-from harness.site.configuration import SumoConfig, people_come
+from harness.site.configuration import VEHICLE_CLASSES, SumoConfig, known_types, people_come
 from harness.site.simulation import setting_at
 
 _EGO_KEYS = ("trigger_range_m", "detection_range_m", "resume_acceleration_mps2")
@@ -38,8 +38,13 @@ def with_own_simulation(
     setting = setting_at(path, simulation.step_s, simulation.crossings, range_m, where)
     config = setting.config
     _check_times(scenario, config, where)
+    if simulation.read is None:
+        _check_types(simulation.av_types, config, f"{where}.av_types")
     people = dict(tree.get("pedestrians", {}))
     people = {"flow_per_hour": 0.0, **people, "behaviour": "sumo"}
+    if people["flow_per_hour"] and config.end_s is None and simulation.end is None:
+        problem = "is not given, nor an end in the configuration: people would be added for ever"
+        raise InputError(f"{where}.end", problem, "a time, if pedestrians.flow_per_hour is above 0")
     if not people["flow_per_hour"] and not people_come(config):
         allowed = "people in its files, or pedestrians.flow_per_hour"
         raise InputError(f"{where}.config", f"{path}: nobody comes on foot", allowed)
@@ -114,3 +119,14 @@ def _check_times(scenario: Scenario, config: SumoConfig, where: str) -> None:
             "" if last_s is None else f", at most {last_s:g} s"
         )
         raise InputError(f"{where}.end", f"{end_s:g} s", allowed)
+
+
+def _check_types(names: Iterable[str], config: SumoConfig, where: str) -> None:
+    """Refuse a name that is neither a class of vehicles nor a type of the scenario."""
+    strange = [name for name in names if name not in VEHICLE_CLASSES]
+    types = known_types(config) if strange else set()
+    for name in strange:
+        if name not in types:
+            allowed = "a vehicle class of SUMO, or a vType of the scenario's files"
+            nearest = nearest_name(name, types | VEHICLE_CLASSES)
+            raise InputError(where, f"no vehicle type {name!r}", allowed, nearest)

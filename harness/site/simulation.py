@@ -59,11 +59,10 @@ class Setting:
         return by_lane
 
 
-@lru_cache(maxsize=2)
 def setting_at(
     path: Path, step_s: float | None, crossings: tuple[str, ...], range_m: float, where: str
 ) -> Setting:
-    """The chosen crosswalks of a configuration; read once per process.
+    """The chosen crosswalks of a configuration; read once per process while its files stay.
 
     Args:
         path: the configuration's file.
@@ -75,7 +74,36 @@ def setting_at(
     Raises:
         InputError: the configuration or a crosswalk is refused.
     """
-    config = read_config(path, step_s)
+    changed = _changed(path)
+    net = _config_at(path, step_s, changed).net
+    return _setting_at(path, step_s, crossings, range_m, where, changed, _changed(net))
+
+
+def _changed(file: Path) -> tuple[int, int]:
+    """When a file was changed last, in ns, and its size; (0, 0) if there is none."""
+    try:
+        status = file.stat()
+    except OSError:
+        return 0, 0
+    return status.st_mtime_ns, status.st_size
+
+
+@lru_cache(maxsize=2)
+def _config_at(path: Path, step_s: float | None, _changed: tuple[int, int]) -> SumoConfig:
+    return read_config(path, step_s)
+
+
+@lru_cache(maxsize=2)
+def _setting_at(
+    path: Path,
+    step_s: float | None,
+    crossings: tuple[str, ...],
+    range_m: float,
+    where: str,
+    changed: tuple[int, int],
+    _net_changed: tuple[int, int],
+) -> Setting:
+    config = _config_at(path, step_s, changed)
     network = read_network(config.net)
     known = {crosswalk.id: crosswalk for crosswalk in crosswalks_of(network)}
     for crossing in crossings:

@@ -23,7 +23,8 @@ class Trip:
         departed: whether it began.
         arrived: whether it ended before the simulation did.
         duration_s: from the time due until the arrival, or until the simulation's end.
-        time_loss_s: time lost against the desired speed, with the wait for departure.
+        time_loss_s: time lost against the desired speed, with the wait for departure.  Of a walk
+            that has not ended only the time standing is known to be lost.
         waiting_s: time standing, with the wait for departure; for people, time standing on foot.
         stops: number of times a vehicle stood; None for people.
         emissions: by SUMO's names; empty if the scenario computes none.
@@ -65,7 +66,9 @@ def _trips(file: Path, end_s: float) -> Iterator[Trip]:
         if element.tag == "tripinfo":
             yield _vehicle(element, end_s)
         elif element.tag == "personinfo":
-            yield _person(element, end_s)
+            # SUMO also writes people whom it has read and who were to come after the end.
+            if float(element.attrib["depart"]) >= 0:
+                yield _person(element, end_s)
         else:
             continue
         element.clear()
@@ -98,8 +101,7 @@ def _emissions(element: ET.Element) -> dict[str, float]:
 def _person(element: ET.Element, end_s: float) -> Trip:
     depart_s, duration_s = float(element.attrib["depart"]), float(element.attrib["duration"])
     arrived = duration_s >= 0
-    stages = [*element]
-    # SUMO writes an unfinished stage with its time until the end, but with a loss of 0.
+    walks = element.findall("walk")
     return Trip(
         name=element.attrib["id"],
         type_id=element.get("type", ""),
@@ -108,10 +110,17 @@ def _person(element: ET.Element, end_s: float) -> Trip:
         departed=True,
         arrived=arrived,
         duration_s=duration_s if arrived else max(0.0, end_s - depart_s),
-        time_loss_s=sum(_number(stage, "timeLoss") for stage in stages),
-        waiting_s=sum(_number(stage, "waitingTime") for stage in stages),
+        time_loss_s=sum(_loss_s(stage) for stage in element),
+        waiting_s=sum(_number(stage, "waitingTime") for stage in walks),
         stops=None,
     )
+
+
+def _loss_s(stage: ET.Element) -> float:
+    """The time lost in a stage; of an unfinished walk, whose loss SUMO writes as 0, the waiting."""
+    if stage.tag == "walk" and float(stage.get("arrival", "0")) < 0:
+        return _number(stage, "waitingTime")
+    return _number(stage, "timeLoss")
 
 
 def _number(element: ET.Element, name: str) -> float:
