@@ -2,7 +2,7 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -11,6 +11,9 @@ from harness.cli.interruption import unwinding
 from harness.cli.options import not_with, refuse_without, settings_of
 from harness.cli.output import emit, print_line, progress_bar, say
 from harness.core.errors import InputError, one_line
+
+if TYPE_CHECKING:
+    from harness.studies.runs.run_data import RunData
 
 
 def replay(
@@ -184,20 +187,50 @@ def compare(
     from harness.report.screens.comparison_document import comparison_document, comparison_rows
     from harness.report.screens.terminal import print_comparison
     from harness.studies.runs.compare import compare as compare_runs
+    from harness.studies.runs.opening import finished_run
 
     if out is not None:
         if out.exists():
             raise InputError(f"--out {out}", "exists already", "a new file")
         if not out.parent.is_dir():
             raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a new file")
+    opened = [finished_run(folder) for folder in run_folders]
+    if not any(run.kind.compared for run in opened):
+        _compare_arms(opened, mu0 or kappa0, out, full, quiet, as_json)
+        return
     with progress_bar("comparisons", hidden=quiet or as_json) as advance:
-        result = compare_runs(*run_folders, mu0=mu0, kappa0=kappa0, progress=advance)
+        result = compare_runs(*opened, mu0=mu0, kappa0=kappa0, progress=advance)
     if out is not None:
         from harness.core.files import write_csv
 
         write_csv(out, comparison_rows(result))
     written, screen = [out] if out is not None else [], partial(print_comparison, result, full)
     emit(quiet, as_json, partial(comparison_document, result), written, screen)
+
+
+def _compare_arms(
+    runs: "list[RunData]",
+    limit: float | None,
+    out: Path | None,
+    full: bool,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Compare the AV's arms of runs with long pairs."""
+    from harness.core.files import write_csv
+    from harness.report.screens.run_document import arms_document, arms_rows
+    from harness.report.screens.terminal import print_arms
+    from harness.studies.runs.compare_arms import compare_arms
+
+    section = runs[0].kind.section
+    if limit is not None:
+        raise InputError("--mu0, --kappa0", f"are not supported with {section}", "no limits")
+    findings = compare_arms(runs)
+    if out is not None:
+        write_csv(out, arms_rows(findings))
+    screen = partial(print_arms, findings, full)
+    written = [out] if out is not None else []
+    emit(quiet, as_json, partial(arms_document, findings), written, screen)
 
 
 def worst(

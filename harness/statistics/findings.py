@@ -62,6 +62,7 @@ class RunFindings:
     ``catalogue`` is the catalogue of the run's kind.  ``scope`` describes the run apart from its
     pairs, for example its seed and its audit.  ``paper`` says whether the run's only cell is the
     paper's experiment.  ``site`` describes the place, the flows and the share of AVs.
+    ``between_avs`` is true of a comparison in which another AV takes the reference's place.
     """
 
     catalogue: Catalogue
@@ -73,3 +74,4 @@ class RunFindings:
     cells: tuple[CellFindings, ...]
     notes: tuple[Note, ...] = ()
     site: str = ""
+    between_avs: bool = False

@@ -60,7 +60,6 @@ class Kind(Protocol):
             with other cells.  ``--until`` adds no long pairs.  The page shows only a part of a long
             pair.
         compared: whether ``harness compare`` compares its cells pair by pair.
-        instead: a sentence that says what to use if ``compared`` is false.
         ranked: the table whose rows ``harness worst`` ranks, and the columns that name a row of it
             within its arm.  The table has the columns of the table ``episodes``.
         settles: whether a pair begins with an empty road, so that ``--settle`` sets its warm-up.
@@ -82,9 +81,6 @@ class Kind(Protocol):
 
     @property
     def compared(self) -> bool: ...
-
-    @property
-    def instead(self) -> str: ...
 
     @property
     def ranked(self) -> tuple[str, tuple[str, ...]]: ...
@@ -152,7 +148,6 @@ class EncounterKind:
     section: str = ""
     long_pairs: bool = False
     compared: bool = True
-    instead: str = ""
     ranked: tuple[str, tuple[str, ...]] = ("episodes", ())
     settles: bool = False
     records: tuple[str, ...] = ("episodes", "pedestrians")
@@ -218,7 +213,6 @@ class HourKind:
     section: str = "[traffic]"
     long_pairs: bool = True
     compared: bool = False
-    instead: str = ""
     ranked: tuple[str, tuple[str, ...]] = ("episodes", ())
     settles: bool = True
     records: tuple[str, ...] = HOUR_TABLES
@@ -277,7 +271,6 @@ class SimulationKind(HourKind):
 
     name: str = "own simulations"
     section: str = "[simulation]"
-    instead: str = "its summary.csv has the difference of both arms in every cell"
     ranked: tuple[str, tuple[str, ...]] = ("passages_over", ("crosswalk", "vehicle", "trigger_s"))
     settles: bool = False
     records: tuple[str, ...] = SIMULATION_TABLES

@@ -77,9 +77,9 @@ def test_the_worst_passages(town: Path) -> None:
     assert "--diff" in refusal("worst", run, "--diff", run)
 
 
-def test_compare_says_what_to_use_instead(town: Path) -> None:
+def test_compare_needs_two_strategies(town: Path) -> None:
     text = refusal("compare", town / "runs" / "town")
-    assert "summary.csv has the difference of both arms" in text
+    assert "no two cells that differ only in the AV's strategy" in text
 
 
 def test_export(town: Path) -> None:

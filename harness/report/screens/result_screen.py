@@ -47,10 +47,13 @@ def _one_cell(run: RunFindings, cell: CellFindings, footer: str) -> Screen:
     if left_out(cell) and any(entry.worst_case for entry in run.catalogue):
         parts = [f"{worst_name(entry)} {text}" for entry, text in _worst_values(run, cell)]
         rows.append(("worst case", ", ".join(parts)))
+    headings = ("", "AV", cell.reference, "AV against reference", PAPER_HEADING)
+    if run.between_avs:
+        headings = ("", cell.av, cell.reference, "difference", "")
     return Screen(
         title=f"{run.name}: {cell.av} against {cell.reference}",
         scope=f"{counted(cell.pairs, 'pair')}{_met_nobody([cell])}, {run.scope}",
-        headings=("", "AV", cell.reference, "AV against reference", PAPER_HEADING),
+        headings=headings,
         rows=tuple(rows),
         notes=tuple(sorted((*run.notes, *cell.notes), key=lambda note: note.rank)),
         footer=footer,

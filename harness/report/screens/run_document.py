@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
-from harness.statistics import Catalogue, CellFindings, row_of
+from harness.statistics import Catalogue, CellFindings, Plain, RunFindings, row_of
 from harness.studies.runs.reported import reported
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.targets import missed_targets
@@ -26,6 +26,24 @@ def run_document(run: RunData) -> Document:
         "missed_targets": [asdict(missed) for missed in missed_targets(run)],
         "failures": _records(run.failures, "reason"),
     }
+
+
+def arms_document(findings: RunFindings) -> Document:
+    """The document that ``harness compare --json`` prints of runs with long pairs."""
+    return {
+        "schema": SCHEMA,
+        "comparisons": [
+            {"second": cell.reference, **_cell(findings.catalogue, cell)} for cell in findings.cells
+        ],
+    }
+
+
+def arms_rows(findings: RunFindings) -> list[dict[str, Plain]]:
+    """The rows of ``harness compare --out`` of runs with long pairs, one for each comparison."""
+    return [
+        {"first": cell.av, "second": cell.reference, **row_of(findings.catalogue, cell.findings)}
+        for cell in findings.cells
+    ]
 
 
 def _cells(run: RunData) -> list[Document]:

@@ -10,6 +10,7 @@ from harness.report.screens.console import make_console, print_table
 from harness.report.screens.result_screen import screen_of
 from harness.report.screens.result_tables import full_tables
 from harness.report.screens.screen import Screen, screen_lines
+from harness.statistics import RunFindings
 from harness.studies.runs.comparisons import RunComparison
 from harness.studies.runs.references import reference_lines
 from harness.studies.runs.reported import remarks, reported
@@ -27,6 +28,15 @@ def print_run(run: RunData, full: bool = False) -> None:
             print_table(console, table)
         for line in remarks(run):
             console.print(line)
+
+
+def print_arms(findings: RunFindings, full: bool = False) -> None:
+    """Print a comparison of runs with long pairs; with ``full`` every number."""
+    console = make_console()
+    screen = replace(screen_of(findings), footer="All measures: --full.")
+    print_screen(console, replace(screen, most_lines=None) if full else screen)
+    for table in full_tables(findings) if full else ():
+        print_table(console, table)
 
 
 def print_screen(console: Console, screen: Screen) -> None:

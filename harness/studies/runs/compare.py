@@ -67,9 +67,7 @@ def compare(
     for run in opened:
         if not run.kind.compared:
             problem = f"is a run of {run.kind.name}, which has no pairs of episodes to compare"
-            allowed = "; ".join(
-                filter(None, (f"a run without {run.kind.section}", run.kind.instead))
-            )
+            allowed = f"a run without {run.kind.section}; `harness compare` compares the AV's arms"
             raise InputError(str(run.path), problem, allowed)
     several = len(opened) > 1
     names = names_of(opened) if several else [""]

@@ -249,6 +249,11 @@ class RunData:
         """Return the stored rows of one pair in ``episodes``, ``pedestrians`` or ``traces``."""
         return self._tables.rows_of(name, cell, pair)
 
+    def rows_of_cell(self, cell: int) -> pa.Table:
+        """The rows of a cell from which its findings are computed, by pair."""
+        table = self._tables.read(self.kind.rows)
+        return table.filter(pc.equal(table["cell"], cell))
+
     def derived(self, name: str) -> pa.Table:
         """Return a table of all cells that is computed from the stored rows."""
         if self.finished:

@@ -1,0 +1,131 @@
+"""Compares the AV's arms of cells with long pairs: hours of traffic, and users' own simulations.
+
+Two cells that differ only in the AV's strategy are compared as a run compares its two arms: the
+second cell's AV takes the place of the reference.
+"""
+
+from collections.abc import Sequence
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from harness.core.encounter import Arm
+from harness.core.errors import InputError
+from harness.measures.agreement import TOLERANCE
+from harness.statistics import CellFindings, Note, Rank, RunFindings
+from harness.studies.runs.notes import FEW_HOURS, counted
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.same_pairs import names_of
+from harness.studies.runs.site_words import site_words
+from harness.studies.runs.strategy_groups import StrategyCell, groups_over
+
+
+def compare_arms(runs: Sequence[RunData]) -> RunFindings:
+    """Compare every two cells that differ only in the AV's strategy, pair by pair.
+
+    Args:
+        runs: finished runs of one kind with long pairs; several need the same reference arm.
+
+    Returns:
+        The findings of each comparison as those of a cell: the numbers of the first cell's AV as
+        the AV's, those of the second cell's AV as the reference's, and their differences.  All
+        intervals hold together with the run's confidence (Bonferroni).
+
+    Raises:
+        InputError: no two cells can be compared, or their reference arms differ.
+    """
+    names = names_of(runs) if len(runs) > 1 else [""]
+    groups = groups_over([run.study for run in runs], names)
+    couples = [couple for group in groups for couple in combinations(group.cells, 2)]
+    if not couples:
+        raise InputError(
+            str(runs[0].path),
+            "has no two cells that differ only in the AV's strategy",
+            "a sweep over arms.av or over parameters of its strategy, or a second run",
+        )
+    level = runs[0].confidence
+    confidence = 1 - (1 - level) / len(couples)
+    cells = tuple(
+        _compared(runs, first, second, number, confidence, several=len(couples) > 1)
+        for number, (first, second) in enumerate(couples)
+    )
+    together = f"Each interval holds with {100 * confidence:.4g} %: all {len(cells)} comparisons "
+    together += f"hold together with {100 * level:.3g} % (Bonferroni)."
+    return RunFindings(
+        catalogue=runs[0].kind.catalogue,
+        name=runs[0].name,
+        folder=str(runs[0].path),
+        scope=f"seed {runs[0].manifest['seed']}",
+        confidence=confidence,
+        paper=False,
+        cells=cells,
+        notes=(Note(Rank.REFERENCE, together),) if len(cells) > 1 else (),
+        site=site_words([member.cell.scenario for couple in couples for member in couple]),
+        between_avs=True,
+    )
+
+
+def _compared(
+    runs: Sequence[RunData],
+    first: StrategyCell,
+    second: StrategyCell,
+    number: int,
+    confidence: float,
+    *,
+    several: bool,
+) -> CellFindings:
+    kind, cell = runs[0].kind, first.cell
+    rows, others = (runs[each.run].rows_of_cell(each.cell.number) for each in (first, second))
+    if first.run != second.run:
+        _refuse_other_references(rows, others, runs[second.run].path)
+    findings = kind.findings(_side_by_side(rows, others), cell, confidence)
+    pairs, failed = findings["pairs"].count, findings["failed"].count
+    notes = []
+    if failed:
+        text = f"{failed:,} of {counted(pairs, 'pair')} failed; no row counts them."
+        notes.append(Note(Rank.FAILURES, text))
+    if pairs - failed < FEW_HOURS:
+        text = f"Few pairs: each interval rests on {counted(pairs - failed, 'pair')}."
+        notes.append(Note(Rank.FEW_PAIRS, text))
+    return CellFindings(
+        cell=number,
+        varied={"against": second.label} if several else {},
+        av=first.label,
+        reference=second.label,
+        pairs=pairs,
+        thresholds=cell.scenario.conflicts.model_dump(),
+        findings=findings,
+        notes=tuple(notes),
+    )
+
+
+def _side_by_side(first: pa.Table, second: pa.Table) -> pa.Table:
+    """The AV's rows of two cells as the two arms of one, by pair."""
+    arms = [rows.filter(pc.equal(rows["arm"], Arm.AV.value)) for rows in (first, second)]
+    common = np.intersect1d(*(arm["pair"].to_numpy() for arm in arms))
+    parts = []
+    for arm, rows in zip(Arm, arms, strict=True):
+        kept = rows.filter(pc.is_in(rows["pair"], value_set=pa.array(common)))
+        names = pa.array([arm.value] * kept.num_rows, pa.string())
+        parts.append(kept.set_column(kept.schema.get_field_index("arm"), "arm", names))
+    return pa.concat_tables(parts).sort_by([("pair", "ascending"), ("arm", "ascending")])
+
+
+def _refuse_other_references(first: pa.Table, second: pa.Table, path: Path) -> None:
+    """Refuse runs whose reference arms differ: their pairs are not the same."""
+    arms = [
+        rows.filter(pc.equal(rows["arm"], Arm.HUMAN.value)).sort_by("pair")
+        for rows in (first, second)
+    ]
+    common = np.intersect1d(*(arm["pair"].to_numpy() for arm in arms))
+    tables = [arm.filter(pc.is_in(arm["pair"], value_set=pa.array(common))) for arm in arms]
+    for field in first.schema:
+        if not pa.types.is_floating(field.type):
+            continue
+        a, b = (table[field.name].to_numpy(zero_copy_only=False) for table in tables)
+        if not np.allclose(a, b, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True):
+            problem = f"its reference arm has another {field.name}: the pairs are not the same"
+            raise InputError(str(path), problem, "the same seed, people, vehicles and reference")
