@@ -4,6 +4,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import pyarrow.compute as pc
 import pytest
 
 from harness.core.errors import InputError
@@ -38,9 +39,7 @@ def run_of(strategies: str, delays: list[list[float]], reference: float = 9.0) -
         path=Path(strategies),
         name="made",
         manifest={"seed": 1},
-        rows_of_cell=lambda cell: table.filter(
-            [value == cell for value in table["cell"].to_pylist()]
-        ),
+        rows_of_cell=lambda cell: table.filter(pc.equal(table["cell"], cell)),
     )
 
 
