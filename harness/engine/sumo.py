@@ -125,6 +125,17 @@ def libsumo_with(command: Sequence[str]) -> tuple[Any, Callable[[], None]]:
     return libsumo, libsumo.close
 
 
+def compiled_function(part: str, name: str) -> Callable[..., Any]:
+    """A function of libsumo without its wrapper in Python.
+
+    Args:
+        part: e.g. ``vehicle``.
+        name: of the function, e.g. ``getSpeed``.
+    """
+    function: Callable[..., Any] = getattr(_libsumo, f"{part}_{name}")
+    return function
+
+
 def _start(
     net: Path, added: str, step_s: float, sumo_seed: int, outputs: Mapping[str, str] | None
 ) -> None:

@@ -72,6 +72,9 @@ def write_config(
 Start = Callable[[Sequence[str]], tuple[Any, Callable[[], None]]]
 """Starts SUMO with a command line; returns its API and the function that ends it."""
 
+Function = Callable[[str, str], Callable[..., Any]]
+"""From a part and a name, e.g. ``vehicle`` and ``getSpeed``: SUMO's function."""
+
 
 class OwnSimulation:
     """A running simulation of a user's scenario.
@@ -81,20 +84,32 @@ class OwnSimulation:
         end_s: the time at which the simulation ends; None: when everybody has arrived.
         start: starts SUMO with a command line; None: libsumo.
 
+    Attributes:
+        function: the function ``api.part.name``, from part and name, for calls at every step; of
+            libsumo it is the compiled one, without its wrapper in Python.
+
     Raises:
         EngineError: SUMO does not start.
     """
 
     def __init__(self, config_file: Path, end_s: float | None, start: Start | None = None) -> None:
+        compiled: Function | None = None
         if start is None:
-            from harness.engine.sumo import libsumo_with
+            from harness.engine.sumo import compiled_function, libsumo_with
 
-            start = libsumo_with
+            start, compiled = libsumo_with, compiled_function
         self.api, self._close = start(["sumo", "-c", str(config_file)])
+        self.function: Function = compiled or self._public
+        self._advance = compiled("simulation", "step") if compiled else self.api.simulationStep
+        self._now = self.function("simulation", "getTime")
         self._end_s = end_s
         self._lost = (self.api.TraCIException, self.api.FatalTraCIError)
         self.time_s: float = self.api.simulation.getTime()
         self.step_s: float = self.api.simulation.getDeltaT()
+
+    def _public(self, part: str, name: str) -> Callable[..., Any]:
+        function: Callable[..., Any] = getattr(getattr(self.api, part), name)
+        return function
 
     @property
     def goes_on(self) -> bool:
@@ -117,10 +132,10 @@ class OwnSimulation:
             EngineError: SUMO lost the simulation.
         """
         try:
-            self.api.simulationStep()
+            self._advance()
         except self._lost as error:
             raise EngineError(f"SUMO lost the simulation: {one_line(str(error))}") from None
-        self.time_s = self.api.simulation.getTime()
+        self.time_s = self._now()
         return self.time_s
 
     def departed(self, name: str, *, automated: bool) -> None:

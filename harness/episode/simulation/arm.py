@@ -9,6 +9,7 @@ from harness.engine.simulation.running import OwnSimulation
 from harness.episode.deciding import ROUNDING_M
 from harness.episode.simulation.driving import Control, PassageLog
 from harness.episode.simulation.log import SimulationLog, VehicleKind
+from harness.episode.simulation.looking import Lookout, WatchedLane
 from harness.episode.simulation.passages import STANDING_MPS
 from harness.episode.simulation.people import PeopleAtCrosswalk
 from harness.episode.simulation.visits import (
@@ -73,13 +74,26 @@ class SimulationArm:
         self.is_automated, self.make = is_automated, make
         self.api: Any = simulation.api
         self.log = SimulationLog()
-        self.lanes = dict(setting.lanes())
-        self.seen: dict[str, set[str]] = {lane: set() for lane in self.lanes}
+        function = simulation.function
+        self.lookout = Lookout(
+            setting,
+            simulation.step_s,
+            function("lane", "getLastStepVehicleIDs"),
+            function("vehicle", "getLanePosition"),
+            self.api.edge.getLaneNumber,
+            self._judged,
+        )
+        self._distance_of = function("vehicle", "getDistance")
+        self._speed_of = function("vehicle", "getSpeed")
+        self._departed = function("simulation", "getDepartedIDList")
+        self._gone = function("simulation", "getArrivedIDList")
+        self._teleported = function("simulation", "getStartingTeleportIDList")
+        self._collisions = function("simulation", "getCollisions")
         self.judged: dict[str, dict[str, int]] = {}
         self.active: dict[tuple[str, str], PassageLog] = {}
         self.control = Control(self.api, simulation.step_s, detection_m, self._views)
         self.people = {
-            crosswalk.id: PeopleAtCrosswalk(self.api, crosswalk, self._person_came)
+            crosswalk.id: PeopleAtCrosswalk(function, crosswalk, self._person_came)
             for crosswalk in setting.crosswalks
         }
         self.hits: set[tuple[str, str]] = set()
@@ -115,7 +129,7 @@ class SimulationArm:
                 for people in self.people.values():
                     people.note(time_s)
                 self._follow(time_s)
-                self._look(time_s)
+                self.lookout.look(time_s)
                 if steps % sample_steps == 0 and self.counted[0] < time_s <= self.counted[1]:
                     self._sample()
         except (self.api.TraCIException, self.api.FatalTraCIError) as error:
@@ -137,17 +151,17 @@ class SimulationArm:
     def _count(self) -> None:
         """Count the vehicles that departed, collided, were teleported, or have left."""
         api, log = self.api, self.log
-        for name in api.simulation.getDepartedIDList():
+        for name in self._departed():
             type_id = api.vehicle.getTypeID(name)
             vehicle_class = api.vehicle.getVehicleClass(name)
             automated = self.is_automated(name, type_id, vehicle_class)
             log.vehicles[name] = VehicleKind(type_id, vehicle_class, automated)
             self.simulation.departed(name, automated=automated)
-        for collision in api.simulation.getCollisions():
+        for collision in self._collisions():
             self._note_collision(collision)
-        teleported = api.simulation.getStartingTeleportIDList()
+        teleported = self._teleported()
         log.teleports += len(teleported)
-        gone = [(name, "arrived on its way") for name in api.simulation.getArrivedIDList()]
+        gone = [(name, "arrived on its way") for name in self._gone()]
         for name, why in gone + [(name, TELEPORTED) for name in teleported]:
             self.judged.pop(name, None)
             for key in [key for key in self.active if key[0] == name]:
@@ -186,13 +200,14 @@ class SimulationArm:
 
     def _follow(self, time_s: float) -> None:
         """Read the states, at the step's end, of all vehicles on their way over a crosswalk."""
-        vehicle = self.api.vehicle
+        if not self.active:
+            return
         checked: set[str] = set()
         for key, passage in list(self.active.items()):
             name = passage.name
             try:
-                x_m = passage.offset_m + vehicle.getDistance(name)
-                speed_mps = vehicle.getSpeed(name)
+                x_m = passage.offset_m + self._distance_of(name)
+                speed_mps = self._speed_of(name)
             except self.api.TraCIException:
                 self._end(key, VANISHED, exists=False)
                 continue
@@ -215,30 +230,11 @@ class SimulationArm:
             self.control.leave(passage, exists=exists)
             passage.strategy = None
 
-    def _look(self, time_s: float) -> None:
-        """Find the vehicles whose front has passed R0 in the last step."""
-        on_lane, place = self.api.lane.getLastStepVehicleIDs, self.api.vehicle.getLanePosition
-        for lane, ways in self.lanes.items():
-            names, seen = on_lane(lane), self.seen[lane]
-            if not names:
-                seen.clear()
-                continue
-            # A vehicle that comes again begins a new passage.
-            seen.intersection_update(names)
-            for name in names:
-                if name not in seen and self._judged(name, lane, place(name), ways, time_s):
-                    seen.add(name)
-
-    def _judged(
-        self, name: str, lane: str, position_m: float, ways: list[DrivenWay], time_s: float
-    ) -> bool:
+    def _judged(self, name: str, position_m: float, lane: WatchedLane, time_s: float) -> bool:
         """Whether nothing remains to be decided about a vehicle at any crosswalk on this lane."""
-        by_crosswalk: dict[str, list[tuple[DrivenWay, float]]] = {}
-        for each in ways:
-            start_m = next(part.start_m for part in each.way.lanes if part.lane == lane)
-            by_crosswalk.setdefault(each.way.crosswalk, []).append((each, start_m + position_m))
         whole = True
-        for crosswalk, candidates in by_crosswalk.items():
+        for crosswalk, ways in lane.ways.items():
+            candidates = [(each, start_m + position_m) for each, start_m in ways]
             x_m = max(x_m for _, x_m in candidates)
             if (name, crosswalk) in self.active or x_m >= 0.0:
                 continue

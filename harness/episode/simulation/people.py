@@ -57,31 +57,39 @@ class PeopleAtCrosswalk:
     """Everybody who is about to cross at one crosswalk, or is on it.
 
     Args:
-        api: the running simulation.
+        function: SUMO's function of a part and a name (``OwnSimulation.function``).
         crosswalk: the crosswalk.
         on_new: called with the id of everybody who comes.
     """
 
-    def __init__(self, api: Any, crosswalk: Crosswalk, on_new: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        function: Callable[[str, str], Callable[..., Any]],
+        crosswalk: Crosswalk,
+        on_new: Callable[[str], None],
+    ) -> None:
         self.crosswalk = crosswalk
         self.present: dict[str, PersonAt] = {}
         self.gone: list[PersonAt] = []
         self._count = 0
         self._on_new = on_new
         self._areas = sorted(crosswalk.areas)
-        self._persons_on: Callable[[str], Sequence[str]] = api.edge.getLastStepPersonIDs
-        self._next_edge: Callable[[str], str] = api.person.getNextEdge
-        self._place: Callable[[str], Sequence[float]] = api.person.getPosition
+        self._persons_on: Callable[[str], Sequence[str]] = function("edge", "getLastStepPersonIDs")
+        self._next_edge: Callable[[str], str] = function("person", "getNextEdge")
+        self._place: Callable[[str], Sequence[float]] = function("person", "getPosition")
 
     def note(self, time_s: float) -> None:
         """Note where everybody is at the end of a step."""
         crossing, present = self.crosswalk.id, self.present
         here = self._persons_on(crossing)
+        beside = [self._persons_on(area) for area in self._areas]
+        if not (present or here or any(beside)):
+            return
         known = set(here)
         for name in here:
             self._known(name).note(time_s, self._place(name), on_crossing=True)
-        for area in self._areas:
-            for name in self._persons_on(area):
+        for names in beside:
+            for name in names:
                 if name in known:
                     continue
                 if self._next_edge(name) == crossing:

@@ -1,0 +1,136 @@
+"""The lanes before the chosen crosswalks: which of them are looked at in a step, and whom."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from harness.episode.deciding import ROUNDING_M
+from harness.site.simulation import DrivenWay, Setting
+
+MOST_MPS = 100.0
+"""No vehicle is faster: where it can be after some steps follows from this."""
+
+
+@dataclass(slots=True, eq=False)
+class WatchedLane:
+    """A lane on which vehicles are between R0 and a chosen crosswalk.
+
+    Attributes:
+        name: SUMO's id of the lane.
+        ways: by crosswalk, the ways on this lane, each with x at which the lane begins.
+        before_m: a vehicle whose position on the lane is less has not passed R0 of any crosswalk.
+        until: the lane is looked at up to this step; infinite if vehicles may come onto it from
+            lanes that are not watched.
+        fed: the lanes onto which vehicles come from this one alone or from others that feed them,
+            so that nobody is there if nobody was here a step ago.
+        due: by vehicle, the step at which it is to be looked at again.
+    """
+
+    name: str
+    ways: dict[str, list[tuple[DrivenWay, float]]]
+    before_m: float
+    until: float = math.inf
+    fed: "list[WatchedLane]" = field(default_factory=list)
+    due: dict[str, float] = field(default_factory=dict)
+
+
+Judge = Callable[[str, float, "WatchedLane", float], bool]
+"""From vehicle, position, lane and time: whether it need not be looked at on this lane again."""
+
+
+class Lookout:
+    """Finds the vehicles whose front has passed R0 in the last step.
+
+    A lane inside a junction is looked at only if somebody was there, or on a lane that leads there,
+    a step ago.  A vehicle is looked at again when it can have reached R0.
+
+    Args:
+        setting: the crosswalks.
+        step_s: length of a step.
+        on_lane: the vehicles on a lane.
+        place: a vehicle's position on its lane.
+        lanes_of_edge: the number of lanes of an edge.
+        judge: called with each vehicle that has passed R0 of a crosswalk.
+    """
+
+    def __init__(
+        self,
+        setting: Setting,
+        step_s: float,
+        on_lane: Callable[[str], Sequence[str]],
+        place: Callable[[str], float],
+        lanes_of_edge: Callable[[str], int],
+        judge: Judge,
+    ) -> None:
+        self._on_lane, self._place, self._judge = on_lane, place, judge
+        self._per_step_m = MOST_MPS * step_s
+        self._steps = 0
+        self.lanes = _watched(setting, self._per_step_m, lanes_of_edge)
+
+    def look(self, time_s: float) -> None:
+        """Look at the end of a step."""
+        self._steps += 1
+        steps, on_lane = self._steps, self._on_lane
+        for lane in self.lanes:
+            if lane.until < steps:
+                continue
+            names = on_lane(lane.name)
+            if not names:
+                if lane.due:
+                    lane.due.clear()
+                continue
+            due = lane.due
+            for fed in lane.fed:
+                fed.until = steps + 1
+            for name in names:
+                if due.get(name, 0) > steps:
+                    continue
+                position_m = self._place(name)
+                left_m = lane.before_m - position_m
+                if left_m > 0.0:
+                    due[name] = steps + 1 + int(left_m / self._per_step_m)
+                else:
+                    done = self._judge(name, position_m, lane, time_s)
+                    due[name] = math.inf if done else steps + 1
+            if len(due) > len(names):
+                here = {*names}
+                for name in [name for name in due if name not in here]:
+                    del due[name]
+
+
+def _watched(
+    setting: Setting, per_step_m: float, lanes_of_edge: Callable[[str], int]
+) -> list[WatchedLane]:
+    lanes = {}
+    for name, ways in setting.lanes().items():
+        by_crosswalk: dict[str, list[tuple[DrivenWay, float]]] = {}
+        for each in ways:
+            start_m = next(part.start_m for part in each.way.lanes if part.lane == name)
+            by_crosswalk.setdefault(each.way.crosswalk, []).append((each, start_m))
+        farthest = max(start_m for each in by_crosswalk.values() for _, start_m in each)
+        before_m = -setting.range_m - farthest - 2 * ROUNDING_M
+        lanes[name] = WatchedLane(name, by_crosswalk, before_m)
+    for lane in lanes.values():
+        # Vehicles neither depart nor change lanes on the only lane of an edge in a junction.
+        if lane.name.startswith(":") and lanes_of_edge(lane.name.rpartition("_")[0]) == 1:
+            feeders = _feeders(lane, lanes, per_step_m)
+            if feeders is not None:
+                lane.until = 1
+                for feeder in (lane, *feeders):
+                    feeder.fed.append(lane)
+    return [*lanes.values()]
+
+
+def _feeders(
+    lane: WatchedLane, lanes: dict[str, WatchedLane], per_step_m: float
+) -> tuple[WatchedLane, ...] | None:
+    """The lanes on which a vehicle was a step before it came onto this one."""
+    feeders: dict[str, WatchedLane] = {}
+    for ways in lane.ways.values():
+        for each, start_m in ways:
+            reach_m = start_m - per_step_m
+            parts = [p for p in each.way.lanes if reach_m < p.end_m and p.start_m < start_m]
+            if not parts or parts[0].start_m > reach_m or any(p.lane not in lanes for p in parts):
+                return None
+            feeders |= {part.lane: lanes[part.lane] for part in parts}
+    return tuple(feeders.values())
