@@ -3,7 +3,8 @@
     python docs/pictures/make.py              # all of them
     python docs/pictures/make.py report sweep # some of them
 
-``report`` needs Chromium; ``sumo-gui`` and ``zebra`` need a desktop or ``xvfb-run``.
+``report`` and ``own_simulation`` need Chromium; ``sumo-gui``, ``zebra`` and
+``own_simulation_gui`` need a desktop or ``xvfb-run``.
 """
 
 import os
@@ -14,6 +15,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import sumo
 from PIL import Image
 from playwright.sync_api import FloatRect, sync_playwright
 
@@ -130,6 +132,72 @@ def zebra() -> None:
     save(frame("zebra-run", 0, 4.1), "zebra", (240, 320, 1040, 540))
 
 
+def town() -> None:
+    """The scenario file of the SUMO scenario in ``examples/own_simulation``."""
+    config = ROOT / "examples" / "own_simulation" / "town.sumocfg"
+    Path("town.toml").write_text(
+        f'[simulation]\nconfig = "{config}"\ncrossings = [":J7_c0", ":J9_c1"]\nstep_s = 0.1\n'
+        'av_share = 0.3\n[arms]\nav = "soft_yield"\nhuman = "sumo_driver"\n'
+    )
+
+
+def own_simulation() -> None:
+    """The page of a run of a user's own simulation: its first screen, player and figures."""
+    town()
+    harness("run", "town.toml", "--pairs", 5, "--quiet", "--out", "own")
+    harness("report", "own", "--quiet")
+    with sync_playwright() as browsers:
+        chromium = shutil.which("chromium")
+        browser = browsers.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1100, "height": 900}, color_scheme="light")
+        page.goto(Path("own/report.html").resolve().as_uri())
+        page.locator("#player-time").fill("2")
+        last = page.locator("#episodes").bounding_box()
+        assert last is not None
+        upper: FloatRect = {
+            "x": 0,
+            "y": 0,
+            "width": 1100,
+            "height": last["y"] + last["height"] + 2,
+        }
+        page.screenshot(path="own.png", full_page=True, clip=upper)
+        browser.close()
+    save(Path("own.png"), "own_simulation")
+
+
+def own_simulation_gui() -> None:
+    """AVs (blue) among other vehicles at a crosswalk of a busy grid, in sumo-gui."""
+    home = Path(sumo.SUMO_HOME)
+    grid = ("--grid", "--grid.number", "3", "--grid.length", "120", "--sidewalks.guess")
+    generate = [home / "bin" / "netgenerate", *grid, "--crossings.guess", "-o", "town.net.xml"]
+    trips = [sys.executable, home / "tools" / "randomTrips.py", "-n", "town.net.xml", "-e", "300"]
+    cars = ("-o", "trips.xml", "-r", "cars.rou.xml", "-p", "1.2", "--validate")
+    people = ("-o", "people.rou.xml", "-p", "0.8", "--pedestrians")
+    for command in (generate, [*trips, *cars], [*trips, *people]):
+        words = [str(word) for word in command]
+        subprocess.run(words, check=True, env=os.environ | {"SUMO_HOME": str(home)})
+    Path("busy.sumocfg").write_text(
+        '<configuration><net-file value="town.net.xml"/>'
+        '<route-files value="cars.rou.xml,people.rou.xml"/><end value="300"/></configuration>'
+    )
+    Path("busy.toml").write_text(
+        '[simulation]\nconfig = "busy.sumocfg"\ncrossings = [":B1_c0"]\nstep_s = 0.1\n'
+        'av_share = 0.5\n[arms]\nav = "soft_yield"\nhuman = "sumo_driver"\n'
+    )
+    harness("run", "busy.toml", "--pairs", 1, "--quiet", "--out", "own")
+    shown = ("--gui", "--pace", 20, "--screenshots", "frames", "--every", 0.5)
+    harness("replay", "own", "--pair", 0, "--arm", "av", *shown, display=True)
+    frames = sorted(Path("frames").rglob("*.png"))
+    save(max(frames, key=vehicles_of_both_colours), "own_simulation_gui", (240, 110, 1040, 750))
+
+
+def vehicles_of_both_colours(picture: Path) -> int:
+    """The number of pixels of the rarer colour, that of AVs or that of other vehicles."""
+    with Image.open(picture) as image:
+        counts = {colour: number for number, colour in image.convert("RGB").getcolors(1 << 24)}
+    return min(counts.get(colour, 0) for colour in ((0, 114, 178), (255, 255, 0)))
+
+
 PICTURES: dict[str, Callable[[], None]] = {
     "report": report,
     "sweep": sweep,
@@ -137,6 +205,8 @@ PICTURES: dict[str, Callable[[], None]] = {
     "time-space": time_space,
     "sumo-gui": sumo_gui,
     "zebra": zebra,
+    "own_simulation": own_simulation,
+    "own_simulation_gui": own_simulation_gui,
 }
 """Every picture by its name."""
 

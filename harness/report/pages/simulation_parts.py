@@ -1,6 +1,7 @@
 """The parts of the page of a user's own simulation."""
 
 from collections.abc import Hashable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -26,10 +27,11 @@ _ARM_WORDS = {Arm.AV: "the AV's arm", Arm.HUMAN: "the reference's arm"}
 
 def _opening(run: RunData) -> str:
     av, human = (strategies_of(run, arm) for arm in Arm)
+    config = Path(run.scenario.known_simulation.config).name
     return (
-        f"Each pair simulates {run.scenario.known_simulation.config} twice with one seed: once "
-        f"{av} drives the AVs from R0 until they have left the chosen crosswalks, once {human} "
-        "drives there. SUMO keeps everything else: vehicles, people, lights and right of way."
+        f"Each pair simulates {config} twice with one seed: once {av} drives the AVs from R0 until "
+        f"they have left the chosen crosswalks, once {human} drives there. SUMO keeps everything "
+        "else: vehicles, people, lights and right of way."
     )
 
 
