@@ -45,7 +45,7 @@ def replay(
     vehicle: Annotated[
         str | None,
         typer.Option(
-            help="With --gui, of a run of [simulation]: show this vehicle's most striking passage.",
+            help="With --gui, for [simulation]: show this vehicle's most striking passage.",
             metavar="ID",
         ),
     ] = None,

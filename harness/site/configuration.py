@@ -101,8 +101,8 @@ def read_config(path: Path, step_s: float | None = None) -> SumoConfig:
         step_s: a shorter step for both arms; None keeps the configuration's.
 
     Raises:
-        InputError: SUMO refuses the configuration, a file of it is missing, nobody comes, or one of
-            its options is not supported.
+        InputError: SUMO refuses the configuration, one of its files is missing, no vehicle comes,
+            or one of its options is not supported.
     """
     if not path.is_file():
         raise InputError(str(path), "no such configuration", "a SUMO configuration (.sumocfg)")

@@ -36,7 +36,7 @@ class Setting:
         step_s: the step of both arms.
         range_m: R0, where a passage begins.
         crosswalks: the chosen crosswalks, and further ones within R0 of them.
-        added: ids of the further ones.
+        added: ids of these further crosswalks.
         ways: the ways over all of them.
         footpaths: the footpaths at both ends of each named crosswalk.
     """

@@ -59,7 +59,7 @@ _SSM_FILE = "device.ssm.file"
 
 @dataclass(frozen=True)
 class Kept:
-    """Which of a scenario's outputs are written, and where.
+    """The outputs of a scenario that are written, and their folder.
 
     Attributes:
         folder: the arm's own folder.

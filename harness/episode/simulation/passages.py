@@ -84,8 +84,8 @@ def passage(
         way: the vehicle's way over the crosswalk.
         vehicle: its constants; v0 is the speed of a free passage.
         motion: how it moves between two records.
-        rounding_m: largest error of a recorded position.  Records that a walk at constant speed
-            explains are left out.
+        rounding_m: largest error of a recorded position.  Records within this distance of a walk at
+            constant speed are left out.
 
     Returns:
         The trace, in the way's frame; ``timed_out`` if the rear never left the crosswalk.
@@ -193,7 +193,7 @@ def _between_kerbs(track: FloatArray, on: np.ndarray, length_m: float) -> FloatA
 
     A person crosses a kerb at the speed of the nearest step between the kerbs, because they may
     have waited in the step before or may turn in the step after it.  If the kerb would then fall
-    into another step, it is taken on the straight line to the record beyond the kerb.
+    into another step, the point is taken from the straight line to the record beyond the kerb.
     """
     inside = (track[:, 2] >= KERB_M) & (track[:, 2] <= length_m - KERB_M)
     inside[: on[0]] = inside[on[-1] + 1 :] = False

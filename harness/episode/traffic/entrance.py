@@ -85,9 +85,9 @@ class Entrance:
     def _entry_speed(self, lane: LaneOnRoad, car: HourVehicle) -> float | None:
         """v0, or a lower speed that is safe behind a slow leader; None while there is no room.
 
-        There is room if the leader's rear is minGap and the headway τ at v0 ahead.  The safe speed
-        is v = −bτ + sqrt(b²τ² + v_l² b/max(b, b_l) + 2 b g), where g is the gap minus minGap and
-        b_l is the leader's deceleration (Krauss 1998, as in SUMO).
+        There is room if the leader's rear is at least minGap + v0 τ ahead.  The safe speed is
+        v = −bτ + sqrt(b²τ² + v_l² b/max(b, b_l) + 2 b g), where g is the gap minus minGap and b_l
+        is the leader's deceleration (Krauss 1998, as in SUMO).
         """
         vehicle, traffic = car.vehicle, self._traffic
         top = vehicle.initial_speed_mps
