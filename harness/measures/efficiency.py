@@ -53,8 +53,8 @@ def max_speed_mps(chunk: Chunk) -> FloatArray:
 def pedestrian_delay_s(chunk: Chunk) -> FloatArray:
     """Mean wait at the kerb of the people who arrived within the record, in s; NaN if nobody did.
 
-    A wait lasts from arrival until stepping off, or until the record's end.  Timed pedestrians, who
-    have no quantile, do not count: they step off at a given time.
+    A wait lasts from arrival until stepping off, or until the record's end.  Timed pedestrians do
+    not count, because they step off at a given time.
     """
     total = np.zeros(len(chunk.traces))
     for number, walk, end_s in _arrivals(chunk):

@@ -1,4 +1,4 @@
-"""Options of a run's execution; none of them changes the result of a pair."""
+"""Options for executing a run; none of them changes the result of a pair."""
 
 import math
 import operator

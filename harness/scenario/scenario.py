@@ -64,12 +64,12 @@ class Scenario(Section):
         return _vehicle(self.ego)
 
     def vehicles(self) -> tuple[Vehicle, ...]:
-        """The vehicle of each type of ``[[traffic.types]]``; the ego alone if there is no mix."""
+        """The vehicle of each type of ``[[traffic.types]]``; only the ego if there is no mix."""
         types = () if self.traffic is None else self.traffic.types
         return tuple(_vehicle(kind.vehicle_of(self.ego)) for kind in types) or (self.vehicle(),)
 
     def vehicle_of_type(self, name: str | None) -> Vehicle:
-        """The vehicle of a type of that name; the ego's if the name is None."""
+        """The vehicle of the type with that name; the ego if the name is None."""
         if name is None:
             return self.vehicle()
         names = [kind.name for kind in self.known_traffic.types]
@@ -146,7 +146,7 @@ class Scenario(Section):
         return math.ceil(headway_s / step_s - 1e-9) * step_s
 
     def timed_walks(self) -> tuple[tuple[Side, tuple[Leg, ...]], ...]:
-        """Side and path of each timed pedestrian of ``timed_case``; of all if it is not given."""
+        """Side and path of the timed pedestrians of ``timed_case``, or of all cases if not given."""
         case = self.pedestrians.timed_case
         return tuple(
             (Side(timed.side), path_of(timed, self))

@@ -131,7 +131,7 @@ def _check_driven(study: Study, settings: Sequence[Setting]) -> None:
 def _given(
     file: ScenarioFile, points: Sequence[Mapping[str, Any]], source: str
 ) -> dict[str, Setting]:
-    """The varied keys with the setting that also sets the key, a part of it or its table."""
+    """The varied keys, each with the setting that sets it, a part of it, or its table."""
     keys = dict.fromkeys(key for point in points for key in point)
     paths = [(setting, _path_of(setting)) for setting in file.settings]
     return {

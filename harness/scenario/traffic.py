@@ -16,8 +16,8 @@ Flow = Annotated[float, Field(ge=0, le=100_000)]
 class VehicleTypeSection(Section):
     """``[[traffic.types]]``: a type of the vehicle mix.
 
-    A key that is not given has the value of ``[ego]``.  v0, R0 and the detection range are those of
-    ``[ego]`` for every type.
+    A key that is not given has the value of ``[ego]``.  v0, R0 and the detection range have the
+    values of ``[ego]`` for every type.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=40)]
@@ -31,14 +31,14 @@ class VehicleTypeSection(Section):
     max_acceleration_mps2: Annotated[float, Field(gt=0, le=20)] | None = None
     """Greatest acceleration that a strategy can command."""
     max_deceleration_mps2: Annotated[float, Field(gt=0, le=20)] | None = None
-    """Greatest deceleration that a strategy can command, and that of SUMO's car following."""
+    """Greatest deceleration that a strategy can command; SUMO's car following has the same."""
     resume_acceleration_mps2: Annotated[float, Field(gt=0, le=20)] | None = None
-    """a0: acceleration back to v0, and that of SUMO's car following."""
+    """a0: acceleration back to v0, also in SUMO's car following."""
     automated: bool = True
     """Whether its vehicles may be AVs; if not, `arms.human` drives them in both arms."""
 
     def vehicle_of(self, ego: EgoSection) -> EgoSection:
-        """``[ego]`` with the values that this type gives."""
+        """``[ego]`` with the values of this type."""
         given = self.model_dump(exclude={"name", "share", "automated"}, exclude_none=True)
         return ego.model_copy(update=given)
 
@@ -55,7 +55,7 @@ class TrafficSection(Section):
     """Vehicles per hour in the oncoming direction; a list has one value for each quarter-hour."""
     av_share: Share = 1.0
     """Share of the vehicles that ``arms.av`` drives in the AV's arm; with ``types``, the share of
-    those that may be AVs."""
+    the vehicles that may be AVs."""
     duration_s: Annotated[float, Field(gt=0, le=7 * 86_400)] = 3600.0
     """Duration over which vehicles and pedestrians are counted; whole steps."""
     warm_up_s: Annotated[float, Field(ge=0, le=86_400)] = 300.0
@@ -71,7 +71,7 @@ class TrafficSection(Section):
     saturated: bool = False
     """Keep a vehicle waiting in every lane at all times, which measures the capacity."""
     types: Annotated[tuple[VehicleTypeSection, ...], Field(strict=False)] = ()
-    """The vehicle mix; if not given, every vehicle is that of ``[ego]``."""
+    """The vehicle mix; if not given, every vehicle is the vehicle of ``[ego]``."""
 
     def has_vehicles(self, *, oncoming: bool) -> bool:
         """Whether any vehicles arrive in a direction."""
@@ -80,12 +80,12 @@ class TrafficSection(Section):
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """The share of each type; of ``[ego]``'s vehicle alone if there is no mix."""
+        """The share of each type; 1 for the vehicle of ``[ego]`` if there is no mix."""
         return tuple(kind.share for kind in self.types) or (1.0,)
 
     @property
     def share_of_avs(self) -> float:
-        """The share of AVs among all vehicles of the AV's arm, in expectation."""
+        """The expected share of AVs among all vehicles of the AV's arm."""
         if not self.types:
             return self.av_share
         return self.av_share * math.fsum(kind.share for kind in self.types if kind.automated)

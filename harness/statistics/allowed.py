@@ -78,8 +78,8 @@ class AllowedInterval:
     """The verdict on a sweep: some values are allowed, none is, or there are too few pairs.
 
     If there are too few pairs, ``expected`` is the verdict that the present estimates suggest, and
-    with ``pairs_needed`` pairs one value would be allowed, or all would be denied. ``pairs_needed``
-    is None if the number is unknown.
+    ``pairs_needed`` is the number of pairs that would show it (one value allowed, or all denied);
+    None if unknown.
     """
 
     verdict: SweepVerdict

@@ -1,7 +1,7 @@
 """Every number that a run of encounters reports, each defined once.
 
-To report another number, add an entry: the run's tables, JSON, terminal, page and the reference
-in the documentation are made from it.
+To report another number, add an entry. The run's tables, JSON, terminal, page and the reference in
+the documentation are made from the entries.
 """
 
 from harness.statistics.bootstrap import Resampled

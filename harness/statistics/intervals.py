@@ -127,10 +127,11 @@ def clustered_proportion(
 ) -> Proportion:
     """A proportion of trials that come in clusters, within which they may be correlated.
 
-    The interval is that of Korn and Graubard (1998): Clopper and Pearson's for the effective number
-    of trials.  This is the number of trials over the design effect, times the squared ratio of
-    Student's t for the trials to that for the clusters.  The design effect is the variance between
-    clusters over the binomial variance; it is at least 1, and 1 if the binomial variance is 0.
+    The interval is Korn and Graubard's (1998): Clopper and Pearson's for the effective number of
+    trials.  The effective number is the number of trials, divided by the design effect and times
+    (t_trials / t_clusters)², where t is Student's quantile.  The design effect is the variance
+    between clusters over the binomial variance; it is at least 1, and 1 if the binomial variance is
+    0.
 
     Args:
         successes: number of successes in each cluster, shape (k,).

@@ -45,7 +45,7 @@ class CrashTest:
 class Difference(Resampled):
     """A difference of two cells over the same pairs, and the p-value of the sign-flip test.
 
-    The test's hypothesis is that the cells do not differ.  ``informative`` is the number of pairs
+    The null hypothesis is that the cells do not differ.  ``informative`` is the number of pairs
     that differ.  The interval excludes 0 only if the test rejects.
     """
 
@@ -62,8 +62,8 @@ def paired_difference(
     """Mean of a − b with its interval over the pairs in which both are defined.
 
     The interval is the BCa bootstrap's.  It is extended to 0 if the sign-flip test does not reject
-    at 1 − ``confidence``: if few pairs differ and all differences have one sign, the bootstrap's
-    interval always excludes 0.
+    at 1 − ``confidence``, because the bootstrap's interval always excludes 0 if few pairs differ
+    and all differences have one sign.
 
     Args:
         a: shape (n,), NaN where undefined.

@@ -46,7 +46,7 @@ class ArmColumns:
         return self.mean_of(av[name] - human[name])
 
     def time_ratio(self) -> Interval:
-        """The sum of the travel times in the AV's arm over the sum in the reference's arm."""
+        """The sum of the travel times in the AV's arm divided by the sum in the reference's arm."""
         times = np.array([columns["travel_time_s"] for columns in self.arms])
         av, human = times[:, ~np.isnan(times).any(axis=0)]
         return student_ratio(av, human, self.confidence).within(least=0.0)

@@ -42,7 +42,7 @@ class HourColumns(ArmColumns):
         return self.scenario.known_traffic.saturated or self.growth(arm).saturated
 
     def rise_s(self, arm: int) -> Interval:
-        """The mean delay of vehicles due in the last third of an hour minus that of the first."""
+        """The mean delay of vehicles due in the last third of an hour minus the first third's."""
         columns = self.arms[arm]
         return self.mean_of(columns["last_third_delay_s"] - columns["first_third_delay_s"])
 

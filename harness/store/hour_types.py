@@ -1,4 +1,4 @@
-"""The results of hours of traffic by type of vehicle, where there is a vehicle mix."""
+"""The results of hours of traffic by type of vehicle, for runs with a vehicle mix."""
 
 import math
 from collections.abc import Sequence
@@ -18,8 +18,8 @@ def type_rows(hours: pa.Table, names: Sequence[str], confidence: float) -> list[
 
     Args:
         hours: the cell's rows of ``hours`` by pair, AV first.
-        names: of the types.
-        confidence: of the intervals.
+        names: names of the types.
+        confidence: confidence of the intervals.
 
     Returns:
         Counts are sums over the hours in which neither arm failed.  ``vehicle_delay_s`` is the mean
@@ -58,11 +58,11 @@ def type_numbers(
     """The column ``types`` of an arm in ``hours``.
 
     Args:
-        names: of the types.
+        names: names of the types.
         kinds: number of the type of each vehicle that counts.
-        automated: whether ``arms.av`` drives it in the AV's arm.
-        through: whether it passed.
-        delays: its delay in s; None with a permanent queue.
+        automated: whether ``arms.av`` drives each of these vehicles in the AV's arm.
+        through: whether each of them passed.
+        delays: delay of each of them in s; None with a permanent queue.
     """
     rows = []
     for number, name in enumerate(names):

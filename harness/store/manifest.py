@@ -83,7 +83,7 @@ def options_of(document: Mapping[str, Any], workers: int | None = None) -> Optio
 
 
 def refuse_other_versions(then: Mapping[str, Any], now: Mapping[str, Any]) -> None:
-    """Refuse to resume a run with other versions, strategies or models than it was begun with.
+    """Refuse to resume a run if versions, strategies or models have changed since it began.
 
     Args:
         then: the manifest's ``simulated_with``.

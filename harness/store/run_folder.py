@@ -129,7 +129,7 @@ class RunFolder:
         return _rows("episodes", shards)
 
     def rows_by_cell(self, name: str) -> Iterator[tuple[int, pa.Table]]:
-        """The number of every cell with its rows of a table, in order."""
+        """Yield the number of each cell and its rows of a table, in order."""
         for cell, shards in groupby(shards_of(self.path), key=lambda shard: shard.cell):
             yield cell, _rows(name, shards)
 
