@@ -1,4 +1,4 @@
-"""Findings and traces in; screens, figures and pages out."""
+"""Takes findings and traces and returns screens, figures and pages."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Every function that draws into axes, for notebooks and pages of one's own."""
+"""All functions that draw into axes, for a user's notebooks and pages."""
 
 from harness.report.drawing.episode_figures import (
     draw_arrivals as draw_arrivals,

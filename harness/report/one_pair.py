@@ -1,6 +1,6 @@
-"""One pair run in this process: for a notebook, a plot, a debugger.
+"""Runs one pair in this process, for a notebook, a plot or a debugger.
 
-There is no watchdog and no time limit, so ``breakpoint()`` in a strategy stops there.
+There is no watchdog and no time limit, so ``breakpoint()`` works in a strategy.
 """
 
 from collections.abc import Mapping
@@ -28,38 +28,38 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SHOWN = ("pass_time_s", "delay_s", "pet_s", "min_ttc_s", "max_drac_mps2", "contact_speed_mps")
-"""Measures in the table that a notebook shows; ``record`` has all."""
+"""Measures that a notebook's table shows; ``record`` has all measures."""
 
 
 @dataclass(frozen=True)
 class EpisodeOutcome:
-    """One arm of a pair: its record, its trace, and the trace as a table."""
+    """One arm of a pair, with its record, its trace, and the trace as a table."""
 
     outcome: Outcome
 
     @property
     def arm(self) -> Arm:
-        """Which arm."""
+        """The arm of the pair."""
         return self.outcome.arm
 
     @property
     def record(self) -> EpisodeRecord:
-        """Ending, contact and every measure (``record.pet_s``)."""
+        """The ending, the contact and every measure (``record.pet_s``)."""
         return self.outcome.record
 
     @property
     def trace(self) -> Trace:
-        """The ego's states and the pedestrians' walks; ``traceback`` of a strategy that raised."""
+        """The ego's states and the pedestrians' walks, and ``traceback`` if the strategy raised."""
         return self.outcome.trace
 
     @cached_property
     def rows(self) -> pd.DataFrame:
-        """One row per step and object, as ``RunData.traces``."""
+        """One row per step and object, as in ``RunData.traces``."""
         frame: pd.DataFrame = trace_rows(0, [self.outcome]).to_pandas()
         return frame
 
     def __repr__(self) -> str:
-        """What a debugger shows: the whole trace would bury it."""
+        """Return a short text for a debugger, without the trace."""
         return f"<EpisodeOutcome pair {self.outcome.pair}, {self.arm.value}: {self.record.ending}>"
 
     def _repr_html_(self) -> str:
@@ -69,7 +69,7 @@ class EpisodeOutcome:
 
 @dataclass(frozen=True)
 class PairOutcome:
-    """Both arms of a pair, which met the same people."""
+    """Both arms of a pair, which met the same pedestrians."""
 
     scenario: Scenario
     pair: int
@@ -78,17 +78,17 @@ class PairOutcome:
 
     @property
     def tau(self) -> float | None:
-        """τ = the AV's pass time / the human's; None where either did not cross."""
+        """τ = AV's pass time / human's pass time; None if either did not pass."""
         av, human = self.av.record.pass_time_s, self.human.record.pass_time_s
         return None if av is None or human is None else av / human
 
     @cached_property
     def traces(self) -> pd.DataFrame:
-        """The rows of both arms."""
+        """The rows of ``EpisodeOutcome.rows`` of both arms."""
         return pd.concat([self.av.rows, self.human.rows], ignore_index=True)
 
     def plot(self, axes: "Axes | None" = None) -> "Axes":
-        """Draw both egos' speed over the distance to the crosswalk; without axes, a new figure."""
+        """Draw both egos' speed over the distance to the crosswalk, by default in a new figure."""
         from matplotlib import pyplot as plt
 
         from harness.report.drawing.episode_figures import draw_speed_over_distance
@@ -124,11 +124,11 @@ def run_pair(
     The records are those of ``harness run`` with the same scenario and seed.
 
     Args:
-        scenario: a scenario, a file, or the name of a shipped one; of encounters, not of traffic.
+        scenario: a scenario of encounters (not of traffic), its file, or the name of a shipped one.
         pair: index of the pair, ≥ 0.
-        settings: changes to it by dotted key; a strategy may be a class, of a notebook's cell too:
-            ``{"arms.av": MyStrategy}``.
-        engine: ``sumo``, or ``plain``: the same kinematics without SUMO.
+        settings: changes to the scenario by dotted key.  A strategy may be a class, also one from
+            a notebook's cell: ``{"arms.av": MyStrategy}``.
+        engine: ``sumo``, or ``plain`` for the same kinematics without SUMO.
 
     Raises:
         InputError: the scenario, a setting or the pair is refused.
@@ -152,7 +152,7 @@ def run_pair(
 
 
 def _html(title: str, episodes: list[EpisodeOutcome]) -> str:
-    """Measures of episodes, their speeds over the distance, tracebacks of those that raised."""
+    """Return HTML with the episodes' measures, their speeds over the distance, and tracebacks."""
     from harness.report.drawing.episode_figures import draw_speed_over_distance
     from harness.report.drawing.style import new_figure
 

@@ -1,1 +1,1 @@
-"""Numbers in; matplotlib drawings in one style out."""
+"""Takes numbers and draws matplotlib figures in one style."""

@@ -11,7 +11,7 @@ _BIN_S = 0.25
 
 
 def conflict_pictures(findings: ConflictFindings) -> list[Picture]:
-    """How many passages have which PET and TTC."""
+    """Return histograms of the passages' PET and TTC."""
     met = [each.record for each in findings.passages if each.record.pedestrians]
     figure, panels = style.new_figure(2, height=1.5 * style.HEIGHT_INCH)
     limits = findings.thresholds

@@ -1,7 +1,7 @@
 """Figures of single episodes: arrivals of pedestrians, speed over distance and over time.
 
-After the paper's figures of arriving times and of the Soft-Yield model.  Each function draws into
-the given axes and neither saves nor shows the figure.
+They follow the paper's figures of arriving times and of the Soft-Yield model.  Each function draws
+into the given axes and neither saves nor shows the figure.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,12 +23,12 @@ def draw_arrivals(
     most: int | None = None,
     horizon_s: float = 60.0,
 ) -> None:
-    """How many pedestrians have arrived by each time, marked by the side they come from.
+    """Draw the cumulative number of arrivals over time; markers show the pedestrians' sides.
 
     Args:
-        arrivals: of one pair, sorted by time.
-        flow_per_hour: λ; the expected number λt is drawn, too.
-        most: the number that is simulated, None for all; the others are drawn hollow.
+        arrivals: the arrivals of one pair, sorted by time.
+        flow_per_hour: λ; the expected number λt is drawn too.
+        most: number of simulated pedestrians; None for all.  The others are drawn hollow.
         horizon_s: end of the time axis; later arrivals are left out.
     """
     shown = [arrival for arrival in arrivals if arrival.arrival_s <= horizon_s]
@@ -65,11 +65,11 @@ def draw_arrivals(
 def draw_speed_over_distance(
     axes: Axes, traces: Mapping[str, pd.DataFrame], crossing_width_m: float
 ) -> None:
-    """Speed of the ego over the distance of its front bumper to the centre line, both arms.
+    """Draw both arms' ego speed over the distance from the front bumper to the centre line.
 
     Args:
         traces: by label, the ``traces`` rows of both arms of one pair.
-        crossing_width_m: the crosswalk's band is shaded.
+        crossing_width_m: width of the shaded crosswalk.
     """
     half = crossing_width_m / 2
     axes.axvspan(-half, half, color=GRID, lw=0, label="crosswalk", zorder=0)
@@ -78,14 +78,14 @@ def draw_speed_over_distance(
 
 
 def draw_speed_over_time(axes: Axes, traces: Mapping[str, pd.DataFrame]) -> None:
-    """Speed of the ego over the time since the trigger, for the traces of both arms by label."""
+    """Draw the ego's speed over the time since the trigger, for both arms' traces by label."""
     _speeds(axes, traces, "time_s", 1, "time since the trigger (s)")
 
 
 def _speeds(
     axes: Axes, traces: Mapping[str, pd.DataFrame], column: str, sign: int, across: str
 ) -> None:
-    """The ego's speed of every pair (colour) and arm (dash)."""
+    """Draw the ego's speed in every pair (colour) and arm (dash)."""
     drawn = 0
     for (label, rows), series in zip(traces.items(), SERIES, strict=False):
         ego = rows[rows["object"] == "ego"]
@@ -104,15 +104,15 @@ def _speeds(
 
 
 def time_advantage(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
-    """T_adv = |R/v − L/v_p| of one episode over time, smallest over the pedestrians.
+    """Return T_adv = |R/v − L/v_p| over time, the minimum over pedestrians.
 
     Args:
         rows: the ``traces`` rows of one arm of one pair.
         crossing: the crosswalk from the ego's lane.
 
     Returns:
-        Seconds, one for each of the ego's rows.  NaN where R ≤ 0 or v = 0, or where nobody on the
-        crossing is walking and has L > 0.
+        Values in s, one for each of the ego's rows.  A value is NaN if R ≤ 0 or v = 0, or if nobody
+        on the crossing is walking and has L > 0.
     """
     parts = dict(iter(rows.groupby("object", sort=False)))
     ego = parts.pop("ego", rows.iloc[:0])
@@ -121,9 +121,9 @@ def time_advantage(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
     smallest = np.full(len(times), np.nan)
     for name, walker in parts.items():
         if not str(name).startswith("pedestrian-"):
-            continue  # a pedestrian as the strategy perceived them, not where they were
+            continue  # a perceived position of a pedestrian, not the true one
         y, walking = walker["y_m"].to_numpy(), np.abs(walker["speed_mps"].to_numpy())
-        # The walking direction; with one state or no movement they are taken to be near their kerb.
+        # The walking direction; without movement they are assumed to be near their kerb.
         direction = np.sign(y[-1] - y[0]) or (1.0 if y[0] < crossing.length_m / 2 else -1.0)
         lateral = (crossing.lane_centre_m - y) * direction
         at = np.searchsorted(times, walker["time_s"].to_numpy())

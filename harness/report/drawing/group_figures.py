@@ -1,4 +1,4 @@
-"""Figures of values of several groups in both arms."""
+"""Figures that compare several groups in both arms."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,18 +11,18 @@ from harness.report.screens.tables import ARM_NAMES
 from harness.statistics import Interval
 
 _APART = 0.16
-"""Vertical distance of an arm's dot from its group's middle; groups are 1 apart."""
+"""Vertical distance between an arm's dot and its group's centre; groups are 1 apart."""
 
 
 def draw_groups(
     axes: Axes, names: Sequence[str], values: Mapping[Arm, Sequence[Interval]], across: str
 ) -> None:
-    """A dot with its interval for each group and arm; a group without a value has no dot.
+    """Draw a dot with its interval for each group and arm; an undefined value has no dot.
 
     Args:
-        axes: drawn into.
-        names: of the groups, from top to bottom.
-        values: of each arm, one for each group.
+        axes: the axes to draw into.
+        names: names of the groups, from top to bottom.
+        values: values of each arm, one for each group.
         across: label of the values with their unit.
     """
     places = np.arange(len(names), dtype=float)

@@ -1,8 +1,8 @@
 """Figures of a fitted interaction model, after the paper's section on the model.
 
-BIC over the number of components, recorded rows and the model for pairs of variables, densities of
-walking and driving speed.  Each function draws into the given axes and neither saves nor shows
-the figure.  Lines differ in dash as well as colour, so figures can be read in greyscale.
+They show BIC over the number of components, recorded rows and the model for pairs of variables,
+and densities of walking and driving speed.  Each function draws into the given axes and neither
+saves nor shows the figure.  Lines differ in dash and colour, so greyscale is readable.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +33,7 @@ _SYMBOLS = {
 
 
 def draw_bic(axes: Axes, bic: Mapping[int, float], chosen: int) -> None:
-    """BIC by K, with the chosen K marked."""
+    """Draw BIC by K, with a mark at the chosen K."""
     _over_components(axes, bic, "BIC", "BIC (lower is better)", chosen)
     axes.annotate(
         f"K = {chosen}", (chosen, bic[chosen]), (8, 10), textcoords="offset points",
@@ -42,7 +42,7 @@ def draw_bic(axes: Axes, bic: Mapping[int, float], chosen: int) -> None:
 
 
 def draw_bic_gain(axes: Axes, gain: Mapping[int, float], limit: float) -> None:
-    """Each component's gain, (BIC_{K−1} − BIC_K) / (BIC_1 − BIC_2) by K, and the rule's limit."""
+    """Draw the gain (BIC_{K−1} − BIC_K) / (BIC_1 − BIC_2) by K, and the rule's limit."""
     shares = {k: 100 * share for k, share in gain.items()}
     _over_components(axes, shares, "Gain of the K-th component", "share of the second's gain (%)")
     axes.axhline(0, color=MUTED, lw=0.8)
@@ -54,7 +54,7 @@ def draw_bic_gain(axes: Axes, gain: Mapping[int, float], limit: float) -> None:
 def draw_held_out(
     axes: Axes, scores: Mapping[int, tuple[float, float | None]], chosen: int
 ) -> None:
-    """Held-out log score of walking speeds by K, with standard errors over vehicles or None."""
+    """Draw the held-out log score of walking speeds by K, with standard errors if defined."""
     means = {k: mean for k, (mean, _) in scores.items()}
     errors = [error or 0.0 for _, error in scores.values()]
     axes.errorbar([*means], [*means.values()], errors, fmt="none", ecolor=MUTED)
@@ -65,11 +65,11 @@ def draw_held_out(
 def draw_rows(
     axes: Axes, data: FloatArray, weights: FloatArray, pair: Pair, view: FloatArray, norm: Normalize
 ) -> QuadMesh:
-    """Density of recorded rows in two variables: a weighted histogram.
+    """Draw the density of recorded rows in two variables as a weighted histogram.
 
     Args:
-        data: (n, 4) in the model's order; weights: (n,).
-        pair: the variables across and up.
+        data: (n, 4) the variables in the model's order; weights: (n,).
+        pair: the variables of the x axis and of the y axis.
         view: (4, 2) the shown range of each variable.
         norm: colour scale, shared with the model's panel.
     """
@@ -83,12 +83,12 @@ def draw_rows(
 def draw_pair(
     axes: Axes, density: FloatArray, pair: Pair, view: FloatArray, norm: Normalize
 ) -> QuadMesh:
-    """The density of ``pair_density``, drawn as by ``draw_rows``."""
+    """Draw the density of ``pair_density`` in the form of ``draw_rows``."""
     return _draw_density(axes, density, pair, view, norm, "model")
 
 
 def pair_density(mixture: TruncatedGaussianMixture, pair: Pair, view: FloatArray) -> FloatArray:
-    """(c, c) the model's density f(x) f(y | x) at the cells' centres, the others integrated out."""
+    """Return the model's joint density of two variables at the cells' centres, shape (c, c)."""
     across, up = pair
     x, y = (0.5 * (edges[1:] + edges[:-1]) for edges in _edges(pair, view))
     marginal = mixture.conditional(across, ()).pdf(x, np.empty((1, 0)))
@@ -98,12 +98,12 @@ def pair_density(mixture: TruncatedGaussianMixture, pair: Pair, view: FloatArray
 
 
 def density_scale(density: FloatArray) -> Normalize:
-    """A colour scale by the square root; the top 0.2 % of the cells is saturated."""
+    """Return a square-root colour scale in which the top 0.2 % of the cells is saturated."""
     return PowerNorm(0.5, vmin=0, vmax=float(np.quantile(density, 0.998)) or 1.0)
 
 
 def usual_view(mixture: TruncatedGaussianMixture) -> FloatArray:
-    """(4, 2) from each lower bound to the 99.7 % quantile of the variable."""
+    """Return each variable's range from its lower bound to its 99.7 % quantile, (4, 2)."""
     nothing = np.empty((1, 0))
     high = [mixture.conditional(i, ()).ppf([0.997], nothing)[0] for i in range(4)]
     return np.column_stack((mixture.lower, high))
@@ -112,12 +112,12 @@ def usual_view(mixture: TruncatedGaussianMixture) -> FloatArray:
 def draw_walking_speed(
     axes: Axes, model: InteractionModel, conditions: Conditions, title: str
 ) -> None:
-    """Densities of v_p under conditions.
+    """Draw densities of v_p under conditions.
 
     Args:
-        conditions: with ``range_m``, ``vehicle_speed_mps`` and, unless it is integrated out,
+        conditions: values of ``range_m``, ``vehicle_speed_mps`` and, unless it is integrated out,
             ``inverse_time_advantage_per_s``.
-        title: what is shown; the conditions that all lines share are added.
+        title: the title, to which the conditions that all lines share are added.
     """
     _draw_speeds(axes, model, PEDESTRIAN_SPEED, model.walking_speed_density, conditions, title)
     axes.set_xlim(right=min(axes.get_xlim()[1], 2.5))
@@ -126,9 +126,10 @@ def draw_walking_speed(
 def draw_driving_speed(
     axes: Axes, model: InteractionModel, conditions: Conditions, title: str
 ) -> None:
-    """Densities of v under conditions; the dot is the mode, the speed the human driver aims for.
+    """Draw densities of v under conditions.  A dot marks the mode, the human driver's target speed.
 
-    Args as for ``draw_walking_speed``, with ``pedestrian_speed_mps`` for the vehicle's speed.
+    See ``draw_walking_speed`` for the arguments; ``pedestrian_speed_mps`` replaces the vehicle's
+    speed.
     """
     _draw_speeds(axes, model, VEHICLE_SPEED, model.driver_speed_density, conditions, title)
     for condition, look in zip(conditions, SERIES, strict=False):
@@ -145,7 +146,7 @@ def _draw_speeds(
     conditions: Conditions,
     title: str,
 ) -> None:
-    """One line for each condition; the legend names the differences, the title the rest."""
+    """Draw a line for each condition; the legend names their differences, the title the rest."""
     speeds = np.linspace(model.mixture.lower[variable], model.mixture.upper[variable], 500)
     varied = {key for key in conditions[0] if len({each[key] for each in conditions}) > 1}
     for condition, look in zip(conditions, SERIES, strict=False):
@@ -187,7 +188,7 @@ def _draw_density(
 def _over_components(
     axes: Axes, values: Mapping[int, float], title: str, label: str, chosen: int | None = None
 ) -> None:
-    """Values over K joined by a line, with a square around the chosen one."""
+    """Draw values over K, joined by a line, with a square around the chosen K."""
     axes.plot(*zip(*sorted(values.items()), strict=True), "o-", color=BLUE, ms=4, lw=1.4)
     if chosen is not None and chosen in values:
         axes.plot(chosen, values[chosen], "s", ms=10, mfc="none", mec=VERMILLION, mew=1.8)

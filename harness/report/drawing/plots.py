@@ -1,4 +1,4 @@
-"""Figures written to files: the pages of ``extract --plots`` and ``model show --plots``."""
+"""Writes the figures of ``extract --plots`` and ``model show --plots`` to files."""
 
 import io
 import re
@@ -22,12 +22,12 @@ from harness.studies.calibration.choice import RULE_SHARE, relative_gain
 # The authors' public scripts draw these conditions.
 _INVERSE_RANGES = (0.07, 0.10, 0.13)
 _INVERSE_TIMES = (0.05, 0.10)
-# Below the speed at the trigger in the paper's Table II.
+# This is below the speed at the trigger in the paper's Table II.
 _VEHICLE_SPEEDS = (2.0, 3.5, 5.0)
 
 
 def save(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write ``name.png`` and ``name.pdf``, each complete or not at all, without time stamps."""
+    """Write ``name.png`` and ``name.pdf`` without time stamps; a failure leaves no partial file."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -45,17 +45,17 @@ def save(figure: Figure, folder: Path, name: str) -> list[Path]:
 
 
 def plot_trajectories(clips: Sequence[Clip], rows: pd.DataFrame, folder: Path) -> list[Path]:
-    """A map of each site and one passing event coloured by time; earlier files are replaced."""
+    """Write a map of each site and one passing event coloured by time; replace earlier files."""
     written = []
     by_site = attrgetter("site")
     for site, clips_there in groupby(sorted(clips, key=by_site), key=by_site):
         figure, axes = new_figure(height=6, width=8)
         title = f"{site}: vehicle routes and pedestrian positions" if site else None
         draw_map(axes[0], list(clips_there), title)
-        # A clip in a subfolder has its name in front, as in "b/straight".
+        # The name of a clip in a subfolder begins with the subfolder, as in "b/straight".
         name = "-".join(["map", *re.findall(r"[\w.]+", site)])
         written += save(figure, folder, name)
-    # The encounter with the longest recorded approach of the vehicle.
+    # This is the encounter with the vehicle's longest recorded approach.
     ranges = rows.groupby(["source", "clip", "vehicle", "pedestrian"])["range_m"]
     spans = ranges.max() - ranges.min()
     source, name, vehicle, pedestrian = (str(part) for part in spans.index[int(spans.argmax())])
@@ -66,7 +66,7 @@ def plot_trajectories(clips: Sequence[Clip], rows: pd.DataFrame, folder: Path) -
 
 
 def plot_model(model: InteractionModel, sample: Sample | None, folder: Path) -> list[Path]:
-    """The paper's figures of a model, beside the rows of a sample; earlier files are replaced."""
+    """Write the paper's figures of a model next to a sample's rows; replace earlier files."""
     written = []
     if len(model.provenance.get("candidates", ())) > 1:
         written += save(_components_page(model), folder, "components")
@@ -75,7 +75,7 @@ def plot_model(model: InteractionModel, sample: Sample | None, folder: Path) -> 
 
 
 def _components_page(model: InteractionModel) -> Figure:
-    """BIC, each component's gain, held-out scores."""
+    """Return a figure with BIC, each component's gain, and held-out scores."""
     card = model.provenance
     bic = {fit["components"]: fit["bic"] for fit in card["candidates"]}
     held_out = {fit["components"]: fit["held_out"] for fit in card["candidates"]}
@@ -95,7 +95,7 @@ def _components_page(model: InteractionModel) -> Figure:
 
 
 def _pairs_page(model: InteractionModel, sample: Sample | None) -> Figure:
-    """All six pairs of variables; rows and model have the same scale."""
+    """Return a figure of all six pairs of variables; rows and model have the same scale."""
     across, width = (4, 15) if sample is not None else (2, 8)
     figure, axes = new_figure(3, across, height=10.5, width=width)
     view = draw.usual_view(model.mixture)
@@ -115,7 +115,7 @@ def _pairs_page(model: InteractionModel, sample: Sample | None) -> Figure:
 
 
 def _speeds_page(model: InteractionModel) -> Figure:
-    """Densities of v_p and of v under the authors' conditions, and of v_p as in a run."""
+    """Return a figure of v_p and v under the authors' conditions, and of v_p as in a run."""
     figure, axes = new_figure(2, 2, height=8.5, width=12)
     ranges = [{"range_m": 1 / inverse} for inverse in _INVERSE_RANGES]
     common: dict[str, float] = {"vehicle_speed_mps": 3.5, "inverse_time_advantage_per_s": 0.1}

@@ -23,21 +23,21 @@ def draw_shares(
     up: str = "share of episodes at most x",
     count: str | None = None,
 ) -> None:
-    """Share of episodes whose measure is at most x; it ends below 1 if some are undefined.
+    """Draw the share of episodes whose measure is at most x.
 
     Args:
-        values: by arm, AV first, one value for each episode that did not fail.  NaN where the
-            measure is undefined: such an episode counts in the total, never as at most x.
+        values: by arm, AV first, one value for each episode that did not fail.  NaN means
+            undefined; such an episode counts in the total, so the share ends below 1.
         across: label of the measure with its unit.
         up_to: end of the axis.
         up: label of the share.
-        count: above the figure in place of the number of episodes.
+        count: text above the figure; default: the number of episodes.
     """
     highest = 0.0
     for (name, column), look in zip(values.items(), (AV, HUMAN), strict=False):
         inside = np.sort(column[column <= up_to])
         label = f"{name}, defined in {(~np.isnan(column)).sum():,} of {len(column):,}"
-        # Many steps are thinned; the last one counts at the end of the axis.
+        # A long line is thinned; its last step is drawn at the end of the axis.
         ranks = np.linspace(1, len(inside), min(len(inside), _MOST_STEPS)).astype(int)
         x = np.concatenate(([0.0], inside[ranks - 1], [up_to]))
         share = np.concatenate(([0], ranks, [len(inside)])) / max(len(column), 1)
@@ -52,11 +52,11 @@ def draw_shares(
 def draw_walking_speeds(
     axes: Axes, speeds_mps: FloatArray, grid_mps: FloatArray, density: FloatArray
 ) -> None:
-    """Walking speeds of a run and the model's density under the same conditions.
+    """Draw walking speeds of a run and the model's density under the same conditions.
 
     Args:
-        speeds_mps: (n,) of everyone who stepped off.
-        grid_mps, density: (m,) speeds and the mean of the model's conditional densities, s/m.
+        speeds_mps: (n,) the speed of everyone who stepped off.
+        grid_mps, density: (m,) speeds, and the mean of the model's conditional densities in s/m.
     """
     if len(speeds_mps):
         edges = np.linspace(grid_mps[0], grid_mps[-1], _BINS + 1)

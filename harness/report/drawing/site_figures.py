@@ -1,4 +1,4 @@
-"""The site, drawn from its SUMO network: lanes, crossing, walking areas, the trigger.
+"""Draws the site from its SUMO network: lanes, crossing, walking areas and trigger.
 
 North is up.  The function draws into the given axes and neither saves nor shows the figure.
 """
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 
 _MARGIN_M = 3.0
 _STRIPE_M = 0.5
-"""Width of the zebra's stripes and of the gaps between them."""
+"""Width in m of the zebra's stripes and of the gaps between them."""
 
 
 def draw_site(
     axes: Axes, network: RoadNetwork, site: Site, vehicle: Vehicle, crossing: Crossing
 ) -> None:
-    """Lanes, walking areas and the crosswalk of a network, with the ego at its trigger.
+    """Draw lanes, walking areas and the crosswalk of a network, with the ego at its trigger.
 
-    x and y are metres east and north in the network; lanes outside the picture are left out.
+    x and y are metres east and north in the network.  Lanes outside the picture are left out.
     """
     _view(axes, site, vehicle, crossing)
     for edge in network.net.getEdges():
@@ -71,7 +71,7 @@ def _draw_edge(axes: Axes, edge: "Edge") -> None:
 
 
 def _ribbon(line: Sequence[tuple[float, float]], width: float) -> list[tuple[float, float]]:
-    """The outline of a line with a width."""
+    """Return the outline of a line with a width."""
     left, right = [], []
     for (x0, y0), (x1, y1) in pairwise(line):
         long = math.hypot(x1 - x0, y1 - y0) or 1.0
@@ -84,14 +84,14 @@ def _ribbon(line: Sequence[tuple[float, float]], width: float) -> list[tuple[flo
 def _area(
     axes: Axes, site: Site, x: tuple[float, float], y: tuple[float, float], **look: Any
 ) -> None:
-    """A rectangle of the road frame."""
+    """Draw a rectangle in the road's frame."""
     corners = (x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])
     shape = [site.frame.to_network(*corner) for corner in corners]
     axes.add_patch(Polygon(shape, closed=True, lw=0, **look))
 
 
 def _view(axes: Axes, site: Site, vehicle: Vehicle, crossing: Crossing) -> None:
-    """Set the limits: from behind the ego at its trigger to beyond the crosswalk."""
+    """Set the limits, from behind the ego at its trigger to beyond the crosswalk."""
     behind = -vehicle.trigger_range_m - vehicle.length_m
     corners = [
         site.frame.to_network(x, y)

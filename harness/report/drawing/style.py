@@ -1,8 +1,8 @@
-"""The one style of every figure: colours, dashes, markers, hatches, and quiet axes.
+"""The style of every figure: colours, dashes, markers, hatches and axes.
 
-The colours are those of Okabe and Ito (2008), which colour-blind readers can tell apart; the two
-pale ones are darkened.  Dash, marker or hatch repeat what a colour says, so figures can be read in
-greyscale.  The page replaces these colours in its dark scheme, so figures use no others.
+The colours are by Okabe and Ito (2008), because colour-blind readers can distinguish them; the two
+pale colours are darkened.  Every colour has its own dash, marker or hatch, so figures can be read
+in greyscale.  The page replaces these colours in its dark scheme, so figures use no others.
 """
 
 import textwrap
@@ -37,7 +37,7 @@ HEIGHT_INCH = 3.7
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How one series is drawn."""
+    """The look of one series."""
 
     colour: str
     dash: Any
@@ -55,7 +55,7 @@ SERIES = (
     Look(INK, (0, (7, 2)), "v"),
     Look(ORANGE, (0, (5, 1, 1, 1, 1, 1)), "P"),
 )
-"""Looks of the lines of a figure, in order; more lines could not be told apart."""
+"""Looks of a figure's lines, in order.  More lines could not be distinguished."""
 
 _SETTINGS: dict[Any, Any] = {
     "font.sans-serif": ["DejaVu Sans", "Verdana", "Arial", "sans-serif"],
@@ -66,7 +66,7 @@ _SETTINGS: dict[Any, Any] = {
     **dict.fromkeys(("text.color", "axes.labelcolor", "xtick.labelcolor", "ytick.labelcolor"), INK),
     **dict.fromkeys(("axes.edgecolor", "xtick.color", "ytick.color"), MUTED),
     "hatch.linewidth": 0.6,
-    # Text stays text: it is small, selectable, searchable and can be read aloud.
+    # Text is not converted to paths, so it is small, searchable and can be read aloud.
     "svg.fonttype": "none",
     "svg.hashsalt": "crosswalk",
     "pdf.fonttype": 42,
@@ -75,7 +75,7 @@ _SETTINGS: dict[Any, Any] = {
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure with its name (of files), title and caption."""
+    """A figure with its file name, title and caption."""
 
     name: str
     title: str
@@ -85,14 +85,14 @@ class Picture:
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Apply the style's sizes and fonts to all figures that are made and saved in this context."""
+    """Apply the style's sizes and fonts to figures that are made and saved in this context."""
     with mpl.rc_context(_SETTINGS), without_glyph_warnings():
         yield
 
 
 @contextmanager
 def without_glyph_warnings() -> Iterator[None]:
-    """Silence the warning about letters that the font lacks, which are drawn as boxes."""
+    """Silence the warning about letters that the font lacks; they are drawn as boxes."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         yield
@@ -101,7 +101,7 @@ def without_glyph_warnings() -> Iterator[None]:
 def new_figure(
     down: int = 1, across: int = 1, *, height: float = HEIGHT_INCH, width: float = WIDTH_INCH
 ) -> tuple[Figure, list[Axes]]:
-    """A figure without a window, its axes in reading order; the page's are made in ``styled``."""
+    """Return a figure without a window, and its axes in reading order."""
     figure = Figure(figsize=(width, height), layout="constrained")
     return figure, list(figure.subplots(down, across, squeeze=False).ravel())
 
@@ -128,6 +128,6 @@ def caption(figure: Figure, words: str) -> None:
 
 
 def figure_text(text: object) -> str:
-    """Text from a file made safe for a figure: no control characters, no mathematics."""
+    """Make text from a file safe for a figure, without control characters and mathematics."""
     kept = ("\N{REPLACEMENT CHARACTER}" if category(c)[0] == "C" else c for c in str(text))
     return "".join(kept).replace("$", r"\$")

@@ -1,7 +1,7 @@
-"""Figures as SVG inside a page: small, with selectable text, in the page's colours.
+"""Makes small SVG figures for a page, with selectable text and the page's colours.
 
 Every colour of ``style`` becomes a variable of the page's style sheet, so one picture serves the
-light and the dark scheme.  Identifiers get a prefix, so that a page can hold many pictures.
+light and the dark scheme.  Identifiers get a prefix, so that a page can contain many pictures.
 """
 
 import io
@@ -26,13 +26,13 @@ _NUMBER = re.compile(r"-?\d+\.\d{3,}")
 
 
 def inline_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
-    """A figure as an ``<svg>`` element.
+    """Return a figure as an ``<svg>`` element.
 
     Args:
-        figure: made inside ``style.styled``; its background is transparent.
-        prefix: of all identifiers; different for every figure of a page.
-        title: its name, for screen readers.
-        description: what it shows, for screen readers.
+        figure: a figure made inside ``style.styled``; its background becomes transparent.
+        prefix: prefix of all identifiers, different for every figure of a page.
+        title: the figure's name, for screen readers.
+        description: a description of its content, for screen readers.
     """
     buffer = io.BytesIO()
     with style.styled():
@@ -70,5 +70,5 @@ def _rewrite(element: ET.Element, prefix: str) -> None:
 
 
 def _variable(match: re.Match[str]) -> str:
-    """A colour of the style as the page's variable; other colours do not change."""
+    """Return the page's variable for a colour of the style; other colours do not change."""
     return f"var({VARIABLES[match[0]]})" if match[0] in VARIABLES else match[0]

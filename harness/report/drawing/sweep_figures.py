@@ -16,7 +16,7 @@ from harness.report.drawing import style
 from harness.report.drawing.style import AV, GREEN, MUTED, VERMILLION, figure_text, finish
 
 _WIDE = 12.0
-"""Values that differ by more than this factor get a logarithmic axis."""
+"""The axis is logarithmic if values differ by more than this factor."""
 _APART_INCH = 0.05
 
 
@@ -39,13 +39,13 @@ def draw_over(
     count: str | None = None,
     level: tuple[float, str] | None = None,
 ) -> None:
-    """A measure over a varied key, with intervals as bars; lines are shifted a little.
+    """Draw a measure over a varied key, with intervals as bars.  Lines are shifted slightly.
 
     Args:
-        lines: at most as many as ``style.SERIES``.
+        lines: the lines, at most as many as ``style.SERIES``.
         across, up: labels with units.
         count: the number of pairs per point.
-        level: a value to compare with, and its label.
+        level: a reference value, and its label.
     """
     ticks = np.unique(np.concatenate([line.x for line in lines]))
     for index, (line, look) in enumerate(zip(lines, style.SERIES, strict=False)):
@@ -57,7 +57,7 @@ def draw_over(
             ms=5, lw=1.6, elinewidth=1.1, capsize=2.5, label=figure_text(line.label),
         )  # fmt: skip
         for artist in bars.get_children():
-            # Shifted after plotting, so that the limits of the axes follow the data alone.
+            # The lines are shifted after plotting, so that the axes' limits follow only the data.
             artist.set_transform(axes.transData + away)
     if level is not None:
         axes.axhline(level[0], color=MUTED, ls=":", lw=1.2, label=level[1])
@@ -68,7 +68,7 @@ def draw_over(
 
 
 def _tick(axes: Axes, values: FloatArray) -> None:
-    """A tick at each value, if they are few."""
+    """Set a tick at each value if there are only a few."""
     if len(values) <= 9:
         axes.set_xticks(values, [f"{value:g}" for value in values])
         axes.set_xticks([], minor=True)
@@ -84,16 +84,16 @@ def draw_aggressiveness(
     allowed: Sequence[float] = (),
     band: str = "95 % interval",
 ) -> None:
-    """A measure over a strategy's aggressiveness, with its limit and the allowed interval.
+    """Draw a measure over a strategy's aggressiveness, with its limit and the allowed values.
 
-    After the paper's figure of the influence of aggressiveness.
+    The figure follows the paper's figure of the influence of aggressiveness.
 
     Args:
         line: values with intervals, drawn as a band.
         across, up: labels with units.
         count: the number of pairs per point.
         limit: μ0 or κ0, and its name.
-        allowed: the allowed values, shaded; neighbours share an area.
+        allowed: the allowed values, which are shaded; neighbours share an area.
         band: the label of the line's intervals.
     """
     order = np.argsort(line.x)
@@ -113,20 +113,20 @@ def draw_aggressiveness(
             begin, end = begin - narrow, end + narrow
         label = None if number else "allowed"
         axes.axvspan(begin, end, fc=GREEN, alpha=0.14, lw=0, label=label)
-        # Drawn separately: in SVG a pattern takes the opacity of its ground.
+        # The hatch is drawn separately, because in SVG a pattern takes its background's opacity.
         axes.axvspan(begin, end, fc="none", ec=GREEN, hatch="//", lw=0)
     _tick(axes, x)
     finish(axes, figure_text(across), up, count)
 
 
 def lines_of(rows: pd.DataFrame, x: Sequence[float], by: Sequence[str], measure: str) -> list[Line]:
-    """One line for every value of ``by``, in order of appearance.
+    """Return one line for every value of ``by``, in order of appearance.
 
     Args:
-        rows: of the summary, with ``measure``, ``measure_ci_low``, ``measure_ci_high``.
+        rows: rows of the summary, with ``measure``, ``measure_ci_low``, ``measure_ci_high``.
         x: the varied key's values, one for each row.
-        by: the label of the line that each row belongs to.
-        measure: column with its interval.
+        by: the label of each row's line.
+        measure: the measure's column.
     """
     columns = [f"{measure}{end}" for end in ("", "_ci_low", "_ci_high")]
     points = rows[columns].astype(float).assign(x=np.asarray(x, dtype=float))

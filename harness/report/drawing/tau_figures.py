@@ -1,7 +1,7 @@
-"""Figures of τ, the AV's pass time over the reference's: its running mean, its distribution.
+"""Figures of τ, the ratio of the AV's pass time to the reference's: running mean, distribution.
 
-After the paper's figure "Mean value and distribution of τ".  Each function draws into the given
-axes and neither saves nor shows the figure.
+They follow the paper's figure "Mean value and distribution of τ".  Each function draws into the
+given axes and neither saves nor shows the figure.
 """
 
 import math
@@ -25,13 +25,13 @@ _SETTLED = 30
 def draw_running_mean(
     axes: Axes, tau: FloatArray, reference: float | None = None, driver: str = "reference"
 ) -> None:
-    """The mean of the first n values of τ over n, its band, and the values themselves.
+    """Draw the mean of the first n values of τ over n, its band, and the values themselves.
 
-    The band is Student's t interval of the first n values: mean ± t · s/√n, drawn from n = 5 on.
+    The band is Student's t interval of the first n values, mean ± t · s/√n, drawn from n = 5 on.
 
     Args:
-        tau: (n,), in order of the pairs; NaN where undefined, which are left out.
-        reference: the paper's μ, drawn as a line; None leaves it out.
+        tau: (n,) values in order of the pairs; NaN (undefined) is left out.
+        reference: the paper's μ, drawn as a line; None means no line.
         driver: the name of the reference driver.
     """
     tau = tau[~np.isnan(tau)]
@@ -55,7 +55,7 @@ def draw_running_mean(
         axes.axhline(reference, color=VERMILLION, ls="--", lw=1.2, label=f"paper: {reference:g}")
     axes.set_xlim(0, max(total, 1) * 1.01)
     if total > _MOST_DOTS:
-        # Otherwise the first means, of few pairs, would set the scale.
+        # Otherwise the first means, from few pairs, would determine the scale.
         ends = [low[_SETTLED:].min(), high[_SETTLED:].max(), reference or high[-1]]
         room = 0.08 * (max(ends) - min(ends))
         axes.set_ylim(min(ends) - room, max(ends) + room)
@@ -63,13 +63,13 @@ def draw_running_mean(
 
 
 def running_mean(tau: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean of the first n finite values and half-width of its Student's t interval, for every n.
+    """Return the mean of the first n finite values and its Student's t half-width, for every n.
 
     The half-width is NaN for n = 1.
     """
     n = np.arange(1, len(tau) + 1)
     mean = np.cumsum(tau) / n
-    # Shifted, so that sum of squares and squared sum do not cancel.
+    # The values are shifted, so that sum of squares and squared sum do not cancel.
     shifted = tau - (tau[0] if len(tau) else 0.0)
     squares, sums = np.cumsum(shifted**2), np.cumsum(shifted)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -88,13 +88,13 @@ def draw_tau_distribution(
     confidence: float = CONFIDENCE,
     driver: str = "reference",
 ) -> None:
-    """A histogram of τ; pairs in which the AV fell back are hatched.
+    """Draw a histogram of τ, in which pairs with a fallback of the AV are hatched.
 
     Args:
-        tau: (n,); NaN where undefined, which are left out.
-        fallback: (n,) whether the AV fell back; None draws all bars alike.
-        mu: mean with its interval, drawn as a line and a band; None leaves them out.
-        confidence: of that interval.
+        tau: (n,) values; NaN (undefined) is left out.
+        fallback: (n,) whether the AV fell back; None means no hatching.
+        mu: mean with its interval, drawn as a line and a band; None means neither.
+        confidence: confidence level of that interval.
         driver: the name of the reference driver.
     """
     defined = ~np.isnan(tau)
@@ -129,10 +129,10 @@ def draw_tau_distribution(
 
 
 def _edges(values: FloatArray) -> tuple[FloatArray, int]:
-    """Edges of the bars, and how many values lie beyond and count in the last bar.
+    """Return the edges of the bars, and the number of larger values, which count in the last bar.
 
-    The axis ends at the 99.5 % quantile if the largest τ is much larger; otherwise a few large τ
-    would squeeze all others into one bar.
+    If the largest τ is far above the 99.5 % quantile, the axis ends at that quantile.  Otherwise a
+    few large τ would squeeze all others into one bar.
     """
     bins = min(max(math.ceil(math.sqrt(len(values))), 20), 40)
     low, high = float(values.min()), float(np.quantile(values, 0.995))
@@ -143,7 +143,7 @@ def _edges(values: FloatArray) -> tuple[FloatArray, int]:
 
 
 def _cut_spike(axes: Axes, edges: FloatArray, counts: np.ndarray) -> None:
-    """Cut a bar that is many times the next one (τ = 1 if nobody was met), and label it."""
+    """Cut and label a bar that is many times the next one, such as τ = 1 if nobody was met."""
     highest, second = np.sort(counts)[::-1][:2]
     if second == 0 or highest <= 4 * second:
         return

@@ -1,7 +1,7 @@
-"""Figures of recorded trajectories: where vehicles and pedestrians were, and one passing event.
+"""Figures of recorded trajectories: a map of the tracks, and one passing event.
 
-After the paper's figures of the data collection.  Each function draws into the given axes and
-neither saves nor shows the figure.
+They follow the paper's figures of the data collection.  Each function draws into the given axes
+and neither saves nor shows the figure.
 """
 
 from collections.abc import Sequence
@@ -15,21 +15,21 @@ from harness.core.errors import unknown_name
 from harness.model.trajectories import Clip, ExtractionRules, Track, conflict_point
 from harness.report.drawing.style import BLUE, MUTED, VERMILLION, figure_text, finish
 
-# Positions are drawn at this interval, which is that of the model's rows.
+# Positions are drawn at this interval, which the model's rows have too.
 DRAWN_EVERY_S = 0.2
 
 
 def draw_map(axes: Axes, clips: Sequence[Clip], title: str | None = None) -> None:
-    """Routes of the vehicles over the positions of the pedestrians.
+    """Draw the vehicles' routes over the pedestrians' positions.
 
     Args:
-        clips: of one site and one frame of reference.
-        title: of the figure; the numbers of vehicles, pedestrians and clips are below it.
+        clips: clips of one site and one frame of reference.
+        title: title, above the numbers of vehicles, pedestrians and clips.
     """
     walkers = [track for clip in clips for track in clip.pedestrians.values()]
     vehicles = [track for clip in clips for track in clip.vehicles.values()]
     dots = np.vstack([np.empty((0, 2)), *(_drawn(track)[1] for track in walkers)])
-    # With more dots each is fainter: busy places are dark, single walks stay visible.
+    # More dots are fainter, so that busy places are dark and single walks stay visible.
     alpha = float(np.clip(60 / np.sqrt(max(len(dots), 1)), 0.15, 0.8))
     axes.plot(*dots.T, ".", color=BLUE, ms=3, alpha=alpha, mew=0)
     for track in vehicles:
@@ -42,18 +42,18 @@ def draw_map(axes: Axes, clips: Sequence[Clip], title: str | None = None) -> Non
 
 
 def draw_passing_event(axes: Axes, clip: Clip, vehicle: str, pedestrian: str) -> PathCollection:
-    """One vehicle and one pedestrian, coloured by time, with a colour bar.
+    """Draw one vehicle and one pedestrian, coloured by time, with a colour bar.
 
-    Time begins at the first instant at which both were recorded.  Whole paths are drawn in grey;
-    a cross marks the conflict point if there is one.
+    Time begins at the first instant at which both were recorded.  Whole paths are drawn in grey.
+    A cross marks the conflict point if there is one.
 
     Args:
-        axes: its figure gets the colour bar.
-        clip: holds both tracks.
+        axes: the axes, whose figure gets the colour bar.
+        clip: the clip with both tracks.
         vehicle, pedestrian: identifiers in the clip.
 
     Returns:
-        The coloured marks of the vehicle, whose colour scale both share.
+        The vehicle's coloured marks.  The pedestrian's marks have the same colour scale.
 
     Raises:
         InputError: the clip has no such vehicle or pedestrian.
@@ -81,7 +81,7 @@ def draw_passing_event(axes: Axes, clip: Clip, vehicle: str, pedestrian: str) ->
 def _draw_timed(
     axes: Axes, track: Track, marker: str, span_s: tuple[float, float], name: str
 ) -> PathCollection:
-    """A whole path in grey, its marks within the span coloured by time."""
+    """Draw a whole path in grey, and its marks within the time span coloured by time."""
     axes.plot(*track.position_m.T, color=MUTED, lw=1.2, zorder=1)
     times, xy = _drawn(track, *span_s)
     return axes.scatter(
@@ -94,7 +94,7 @@ def _draw_timed(
 def _drawn(
     track: Track, start: float = -np.inf, end: float = np.inf
 ) -> tuple[FloatArray, FloatArray]:
-    """Times and (n, 2) positions of a track at the drawing interval, within [start, end]."""
+    """Return times and (n, 2) positions of a track at the drawing interval in [start, end]."""
     start, end = max(start, track.time_s[0]), min(end, track.time_s[-1])
     times = np.arange(start, end + 1e-9, DRAWN_EVERY_S)
     x, y = (np.interp(times, track.time_s, values) for values in track.position_m.T)
@@ -102,7 +102,7 @@ def _drawn(
 
 
 def _draw_route(axes: Axes, track: Track) -> None:
-    """A vehicle's path: a dot where it was first seen, an arrow head where it was last."""
+    """Draw a vehicle's path, with a dot at its first and an arrow head at its last position."""
     axes.plot(*track.position_m.T, color=VERMILLION, lw=1.8, alpha=0.85)
     axes.plot(*track.position_m[0], "o", color=VERMILLION, ms=4)
     away = np.hypot(*(track.position_m - track.position_m[-1]).T)
@@ -113,9 +113,9 @@ def _draw_route(axes: Axes, track: Track) -> None:
 
 
 def _finish(axes: Axes, clips: Sequence[Clip], title: str, numbers: str) -> None:
-    """Units, equal scales, the title with the numbers below it, and the legend."""
+    """Add units, equal scales, the title with the numbers below it, and the legend."""
     finish(axes, "x (m)", "y (m)")
-    # The limits of the short side grow, so that it stays legible.
+    # The short side's limits are widened, so that the map stays legible.
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title(f"{figure_text(title)}\n{numbers}", loc="left")
     if any(clip.y_down for clip in clips):

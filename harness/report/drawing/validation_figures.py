@@ -1,4 +1,4 @@
-"""Figures of a validation: errors of the pass time, speeds along the road.
+"""Figures of a validation: errors of the pass time, and speeds along the road.
 
 Each function draws into the given axes and neither saves nor shows the figure.
 """
@@ -12,7 +12,7 @@ from harness.studies.validation import DriverOutcome, Validation
 
 
 def draw_errors(axes: Axes, validation: Validation) -> None:
-    """Share of drives whose pass time has an error of at most x: a line for each driver."""
+    """Draw, for each driver, the share of drives whose pass time has an error of at most x."""
     recorded = validation.recorded
     for driver, look in zip(validation.findings.drivers, style.SERIES, strict=False):
         errors_s = [
@@ -31,7 +31,7 @@ def draw_errors(axes: Axes, validation: Validation) -> None:
 def draw_speeds(
     axes: Axes, outcomes: Sequence[DriverOutcome], look: style.Look, name: str, highest_mps: float
 ) -> None:
-    """Speed along the road of one drive of every passage."""
+    """Draw the speed along the road for one drive of every passage."""
     for drive in outcomes:
         axes.plot(drive.trace.x_m, drive.trace.speed_mps, color=look.colour, lw=0.8, alpha=0.6)
     axes.axvline(0.0, color=style.MUTED, lw=0.8, ls=":")
@@ -42,7 +42,7 @@ def draw_speeds(
 
 
 def pictures_of(validation: Validation) -> list[style.Picture]:
-    """The page's figures; call it inside ``style.styled``."""
+    """Return the page's figures.  Call this inside ``style.styled``."""
     errors, (axes,) = style.new_figure()
     draw_errors(axes, validation)
     shown = [driver.driver for driver in validation.findings.drivers[:3]]

@@ -1,1 +1,1 @@
-"""Findings, drawings and traces in; pages of HTML out."""
+"""Takes findings, drawings and traces and returns HTML pages."""

@@ -1,4 +1,4 @@
-"""The conflicts of a recording as one page: tables, histograms, the worst passages to watch."""
+"""The page of a recording's conflicts, with tables, histograms and the worst passages."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,9 +27,9 @@ def write_conflict_page(findings: ConflictFindings, path: Path, folder: Path) ->
     """Write the page of conflicts.
 
     Args:
-        findings: to be shown.
-        path: of the page.
-        folder: where the page will be, for the texts that name it.
+        findings: the conflicts.
+        path: path of the page.
+        folder: the page's final folder, which its text names.
     """
     with style.styled():
         pictures = [drawn(picture) for picture in conflict_pictures(findings)]
@@ -67,7 +67,7 @@ def write_conflict_page(findings: ConflictFindings, path: Path, folder: Path) ->
 
 
 def _player(findings: ConflictFindings) -> Player | None:
-    """The worst passages by PET and by TTC."""
+    """Return the player of the worst passages by PET and by TTC."""
     passages = {(each.crosswalk, each.vehicle, each.begin_s): each for each in findings.passages}
     rows = [each.row() for each in findings.passages]
     numbers: dict[tuple[str, str, float], int] = {}

@@ -48,7 +48,7 @@ def _pictures(run: RunData, shown: Sequence[ShownPair]) -> tuple[Iterator[Pictur
     try:
         model = next((run.model_of(cell.number) for cell in model_cells(run)), None)
     except InputError as error:
-        # The model may have been removed since the run; the numbers are still there.
+        # The model's file may have been removed since the run; the page works without it.
         remarks = [f"Figures of the interaction model are left out: {error}."]
     try:
         place = place_of(run.scenario_of(0))
@@ -105,7 +105,7 @@ def _episode(run: RunData, pair: ShownPair) -> Encoded:
 
 
 def _ending(record: Row) -> str:
-    """How the episode ended, in words."""
+    """Return the episode's ending in words."""
     ending = record["ending"]
     if ending == Ending.CROSSED:
         words = f"crossed in {record['pass_time_s']:.2f} s"
@@ -126,7 +126,7 @@ def _ending(record: Row) -> str:
 
 
 def _small(records: Mapping[Arm, Row]) -> list[str]:
-    """How an encounter ended, in a few words for the list of episodes."""
+    """Return an encounter's ending in a few words, for the list of episodes."""
     parts = [
         f"{ARM_NAMES[arm]} {record['ending'].replace('_', ' ')}"
         for arm, record in records.items()
@@ -139,7 +139,7 @@ def _small(records: Mapping[Arm, Row]) -> list[str]:
         for name, column, unit in measures
         if av.get(column) is not None
     ]
-    # Lines break between the parts alone.
+    # Lines break only between the parts.
     return [part.replace(" ", "\N{NO-BREAK SPACE}") for part in parts]
 
 

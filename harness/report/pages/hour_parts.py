@@ -15,7 +15,7 @@ from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import ShownPair
 
 _VIEW_M = (-140.0, 60.0)
-"""The stretch of road that is shown of an hour."""
+"""The stretch of road that the player shows for an hour."""
 
 
 def _opening(run: RunData) -> str:

@@ -1,4 +1,4 @@
-"""The figures of a run in traffic: measures over a varied key, queues, the time–space diagram."""
+"""The figures of a run in traffic: measures over a varied key, queues, time–space diagram."""
 
 from collections.abc import Iterator, Sequence
 
@@ -30,7 +30,7 @@ _BEYOND_M = 40.0
 
 
 def hour_pictures(run: RunData, hour: ShownPair | None) -> Iterator[Picture]:
-    """The figures of a run in traffic and of the hour shown; call it inside ``style.styled``."""
+    """Return the figures of a run in traffic and of its shown hour, inside ``style.styled``."""
     if not run.varied_keys:
         yield _queues(run)
     elif (key := across_key(run)) is not None:
@@ -41,9 +41,9 @@ def hour_pictures(run: RunData, hour: ShownPair | None) -> Iterator[Picture]:
 
 
 def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Picture]:
-    """A measure over the main varied key: a line for each strategy, and one for the reference."""
+    """Draw a measure over the main varied key, by strategy and for the reference."""
     groups: dict[str, list[tuple[Cell, HoursSummary]]] = {}
-    # ``--settle`` sets the warm-up of each cell, so cells that differ in it alone share a line.
+    # ``--settle`` sets the warm-up of each cell, so cells that differ only in it share a line.
     same_line = (key, "traffic.warm_up_s")
     for cell, summary in run.hour_results:
         others = [as_written(cell.varied[name]) for name in cell.varied if name not in same_line]
@@ -73,7 +73,7 @@ def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Pi
 def _line(
     label: str, cells: Sequence[tuple[Cell, HoursSummary]], key: str, name: str, arm: int
 ) -> Line:
-    """A measure of one arm over a key; an undefined limit is replaced by the value."""
+    """Return a measure of one arm over a key.  The value replaces an undefined limit."""
     intervals = ((float(cell.varied[key]), hours.measures[name][arm]) for cell, hours in cells)
     points = sorted(
         (x, mean.value, *(mean.value if end is None else end for end in (mean.low, mean.high)))
@@ -84,7 +84,7 @@ def _line(
 
 
 def _queues(run: RunData) -> Picture:
-    """Queued vehicles over the hour in both arms, mean over pairs and lanes."""
+    """Draw the queued vehicles over the hour in both arms, as means over pairs and lanes."""
     figure, (axes,) = style.new_figure()
     for arm, look in style.ARM_LOOKS.items():
         queues = run.queues[run.queues["arm"] == arm.value]
@@ -102,7 +102,7 @@ def _queues(run: RunData) -> Picture:
 
 
 def time_space(run: RunData, hour: ShownPair) -> Picture:
-    """Front bumpers of the ego's direction over time, and a bar for each pedestrian."""
+    """Draw front bumpers in the ego's direction over time, and a bar for each pedestrian."""
     figure, panels = style.new_figure(len(Arm), height=1.7 * style.HEIGHT_INCH)
     scenario = run.scenario_of(hour.cell)
     names = {Arm.AV: scenario.arms.av, Arm.HUMAN: scenario.arms.human}
@@ -124,13 +124,13 @@ def time_space(run: RunData, hour: ShownPair) -> Picture:
 
 
 def _panel(axes: Axes, hour: ShownPair, arm: Arm, scenario: Scenario) -> None:
-    """A line for each vehicle: its dash shows the lane, its colour whether it is an AV."""
+    """Draw a line for each vehicle.  Its dash shows the lane; its colour shows AVs."""
     states = hour.traces[hour.traces["arm"] == arm.value]
     states = states[states["time_s"].between(hour.begin_s, hour.end_s)]
     numbers = states["object"].str.extract(r"^vehicle-(\d+)$", expand=False).dropna().astype(int)
     road = lanes_of(scenario)
     forward = [lane for lane in road if lane.direction is Direction.FORWARD]
-    # Sorted by lane, so that the legend is, too.
+    # Sorting by lane sorts the legend too.
     for number in sorted(numbers.unique(), key=lambda number: (number % len(road), number)):
         lane = road[number % len(road)]
         if lane not in forward:

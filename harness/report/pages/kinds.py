@@ -13,9 +13,9 @@ PARTS: Mapping[str, PageParts] = {
     "hours of traffic": HOUR_PARTS,
     "own simulations": SIMULATION_PARTS,
 }
-"""By the kind's name."""
+"""The parts of the page, by the kind's name."""
 
 
 def parts_of(run: RunData) -> PageParts:
-    """The parts of a run's page."""
+    """Return the parts of a run's page."""
     return PARTS[run.kind.name]

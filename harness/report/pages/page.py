@@ -1,4 +1,4 @@
-"""A run folder as one page."""
+"""Writes the page of a run folder."""
 
 import math
 import shlex
@@ -31,15 +31,15 @@ from harness.studies.runs.strategy_groups import strategy_groups
 _MOST_FAILURES = 20
 _MOST_VALUES = 12
 _MOST_TABLES = 50
-"""So many cells have tables of every number on the page; the others are in ``summary.csv``."""
+"""Maximum number of cells whose full tables are on the page; ``summary.csv`` has all cells."""
 
 _MOST_COMPARISONS = 60
-"""The page computes at most so many comparisons: each takes about 1 s at 10,000 pairs."""
+"""Maximum number of comparisons; each takes about 1 s at 10,000 pairs."""
 
 
 @dataclass(frozen=True)
 class Written:
-    """The files of ``write_report``; ``differing`` lists episodes that differ if run again."""
+    """The files of ``write_report``; ``differing`` lists episodes whose repetition differs."""
 
     page: Path
     figures: tuple[Path, ...]
@@ -51,10 +51,10 @@ def write_report(
 ) -> Written:
     """Write a run's page, and on request its figures as PDF and PNG.
 
-    It simulates nothing.  If a run has no traces, it shows what ``write_shown`` has written.
+    Nothing is simulated.  If a run kept no traces, the page shows the pairs of ``write_shown``.
 
     Args:
-        run: finished or not, with at least one finished pair.
+        run: a finished or unfinished run with at least one finished pair.
         out: the file; default ``report.html`` in the run folder.
         figures: a folder for the figures, made if missing.
         missing: the reason if there are no episodes to show.
@@ -65,7 +65,7 @@ def write_report(
     page = page_in(run.path, out)
     if not run.finished_pairs:
         raise InputError(str(run.path), "no pair is finished yet", "a run with results")
-    # Damaged tables are noticed before anything is written.
+    # Damaged tables raise before anything is written.
     content = _content(run)
     shown = shown_pairs(run, page)
     pictures, figure_remarks = parts_of(run).pictures(run, shown)
@@ -90,7 +90,7 @@ def write_report(
 
 
 def _content(run: RunData) -> Page:
-    """The context of the page without episodes and figures."""
+    """Return the content of the page without episodes and figures."""
     scenario = run.scenario
     arms = f"{scenario.arms.av} against {scenario.arms.human}"
     heading = f"{run.name}: a sweep" if run.varied_keys else f"{run.name}: {arms}"
@@ -122,7 +122,7 @@ def _content(run: RunData) -> Page:
 
 
 def _results(run: RunData) -> tuple[list[str], list[Table]]:
-    """The first screen, and the folded tables of all numbers."""
+    """Return the first screen, and the folded tables of all numbers."""
     findings = reported(run)
     *screen, _ = screen_lines(replace(screen_of(findings), most_lines=None))
     if run.varied_keys:
@@ -142,7 +142,7 @@ def _unfinished(run: RunData) -> str:
 
 
 def _compared(run: RunData) -> tuple[list[Table], list[str]]:
-    """The comparison of a sweep's strategies, or its command if it would take too long here."""
+    """Return the comparison of a sweep's strategies, or its command if it takes too long here."""
     groups = strategy_groups(run.study) if run.finished else []
     comparisons = sum(math.comb(len(group.cells), 2) for group in groups)
     if comparisons == 0:
@@ -192,7 +192,7 @@ def _facts(run: RunData) -> Iterator[tuple[str, str]]:
 
 
 def _ran(run: RunData) -> dict[str, str]:
-    """Every key of the scenario that the run used, with its values in all cells."""
+    """Return every key of the scenario that the run used, with its values in all cells."""
     values: dict[str, list[str]] = {}
     modelled = bool(model_cells(run))
     for cell in run.study.cells:
@@ -208,7 +208,7 @@ def _ran(run: RunData) -> dict[str, str]:
 
 
 def _listed(texts: Iterable[str]) -> str:
-    """The distinct texts; of many only the first few."""
+    """Join the distinct texts; if there are many, only the first few."""
     each = list(dict.fromkeys(texts))
     return ", ".join(each[:_MOST_VALUES]) + (" …" if len(each) > _MOST_VALUES else "")
 

@@ -14,7 +14,7 @@ Shown = Sequence[ShownPair]
 
 @dataclass(frozen=True)
 class ShownEpisode:
-    """An episode for the player: its ``key`` in ``PageParts.groups``, and its scene by name."""
+    """An episode for the player, with its ``key`` in ``PageParts.groups`` and its scene's name."""
 
     key: Hashable
     scene_name: str
@@ -27,13 +27,14 @@ class PageParts:
     """The parts of a page that a kind of run has.
 
     Attributes:
-        opening: what was simulated, in words.
-        tables: the folded tables beside those of the findings.
-        pictures: the figures, and remarks on those that are left out.
-        player_words: what the player plays, from the pairs and how many episodes fit on the page.
-        episodes: the player's episodes, the most important first.
-        groups: the keys of episodes by the reason why they are shown.
-        shown_noun: what an episode shows.
+        opening: returns a description of the simulation.
+        tables: returns the folded tables other than the tables of the findings.
+        pictures: returns the figures, and remarks on missing figures.
+        player_words: returns a description of the player's content, from the pairs and the number
+            of episodes that fit on the page.
+        episodes: returns the player's episodes, the most important first.
+        groups: returns the keys of episodes by the reason why they are shown.
+        shown_noun: the noun for an episode's content.
     """
 
     opening: Callable[[RunData], str]
@@ -48,11 +49,11 @@ class PageParts:
 def pair_by_pair(
     scene: Callable[[RunData, int], Encoded], episode: Callable[[RunData, ShownPair], Encoded]
 ) -> Callable[[RunData, Shown], Iterator[ShownEpisode]]:
-    """The episodes of runs whose episodes are pairs.
+    """Return ``PageParts.episodes`` for runs in which every episode is a pair.
 
     Args:
-        scene: the crosswalk of a cell, in metres.
-        episode: a pair for the player.
+        scene: returns the crosswalk of a cell, in metres.
+        episode: returns the player's document of a pair.
     """
 
     def episodes(run: RunData, shown: Shown) -> Iterator[ShownEpisode]:

@@ -1,4 +1,4 @@
-"""Passages over a crosswalk as the player's documents, from any simulation or recording."""
+"""Turns passages over a crosswalk, simulated or recorded, into the player's documents."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -17,15 +17,15 @@ _MEASURES = (
 
 
 def passage_scene(crossing: Crossing, vehicle: Vehicle) -> JsonObject:
-    """The crosswalk as a vehicle passes it, with the borders of its own lane."""
+    """Return the crosswalk for a vehicle's passage, with the borders of the vehicle's lane."""
     half_m = crossing.lane_width_m / 2
     borders = (crossing.lane_centre_m - half_m, crossing.lane_centre_m + half_m)
-    # Nobody stops for a line of ours here.
+    # Vehicles here do not stop at a line of the harness.
     return scene_of(crossing, vehicle) | {"stop": None, "borders": rounded(borders)}
 
 
 def measures_in_words(record: Mapping[str, Any]) -> str:
-    """The contact, PET, TTC and DRAC of a passage, those that are defined."""
+    """Return the defined ones of a passage's contact, PET, TTC and DRAC, in words."""
     parts = [
         f"{name} {record[column]:.2f} {unit}"
         for name, column, unit in _MEASURES
@@ -44,12 +44,12 @@ def passage_arm(
     crossing: Crossing,
     record: Mapping[str, Any],
 ) -> JsonObject:
-    """One passage of an episode.
+    """Return the player's document of one arm of a passage.
 
     Args:
-        arm: gives the colours.
-        title: who drives.
-        rows: times from the passage's begin, places and speeds of ``ego`` and of
+        arm: the arm, which determines the colours.
+        title: name of the driver.
+        rows: times from the passage's begin, positions and speeds of ``ego`` and of
             ``pedestrian-<index>``.
         people: ``index, side, arrival_s, start_s`` of each person.
         crossing: the crosswalk.

@@ -24,7 +24,7 @@ from harness.studies.runs.shown import ShownPair
 
 ARRIVALS_S = 60.0
 _MOST_CONDITIONS = 300
-"""At most so many pedestrians' conditional densities are averaged."""
+"""Maximum number of pedestrians whose conditional densities are averaged."""
 _GRID = 160
 _SAFETY = (
     ("min_ttc_s", "smallest TTC (s)"),
@@ -36,14 +36,14 @@ _SAFETY = (
 def pictures_of(
     run: RunData, model: InteractionModel | None, place: Place | None, shown: Sequence[ShownPair]
 ) -> Iterator[Picture]:
-    """The figures of a run, the paper's figures first; call it inside ``style.styled``.
+    """Return the figures of a run, the paper's figures first.  Call this inside ``style.styled``.
 
     Args:
-        run: with at least one finished pair.
-        model: the interaction model of the first of ``model_cells``; with None the figures of the
-            model are left out.
-        place: the site of the run's first cell; with None the figure of the site is left out.
-        shown: the pairs with traces; if there are none, the speed profiles are left out.
+        run: a run with at least one finished pair.
+        model: the interaction model of the first of ``model_cells``; None means no figures of the
+            model.
+        place: the site of the run's first cell; None means no figure of the site.
+        shown: the pairs with traces; without pairs there are no speed profiles.
     """
     if run.varied_keys:
         yield from sweep_pictures(run)
@@ -95,11 +95,11 @@ def _tau_pictures(run: RunData) -> Iterator[Picture]:
 
 
 def _arrivals(run: RunData) -> Picture:
-    """Arrivals of the first pair with at least the expected number within a minute."""
+    """Draw arrivals of the first pair with at least the expected number within a minute."""
     scenario = run.scenario_of(0)
     flow, most = scenario.pedestrians.flow_per_hour, scenario.pedestrians.max_count
     wanted = max(1, round(flow * ARRIVALS_S / 3600))
-    # All pedestrians who arrive within the figure's minute, simulated or not.
+    # These are all pedestrians who arrive within the figure's minute, simulated or not.
     experiment = scenario.experiment.model_copy(update={"timeout_s": ARRIVALS_S})
     people = scenario.pedestrians.model_copy(update={"max_count": None})
     minute = scenario.model_copy(update={"experiment": experiment, "pedestrians": people})
@@ -122,13 +122,13 @@ def _arrivals(run: RunData) -> Picture:
 
 
 def _comes_at_random(scenario: Scenario) -> bool:
-    """Whether pedestrians arrive at random: none is timed, and none is drawn by a risk."""
+    """Return whether all pedestrians arrive at random, neither timed nor given by a risk."""
     people = scenario.pedestrians
     return not people.drawn and (people.flow_per_hour > 0 or people.first_at_trigger)
 
 
 def _profiles(run: RunData, shown: Sequence[ShownPair]) -> Iterator[Picture]:
-    """Speeds of the pairs with the lowest, the median and the highest τ."""
+    """Draw speeds of the pairs with the lowest, the median and the highest τ."""
     chosen: dict[str, ShownPair] = {}
     for reason in ("lowest τ", "median τ", "highest τ"):
         pair = next((pair for pair in shown if reason in pair.reasons), None)
@@ -190,9 +190,9 @@ def _safety(run: RunData) -> Picture:
 
 
 def _walking(run: RunData, model: InteractionModel) -> Picture | None:
-    """Walking speeds in the AV's arm compared with the model's mean density."""
+    """Draw walking speeds in the AV's arm and the model's mean density."""
     scenario = run.scenario_of(0)
-    # Timed pedestrians have no quantile: their speeds are not drawn from the model.
+    # Timed pedestrians have no quantile, because their speeds are not drawn from the model.
     walkers = _of_arm(run.pedestrians, Arm.AV).dropna(subset=["speed_mps", "quantile"])
     if walkers.empty or not scenario.walks_by_model:
         return None
@@ -213,7 +213,7 @@ def _walking(run: RunData, model: InteractionModel) -> Picture | None:
 def _mean_density(
     model: InteractionModel, scenario: Scenario, walkers: pd.DataFrame, grid: FloatArray
 ) -> FloatArray:
-    """Mean of f(v_p | the state that each walker saw), over a sample if there are many."""
+    """Return the mean of f(v_p | state seen by the walker), over a sample if there are many."""
     rows = np.linspace(0, len(walkers) - 1, min(len(walkers), _MOST_CONDITIONS)).astype(int)
     sample = walkers.iloc[rows]
     crossing = scenario.crosswalk()
@@ -233,14 +233,14 @@ def _mean_density(
             away = np.full_like(grid, crossing.to_lane_m(Side(side)))
             density = model.walking_speed_density(grid, *state, lateral_m=away)
         if not np.isfinite(density).all():
-            # As in a run: L is ignored if no walking speed fits the box.
+            # As in a run, L is ignored if no walking speed fits the box.
             density = model.walking_speed_density(grid, *state)
         total += count * density
     return total / len(sample)
 
 
 def _model(model: InteractionModel, scenario: Scenario) -> Picture:
-    """f(v_p | 1/R, v) around the trigger's state; f(v | 1/R, v_p, 1/T_adv) of ``human_gmm``."""
+    """Draw f(v_p | 1/R, v) near the trigger's state, and f(v | 1/R, v_p, 1/T_adv)."""
     drives = "human_gmm" in scenario.arms.model_dump().values()
     figure, axes = style.new_figure(1 + drives, 1, height=3.5 + 3.1 * drives)
     range_m, speed = scenario.ego.trigger_range_m, scenario.ego.initial_speed_mps

@@ -1,4 +1,4 @@
-"""The player's part of a page, of every kind of run."""
+"""The player's part of the page for every kind of run."""
 
 import json
 from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -12,14 +12,14 @@ from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import ShownPair
 
 MOST_BYTES = 3_000_000
-"""Largest size of all episodes together; further episodes are left out."""
+"""Maximum total size of the episodes; further episodes are left out."""
 
 
 @dataclass(frozen=True)
 class Player:
     """The player's part of a page.
 
-    ``words`` describe what it plays.  ``groups`` lists the numbers of ``episodes`` under each
+    ``words`` describe its content.  ``groups`` lists the indices of ``episodes`` under each
     heading.  Each episode names one of ``scenes``.
     """
 
@@ -35,10 +35,10 @@ class Player:
 
 
 def run_player(run: RunData, shown: Sequence[ShownPair]) -> Player:
-    """The player of a run's encounters, or of a stretch of an hour.
+    """Return the player of a run's encounters, or of a part of an hour.
 
     Args:
-        run: provides records and scenes.
+        run: the run with records and scenes.
         shown: the pairs with their traces, at least one.
     """
     parts = parts_of(run)
@@ -65,7 +65,7 @@ def run_player(run: RunData, shown: Sequence[ShownPair]) -> Player:
 
 
 def _words(shown: Sequence[ShownPair], left: int, noun: str) -> Iterator[str]:
-    """Where the traces come from, and how many episodes are left out."""
+    """Yield sentences about the traces' origin and the number of episodes that are left out."""
     if shown[0].repeated:
         yield "The run stored no traces, so these episodes were simulated again for the page."
         different = sum(bool(pair.differences) for pair in shown)

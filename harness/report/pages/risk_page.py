@@ -1,4 +1,4 @@
-"""A finished risk as one page: the first screen, then all numbers."""
+"""The page of a finished risk estimate: the first screen, then all numbers."""
 
 import shlex
 from collections.abc import Iterator
@@ -28,15 +28,15 @@ _BY_WEIGHTS = (
 
 
 def write_risk_page(folder: Path, out: Path | None = None, missing: str = "") -> Path:
-    """Write a risk's page.
+    """Write the page of a risk estimate.
 
     Args:
-        folder: of the finished risk.
+        folder: folder of the finished estimate.
         out: the file; default ``report.html`` in the folder.
         missing: the reason if the likeliest events cannot be shown.
 
     Raises:
-        InputError: the folder holds no finished risk, or ``out`` is a folder.
+        InputError: the folder has no finished risk estimate, or ``out`` is a folder.
     """
     settings, findings = read_settings(folder), read_risk(folder)
     page = page_in(folder, out)
@@ -71,7 +71,7 @@ def write_risk_page(folder: Path, out: Path | None = None, missing: str = "") ->
 
 
 def _player(folder: Path, page: Path) -> Player | None:
-    """The player of the likeliest events; None if they have not been simulated again."""
+    """Return the player of the likeliest events; None if they were not simulated again."""
     for shown in shown_folders(folder, page):
         if (shown / MANIFEST).is_file():
             run = load_run(shown)

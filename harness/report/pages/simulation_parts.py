@@ -53,7 +53,7 @@ def _groups(run: RunData) -> Mapping[str, Sequence[Hashable]]:
     for number, passage in enumerate(chosen_passages(run)):
         for reason in passage.reasons:
             groups.setdefault(reason, []).append(number)
-    # The reasons of later passages belong further up: contacts first, in both arms.
+    # Reasons are sorted by importance and not by passage, with contacts in both arms first.
     return {reason: groups[reason] for reason in sorted(groups, key=_rank)}
 
 
@@ -71,7 +71,7 @@ def _episodes(run: RunData, shown: Sequence[ShownPair]) -> Iterator[ShownEpisode
 
 
 def _episode(run: RunData, pair: ShownPair, passage: ChosenPassage, number: int) -> ShownEpisode:
-    """A passage in both arms."""
+    """Return the player's episode of a passage in both arms."""
     rows: list[Row] = [
         {str(key): row[key] for key in row} for row in pair.people.to_dict("records")
     ]
@@ -118,7 +118,7 @@ def _episode(run: RunData, pair: ShownPair, passage: ChosenPassage, number: int)
 
 
 def _rows(traces: pd.DataFrame, arm: Arm, number: int, begin_s: float) -> pd.DataFrame:
-    """A passage's rows of ``traces``: the vehicle as ``ego``, times from its begin."""
+    """Return a passage's rows of ``traces``, as ``ego`` and in time since the passage's begin."""
     name = f"passage-{number}"
     objects = traces["object"]
     mine = (traces["arm"] == arm.value) & ((objects == name) | objects.str.startswith(f"{name}-"))

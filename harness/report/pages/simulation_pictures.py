@@ -32,12 +32,12 @@ _SAFETY = (("pet_s", "PET (s)", "PET"), ("min_ttc_s", "smallest TTC (s)", "TTC")
 _UP_TO_S = 5.0
 _MOST_CROSSWALKS = 12
 _MOST_SAFETY = 3
-"""So many crosswalks have panels of their own."""
+"""Maximum number of crosswalks that have a panel each."""
 _ROW_INCH = 0.42
 
 
 def simulation_pictures(run: RunData) -> Iterator[Picture]:
-    """The figures of a run with finished pairs; call it inside ``style.styled``."""
+    """Return the figures of a run with finished pairs.  Call this inside ``style.styled``."""
     if not run.varied_keys:
         yield _groups(run)
         yield _crosswalks(run)
@@ -48,7 +48,7 @@ def simulation_pictures(run: RunData) -> Iterator[Picture]:
 
 
 def _over(run: RunData, key: str, name: str, words: str) -> Iterator[Picture]:
-    """A measure over the main varied key: a line for each strategy, and one for the reference."""
+    """Draw a measure over the main varied key, by strategy and for the reference."""
     summary = run.summary
     others = [each for each in run.varied_keys if each != key]
     labels = [", ".join(as_written(row[each]) for each in others) for _, row in summary.iterrows()]
@@ -59,7 +59,7 @@ def _over(run: RunData, key: str, name: str, words: str) -> Iterator[Picture]:
         for line in lines_of(summary, x.tolist(), labels, name)
     ]
     if others in ([], ["arms.av"]):
-        # Cells that differ in the AV alone have the same reference arm.
+        # Cells that differ only in the AV have the same reference arm.
         once = np.array(labels) == labels[0]
         label = [f"reference: {run.scenario.arms.human}"] * int(once.sum())
         lines[1:1] = lines_of(summary[once], x[once].tolist(), label, f"{name}_human")
@@ -82,7 +82,7 @@ def _over(run: RunData, key: str, name: str, words: str) -> Iterator[Picture]:
 
 
 def _defined(line: Line) -> Line:
-    """The points of a line that have a value; an undefined limit is replaced by the value."""
+    """Return the points of a line that have a value.  The value replaces an undefined limit."""
     there = ~np.isnan(line.value)
     x, value, low, high = (each[there] for each in (line.x, line.value, line.low, line.high))
     low, high = (np.where(np.isnan(end), value, end) for end in (low, high))
@@ -90,7 +90,7 @@ def _defined(line: Line) -> Line:
 
 
 def _groups(run: RunData) -> Picture:
-    """Time loss of each group of trips in both arms."""
+    """Draw the time loss of each group of trips in both arms."""
     rows = run.derived("groups").to_pandas()
     names = [name for name in dict.fromkeys(rows["group"]) if _any(rows, "group", name)]
     names = names[:_MOST_CROSSWALKS]
@@ -111,7 +111,7 @@ def _any(rows: pd.DataFrame, column: str, name: str) -> bool:
 
 
 def _crosswalks(run: RunData) -> Picture:
-    """Delay, wait and queue at each chosen crosswalk in both arms."""
+    """Draw delay, wait and queue at each chosen crosswalk in both arms."""
     rows = run.derived("crosswalks").to_pandas()
     names = _busiest(rows)[:_MOST_CROSSWALKS]
     height = len(_AT_CROSSWALKS) * (1.3 + 0.75 * _ROW_INCH * len(names))
@@ -131,7 +131,7 @@ def _crosswalks(run: RunData) -> Picture:
 
 
 def _busiest(rows: pd.DataFrame) -> list[str]:
-    """The crosswalks, that with the most people first."""
+    """Return the crosswalks, sorted by descending number of people."""
     people = rows.groupby("crosswalk", sort=False)["people"].sum()
     return [str(name) for name in people.sort_values(ascending=False, kind="stable").index]
 
@@ -139,7 +139,7 @@ def _busiest(rows: pd.DataFrame) -> list[str]:
 def _means(
     run: RunData, rows: pd.DataFrame, key: str, names: Sequence[str], column: str
 ) -> dict[Arm, list[Interval]]:
-    """The mean over pairs of a column, for each value of a key in each arm."""
+    """Return a column's mean over pairs for each value of a key in each arm."""
     both = rows.groupby(["cell", "pair", key])["arm"].transform("size") == len(Arm)
     rows = rows[both]
     return {
@@ -157,7 +157,7 @@ def _means(
 
 
 def _safety(run: RunData) -> Iterator[Picture]:
-    """PET and TTC of the passages with people, at the busiest crosswalks."""
+    """Draw PET and TTC of the passages with people at the busiest crosswalks."""
     met = run.passages_over[run.passages_over["pedestrians"] > 0]
     names = [
         name

@@ -11,7 +11,7 @@ from harness.store.tables import CROSSWALK_FIELDS, GROUP_FIELDS, Row
 from harness.studies.runs.run_data import RunData
 
 _MOST_ROWS = 400
-"""Longer tables end here; the Parquet table has every row."""
+"""Maximum number of rows; the Parquet table has all rows."""
 
 _GROUPS = {
     "trips": "trips",
@@ -54,7 +54,7 @@ _CONFLICTS = {
 
 
 def group_and_crosswalk_tables(run: RunData) -> list[Table]:
-    """Trips by group, and traffic and conflicts at each crosswalk, of all cells and both arms."""
+    """Return the tables of trips by group, and of traffic and conflicts by crosswalk."""
     return [
         _table(
             run,
@@ -91,13 +91,13 @@ def group_and_crosswalk_tables(run: RunData) -> list[Table]:
 def _table(
     run: RunData, source: str, caption: str, headings: Mapping[str, str], name: str = ""
 ) -> Table:
-    """A table with a row for each cell, value of the key, and arm."""
+    """Return a table with a row for each cell, value of the key, and arm."""
     key = source.removesuffix("s")
     table = run.derived(source)
     groups: dict[tuple[int, str, str], list[Row]] = {}
     for row in table.to_pylist():
         groups.setdefault((row["cell"], row[key], row["arm"]), []).append(row)
-    # Both arms of a crosswalk stand below each other.
+    # The rows of a crosswalk's two arms are adjacent.
     order = {where: place for place, where in enumerate(dict.fromkeys(w[:2] for w in groups))}
     wheres = sorted(groups, key=lambda where: (order[where[:2]], [*Arm].index(Arm(where[2]))))
     kept = [column for column in headings if _any(table, column)]
@@ -129,7 +129,7 @@ def _any(table: pa.Table, column: str) -> bool:
 
 
 def _cell(values: Sequence[float | None], count: bool) -> TableCell:
-    """The sum of counts, or the mean of the defined values."""
+    """Return the sum of counts, or the mean of the defined values."""
     defined = [value for value in values if value is not None]
     if not defined:
         return TableCell("–", sort="")

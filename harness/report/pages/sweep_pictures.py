@@ -31,16 +31,16 @@ _MEASURES = (
     ("pedestrian_delay_s", "delay of pedestrians (s)", "delay of pedestrians in the AV's arm"),
 )
 _BESIDE = (_MEASURES[0], *_MEASURES[3:])
-"""The measures that the figure of a parameter's aggressiveness does not show."""
+"""Measures that the figure of aggressiveness does not show."""
 
 _MOST_SWEEPS = 4
-"""If more parameters are swept than this, none gets a figure."""
+"""Maximum number of swept parameters; if there are more, none has a figure."""
 
 _FEWEST_VALUES = 3
 
 
 def sweep_pictures(run: RunData) -> Iterator[Picture]:
-    """The figures over cells; call it inside ``style.styled``."""
+    """Return the figures over cells.  Call this inside ``style.styled``."""
     swept = _parameters(run)
     for number, (group, parameter) in enumerate(swept):
         yield _aggressiveness(run, group, parameter, number if len(swept) > 1 else None)
@@ -51,7 +51,7 @@ def sweep_pictures(run: RunData) -> Iterator[Picture]:
 
 
 def across_key(run: RunData) -> str | None:
-    """The varied key on the x axis: the flow, else the numeric key with the most values."""
+    """Return the key of the x axis: the flow, or else the numeric key with the most values."""
     varied = run.summary[run.varied_keys].select_dtypes("number").dropna(axis="columns").nunique()
     numeric = varied[varied > 1]
     if _FLOW in numeric or numeric.empty:
@@ -60,7 +60,7 @@ def across_key(run: RunData) -> str | None:
 
 
 def axis_label(key: str) -> str:
-    """A varied key as the label of an axis, with its unit if the name ends with one."""
+    """Return a varied key as an axis label, with the unit in which the key's name ends."""
     if key == _FLOW:
         return "pedestrian flow λ (per hour)"
     *section, name = key.split(".")
@@ -72,7 +72,7 @@ def axis_label(key: str) -> str:
 
 
 def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) -> Iterator[Picture]:
-    """Measures over one key, a line for each combination of the others."""
+    """Draw measures over one key, with a line for each combination of the other keys."""
     summary = run.summary
     others = [name for name in run.varied_keys if name != key]
     labels = [", ".join(as_written(row[name]) for name in others) for _, row in summary.iterrows()]
@@ -88,7 +88,7 @@ def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) ->
         figure, (axes,) = style.new_figure()
         level = (1.0, "as fast as the reference") if measure == "time_ratio" else None
         lines = draw.lines_of(summary, x, labels, measure)
-        # If cells differ in the AV alone, they have the same reference arm.
+        # Cells that differ only in the AV have the same reference arm.
         if measure == "pedestrian_delay_s" and others in ([], ["arms.av"]):
             one_av = np.array(labels) == labels[0]
             label = f"{run.scenario.arms.human} (reference)"
@@ -106,7 +106,7 @@ def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) ->
 
 
 def _parameters(run: RunData) -> list[tuple[StrategyGroup, ParameterSweep]]:
-    """The parameters of strategies that the run sweeps; none if there are too many to draw."""
+    """Return the strategy parameters that the run sweeps; empty if there are too many to draw."""
     swept = [
         (group, parameter)
         for group in strategy_groups(run.study)
@@ -120,7 +120,7 @@ def _parameters(run: RunData) -> list[tuple[StrategyGroup, ParameterSweep]]:
 def _aggressiveness(
     run: RunData, group: StrategyGroup, parameter: ParameterSweep, number: int | None
 ) -> Picture:
-    """μ and κ over one parameter of a strategy, with the limits and the allowed values."""
+    """Draw μ and κ over one parameter of a strategy, with the limits and the allowed values."""
     judged = _judged(run, group, parameter)
     bold = parameter.aggressiveness
     x = np.array(bold or parameter.values)
@@ -163,7 +163,7 @@ def _aggressiveness(
 
 
 def _judged(run: RunData, group: StrategyGroup, parameter: ParameterSweep) -> SweepResult | None:
-    """The verdict on a finished sweep whose scenario has both limits."""
+    """Return the allowed values of a finished sweep whose scenario has both limits."""
     given = group.cells[0].cell.scenario.limits
     if not run.finished or given.mu0 is None or given.kappa0 is None:
         return None

@@ -1,4 +1,4 @@
-"""The template of every page: it opens from disk without a network and escapes all text."""
+"""The template of every page.  Pages work offline from disk, and all text is escaped."""
 
 import base64
 import hashlib
@@ -41,10 +41,10 @@ class Failures:
 
 @dataclass(frozen=True, kw_only=True)
 class Page:
-    """The content of a page, as ``templates/report.html`` shows it from top to bottom.
+    """The content of a page, in the order of ``templates/report.html`` from top to bottom.
 
-    ``where`` says what ``folder`` is; ``no_player`` replaces the player.  ``maker`` is the command
-    that made the page, and ``made_from`` its source.
+    ``where`` describes ``folder``.  ``no_player`` replaces the player.  ``maker`` is the command
+    that made the page, and ``made_from`` is its source.
     """
 
     kind: str
@@ -69,7 +69,7 @@ class Page:
 
 
 def page_in(folder: Path, out: Path | None) -> Path:
-    """The path of a page: ``out``, or ``report.html`` in a folder.
+    """Return the path of a page: ``out``, or ``report.html`` in a folder.
 
     Raises:
         InputError: ``out`` is a folder.
@@ -81,7 +81,7 @@ def page_in(folder: Path, out: Path | None) -> Path:
 
 
 def drawn(picture: style.Picture) -> Drawn:
-    """A picture in the form that the template takes."""
+    """Return a picture in the template's form."""
     svg = inline_svg(picture.figure, f"f-{picture.name}", picture.title, picture.caption)
     return Drawn(picture.name, picture.title, picture.caption, svg)
 
@@ -101,19 +101,19 @@ def write_page(path: Path, page: Page) -> None:
         scripts=[_script(name) for name in ("page.js", "player.js")],
         version=versions_of_runs()["harness"],
     )
-    # A file may hold bytes that are not text; a page must be text.
+    # A file may contain bytes that are not text, but a page must be text.
     write_file(path, text.encode("utf-8", errors="replace"))
 
 
 def _script(name: str) -> dict[str, str]:
-    """A script with its hash, by which the page allows this script and no other."""
+    """Return a script with its hash.  The page allows only scripts with a listed hash."""
     text = (_TEMPLATES / name).read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
     return {"text": text, "hash": f"'sha256-{digest}'"}
 
 
 def flat(tree: JsonObject, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Every key of the scenario with its value."""
+    """Yield every key of the scenario with its value."""
     for key, value in tree.items():
         if isinstance(value, dict) and value:
             yield from flat(value, f"{prefix}{key}.")

@@ -1,4 +1,4 @@
-"""The rows of the player's traces, from a trace itself."""
+"""Makes the rows of the player's traces from a trace."""
 
 import numpy as np
 import pandas as pd
@@ -8,7 +8,7 @@ from harness.measures.motion.walking import cleared_s, states_at
 
 
 def ego_rows(trace: Trace) -> pd.DataFrame:
-    """Positions of the vehicle at every step."""
+    """Return the vehicle's positions at every step."""
     columns = {
         "time_s": np.arange(len(trace.x_m)) * trace.step_s,
         "object": "ego",
@@ -20,7 +20,7 @@ def ego_rows(trace: Trace) -> pd.DataFrame:
 
 
 def walk_rows(walk: Walk, trace: Trace) -> pd.DataFrame:
-    """Positions of a pedestrian at the steps at which they are on the road."""
+    """Return a pedestrian's positions at the steps at which they are on the road."""
     begin_s = walk.arrival.arrival_s if walk.start_s is None else walk.start_s
     last, cleared = len(trace.x_m) - 1, cleared_s(walk, trace.crossing)
     if cleared is not None:

@@ -1,4 +1,4 @@
-"""Traces as the player's documents: plain numbers, thinned and rounded."""
+"""Turns traces into the player's documents of thinned and rounded numbers."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -14,14 +14,14 @@ from harness.report.screens.tables import named_values
 from harness.studies.runs.run_data import RunData
 
 MOST_STATES = 1_500
-"""Most states of one arm of an encounter; longer traces are thinned evenly."""
+"""Maximum number of states in one arm of an encounter; longer traces are thinned evenly."""
 
 HOUR_STEP_S = 0.5
-"""Time between two states of an object of an hour."""
+"""Time in s between two states of an object in an hour."""
 
 _FURTHEST_M = 48.0
 _BEYOND_M = 14.0
-"""Limits of the stretch of road that is shown of an encounter."""
+"""Limits in m of the stretch of road that is shown for an encounter."""
 
 Numbers = list[float | None]
 Encoded = Mapping[str, object]
@@ -29,7 +29,7 @@ Encoded = Mapping[str, object]
 
 
 def pair_title(run: RunData, cell: int, pair: int) -> str:
-    """The name of a pair, with the values of its cell's varied keys."""
+    """Return the name of a pair, with the values of its cell's varied keys."""
     varied = run.study.cells[cell].varied
     keys = named_values({key: value for key, value in varied.items() if value is not None})
     return f"pair {pair} of cell {cell} ({keys})" if keys else f"pair {pair}"
@@ -38,7 +38,7 @@ def pair_title(run: RunData, cell: int, pair: int) -> str:
 def scene_of(
     crossing: Crossing, vehicle: Vehicle, borders: Iterable[float] = (), obstacles: Any = ()
 ) -> JsonObject:
-    """The crosswalk of an encounter, in metres."""
+    """Return the crosswalk of an encounter, in metres."""
     half_lane = crossing.lane_width_m / 2
     ends = (crossing.lane_centre_m - half_lane, crossing.lane_centre_m + half_lane)
     return {
@@ -64,15 +64,15 @@ def shown_arm(
     words: str = "",
     contact: Encoded | None = None,
 ) -> JsonObject:
-    """One arm of an episode.
+    """Return the player's document of one arm of an episode.
 
     Args:
-        arm: gives the colours.
-        title: who drives.
-        rows: of ``traces``.
+        arm: the arm, which determines the colours.
+        title: name of the driver.
+        rows: rows of ``traces``.
         people: ``index, side, arrival_s, start_s`` of each pedestrian.
         crossing: the crosswalk of an encounter, for its curves over time; None for an hour.
-        words: how the episode ended.
+        words: the episode's ending.
         contact: the ``time`` of a contact, and the ``index`` of the pedestrian.
     """
     step_s = HOUR_STEP_S
@@ -109,7 +109,7 @@ def shown_arm(
 
 
 def _kept(times_s: FloatArray, step_s: float) -> "np.ndarray":
-    """The states that are shown: the first in each interval of ``step_s``, and the last."""
+    """Return the indices of shown states: the first in each ``step_s`` interval, and the last."""
     if not step_s or not len(times_s):
         return np.arange(len(times_s))
     intervals = np.floor(times_s / step_s + 1e-6)
@@ -117,7 +117,7 @@ def _kept(times_s: FloatArray, step_s: float) -> "np.ndarray":
 
 
 def _track(rows: pd.DataFrame, kept: "np.ndarray") -> Encoded:
-    """Times and coordinates of an object; a coordinate that never changes is one number."""
+    """Return an object's times and coordinates; a constant coordinate is one number."""
     t, x, y = (rounded(rows[name].to_numpy()[kept]) for name in ("time_s", "x_m", "y_m"))
     return {"t": t, "x": _constant(x), "y": _constant(y)}
 
@@ -127,12 +127,12 @@ def _constant(values: Numbers) -> Numbers | float | None:
 
 
 def rounded(values: Iterable[float]) -> Numbers:
-    """The values to three decimals; None if undefined."""
+    """Round values to three decimals; None if undefined."""
     return [short(value) for value in values]
 
 
 def short(value: float | None) -> float | None:
-    """The value to three decimals; None if undefined."""
+    """Round a value to three decimals; None if undefined."""
     if value is None or not math.isfinite(value):
         return None
     thousandths = round(float(value), 3)

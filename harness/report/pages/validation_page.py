@@ -1,4 +1,4 @@
-"""A validation as one page: tables, figures, passages to watch."""
+"""The page of a validation, with tables, figures and passages to watch."""
 
 import json
 from collections.abc import Sequence
@@ -33,8 +33,8 @@ def write_validation(validation: Validation, folder: Path) -> list[Path]:
     """Write a validation's page and its JSON document.
 
     Args:
-        validation: to be shown.
-        folder: made if missing.
+        validation: the validation.
+        folder: the folder, which is made if missing.
     """
     page, document = folder / PAGE, folder / DOCUMENT
     text = json.dumps(validation.findings.document(), indent=1, ensure_ascii=False)
@@ -73,7 +73,7 @@ def _content(validation: Validation, pictures: Sequence[Drawn]) -> Page:
 
 
 def _player(validation: Validation) -> Player:
-    """The recorded vehicle and the nearest driver of each passage, side by side."""
+    """Return the player with the recorded vehicle and the closest driver of each passage."""
     driver = validation.findings.drivers[0].driver
     used = validation.passages.used[:_MOST_PASSAGES]
     episodes, scenes = [], {}

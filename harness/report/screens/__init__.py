@@ -1,1 +1,1 @@
-"""Findings in; screens, tables and JSON out."""
+"""Takes findings and returns screens, tables and JSON."""

@@ -1,4 +1,4 @@
-"""A comparison as the JSON document and the CSV rows of ``harness compare``."""
+"""The JSON document and the CSV rows of ``harness compare``."""
 
 from collections.abc import Mapping
 
@@ -11,7 +11,7 @@ Document = Mapping[str, object]
 
 
 def comparison_document(result: RunComparison) -> Document:
-    """The document that ``--json`` prints."""
+    """Return the document that ``--json`` prints."""
     return {
         "folders": [str(folder) for folder in result.folders],
         "confidence": result.confidence,
@@ -37,7 +37,7 @@ def comparison_document(result: RunComparison) -> Document:
 
 
 def comparison_rows(result: RunComparison) -> list[Document]:
-    """The rows of ``--out``: every comparison, with what its group shares."""
+    """Return the rows of ``--out``: every comparison, with its group's shared values."""
     return [
         {
             **group.group.shared,

@@ -20,7 +20,7 @@ from harness.studies.runs.notes import av_label
 from harness.studies.runs.site_words import site_words
 
 _MOST_CELLS = 6
-"""Rows of the screen; the tables of ``--full`` have every cell."""
+"""Maximum number of rows; the tables of ``--full`` have every cell."""
 
 _MOST_SENTENCES = 3
 _NAMED = 3
@@ -28,7 +28,7 @@ _PLACES = {Place.FRONT: "yes", Place.UNDECIDED: "undecided", Place.DOMINATED: "n
 
 
 def comparison_screen(result: RunComparison) -> Screen:
-    """The first cells of each group: those on the front first, then by the ratio of times."""
+    """Return the first cells of each group, the front first and then by the ratio of times."""
     each = max(1, _MOST_CELLS // len(result.groups))
     groups = result.groups[:_MOST_CELLS]
     rows = [row for group in groups for row in _group_rows(group, each)]
@@ -80,7 +80,7 @@ def _group_rows(group: GroupResult, most: int) -> list[tuple[str, ...]]:
 
 
 def _worst_case(findings: Mapping[str, Finding]) -> str:
-    """The worst ratio of times of a cell that leaves pairs out or counts them with the time-out."""
+    """Return the worst ratio of times of a cell with excluded or timed-out pairs."""
     counts = [findings[name].number or 0 for name in ("pairs", "time_ratio_pairs", "timed_out")]
     if counts[0] == counts[1] and not counts[2]:
         return ""
@@ -89,7 +89,7 @@ def _worst_case(findings: Mapping[str, Finding]) -> str:
 
 
 def _numbers(group: GroupResult, positions: list[int]) -> str:
-    """The numbers of the first of these cells."""
+    """Return the numbers of the first few of these cells."""
     if not positions:
         return "–"
     if len(positions) == len(group.summaries) - 1 > 1:
@@ -98,7 +98,7 @@ def _numbers(group: GroupResult, positions: list[int]) -> str:
 
 
 def _sentences(result: RunComparison, hidden: int) -> list[str]:
-    """What the limits allow, as far as the screen has room, and how many cells it leaves out."""
+    """Return sentences about the allowed cells that fit on the screen, and about hidden cells."""
     best = [line for group in result.groups for line in best_lines(group)]
     allowed = [
         line
@@ -114,7 +114,7 @@ def _sentences(result: RunComparison, hidden: int) -> list[str]:
 
 
 def _hidden(result: RunComparison, hidden: int) -> list[str]:
-    """How many cells the screen leaves out, and which groups as a whole."""
+    """Return a sentence about the number of hidden cells, and the hidden groups."""
     if not hidden:
         return []
     groups = [named_values(group.group.shared) for group in result.groups[_MOST_CELLS:]]

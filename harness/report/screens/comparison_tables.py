@@ -1,4 +1,4 @@
-"""The tables and sentences of a comparison, for the terminal and the page alike."""
+"""The tables and sentences of a comparison, for the terminal and the page."""
 
 from collections.abc import Sequence
 
@@ -33,11 +33,11 @@ from harness.studies.runs.comparisons import GroupResult, RunComparison, SweepRe
 from harness.studies.runs.notes import av_label, encounter_notes
 
 _NAMED = 4
-"""Cells named in a word about another; the JSON document has all."""
+"""Maximum number of cells that a text names; the JSON document has all."""
 
 
 def comparison_tables(result: RunComparison) -> list[Table]:
-    """Every group's cells and their front, the differences, and the allowed values."""
+    """Return tables of every group's cells and front, the differences, and the allowed values."""
     tables = []
     for place, group in enumerate(result.groups):
         shared = named_values(group.group.shared)
@@ -53,7 +53,7 @@ def comparison_tables(result: RunComparison) -> list[Table]:
 
 
 def comparison_notes(result: RunComparison) -> tuple[Note, ...]:
-    """What a reader has to know before any number of the comparison."""
+    """Return the notes that a reader needs for the comparison's numbers."""
     cells = [
         (cell.number, encounter_notes(cell.cell.scenario, summary.findings, ENCOUNTERS))
         for group in result.groups
@@ -63,7 +63,7 @@ def comparison_notes(result: RunComparison) -> tuple[Note, ...]:
 
 
 _SHOWN = ("time_ratio", "time_ratio_worst", "mu", "delay_s", "kappa", "kappa_all")
-"""Findings of each cell on the terminal; the page has those of ``_ON_PAGE``, too."""
+"""Findings of each cell on the terminal; the page also has the findings of ``_ON_PAGE``."""
 
 _ON_PAGE = ("mu_worst", "delay_worst_s", "timed_out_av", "defined_pairs")
 
@@ -176,11 +176,11 @@ def _sweep_table(result: SweepResult, group: GroupResult, name: str) -> Table:
 
 
 def allowed_lines(result: SweepResult, error: float) -> list[str]:
-    """The verdict in words.
+    """Return sentences about the allowed values.
 
     Args:
         result: the judgement of each value of one parameter.
-        error: chance that any of the bounds is wrong.
+        error: probability that any of the bounds is wrong.
     """
     sweep, found = result.sweep, result.found
     together = f"with {level(1 - error)} confidence for all {len(sweep.values)} values together"
@@ -210,7 +210,7 @@ def allowed_lines(result: SweepResult, error: float) -> list[str]:
 
 
 def best_lines(result: GroupResult) -> list[str]:
-    """The best of a group's allowed cells in words; nothing where nothing is judged."""
+    """Return sentences about a group's best allowed cell; empty if no cell is judged."""
     if result.judged is None:
         return []
     cells, best = result.group.cells, result.best_allowed
@@ -234,7 +234,7 @@ def best_lines(result: GroupResult) -> list[str]:
 
 
 def _left_out(findings: Findings) -> str:
-    """How many pairs the ratio of times leaves out and why, with its worst case."""
+    """Return how many pairs the ratio of times leaves out, with reason and worst case."""
     count = findings["pairs"].count - findings["time_ratio_pairs"].count
     if not count:
         return "no pair left out"
@@ -244,7 +244,7 @@ def _left_out(findings: Findings) -> str:
 
 
 def comparison_lines(result: RunComparison) -> list[str]:
-    """The tables' findings in words, and how to read them."""
+    """Return sentences about the tables' findings, and how to read the tables."""
     tests = sum(len(group.comparisons) for group in result.groups)
     error = f"{1 - result.confidence:.2g}"
     notes = [
@@ -304,6 +304,6 @@ def _words(standing: Standing, result: GroupResult) -> str:
 
 
 def cell_numbers(positions: Sequence[int], result: GroupResult, most: int = _NAMED) -> str:
-    """The numbers of the first few of these cells."""
+    """Return the numbers of the first few of these cells."""
     more = f" and {len(positions) - most} more" if len(positions) > most else ""
     return ", ".join(str(result.group.cells[at].number) for at in positions[:most]) + more

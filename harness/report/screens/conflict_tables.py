@@ -1,4 +1,4 @@
-"""The conflicts of a recording: the first screen, and the tables of the terminal and the page."""
+"""The first screen of a recording's conflicts, and the tables of the terminal and the page."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -35,7 +35,7 @@ _FROM_DIFFERENCES = "a difference of two speeds: its resolution depends on decim
 
 
 def print_conflicts(findings: ConflictFindings, folder: Path, full: bool = False) -> None:
-    """Print the first screen; with ``full`` every table."""
+    """Print the first screen, or every table with ``full``."""
     console = make_console()
     for line in screen_lines(conflict_screen(findings, folder, full=full), console.width):
         console.print(line, soft_wrap=True)
@@ -45,7 +45,7 @@ def print_conflicts(findings: ConflictFindings, folder: Path, full: bool = False
 
 
 def conflict_screen(findings: ConflictFindings, folder: Path, *, full: bool = False) -> Screen:
-    """The first screen: the crosswalks with the most conflicts, and what limits the numbers."""
+    """Return the first screen: the crosswalks with the most conflicts, and notes."""
     rows = [each.row(findings.thresholds) for each in findings.crosswalks]
     rows.sort(key=lambda row: (-row["contacts"], -row["conflicts_pet"], -row["with_people"]))
     shown = [row for row in rows if row["with_people"]][: None if full else _MOST_ROWS]
@@ -89,7 +89,7 @@ def conflict_screen(findings: ConflictFindings, folder: Path, *, full: bool = Fa
 
 
 def notes_of(findings: ConflictFindings) -> list[Note]:
-    """What has to be known with the numbers."""
+    """Return the notes that a reader needs for the numbers."""
     notes = []
     left_out = {
         reason: sum(each.not_measured.get(reason, 0) for each in findings.crosswalks)
@@ -115,7 +115,7 @@ def notes_of(findings: ConflictFindings) -> list[Note]:
 
 
 def _joined(findings: ConflictFindings) -> str:
-    """How the records are joined, and what the step does to the measures."""
+    """Describe how records are interpolated, and the effect of the time step on the measures."""
     how = {
         "euler": "in each step vehicles drive at its final speed (Euler), which fits the records",
         "ballistic": "in each step vehicles accelerate evenly (ballistic), which fits the records",
@@ -131,7 +131,7 @@ def _joined(findings: ConflictFindings) -> str:
 
 
 def conflict_tables(findings: ConflictFindings) -> list[Table]:
-    """Every crosswalk, the worst passages, every measure, and what is not measured."""
+    """Return tables of crosswalks, worst passages, measures, and passages that are not measured."""
     rows = [each.row() for each in findings.passages]
     return [
         _crosswalks(findings),
@@ -182,7 +182,7 @@ def _cell(value: float | None) -> TableCell:
 
 
 def worst_table(rows: Sequence[Mapping[str, Any]], by: str) -> Table:
-    """Where and when the worst passages were, and how bad."""
+    """Return a table of the worst passages, with place, time and measure."""
     names = {"min_ttc_s": "TTC, s", "max_drac_mps2": "DRAC, m/s²", "pet_s": "PET, s"}
     columns = [by, *(name for name in ("pet_s", "min_ttc_s", "max_drac_mps2") if name != by)]
     cells = [
@@ -236,5 +236,5 @@ def _measures(findings: ConflictFindings, rows: Sequence[Mapping[str, Any]]) -> 
 
 
 def on_step(measure: Measure) -> str:
-    """What the time between two records does to a measure."""
+    """Return the effect of the time between two records on a measure."""
     return _FROM_DIFFERENCES if measure.column in _FROM_SPEEDS else _ON_STEP[measure.on_step]

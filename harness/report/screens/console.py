@@ -1,4 +1,4 @@
-"""The console of everything on the terminal, and how it shows a table."""
+"""The console for all terminal output, and the printing of tables."""
 
 import sys
 
@@ -12,9 +12,9 @@ PIPE_COLUMNS = 120
 
 
 def make_console() -> Console:
-    """Stdout; wide enough for the tables where it is a pipe."""
-    # Rich takes 80 columns for a pipe, where nothing limits the width.
-    # Texts come from files: no brackets or colons in them are instructions.
+    """Return the console of standard output; if it is a pipe, it is wide enough for all tables."""
+    # Rich assumes 80 columns for a pipe, although a pipe has no width.
+    # Texts come from files, so their brackets and colons are not markup.
     return Console(
         highlight=False,
         markup=False,
@@ -24,13 +24,13 @@ def make_console() -> Console:
 
 
 def print_table(console: Console, table: Table) -> None:
-    """Print a table; long words are folded, never cut."""
+    """Print a table.  Long words are wrapped and never cut."""
     shown = range(len(table.headings)) if table.terminal is None else table.terminal
     longest = [max(len(word) for word in f"{table.headings[of]} ".split(" ")) for of in shown]
     fits = sum(longest) + len(longest) < console.width
     printed = RichTable(title=table.caption, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for position, word in zip(shown, longest, strict=True):
-        # The first column says what a row is about: its names stay whole on a narrow terminal.
+        # The first column names the rows, so its names stay whole on a narrow terminal.
         printed.add_column(
             table.headings[position],
             overflow="fold",
@@ -43,5 +43,5 @@ def print_table(console: Console, table: Table) -> None:
 
 
 def _text(cell: TableCell, brief: bool) -> str:
-    """A cell's text, and its small text on a line of its own."""
+    """Return a cell's text, with its small text on a separate line."""
     return cell.text if brief or not cell.small else f"{cell.text}\n{cell.small}"

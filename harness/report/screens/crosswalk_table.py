@@ -1,4 +1,4 @@
-"""The crosswalks of a user's own scenario, with who passes them."""
+"""The table of the crosswalks in a user's own scenario, with their traffic."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ def print_crosswalks(config: Path, rows: Sequence[CrosswalkRow]) -> None:
 
 
 def crosswalk_table(caption: str, rows: Sequence[CrosswalkRow]) -> Table:
-    """The crosswalks as a table; the reason stands where one cannot be chosen."""
+    """Return the crosswalks as a table, with the reason if one cannot be chosen."""
     headings = (
         "crosswalk",
         "vehicles per hour",

@@ -14,7 +14,7 @@ from harness.strategies.registry import available
 from harness.studies.conformance import RuleResult
 
 _SHOWN = 5
-"""Pedestrians of an observation that are told."""
+"""Maximum number of pedestrians in the text of an observation."""
 
 CHECKS = (
     "SUMO is installed in the version needed",
@@ -34,7 +34,7 @@ class ParameterRow(TypedDict):
 
 
 class StrategyRow(TypedDict, total=False):
-    """A strategy: its name, and its problem if it is unusable; otherwise all the rest."""
+    """A strategy.  An unusable strategy has only its name and its problem."""
 
     name: str
     problem: str
@@ -44,7 +44,7 @@ class StrategyRow(TypedDict, total=False):
 
 
 class RuleRow(TypedDict):
-    """A rule of ``strategies --check``: the problem with it, and the observation that shows it."""
+    """A rule of ``strategies --check``, its problem, and the observation that shows it."""
 
     check: str
     problem: str | None
@@ -52,9 +52,9 @@ class RuleRow(TypedDict):
 
 
 def strategy_documents() -> list[StrategyRow]:
-    """Every strategy: ``name``, ``summary``, ``parameters``; ``problem`` where it is unusable.
+    """Return every strategy with ``name``, ``summary``, ``parameters``, or with its ``problem``.
 
-    ``knows`` says of one that is given the interaction model what that means; None for others.
+    ``knows`` is a sentence about strategies that receive the interaction model; None for others.
     """
     documents: list[StrategyRow] = []
     for name, factory in available().items():
@@ -79,14 +79,14 @@ def strategy_documents() -> list[StrategyRow]:
 
 
 def knowledge_of(strategy: StrategyFactory) -> str | None:
-    """Knowledge that a strategy is given and no driver or AV has; None where there is none."""
+    """Return the knowledge that a strategy receives and real drivers or AVs lack; None if none."""
     if not knows_the_model(strategy):
         return None
     return "knows the pedestrians' distribution: it is given the model that they are drawn from"
 
 
 def observation_lines(observation: Observation | None) -> list[str]:
-    """An observation in words: the ego, then everybody at the crosswalk."""
+    """Return an observation in words: the ego, then everybody at the crosswalk."""
     if observation is None:
         return []
     ego = observation.ego
@@ -106,7 +106,7 @@ def observation_lines(observation: Observation | None) -> list[str]:
 
 
 def verdict_document(verdict: RuleResult) -> RuleRow:
-    """The entry of ``strategies --check --json`` for one rule."""
+    """Return the entry of ``strategies --check --json`` for one rule."""
     return {
         "check": verdict.check,
         "problem": verdict.problem,
@@ -115,13 +115,13 @@ def verdict_document(verdict: RuleResult) -> RuleRow:
 
 
 def installation_checks() -> Iterator[tuple[str, str | None]]:
-    """Yield each check of the installation with its problem or None; end at the first problem."""
+    """Yield each check of the installation with its problem or None.  Stop at the first problem."""
     checks = (check_packages, _check_library, _check_network, _check_episode)
     for title, check in zip(CHECKS, checks, strict=True):
         try:
             check()
         except InterruptedRunError:
-            raise KeyboardInterrupt from None  # of a run in a folder that is gone
+            raise KeyboardInterrupt from None  # the run's folder no longer exists
         except (HarnessError, ImportError, OSError) as error:
             yield title, str(error)
             return
@@ -131,7 +131,7 @@ def installation_checks() -> Iterator[tuple[str, str | None]]:
 def _check_library() -> None:
     from harness.studies.workers.pool import LocalPool
 
-    # In a process of its own: a broken library may take its process with it.
+    # A broken library may kill its process, so the check runs in another process.
     pool = LocalPool(1)
     try:
         pool.submit(abs, -1).result()

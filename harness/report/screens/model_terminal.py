@@ -79,23 +79,23 @@ class _Card(_Form):
 
 
 def check_card(model: InteractionModel, file: str) -> None:
-    """Refuse to show a model whose card is not as ``harness fit`` writes it.
+    """Refuse a model whose card differs in form from the cards of ``harness fit``.
 
-    A file of other origin, whose provenance is free, has no table of candidates.
+    A file from another source has no table of candidates, and its provenance may have any form.
 
     Args:
-        model: as read.
-        file: it was read from, for messages.
+        model: the model.
+        file: the model's file, for messages.
 
     Raises:
-        InputError: a key is missing, or of another type.
+        InputError: a key is missing or has the wrong type.
     """
     if "candidates" in model.provenance:
         check_form(_Card, model.provenance, f"{file}: provenance")
 
 
 def print_extraction(summary: Mapping[str, Any], out: Path, figures: Sequence[Path]) -> None:
-    """Counts, quartiles, and what each rule left out."""
+    """Print counts, quartiles, and the number of rows that each rule excluded."""
     console, counts = make_console(), summary["counts"]
     console.print(
         f"{counted(summary['rows'], 'row')} of {_some(summary['encounters'], 'encounter')} with "
@@ -125,14 +125,14 @@ def print_extraction(summary: Mapping[str, Any], out: Path, figures: Sequence[Pa
 
 
 def print_fit(model: InteractionModel, out: Path) -> None:
-    """The table over K and the card's main lines."""
+    """Print the table over K and the card's main lines."""
     console = make_console()
     _print_card(console, model)
     _print_files(console, "Model", [out])
 
 
 def print_model(model: InteractionModel, figures: Sequence[Path]) -> None:
-    """Card, moments and marginals."""
+    """Print the card, moments and marginals."""
     console, document = make_console(), model_document(model)
     console.print(f"{model.name}: K = {model.mixture.weights.size}, sha256 {model.sha256}")
     if "candidates" in model.provenance:  # `harness fit` wrote it
@@ -160,7 +160,7 @@ def print_model(model: InteractionModel, figures: Sequence[Path]) -> None:
 
 
 class Marginal(TypedDict):
-    """The distribution of one variable within its bounds; None where a number is not finite."""
+    """The distribution of one variable within its bounds; None replaces non-finite numbers."""
 
     bounds: list[float]
     mean: float | None
@@ -169,7 +169,7 @@ class Marginal(TypedDict):
 
 
 class ModelDocument(TypedDict):
-    """What ``harness model --json`` prints, without the figures."""
+    """The document of ``harness model --json``, without the figures."""
 
     name: str
     sha256: str
@@ -180,10 +180,10 @@ class ModelDocument(TypedDict):
 
 
 def model_document(model: InteractionModel) -> ModelDocument:
-    """A model as plain data: card, moments, marginals."""
+    """Return a model as plain data: card, moments, marginals."""
     mixture = model.mixture
     mean, covariance = mixture.mean(), mixture.covariance()
-    # A component of which nearly nothing is in the box has no moments to speak of.
+    # The moments of a component that lies almost entirely outside the box are meaningless.
     with np.errstate(all="ignore"):
         spread = np.sqrt(np.diag(covariance))
         correlations = covariance / np.outer(spread, spread)
@@ -207,17 +207,17 @@ def model_document(model: InteractionModel) -> ModelDocument:
 
 
 def fit_document(model: InteractionModel, out: Path) -> Mapping[str, object]:
-    """The document that ``harness fit --json`` prints."""
+    """Return the document that ``harness fit --json`` prints."""
     return {"out": str(out), "name": model.name, "sha256": model.sha256, "card": model.provenance}
 
 
 def _defined(values: FloatArray) -> list[float | None]:
-    """The numbers, None where one is not finite."""
+    """Return the numbers; None replaces non-finite numbers."""
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
 def _print_card(console: Console, model: InteractionModel) -> None:
-    """The table over K, and what the model rests on."""
+    """Print the table over K, and the model's data and method."""
     card = check_form(_Card, model.provenance, model.name)
     headings = ("K", "log L", "BIC", "gain", "held-out v_p", "less chosen", "held-out v")
     candidates = [
@@ -272,7 +272,7 @@ def _print_card(console: Console, model: InteractionModel) -> None:
 def _print_table(
     console: Console, title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]
 ) -> None:
-    """A table whose first column is text and whose others are numbers."""
+    """Print a table with a first column of text and further columns of numbers."""
     table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False)
     table.add_column(headings[0])
     for heading in headings[1:]:

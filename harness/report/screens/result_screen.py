@@ -21,17 +21,17 @@ from harness.statistics.findings import CellFindings, Note, Rank, RunFindings
 from harness.studies.runs.notes import short_name
 
 MOST_CELLS = 2_000
-"""Cells of a sweep that a screen lists; the others are in the run folder's files."""
+"""Maximum number of a sweep's cells on a screen; the run folder's files have all cells."""
 
 MOST_NOTED = 8
-"""Cells that a note names."""
+"""Maximum number of cells that a note names."""
 
 PAPER_HEADING = "paper, N = 50"
 _NO_FINDING = Finding(None)
 
 
 def screen_of(run: RunFindings) -> Screen:
-    """The first screen: one cell row by row, or a sweep with a row for each cell."""
+    """Return the first screen: one cell row by row, or a sweep with a row for each cell."""
     footer = f"All measures: --full. Page: harness report {shlex.quote(str(run.folder))}"
     if len(run.cells) == 1 and not run.cells[0].varied:
         return _one_cell(run, run.cells[0], footer)
@@ -74,19 +74,19 @@ def _entry_row(entry: Entry[Any], cell: CellFindings, paper: bool) -> tuple[str,
 
 
 def with_limits(entry: Entry[Any], both: Finding) -> str:
-    """A number of both arms with its interval."""
+    """Return a number of both arms with its interval."""
     value = entry_value(entry, both, entry.paired_digits)
     limits = entry_limits(entry, both, entry.paired_digits)
     if both.reliable or both.low != both.high:
         return f"{value} ({limits})" if limits else value
-    # Too few pairs that are all the same do not make a number certain, and they have no spread.
+    # Too few equal pairs have no spread, but that does not make the number certain.
     return DASH if entry.form is Form.SHARE else value
 
 
 def _both(
     entry: Entry[Any], av: Finding | None, reference: Finding | None, cell: CellFindings
 ) -> str:
-    """The intervals of both arms' shares, or the one-sided bound where neither has an event."""
+    """Return both arms' intervals of a share, or the one-sided bound if neither has an event."""
     if av is None or reference is None or entry.form not in (Form.EVENTS, Form.SHARE):
         return ""
     if any(note.rank is Rank.NOTHING_TESTED for note in cell.notes):
@@ -100,7 +100,7 @@ def _both(
         high = max(av.high or 0.0, reference.high or 0.0)
         confidence = cell.findings["confidence"].number or CONFIDENCE
         bound = zero_bound(high, confidence)
-        # Trials of one pair are correlated: where that raises the bound, the pairs are the reason.
+        # Trials of one pair are correlated.  If this raises the bound, the text names the pairs.
         alone = 1.0 - (1.0 - confidence) ** (1.0 / max(av.n or 1, 1))
         pairs = f" ({counted(cell.pairs, 'pair')})" if bound > 1.5 * alone else ""
         return f"each below {per_cent(bound, 1)} %{pairs}"
@@ -108,7 +108,7 @@ def _both(
 
 
 def _has_something(entry: Entry[Any], cell: CellFindings) -> bool:
-    """Whether a number of the entry is defined, or a note says why it is not."""
+    """Return whether the entry has a defined number, or a note with the reason why it has none."""
     names = [] if entry.may_be_absent else [name for name in entry.names if name is not None]
     return _has_number(entry, cell) or any(cell.findings[name].reason for name in names)
 
@@ -118,24 +118,24 @@ def _has_number(entry: Entry[Any], cell: CellFindings) -> bool:
 
 
 def _met_nobody(cells: Sequence[CellFindings]) -> str:
-    """How many pairs met nobody: in them nothing could go wrong, and crashes seem rarer."""
+    """Return the number of pairs that met nobody, because they make crashes seem rarer."""
     count = sum(cell.findings.get("met_nobody", _NO_FINDING).count for cell in cells)
     total = f" of {sum(cell.pairs for cell in cells):,}" if len(cells) > 1 else ""
     return f" ({count:,}{total} met nobody)" if count else ""
 
 
 def left_out(cell: CellFindings) -> bool:
-    """Whether a pair of the cell failed, timed out, or counts in some rows alone."""
+    """Return whether a pair of the cell failed, timed out, or counts only in some rows."""
     return any(Rank.FAILURES <= note.rank <= Rank.LEFT_OUT for note in cell.notes)
 
 
 def worst_name(entry: Entry[Any]) -> str:
-    """What a worst case is of."""
+    """Return the name of the number whose worst case is given."""
     return entry.heading.removesuffix(", worst case")
 
 
 def _worst_values(run: RunFindings, cell: CellFindings) -> Iterable[tuple[Entry[Any], str]]:
-    """The AV's worst cases, or those of both arms together."""
+    """Yield the AV's worst cases, or the joint worst cases of both arms."""
     for entry in run.catalogue:
         if entry.worst_case:
             av, _, both = entry.names
@@ -147,7 +147,7 @@ def _worst_values(run: RunFindings, cell: CellFindings) -> Iterable[tuple[Entry[
 
 def _sweep(run: RunFindings, footer: str) -> Screen:
     shown = run.cells[:MOST_CELLS]
-    # A heading that names a threshold holds for all cells, or the entry is in their tables alone.
+    # If the threshold in a heading differs between cells, only the cells' tables have the entry.
     entries = [
         entry
         for entry in run.catalogue
@@ -155,13 +155,13 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
         and len({entry.title(cell.thresholds) for cell in shown}) == 1
         and any(_has_something(entry, cell) for cell in shown)
     ]
-    # A column without any number would take the place of one with numbers; a note names it.
+    # A column without numbers is left out to make room; a note names it.
     entries = [
         entry
         for place, entry in enumerate(entries)
         if place == 0 or any(_has_number(entry, cell) for cell in shown)
     ]
-    # What does not fit is left out from the right: crashes never are.
+    # Columns that do not fit are left out from the right, except crashes.
     rest = sorted(entries[1:], key=lambda entry: not entry.crashes)
     entries = [*entries[:1], *rest]
     worst = any(entry.worst_case for entry in run.catalogue) and any(map(left_out, shown))
@@ -211,18 +211,18 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
 
 
 def _one(names: set[str], several: str) -> str:
-    """The name of the driver of all cells, or a word for several drivers."""
+    """Return the name of the driver in all cells, or a word for several drivers."""
     return next(iter(names)) if len(names) == 1 else several
 
 
 def cell_labels(cells: Sequence[CellFindings]) -> dict[str, list[str]]:
-    """What tells cells apart, by heading: numbers, varied keys, and who drove in the AV's place."""
+    """Return what distinguishes cells, by heading: number, varied keys, and fallback driver."""
     keys = list(cells[0].varied)
     words = [key.split(".")[-1] for key in keys]
     headings = words if len({*words}) == len(words) else keys
     labels = {"cell": [str(cell.cell) for cell in cells]}
     for key, heading in zip(keys, headings, strict=True):
-        # The AV's name says what drove in its place.
+        # The AV's label names the fallback strategy.
         labels[heading] = [
             cell.av if key == "arms.av" else as_written(cell.varied[key]) for cell in cells
         ]
@@ -233,7 +233,7 @@ def cell_labels(cells: Sequence[CellFindings]) -> dict[str, list[str]]:
 
 
 def _sweep_text(entry: Entry[Any], cell: CellFindings, both: str | None, limits: bool) -> str:
-    """The number of both arms, on request with its interval; or those of each arm."""
+    """Return the number of both arms, or of each arm; intervals are added on request."""
     if both is not None and limits:
         return with_limits(entry, cell.findings[both])
     if both is not None:
@@ -246,19 +246,19 @@ def _sweep_text(entry: Entry[Any], cell: CellFindings, both: str | None, limits:
 
 
 def _trials(entry: Entry[Any], cells: Sequence[CellFindings]) -> str:
-    """The trials of a column of events: " of 50", or their range over cells and arms."""
+    """Return the trials of a column of events (" of 50"), or their range over cells and arms."""
     names = [name for name in entry.names[:2] if name is not None]
     trials = {cell.findings[name].n or 0 for cell in cells for name in names}
     return f" of {' … '.join(dict.fromkeys(f'{n:,}' for n in (min(trials), max(trials))))}"
 
 
 def _first_worst(run: RunFindings, cell: CellFindings) -> str:
-    """The worst case of the first entry, which stands beside it."""
+    """Return the worst case of the first entry, which is shown next to it."""
     return next((text for _, text in _worst_values(run, cell)), "") if left_out(cell) else ""
 
 
 def joined_notes(cells: Sequence[tuple[int, Sequence[Note]]]) -> list[Note]:
-    """The notes of several cells with the cells' numbers; equal notes are joined into one."""
+    """Return the notes of several cells with the cells' numbers.  Equal notes are merged."""
     numbers: dict[Note, list[int]] = {}
     for cell, notes in cells:
         for note in notes:
@@ -276,5 +276,5 @@ def _cells(numbers: list[int]) -> str:
 
 
 def cell_name(cell: CellFindings) -> str:
-    """A cell of a sweep by its number and keys; empty for a run of one cell."""
+    """Return the number and keys of a sweep's cell; empty for a run of one cell."""
     return f"cell {cell.cell}: {named_values(cell.varied)}" if cell.varied else ""

@@ -1,4 +1,4 @@
-"""Every number of a run in tables, views of its findings; and the statistics of its measures."""
+"""The tables of all numbers of a run, and of the statistics of its measures."""
 
 import re
 
@@ -18,11 +18,11 @@ from harness.statistics.findings import CellFindings, RunFindings
 from harness.studies.runs.run_data import RunData
 
 STAR = "; * unreliable: too few informative pairs (n)"
-"""What the star behind a value says, in a caption."""
+"""The caption's explanation of the star behind a value."""
 
 
 def full_tables(run: RunFindings) -> list[Table]:
-    """A table of every entry for each cell."""
+    """Return a table of every entry for each cell."""
     return [_every_entry(run, cell) for cell in run.cells[:MOST_CELLS]]
 
 
@@ -30,7 +30,7 @@ def _every_entry(run: RunFindings, cell: CellFindings) -> Table:
     rows = []
     for entry in run.catalogue:
         av, reference, both = (cell.findings[name] if name else None for name in entry.names)
-        # A ratio or difference rests on its own pairs, shares on the trials of each arm.
+        # A ratio or difference has a number of pairs; a share has a number of trials in each arm.
         trials = [both] if both else [av, reference]
         counts = [f"{of.n:,}" for of in trials if of is not None and of.n is not None]
         undefined = [of for of in (av, reference, both) if of is not None and of.value is None]
@@ -51,7 +51,7 @@ def _every_entry(run: RunFindings, cell: CellFindings) -> Table:
 
 
 def cells_table(run: RunFindings) -> Table:
-    """The first screen's numbers of every cell of a sweep, to be sorted on the page."""
+    """Return the first screen's numbers of all cells of a sweep, as a sortable table."""
     shown = run.cells[:MOST_CELLS]
     labels = cell_labels(shown)
     entries = [of for of in run.catalogue if of.first_screen or of.worst_case]
@@ -71,7 +71,7 @@ def cells_table(run: RunFindings) -> Table:
 
 
 def statistics_table(run: RunData) -> Table:
-    """Mean and quantiles of every measure, both arms."""
+    """Return a table of mean and quantiles of every measure in both arms."""
     of = {(row["arm"], row["measure"]): row for _, row in run.measures.iterrows()}
     rows = []
     for measure in MEASURES:
@@ -92,11 +92,11 @@ def statistics_table(run: RunData) -> Table:
 
 
 def _three(value: float | None) -> str:
-    # Differences of times end in the last bits of their sums.
+    # Differences of times have rounding errors in their last bits.
     return "undefined" if value is None or value != value else f"{round(value, 9) + 0.0:.3g}"
 
 
 def _spoken(column: str) -> str:
-    """A column's name without its unit."""
+    """Return a column's name without its unit."""
     words = re.sub(r"_(s|m|mps|mps2|mps3)$", "", column).split("_")
     return " ".join(word.upper() if word in ("ttc", "pet", "drac") else word for word in words)

@@ -1,4 +1,4 @@
-"""The findings of a risk on the terminal: the first screen, and everything."""
+"""The first screen and the tables of a risk estimate."""
 
 import shlex
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ _PEOPLE_SHOWN = 2
 
 
 def print_risk(findings: RiskFindings, folder: Path, full: bool = False) -> None:
-    """Print the first screen; with ``full`` every note and number."""
+    """Print the first screen, or every note and number with ``full``."""
     console = make_console()
     screen = risk_screen(findings, folder, read_settings(folder), full=full)
     for line in screen_lines(screen, console.width):
@@ -28,7 +28,7 @@ def print_risk(findings: RiskFindings, folder: Path, full: bool = False) -> None
 def risk_screen(
     findings: RiskFindings, folder: Path, settings: SettingsDocument, *, full: bool = False
 ) -> Screen:
-    """The first screen of a risk; ``full`` lifts its limit of lines."""
+    """Return the first screen of a risk estimate; ``full`` removes its limit of lines."""
     footer = f"All numbers: --full. Page: harness report {shlex.quote(str(folder))}"
     if findings.ways:
         footer += f"; its episodes: harness run {shlex.quote(str(folder / 'critical.toml'))}"
@@ -46,7 +46,7 @@ def risk_screen(
 
 
 def heading(findings: RiskFindings) -> str:
-    """What the risk is of."""
+    """Return the heading, which names the event and the scenario."""
     who = f"{findings.strategy} ({findings.arm.value})"
     return f"{findings.scenario}: probability of {findings.event}, {who}"
 
@@ -93,7 +93,7 @@ def _rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
 
 
 def agreement(findings: RiskFindings) -> str:
-    """How many episodes both engines ran, and in how many they differ."""
+    """Return the number of episodes that both engines ran, and in how many they differ."""
     words = f"{findings.compared_with_other_engine:,}, "
     words += f"{findings.differing:,} differ" if findings.differing else "all equal"
     ties = findings.differing_by_a_tie
@@ -101,13 +101,13 @@ def agreement(findings: RiskFindings) -> str:
 
 
 def nominal_words(findings: RiskFindings) -> str:
-    """The draws behind the upper bound."""
+    """Return the number of draws behind the upper bound, in words."""
     events = counted(findings.nominal_events, "event")
     return f"{events} in {counted(findings.nominal_draws, 'nominal draw')}"
 
 
 def number(value: float | str | None) -> str:
-    """A number of a risk: whole ones in full up to a million, others to three digits.
+    """Format a number: whole numbers in full up to a million, others to three digits.
 
     >>> number(999_999), number(9.2345e-10), number(None)
     ('999,999', '9.23e-10', '–')
@@ -119,7 +119,7 @@ def number(value: float | str | None) -> str:
 
 
 def person_words(person: Person) -> str:
-    """From which side a pedestrian comes, when, and how.
+    """Describe a pedestrian: side, arrival time and other sampled values.
 
     >>> person_words(Person(arrival_s=1.5, side="far", quantile=0.4, critical_gap_s=None,
     ...                     found_at_look=3))
@@ -135,7 +135,7 @@ def person_words(person: Person) -> str:
 
 
 def risk_tables(findings: RiskFindings) -> Iterator[Table]:
-    """Every number, the pedestrians of each way, the levels; for the terminal and the page."""
+    """Yield the tables of all numbers, of each way's pedestrians, and of the levels."""
     rows = []
     for entry in ENTRIES:
         finding = findings.findings[entry.key]
@@ -175,5 +175,5 @@ def risk_tables(findings: RiskFindings) -> Iterator[Table]:
 
 
 def _cell(value: float | None, form: str) -> TableCell:
-    """A number of a pedestrian; empty where they have none."""
+    """Return a pedestrian's number as a cell; empty if it is undefined."""
     return TableCell("") if value is None else TableCell(f"{value:{form}}", sort=str(value))

@@ -1,4 +1,4 @@
-"""The findings of a run as the JSON document of ``harness run --json``."""
+"""The JSON document of ``harness run --json``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -10,13 +10,13 @@ from harness.studies.runs.targets import missed_targets
 from harness.studies.workers.tasks import Failure
 
 SCHEMA = 2
-"""Number of the document's layout; 2 is the first that has ``findings``."""
+"""Version of the document's layout; version 2 added ``findings``."""
 
 Document = Mapping[str, object]
 
 
 def run_document(run: RunData) -> Document:
-    """The document that ``--json`` prints."""
+    """Return the document that ``--json`` prints."""
     return {
         "schema": SCHEMA,
         "folder": str(run.path),
@@ -67,7 +67,7 @@ def _cell(catalogue: Catalogue, cell: CellFindings) -> Document:
 
 
 def _audit(run: RunData) -> Document | None:
-    """The part of a plain engine's run that was repeated in SUMO; None for a run in SUMO."""
+    """Return the audit of a plain engine's run; None for a run in SUMO."""
     if run.engine == "sumo":
         return None
     return {

@@ -1,6 +1,6 @@
-"""First screen: a few rows, what has to be read with them, and where everything else is.
+"""The first screen of every kind of result: a few rows, their notes, and a footer.
 
-A ``Screen`` is what every kind of result shows first; ``screen_lines`` makes text of it.
+``screen_lines`` turns a ``Screen`` into text.
 """
 
 import re
@@ -11,17 +11,17 @@ from dataclasses import dataclass
 from harness.statistics.findings import Note, Rank
 
 WIDEST = 100
-"""Columns of a line, however wide the terminal is."""
+"""Maximum number of columns of a line, even on a wider terminal."""
 
 MOST_LINES = 16
-"""Lines of the screen of one result; notes that do not fit are named together."""
+"""Maximum number of lines for one result; notes that do not fit share a line."""
 
 _GAP = "  "
 _LEAST = 8
-"""Columns are not made narrower than this to keep one of them on a narrow terminal."""
+"""Columns keep at least this width; on a narrow terminal one is left out instead."""
 
 _LEAST_OF_NAMES = 12
-"""Columns of names are made so narrow before an interval is broken into lines."""
+"""Columns of names shrink to this width before an interval is wrapped."""
 
 _BREAKS = re.compile(r" |(?<=_)")
 _NEVER_MERGED = Rank.MISSED_TARGETS
@@ -48,19 +48,19 @@ class Screen:
     """The first screen of a result, as text in rows.
 
     Attributes:
-        title: what was compared with what.
-        scope: how much was simulated; it stands at the right of the title.
-        headings: of the columns, the first of which names the rows.
-        rows: as many texts as there are columns; the last text of a shorter row may run on.
-        notes: in the order of their ranks.
-        footer: where everything else is.
-        site: where the result holds and who comes; a line below the title.
+        title: the compared strategies.
+        scope: the amount of simulation, shown to the right of the title.
+        headings: headings of the columns.  The first column names the rows.
+        rows: one text for each column; the last text of a shorter row may fill the line.
+        notes: notes in the order of their ranks.
+        footer: where the other numbers are.
+        site: site and traffic, in a line below the title.
         conclusions: sentences between the rows and the notes.
-        aside: whether the last column goes below the rows where the terminal is narrow.
-            Otherwise as many of the last columns are left out as do not fit.
-        always: number of the first columns that are never left out; texts in them are broken into
-            lines where even these do not fit.
-        most_lines: None for a result whose rows have no limit.
+        aside: whether the last column moves below the rows on a narrow terminal.  Otherwise the
+            last columns that do not fit are left out.
+        always: number of first columns that are never left out; if even these do not fit, their
+            texts are wrapped.
+        most_lines: maximum number of lines; None for no limit.
     """
 
     title: str
@@ -77,7 +77,7 @@ class Screen:
 
 
 def screen_lines(screen: Screen, width: int = WIDEST) -> list[str]:
-    """The lines of a screen, of which only the footer may be longer than ``width``.
+    """Return the lines of a screen.  Only the footer may be longer than ``width``.
 
     >>> screen = Screen(
     ...     "a against b", "2 pairs", ("", "AV"), (("delay, s", "1.5"),),
@@ -94,7 +94,7 @@ def screen_lines(screen: Screen, width: int = WIDEST) -> list[str]:
     head = _head(screen, width) + _rows(screen, width)
     head += [line for text in screen.conclusions for line in textwrap.wrap(text, width)]
     room = None if screen.most_lines is None else screen.most_lines - len(head) - 1
-    # A folder's path stays whole, to be copied.
+    # A folder's path stays whole, so that it can be copied.
     return [*head, *_note_lines(screen.notes, width, room), screen.footer]
 
 
@@ -108,7 +108,7 @@ def _head(screen: Screen, width: int) -> list[str]:
 
 
 def _rows(screen: Screen, width: int) -> list[str]:
-    """The headings and rows; columns that do not fit are put, or only named, below the table."""
+    """Return headings and rows; columns that do not fit are shown or only named below them."""
     whole = [row for row in screen.rows if len(row) == len(screen.headings)]
     sizes = [max(map(len, column)) for column in zip(*whole, strict=True)] if whole else []
     sizes = sizes or [0] * len(screen.headings)
@@ -150,11 +150,11 @@ def _width(widths: Sequence[int]) -> int:
 def _side_by_side(
     texts: Sequence[str], widths: Sequence[int], *, bottom: bool = False
 ) -> list[str]:
-    """Texts in columns, each in as many lines as it needs; ``bottom`` aligns the last lines."""
+    """Return texts in columns, wrapped to their widths; ``bottom`` aligns the last lines."""
     columns = [
         [text]
         if len(text) <= size
-        # A key may be broken behind its underscores.
+        # A key may be wrapped after its underscores.
         else [
             line.replace("_ ", "_")
             for line in textwrap.wrap(text.replace("_", "_ "), size, break_on_hyphens=False)
@@ -172,7 +172,7 @@ def _side_by_side(
 
 
 def _note_lines(notes: Sequence[Note], width: int, room: int | None) -> list[str]:
-    """A line or more for each note; the last notes share one where they do not fit."""
+    """Return the lines of the notes; the last notes share a line if they do not fit."""
 
     def wrapped(notes: Sequence[Note]) -> list[str]:
         texts = [f"! {note.text}" for note in notes]
@@ -193,7 +193,7 @@ def _note_lines(notes: Sequence[Note], width: int, room: int | None) -> list[str
 
 
 def _by_rank(notes: Sequence[Note]) -> list[Note]:
-    """The first note of each rank, and one that names the cells of the others of that rank."""
+    """Return each rank's first note, and a note that names the cells of its other notes."""
     short = []
     for rank in dict.fromkeys(note.rank for note in notes):
         first, *others = (note for note in notes if note.rank is rank)

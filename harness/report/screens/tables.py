@@ -1,4 +1,4 @@
-"""A table as the terminal and the page both show it: rows of cells, and how numbers are written."""
+"""The tables of the terminal and the page: rows of cells, and the format of numbers."""
 
 import math
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from harness.statistics.entries import Entry, Finding, Findings, Form, Plain
 class TableCell:
     """One cell of a table.
 
-    ``small`` stands under the text.  ``sort`` is what numbers are sorted by; it is empty where the
+    ``small`` is shown under the text.  ``sort`` is the sort key of a number.  It is empty if the
     number is undefined, and None for text.
     """
 
@@ -25,7 +25,7 @@ class TableCell:
 
     @property
     def number(self) -> bool:
-        """Whether the cell holds a number."""
+        """Whether the cell contains a number."""
         return self.sort is not None
 
 
@@ -33,8 +33,8 @@ class TableCell:
 class Table:
     """A table with its identifier on the page.
 
-    ``folded`` tables are shown on request.  The terminal shows all columns, or those whose
-    positions ``terminal`` lists; a ``brief`` one is printed there without the small text.
+    ``folded`` tables are shown on request.  The terminal shows all columns, or the columns whose
+    positions ``terminal`` lists.  It prints a ``brief`` table without the small text.
     """
 
     name: str
@@ -51,19 +51,19 @@ ARM_NAMES = {Arm.AV: "AV", Arm.HUMAN: "human"}
 
 
 def named_values(values: Mapping[str, Any]) -> str:
-    """Keys of a scenario with their values: ``ego.lane = 1, arms.av = gap_yield``."""
+    """Return a scenario's keys with their values: ``ego.lane = 1, arms.av = gap_yield``."""
     return ", ".join(f"{key} = {as_written(value)}" for key, value in values.items())
 
 
 def number(value: float | None, digits: int) -> str:
-    """A number with so many decimals."""
+    """Format a number with this number of decimals."""
     return "undefined" if value is None else f"{value:z.{digits}f}"
 
 
 def per_cent(share: float, decimals: int) -> str:
-    """A share times 100, with so many decimals or with more: two digits of a small one show.
+    """Format a share times 100 with ``decimals``, or with two digits if it is small.
 
-    A bound of 0.0003 must not become 0.0: no N shows that there is no risk.
+    A bound of 0.0003 must not become 0.0, because no N shows that there is no risk.
 
     >>> per_cent(0.5, 1), per_cent(0.000003, 1), per_cent(1.6e-21, 1)
     ('50.0', '0.00030', '1.6e-19')
@@ -77,12 +77,12 @@ def per_cent(share: float, decimals: int) -> str:
 
 
 def percentage(share: float | None) -> str:
-    """A share in per cent, with its sign, to two decimals."""
+    """Format a share in per cent with two decimals and the sign %."""
     return "undefined" if share is None else f"{per_cent(share, 2)} %"
 
 
 def level(confidence: float) -> str:
-    """The confidence of an interval in words.
+    """Format the confidence level of an interval.
 
     >>> level(0.95), level(1 - 0.05 / 3)
     ('95 %', '98.33 %')
@@ -91,7 +91,7 @@ def level(confidence: float) -> str:
 
 
 def counted(count: int, noun: str) -> str:
-    """A number with its noun.
+    """Return a number with its noun.
 
     >>> counted(1, "episode"), counted(1_000, "pair")
     ('1 episode', '1,000 pairs')
@@ -100,31 +100,31 @@ def counted(count: int, noun: str) -> str:
 
 
 def limits(interval: Interval, digits: int) -> str:
-    """The limits of an interval; empty where there are none."""
+    """Format the limits of an interval; empty if there are none."""
     if interval.low is None or interval.high is None:
         return ""
     return f"{interval.low:z.{digits}f} … {interval.high:z.{digits}f}"
 
 
 def share_limits(share: Interval, decimals: int = 1) -> str:
-    """The limits of a share's interval in per cent; empty where there are none."""
+    """Format the limits of a share's interval in per cent; empty if there are none."""
     if share.low is None or share.high is None:
         return ""
     return f"{per_cent(share.low, decimals)} … {per_cent(share.high, decimals)} %"
 
 
 DASH = "–"
-"""An undefined number; a note, or the remark of its row, says why it is undefined."""
+"""An undefined number.  A note, or the remark in its row, gives the reason."""
 
 
 def entry_heading(entry: Entry[Any], thresholds: Mapping[str, float]) -> str:
-    """The name of a reported number with its unit."""
+    """Return the name of a reported number with its unit."""
     title = entry.title(thresholds)
     return f"{title}, {entry.unit}" if entry.unit else title
 
 
 def entry_value(entry: Entry[Any], finding: Finding | None, digits: int | None = None) -> str:
-    """A finding's value, written as its entry says; empty where there is no finding.
+    """Format a finding's value by its entry; empty if there is no finding.
 
     >>> crashes = Entry("kappa", "crashes", "", form=Form.EVENTS, digits=1)
     >>> entry_value(crashes, Finding(0.0, 0.0, 0.07, n=50, events=0)), entry_value(crashes, None)
@@ -149,25 +149,25 @@ def entry_value(entry: Entry[Any], finding: Finding | None, digits: int | None =
 
 
 def entry_limits(entry: Entry[Any], finding: Finding, digits: int | None = None) -> str:
-    """The limits of a finding's interval, shares in per cent; empty where there are none."""
+    """Format the limits of a finding's interval (shares in per cent); empty if there are none."""
     if finding.low is None or finding.high is None:
         return ""
     decimals = entry.digits if digits is None else digits
     if entry.form not in (Form.EVENTS, Form.SHARE):
         return f"{_signed(finding.low, decimals)} … {_signed(finding.high, decimals)}"
-    # A lower limit that an exponent would be needed for says no more than 0; an upper one does.
+    # A lower limit so small that it needs an exponent is written as 0; an upper limit is not.
     low = per_cent(finding.low if finding.low >= 1e-8 else 0.0, decimals)
     return f"{low} … {per_cent(finding.high, decimals)}"
 
 
 def entry_cell(entry: Entry[Any], findings: Findings, name: str | None) -> TableCell:
-    """A finding over the limits of its interval; a star stands behind an unreliable one."""
+    """Return a finding above the limits of its interval; a star marks an unreliable interval."""
     if name is None:
         return TableCell("")
     finding, digits = findings[name], entry.digits
     if name == entry.names[2] and entry.paired_digits is not None:
         digits = entry.paired_digits
-    digits += 1  # a table has room for more than the first screen
+    digits += 1  # a table has more room than the first screen
     limits = entry_limits(entry, finding, digits)
     percent = " %" if limits and entry.form in (Form.EVENTS, Form.SHARE) else ""
     text = entry_value(entry, finding, digits) + (" *" if finding.reliable is False else "")
@@ -176,17 +176,17 @@ def entry_cell(entry: Entry[Any], findings: Findings, name: str | None) -> Table
 
 
 def _signed(value: float, decimals: int) -> str:
-    """A number with separators and a minus sign."""
+    """Format a number with separators and a minus sign."""
     return f"{value:z,.{decimals}f}".replace("-", "−")
 
 
 def count_cell(value: int) -> TableCell:
-    """A whole number."""
+    """Return the cell of a whole number."""
     return TableCell(f"{value:,}", sort=str(value))
 
 
 def value_cell(value: Plain) -> TableCell:
-    """The value of a scenario's key; it can be sorted if it is a number or text of a number."""
+    """Return the cell of a key's value; numbers, and text of numbers, are sorted as numbers."""
     text = as_written(value)
     try:
         return TableCell(text, sort=repr(float(text)))
@@ -195,13 +195,13 @@ def value_cell(value: Plain) -> TableCell:
 
 
 def interval_cell(interval: Interval, digits: int, star: str = "") -> TableCell:
-    """A value over the limits of its interval; the star stands behind the value."""
+    """Return a value above the limits of its interval, with the star after the value."""
     text = number(interval.value, digits) + star
     return TableCell(text, limits(interval, digits), sort_key(interval.value))
 
 
 def share_cell(share: Interval, star: str = "") -> TableCell:
-    """A share in per cent over the limits of its interval."""
+    """Return a share in per cent above the limits of its interval."""
     if share.value is None:
         return TableCell("undefined", sort="")
     text = f"{per_cent(share.value, 1)} %{star}"
@@ -209,5 +209,5 @@ def share_cell(share: Interval, star: str = "") -> TableCell:
 
 
 def sort_key(value: float | None) -> str:
-    """The key that a number is sorted by; empty where it is undefined."""
+    """Return a number's sort key; empty if the number is undefined."""
     return "" if value is None or value != value else repr(float(value))

@@ -18,7 +18,7 @@ from harness.studies.runs.run_data import RunData
 
 
 def print_run(run: RunData, full: bool = False) -> None:
-    """Print the first screen of a run; with ``full`` all of its notes, every number and remark."""
+    """Print the first screen of a run, or with ``full`` every note, number and remark."""
     console = make_console()
     findings = reported(run)
     screen = screen_of(findings)
@@ -40,13 +40,13 @@ def print_arms(findings: RunFindings, full: bool = False) -> None:
 
 
 def print_screen(console: Console, screen: Screen) -> None:
-    """Print a first screen, as wide as the terminal allows."""
+    """Print a first screen in the terminal's width."""
     for line in screen_lines(screen, console.width):
         console.print(line, soft_wrap=True)
 
 
 def print_comparison(result: RunComparison, full: bool = False) -> None:
-    """Print the first screen of a comparison; with ``full`` its tables and how to read them."""
+    """Print the first screen of a comparison, or with ``full`` its tables and explanations."""
     console = make_console()
     screen = comparison_screen(result)
     print_screen(console, replace(screen, most_lines=None) if full else screen)

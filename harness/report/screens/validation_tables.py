@@ -1,4 +1,4 @@
-"""The findings of a validation: the first screen, and the tables of the terminal and the page."""
+"""The first screen of a validation, and the tables of the terminal and the page."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -29,7 +29,7 @@ _RECORDED = {"order_right": "100.0 %"}
 
 
 def print_validation(findings: ValidationFindings, full: bool = False) -> None:
-    """Print the first screen; with ``full`` every note and number."""
+    """Print the first screen, or every note and number with ``full``."""
     console = make_console()
     for line in screen_lines(validation_screen(findings, full=full), console.width):
         console.print(line)
@@ -40,7 +40,7 @@ def print_validation(findings: ValidationFindings, full: bool = False) -> None:
 
 
 def validation_screen(findings: ValidationFindings, *, full: bool = False) -> Screen:
-    """The first screen: a row for each driver; ``full`` lifts its limit of lines."""
+    """Return the first screen with a row for each driver; ``full`` removes its limit of lines."""
     rows = []
     for driver in findings.drivers:
         score, *others = (entry_value(entry, driver.findings[entry.key]) for entry in _RANKED)
@@ -59,14 +59,14 @@ def validation_screen(findings: ValidationFindings, *, full: bool = False) -> Sc
 
 
 def scope(findings: ValidationFindings) -> str:
-    """How much was recorded."""
+    """Return the size of the recorded data, in words."""
     passages = counted(findings.passages, "passage")
     contacts = counted(findings.contacts_recorded, "contact")
     return f"{passages} of {counted(findings.vehicles, 'vehicle')}, {contacts}"
 
 
 def validation_tables(findings: ValidationFindings) -> list[Table]:
-    """The ranking, what else was measured, and what was left out."""
+    """Return tables of the ranking, the other findings, and the excluded passages."""
     first = [entry for entry in ENTRIES if entry.key.startswith(("pass_time", "order_right"))]
     others = [
         entry for entry in ENTRIES if entry not in first and not entry.key.startswith("contacts")
@@ -128,7 +128,7 @@ def _fitted(driver: DriverFindings) -> str:
 
 
 def _contacts(driver: DriverFindings) -> str:
-    """Passages with a contact; in brackets those that only people who cannot react explain."""
+    """Return the passages with a contact; in brackets, how many happened only without reactions."""
     contacts, explained = (
         f"{round(driver.findings[key].number or 0.0, 1):g}"
         for key in ("contacts", "contacts_explained")

@@ -1,4 +1,4 @@
-"""The episodes of ``harness worst`` as a table and as a JSON document."""
+"""The table and the JSON document of ``harness worst``."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,9 +10,9 @@ from harness.studies.runs.worst import WorstEpisode
 
 
 def worst_tables(episodes: Sequence[WorstEpisode], by: str) -> Table:
-    """Where each episode is, how bad it was, and how bad before where runs are compared."""
+    """Return a table of the episodes, with the value in the earlier run if runs are compared."""
     compared = any(episode.ending_before is not None for episode in episodes)
-    # Its number is what --cell asks for, its keys what it is.
+    # The option --cell needs the cell's number; its keys describe the cell.
     keys = list(episodes[0].varied) if episodes else []
     names = list(episodes[0].names) if episodes else []
     rows = [
@@ -35,7 +35,7 @@ def worst_tables(episodes: Sequence[WorstEpisode], by: str) -> Table:
 
 
 def worst_document(episodes: Sequence[WorstEpisode], by: str) -> Mapping[str, object]:
-    """The document that ``--json`` prints."""
+    """Return the document that ``--json`` prints."""
     return {
         "by": by,
         "episodes": [
@@ -57,14 +57,14 @@ def worst_document(episodes: Sequence[WorstEpisode], by: str) -> Mapping[str, ob
 
 
 def _name_cell(value: str | float) -> TableCell:
-    """What names a passage: the id of a crosswalk or a vehicle, or a time in s."""
+    """Return a cell that identifies a passage: the id of a crosswalk or vehicle, or a time in s."""
     if isinstance(value, str):
         return TableCell(one_line(value))
     return TableCell(number(value, 1), sort=sort_key(value))
 
 
 def _outcome(value: float | None, ending: Ending | None) -> TableCell:
-    """The value, and beneath it an ending that is no passage."""
+    """Return the value, and below it the ending if the vehicle did not pass."""
     small = "" if ending in (None, Ending.CROSSED) else str(ending)
     text = "none" if value is None else number(value, 3)
     return TableCell(text, small, sort_key(value))

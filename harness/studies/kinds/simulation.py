@@ -51,7 +51,7 @@ class ArmRows:
 
 @dataclass(frozen=True)
 class Simulation:
-    """How a kind of run is simulated.
+    """The functions that simulate a kind of run.
 
     Attributes:
         run: runs every pair of a task and returns the results of ``task.each``.
@@ -60,7 +60,7 @@ class Simulation:
         with_outputs: runs an arm in a fresh SUMO that writes its outputs into a folder.
         in_gui: runs an arm in sumo-gui.
         check: refuses a scenario that cannot be simulated, before anything is written.
-        network: the file of its network; raises if that is missing or has changed.
+        network: returns the network's file; raises if it is missing or has changed.
     """
 
     run: Callable[[Task], tuple[TaskResult, ...]]

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 _FILES = {"fcd-output": "fcd.xml", "collision-output": "collisions.xml"}
-"""Outputs of an arm that runs again, beside ``tripinfo.xml`` and those that the run keeps."""
+"""Further outputs of an arm that runs again, which a run itself does not keep."""
 
 
 def _folders(cell: int, outputs: Path | None) -> GetFolder:

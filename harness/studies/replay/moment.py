@@ -1,4 +1,4 @@
-"""The moment of a user's own simulation that sumo-gui shows."""
+"""Chooses the time span of a user's own simulation that sumo-gui shows."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from harness.engine.traci import Moment
 
 _MARGIN_S = 3.0
-"""Time shown before and after a passage."""
+"""Time in s that is shown before and after a passage."""
 
 _LONGEST_S = 60.0
-"""Time shown of a passage that broke off."""
+"""Time in s that is shown of a passage that did not end."""
 
 
 def moments_of(
@@ -30,19 +30,19 @@ def moments_of(
     vehicle: str | None = None,
     crosswalk: str | None = None,
 ) -> "dict[Arm, Moment]":
-    """What is shown of each arm; empty if the run is not of a user's own simulation.
+    """Return the shown time span of each arm; empty if the run is not a user's own simulation.
 
-    It is the most striking passage of the first arm, and the same vehicle's over the same crosswalk
-    in the other one; if there is none, the same time.
+    The first arm shows its most striking passage.  The other arm shows the same vehicle's passage
+    over the same crosswalk.  If it has no such passage, it shows the same time.
 
     Args:
         stored: the cell.
         pair: index of the pair.
         arms: the arms.
-        vehicle, crosswalk: ids of the only vehicle and crosswalk that count.
+        vehicle, crosswalk: ids to which the choice is restricted.
 
-    Raises:
-        InputError: no passage is like that, or the run is of another kind.
+        Raises:
+            InputError: there is no such passage, or the run is of another kind.
     """
     scenario = stored.cell.scenario
     if scenario.simulation is None:

@@ -46,8 +46,8 @@ def watch(
         pace: speed of the display; 1 is real time, and infinite means no pauses.
         screenshots: a new or empty folder for PNG files; with two arms, each gets a folder in it.
         every_s: simulated time between two screenshots.
-        vehicle, crosswalk: ids in a user's own simulation, which is shown around the most striking
-            passage of this vehicle and over this crosswalk; None: of any.
+        vehicle, crosswalk: ids in a user's own simulation.  It is shown around the most striking
+        passage of this vehicle over this crosswalk; None means any.
 
     Raises:
         InputError: the run, cell or pair does not exist, there is no display, or the folder is not

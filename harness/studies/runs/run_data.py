@@ -103,7 +103,7 @@ class RunData:
 
     @cached_property
     def ranked(self) -> pd.DataFrame:
-        """The rows that ``harness worst`` ranks: episodes, or passages of own simulations."""
+        """The rows that ``harness worst`` ranks: episodes, or a user's simulation's passages."""
         return _frame(self._tables.read(self.kind.ranked[0]))
 
     @cached_property

@@ -1,4 +1,4 @@
-"""The passages of a user's own simulation that are worth watching."""
+"""Chooses the passages of a user's own simulation that are worth watching."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,11 +14,11 @@ Key = tuple[int, int]
 """(cell, pair)."""
 
 MOST_PAIRS = 4
-"""Passages of so many pairs are shown: each of them is a whole simulation, run again."""
+"""Maximum number of pairs with shown passages; each repeats a whole simulation."""
 
 _EACH_CONTACTS = 5
 _EACH = 3
-"""Numbers of passages for each reason."""
+"""Number of passages for each reason."""
 
 _BY = {
     "smallest PET": "pet_s",
@@ -26,21 +26,21 @@ _BY = {
     "largest DRAC": "-max_drac_mps2",
     "longest delay": "-delay_s",
 }
-"""Reasons with their column; a minus before it asks for the largest values."""
+"""Reasons with their column; a minus before it selects the largest values."""
 
 _ARM_WORDS = {Arm.AV: "AV's arm", Arm.HUMAN: "reference's arm"}
 
 
 @dataclass(frozen=True)
 class ChosenPassage:
-    """A passage worth watching, with the same vehicle's in the other arm.
+    """A passage worth watching, with the same vehicle's passage in the other arm.
 
     Attributes:
         key: cell and pair.
         arm: the arm in which it is worth watching.
         crosswalk, vehicle: ids.
-        numbers: the number of its row in ``passages_over`` in each arm that has it.
-        reasons: why it is worth watching.
+        numbers: index of its row in ``passages_over``, for each arm that has the passage.
+        reasons: the reasons why it is worth watching.
     """
 
     key: Key
@@ -52,11 +52,11 @@ class ChosenPassage:
 
 
 _Where = tuple[int, int, str, str, int]
-"""(cell, pair, crosswalk, vehicle, how often it has passed there before)."""
+"""(cell, pair, crosswalk, vehicle, number of the vehicle's earlier passages there)."""
 
 
 def chosen_passages(run: RunData) -> tuple[ChosenPassage, ...]:
-    """The most striking passages, contacts first, of at most ``MOST_PAIRS`` pairs."""
+    """Return the most striking passages of at most ``MOST_PAIRS`` pairs, contacts first."""
     rows = _numbered(run.passages_over)
     return tuple(_chosen(rows, None if run.kept_traces else MOST_PAIRS))
 
@@ -64,14 +64,14 @@ def chosen_passages(run: RunData) -> tuple[ChosenPassage, ...]:
 def most_striking(
     rows: pd.DataFrame, vehicle: str | None = None, crosswalk: str | None = None
 ) -> Row | None:
-    """The most striking passage of an arm's rows of ``passages_over``; None if there is none.
+    """Return the most striking passage of an arm; None if there is none.
 
     A contact comes first, then the smallest PET, the smallest TTC and the longest delay.
 
     Args:
-        rows: of one arm of a pair.
-        vehicle: id of the only vehicle that counts.
-        crosswalk: id of the only crosswalk that counts.
+        rows: rows of ``passages_over`` of one arm of a pair.
+        vehicle: id of a vehicle to which the choice is restricted.
+        crosswalk: id of a crosswalk to which the choice is restricted.
     """
     if vehicle is not None:
         rows = rows[rows["vehicle"] == vehicle]
@@ -85,7 +85,7 @@ def most_striking(
 
 
 def chosen_pairs(run: RunData) -> dict[str, list[Key]]:
-    """The pairs of the chosen passages, by reason."""
+    """Return the pairs of the chosen passages, by reason."""
     pairs: dict[str, list[Key]] = {}
     for passage in chosen_passages(run):
         for reason in passage.reasons:
@@ -96,7 +96,7 @@ def chosen_pairs(run: RunData) -> dict[str, list[Key]]:
 
 
 def numbers_of(run: RunData, cell: int, pair: int) -> set[tuple[str, int]]:
-    """Arm and number of each passage of a pair that is shown."""
+    """Return arm and index of each shown passage of a pair."""
     return {
         (arm.value, number)
         for passage in chosen_passages(run)
@@ -106,7 +106,7 @@ def numbers_of(run: RunData, cell: int, pair: int) -> set[tuple[str, int]]:
 
 
 def _numbered(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows with their number in their arm, and how often the vehicle has passed there."""
+    """Add each row's index in its arm and the number of the vehicle's earlier passages there."""
     arm = ["cell", "pair", "arm"]
     return rows.assign(
         number=rows.groupby(arm).cumcount(),
@@ -115,10 +115,10 @@ def _numbered(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _reasons(rows: pd.DataFrame, each: int = _EACH) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Reasons with the rows of one arm, the most striking first.
+    """Yield reasons with the rows of one arm, the most striking first.
 
-    Other vehicles than AVs count if they had a contact; in the reference's arm the AVs are the
-    vehicles that are AVs in the other one.
+    Vehicles that are not AVs count only if they had a contact.  In the reference arm a vehicle
+    counts as an AV if it is an AV in the other arm.
     """
     yield "contact", rows[rows["contact_time_s"].notna()].head(max(each, _EACH_CONTACTS))
     automated = rows[rows["automated"]]
@@ -159,6 +159,6 @@ def _wheres(rows: pd.DataFrame) -> list[_Where]:
 
 
 def _pairs(lists: Sequence[Sequence[tuple[Arm, _Where]]]) -> list[Key]:
-    """The pairs of the passages, those of the first of each reason first."""
+    """Return the pairs of the passages, beginning with the first passage of each reason."""
     in_turn = (each for rank in zip_longest(*lists) for each in rank if each is not None)
     return list(dict.fromkeys(where[:2] for _, where in in_turn))
