@@ -122,7 +122,7 @@ def _arrivals(run: RunData) -> Picture:
 
 
 def _comes_at_random(scenario: Scenario) -> bool:
-    """Return whether all pedestrians arrive at random, neither timed nor given by a risk."""
+    """Return whether all pedestrians arrive at random, neither timed nor drawn by a risk."""
     people = scenario.pedestrians
     return not people.drawn and (people.flow_per_hour > 0 or people.first_at_trigger)
 

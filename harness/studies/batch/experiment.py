@@ -50,8 +50,8 @@ def run_study(
         out: the folder; default ``runs/<name>-<next free number>``.
         progress: see ``Progress``.
         make_executor: makes the executor for a number of workers.  None means local processes, or
-        this process if ``options.workers`` is 0 or a strategy is a class of this script
-        or notebook.
+            this process if ``options.workers`` is 0 or a strategy is a class of this script
+            or notebook.
 
     Raises:
         InputError: SUMO, model, strategies or folder are refused; nothing has been written.

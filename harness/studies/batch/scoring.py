@@ -125,7 +125,7 @@ def _pairs(run: Path, episodes: pa.Table) -> int:
     """Return the number of pairs.
 
     Raises:
-        InputError: pairs are not numbered from 0, or not each has the AV's arm before the human's.
+        InputError: pairs are not numbered from 0, or a pair lacks an arm or has the human's first.
     """
     pairs, arms = episodes["pair"].to_numpy(), episodes["arm"].to_pylist()
     count = len(pairs) // 2

@@ -33,7 +33,7 @@ _PERIODS = dict.fromkeys(("--device.fcd.period", "--queue-output.period"), _PERI
 
 
 def _run(task: Task) -> tuple[TaskResult, ...]:
-    """one hour is what has to be done before it hangs."""
+    """Run every pair of a task; the watchdog's limit applies to each hour."""
     scenario = task.scenario
     runner = HourRunner(scenario, task.model, lambda: road_for(scenario), paths=task.traces)
     with watchdog(task.hang_after_s, task.stack_file) as watch:

@@ -47,7 +47,7 @@ def watch(
         screenshots: a new or empty folder for PNG files; with two arms, each gets a folder in it.
         every_s: simulated time between two screenshots.
         vehicle, crosswalk: ids in a user's own simulation.  It is shown around the most striking
-        passage of this vehicle over this crosswalk; None means any.
+            passage of this vehicle over this crosswalk; None means any.
 
     Raises:
         InputError: the run, cell or pair does not exist, there is no display, or the folder is not

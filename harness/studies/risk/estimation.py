@@ -38,7 +38,7 @@ _AFFORDABLE = 50_000
 """Number of episodes that exploring and refitting need; brute force may use as many."""
 
 _PILOT_EVENTS = (4, 0.25)
-"""The pilot ends at this number of events and at this share of the estimate's episodes."""
+"""The pilot ends at this number of events, or at this share of 1/cv² events if that is more."""
 
 _PILOT_MOST = 10_000
 """Maximum number of pilot episodes.  If the pilot is still undecided, exploration follows."""

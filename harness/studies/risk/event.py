@@ -38,9 +38,10 @@ _FORM = re.compile(r"\s*(\w+)\s*([<>])\s*([-+.\deE]+)\s*")
 class Event:
     """A crash (``measure`` None), or a measure below or above a limit.
 
-    In a crash DRAC grows without bound, so a crash lies above every limit of DRAC.  A crash lies
-    below every limit of the time advantage, which refers to points and is not 0 when bodies touch.
-    Any other episode with an undefined measure is not in the event.
+    ``_BEYOND`` decides on a crash in which the measure is undefined.  For example, DRAC grows
+    without bound, so a crash is above every limit of DRAC.  A crash always counts as below every
+    limit of the time advantage, which refers to points and is not 0 when bodies touch.  Any other
+    episode with an undefined measure is not in the event.
     """
 
     text: str

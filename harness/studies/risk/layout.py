@@ -31,7 +31,7 @@ class Layout:
     Attributes:
         fixed: number of uniforms that every episode has, ≥ 0.
         marks: m, the number of uniforms of a pedestrian in the crowd, including the arrival; 0
-        without a crowd.
+            without a crowd.
         rate_per_s: the crowd's arrival rate, > 0 if there is a crowd.
         window_s: the crowd arrives between 0 and this time in s, > 0 if there is a crowd.
         entangled: whether a pedestrian may change the episode before their arrival.

@@ -30,7 +30,7 @@ NOMINAL_SHARE = 0.1
 
 
 class Points(NamedTuple):
-    """Arguments ``y`` (k, d) of a component's density, and the index ``case`` (k,) of each."""
+    """Arguments ``y`` (k, d) of a component's density, and the indices (k,) of their cases."""
 
     y: FloatArray
     case: NDArray[np.intp]

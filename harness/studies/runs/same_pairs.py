@@ -33,7 +33,7 @@ def check_same_pairs(runs: Sequence[RunData], groups: Sequence[StrategyGroup]) -
 
     Raises:
         InputError: a run is given twice, differs in more than the AV's strategy (the message names
-        the keys), used another model, or has other results in its reference arm.
+            the keys), used another model, or has other results in its reference arm.
     """
     for number, run in enumerate(runs):
         if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:

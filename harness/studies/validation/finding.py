@@ -27,7 +27,7 @@ LEAST_RANGE_M = 6.0
 """A passage is left out if its record begins closer than this."""
 
 GROUP_GAP_M = 5.0
-"""A group ends where the next conflict point is farther than this, a car's length."""
+"""Maximum distance in m (a car's length) between neighbouring conflict points of a group."""
 
 LEAST_WIDTH_M = 4.0
 """Smallest width of the crosswalk.  Its width is the spread of the conflict points."""

@@ -26,13 +26,13 @@ class DriverOutcome:
         timed_out: whether the time limit ended the passage.
         x_m: (3,) position of the front bumper after ``HORIZONS_S``; NaN after the passage.
         first: (n,) whether the vehicle reached the conflict point before the pedestrian, for each
-        pedestrian who had not passed it at the start.
+            pedestrian who had not passed it at the start.
         least_speed_mps: lowest speed of the passage.
         pet_s, time_advantage_s: the measures of docs/measures.md; None if undefined.
         contact: whether the vehicle touched a pedestrian.
         contact_explained: whether the contact happened only because recorded pedestrians cannot
-        react.  Either they walked into the vehicle's flank or into a standing vehicle, or full
-        braking since their arrival would not have avoided the contact.
+            react.  Either they walked into the vehicle's flank or into a standing vehicle, or full
+            braking since their arrival would not have avoided the contact.
     """
 
     trace: Trace

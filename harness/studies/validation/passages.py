@@ -27,8 +27,7 @@ class Passage:
     """One recorded passage in the road's frame: x = 0 at the group's median conflict point.
 
     Attributes:
-        source, clip, vehicle_key, group: identify the passage; ``group`` is numbered along the
-        path.
+        source, clip, vehicle_key, group: identify the passage; groups are numbered along the path.
         vehicle: the ego's constants.  ``initial_speed_mps`` is the free speed v0: the maximum of
             the start speed and of the mean speeds over one second.
         start_speed_mps: the speed at the start, from a parabola through the first 0.5 s.

@@ -117,7 +117,7 @@ def call_apart(function: Callable[[Any], Any], argument: Any, archive: str | Non
         function: see ``Executor.submit``.
         argument: see ``Executor.submit``.
         archive: the uploaded file with the user's strategies.  A new archive starts a new process,
-        so that modules of an earlier run are not used again.
+            so that modules of an earlier run are not used again.
     """
     global _apart
     if _apart is not None and _apart[0] != archive:
