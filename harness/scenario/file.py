@@ -25,7 +25,7 @@ from harness.scenario.units import in_si
 
 
 class Setting(NamedTuple):
-    """A dotted key, the value that it is set to, and the option that messages about it name."""
+    """A dotted key, its value, and the name of its option in messages."""
 
     key: str
     value: Any
@@ -47,7 +47,7 @@ class ScenarioFile:
     folder: Path
 
     def scenario(self, more: Sequence[Setting] = ()) -> Scenario:
-        """The checked scenario with all settings applied, later ones over earlier ones.
+        """The checked scenario with all settings applied; later settings replace earlier ones.
 
         Raises:
             InputError: a key or value is not accepted.

@@ -146,7 +146,7 @@ class Scenario(Section):
         return math.ceil(headway_s / step_s - 1e-9) * step_s
 
     def timed_walks(self) -> tuple[tuple[Side, tuple[Leg, ...]], ...]:
-        """Side and path of the timed pedestrians of ``timed_case``, or of all cases if not given."""
+        """Side and path of each timed pedestrian of ``timed_case``; of all cases if not given."""
         case = self.pedestrians.timed_case
         return tuple(
             (Side(timed.side), path_of(timed, self))

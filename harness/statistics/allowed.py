@@ -117,7 +117,7 @@ def swept_value(
 
 
 def allowed_interval(sweep: Sequence[SweptValue], limits: Limits, level: float) -> AllowedInterval:
-    """Judge every value of a sweep, and the sweep.
+    """The verdicts on a sweep and on each of its values.
 
     Args:
         sweep: see ``swept_value``.
@@ -194,7 +194,7 @@ def _pairs_for_mu(swept: SweptValue, limit: float) -> int | None:
 
 
 def _pairs_for_kappa(swept: SweptValue, limit: float, tail: float) -> int | None:
-    """Pairs at which the Clopper–Pearson bound would pass the limit, at the same share."""
+    """Pairs at which the Clopper–Pearson bound would pass the limit if the share stays the same."""
     rate, trials = swept.kappa.value, swept.kappa.trials
     if rate is None or rate == limit:
         return None

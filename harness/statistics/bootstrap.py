@@ -120,7 +120,7 @@ def bootstrap_ratio(
 
     Args:
         numerators: one for each unit that is resampled, shape (n,), finite.
-        denominators: likewise, ≥ 0.
+        denominators: one for each unit, shape (n,), finite, ≥ 0.
         rng: draws the resamples, in batches of bounded memory.
         confidence: two-sided confidence of the interval.
 

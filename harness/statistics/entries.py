@@ -188,7 +188,7 @@ class Entry(Generic[Source]):
         return self.paired_from if paired else self.reliable_from
 
     def interval_of(self, name: str) -> type[Interval] | None:
-        """The kind of interval of the number of that name; plain for a difference of shares."""
+        """The kind of interval of that number; ``Interval`` for a difference of shares."""
         difference = self.of_arm is not None and name == self.names[2]
         return Interval if difference and self.interval is Proportion else self.interval
 

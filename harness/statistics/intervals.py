@@ -82,8 +82,8 @@ def student_ratio(
 ) -> Interval:
     """Ratio of two sums, Σ a / Σ b, with the interval of Fieller (1954).
 
-    It holds all ρ for which Student's t test does not reject that the mean of a − ρ b is 0.  It is
-    exact for any number of normally distributed (a, b).
+    The interval holds all ρ for which Student's t test does not reject that the mean of a − ρ b is
+    0.  It is exact for any number of normally distributed (a, b).
 
     Args:
         numerators: a, one for each unit, shape (n,), finite.

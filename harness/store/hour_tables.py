@@ -133,7 +133,7 @@ def _vehicle_numbers(outcome: HourOutcome, counted: _Counted) -> Row:
 def _delays(
     outcome: HourOutcome, counted: _Counted, delays: Sequence[float]
 ) -> dict[str, float | None]:
-    """Mean delays of all vehicles, of the vehicles that are AVs in the AV's arm, and by thirds."""
+    """Mean delays of all vehicles, of vehicles that are AVs in the AV's arm, and of each third."""
     passages, third_s = counted.passages, (counted.end_s - counted.begin_s) / 3
     automated = [_automated(outcome, passage) for passage in passages]
     # Without a permanent queue every vehicle that counts has a schedule.

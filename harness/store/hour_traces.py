@@ -49,7 +49,7 @@ def hour_trace_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Tables:
 
 
 def _motions(outcome: HourOutcome) -> Iterator[tuple[str, Motion]]:
-    """Name and motion of everybody."""
+    """Name and motion of every vehicle and pedestrian."""
     step_s, begin_s = outcome.scenario.experiment.step_s, outcome.scenario.known_traffic.warm_up_s
     for passage in outcome.passages:
         columns = _vehicle(passage.vehicle, step_s, begin_s)

@@ -54,20 +54,19 @@ class Kind(Protocol):
 
     Attributes:
         name: the key of the kind in the literal tables.
-        section: the part of the scenario that makes a run of this kind, as messages name it; empty
-            for encounters.
+        section: the table of a scenario that selects this kind, for messages; empty for encounters.
         long_pairs: whether a pair is long.  A long pair is a task of its own and shares no episode
             with other cells.  ``--until`` adds no long pairs.  The page shows only a part of a long
             pair.
         compared: whether ``harness compare`` compares its cells pair by pair.
-        ranked: the table whose rows ``harness worst`` ranks, and the columns that name a row of it
+        ranked: the table whose rows ``harness worst`` ranks, and the columns that identify a row
             within its arm.  The table has the columns of the table ``episodes``.
         settles: whether a pair begins with an empty road, so that ``--settle`` sets its warm-up.
         records: the tables with the results of a pair.
         shown: the tables with which a pair is shown: all states, and the people.
         catalogue: every number that such a run reports.
         rows: the table from which findings are computed; each pair has two rows, the AV's first.
-        derived: further tables, each with the function that makes a cell's part from those rows.
+        derived: further tables, each with the function that computes a cell's part from ``rows``.
     """
 
     @property

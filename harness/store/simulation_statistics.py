@@ -29,7 +29,7 @@ def crosswalk_rows(rows: pa.Table, confidence: float) -> list[dict[str, Plain]]:
 def _compared(
     rows: pa.Table, column: str, key: str, fields: Iterable[str], confidence: float
 ) -> list[dict[str, Plain]]:
-    """Means over pairs of each number in both arms, and of its difference in the same pairs.
+    """For each number, the mean over pairs in both arms and the mean paired difference.
 
     Args:
         rows: the table ``simulations`` of a cell, by pair.

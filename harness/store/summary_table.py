@@ -27,7 +27,7 @@ def summary_schema(catalogue: Catalogue) -> pa.Schema:
 def write_summary(
     folder: Path, catalogue: Catalogue, cells: Sequence[Cell], findings: Sequence[Findings]
 ) -> None:
-    """Write the findings of every cell, in order, as both files."""
+    """Write the findings of all cells, in order, to ``summary.parquet`` and ``summary.csv``."""
     rows = [
         {"cell": cell.number, **row_of(catalogue, reported)}
         for cell, reported in zip(cells, findings, strict=True)

@@ -141,7 +141,7 @@ class InteractionModel:
         inverse_time_advantage_per_s: FloatArray | None = None,
         lateral_m: FloatArray | None = None,
     ) -> FloatArray:
-        """Distribution function of v_p, (n,) in [0, 1]; arguments as ``walking_speed_density``."""
+        """Distribution function of v_p, (n,) in [0, 1]; see ``walking_speed_density``."""
         state = (range_m, vehicle_speed_mps, inverse_time_advantage_per_s, lateral_m)
         return self._walking("cdf", speed_mps, *state)
 
@@ -211,7 +211,7 @@ class InteractionModel:
     def _curve_state(
         self, range_m: FloatArray, lateral_m: FloatArray, vehicle_speed_mps: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """R, L and v of each pedestrian, R and v clamped."""
+        """R, L and v of each pedestrian; R and v are clamped."""
         conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
         given = self._clamped(conditional, _inverse(range_m), vehicle_speed_mps)
         return 1 / given[:, 0], np.asarray(lateral_m), given[:, 1]

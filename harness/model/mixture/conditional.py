@@ -103,7 +103,7 @@ class Conditional:
         u = 0 and u = 1 give the bounds themselves.
 
         Raises:
-            InputError: u outside [0, 1] or nan.
+            InputError: u is outside [0, 1] or NaN.
         """
         values, points = self._aligned(u, y)
         for wrong in values[~((values >= 0.0) & (values <= 1.0))]:

@@ -287,7 +287,7 @@ def order_of_passing(
 
 
 def _passing(time_s: FloatArray, remaining_m: FloatArray) -> tuple[float, float]:
-    """Bounds of the time at which the remaining distance first reaches 0; equal if recorded."""
+    """Bounds of the time at which the remaining distance first is 0; equal if it was recorded."""
     past = np.flatnonzero(remaining_m <= 0)
     if len(past) == 0:
         return float(time_s[-1]), math.inf
@@ -301,5 +301,5 @@ def _passing(time_s: FloatArray, remaining_m: FloatArray) -> tuple[float, float]
 
 
 def _exact(bounds: tuple[float, float]) -> bool:
-    """Whether the passage itself was recorded."""
+    """Whether the passage was recorded."""
     return bounds[0] == bounds[1]
