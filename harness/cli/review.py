@@ -216,7 +216,7 @@ def _compare_arms(
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Compare the AV's arms of runs with long pairs."""
+    """Compare the AV's arms of several runs with [traffic] or [simulation]."""
     from harness.core.files import write_csv
     from harness.report.screens.run_document import arms_document, arms_rows
     from harness.report.screens.terminal import print_arms

@@ -62,7 +62,7 @@ class Setting:
 def setting_at(
     path: Path, step_s: float | None, crossings: tuple[str, ...], range_m: float, where: str
 ) -> Setting:
-    """The chosen crosswalks of a configuration; read once per process while its files stay.
+    """The chosen crosswalks of a configuration; cached until its files change.
 
     Args:
         path: the configuration's file.
@@ -80,7 +80,7 @@ def setting_at(
 
 
 def _changed(file: Path) -> tuple[int, int]:
-    """When a file was changed last, in ns, and its size; (0, 0) if there is none."""
+    """A file's time of last change in ns, and its size; (0, 0) if there is no file."""
     try:
         status = file.stat()
     except OSError:

@@ -73,7 +73,7 @@ Start = Callable[[Sequence[str]], tuple[Any, Callable[[], None]]]
 """Starts SUMO with a command line; returns its API and the function that ends it."""
 
 Function = Callable[[str, str], Callable[..., Any]]
-"""From a part and a name, e.g. ``vehicle`` and ``getSpeed``: SUMO's function."""
+"""From a domain and a name, e.g. ``vehicle`` and ``getSpeed``, to SUMO's function."""
 
 
 class OwnSimulation:

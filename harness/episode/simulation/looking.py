@@ -1,4 +1,4 @@
-"""The lanes before the chosen crosswalks: which of them are looked at in a step, and whom."""
+"""The lanes before the chosen crosswalks, with the choice of lanes and vehicles read in a step."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -8,7 +8,7 @@ from harness.episode.deciding import ROUNDING_M
 from harness.site.simulation import DrivenWay, Setting
 
 MOST_MPS = 100.0
-"""No vehicle is faster: where it can be after some steps follows from this."""
+"""Upper limit of all speeds: it limits where a vehicle can be after some steps."""
 
 
 @dataclass(slots=True, eq=False)
@@ -18,12 +18,12 @@ class WatchedLane:
     Attributes:
         name: SUMO's id of the lane.
         ways: by crosswalk, the ways on this lane, each with x at which the lane begins.
-        before_m: a vehicle whose position on the lane is less has not passed R0 of any crosswalk.
-        until: the lane is looked at up to this step; infinite if vehicles may come onto it from
+        before_m: a vehicle before this position on the lane has not passed R0 of any crosswalk.
+        until: last step in which the lane is read; infinite if vehicles may come onto it from
             lanes that are not watched.
-        fed: the lanes onto which vehicles come from this one alone or from others that feed them,
-            so that nobody is there if nobody was here a step ago.
-        due: by vehicle, the step at which it is to be looked at again.
+        fed: lanes that vehicles reach only from this lane or from other lanes that feed them.  So a
+            fed lane is empty if all of its feeding lanes were empty a step ago.
+        due: the next step in which each vehicle is read, by vehicle.
     """
 
     name: str
@@ -35,14 +35,14 @@ class WatchedLane:
 
 
 Judge = Callable[[str, float, "WatchedLane", float], bool]
-"""From vehicle, position, lane and time: whether it need not be looked at on this lane again."""
+"""From vehicle, position, lane and time to whether the vehicle is done with on this lane."""
 
 
 class Lookout:
     """Finds the vehicles whose front has passed R0 in the last step.
 
-    A lane inside a junction is looked at only if somebody was there, or on a lane that leads there,
-    a step ago.  A vehicle is looked at again when it can have reached R0.
+    A lane inside a junction is read only if a vehicle was there, or on a lane that leads there, a
+    step ago.  A vehicle is read again as soon as it can have reached R0.
 
     Args:
         setting: the crosswalks.
@@ -68,7 +68,7 @@ class Lookout:
         self.lanes = _watched(setting, self._per_step_m, lanes_of_edge)
 
     def look(self, time_s: float) -> None:
-        """Look at the end of a step."""
+        """Read lanes and vehicles at the end of a step, and judge vehicles beyond R0."""
         self._steps += 1
         steps, on_lane = self._steps, self._on_lane
         for lane in self.lanes:
@@ -124,7 +124,7 @@ def _watched(
 def _feeders(
     lane: WatchedLane, lanes: dict[str, WatchedLane], per_step_m: float
 ) -> tuple[WatchedLane, ...] | None:
-    """The lanes on which a vehicle was a step before it came onto this one."""
+    """The lanes on which a vehicle may be in the step before it is on this one."""
     feeders: dict[str, WatchedLane] = {}
     for ways in lane.ways.values():
         for each, start_m in ways:

@@ -23,8 +23,8 @@ class Trip:
         departed: whether it began.
         arrived: whether it ended before the simulation did.
         duration_s: from the time due until the arrival, or until the simulation's end.
-        time_loss_s: time lost against the desired speed, with the wait for departure.  Of a walk
-            that has not ended only the time standing is known to be lost.
+        time_loss_s: time lost against the desired speed, with the wait for departure.  For a walk
+            that has not ended, it is only the time standing.
         waiting_s: time standing, with the wait for departure; for people, time standing on foot.
         stops: number of times a vehicle stood; None for people.
         emissions: by SUMO's names; empty if the scenario computes none.
@@ -66,7 +66,7 @@ def _trips(file: Path, end_s: float) -> Iterator[Trip]:
         if element.tag == "tripinfo":
             yield _vehicle(element, end_s)
         elif element.tag == "personinfo":
-            # SUMO also writes people whom it has read and who were to come after the end.
+            # SUMO also writes people who were to come after the end, if it has read them.
             if float(element.attrib["depart"]) >= 0:
                 yield _person(element, end_s)
         else:
@@ -117,7 +117,7 @@ def _person(element: ET.Element, end_s: float) -> Trip:
 
 
 def _loss_s(stage: ET.Element) -> float:
-    """The time lost in a stage; of an unfinished walk, whose loss SUMO writes as 0, the waiting."""
+    """The time lost in a stage; for an unfinished walk, where SUMO writes 0, the time waiting."""
     if stage.tag == "walk" and float(stage.get("arrival", "0")) < 0:
         return _number(stage, "waitingTime")
     return _number(stage, "timeLoss")

@@ -1,4 +1,4 @@
-"""Scheduled vehicles in; vehicles on the road out, as soon as there is room, at a safe speed."""
+"""Takes scheduled vehicles and inserts each at a safe speed as soon as there is room."""
 
 import math
 from collections.abc import Callable
