@@ -41,8 +41,8 @@ def moments_of(
         arms: the arms.
         vehicle, crosswalk: ids to which the choice is restricted.
 
-        Raises:
-            InputError: there is no such passage, or the run is of another kind.
+    Raises:
+        InputError: there is no such passage, or the run is of another kind.
     """
     scenario = stored.cell.scenario
     if scenario.simulation is None:

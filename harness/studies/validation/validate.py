@@ -79,9 +79,9 @@ def validate(
         options: options of the extraction and of the format's reader.
         progress: called with the numbers of done and planned steps, and the unit.
 
-        Raises:
-            InputError: a format, option or driver is unknown, or the data cannot be read or contain
-            no passage.
+    Raises:
+        InputError: a format, option or driver is unknown, or the data cannot be read or contain no
+            passage.
     """
     _check_drivers(drivers, scenario)
     given, seed = dict(options or {}), scenario.experiment.seed
