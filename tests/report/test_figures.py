@@ -144,7 +144,7 @@ def test_speed_profiles_are_the_traces(axes: Axes, single: str) -> None:
     rows = run.traces_of(0, 4)
     human = rows[(rows["arm"] == "human") & (rows["object"] == "ego")]
     episode_figures.draw_speed_over_distance(axes, {"pair 4": rows}, 4.0)
-    x, y = line(axes, "pair 4, human")
+    x, y = line(axes, "pair 4, reference")
     assert list(x) == list(-human["x_m"])
     assert list(y) == list(human["speed_mps"])
     assert axes.xaxis_inverted()

@@ -230,7 +230,7 @@ def test_tables_have_all_cells_and_no_names_of_columns(swept: RunData) -> None:
     by_row = {tuple(cell.text for cell in row[:3]): row for row in groups.rows}
     stored = read_table(swept.path, "groups").to_pandas()
     for share, cell in (("0.3", 0), ("1", 1)):
-        for arm, word in (("av", "AV"), ("human", "human")):
+        for arm, word in (("av", "AV"), ("human", "reference")):
             mine = stored[
                 (stored["cell"] == cell) & (stored["arm"] == arm) & (stored["group"] == "AVs")
             ]
@@ -239,7 +239,7 @@ def test_tables_have_all_cells_and_no_names_of_columns(swept: RunData) -> None:
             loss = row[groups.headings.index("time loss (s)")].text
             assert loss == f"{mine['time_loss_s'].mean():.1f}"
     assert [cell.text for cell in traffic.rows[0][1:3]] == [CROSSING, "AV"]
-    assert [cell.text for cell in traffic.rows[1][1:3]] == [CROSSING, "human"]
+    assert [cell.text for cell in traffic.rows[1][1:3]] == [CROSSING, "reference"]
 
 
 def test_figures_of_a_sweep_are_over_its_key(swept: RunData) -> None:

@@ -47,7 +47,7 @@ class Table:
     brief: bool = False
 
 
-ARM_NAMES = {Arm.AV: "AV", Arm.HUMAN: "human"}
+ARM_NAMES = {Arm.AV: "AV", Arm.HUMAN: "reference"}
 
 
 def named_values(values: Mapping[str, Any]) -> str:
