@@ -427,8 +427,9 @@ def test_crashes_are_said_before_any_delay(runs: list[Path], tmp_path: Path) -> 
     hit = int(run.passages[run.passages["arm"] == "av"]["contact"].notna().sum())
     assert hit > 0, "or there is nothing to say"
     (cell,) = reported(run).cells
-    (note,) = [note.text for note in cell.notes if "crashed" in note.text]
-    assert note.startswith(f"constant_speed's arm: {hit} of ")
+    assert cell.findings["kappa"].events == hit
+    (note,) = [note.text for note in cell.notes if "after a crash" in note.text]
+    assert note.startswith("constant_speed's arm: ")
     assert "the delays do not include the cost of a crash" in note
     (calm,) = reported(harness.load_run(runs[0])).cells
-    assert not any("crashed" in note.text for note in calm.notes)
+    assert not any("after a crash" in note.text for note in calm.notes)
