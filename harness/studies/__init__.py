@@ -1,1 +1,1 @@
-"""Scenarios in; finished runs, comparisons, replays, risks and validations out."""
+"""Takes scenarios and returns finished runs, comparisons, replays, risks and validations."""

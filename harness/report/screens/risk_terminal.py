@@ -93,7 +93,7 @@ def _rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
 
 
 def agreement(findings: RiskFindings) -> str:
-    """Return the number of episodes that both engines ran, and in how many they differ."""
+    """Return how many episodes both engines ran, and in how many the engines differ."""
     words = f"{findings.compared_with_other_engine:,}, "
     words += f"{findings.differing:,} differ" if findings.differing else "all equal"
     ties = findings.differing_by_a_tie

@@ -31,7 +31,7 @@ def print_run(run: RunData, full: bool = False) -> None:
 
 
 def print_arms(findings: RunFindings, full: bool = False) -> None:
-    """Print a comparison of runs with long pairs; with ``full`` every number."""
+    """Print a comparison of runs with long pairs, or every number with ``full``."""
     console = make_console()
     screen = replace(screen_of(findings), footer="All measures: --full.")
     print_screen(console, replace(screen, most_lines=None) if full else screen)

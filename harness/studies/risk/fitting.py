@@ -1,6 +1,6 @@
 """Takes weighted states in the event and returns the proposal's components.
 
-The fit is expectation maximisation.  Which pedestrian of a crowd was placed is a latent variable,
+The fit is expectation maximisation.  The index of a crowd's placed pedestrian is a latent variable,
 so a component's responsibility for a case is divided among the case's pedestrians.  This is the
 cross-entropy method with a latent variable.
 """

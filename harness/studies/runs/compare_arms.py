@@ -1,7 +1,7 @@
 """Compares the AV's arms of cells with long pairs: hours of traffic, and users' own simulations.
 
-Two cells that differ only in the AV's strategy are compared as a run compares its two arms: the
-second cell's AV takes the place of the reference.
+Two cells that differ only in the AV's strategy are compared like the two arms of a run.  The second
+cell's AV takes the place of the reference.
 """
 
 from collections.abc import Sequence
@@ -27,12 +27,12 @@ def compare_arms(runs: Sequence[RunData]) -> RunFindings:
     """Compare every two cells that differ only in the AV's strategy, pair by pair.
 
     Args:
-        runs: finished runs of one kind with long pairs; several need the same reference arm.
+        runs: finished runs of one kind with long pairs; several runs need the same reference arm.
 
     Returns:
-        The findings of each comparison as those of a cell: the numbers of the first cell's AV as
-        the AV's, those of the second cell's AV as the reference's, and their differences.  All
-        intervals hold together with the run's confidence (Bonferroni).
+        The findings of each comparison in the form of a cell's findings.  The first cell's AV is
+        the AV, and the second cell's AV is the reference.  All intervals hold simultaneously with
+        the run's confidence (Bonferroni).
 
     Raises:
         InputError: no two cells can be compared, or their reference arms differ.
@@ -103,7 +103,7 @@ def _compared(
 
 
 def _side_by_side(first: pa.Table, second: pa.Table) -> pa.Table:
-    """The AV's rows of two cells as the two arms of one, by pair."""
+    """Return the AV's rows of two cells as the two arms of one cell, by pair."""
     arms = [rows.filter(pc.equal(rows["arm"], Arm.AV.value)) for rows in (first, second)]
     common = np.intersect1d(*(arm["pair"].to_numpy() for arm in arms))
     parts = []
@@ -115,7 +115,7 @@ def _side_by_side(first: pa.Table, second: pa.Table) -> pa.Table:
 
 
 def _refuse_other_references(first: pa.Table, second: pa.Table, path: Path) -> None:
-    """Refuse runs whose reference arms differ: their pairs are not the same."""
+    """Refuse runs whose reference arms differ, because their pairs are not the same."""
     arms = [
         rows.filter(pc.equal(rows["arm"], Arm.HUMAN.value)).sort_by("pair")
         for rows in (first, second)

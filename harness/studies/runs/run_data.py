@@ -250,7 +250,7 @@ class RunData:
         return self._tables.rows_of(name, cell, pair)
 
     def rows_of_cell(self, cell: int) -> pa.Table:
-        """The rows of a cell from which its findings are computed, by pair."""
+        """Return the rows of a cell from which its findings are computed, by pair."""
         table = self._tables.read(self.kind.rows)
         return table.filter(pc.equal(table["cell"], cell))
 
