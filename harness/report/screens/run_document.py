@@ -29,7 +29,7 @@ def run_document(run: RunData) -> Document:
 
 
 def arms_document(findings: RunFindings) -> Document:
-    """The document that ``harness compare --json`` prints of runs with long pairs."""
+    """Return the document that ``harness compare --json`` prints for runs with long pairs."""
     return {
         "schema": SCHEMA,
         "comparisons": [
@@ -39,7 +39,7 @@ def arms_document(findings: RunFindings) -> Document:
 
 
 def arms_rows(findings: RunFindings) -> list[dict[str, Plain]]:
-    """The rows of ``harness compare --out`` of runs with long pairs, one for each comparison."""
+    """Return the rows of ``harness compare --out`` for runs with long pairs, one per comparison."""
     return [
         {"first": cell.av, "second": cell.reference, **row_of(findings.catalogue, cell.findings)}
         for cell in findings.cells

@@ -50,14 +50,14 @@ class HeldOut:
 
 
 def walking_log_scores(mixture: TruncatedGaussianMixture, data: FloatArray) -> FloatArray:
-    """Return log f(v_p | 1/R, v) of rows (n, 4), shape (n,), in nats: how pedestrians walk."""
+    """Return log f(v_p | 1/R, v), the density of walking speeds, of rows (n, 4): (n,), in nats."""
     given = (INVERSE_RANGE, VEHICLE_SPEED)
     conditional = mixture.conditional(PEDESTRIAN_SPEED, given)
     return conditional.logpdf(data[:, PEDESTRIAN_SPEED], data[:, list(given)])
 
 
 def driving_log_scores(mixture: TruncatedGaussianMixture, data: FloatArray) -> FloatArray:
-    """Return log f(v | 1/R, v_p, 1/T_adv) of rows (n, 4), (n,), in nats: how humans drive."""
+    """Return log f(v | 1/R, v_p, 1/T_adv), the human driver's density, of rows (n, 4): (n,), nats."""
     given = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
     conditional = mixture.conditional(VEHICLE_SPEED, given)
     return conditional.logpdf(data[:, VEHICLE_SPEED], data[:, list(given)])

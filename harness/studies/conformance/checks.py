@@ -1,4 +1,4 @@
-"""The rules for all strategies.  Each is a function that raises if the strategy breaks the rule."""
+"""The rules for all strategies.  Each is a function that raises if a strategy breaks it."""
 
 import copy
 import inspect

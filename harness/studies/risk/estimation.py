@@ -29,7 +29,7 @@ EXPLORATIONS = 3
 _LEAST_DRAWS = 4_000
 
 _RESERVE = 2.5
-"""Factor on the number of draws that the refits suggest, because large weights are found late."""
+"""The estimate uses this multiple of the refits' number of draws; large weights appear late."""
 
 _RESERVE_OF_BRUTE_FORCE = 1.25
 """The same factor if all weights are 1, because the event's frequency is then roughly known."""
