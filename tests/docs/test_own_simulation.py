@@ -6,6 +6,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,13 @@ from tests.docs.conftest import ROOT
 
 EXAMPLE = ROOT / "examples" / "own_simulation"
 PAGE = (ROOT / "docs" / "traffic_engineer.md").read_text("utf-8")
+
+
+def with_sumo() -> dict[str, str]:
+    """The environment in which the programs of this Python's SUMO are found by name."""
+    # An import of SUMO's package in this process sets SUMO_HOME to a folder without tools.
+    env = {name: value for name, value in os.environ.items() if name != "SUMO_HOME"}
+    return env | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
 
 
 def commands(heading: str) -> list[list[str]]:
@@ -33,7 +41,7 @@ def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(EXAMPLE, folder)
     for words in rest + commands("Conflicts from any SUMO output"):
         if words[0] != "harness":
-            subprocess.run(words, check=True, cwd=folder, capture_output=True)
+            subprocess.run(words, check=True, cwd=folder, capture_output=True, env=with_sumo())
             continue
         fewer = ["--pairs", "1", "--workers", "1"] if words[1] == "run" else []
         done = here(*words[1:], *fewer, cwd=folder)
@@ -107,9 +115,7 @@ def test_the_example_is_what_its_script_makes(tmp_path: Path) -> None:
     for path in EXAMPLE.iterdir():
         if path.name not in written:
             shutil.copy(path, made)
-    # An import of SUMO's package in this process sets SUMO_HOME to a folder without tools.
-    env = {name: value for name, value in os.environ.items() if name != "SUMO_HOME"}
-    subprocess.run(["sh", str(made / "make.sh")], check=True, capture_output=True, env=env)
+    subprocess.run(["sh", str(made / "make.sh")], check=True, capture_output=True, env=with_sumo())
     assert {path.name for path in made.iterdir()} == {path.name for path in EXAMPLE.iterdir()}
     for name in written:
         assert (made / name).read_text() == (EXAMPLE / name).read_text(), name
