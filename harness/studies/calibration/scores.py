@@ -57,7 +57,7 @@ def walking_log_scores(mixture: TruncatedGaussianMixture, data: FloatArray) -> F
 
 
 def driving_log_scores(mixture: TruncatedGaussianMixture, data: FloatArray) -> FloatArray:
-    """Return log f(v | 1/R, v_p, 1/T_adv), the human driver's density, of rows (n, 4): (n,), nats."""
+    """Return log f(v | 1/R, v_p, 1/T_adv), the drivers' density, of rows (n, 4): (n,), in nats."""
     given = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
     conditional = mixture.conditional(VEHICLE_SPEED, given)
     return conditional.logpdf(data[:, VEHICLE_SPEED], data[:, list(given)])
