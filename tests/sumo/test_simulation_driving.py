@@ -295,17 +295,17 @@ def test_private_types_of_people_are_ignored_too(
 ) -> None:
     config = towns.main_road(tmp_path, 60)
     ignored: set[str] = set()
-    look, private = SimulationArm._look, []
+    follow, private = SimulationArm._follow, []
 
-    def looking(arm: SimulationArm, time_s: float) -> None:
+    def following(arm: SimulationArm, time_s: float) -> None:
         for name in arm.api.simulation.getDepartedPersonIDList():
             arm.api.person.setSpeed(name, 1.0)
             private.append(arm.api.person.getTypeID(name))
-        look(arm, time_s)
+        follow(arm, time_s)
         for name, _ in arm.active:
             ignored.update(arm.api.vehicle.getParameter(name, "junctionModel.ignoreTypes").split())
 
-    monkeypatch.setattr(SimulationArm, "_look", looking)
+    monkeypatch.setattr(SimulationArm, "_follow", following)
     scenario = towns.scenario_of(config, [":b_c0"])
     outcome = towns.run_arm(scenario, model, tmp_path / "arm")
     assert outcome.reason is None, outcome.traceback
