@@ -269,7 +269,7 @@ def test_a_comparison_says_first_that_one_timed_out(tmp_path: Path) -> None:
     # Ten pairs are too few: the star stands at the cell's own numbers too.
     assert f"{mu:.3f} *" in text
     assert "* unreliable" in text
-    assert "A − B (negative: A takes less time)" in text
+    assert "differences A − B over the common pairs (negative: A takes less time)" in text
 
 
 def test_crashes_that_a_ratio_of_times_leaves_out_show_its_worst_case(tmp_path: Path) -> None:

@@ -79,14 +79,20 @@ def exact(town: Path) -> ConflictFindings:
     return found(town, simulate(town, "exact.csv", "--precision", 6, *collisions))
 
 
-@pytest.mark.parametrize("name", ["fcd.xml", "fcd.xml.gz", "fcd.csv.gz", "fcd.parquet"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("fcd.xml.gz", "fcd.parquet"),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("fcd.xml", "fcd.csv.gz")),
+    ],
+)
 def test_every_format_has_the_same_passages(town: Path, exact: ConflictFindings, name: str) -> None:
     other = rows(found(town, simulate(town, name, "--precision", 6)))
     # Parquet has places and speeds of the vehicles in single precision.
     pd.testing.assert_frame_equal(other, rows(exact), rtol=1e-4, atol=1e-3, check_dtype=False)
 
 
-@pytest.mark.parametrize("ending", ["xml", "parquet"])
+@pytest.mark.parametrize("ending", [pytest.param("xml", marks=pytest.mark.slow), "parquet"])
 def test_people_in_a_file_of_their_own(town: Path, exact: ConflictFindings, ending: str) -> None:
     people = town / f"people_apart.{ending}"
     cars = simulate(town, f"cars_apart.{ending}", "--precision", 6, "--person-fcd-output", people)

@@ -2,12 +2,12 @@
 
 import json
 import re
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from harness.scenario import load_scenario
+from tests import towns
 from tests.batches import here
 
 ROUTES = {
@@ -28,10 +28,9 @@ WALKS = {"up0": "B0B1 B1B2", "up1": "B0B1 B1B2", "down": "B2B1 B1B0", "stays": "
 def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A grid of 3 × 3 junctions for half an hour, with a step of 1 s."""
     folder = tmp_path_factory.mktemp("grid")
-    net = folder / "grid.net.xml"
-    words = "netgenerate --grid --grid.number 3 --grid.length 120 --sidewalks.guess"
-    command = [*words.split(), "--crossings.guess", "--default.sidewalk-width", "2", "-o", net]
-    subprocess.run(list(map(str, command)), check=True, capture_output=True)
+    words = "--grid --grid.number 3 --grid.length 120 --sidewalks.guess --crossings.guess"
+    words += " --default.sidewalk-width 2 -o grid.net.xml"
+    towns.call(folder, "netgenerate", *words.split())
     vehicles = "".join(
         f'<vehicle id="{name}" depart="{20 * number}"><route edges="{edges}"/></vehicle>'
         for number, (name, edges) in enumerate(ROUTES.items())
@@ -157,9 +156,8 @@ def test_damaged_configurations(scenario: Path, old: str, new: str, words: str) 
 
 def test_a_light_is_the_reason(scenario: Path) -> None:
     folder = scenario.parent
-    command = ["netconvert", "-s", folder / "grid.net.xml", "--tls.set", "B1"]
-    net = folder / "lights.net.xml"
-    subprocess.run([*map(str, command), "-o", str(net)], check=True, capture_output=True)
+    words = "-s grid.net.xml --tls.set B1 -o lights.net.xml"
+    towns.call(folder, "netconvert", *words.split())
     config = folder / "lights.sumocfg"
     config.write_text(scenario.read_text().replace("grid.net.xml", "lights.net.xml"))
     rows = listed(config)

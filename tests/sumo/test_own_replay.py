@@ -108,6 +108,7 @@ def test_the_options_are_refused_elsewhere(
         watch(other, 0, [Arm.AV], crosswalk="c")
 
 
+@pytest.mark.slow
 @needs_xvfb
 def test_sumo_gui_shows_the_moment_with_avs_in_colour(run: Path, tmp_path: Path) -> None:
     options = ("--pace", "100", "--screenshots", tmp_path / "shots", "--every", "1")
