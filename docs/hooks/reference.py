@@ -18,7 +18,7 @@ from harness.scenario import Scenario, people, sections, simulation, traffic
 from harness.statistics import ENCOUNTERS, Catalogue, Entry
 from harness.store import tables
 from harness.store.hour_catalogue import HOURS
-from harness.store.simulation_catalogue import SIMULATIONS
+from harness.store.simulations.simulation_catalogue import SIMULATIONS
 
 UNITS = {
     "_per_hour": "1/h",

@@ -30,9 +30,9 @@ from harness.store.hour_catalogue import HOURS
 from harness.store.hour_columns import hour_columns
 from harness.store.hour_types import type_rows
 from harness.store.measure_tables import conflict_rows, measure_rows
-from harness.store.simulation_catalogue import SIMULATIONS
-from harness.store.simulation_statistics import crosswalk_rows, group_rows
-from harness.store.simulation_tables import crosswalks_of_cell, groups_of
+from harness.store.simulations.simulation_catalogue import SIMULATIONS
+from harness.store.simulations.simulation_statistics import crosswalk_rows, group_rows
+from harness.store.simulations.simulation_tables import crosswalks_of_cell, groups_of
 from harness.store.summaries import columns_of_cell
 from harness.store.tables import (
     HOUR_TABLES,

@@ -18,7 +18,7 @@ from harness.report.pages.simulation_pictures import simulation_pictures
 from harness.report.pages.simulation_tables import group_and_crosswalk_tables
 from harness.scenario import parse_variation, read_scenario_file, study_of
 from harness.store.reading import read_table
-from harness.store.simulation_traces import has_passages, only_passages
+from harness.store.simulations.simulation_traces import has_passages, only_passages
 from harness.store.walk_rows import stored_walk
 from harness.studies.batch.scoring import score
 from harness.studies.batch.showing import write_shown

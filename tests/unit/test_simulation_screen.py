@@ -4,7 +4,7 @@ from harness.report.screens.result_screen import screen_of
 from harness.report.screens.screen import MOST_LINES, screen_lines
 from harness.scenario import Scenario
 from harness.statistics import CellFindings, Finding, Form, RunFindings
-from harness.store.simulation_catalogue import SIMULATIONS
+from harness.store.simulations.simulation_catalogue import SIMULATIONS
 from harness.studies.runs.simulation_notes import simulation_notes
 
 SCENARIO = Scenario.model_validate(

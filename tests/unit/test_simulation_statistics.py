@@ -3,7 +3,7 @@
 import pyarrow as pa
 import pytest
 
-from harness.store.simulation_statistics import crosswalk_rows, group_rows
+from harness.store.simulations.simulation_statistics import crosswalk_rows, group_rows
 from harness.store.tables import TABLES
 
 STUDENT_3 = 4.302652729911275 / 3**0.5

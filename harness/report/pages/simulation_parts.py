@@ -16,7 +16,7 @@ from harness.report.pages.simulation_pictures import simulation_pictures
 from harness.report.pages.simulation_tables import group_and_crosswalk_tables
 from harness.report.pages.traces import Encoded, pair_title, short
 from harness.report.screens.tables import ARM_NAMES, counted
-from harness.store.simulation_traces import scene_parts
+from harness.store.simulations.simulation_traces import scene_parts
 from harness.store.tables import Row
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import ShownPair

@@ -12,7 +12,7 @@ from harness.scenario import Options, hang_limit_s, read_scenario_file, study_of
 from harness.scenario.options import HANG_AFTER_S
 from harness.store.reading import CRITICAL, MANIFEST
 from harness.store.shards import encode_shard, shard_name
-from harness.store.simulation_traces import only_passages
+from harness.store.simulations.simulation_traces import only_passages
 from harness.studies.batch.experiment import resume, run_study
 from harness.studies.kinds.table import simulation_of
 from harness.studies.runs.opening import load_run

@@ -16,8 +16,8 @@ from harness.engine.simulation.running import OwnSimulation, check_starts, write
 from harness.engine.starting import scratch_prefix
 from harness.episode.simulation.pairing import GetFolder, SimulationRunner, setting_of
 from harness.scenario import Scenario
-from harness.store.simulation_tables import simulation_rows
-from harness.store.simulation_traces import simulation_trace_rows
+from harness.store.simulations.simulation_tables import simulation_rows
+from harness.store.simulations.simulation_traces import simulation_trace_rows
 from harness.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation
 from harness.studies.workers.tasks import Task, TaskResult
 from harness.studies.workers.watchdog import Watch, watchdog

@@ -16,7 +16,7 @@ from harness.core.encounter import Arm
 from harness.core.errors import InputError
 from harness.store.manifest import explained
 from harness.store.shards import DamagedShardError, Shard, read_shard, shard_name
-from harness.store.simulation_traces import has_passages, only_passages
+from harness.store.simulations.simulation_traces import has_passages, only_passages
 from harness.studies.replay.stored import differences_of
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.simulation_choice import Key

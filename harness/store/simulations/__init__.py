@@ -1,0 +1,1 @@
+"""Rows of users' own simulations in; their tables, findings and statistics out."""
