@@ -92,9 +92,9 @@ def inside(written: Path, home: Path) -> str:
     """A file name for a path: the path relative to ``home``, joined by underscores.
 
     Example:
-        >>> inside(Path("/town/out/fcd.xml"), Path("/town"))
+        >>> inside(Path("town/out/fcd.xml"), Path("town"))
         'out_fcd.xml'
-        >>> inside(Path("/fcd.xml"), Path("/town"))
+        >>> inside(Path("fcd.xml"), Path("town"))
         'up_fcd.xml'
     """
     parts = Path(os.path.relpath(written, home)).parts

@@ -118,10 +118,14 @@ class PeopleAtCrosswalk:
         return any(person.stands for person in self.present.values() if not person.on_crossing[-1])
 
     def tracks(self) -> list[PersonTrack]:
-        """The records of everybody who was on the crossing, in the order in which they came."""
+        """The records of everybody who was on the crossing, in the order in which they came.
+
+        Those who are still before it at the end come last.
+        """
         everyone = [*self.gone, *(p for p in self.present.values() if True in p.on_crossing)]
         everyone.sort(key=lambda person: (person.time_s[0], person.index))
-        return [person.track() for person in everyone]
+        before = [p for p in self.present.values() if True not in p.on_crossing]
+        return [person.track() for person in (*everyone, *before)]
 
     def views(self, way: WayOver) -> list[PedestrianView]:
         """Everybody as a vehicle on one way sees them."""
@@ -160,7 +164,9 @@ def view_of(person: PersonAt, way: WayOver) -> PedestrianView:
 
 def waited_s(track: PersonTrack, step_s: float, way: WayOver) -> float:
     """The time in s for which a person stood within 1 m of the kerb before stepping off."""
-    first = int(np.argmax(track.on_crossing))
+    # Whoever never stepped off waited until the last record.
+    crossed = bool(track.on_crossing.any())
+    first = int(np.argmax(track.on_crossing)) if crossed else len(track.time_s) - 1
     x_m, y_m = way.frame.to_road(track.x_m[: first + 1], track.y_m[: first + 1])
     if len(y_m) < 2:
         return 0.0

@@ -88,7 +88,7 @@ SIMULATIONS: tuple[Entry[ArmColumns], ...] = (
     _mean(
         "crosswalk_wait_s",
         "people's wait at crosswalks",
-        "Mean time that people stood within 1 m of the kerb before they stepped off.",
+        "Mean time that people stood within 1 m of the kerb before they stepped off, or until the end.",
         _NOBODY,
     ),
     _mean(

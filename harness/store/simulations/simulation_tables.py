@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 
 from harness.core.encounter import Arm
+from harness.episode.simulation.driving import PassageLog
 from harness.episode.simulation.log import uniform_of
 from harness.episode.simulation.pairing import (
     MeasuredPassage,
@@ -100,7 +101,7 @@ def _numbers(
     driver = Arm.AV if outcome.arm is Arm.AV else Arm.HUMAN
     name = scenario.arms.driver(driver)
     driven = [row for row in passages if row["strategy"] == name and row["commands"]]
-    delays = [row["delay_s"] for row in passages if row["delay_s"] is not None]
+    delays = [row["least_delay_s"] for row in passages]
     return passage_counts(passages, scenario.conflicts) | {
         "vehicles": by_name[VEHICLES]["trips"],
         "automated": by_name[AVS]["trips"],
@@ -192,14 +193,19 @@ def _crosswalks(
     rows = []
     for crosswalk in setting.crosswalks:
         over = [row for row in passages if row["crosswalk"] == crosswalk.id]
-        delays = [row["delay_s"] for row in over if row["delay_s"] is not None]
+        delays = [row["least_delay_s"] for row in over]
         way = crosswalk.ways[0]
         people = [
             track
             for track in log.people.get(crosswalk.id, ())
             if counted[0] <= track.time_s[0] < counted[1]
         ]
-        waits = [waited_s(track, setting.step_s, way) for track in people]
+        waits = [
+            wait_s
+            for track in people
+            # Whoever is still on the way to the kerb at the end has not waited yet.
+            if (wait_s := waited_s(track, setting.step_s, way)) or track.on_crossing.any()
+        ]
         queue = np.array(log.queues_m.get(crosswalk.id, ()))
         rows.append(
             passage_counts(over, outcome.scenario.conflicts)
@@ -210,7 +216,7 @@ def _crosswalks(
                 "not_driven": sum(row["not_driven"] is not None for row in over),
                 "turning": log.not_measured[crosswalk.id, TURNS],
                 "bending": log.not_measured[crosswalk.id, BENDS],
-                "people": len(people),
+                "people": sum(bool(track.on_crossing.any()) for track in people),
                 "vehicle_delay_s": _mean(delays),
                 "pedestrian_wait_s": _mean(waits),
                 "queue_mean_m": float(queue.mean()) if queue.size else None,
@@ -241,12 +247,19 @@ def _passage_row(measured: MeasuredPassage) -> Row:
         "passed_s": passed_s,
         "free_speed_mps": log.vehicle.initial_speed_mps,
         "delay_s": record.delay_s,
+        "least_delay_s": least_delay_s(log) if record.delay_s is None else record.delay_s,
         "trace_offset_s": trace.trace_offset_s,
         "commands": log.commands,
         "cut": log.cut,
         "ended": log.ended,
         "approach_stops": 0,
     }
+
+
+def least_delay_s(log: PassageLog) -> float:
+    """The delay of a passage up to its last state, in s: the least that it can become."""
+    driven_s = (log.x_m[-1] - log.x_m[0]) / log.vehicle.initial_speed_mps
+    return max(0.0, log.time_s[-1] - log.time_s[0] - driven_s)
 
 
 def _mean(values: Sequence[float]) -> float | None:
