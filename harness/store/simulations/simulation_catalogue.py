@@ -82,13 +82,15 @@ SIMULATIONS: tuple[Entry[ArmColumns], ...] = (
         "crosswalk_delay_s",
         "vehicles' delay at crosswalks",
         "Mean delay of the passages straight over a chosen crosswalk, from R0 until the rear has "
-        "left it, against a passage at the vehicle's own free speed.",
+        "left it, against a passage at the vehicle's own free speed. A passage that did not end counts "
+        "with its delay until then.",
         _NO_PASSAGE,
     ),
     _mean(
         "crosswalk_wait_s",
         "people's wait at crosswalks",
-        "Mean time that people stood within 1 m of the kerb before they stepped off, or until the end.",
+        "Mean time that people stood within 1 m of the kerb before they stepped off, or until the "
+        "end.",
         _NOBODY,
     ),
     _mean(
