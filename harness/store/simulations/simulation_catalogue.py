@@ -82,8 +82,8 @@ SIMULATIONS: tuple[Entry[ArmColumns], ...] = (
         "crosswalk_delay_s",
         "vehicles' delay at crosswalks",
         "Mean delay of the passages straight over a chosen crosswalk, from R0 until the rear has "
-        "left it, against a passage at the vehicle's own free speed. A passage that did not end counts "
-        "with its delay until then.",
+        "left it, against a passage at the vehicle's own free speed. A passage that did not end "
+        "counts with its delay until then.",
         _NO_PASSAGE,
     ),
     _mean(
