@@ -11,10 +11,12 @@ from harness.engine.simulation.outputs import check_outputs
 from harness.model.interaction import InteractionModel
 from harness.site.configuration import read_config
 from tests import towns
+from tests.batches import here
 
 pytestmark = pytest.mark.usefixtures("no_simulation")
 
 LANE = "A1B1_1"
+COPIES = {"in_a.add.xml", "in_b.add.xml", "in_included.add.xml", "ssm.rou.xml"}
 
 
 def additional(sub: str, absolute: Path) -> str:
@@ -124,10 +126,7 @@ def test_nothing_is_written_outside_the_arms_folder(
     assert {path.name for path in tree(tmp_path / "arm")} == {
         "simulation.sumocfg",
         "tripinfo.xml",
-        "in_a.add.xml",
-        "in_b.add.xml",
-        "in_included.add.xml",
-        "ssm.rou.xml",
+        *COPIES,
     }
 
 
@@ -152,7 +151,7 @@ def test_outputs_are_kept_in_the_folder_of_each_arm(
         }
         # SUMO writes an actuated light's loops only under some of its programs.
         copy = (tmp_path / arm.value / "in_a.add.xml").read_text()
-        assert f'key="file" value="{tmp_path / arm.value}/out_loops.xml"' in copy
+        assert 'key="file" value="out_loops.xml"' in copy
     assert tree(tmp_path / "user") == before
 
 
@@ -183,3 +182,37 @@ def test_an_arms_folder_may_be_named_from_the_working_folder(
     outcome = towns.run_arm(scenario, model, Path("runs/arm"))
     assert outcome.reason is None
     assert (tmp_path / "runs/arm/tripinfo.xml").is_file()
+
+
+@pytest.mark.parametrize("option", ["outputs", "--sumo-outputs"])
+def test_sumo_repeats_the_reference_arm_from_anywhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str
+) -> None:
+    """With the configuration that a run stored, after the run folder got another name."""
+    (tmp_path / "town").mkdir()
+    config = town(tmp_path / "town")
+    text = config.read_text().replace("in/a.add.xml,", "")
+    config.write_text(text)
+    towns.scenario_of(config, [":B1_c0"])
+    monkeypatch.chdir(tmp_path)
+    more = ["--set", 'simulation.outputs=["all"]'] if option == "outputs" else [option, "all"]
+    setting = ("--set", "arms.av=soft_yield", "--pairs", "1", "--workers", "1", "--out", "run")
+    done = here("run", "town/town.toml", *setting, *more)
+    assert done.returncode == 0, done.stderr
+    (tmp_path / "run").rename(tmp_path / "moved")
+    arm = tmp_path / "moved/sumo/0-0-human"
+    before = {path.name for path in tree(arm)} - {"site.net.xml"}
+    trips = _below_the_header(arm / "tripinfo.xml")
+    assert "<tripinfo " in trips
+    for path in arm.iterdir():
+        if path.name not in ("simulation.sumocfg", "in_b.add.xml", "ssm.rou.xml"):
+            path.unlink()
+    (tmp_path / "elsewhere").mkdir()
+    towns.call(tmp_path / "elsewhere", "sumo", "-c", str(arm / "simulation.sumocfg"))
+    assert _below_the_header(arm / "tripinfo.xml") == trips
+    assert {path.name for path in tree(arm)} == before
+    assert not tree(tmp_path / "elsewhere")
+
+
+def _below_the_header(file: Path) -> str:
+    return file.read_text().partition("-->")[2]

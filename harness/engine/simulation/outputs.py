@@ -76,7 +76,10 @@ class Kept:
         return "all" in self.names or name in self.names
 
     def path(self, name: str, written: Path, home: Path) -> str:
-        """The path that replaces the path ``written`` of an output.
+        """The path that replaces the path ``written`` of an output, relative to the arm's folder.
+
+        SUMO resolves it from the configuration or the copied file that names it, and all of these
+        lie in that folder: so the folder may be moved.
 
         Args:
             name: name of the output.
@@ -85,7 +88,7 @@ class Kept:
         """
         if not self.keeps(name) or _NO_FILE.fullmatch(written.name) or str(written) == NOWHERE:
             return NOWHERE
-        return str(self.folder.absolute() / inside(written, home))
+        return inside(written, home)
 
 
 def inside(written: Path, home: Path) -> str:
@@ -141,7 +144,7 @@ def final_options(config: SumoConfig, kept: Kept) -> dict[str, str]:
     for option in ("net-file", "route-files", "additional-files"):
         files = config.files(option)
         if files:
-            options[option] = ",".join(str(copied(file, kept, home)) for file in files)
+            options[option] = ",".join(copied(file, kept, home) for file in files)
     return options
 
 
@@ -157,8 +160,8 @@ def _is_dropped(option: str) -> bool:
     return option.startswith(prefixes) or option_sections().get(option) == "gui_only"
 
 
-def copied(file: Path, kept: Kept, home: Path) -> Path:
-    """A file of the scenario, or its copy if it names an output.
+def copied(file: Path, kept: Kept, home: Path) -> str:
+    """The path of a file of the scenario, or the name of its copy if it names an output.
 
     Args:
         file: the file.
@@ -170,7 +173,7 @@ def copied(file: Path, kept: Kept, home: Path) -> Path:
     """
     content = _bytes(file)
     if not _WRITES.search(content):
-        return file
+        return str(file)
     try:
         tree = ET.ElementTree(ET.fromstring(content))
     except ET.ParseError as error:
@@ -179,11 +182,11 @@ def copied(file: Path, kept: Kept, home: Path) -> Path:
     for element in tree.iter():
         changed |= _redirect(element, file.parent, kept, home)
     if not changed:
-        return file
+        return str(file)
     kept.folder.mkdir(parents=True, exist_ok=True)
-    copy = kept.folder.absolute() / inside(file, home).removesuffix(".gz")
-    tree.write(copy, encoding="utf-8", xml_declaration=True)
-    return copy
+    name = inside(file, home).removesuffix(".gz")
+    tree.write(kept.folder / name, encoding="utf-8", xml_declaration=True)
+    return name
 
 
 def _redirect(element: ET.Element, folder: Path, kept: Kept, home: Path) -> bool:
@@ -196,16 +199,17 @@ def _redirect(element: ET.Element, folder: Path, kept: Kept, home: Path) -> bool
     tag = element.tag
     output = _OUTPUTS.get(tag)
     if output is not None and element.get(output):
-        element.set(output, kept.path("detectors", absolute(element.get(output, "")), home))
+        path = kept.path("detectors", absolute(element.get(output, "")), home)
+        # SUMO resolves the path of a calibrator alone from the working directory.
+        element.set(output, str(kept.folder.absolute() / path) if output == "output" else path)
         wrote = True
     source = _INPUTS.get(tag)
     if source is not None and element.get(source):
-        path = absolute(element.get(source, ""))
+        path = read = str(absolute(element.get(source, "")))
         if tag == "include":
-            own = copied(path, kept, home)
-            wrote |= own != path
-            path = own
-        element.set(source, str(path))
+            read = copied(Path(path), kept, home)
+            wrote |= read != path
+        element.set(source, read)
     if tag == "param" and element.get("key") in _PARAMETERS and element.get("value"):
         name = "devices" if str(element.get("key")).startswith("device.") else "detectors"
         element.set("value", kept.path(name, absolute(element.get("value", "")), home))

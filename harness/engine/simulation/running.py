@@ -1,5 +1,7 @@
 """A user's SUMO scenario, running in this process step by step."""
 
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -30,7 +32,7 @@ def write_config(
     kept: Kept,
     seed: int,
     step_s: float | None,
-    people: Path | None = None,
+    people: str | None = None,
     more: Mapping[str, str] = NO_OPTIONS,
 ) -> Path:
     """Write the configuration of one arm into its folder.
@@ -42,7 +44,7 @@ def write_config(
         kept: the arm's folder, and the outputs that are written there.
         seed: seed of SUMO's random numbers.
         step_s: length of a step; None keeps the configuration's.
-        people: a file with additional people; None: nobody is added.
+        people: name of a file there with additional people; None: nobody is added.
         more: further options.
 
     Returns:
@@ -54,10 +56,8 @@ def write_config(
     kept.folder.mkdir(parents=True, exist_ok=True)
     options = final_options(config, kept) | _ALWAYS | {"seed": str(seed)} | dict(more)
     if people is not None:
-        options["route-files"] = ",".join(
-            filter(None, [options.get("route-files"), str(people.absolute())])
-        )
-    options["tripinfo-output"] = str(kept.folder.absolute() / TRIPS_FILE)
+        options["route-files"] = ",".join(filter(None, [options.get("route-files"), people]))
+    options["tripinfo-output"] = TRIPS_FILE
     if step_s is not None:
         options["step-length"] = f"{step_s:.3f}"
     root = ET.Element("configuration")
@@ -152,11 +152,17 @@ def check_starts(config_file: Path, where: str) -> None:
     Raises:
         InputError: SUMO's first error.
     """
-    import subprocess
-
     begin_s = ET.parse(config_file).getroot().find("begin")
     begin = "0" if begin_s is None else begin_s.attrib["value"]
-    command = [sumo_program(), "-c", str(config_file), "--route-steps", "0", "--end", begin]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    options = ["-c", str(config_file), "--route-steps", "0"]
+    done = _run([sumo_program(), *options, "--end", begin])
+    if done.returncode:
+        # SUMO refuses edgeData if it ends at its begin.  libsumo, slower to start, needs no end.
+        script = "import sys, libsumo; libsumo.start(sys.argv[1:])"
+        done = _run([sys.executable, "-c", script, "sumo", *options])
     if done.returncode:
         raise InputError(where, f"SUMO refuses it ({first_error(done.stderr)})")
+
+
+def _run(command: Sequence[str]) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(command, capture_output=True, text=True, check=False)

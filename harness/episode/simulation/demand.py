@@ -20,14 +20,14 @@ def number_of(name: str) -> int:
     return int.from_bytes(hashlib.blake2b(name.encode(), digest_size=6).digest(), "big")
 
 
-def write_people(folder: Path, scenario: Scenario, setting: Setting, pair: int) -> Path | None:
+def write_people(folder: Path, scenario: Scenario, setting: Setting, pair: int) -> str | None:
     """Write SUMO's file of the people whom ``pedestrians.flow_per_hour`` adds.
 
     Both arms of a pair get the same people.  A Poisson process of the flow λ comes to each named
     crosswalk; its unit exponentials are stretched by 3600/λ, so runs with several λ share them.
 
     Returns:
-        The file; None if nobody is added.
+        The file's name in the folder; None if nobody is added.
     """
     if not scenario.pedestrians.flow_per_hour:
         return None
@@ -39,9 +39,8 @@ def write_people(folder: Path, scenario: Scenario, setting: Setting, pair: int) 
         ET.SubElement(
             person, "walk", edges=f"{start.edge} {goal.edge}", arrivalPos=f"{goal.inside_m:.3f}"
         )
-    path = folder / PEOPLE_FILE
-    ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
-    return path
+    ET.ElementTree(root).write(folder / PEOPLE_FILE, encoding="utf-8", xml_declaration=True)
+    return PEOPLE_FILE
 
 
 def _people(

@@ -65,7 +65,7 @@ class SimulationRunner:
         model: the interaction model.
         get_folder: the folder of each arm.
         begin: starts the simulation of an arm from its configuration and its end.
-        get_options: further options of SUMO, from the arm's folder.
+        more: further options of SUMO.
 
     Raises:
         InputError: the configuration, a crosswalk, or an arm's strategy is refused.
@@ -77,10 +77,10 @@ class SimulationRunner:
         model: InteractionModel,
         get_folder: GetFolder,
         begin: Callable[[Path, float | None], OwnSimulation] = OwnSimulation,
-        get_options: Callable[[Path], Mapping[str, str]] = lambda _folder: NO_OPTIONS,
+        more: Mapping[str, str] = NO_OPTIONS,
     ) -> None:
         self._scenario, self._model, self._get_folder = scenario, model, get_folder
-        self._begin, self._get_options = begin, get_options
+        self._begin, self._more = begin, more
         self._setting = setting_of(scenario)
         check_arms(scenario, model)
 
@@ -101,8 +101,7 @@ class SimulationRunner:
         with self._get_folder(pair, arm) as folder:
             kept = Kept(folder, frozenset(simulation.outputs))
             added = write_people(folder, scenario, setting, pair)
-            more = self._get_options(folder)
-            path = write_config(setting.config, kept, seed, simulation.step_s, added, more)
+            path = write_config(setting.config, kept, seed, simulation.step_s, added, self._more)
             running: OwnSimulation | None = None
             try:
                 running = self._begin(path, setting.config.end_s)

@@ -72,6 +72,12 @@ def plan_of(study: Study, options: Options) -> Plan:
     if kind.long_pairs and options.until:
         problem = f"is not supported with {kind.section}"
         raise InputError("--until", problem, "a scenario without it")
+    if options.sumo_outputs is not None and any(
+        cell.scenario.simulation is not None and cell.scenario.simulation.outputs
+        for cell in study.cells
+    ):
+        problem = "cannot be combined with simulation.outputs"
+        raise InputError("--sumo-outputs", problem, "one of them, or harness replay RUN --out")
     for cell in study.cells if kind.long_pairs else ():
         for arm, name in cell.scenario.arms.model_dump().items():
             if is_program(name):

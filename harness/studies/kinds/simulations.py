@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -102,12 +102,8 @@ def _in_this_process(arm: ArmOfPair) -> ArmRows:
 
 def _with_outputs(arm: ArmOfPair, folder: Path, _watch: Watch) -> ArmRows:
     close_engine()
-
-    def options(folder: Path) -> Mapping[str, str]:
-        return {option: str(folder.absolute() / name) for option, name in _FILES.items()}
-
     runner = SimulationRunner(
-        arm.scenario, arm.model, lambda _pair, _arm: _kept(folder), get_options=options
+        arm.scenario, arm.model, lambda _pair, _arm: _kept(folder), more=_FILES
     )
     return _rows(arm, runner)
 
