@@ -1,5 +1,6 @@
 """Who is driven in a user's simulation, and that nobody is lost or hit for it."""
 
+import shutil
 import subprocess
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -9,16 +10,19 @@ from typing import Any
 import pytest
 import sumo
 
-from harness.core.encounter import Arm
+from harness.core.encounter import Arm, PedestrianView
 from harness.episode.simulation.arm import SimulationArm
 from harness.episode.simulation.driving import Control, PassageLog
 from harness.episode.simulation.log import uniform_of
 from harness.episode.simulation.pairing import SimulationOutcome
 from harness.episode.simulation.visits import ARRIVES, INSIDE, LIGHT, STOPS, TURNS
 from harness.model.interaction import InteractionModel
+from harness.site.simulation import DrivenWay
 from tests import towns
 
 pytestmark = pytest.mark.usefixtures("no_simulation")
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples/own_simulation"
 
 Town = tuple[Callable[..., Path], Sequence[str]]
 TOWNS: dict[str, Town] = {
@@ -311,3 +315,37 @@ def test_private_types_of_people_are_ignored_too(
     assert outcome.reason is None, outcome.traceback
     assert any("@" in name for name in ignored)
     assert ignored <= set(private)
+
+
+def test_only_who_is_on_sumos_crossing_has_stepped_off(
+    model: InteractionModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # SUMO's curves on the walking area lead over the kerb, and people jump back from there.
+    seen: Counter[str] = Counter()
+    views = SimulationArm._views
+
+    def viewing(arm: SimulationArm, driven_way: DrivenWay) -> list[PedestrianView]:
+        way, people = driven_way.way, views(arm, driven_way)
+        present = arm.people[way.crosswalk].present.values()
+        for person, view in zip(present, people, strict=True):
+            on_edge = arm.api.person.getRoadID(person.id) == way.crosswalk
+            speed_mps = arm.api.person.getSpeed(person.id)
+            _, y_m = way.frame.to_road(*arm.api.person.getPosition(person.id))
+            if on_edge:
+                assert view.speed_mps == speed_mps
+            else:
+                assert not view.on_crossing
+                assert view.remaining_m >= way.crossing.length_m
+                # Somebody waits below 0.1 m/s within 1 m of the kerb; others are walking.
+                far = view.remaining_m > way.crossing.length_m + 1
+                assert view.speed_mps == (speed_mps if far or speed_mps >= 0.1 else 0.0)
+                seen["drawn beyond the kerb"] += 0 < y_m < way.crossing.length_m
+        return people
+
+    monkeypatch.setattr(SimulationArm, "_views", viewing)
+    shutil.copytree(EXAMPLE, tmp_path / "town")
+    config = tmp_path / "town/town.sumocfg"
+    scenario = towns.scenario_of(config, [":J7_c0"], simulation__step_s=0.1)
+    outcome = towns.run_arm(scenario, model, tmp_path / "arm")
+    assert outcome.reason is None, outcome.traceback
+    assert seen["drawn beyond the kerb"] > 10

@@ -77,6 +77,7 @@ class PeopleAtCrosswalk:
         self._persons_on: Callable[[str], Sequence[str]] = function("edge", "getLastStepPersonIDs")
         self._next_edge: Callable[[str], str] = function("person", "getNextEdge")
         self._place: Callable[[str], Sequence[float]] = function("person", "getPosition")
+        self._speed: Callable[[str], float] = function("person", "getSpeed")
 
     def note(self, time_s: float) -> None:
         """Note where everybody is at the end of a step."""
@@ -129,36 +130,33 @@ class PeopleAtCrosswalk:
 
     def views(self, way: WayOver) -> list[PedestrianView]:
         """Everybody as a vehicle on one way sees them."""
-        return [view_of(person, way) for person in self.present.values()]
+        return [view_of(each, self._speed(each.id), way) for each in self.present.values()]
 
 
-def view_of(person: PersonAt, way: WayOver) -> PedestrianView:
+def view_of(person: PersonAt, speed_mps: float, way: WayOver) -> PedestrianView:
     """A person as a vehicle on a way sees them at the last record.
 
-    A person within 1 m of the kerb and slower than 0.1 m/s waits.  Other people who have not
-    reached the kerb walk and are not on the crossing.
+    Whoever has not come to the crossing's edge has not stepped off, and is shown at the kerb if
+    SUMO draws them beyond it: its curves on walking areas cut corners by up to 1 m, and end in a
+    jump back.  For the same reason the speed is SUMO's, not that of the places.  Within 1 m of the
+    kerb, people slower than 0.1 m/s wait; others who come walk.
     """
     crossing = way.crossing
     _, y_m = way.frame.to_road(person.x_m[-1], person.y_m[-1])
     _, first_m = way.frame.to_road(person.x_m[0], person.y_m[0])
-    near = first_m < crossing.length_m / 2
-    side = Side.NEAR if near else Side.FAR
-    progress_m = y_m if near else crossing.length_m - y_m
-    speed_mps = 0.0
-    if len(person.time_s) > 1:
-        _, before_m = way.frame.to_road(person.x_m[-2], person.y_m[-2])
-        moved_m = (y_m - before_m) if near else (before_m - y_m)
-        speed_mps = max(0.0, moved_m / (person.time_s[-1] - person.time_s[-2]))
-    if -WAITING_M <= progress_m < 0.0 and speed_mps < STANDING_MPS:
+    side = Side.NEAR if first_m < crossing.length_m / 2 else Side.FAR
+    progress_m = y_m if side is Side.NEAR else crossing.length_m - y_m
+    stepped_off = person.on_crossing[-1]
+    progress_m = min(progress_m, crossing.length_m if stepped_off else 0.0)
+    if not stepped_off and progress_m >= -WAITING_M and speed_mps < STANDING_MPS:
         speed_mps = 0.0
-    progress_m = min(progress_m, crossing.length_m)
     return PedestrianView(
         person.index,
         side,
         crossing.to_lane_m(side) - progress_m,
         crossing.length_m - progress_m,
-        speed_mps,
-        0.0 <= progress_m < crossing.length_m,
+        max(0.0, speed_mps),
+        stepped_off and 0.0 <= progress_m < crossing.length_m,
     )
 
 
