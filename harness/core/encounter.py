@@ -211,7 +211,8 @@ class Arrival(NamedTuple):
     ``critical_gap_s`` is the shortest gap that they accept; it is None if only the kerb rule
     applies.  ``path`` is the whole walk of a timed pedestrian, who has no ``quantile``; it is None
     for all others.  ``detection_quantile`` is the quantile of the time to their first detection; it
-    is None if detection is certain.
+    is None if detection is certain.  ``looks_from_s`` is given for a pedestrian who has been at the
+    kerb before they may decide: they decide at steps from this time on, and not on arrival.
     """
 
     index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
@@ -221,6 +222,7 @@ class Arrival(NamedTuple):
     critical_gap_s: float | None = None
     path: tuple[Leg, ...] | None = None
     detection_quantile: float | None = None
+    looks_from_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -153,6 +153,8 @@ class Crowd:
             assert self._let_walk is not None
             walker.wanted_mps, walker.seen = self._speed_before_traffic(walker, elapsed_s)
             self._let_walk(arrival.index, arrival.side, walker.wanted_mps)
+        elif arrival.looks_from_s is not None:
+            walker.due_s = arrival.looks_from_s
         elif not isinstance(walker, TimedWalker):
             blocker = self._blocker(self._wait_s(walker), elapsed_s)
             self._decide(walker, arrival.arrival_s, elapsed_s, blocker)
