@@ -102,6 +102,8 @@ def _list_strategies(documents: "Iterable[StrategyRow]") -> None:
         for parameter in document["parameters"]:
             default = "no default" if parameter["required"] else parameter["default"]
             print_line(f"    {parameter['name']} = {default}  ({parameter['kind']})")
+            for note in parameter["notes"]:
+                print_line(f"        {note}")
 
 
 def doctor(

@@ -1,4 +1,9 @@
-"""Whether full braking would have prevented a crash."""
+"""Whether full braking, or an attentive human driver, would have prevented a crash."""
+
+import math
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,6 +13,29 @@ from harness.measures.contacts import Strike
 from harness.measures.ego import ego_state
 from harness.measures.motion.contact import Motion, first_contact_in_step
 
+ATTENTIVE_DELAY_S = 0.4 + 0.75
+"""Risk perception and reaction of the attentive driver (UN Regulation 157, annex 3)."""
+
+ATTENTIVE_JERK_MPS3 = 12.65
+"""Rate at which their deceleration grows (UN Regulation 157, annex 3)."""
+
+ATTENTIVE_BRAKING_MPS2 = 0.774 * 9.80665
+"""Their greatest deceleration (UN Regulation 157, annex 3)."""
+
+_PIECE_S = 0.01
+"""Longest piece of constant acceleration while the deceleration grows."""
+
+
+class _Piece(NamedTuple):
+    """The motion of the ego from ``begin_s`` until the next piece begins."""
+
+    begin_s: float
+    motion: Motion
+
+
+_Drive = Callable[[float, float, float], Iterator[_Piece]]
+"""The pieces of a drive from a time (s), a position of the bumper (m) and a speed (m/s) on."""
+
 
 def avoidable(chunk: Chunk) -> FloatArray:
     """1 if full braking from the moment of stepping off would have prevented the contact.
@@ -16,44 +44,82 @@ def avoidable(chunk: Chunk) -> FloatArray:
     stays there.  The pedestrian walks as in the run, all the way across.  The value is 0 if they
     would still touch, even if the ego stands at that time. It is NaN if there was no contact.
     """
+    braking = chunk.vehicle.max_deceleration_mps2
+    return _prevented(chunk, partial(_braking, deceleration_mps2=braking))
+
+
+def avoidable_attentive(chunk: Chunk) -> FloatArray:
+    """1 if an attentive human driver in the ego's place would have avoided the contact.
+
+    From its state at the moment of stepping off, the ego keeps its speed for 1.15 s.  Then its
+    deceleration grows by 12.65 m/s³ up to 0.774 g, or up to ``max_deceleration_mps2`` if that is
+    less, until it stands.  All else is as in ``avoidable``.  While the deceleration grows, the
+    motion is cut into pieces of constant acceleration of at most 10 ms, so positions are off by at
+    most 12.65 · 0.01³/12 m, which is 1 µm.
+
+    Source: UN Regulation 157: the competent and careful human driver.
+    """
+    braking = min(ATTENTIVE_BRAKING_MPS2, chunk.vehicle.max_deceleration_mps2)
+    return _prevented(chunk, partial(_attentive, deceleration_mps2=braking))
+
+
+def _prevented(chunk: Chunk, drive: _Drive) -> FloatArray:
+    """1 where a drive from the moment of stepping off on avoids the contact; NaN without one."""
     values = np.full(len(chunk.traces), np.nan)
     for number, strike in enumerate(chunk.strikes):
         if strike is not None:
-            values[number] = not _still_hit(chunk, number, strike)
+            values[number] = not _still_hit(chunk, number, strike, drive)
     return values
 
 
-def _still_hit(chunk: Chunk, number: int, strike: Strike) -> bool:
-    legs, braking = chunk.legs, chunk.vehicle.max_deceleration_mps2
+def _braking(
+    begin_s: float, x_m: float, speed_mps: float, deceleration_mps2: float
+) -> Iterator[_Piece]:
+    """Constant deceleration until the ego stands."""
+    motion = Motion(x_m, speed_mps, -deceleration_mps2)
+    stops_after_s = speed_mps / deceleration_mps2
+    yield _Piece(begin_s, motion)
+    yield _Piece(begin_s + stops_after_s, Motion(motion.at(stops_after_s), 0.0))
+
+
+def _attentive(
+    begin_s: float, x_m: float, speed_mps: float, deceleration_mps2: float
+) -> Iterator[_Piece]:
+    """The attentive driver: constant speed, growing deceleration, constant deceleration."""
+    yield _Piece(begin_s, Motion(x_m, speed_mps))
+    begin_s, x_m = begin_s + ATTENTIVE_DELAY_S, x_m + speed_mps * ATTENTIVE_DELAY_S
+    jerk = ATTENTIVE_JERK_MPS3
+    grows_s = min(deceleration_mps2 / jerk, math.sqrt(2 * speed_mps / jerk))
+    pieces = math.ceil(grows_s / _PIECE_S)
+
+    def state(elapsed_s: float) -> tuple[float, float]:
+        x = x_m + speed_mps * elapsed_s - jerk * elapsed_s**3 / 6
+        return x, max(0.0, speed_mps - jerk * elapsed_s**2 / 2)
+
+    for number in range(pieces):
+        elapsed_s = number * grows_s / pieces
+        middle_s = elapsed_s + grows_s / pieces / 2
+        yield _Piece(begin_s + elapsed_s, Motion(*state(elapsed_s), -jerk * middle_s))
+    yield from _braking(begin_s + grows_s, *state(grows_s), deceleration_mps2)
+
+
+def _still_hit(chunk: Chunk, number: int, strike: Strike, drive: _Drive) -> bool:
+    legs = chunk.legs
     legs_of_struck = np.flatnonzero(legs.walk == strike.walk)
-    # If the pedestrian stepped off before the trace began, the ego brakes from the trace's
-    # beginning.
+    # If the pedestrian stepped off before the trace began, the drive begins with the trace.
     begin = max(0.0, float(legs.begin_s[legs_of_struck[0]]))
-    x, speed = ego_state(chunk.traces[number], begin)
-    stands = begin + speed / braking
+    pieces = [*drive(begin, *ego_state(chunk.traces[number], begin))]
+    ends = [piece.begin_s for piece in pieces[1:]] + [math.inf]
     for leg in legs_of_struck.tolist():
         leg_begin, leg_end = float(legs.begin_s[leg]), float(legs.end_s[leg])
-        onset, middle = max(begin, leg_begin), min(max(stands, leg_begin), leg_end)
-        for since, until, deceleration in ((onset, middle, braking), (middle, leg_end, 0.0)):
+        walker_x = Motion(float(legs.x_m[leg]), float(legs.x_mps[leg]))
+        walker_y = Motion(float(legs.y_m[leg]), float(legs.y_mps[leg]), float(legs.y_mps2[leg]))
+        for piece, end in zip(pieces, ends, strict=True):
+            since, until = max(piece.begin_s, leg_begin), min(end, leg_end)
             if until < since:
-                continue  # the leg ended before
-            braked = min(since, stands) - begin
-            ego = Motion(
-                x + speed * braked - braking * braked**2 / 2,
-                0.0 if deceleration == 0 else speed - braking * braked,
-                -deceleration,
-            )
-            walked = since - leg_begin
-            walker_x = Motion(
-                float(legs.x_m[leg] + legs.x_mps[leg] * walked), float(legs.x_mps[leg])
-            )
-            gain = float(legs.y_mps2[leg])
-            walker_y = Motion(
-                float(legs.y_m[leg] + legs.y_mps[leg] * walked) + gain * walked**2 / 2,
-                float(legs.y_mps[leg]) + gain * walked,
-                gain,
-            )
-            touch = first_contact_in_step(ego, walker_x, walker_y, until - since, chunk.body)
-            if touch is not None:
+                continue
+            ego = piece.motion.after(since - piece.begin_s)
+            walkers = (walker_x.after(since - leg_begin), walker_y.after(since - leg_begin))
+            if first_contact_in_step(ego, *walkers, until - since, chunk.body) is not None:
                 return True
     return False

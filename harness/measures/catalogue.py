@@ -11,7 +11,7 @@ from operator import attrgetter
 from typing import Any, Literal, get_args
 
 from harness.core.encounter import FloatArray
-from harness.measures import avoidable, braking, conflicts, efficiency
+from harness.measures import avoidable as prevention, braking, conflicts, efficiency, harm
 from harness.measures.chunk import Chunk
 
 
@@ -179,7 +179,7 @@ class Measured:
         source="finite difference; the value depends on the length of the step",
     )
     avoidable: bool | None = _measured(
-        avoidable.avoidable,
+        prevention.avoidable,
         "",
         "whether full braking (`max_deceleration_mps2`) from the moment at which the pedestrian "
         "stepped off would have prevented the contact, if they walk as in the run; solved exactly",
@@ -216,6 +216,37 @@ class Measured:
         "largest speed within the record",
         about="other",
         undefined_when="failed before its first step",
+    )
+    avoidable_attentive: bool | None = _measured(
+        prevention.avoidable_attentive,
+        "",
+        "whether an attentive human driver would have avoided the contact: from the moment at "
+        "which the pedestrian stepped off they keep the speed for 1.15 s, then brake with a jerk "
+        "of 12.65 m/s³ up to 0.774 g or `max_deceleration_mps2`, whichever is less; in pieces of "
+        "at most 10 ms, positions within 1 µm",
+        about="conflict",
+        undefined_when="no contact",
+        source="UN Regulation 157: the competent and careful human driver",
+    )
+    injury_risk: float | None = _measured(
+        harm.injury_risk,
+        "",
+        "risk of an injury of AIS 4 or more at the impact speed; the logit is linear between the "
+        "published points, beyond the last one with its slope; below 17.1 mph the risk is linear "
+        "to 0 at 0",
+        about="conflict",
+        undefined_when="no contact with the front",
+        worse="large",
+        source="Tefft 2013: people of 15 years and more, USA, front of cars and light trucks",
+    )
+    fatality_risk: float | None = _measured(
+        harm.fatality_risk,
+        "",
+        "risk of death at the impact speed, as `injury_risk`; linear below 24.1 mph",
+        about="conflict",
+        undefined_when="no contact with the front",
+        worse="large",
+        source="Tefft 2013: people of 15 years and more, USA, front of cars and light trucks",
     )
 
 

@@ -4,6 +4,7 @@ import math
 from typing import ClassVar
 
 import numpy as np
+from scipy.special import ndtri
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation
 from harness.core.errors import InputError
@@ -22,6 +23,7 @@ from harness.strategies.driving import (
     stop_at_line,
     time_in_path,
 )
+from harness.strategies.yield_rates import SOURCE, TREATMENTS, rate_of
 
 MEAN_YIELD_RATE = 0.74
 """Mean of the yield rates measured at 40 site-periods (0.33 to 1.0) in NCHRP Project 17-87."""
@@ -43,41 +45,91 @@ class HumanYield:
     hard as a stop 0.1 m before them requires, up to the vehicle's maximum.  If even a full stop
     comes too late for a pedestrian who would walk into its side, it drives on.
 
-    *Limits.*  It has no reaction time and does not slow down for pedestrians whom it does not see
-    yet: it hits a pedestrian who steps off within its stopping distance.
+    *Reacting.*  With a reaction time, a pedestrian counts for it only that long after they first
+    were a reason to brake: to yield to them comfortably (the way driven until then included), or to
+    avoid them.  This delays yielding and avoiding alike.  A driver who already brakes, or stands,
+    reacts at once.  The reaction time and the comfortable deceleration may differ between drivers:
+    both are log-normal, median × exp(σ z) with a standard normal z for each driver.
+
+    *Limits.*  By default it has no reaction time.  It does not slow down for pedestrians whom it
+    does not see yet: it hits a pedestrian who steps off within its stopping distance.
 
     Sources: yield rates as in the Highway Capacity Manual's pedestrian delay at uncontrolled
     crossings and its revision, NCHRP Project 17-87; comfortable deceleration, ITE's 10 ft/s².
+    Reaction times and decelerations of 463 drivers who stopped at the onset of yellow (15th, 50th
+    and 85th percentiles 0.7, 1.0 and 1.6 s; 7.2, 9.9 and 12.9 ft/s²): Gates, Noyce, Laracuente,
+    Nordheim, Transportation Research Record 2030, 2007.  They are a median of 1.0 s with σ = 0.4,
+    and a median of 3.0 m/s² with σ = 0.28.
 
     Args:
         rng: random numbers of this vehicle (given by the harness).
         yield_rate: the share of vehicles that yield, M_y, 0 to 1.  Its aggressiveness is
             −yield_rate.
-        comfortable_deceleration_mps2: greatest deceleration for yielding, m/s², above 0.
+        treatment: the crosswalk's treatment (``yield_rates.TREATMENTS``), whose mean yield rate
+            replaces ``yield_rate``; a scenario sets one of the two.
+        reaction_time_s: median reaction time before it begins to brake, s, 0 or more.
+        reaction_time_sigma: σ of its logarithm, 0 or more; 0: all drivers have the median.
+        comfortable_deceleration_mps2: greatest deceleration for yielding, m/s², above 0; with
+            a spread, its median.
+        comfortable_deceleration_sigma: σ of its logarithm, 0 or more.
 
     Raises:
-        InputError: a value is outside its range.
+        InputError: a value is outside its range, or the treatment is unknown or has no rate.
     """
 
     AGGRESSIVENESS: ClassVar = {"yield_rate": -1.0}  # a smaller yield rate is bolder
+
+    ALTERNATIVES: ClassVar = ("treatment", "yield_rate")  # a scenario sets one of them
+
+    NOTES: ClassVar = {
+        "treatment": (
+            f"mean yield rates by treatment, {SOURCE}:",
+            *(f"{name}: {row.words}" for name, row in TREATMENTS.items()),
+        ),
+        "reaction_time_s": ("measured at the onset of yellow: 1.0, sigma 0.4 (Gates et al. 2007)",),
+        "comfortable_deceleration_mps2": (
+            "ITE: 3.0; measured at the onset of yellow: 3.0, sigma 0.28 (Gates et al. 2007)",
+        ),
+    }
 
     def __init__(
         self,
         *,
         rng: np.random.Generator,
         yield_rate: float = MEAN_YIELD_RATE,
+        treatment: str | None = None,
+        reaction_time_s: float = 0.0,
+        reaction_time_sigma: float = 0.0,
         comfortable_deceleration_mps2: float = COMFORTABLE_MPS2,
+        comfortable_deceleration_sigma: float = 0.0,
     ) -> None:
+        if treatment is not None:
+            yield_rate = rate_of(treatment, "human_yield.treatment")
         if not 0 <= yield_rate <= 1:
             raise InputError("human_yield.yield_rate", f"{yield_rate!r}", "0 to 1")
         if comfortable_deceleration_mps2 <= 0:
             where = "human_yield.comfortable_deceleration_mps2"
             raise InputError(where, f"{comfortable_deceleration_mps2!r} m/s²", "above 0")
+        for name, value in (
+            ("reaction_time_s", reaction_time_s),
+            ("reaction_time_sigma", reaction_time_sigma),
+            ("comfortable_deceleration_sigma", comfortable_deceleration_sigma),
+        ):
+            if value < 0:
+                raise InputError(f"human_yield.{name}", f"{value!r}", "0 or more")
         self._yields = bool(rng.random() < yield_rate)
+        self._reaction_s = reaction_time_s
         self._comfortable_mps2 = comfortable_deceleration_mps2
+        if reaction_time_sigma or comfortable_deceleration_sigma:
+            slow, hard = ndtri(rng.random(2)).tolist()
+            self._reaction_s *= math.exp(reaction_time_sigma * slow)
+            self._comfortable_mps2 *= math.exp(comfortable_deceleration_sigma * hard)
+        self._reacts_s: dict[int, float] = {}
 
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²."""
+        if self._reaction_s:
+            observation = self._reacted_to(observation)
         go = resume(observation)
         passed = observation.ego.range_m <= PEDESTRIAN_RADIUS_M + ROUNDING
         met = [] if passed else _people_met(observation)
@@ -86,6 +138,30 @@ class HumanYield:
             later = can_stop_at_line(observation, self._comfortable_mps2, observation.step_s, go)
             return go if later else stop_at_line(observation)
         return _avoid(observation, met, go) if met else go
+
+    def _reacted_to(self, observation: Observation) -> Observation:
+        """The observation with the pedestrians to whom it reacts by now."""
+        ego, now, step = observation.ego, observation.time_s, observation.step_s
+        on_the_brake = ego.speed_mps <= ROUNDING or ego.acceleration_mps2 < -ROUNDING
+        # A command lasts for a step, so the reaction ends with one.
+        delay_s = 0.0 if on_the_brake else step * math.ceil(self._reaction_s / step - 1e-9)
+        known = []
+        for person in observation.pedestrians:
+            since_s = self._reacts_s.get(person.index, math.inf)
+            if since_s > now + delay_s + ROUNDING:
+                alone = observation._replace(pedestrians=(person,))
+                if self._may_brake(alone, delay_s):
+                    since_s = self._reacts_s[person.index] = now + delay_s
+            if since_s <= now + ROUNDING:
+                known.append(person)
+        return observation._replace(pedestrians=tuple(known))
+
+    def _may_brake(self, observation: Observation, delay_s: float) -> bool:
+        """Whether the pedestrians are a reason to brake, if it reacts after a delay."""
+        yields = self._yields and _somebody_to_yield_to(observation)
+        if yields and can_stop_at_line(observation, self._comfortable_mps2, delay_s):
+            return True
+        return bool(_people_met(observation))
 
 
 def _somebody_to_yield_to(observation: Observation) -> bool:

@@ -62,8 +62,11 @@ def knows_the_model(strategy: StrategyFactory) -> bool:
 def check_parameters(strategy: StrategyFactory, parameters: Mapping[str, Any], where: str) -> None:
     """Check a ``[strategies.<name>]`` table against the constructor's signature.
 
+    Of the parameters that the attribute ``ALTERNATIVES`` of a class lists, a table may have one.
+
     Raises:
-        InputError: a key is unknown, or a value has another type than the annotation.
+        InputError: a key is unknown, a value has another type than the annotation, or two keys are
+            alternatives.
     """
     known = {parameter.name: parameter for parameter in parameters_of(strategy)}
     takes_any = any(
@@ -81,6 +84,11 @@ def check_parameters(strategy: StrategyFactory, parameters: Mapping[str, Any], w
             raise InputError(
                 f"{where}.{name}", f"{value!r} is not accepted", describe(known[name].annotation)
             )
+    both = [name for name in getattr(strategy, "ALTERNATIVES", ()) if name in parameters]
+    if len(both) > 1:
+        raise InputError(
+            f"{where}.{both[0]}", f"excludes {both[1]}, which is set too", "one of both"
+        )
 
 
 def check_complete(strategy: StrategyFactory, parameters: Mapping[str, Any], where: str) -> None:

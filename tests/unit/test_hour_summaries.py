@@ -198,6 +198,13 @@ def test_yield_rates_are_declared_not_observed(share, arms, rate, reason) -> Non
         assert row["hcm_pedestrian_delay_s"] == row["hcm_pedestrian_delay_s_human"]
 
 
+def test_a_treatment_declares_its_rate() -> None:
+    row = {"let_go": 0, "had_to_wait": 30, "pedestrian_delay_s": 2.0}
+    arms = {"arms": AUTOMATED, "strategies": {"human_yield": {"treatment": "rrfb"}}}
+    scene = validate({**arms, "traffic": {"av_share": 0.0, "duration_s": 3600}}, "test")
+    assert row_of(CATALOGUE, summary_of(row, row, scene))["yield_rate"] == pytest.approx(0.79)
+
+
 def test_a_delay_that_still_grows() -> None:
     """By 10, 12 and 11 s in three hours; one hour alone cannot tell."""
     grows = {"first_third_delay_s": 5.0, "last_third_delay_s": [15.0, 17.0, 16.0]}

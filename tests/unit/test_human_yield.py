@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from harness.core.encounter import (
     Arm,
@@ -18,12 +19,15 @@ from harness.core.encounter import (
     Strategy,
 )
 from harness.core.seeding import stream
+from harness.episode.arms import check_arms
 from harness.measures import measure
 from harness.measures.ego import crossing_time
+from harness.model.interaction import load_model
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_yield import HumanYield
-from tests.scenes import braking_steps, on_plain, play, scenario, shown
+from harness.strategies.yield_rates import TREATMENTS
+from tests.scenes import braking_steps, on_plain, play, refuses, scenario, shown
 
 STEP = 0.1
 WAITS = {"kerb_wait_s": 100.0}
@@ -77,6 +81,79 @@ def test_does_not_wait_for_somebody_who_will_have_left_its_lane() -> None:
     assert crossing_time(slow, -2.0) == pytest.approx(4.75 / 0.8, abs=0.1)
 
 
+@pytest.mark.parametrize(("reaction", "stops"), [(0.5, True), (0.45, True), (0.6, False)])
+def test_the_way_of_the_reaction_counts(reaction: float, stops: bool) -> None:
+    # They arrive at R = 10 m, 7 m before the line: after 0.5 s 4.5 m are left, and a stop takes
+    # 4.17 m; after 0.6 s only 4 m.  A reaction ends with a step.
+    strategy = driver(yields=True, reaction_time_s=reaction)
+    trace = play(strategy, [(4.0, Side.FAR, 1.0)], scenario(pedestrians=WAITS))
+    assert braking_steps(trace)[:1] == [45] * stops
+    if stops:
+        np.testing.assert_allclose(np.diff(trace.speed_mps)[45:63] / STEP, -25 / 9, atol=1e-9)
+
+
+@pytest.mark.parametrize("people", [
+    [(0.0, Side.NEAR, 1.0)],  # seen long before it has to brake
+    [(0.0, Side.NEAR, 1.0), (7.5, Side.FAR, 1.0)],  # the second comes while it stands
+])  # fmt: skip
+def test_only_a_driver_who_begins_to_brake_reacts_late(people) -> None:
+    scene = scenario(pedestrians=WAITS)
+    speeds = [
+        play(driver(yields=True, reaction_time_s=reaction), people, scene).speed_mps
+        for reaction in (0.0, 1.0)
+    ]
+    np.testing.assert_array_equal(*speeds)
+
+
+@pytest.mark.parametrize("yields", [True, False])
+@pytest.mark.parametrize(
+    ("reaction", "first", "deceleration", "contact"),
+    # Off the kerb at R = 5.5 m.  At R = 4.5 m there are 4.15 m to 0.1 m before their disc; at
+    # R = 3 m 2.75 m to the disc, and a stop takes 2.78 m.
+    [(0.0, 49, 25 / 10.3, None), (0.2, 51, 25 / 8.3, None), (0.5, 54, 4.5, "front")],
+)
+def test_avoiding_is_late_too(yields, reaction, first, deceleration, contact) -> None:
+    strategy = driver(yields=yields, reaction_time_s=reaction)
+    trace = play(strategy, [(4.9, Side.NEAR, 0.8)])
+    assert braking_steps(trace)[0] == first
+    assert -np.diff(trace.speed_mps)[first] / STEP == pytest.approx(deceleration, rel=0.01)
+    assert measure([trace])[0].contact == contact
+
+
+def test_drivers_differ_as_measured() -> None:
+    spread = {"reaction_time_sigma": 0.4, "comfortable_deceleration_sigma": 0.28}
+    both = [HumanYield(rng=stream(7, "strategy", n), reaction_time_s=1.0, **spread)
+            for n in range(4000)]  # fmt: skip
+    alike = [HumanYield(rng=stream(7, "strategy", n)) for n in range(4000)]
+    assert [one._yields for one in both] == [one._yields for one in alike]
+    times, hard = (np.array([getattr(one, name) for one in both])
+                   for name in ("_reaction_s", "_comfortable_mps2"))  # fmt: skip
+    for values, median, sigma in ((times, 1.0, 0.4), (hard, 3.0, 0.28)):
+        logs = np.log(values / median) / sigma
+        assert stats.kstest(logs, "norm").pvalue > 1e-4
+    assert abs(np.corrcoef(times, hard)[0, 1]) < 4 / math.sqrt(4000)
+    # Gates et al. 2007: 15th, 50th and 85th percentiles, 7.2, 9.9, 12.9 ft/s².
+    np.testing.assert_allclose(np.quantile(times, [0.15, 0.5, 0.85]), [0.7, 1.0, 1.6], atol=0.12)
+    feet = np.array([7.2, 9.9, 12.9]) * 0.3048
+    np.testing.assert_allclose(np.quantile(hard, [0.15, 0.5, 0.85]), feet, atol=0.15)
+
+
+def test_treatments_have_the_rates_of_their_source() -> None:
+    kinds = [HumanYield(rng=stream(7, "strategy", n), treatment="rrfb")._yields
+             for n in range(4000)]  # fmt: skip
+    assert np.mean(kinds) == pytest.approx(0.79, abs=4 * math.sqrt(0.79 * 0.21 / 4000))
+    assert sum(row.mean is not None for row in TREATMENTS.values()) == 13
+    assert all(row.low is None or row.low <= (row.mean or row.low) <= row.high
+               for row in TREATMENTS.values())  # fmt: skip
+    for parameters, words in (
+        ({"treatment": "rfb"}, "did you mean 'rrfb'"),
+        ({"treatment": "crossing_guards_with_rrfb"}, "81 to 98 %.*no rate"),
+        ({"treatment": "rrfb", "yield_rate": 0.74}, "treatment: excludes yield_rate"),
+    ):
+        scene = scenario(arms={"human": "human_yield"}, strategies={"human_yield": parameters})
+        refuses(words, lambda scene=scene: check_arms(scene, load_model("dut")))
+
+
 @pytest.mark.parametrize("yields", [True, False])
 @pytest.mark.parametrize(
     ("arrival", "first", "deceleration"),
@@ -118,6 +195,7 @@ def test_one_that_does_not_yield_passes_who_waits_and_who_is_far() -> None:
 
 @pytest.mark.parametrize("make", [
     lambda: driver(yields=True),
+    lambda: driver(yields=True, reaction_time_s=1.0),
     lambda: HardYield(yield_to_waiting=True),
     lambda: GapYield(yield_to_waiting=True),
 ])  # fmt: skip

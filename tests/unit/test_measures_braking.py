@@ -149,11 +149,19 @@ def test_avoidable_by_letting_him_leave() -> None:
     assert cruise().avoidable is None
 
 
-def touched_while_braking(start: float, side: Side, pace: float, speed: float) -> bool:
+def attentive_drive(times: np.ndarray, speed: float, braking: float) -> np.ndarray:
+    """The way by adding up speeds, half a millisecond at a time: v(t) = v − ∫∫ jerk, at least 0."""
+    wanted = np.clip(12.65 * (times - 1.15), 0.0, braking)
+    speeds = np.maximum(0.0, speed - np.concatenate(([0.0], np.cumsum(wanted)[:-1])) * 0.0005)
+    return np.concatenate(([0.0], np.cumsum((speeds[1:] + speeds[:-1]) / 2 * 0.0005)))
+
+
+def touched(start: float, side: Side, pace: float, speed: float, attentive: bool = False) -> bool:
     """Half a millisecond at a time, from stepping off at x = −30 + v · start to the other kerb."""
     times = np.arange(0.0, 9 / pace, 0.0005)
     moving = np.minimum(times, speed / 4.5)
-    front = -30 + speed * start + speed * moving - 4.5 * moving**2 / 2
+    driven = speed * moving - 4.5 * moving**2 / 2
+    front = -30 + speed * start + (attentive_drive(times, speed, 4.5) if attentive else driven)
     y = pace * times if side is Side.NEAR else 9 - pace * times
     along = np.minimum(np.maximum(0.0, front - 5.0), front)
     across = np.clip(y, 1.35, 3.15) - y
@@ -171,6 +179,50 @@ def test_avoidable_against_stepping_through_random_crashes() -> None:
         result = cruise((start, side, pace), speed=speed)
         if result.contact is not None:
             found.append(result.avoidable)
-            expected = not touched_while_braking(start, side, pace, speed)
+            expected = not touched(start, side, pace, speed)
             assert result.avoidable is expected, (start, side, pace, speed)
+    assert 15 < sum(found) < 45
+
+
+@pytest.mark.parametrize("side", list(Side))
+@pytest.mark.parametrize(("speed", "limit", "far_pace"), [(5.0, 4.5, 3.0), (10.0, 9.0, 2.75)])
+def test_an_attentive_driver_needs_this_way_to_stop(side, speed, limit, far_pace) -> None:
+    # 1.15 s at v, then b/j until b = min(0.774 g, limit) is reached, v − j t²/2 being left, then
+    # v²/2b.  0.25 m is the disc.
+    b, j = min(0.774 * 9.80665, limit), 12.65
+    grows = b / j
+    way = 1.15 * speed + speed * grows - j * grows**3 / 6 + (speed - j * grows**2 / 2) ** 2 / 2 / b
+    assert way == pytest.approx({5.0: 9.3934, 10.0: 20.9736}[speed], abs=1e-4)
+    latest = (30 - 0.25 - way) / speed
+    # They are in its path from before an unbraked front comes until the attentive driver stands.
+    pace = 1.0 if side is Side.NEAR else far_pace
+    scene = scenario(ego={"max_deceleration_mps2": limit})
+    for start, expected in ((latest - 1e-5, True), (latest + 1e-5, False)):
+        trace = drive([0.0] * 76, [(start, side, pace)], speed=speed, scene=scene)
+        (result,) = measure([trace])
+        assert (result.contact, result.avoidable) == ("front", True)
+        assert result.avoidable_attentive is expected
+    assert cruise((0.0, Side.NEAR, 1.5)).avoidable_attentive is None
+
+
+def test_attentive_drivers_against_stepping_through_random_crashes() -> None:
+    rng = np.random.default_rng(8)
+    found = []
+    while len(found) < 60:
+        speed, pace = float(rng.choice([0.6, 5.0, 10.0, 15.0])), float(rng.uniform(0.4, 2.5))
+        side = Side.NEAR if rng.random() < 0.5 else Side.FAR
+        start = float(rng.uniform(0.0, 31.0 / speed))
+        steps = [0.0] * (760 if speed < 1 else 76)
+        (result,) = measure([drive(steps, [(start, side, pace)], speed=speed)])
+        if result.contact is None:
+            continue
+        case = (start, side, pace, speed)
+        assert result.avoidable_attentive is not touched(*case, attentive=True), case
+        # Braking fully keeps it behind the attentive driver: whoever lets people pass does so too.
+        # But who is past their line before they come, unbraked, is not where a stop would leave it.
+        if result.avoidable_attentive and not result.avoidable:
+            enters = (1.1 if side is Side.NEAR else 5.6) / pace
+            times = np.arange(0.0, enters, 0.0005)
+            assert -30 + speed * start + attentive_drive(times, speed, 4.5)[-1] > 5.0, case
+        found.append(result.avoidable_attentive)
     assert 15 < sum(found) < 45

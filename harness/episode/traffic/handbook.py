@@ -1,6 +1,5 @@
 """A scenario and its flows in; the pedestrian delay by HCM 2010 and NCHRP 17-87 out."""
 
-import inspect
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +12,10 @@ from harness.episode.traffic.closed_forms import (
 )
 from harness.episode.traffic.lanes import lanes_of
 from harness.scenario import Scenario
+from harness.strategies.human_yield import HumanYield
+from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import find_strategy
+from harness.strategies.yield_rates import rate_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +66,10 @@ def handbook(
 
 
 def _declared_rate(scenario: Scenario, name: str) -> float | None:
-    """The parameter ``yield_rate`` of a strategy; None if it has none."""
-    given: Any = scenario.strategies.get(name, {}).get("yield_rate")
-    if given is None:
-        parameter = inspect.signature(find_strategy(name, "arms")).parameters.get("yield_rate")
-        given = None if parameter is None else parameter.default
-    return None if given is None else float(given)
+    """The parameter ``yield_rate`` of a strategy, or its treatment's rate; None if it has none."""
+    strategy = find_strategy(name, "arms")
+    given: dict[str, Any] = scenario.strategies.get(name, {})
+    if strategy is HumanYield and "treatment" in given:
+        return rate_of(given["treatment"], f"{name}.treatment")
+    rates = {p.name: p.default for p in parameters_of(strategy)} | given
+    return rates.get("yield_rate")

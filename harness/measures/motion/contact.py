@@ -29,6 +29,11 @@ class Motion(NamedTuple):
         """The position after a time."""
         return self.place_m + self.speed_mps * time_s + self.acceleration_mps2 * time_s**2 / 2
 
+    def after(self, time_s: float) -> "Motion":
+        """The motion that goes on after a time."""
+        speed = self.speed_mps + self.acceleration_mps2 * time_s
+        return Motion(self.at(time_s), speed, self.acceleration_mps2)
+
 
 def first_contact_in_step(
     ego: Motion,

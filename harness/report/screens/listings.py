@@ -25,12 +25,16 @@ CHECKS = (
 
 
 class ParameterRow(TypedDict):
-    """A parameter of a strategy; ``default`` is None if it is required."""
+    """A parameter of a strategy; ``default`` is None if it is required.
+
+    ``notes`` are lines on its measured values and their source: ``NOTES`` of the class.
+    """
 
     name: str
     kind: str
     default: str | None
     required: bool
+    notes: list[str]
 
 
 class StrategyRow(TypedDict, total=False):
@@ -67,6 +71,7 @@ def strategy_documents() -> list[StrategyRow]:
                 "kind": describe(parameter.annotation),
                 "default": None if parameter.required else repr(parameter.default),
                 "required": parameter.required,
+                "notes": [*getattr(factory, "NOTES", {}).get(parameter.name, ())],
             }
             for parameter in parameters_of(factory)
         ]
