@@ -1,5 +1,6 @@
 """Every key of ``[simulation]``, with its meaning and default."""
 
+from collections.abc import Mapping
 from typing import Annotated
 
 from pydantic import Field
@@ -8,14 +9,25 @@ from harness.scenario.sections import NonNegative, Positive, Section, Share
 
 
 class ReadSimulationSection(Section):
-    """``[simulation.read]``: facts read from the configuration; the harness writes them."""
+    """``[simulation.read]``: facts read from the configuration; the harness writes them.
+
+    They are valid only for these ``config``, ``named``, ``range_m`` and ``step_s``.
+    """
 
     config: str
     """The configuration's file."""
+    named: Annotated[tuple[str, ...], Field(strict=False)]
+    """The crosswalks that the scenario file names."""
+    range_m: float
+    """R0."""
+    step_s: float | None
+    """Step of both arms, if it is not the configuration's."""
     sha256: str
     """Hash of the configuration's network, route files and additional files."""
     crossings: Annotated[tuple[str, ...], Field(strict=False)]
     """The chosen crosswalks, and those that vehicles meet within R0 of them."""
+    options: Mapping[str, str]
+    """The configuration's options by SUMO's names, with absolute paths."""
 
 
 class SimulationSection(Section):

@@ -53,6 +53,12 @@ class SumoConfig:
         return self.files("net-file")[0]
 
     @property
+    def inputs(self) -> list[Path]:
+        """The configuration's file, its network, its route files and its additional files."""
+        options = ("net-file", "route-files", "additional-files")
+        return [self.path, *(file for option in options for file in self.files(option))]
+
+    @property
     def step_s(self) -> float:
         """The length of a step; SUMO's default is 1 s."""
         return seconds(self.options.get("step-length", "1"))

@@ -1,5 +1,6 @@
 """The chosen crosswalks of a user's own SUMO scenario, with the ways on which AVs drive."""
 
+import hashlib
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -33,6 +34,7 @@ class Setting:
 
     Attributes:
         config: the user's configuration.
+        sha256: hash of the files that it names as inputs, and of its own.
         step_s: the step of both arms.
         range_m: R0, where a passage begins.
         crosswalks: the chosen crosswalks, and further ones within R0 of them.
@@ -42,6 +44,7 @@ class Setting:
     """
 
     config: SumoConfig
+    sha256: str
     step_s: float
     range_m: float
     crosswalks: tuple[Crosswalk, ...]
@@ -75,8 +78,8 @@ def setting_at(
         InputError: the configuration or a crosswalk is refused.
     """
     changed = _changed(path)
-    net = _config_at(path, step_s, changed).net
-    return _setting_at(path, step_s, crossings, range_m, where, changed, _changed(net))
+    files = tuple(map(_changed, _config_at(path, step_s, changed).inputs))
+    return _setting_at(path, step_s, crossings, range_m, where, changed, files)
 
 
 def _changed(file: Path) -> tuple[int, int]:
@@ -101,7 +104,7 @@ def _setting_at(
     range_m: float,
     where: str,
     changed: tuple[int, int],
-    _net_changed: tuple[int, int],
+    _files_changed: tuple[tuple[int, int], ...],
 ) -> Setting:
     config = _config_at(path, step_s, changed)
     network = read_network(config.net)
@@ -116,7 +119,19 @@ def _setting_at(
         if way.to_edge and not way.oblique
     )
     paths = {name: footpaths_of(network.crossings[name]) for name in crossings}
-    return Setting(config, step_s or config.step_s, range_m, chosen, added, ways, paths)
+    step_s = step_s or config.step_s
+    return Setting(config, _sha256_of(config), step_s, range_m, chosen, added, ways, paths)
+
+
+def _sha256_of(config: SumoConfig) -> str:
+    digest = hashlib.sha256()
+    for path in config.inputs:
+        try:
+            with path.open("rb") as file:
+                digest.update(hashlib.file_digest(file, "sha256").digest())
+        except OSError as error:
+            raise InputError(str(path), f"cannot be read ({error.strerror})") from None
+    return digest.hexdigest()
 
 
 def _check(crossing: str, known: Mapping[str, Crosswalk], where: str) -> None:

@@ -14,14 +14,17 @@ import pytest
 
 import harness
 import harness.report.pages.encounter_parts as parts_module
+import harness.report.pages.simulation_parts as simulation_parts
 from harness.report.pages.risk_page import write_risk_page
 from harness.report.pages.validation_page import write_validation
-from harness.scenario import Scenario
+from harness.scenario import Scenario, parse_variation, read_scenario_file, study_of
 from harness.strategies.hard_yield import HardYield
 from harness.studies.risk.asking import Settings
 from harness.studies.risk.folder import estimate_risk
 from harness.studies.runs.run_data import RunData
-from tests.batches import Inline, one_cell, run_inline
+from tests import towns
+from tests.batches import Inline, here, one_cell, run_inline
+from tests.own_scenario import write_scenario
 from tests.recordings import held, write_set
 from tests.report.conftest import HOSTILE, report
 
@@ -88,6 +91,39 @@ def opened_sweep(browser: Any, swept: Path, tmp_path_factory: pytest.TempPathFac
     return Opened(browser, written(swept, tmp_path_factory.mktemp("swept"), 1))
 
 
+@pytest.fixture(scope="module")
+def own(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Opened:
+    """A sweep over the share of AVs in a user's own simulation."""
+    folder = tmp_path_factory.mktemp("own")
+    varied = [parse_variation("simulation.av_share=0.3,1")]
+    study = study_of(read_scenario_file(str(write_scenario(folder))), varied)
+    run = run_inline(study, folder / "run", traces=True).path
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(simulation_parts, "simulation_pictures", lambda _run: iter(()))
+        return Opened(browser, report(run, folder / "own.html").page)
+
+
+@pytest.fixture(scope="module")
+def conflicts(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Opened:
+    """The conflicts of SUMO's own output."""
+    folder = tmp_path_factory.mktemp("conflicts")
+    write_scenario(folder)
+    towns.call(folder, "sumo", "-c", "town.sumocfg", "--fcd-output", "fcd.csv")
+    done = here(
+        *("conflicts", folder / "fcd.csv", "--net", folder / "net.net.xml"),
+        *("--types", folder / "cars.rou.xml", "--out", folder / "out"),
+    )
+    assert done.returncode == 0, done.stderr
+    return Opened(browser, folder / "out" / "report.html")
+
+
+@pytest.fixture
+def all_opened(
+    opened: Opened, opened_sweep: Opened, own: Opened, conflicts: Opened
+) -> tuple[Opened, ...]:
+    return opened, opened_sweep, own, conflicts
+
+
 @pytest.fixture
 def page(opened: Opened) -> Any:
     """The single run's page as it is after opening."""
@@ -129,8 +165,8 @@ def scrub(page: Any, time_s: float) -> None:
     )
 
 
-def test_opens_from_disk_without_a_request(opened: Opened, opened_sweep: Opened) -> None:
-    for one in (opened, opened_sweep):
+def test_opens_from_disk_without_a_request(all_opened: tuple[Opened, ...]) -> None:
+    for one in all_opened:
         assert one.address.startswith("file://")
         assert one.asked == [one.address]
         assert one.page.locator("#player").is_visible()
@@ -174,6 +210,27 @@ def of_validation(_request: Any, folder: Path) -> Path:
 
 
 MAKERS = [*map(of_encounters, ("single", "unfinished")), of_hours, of_risk, of_validation]
+
+
+def test_every_button_of_own_simulations_and_conflicts_works(
+    own: Opened, conflicts: Opened
+) -> None:
+    for one in (own, conflicts):
+        for button in one.page.locator("button:visible").all():
+            button.click()
+        assert one.page.locator("svg rect.ego").count() > 0
+
+
+def test_headings_of_a_wide_table_wrap_and_its_first_column_stays(own: Opened) -> None:
+    page = own.page
+    page.set_viewport_size(WIDE)
+    widest = page.evaluate("Math.max(...[...cells.tHead.rows[0].cells].map(c => c.offsetWidth))")
+    assert widest < 200
+    first = "document.querySelector('#cells tbody tr > *').getBoundingClientRect().left"
+    before = page.evaluate(first)
+    page.evaluate("document.getElementById('cells').parentElement.scrollLeft = 500")
+    assert page.evaluate("document.getElementById('cells').parentElement.scrollLeft") > 100
+    assert page.evaluate(first) == pytest.approx(before, abs=1)
 
 
 @pytest.mark.parametrize("make", MAKERS)
@@ -367,10 +424,10 @@ CONTRAST = """() => {
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_text_has_contrast_and_lines_of_figures_stand_out(
-    opened: Opened, opened_sweep: Opened, scheme: str
+    all_opened: tuple[Opened, ...], opened: Opened, scheme: str
 ) -> None:
     """3 : 1 against the ground for every colour a figure's lines may have."""
-    for one in (opened, opened_sweep):
+    for one in all_opened:
         one.page.emulate_media(color_scheme=scheme)
         found = one.page.evaluate(CONTRAST)
         assert len(found) > 150
@@ -394,9 +451,9 @@ def luminance(colour: str) -> float:
 @pytest.mark.parametrize("size", [NARROW, WIDE], ids=["narrow", "wide"])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_nothing_overflows(
-    opened: Opened, opened_sweep: Opened, size: dict[str, int], scheme: str
+    all_opened: tuple[Opened, ...], size: dict[str, int], scheme: str
 ) -> None:
-    for one in (opened, opened_sweep):
+    for one in all_opened:
         one.page.set_viewport_size(size)
         one.page.emulate_media(color_scheme=scheme)
         wide = one.page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
@@ -419,7 +476,7 @@ def test_the_toggle_overrides_the_system(page: Any) -> None:
 
 
 def test_on_paper_it_is_dark_on_white_and_nothing_is_cut_off(
-    opened: Opened, opened_sweep: Opened, page: Any
+    all_opened: tuple[Opened, ...], page: Any
 ) -> None:
     page.emulate_media(color_scheme="dark", media="print")
     words = page.evaluate("getComputedStyle(document.querySelector('h1')).color")
@@ -427,7 +484,7 @@ def test_on_paper_it_is_dark_on_white_and_nothing_is_cut_off(
     assert not page.locator(".controls").is_visible()
     right = """Math.max(...[...document.querySelectorAll("td, th, figure, p, .view")].map(
         (element) => element.getBoundingClientRect().right))"""
-    for one in (opened, opened_sweep):
+    for one in all_opened:
         # A4 less two margins of 12 mm, at 96 pixels an inch.
         one.page.set_viewport_size({"width": 703, "height": 1030})
         one.page.emulate_media(media="print")

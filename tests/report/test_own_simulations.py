@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from harness.store.simulations.simulation_traces import has_passages, only_passa
 from harness.store.walk_rows import stored_walk
 from harness.studies.batch.scoring import score
 from harness.studies.batch.showing import write_shown
+from harness.studies.runs.reported import remarks, reported
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import SHOWN, missing_pairs, shown_pairs
 from harness.studies.runs.simulation_choice import (
@@ -31,7 +33,7 @@ from harness.studies.runs.simulation_choice import (
     most_striking,
     numbers_of,
 )
-from tests.batches import run_inline
+from tests.batches import here, refusal, run_inline
 from tests.own_scenario import CROSSING, own_study, write_scenario
 from tests.report.test_page import Page
 
@@ -286,3 +288,36 @@ def test_a_folder_that_lost_its_scenes_is_refused(traced: RunData, tmp_path: Pat
     (folder / "scenes_over.parquet").unlink()
     with pytest.raises(harness.InputError, match="scenes_over"):
         harness.load_run(folder)
+
+
+def test_what_was_changed_in_sumos_options_is_said(plain: RunData, tmp_path: Path) -> None:
+    """Compared with the file with which SUMO ran, and with the user's."""
+    done = here("replay", plain.path, "--pair", "0", "--arm", "human", "--out", tmp_path / "again")
+    assert done.returncode == 0, done.stderr
+    ours, hers = (
+        {each.tag: each.get("value") for each in ET.parse(path).getroot()}
+        for path in (tmp_path / "again/simulation.sumocfg", plain.path.parent / "town.sumocfg")
+    )
+    again = ("collision-output", "fcd-output", "net-file", "route-files")
+    changed = {name for name in {*ours, *hers} - {*again} if ours.get(name) != hers.get(name)}
+    (line,) = (line for line in remarks(plain) if line.startswith("SUMO ran with the options"))
+    said = {part.split()[0]: part for part in line.rstrip(".").partition(": ")[2].split("; ")}
+    assert {*said} == changed
+    assert said["seed"] == "seed 23423 + the pair's number (not given)"
+    notes = [note.text for note in reported(plain).cells[0].notes]
+    assert "SUMO ran with your options but for the seed (yours + pair)." in notes
+
+
+def test_a_run_is_shown_after_its_scenario_has_changed(traced: RunData, tmp_path: Path) -> None:
+    config = traced.path.parent / "town.sumocfg"
+    text = config.read_text()
+    try:
+        config.write_text(text.replace('value="70"', 'value="60"'))
+        problem = refusal("replay", traced.path, "--pair", "0", "--out", tmp_path / "again")
+        assert "simulation.config: the files of" in problem
+        config.unlink()
+        assert harness.load_run(traced.path).summary.equals(traced.summary)
+        for command in ("report", "worst"):
+            assert here(command, traced.path).returncode == 0
+    finally:
+        config.write_text(text)

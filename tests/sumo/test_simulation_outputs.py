@@ -100,7 +100,12 @@ def _devices(folder: Path) -> None:
         <vehicle id="typed" type="t" depart="0"><route edges="A1B1 B1C1"/></vehicle>
         <vehicle id="own" depart="0"><route edges="C1B1 B1A1"/>
         <param key="has.ssm.device" value="true"/>
-        <param key="device.ssm.file" value="../own_ssm.xml"/></vehicle></routes>"""
+        <param key="device.ssm.file" value="../own_ssm.xml"/></vehicle>
+        <vehicle id="toc" type="t" depart="0"><route edges="C1B1 B1A1"/>
+        <param key="has.toc.device" value="true"/>
+        <param key="device.toc.manualType" value="t"/>
+        <param key="device.toc.automatedType" value="t"/>
+        <param key="device.toc.file" value="out/toc.xml"/></vehicle></routes>"""
     )
 
 
@@ -148,6 +153,7 @@ def test_outputs_are_kept_in_the_folder_of_each_arm(
             *("out_calibrator.xml", "in_e1b.xml", "in_z.xml", "e3.xml"),
             *("out_fcd.xml", "out_queue.xml", "routes.out.xml.gz", "log.txt"),
             *("out_type_ssm.xml", "up_own_ssm.xml", "out_ssm_all.xml", "out_weights.xml"),
+            "out_toc.xml",
         }
         # SUMO writes an actuated light's loops only under some of its programs.
         copy = (tmp_path / arm.value / "in_a.add.xml").read_text()
@@ -191,8 +197,10 @@ def test_sumo_repeats_the_reference_arm_from_anywhere(
     """With the configuration that a run stored, after the run folder got another name."""
     (tmp_path / "town").mkdir()
     config = town(tmp_path / "town")
-    text = config.read_text().replace("in/a.add.xml,", "")
-    config.write_text(text)
+    # SUMO resolves the files of calibrators and of ToC devices from the working folder.
+    config.write_text(config.read_text().replace("in/a.add.xml,", ""))
+    routes = tmp_path / "town/ssm.rou.xml"
+    routes.write_text(routes.read_text().replace("has.toc", "no.toc"))
     towns.scenario_of(config, [":B1_c0"])
     monkeypatch.chdir(tmp_path)
     more = ["--set", 'simulation.outputs=["all"]'] if option == "outputs" else [option, "all"]

@@ -48,6 +48,9 @@ _INPUTS: Mapping[str, str] = {
 _PARAMETERS = ("device.ssm.file", "device.toc.file", "file")
 """Parameters of vehicles, vehicle types and traffic lights that name a file to write."""
 
+_FROM_WORKING_FOLDER = ("output", "device.toc.file")
+"""A calibrator's attribute, and a parameter: SUMO resolves no other output from there."""
+
 _WRITES = re.compile(rb"""(?:file|dest|output|\bhref)\s*=\s*["']|["'](?:device\.\w+\.)?file["']""")
 
 _NO_FILE = re.compile(r"(nul|stdout|stderr|-|[\w.-]+:\d+)", re.IGNORECASE)
@@ -75,20 +78,22 @@ class Kept:
         """Whether an output of this name is written."""
         return "all" in self.names or name in self.names
 
-    def path(self, name: str, written: Path, home: Path) -> str:
-        """The path that replaces the path ``written`` of an output, relative to the arm's folder.
+    def path(self, name: str, written: Path, home: Path, key: str = "") -> str:
+        """The path that replaces the path ``written`` of an output.
 
-        SUMO resolves it from the configuration or the copied file that names it, and all of these
-        lie in that folder: so the folder may be moved.
+        It is relative to the arm's folder, so that this may be moved: SUMO resolves it from the
+        configuration or the copied file that names it, which lie in that folder.
 
         Args:
             name: name of the output.
             written: an absolute path.
             home: the configuration's folder.
+            key: name of the attribute, parameter or option that has the path.
         """
         if not self.keeps(name) or _NO_FILE.fullmatch(written.name) or str(written) == NOWHERE:
             return NOWHERE
-        return inside(written, home)
+        path = inside(written, home)
+        return str(self.folder.absolute() / path) if key in _FROM_WORKING_FOLDER else path
 
 
 def inside(written: Path, home: Path) -> str:
@@ -123,24 +128,28 @@ def short_name(option: str) -> str:
     return option.removesuffix("-output").removesuffix("-dump")
 
 
-def final_options(config: SumoConfig, kept: Kept) -> dict[str, str]:
-    """The configuration's options with the paths of its outputs replaced.
-
-    Route files and additional files that name an output are copied, too.
-
-    Raises:
-        InputError: a file cannot be read as XML.
-    """
+def redirected_options(config: SumoConfig, kept: Kept) -> dict[str, str]:
+    """The configuration's options with the paths of its outputs replaced."""
     written, home = output_options(config), config.path.absolute().parent
     options = {}
     for name, value in config.options.items():
         if name in written:
-            path = kept.path(short_name(name), home / value, home)
+            path = kept.path(short_name(name), home / value, home, name)
             if path != NOWHERE:
                 options[name] = path
         elif not _is_dropped(name):
             options[name] = value
     options.setdefault(_SSM_FILE, kept.path("devices", home / "ssm.xml", home))
+    return options
+
+
+def final_options(config: SumoConfig, kept: Kept) -> dict[str, str]:
+    """``redirected_options`` with copies of the files of the scenario that name an output.
+
+    Raises:
+        InputError: a file cannot be read as XML.
+    """
+    options, home = redirected_options(config, kept), config.path.absolute().parent
     for option in ("net-file", "route-files", "additional-files"):
         files = config.files(option)
         if files:
@@ -199,20 +208,19 @@ def _redirect(element: ET.Element, folder: Path, kept: Kept, home: Path) -> bool
     tag = element.tag
     output = _OUTPUTS.get(tag)
     if output is not None and element.get(output):
-        path = kept.path("detectors", absolute(element.get(output, "")), home)
-        # SUMO resolves the path of a calibrator alone from the working directory.
-        element.set(output, str(kept.folder.absolute() / path) if output == "output" else path)
+        path = absolute(element.get(output, ""))
+        element.set(output, kept.path("detectors", path, home, output))
         wrote = True
     source = _INPUTS.get(tag)
     if source is not None and element.get(source):
-        path = read = str(absolute(element.get(source, "")))
-        if tag == "include":
-            read = copied(Path(path), kept, home)
-            wrote |= read != path
+        path = absolute(element.get(source, ""))
+        read = copied(path, kept, home) if tag == "include" else str(path)
+        wrote |= read != str(path)
         element.set(source, read)
     if tag == "param" and element.get("key") in _PARAMETERS and element.get("value"):
-        name = "devices" if str(element.get("key")).startswith("device.") else "detectors"
-        element.set("value", kept.path(name, absolute(element.get("value", "")), home))
+        key, path = element.get("key", ""), absolute(element.get("value", ""))
+        name = "devices" if key.startswith("device.") else "detectors"
+        element.set("value", kept.path(name, path, home, key))
         wrote = True
     return wrote
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.core.errors import EngineError, InputError, one_line
-from harness.engine.simulation.outputs import Kept, final_options
+from harness.engine.simulation.outputs import Kept, final_options, redirected_options
 from harness.site.configuration import SumoConfig, first_error, sumo_program
 
 NO_OPTIONS: Mapping[str, str] = {}
@@ -16,7 +16,7 @@ NO_OPTIONS: Mapping[str, str] = {}
 CONFIG_FILE = "simulation.sumocfg"
 TRIPS_FILE = "tripinfo.xml"
 
-_ALWAYS = {
+ALWAYS = {
     "random": "false",
     "no-step-log": "true",
     "no-warnings": "true",
@@ -54,12 +54,9 @@ def write_config(
         InputError: a file of the scenario cannot be read.
     """
     kept.folder.mkdir(parents=True, exist_ok=True)
-    options = final_options(config, kept) | _ALWAYS | {"seed": str(seed)} | dict(more)
+    options = final_options(config, kept) | _ours(str(seed), step_s) | dict(more)
     if people is not None:
         options["route-files"] = ",".join(filter(None, [options.get("route-files"), people]))
-    options["tripinfo-output"] = TRIPS_FILE
-    if step_s is not None:
-        options["step-length"] = f"{step_s:.3f}"
     root = ET.Element("configuration")
     for name, value in sorted(options.items()):
         ET.SubElement(root, name, value=value)
@@ -67,6 +64,33 @@ def write_config(
     path = kept.folder.absolute() / CONFIG_FILE
     ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
     return path
+
+
+def _ours(seed: str, step_s: float | None) -> dict[str, str]:
+    step = {} if step_s is None else {"step-length": f"{step_s:.3f}"}
+    return {**ALWAYS, "seed": seed, "tripinfo-output": TRIPS_FILE, **step}
+
+
+def changed_options(
+    config: SumoConfig, outputs: frozenset[str], step_s: float | None
+) -> dict[str, tuple[str | None, str | None]]:
+    """Each option that an arm's configuration changes: the user's value and the arm's.
+
+    None is a value that is not given.
+
+    Args:
+        config: the user's configuration.
+        outputs: the outputs that are kept.
+        step_s: see ``write_config``.
+    """
+    hers = config.options
+    ours = redirected_options(config, Kept(config.path.parent, outputs))
+    ours |= _ours(f"{config.seed} + the pair's number", step_s)
+    return {
+        name: (hers.get(name), ours.get(name))
+        for name in sorted({*hers, *ours})
+        if hers.get(name) != ours.get(name)
+    }
 
 
 Start = Callable[[Sequence[str]], tuple[Any, Callable[[], None]]]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.core.encounter import Arm, StepMotion, Strategy, Trace
-from harness.core.errors import EngineError, StrategyError, in_one_line
+from harness.core.errors import EngineError, InputError, StrategyError, in_one_line
 from harness.engine.simulation.outputs import Kept
 from harness.engine.simulation.running import NO_OPTIONS, TRIPS_FILE, OwnSimulation, write_config
 from harness.episode.arms import check_arms, make_strategy
@@ -154,16 +154,22 @@ def setting_of(scenario: Scenario) -> Setting:
     """The chosen crosswalks of a scenario's simulation.
 
     Raises:
-        InputError: the configuration or a crosswalk is refused.
+        InputError: the configuration or a crosswalk is refused, or a file has changed since the
+            scenario was read.
     """
     simulation = scenario.known_simulation
-    return setting_at(
+    setting = setting_at(
         Path(simulation.config),
         simulation.step_s,
         simulation.crossings,
         scenario.ego.trigger_range_m,
         "simulation",
     )
+    read = simulation.read
+    if read is not None and read.sha256 != setting.sha256:
+        problem = f"the files of {read.config} have changed (sha256 {setting.sha256[:12]}…)"
+        raise InputError("simulation.config", problem, f"the files of sha256 {read.sha256}")
+    return setting
 
 
 def counted_s(scenario: Scenario, setting: Setting) -> tuple[float, float]:

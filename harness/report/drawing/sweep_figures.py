@@ -18,6 +18,8 @@ from harness.report.drawing.style import AV, GREEN, MUTED, VERMILLION, figure_te
 _WIDE = 12.0
 """The axis is logarithmic if values differ by more than this factor."""
 _APART_INCH = 0.05
+_LEAST_SPAN = 1e-3
+"""Least height of the axes, relative to the values: rounding errors do not look like effects."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,9 @@ def draw_over(
         for artist in bars.get_children():
             # The lines are shifted after plotting, so that the axes' limits follow only the data.
             artist.set_transform(axes.transData + away)
+    low, high = axes.get_ylim()
+    if high - low < _LEAST_SPAN * abs(high + low) / 2:
+        axes.set_ylim(low - _LEAST_SPAN * abs(low), high + _LEAST_SPAN * abs(high))
     if level is not None:
         axes.axhline(level[0], color=MUTED, ls=":", lw=1.2, label=level[1])
     if ticks[0] > 0 and ticks[-1] > _WIDE * ticks[0]:

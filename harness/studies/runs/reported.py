@@ -4,6 +4,7 @@ from harness.core.errors import resume_command
 from harness.scenario import Scenario
 from harness.statistics import ENCOUNTERS, CellFindings, Note, Rank, RunFindings
 from harness.studies.runs.cell_result import CellResult
+from harness.studies.runs.changed_options import changes_in_full
 from harness.studies.runs.model_use import given_the_model
 from harness.studies.runs.notes import av_label
 from harness.studies.runs.references import agreement, keeps_its_defaults, reference_lines
@@ -121,7 +122,7 @@ def _audit_scope(run: RunData) -> list[str]:
 
 
 def remarks(run: RunData) -> list[str]:
-    """Return the remarks on paper, references, audit and models for ``--full`` and the page."""
+    """Return the remarks for ``--full`` and the page: on paper, references, audit, options …"""
     scenarios = [cell.scenario for cell in run.study.cells]
     return [
         *([PAPER_REMARK] if _has_paper_values(run) else []),
@@ -129,6 +130,7 @@ def remarks(run: RunData) -> list[str]:
         *audit_lines(run),
         *knowledge_lines(run),
         *walker_lines(scenarios),
+        *dict.fromkeys(changes_in_full(each) for each in scenarios if each.simulation is not None),
     ]
 
 

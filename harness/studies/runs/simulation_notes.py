@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from harness.scenario import Scenario
 from harness.statistics import Catalogue, Findings, Note, Rank
+from harness.studies.runs.changed_options import changes_in_brief
 from harness.studies.runs.notes import FEW_HOURS, counted, undefined_notes
 
 CUT_SHARE = 0.05
@@ -41,6 +42,8 @@ def simulation_notes(
         verb = "lie" if len(added) > 1 else "lies"
         text = f"{', '.join(added)} {verb} within R0 of a chosen crosswalk: also chosen."
         note(Rank.REFERENCE, text)
+    if scenario.known_simulation.read is not None:
+        note(Rank.REFERENCE, changes_in_brief(scenario))
     if 0 < (ran := pairs - failed) < FEW_HOURS:
         text = "One pair has no intervals." if ran == 1 else f"Each interval rests on {ran} pairs."
         note(Rank.FEW_PAIRS, f"Few pairs: {text}")
@@ -61,15 +64,15 @@ def _left_out(findings: Findings, note: Callable[[Rank, str], None]) -> None:
         counts = [findings[f"{name}{end}"].count for end in ("", "_human")]
         return " / ".join(f"{count:,}" for count in counts) if any(counts) else ""
 
-    parts = []
+    # One note for each, so that the cells of a sweep share those that are equal.
     if counts := both("not_measured"):
-        parts.append(f"{counts} vehicles turned or bent and are not measured")
+        text = f"In the two arms {counts} vehicles turned or bent and are not measured."
+        note(Rank.LEFT_OUT, text)
     if counts := both("not_driven"):
-        parts.append(f"{counts} passages no strategy may drive")
+        note(Rank.LEFT_OUT, f"In the two arms no strategy may drive {counts} passages.")
     if counts := both("unfinished"):
-        parts.append(f"{counts} trips did not end")
-    if parts:
-        note(Rank.LEFT_OUT, f"In the two arms {'; '.join(parts)}.")
+        text = f"In the two arms {counts} trips did not end; they count until the end."
+        note(Rank.LEFT_OUT, text)
     if counts := both("teleports"):
         note(Rank.SATURATION, f"SUMO teleported {counts} vehicles: their passages are not whole.")
     if counts := both("sumo_collisions"):
