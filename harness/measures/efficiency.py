@@ -15,10 +15,11 @@ _ROUNDING_S = 1e-9
 
 def delay_s(chunk: Chunk) -> FloatArray:
     """Pass time minus the free pass time at v0, in s; NaN if the ego did not cross."""
-    return beyond(chunk.pass_time_s, chunk.vehicle.free_pass_time_s(chunk.crossing))
+    free_s = np.array([each.vehicle.free_pass_time_s(each.crossing) for each in chunk.traces])
+    return beyond(chunk.pass_time_s, free_s)
 
 
-def beyond(time_s: FloatArray | float, free_s: float) -> FloatArray:
+def beyond(time_s: FloatArray | float, free_s: FloatArray | float) -> FloatArray:
     """A time minus the time of a free passage, in s; differences up to 1e-9 s count as 0.
 
     A sum of step times and a quotient may differ in their last bits.

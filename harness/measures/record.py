@@ -70,7 +70,8 @@ def measure(traces: Sequence[Trace]) -> list[EpisodeRecord]:
     """The record of every trace, in order.
 
     Args:
-        traces: traces with the same vehicle, crossing and step (a chunk of one cell).
+        traces: traces with the same vehicle, crossing and step (a chunk of one cell).  v0 and the
+            trigger range of the vehicle may differ.
     """
     if not traces:
         return []

@@ -1,6 +1,7 @@
 """Runs pairs of one cell with ``[simulation]``: the user's scenario twice with one seed."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,9 +26,6 @@ from harness.site.simulation import Setting, setting_at
 
 SUMO_DRIVER = "sumo_driver"
 """The strategy that leaves the driving to SUMO."""
-
-CHUNK = 200
-"""Passages measured together; results do not depend on it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +113,8 @@ class SimulationRunner:
             finally:
                 if running is not None:
                     running.close()
-        passages = tuple(measured(log, setting))
-        return SimulationOutcome(pair, arm, scenario, log, passages, tuple(trips))
+        passages = measured(log, setting)
+        return SimulationOutcome(pair, arm, scenario, log, tuple(passages), tuple(trips))
 
     def _arm(self, running: OwnSimulation, pair: int, arm: Arm, seed: int) -> SimulationArm:
         scenario, setting = self._scenario, self._setting
@@ -180,21 +178,35 @@ def counted_s(scenario: Scenario, setting: Setting) -> tuple[float, float]:
     return begin_s, float("inf") if end_s is None else end_s
 
 
-def measured(log: SimulationLog, setting: Setting) -> Iterator[MeasuredPassage]:
+def measured(log: SimulationLog, setting: Setting) -> list[MeasuredPassage]:
     """The passages of an arm with their traces and records, by the time of R0."""
     motion: StepMotion = "ballistic" if setting.config.ballistic else "euler"
     with_states = [each for each in log.passages if len(each.x_m) > 1]
     traces = [
-        passage(
-            VehicleTrack(np.array(each.time_s), np.array(each.x_m), np.array(each.speed_mps)),
-            log.people[each.driven_way.way.crosswalk],
-            each.driven_way.way,
-            each.vehicle,
-            motion=motion,
+        replace(
+            passage(
+                VehicleTrack(np.array(each.time_s), np.array(each.x_m), np.array(each.speed_mps)),
+                log.people[each.driven_way.way.crosswalk],
+                each.driven_way.way,
+                each.vehicle,
+                motion=motion,
+            ),
+            fallback=each.fallback,
+            sumo_collision=each.collided,
         )
         for each in with_states
     ]
-    # A chunk has one vehicle and one crosswalk, but here every passage may have other ones.
-    for each, whole in zip(with_states, traces, strict=True):
-        trace = replace(whole, fallback=each.fallback, sumo_collision=each.collided)
-        yield MeasuredPassage(each, trace, measure([trace])[0])
+    return [*map(MeasuredPassage, with_states, traces, _records(traces))]
+
+
+def _records(traces: Sequence[Trace]) -> list[EpisodeRecord]:
+    """The record of every trace; traces that differ only in v0 and R0 are measured together."""
+    groups = defaultdict(list)
+    for number, trace in enumerate(traces):
+        alike = replace(trace.vehicle, initial_speed_mps=1.0, trigger_range_m=1.0)
+        # Steps, as differences of times, differ in their last bits.
+        groups[alike, trace.crossing, trace.step_s].append(number)
+    records: dict[int, EpisodeRecord] = {}
+    for numbers in groups.values():
+        records |= zip(numbers, measure([traces[number] for number in numbers]), strict=True)
+    return [records[number] for number in range(len(traces))]
