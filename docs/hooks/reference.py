@@ -161,7 +161,7 @@ def default_of(section: type[BaseModel], name: str) -> str:
     field = section.model_fields[name]
     if field.is_required():
         return "required"
-    value = field.get_default(call_default_factory=True)
+    value = field.get_default(call_default_factory=True, validated_data={})
     if value in (None, (), ""):
         return "none"
     return f"`{str(value).lower() if isinstance(value, bool) else value}`"

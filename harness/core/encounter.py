@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-Behaviour = Literal["constant", "gap_acceptance", "reactive", "sumo"]
+Behaviour = Literal["constant", "gap_acceptance", "threshold", "reactive", "sumo"]
 """How pedestrians decide and walk (docs/method.md, Pedestrians)."""
 
 FailedIn = Literal["strategy", "engine"]
@@ -110,6 +110,14 @@ class Crossing:
     def place_of(self, side: Side, remaining_m: float) -> float:
         """y of a pedestrian from ``side`` who is ``remaining_m`` away from the other kerb."""
         return self.length_m - remaining_m if side is Side.NEAR else remaining_m
+
+    @property
+    def lane_edges_m(self) -> tuple[float, float]:
+        """y of the edges of the ego's lane."""
+        return (
+            self.lane_centre_m - self.lane_width_m / 2,
+            self.lane_centre_m + self.lane_width_m / 2,
+        )
 
     @property
     def stop_line_m(self) -> float:
@@ -209,7 +217,9 @@ class Arrival(NamedTuple):
     """One planned pedestrian: their arrival time, kerb and quantile of the walking speed.
 
     ``critical_gap_s`` is the shortest gap that they accept; it is None if only the kerb rule
-    applies.  ``path`` is the whole walk of a timed pedestrian, who has no ``quantile``; it is None
+    applies.  With behaviour ``threshold``, ``threshold_s`` is the least margin of time with which
+    they decide to go, and ``latency_s`` the time from that decision until they set off.  ``path``
+    is the whole walk of a timed pedestrian, who has no ``quantile``; it is None
     for all others.  ``detection_quantile`` is the quantile of the time to their first detection; it
     is None if detection is certain.  ``looks_from_s`` is given for a pedestrian who has been at the
     kerb before they may decide: they decide at steps from this time on, and not on arrival.
@@ -223,6 +233,8 @@ class Arrival(NamedTuple):
     path: tuple[Leg, ...] | None = None
     detection_quantile: float | None = None
     looks_from_s: float | None = None
+    threshold_s: float | None = None
+    latency_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

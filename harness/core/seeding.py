@@ -29,6 +29,8 @@ Purpose = Literal[
     "av_strategy",
     "pilot",
     "vehicle_type",
+    "threshold",
+    "latency",
 ]
 
 Given = Mapping[Purpose, Sequence[float]]
@@ -53,6 +55,8 @@ _PURPOSES: dict[Purpose, int] = {
     "av_strategy": 14,
     "pilot": 15,
     "vehicle_type": 16,
+    "threshold": 17,
+    "latency": 18,
 }
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from harness.core.encounter import Arrival, Leg, Side
 from harness.core.seeding import Given, Purpose, stream
+from harness.episode.threshold import lognormal_s
 from harness.scenario import GapAcceptanceSection, PedestriansSection, Scenario
 
 SECONDS_PER_HOUR = 3600.0
@@ -24,9 +25,9 @@ def planned_arrivals(
     Arrivals are a Poisson process of rate λ (paper, section III-B).  The time of arrival i is the
     sum of i + 1 unit exponentials, times 3600/λ.  So λ only stretches the time axis, and the cells
     of a sweep over λ share their random numbers.  With ``first_at_trigger`` pedestrian 0 is at the
-    kerb at t = 0, and the others follow.  Side, quantile, critical gap and detection quantile of
-    pedestrian i are the i-th draws of their own streams.  Timed pedestrians are present from the
-    trigger, are the same in every pair, and have the first indices.
+    kerb at t = 0, and the others follow.  Side, quantile, critical gap, threshold, latency and
+    detection quantile of pedestrian i are the i-th draws of their own streams.  Timed pedestrians
+    are present from the trigger, are the same in every pair, and have the first indices.
 
     Args:
         scenario: has flow, bounds, shares and seed.
@@ -49,6 +50,7 @@ def planned_arrivals(
     from_near = uniforms.first("side", count) < pedestrians.near_side_share
     quantiles = uniforms.first("quantile", count)
     gaps = _critical_gaps(pedestrians, uniforms, count)
+    thresholds, latencies = _thresholds(pedestrians, uniforms, count)
     walks = scenario.timed_walks()
     first_seen = _detections(scenario, uniforms, "timed_detection", len(walks))
     timed = [
@@ -57,9 +59,20 @@ def planned_arrivals(
     ]
     detections = _detections(scenario, uniforms, "detection", count)
     others = [
-        Arrival(index, time, Side.NEAR if near else Side.FAR, float(quantile), gap, None, detection)
-        for index, (time, near, quantile, gap, detection) in enumerate(
-            zip(times, from_near, quantiles, gaps, detections, strict=True), len(timed)
+        Arrival(
+            index,
+            time,
+            Side.NEAR if near else Side.FAR,
+            float(quantile),
+            gap,
+            None,
+            detection,
+            threshold_s=threshold,
+            latency_s=latency,
+        )
+        for index, (time, near, quantile, gap, detection, threshold, latency) in enumerate(
+            zip(times, from_near, quantiles, gaps, detections, thresholds, latencies, strict=True),
+            len(timed),
         )
     ]
     return (*timed, *others)
@@ -142,15 +155,37 @@ class _Uniforms:
         values[: len(given)] = given
         return values
 
+    def inside(self, purpose: Purpose, count: int) -> list[float]:
+        """The same, above 0: NumPy draws from [0, 1), but a quantile at 0 may be infinite."""
+        inside: list[float] = np.maximum(self.first(purpose, count), 2.0**-54).tolist()
+        return inside
+
 
 def _critical_gaps(
     pedestrians: PedestriansSection, uniforms: _Uniforms, count: int
 ) -> list[float] | list[None]:
     if pedestrians.behaviour != "gap_acceptance":
         return [None] * count
-    # numpy draws from [0, 1), but the quantile at 0 is infinite.
-    drawn = np.maximum(uniforms.first("critical_gap", count), 2.0**-54)
-    return [critical_gap_s(float(uniform), pedestrians.gap_acceptance) for uniform in drawn]
+    drawn = uniforms.inside("critical_gap", count)
+    return [critical_gap_s(uniform, pedestrians.gap_acceptance) for uniform in drawn]
+
+
+def _thresholds(
+    pedestrians: PedestriansSection, uniforms: _Uniforms, count: int
+) -> tuple[list[float], list[float]] | tuple[list[None], list[None]]:
+    """The threshold θ and the latency of each pedestrian."""
+    if pedestrians.behaviour != "threshold":
+        return [None] * count, [None] * count
+    times = pedestrians.threshold
+    thresholds = [
+        times.factor * lognormal_s(uniform, times.log_mean, times.log_sd)
+        for uniform in uniforms.inside("threshold", count)
+    ]
+    latencies = [
+        lognormal_s(uniform, times.latency_log_mean, times.latency_log_sd)
+        for uniform in uniforms.inside("latency", count)
+    ]
+    return thresholds, latencies
 
 
 def _detections(

@@ -1,9 +1,9 @@
 """The constants of all episodes of a cell."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from harness.core.encounter import Behaviour, Crossing, Vehicle
-from harness.scenario import Scenario
+from harness.scenario import Scenario, ThresholdSection
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +21,8 @@ class CellConstants:
     step_s: float
     timeout_s: float
     behaviour: Behaviour
+    threshold: ThresholdSection = field(default_factory=ThresholdSection)
+    """The weights of the decision, with behaviour ``threshold``."""
     types: tuple[Vehicle, ...] = ()
     """The vehicle of each type of an hour's vehicle mix; empty if all are ``vehicle``."""
 
@@ -35,5 +37,6 @@ def constants_of(scenario: Scenario) -> CellConstants:
         step_s=experiment.step_s,
         timeout_s=experiment.timeout_s,
         behaviour=pedestrians.behaviour,
+        threshold=pedestrians.threshold,
         types=scenario.vehicles() if scenario.traffic and scenario.traffic.types else (),
     )

@@ -3,11 +3,12 @@
 import math
 from collections.abc import Callable, Sequence
 from operator import methodcaller
-from typing import Protocol
 
 from harness.core.encounter import Arrival, PedestrianView, Side, Vehicle
+from harness.episode.approaching import Approaching, LaneAhead
 from harness.episode.cell_constants import CellConstants
 from harness.episode.deciding import keeps_waiting
+from harness.episode.threshold import Threat, blocking, threats
 from harness.episode.walkers import (
     ChooseSpeed,
     NativeWalker,
@@ -22,26 +23,6 @@ LetWalk = Callable[[int, Side, float], None]
 
 VIEW = methodcaller("view")
 """A function that returns a walker's view."""
-
-
-class Approaching(Protocol):
-    """A vehicle that approaches the crosswalk, in its state at the beginning of the step."""
-
-    x_m: float
-    speed_mps: float
-    acceleration_mps2: float
-    passed: bool
-    vehicle: Vehicle
-
-
-class LaneAhead(Protocol):
-    """A lane as pedestrians see it; ``centre_m`` is y of its centre."""
-
-    centre_m: float
-
-    def first(self, elapsed_s: float) -> tuple[float, float, Approaching] | None:
-        """x, speed and object of the first vehicle not yet past, ``elapsed_s`` into the step."""
-        ...
 
 
 class Crowd:
@@ -93,10 +74,16 @@ class Crowd:
         """Let waiting pedestrians look again; remove everybody who reached the other kerb."""
         finished = []
         blockers: dict[float, Approaching | None] = {}  # by the gap that a pedestrian needs
+        coming: list[Threat] | None = None
         for walker in self.walkers:
             if walker.due_s <= now:
                 if walker.start_s is not None:
                     finished.append(walker)
+                    continue
+                if walker.arrival.threshold_s is not None:
+                    if coming is None:
+                        coming = threats(self._lanes, 0.0, self._rules.threshold)
+                    self._weigh(walker, now, self._threat(walker, coming, 0.0))
                     continue
                 wait_s = self._wait_s(walker)
                 if wait_s not in blockers:
@@ -156,7 +143,11 @@ class Crowd:
         elif arrival.looks_from_s is not None:
             walker.due_s = arrival.looks_from_s
         elif not isinstance(walker, TimedWalker):
-            blocker = self._blocker(self._wait_s(walker), elapsed_s)
+            blocker = None
+            if arrival.threshold_s is not None:
+                coming = threats(self._lanes, elapsed_s, self._rules.threshold)
+                blocker = self._threat(walker, coming, elapsed_s)
+            blocker = blocker or self._blocker(self._wait_s(walker), elapsed_s)
             self._decide(walker, arrival.arrival_s, elapsed_s, blocker)
 
     def _wait_s(self, walker: Walker) -> float:
@@ -180,6 +171,27 @@ class Crowd:
                     nearest, first_s = vehicle, reaches_s
         return nearest
 
+    def _threat(self, walker: Walker, coming: list[Threat], elapsed_s: float) -> Approaching | None:
+        """The vehicle for which they do not decide by their threshold; None if they decide."""
+        threshold_s, kerb_m = walker.arrival.threshold_s, self._kerb_m[walker.side]
+        assert threshold_s is not None
+        # The walking speed is drawn only if the vehicles alone let them decide.
+        blocker = blocking(coming, threshold_s, kerb_m, math.inf)
+        if blocker is None and coming:
+            speed, _ = self._speed_before_traffic(walker, elapsed_s)
+            blocker = blocking(coming, threshold_s, kerb_m, speed)
+        return blocker
+
+    def _weigh(self, walker: Walker, now: float, blocker: Approaching | None) -> None:
+        """Let a pedestrian decide by their threshold; they set off their latency later."""
+        if blocker is not None:
+            self._blockers.setdefault(walker.index, blocker)
+            return
+        latency_s = walker.arrival.latency_s
+        assert latency_s is not None
+        walker.due_s, walker.look_s = math.inf, now + latency_s
+        self._note_look(walker)
+
     def _decide(
         self, walker: Walker, time_s: float, elapsed_s: float, nearest: Approaching | None
     ) -> None:
@@ -188,13 +200,16 @@ class Crowd:
             self._blockers.setdefault(walker.index, nearest)
             return
         walker.step_off(time_s, *self._speed_before_traffic(walker, elapsed_s))
-        if walker.look_s < self._next_look_s:
-            self._next_look_s = walker.look_s
-            self.next_s = min(self._next_arrival_s, walker.look_s)
+        self._note_look(walker)
         blocker = self._blockers.pop(walker.index, None)
         if blocker is not None:
             at = blocker.x_m + blocker.speed_mps * elapsed_s
             self.let_go[walker.index] = not blocker.passed and at < -self._half_width_m
+
+    def _note_look(self, walker: Walker) -> None:
+        if walker.look_s < self._next_look_s:
+            self._next_look_s = walker.look_s
+            self.next_s = min(self._next_arrival_s, walker.look_s)
 
     def _speed_before_traffic(self, walker: Walker, elapsed_s: float) -> tuple[float, SeenState]:
         """The speed at which they step off, and the vehicle's (range, speed) that it depends on."""
@@ -205,6 +220,12 @@ class Crowd:
         return self._choose_speed(walker.arrival, range_m, speed, across), (range_m, speed)
 
     def _look_again(self, walker: Walker, elapsed_s: float) -> None:
+        if walker.start_s is None and walker.arrival.latency_s is not None:
+            # They set off now, unless the kerb rule holds them back; then they decide anew.
+            time_s, walker.look_s, walker.due_s = walker.look_s, math.inf, -math.inf
+            blocker = self._blocker(self._rules.kerb_wait_s, elapsed_s)
+            self._decide(walker, time_s, elapsed_s, blocker)
+            return
         walked = -math.inf
         if not self._look_back:
             walked = abs(walker.walk_until(walker.look_s) - self._kerb_m[walker.side])

@@ -5,7 +5,7 @@ trace; the loop records only what cannot be computed later.
 """
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 
 import numpy as np
 
@@ -118,15 +118,28 @@ def _drive(steps: Steps, strategy: Strategy) -> Ending:
 class _EgoLane:
     """The ego's lane, with only the ego on it, in its last recorded state."""
 
-    __slots__ = ("acceleration_mps2", "centre_m", "passed", "speed_mps", "vehicle", "x_m")
+    __slots__ = (
+        "acceleration_mps2",
+        "centre_m",
+        "edges_m",
+        "passed",
+        "speed_mps",
+        "vehicle",
+        "x_m",
+    )
 
     def __init__(self, crossing: Crossing, vehicle: Vehicle) -> None:
         self.centre_m, self.passed, self.vehicle = crossing.lane_centre_m, False, vehicle
+        self.edges_m = crossing.lane_edges_m
         self.at(0.0, 0.0, 0.0)
 
     def at(self, x_m: float, speed_mps: float, acceleration_mps2: float) -> None:
         """Record the ego's state at the beginning of a step."""
         self.x_m, self.speed_mps, self.acceleration_mps2 = x_m, speed_mps, acceleration_mps2
+
+    def ahead(self, elapsed_s: float) -> "Iterator[tuple[float, float, _EgoLane]]":
+        """See ``LaneAhead.ahead``."""
+        yield self.first(elapsed_s)
 
     def first(self, elapsed_s: float) -> "tuple[float, float, _EgoLane]":
         """See ``LaneAhead.first``: until the episode ends the ego has not passed."""

@@ -20,6 +20,7 @@ from harness.scenario.options import (
 from harness.scenario.people import (
     GapAcceptanceSection,
     PedestriansSection,
+    ThresholdSection,
     WalkingSpeedSection,
 )
 from harness.scenario.scenario import Scenario
@@ -53,6 +54,7 @@ __all__ = [
     "ScenarioFile",
     "Setting",
     "Study",
+    "ThresholdSection",
     "TrafficSection",
     "WalkingSpeedSection",
     "as_written",

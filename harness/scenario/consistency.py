@@ -213,7 +213,7 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection, source: str) -> 
     pedestrians, step_s = scenario.pedestrians, scenario.experiment.step_s
     people, where = f"{source}: pedestrians", f"{source}: traffic"
     if pedestrians.behaviour == "sumo":
-        allowed = "constant, gap_acceptance or reactive"
+        allowed = "constant, gap_acceptance, threshold or reactive"
         raise InputError(f"{people}.behaviour", "'sumo' is not supported with [traffic]", allowed)
     if scenario.perception != PerceptionSection():
         why = "is not supported with [traffic]"

@@ -1,7 +1,7 @@
 """Every key of ``[pedestrians]`` with its meaning and default: arrivals, decisions, speeds."""
 
 from statistics import NormalDist
-from typing import Annotated, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 from pydantic import Field
 
@@ -43,6 +43,43 @@ class GapAcceptanceSection(Section):
     """Standard deviation of the critical gaps."""
 
 
+LogMean = Annotated[float, Field(ge=-10, le=10)]
+LogSpread = Annotated[float, Field(ge=0, le=5)]
+
+
+class ThresholdSection(Section):
+    """``[pedestrians.threshold]``: when people decide to cross, with behaviour ``threshold``.
+
+    The defaults are those of the threshold-distribution model in Pekkanen et al. 2022
+    (Computational Brain & Behavior 5).
+    """
+
+    log_mean: LogMean = 1.430
+    """Mean of ln θ, with the threshold θ in s; the median of θ is 4.18 s."""
+    log_sd: LogSpread = 0.405
+    """Standard deviation of ln θ."""
+    factor: Annotated[float, Field(gt=0, le=10)] = 1.0
+    """Factor on every threshold: 1 as measured at a road without a marked crosswalk; below 1 people
+    are bolder."""
+    latency_log_mean: LogMean = 0.0166
+    """Mean of ln l, with the latency l in s from decision to first step; the median of l is 1.02
+    s."""
+    latency_log_sd: LogSpread = 0.604
+    """Standard deviation of ln l."""
+    distance_weight: NonNegative = 0.252
+    """c_d: weight of the distance, expressed as the time at 50 km/h, against the time to
+    arrival."""
+    slowing_weight_s: NonNegative = 1.40
+    """c_b: how much a vehicle that slows down is preferred."""
+    passed_s: NonNegative = 0.373
+    """c_p: a vehicle whose time to arrival is shorter counts as past."""
+
+
+def _kerb_wait_s(keys: dict[str, Any]) -> float:
+    """The default of ``kerb_wait_s``, which depends on the behaviour."""
+    return 0.0 if keys.get("behaviour") == "threshold" else 2.0
+
+
 Uniforms = Annotated[tuple[Annotated[float, Field(gt=0, lt=1)], ...], Field(strict=False)]
 
 
@@ -64,6 +101,10 @@ class DrawnSection(Section):
     """Uniforms of the walking speeds."""
     critical_gap: Uniforms = ()
     """Uniforms of the critical gaps."""
+    threshold: Uniforms = ()
+    """Uniforms of the thresholds."""
+    latency: Uniforms = ()
+    """Uniforms of the latencies."""
     detection: Uniforms = ()
     """Uniforms of the number of updates until the first detection."""
     timed_detection: Uniforms = ()
@@ -114,15 +155,17 @@ class PedestriansSection(Section):
     """Whether the first pedestrian arrives at the kerb at t = 0."""
     near_side_share: Share = 0.5
     """Share of pedestrians who come from the near kerb."""
-    kerb_wait_s: NonNegative = 2.0
-    """Nobody steps off if a vehicle that does not stop would reach the crosswalk within this
-    time."""
-    warm_up_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
-    """The flow begins this long before the trigger; must be 0 with ``[traffic]``."""
     behaviour: Behaviour = "constant"
     """Rule by which pedestrians decide and walk (docs/method.md)."""
+    kerb_wait_s: NonNegative = Field(default_factory=_kerb_wait_s)
+    """Nobody steps off if a vehicle that does not stop would reach the crosswalk within this time;
+    if not given, 0 with behaviour ``threshold``."""
+    warm_up_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
+    """The flow begins this long before the trigger; must be 0 with ``[traffic]``."""
     gap_acceptance: GapAcceptanceSection = GapAcceptanceSection()
     """Critical gaps, with behaviour ``gap_acceptance``."""
+    threshold: ThresholdSection = ThresholdSection()
+    """Thresholds and latencies, with behaviour ``threshold``."""
     walking_speed: WalkingSpeedSection | None = None
     """Normal distribution of walking speeds; if not given, the interaction model gives them."""
     timed: Annotated[tuple[TimedSection, ...], Field(strict=False)] = ()

@@ -80,6 +80,8 @@ class LaneOnRoad:
     ) -> None:
         self.number, self.lane, self.schedule = number, lane, schedule
         self.centre_m = lane.centre_m
+        half_m = lane.crossing.lane_width_m / 2
+        self.edges_m = (lane.centre_m - half_m, lane.centre_m + half_m)
         self.plan_next()
         self.due: deque[HourVehicle] = deque()
         self.coming: deque[HourVehicle] = deque()
@@ -101,19 +103,22 @@ class LaneOnRoad:
         self.next_scheduled = next(self.schedule, None)
         self.next_step = math.inf if self.next_scheduled is None else self.next_scheduled.step
 
-    def first(self, elapsed_s: float) -> tuple[float, float, HourVehicle] | None:
-        """See ``LaneAhead.first``."""
+    def ahead(self, elapsed_s: float) -> Iterator[tuple[float, float, HourVehicle]]:
+        """See ``LaneAhead.ahead``."""
         for car in self.driven:
             gain = car.acceleration_mps2
             x = car.x_m + car.speed_mps * elapsed_s + gain * elapsed_s**2 / 2
             if x < car.passed_at_m:
-                return x, car.speed_mps + gain * elapsed_s, car
-        if not self.coming:
-            return None
-        head = self.coming[0]
-        gain = head.acceleration_mps2
-        x = head.x_m + head.speed_mps * elapsed_s + gain * elapsed_s**2 / 2
-        return x, head.speed_mps + gain * elapsed_s, head
+                yield x, car.speed_mps + gain * elapsed_s, car
+        if self.coming:
+            head = self.coming[0]
+            gain = head.acceleration_mps2
+            x = head.x_m + head.speed_mps * elapsed_s + gain * elapsed_s**2 / 2
+            yield x, head.speed_mps + gain * elapsed_s, head
+
+    def first(self, elapsed_s: float) -> tuple[float, float, HourVehicle] | None:
+        """See ``LaneAhead.first``."""
+        return next(self.ahead(elapsed_s), None)
 
     def seen_from(self, views: tuple[PedestrianView, ...]) -> tuple[PedestrianView, ...]:
         """The views of this lane's vehicles, from the views of the ego's lane."""

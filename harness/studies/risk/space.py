@@ -1,12 +1,12 @@
 """Takes a scenario and returns the sampled uniforms of its episodes by random stream.
 
 An episode is a function of uniforms.  They determine each pedestrian's arrival, side, quantile of
-the walking speed, critical gap, first detection, detection after the first loss, and first errors,
-and the strategy's first draws.  Timed pedestrians, the first pedestrian at the trigger, and the
-strategy have fixed uniforms.  The flow is a Poisson process.  Each of its pedestrians who arrives
-within ``window_s`` of the trigger is a point whose first uniform is arrival/window.  All other
-randomness (later pedestrians, later draws of the strategy and of perception) comes from streams
-keyed by the episode's number and is not weighted.
+the walking speed, critical gap or threshold and latency, first detection, detection after the first
+loss, and first errors, and the strategy's first draws.  Timed pedestrians, the first pedestrian at
+the trigger, and the strategy have fixed uniforms.  The flow is a Poisson process.  Each of its
+pedestrians who arrives within ``window_s`` of the trigger is a point whose first uniform is
+arrival/window.  All other randomness (later pedestrians, later draws of the strategy and of
+perception) comes from streams keyed by the episode's number and is not weighted.
 """
 
 import math
@@ -103,6 +103,8 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     per_walker: list[Purpose] = ["side", "quantile"]
     if pedestrians.behaviour == "gap_acceptance":
         per_walker.append("critical_gap")
+    if pedestrians.behaviour == "threshold":
+        per_walker += ["threshold", "latency"]
     if misses:
         per_walker.append("detection")
     timed = len(scenario.timed_walks())
@@ -142,7 +144,7 @@ def _refuse_unsampled(scenario: Scenario) -> None:
         raise InputError(
             "pedestrians.behaviour",
             '"sumo" cannot be sampled, because SUMO moves these pedestrians',
-            '"constant", "gap_acceptance" or "reactive"',
+            '"constant", "gap_acceptance", "threshold" or "reactive"',
         )
     if pedestrians.drawn:
         raise InputError(
