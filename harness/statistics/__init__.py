@@ -35,6 +35,7 @@ from harness.statistics.entries import (
 from harness.statistics.findings import CellFindings, Note, Rank, RunFindings
 from harness.statistics.intervals import (
     CONFIDENCE,
+    UNDEFINED,
     Interval,
     Proportion,
     clustered_proportion,
@@ -61,6 +62,7 @@ from harness.statistics.pareto import (
     relation_of_crashes,
     relation_of_times,
 )
+from harness.statistics.severity import LOWEST_POINT, PER_MILLION
 from harness.statistics.summary import Summary, summarise
 
 __all__ = [
@@ -69,7 +71,10 @@ __all__ = [
     "DIFFERENCES",
     "ENCOUNTERS",
     "ENTRIES",
+    "LOWEST_POINT",
     "MU_BOUND_FROM",
+    "PER_MILLION",
+    "UNDEFINED",
     "AllowedInterval",
     "BothArms",
     "Catalogue",

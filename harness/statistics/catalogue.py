@@ -10,6 +10,7 @@ from harness.statistics.counts import COUNTS
 from harness.statistics.encounter_columns import EncounterColumns, largest, mean_of
 from harness.statistics.entries import Entry, Findings, Form
 from harness.statistics.intervals import Proportion
+from harness.statistics.severity import severity_entries
 
 _REFERENCE_CRASHED = "A reference driver who crashed counts as if they had driven on."
 _WORST = "An AV that crashed, failed or timed out counts with `timeout_s`."
@@ -203,6 +204,17 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         interval=Proportion,
         undefined=ALL_FAILED,
     ),
+    Entry(
+        "kappa_avoidable_attentive",
+        "crashes avoidable by an attentive driver",
+        "Share of the episodes that did not fail with a crash that an attentive human driver (UN "
+        "Regulation 157) in the vehicle's place would have avoided.",
+        form=Form.SHARE,
+        of_arm=lambda c, arm: c.rate(c.pairs.avoidable_attentive, arm),
+        interval=Proportion,
+        undefined=ALL_FAILED,
+    ),
+    *severity_entries(),
     Entry(
         "kappa_met_someone",
         "crashes, pairs that met someone",

@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 from harness.statistics.bootstrap import Resampled
 from harness.statistics.intervals import Interval, Proportion
 
-Source = TypeVar("Source")
+Source = TypeVar("Source", contravariant=True)
 """The aligned columns of one cell, from which the entries of a kind of run are computed."""
 
 Plain = float | int | str | bool | None

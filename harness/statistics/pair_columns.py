@@ -18,8 +18,10 @@ class PairColumns:
     ``time_s`` and ``delay_s`` are NaN where the arm did not cross. ``untouched_time_s`` is the
     pass time if contacts are ignored; it is NaN where the ego never passed. ``stops`` and
     ``stopped_s`` are NaN where the arm failed. ``front`` marks contacts with the front,
-    ``avoidable`` marks crashes that full braking would have prevented, ``failed_strategy`` marks
-    failures of the strategy.  ``met`` is the number of pedestrians who stepped off.  ``arrivals``
+    ``avoidable`` marks crashes that full braking would have prevented, ``avoidable_attentive``
+    crashes that an attentive driver would have avoided, ``failed_strategy`` failures of the
+    strategy.  ``injury_risk`` and ``fatality_risk`` are those of contacts with the front; they are
+    0 in all other episodes.  ``met`` is the number of pedestrians who stepped off.  ``arrivals``
     is the number of pedestrians who arrived, and ``waited_s`` is the sum of their waits at the
     kerb.  ``conditionings`` is the number of uses of the interaction model.  ``clamped`` is the
     number of uses for an ego that was faster or farther away than the model's box.  The two
@@ -35,6 +37,9 @@ class PairColumns:
     crashed: BothArms
     front: BothArms
     avoidable: BothArms
+    avoidable_attentive: BothArms
+    injury_risk: BothArms
+    fatality_risk: BothArms
     timed_out: BothArms
     failed: BothArms
     failed_strategy: BothArms

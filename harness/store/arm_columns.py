@@ -12,6 +12,8 @@ import pyarrow as pa
 
 from harness.core.encounter import FloatArray
 from harness.statistics import (
+    PER_MILLION,
+    UNDEFINED,
     Interval,
     Proportion,
     clustered_proportion,
@@ -61,10 +63,13 @@ class ArmColumns:
 
         It has no interval if there was no event in either arm, because an event may still occur.
         """
-        shares = [self.share(events, trials, arm).value for arm in (0, 1)]
-        if None in shares:
-            return Interval(None, None, None)
-        av, human = (share or 0.0 for share in shares)
+        totals = [float(columns[trials].sum()) for columns in self.arms]
+        if 0.0 in totals:
+            return UNDEFINED
+        av, human = (
+            float(columns[events].sum()) / total
+            for columns, total in zip(self.arms, totals, strict=True)
+        )
         difference = av - human
         # Contributions of the pairs to the share, linearised: their mean is 0.
         parts = [
@@ -75,6 +80,25 @@ class ArmColumns:
         if reach is None or not (av or human):
             return Interval(difference, None, None)
         return Interval(difference, difference - reach, difference + reach).within(-1.0, 1.0)
+
+    def expected(self, risk: str, trials: str, arm: int) -> Interval:
+        """The sum of a column of risks per million trials; undefined if the sum is 0."""
+        columns = self.arms[arm]
+        if not columns[risk].any():
+            return UNDEFINED
+        ratio = student_ratio(columns[risk], columns[trials], self.confidence).within(least=0.0)
+        return scaled(ratio, PER_MILLION)
+
+    def expected_difference(self, risk: str, trials: str) -> Interval:
+        """The difference of the sums per million trials; undefined unless both are above 0."""
+        if not all(columns[risk].any() for columns in self.arms):
+            return UNDEFINED
+        return scaled(self.share_difference(risk, trials), PER_MILLION)
+
+    def below_curve(self, risk: str, arm: int) -> float | None:
+        """The share of a sum of risks that lies below the curve's lowest published point."""
+        total = float(self.arms[arm][risk].sum())
+        return float(self.arms[arm][f"{risk}_below_curve"].sum()) / total if total else None
 
     def total(self, name: str, arm: int) -> int:
         """The sum of a column of counts."""

@@ -103,11 +103,13 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
     ending = np.array(episodes["ending"].to_pylist())
     front = np.array([contact == Contact.FRONT for contact in episodes["contact"].to_pylist()])
     crashed = ending == Ending.CRASHED
-    avoidable = np.array([value is True for value in episodes["avoidable"].to_pylist()])
     failed_strategy = np.array([place == "strategy" for place in episodes["failed_in"].to_pylist()])
 
     def numbers(name: str) -> Any:
         return episodes[name].to_numpy().astype(float)
+
+    def marks(name: str) -> Any:
+        return crashed & np.array([value is True for value in episodes[name].to_pylist()])
 
     def both(values: Any) -> tuple[Any, Any]:
         return values[arm == Arm.AV], values[arm == Arm.HUMAN]
@@ -121,7 +123,10 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
         stopped_s=both(numbers("stopped_s")),
         crashed=both(crashed),
         front=both(crashed & front),
-        avoidable=both(crashed & avoidable),
+        avoidable=both(marks("avoidable")),
+        avoidable_attentive=both(marks("avoidable_attentive")),
+        injury_risk=both(np.nan_to_num(numbers("injury_risk"))),
+        fatality_risk=both(np.nan_to_num(numbers("fatality_risk"))),
         timed_out=both(ending == Ending.TIMED_OUT),
         failed=both(ending == Ending.ENGINE_FAILED),
         failed_strategy=both(failed_strategy),

@@ -2,6 +2,7 @@
 
 from harness.statistics import CONFLICTS, Conflict, Entry, Form, Interval, Proportion
 from harness.store.arm_columns import ArmColumns, scaled
+from harness.store.severity import severity_entries
 
 _NO_TRIP = "no such trip counts"
 _NOBODY = "nobody crossed"
@@ -115,6 +116,9 @@ SIMULATIONS: tuple[Entry[ArmColumns], ...] = (
         crashes=True,
     ),
     *(_conflicts(conflict) for conflict in CONFLICTS),
+    *severity_entries(
+        "vehicles that reached a chosen crosswalk straight on or had a contact before it"
+    ),
     Entry(
         "cut_share",
         "commands cut by SUMO",

@@ -114,6 +114,7 @@ def _numbers(
         "people_time_loss_s": by_name[PEOPLE]["time_loss_s"],
         "people_duration_s": by_name[PEOPLE]["duration_s"],
         "passages": len(passages),
+        "crossed": sum(each["people"] for each in crosswalks),
         "met": sum(row["pedestrians"] > 0 for row in passages),
         "fallbacks": sum(row["fallback"] for row in driven if row["pedestrians"]),
         "met_driven": sum(row["pedestrians"] > 0 for row in driven),
