@@ -207,13 +207,13 @@ _SIMULATION_COUNTS = [
         "cut",
     ),
     *("reached", "crashes", *_CONFLICT_COUNTS, "conflicts_unreached"),
-    *("sumo_collisions", "sumo_person_collisions", "teleports"),
+    *("sumo_collisions", "sumo_person_collisions", "teleports", "stuck", "deadlocked"),
     *("crossed", "side_contacts"),
 ]
 _SIMULATION_NUMBERS = [
     *("av_time_loss_s", "other_time_loss_s", "vehicle_time_loss_s", "people_time_loss_s"),
     *("people_duration_s", "crosswalk_delay_s", "crosswalk_wait_s", "queue_p95_m"),
-    "stops_per_vehicle",
+    *("stops_per_vehicle", "stood_longest_s"),
     *_HARM_NUMBERS,
 ]
 SIMULATIONS = pa.schema(

@@ -10,8 +10,8 @@ from harness.episode.deciding import ROUNDING_M
 from harness.episode.simulation.driving import Control, PassageLog
 from harness.episode.simulation.log import SimulationLog, VehicleKind
 from harness.episode.simulation.looking import Lookout, WatchedLane
-from harness.episode.simulation.passages import STANDING_MPS
 from harness.episode.simulation.people import PeopleAtCrosswalk
+from harness.episode.simulation.standing import NEAR_M, SAMPLE_S, Standing
 from harness.episode.simulation.visits import (
     BENDS,
     INSIDE,
@@ -23,18 +23,6 @@ from harness.episode.simulation.visits import (
     why_not,
 )
 from harness.site.simulation import DrivenWay, Setting
-
-QUEUED_MPS = 5 / 3.6
-"""A vehicle below this speed is queued (5 km/h, as in SUMO's queue output)."""
-
-SAMPLE_S = 1.0
-"""Time between two samples of the queues."""
-
-PATIENCE_S = 60.0
-"""A vehicle that stands longer than this at a crosswalk while somebody waits there is stuck."""
-
-NEAR_M = 5.0
-"""A vehicle whose front is at most this far before a crosswalk stands at it."""
 
 VANISHED = "vanished"
 TELEPORTED = "teleported"
@@ -97,24 +85,13 @@ class SimulationArm:
             for crosswalk in setting.crosswalks
         }
         self.hits: set[tuple[str, str]] = set()
-        self.queues = {crosswalk.id: list[float]() for crosswalk in setting.crosswalks}
-        self.approaches: dict[str, list[tuple[str, float]]] = {
-            crosswalk.id: sorted(
-                {
-                    (lane.lane, lane.start_m)
-                    for way in crosswalk.ways
-                    for lane in way.lanes
-                    if lane.lane == way.approach
-                }
-            )
-            for crosswalk in setting.crosswalks
-        }
+        self.standing = Standing(self.api, setting, self.log)
 
     def run(self) -> SimulationLog:
         """Simulate until the end.
 
         Raises:
-            EngineError: SUMO's simulation broke off.
+            EngineError: SUMO's simulation broke off, or would never end.
             StrategyError: a strategy failed.
         """
         simulation, log = self.simulation, self.log
@@ -130,15 +107,16 @@ class SimulationArm:
                     people.note(time_s)
                 self._follow(time_s)
                 self.lookout.look(time_s)
-                if steps % sample_steps == 0 and self.counted[0] < time_s <= self.counted[1]:
-                    self._sample()
+                if steps % sample_steps == 0:
+                    if self.counted[0] < time_s <= self.counted[1]:
+                        self.standing.sample(self.active.values(), self.people)
+                    self.standing.check(time_s)
         except (self.api.TraCIException, self.api.FatalTraCIError) as error:
             raise EngineError(f"SUMO lost the simulation: {error}") from None
         for passage in self.active.values():
             passage.ended = "the simulation ended"
         log.end_s = simulation.time_s
         log.people = {name: people.tracks() for name, people in self.people.items()}
-        log.queues_m = self.queues
         log.passages.sort(key=lambda each: (each.time_s[0], each.name))
         return log
 
@@ -318,27 +296,3 @@ class SimulationArm:
         self.log.passages.append(passage)
         if strategy is not None:
             self.control.take(passage)
-
-    def _sample(self) -> None:
-        """Record each crosswalk's queue once per second, to the rear of its last vehicle."""
-        vehicle, on_lane = self.api.vehicle, self.api.lane.getLastStepVehicleIDs
-        for crosswalk, lanes in self.approaches.items():
-            longest_m = 0.0
-            for lane, start_m in lanes:
-                for name in on_lane(lane):
-                    if vehicle.getSpeed(name) < QUEUED_MPS:
-                        rear_m = -(start_m + vehicle.getLanePosition(name)) + vehicle.getLength(
-                            name
-                        )
-                        longest_m = max(longest_m, rear_m)
-            self.queues[crosswalk].append(longest_m)
-        for (name, crosswalk), passage in self.active.items():
-            near = passage.x_m[-1] >= -passage.driven_way.way.crossing.width_m / 2 - NEAR_M
-            stands = near and passage.speed_mps[-1] < STANDING_MPS
-            passage.stood_s = (
-                passage.stood_s + SAMPLE_S
-                if stands and self.people[crosswalk].anybody_waits
-                else 0.0
-            )
-            if passage.stood_s > PATIENCE_S:
-                self.log.stuck.add(name)

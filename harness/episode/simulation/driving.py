@@ -39,7 +39,8 @@ class PassageLog:
         commands: number of commands; ``cut``: number of these commands that SUMO did not follow.
         ended: ``passed``, or why the passage broke off.
         collided: whether SUMO reports a collision with a person there.
-        stood_s: time for which it has stood at the crosswalk while somebody waited.
+        stood_s, with_people_s: time for which it has stood at the crosswalk without a break, and
+            for which somebody who wants to cross has stood there as well.
         fallback: the strategy's ``fallback`` (``Strategy``).
     """
 
@@ -60,6 +61,7 @@ class PassageLog:
     ended: str | None = None
     collided: bool = False
     stood_s: float = 0.0
+    with_people_s: float = 0.0
     fallback: bool = False
 
     def note(self, time_s: float, x_m: float, speed_mps: float) -> None:

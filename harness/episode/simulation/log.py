@@ -39,7 +39,9 @@ class SimulationLog:
         collisions: number of vehicle–vehicle and vehicle–person collisions by SUMO's own count.
         person_collisions: number of collisions with people at the chosen crosswalks, by crosswalk.
         teleports: number of vehicles that SUMO teleported.
-        stuck: vehicles that stood longer than 60 s at a crosswalk while somebody waited there.
+        stuck_s: the longest standing time in s of each vehicle that stood longer than 60 s at a
+            chosen crosswalk.
+        deadlocked: those who did so while somebody who wanted to cross stood there as well.
         end_s: the time at which the simulation ended.
     """
 
@@ -51,5 +53,6 @@ class SimulationLog:
     collisions: int = 0
     person_collisions: Counter[str] = field(default_factory=Counter)
     teleports: int = 0
-    stuck: set[str] = field(default_factory=set)
+    stuck_s: dict[str, float] = field(default_factory=dict)
+    deadlocked: set[str] = field(default_factory=set)
     end_s: float = 0.0

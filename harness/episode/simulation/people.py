@@ -114,9 +114,9 @@ class PeopleAtCrosswalk:
         return person
 
     @property
-    def anybody_waits(self) -> bool:
-        """Whether somebody stands who is not on the crossing."""
-        return any(person.stands for person in self.present.values() if not person.on_crossing[-1])
+    def anybody_stands(self) -> bool:
+        """Whether somebody who wants to cross stands, before the crosswalk or on it."""
+        return any(person.stands for person in self.present.values())
 
     def tracks(self) -> list[PersonTrack]:
         """The records of everybody who was on the crossing, in the order in which they came.

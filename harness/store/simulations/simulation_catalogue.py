@@ -183,6 +183,26 @@ SIMULATIONS: tuple[Entry[ArmColumns], ...] = (
         "crosswalks that were not chosen.",
     ),
     _total("teleports", "teleports", "Vehicles that SUMO teleported."),
+    _total(
+        "stuck",
+        "vehicles that stood for over 60 s",
+        "Vehicles on their way straight on that stood at a chosen crosswalk for more than 60 s "
+        "without a break, the front at most 5 m before it.",
+    ),
+    _total(
+        "deadlocked",
+        "of these, with people who stood too",
+        "Of these, vehicles for which somebody who wanted to cross stood there as well for more "
+        "than 60 s: driver and people may have waited for each other.",
+    ),
+    Entry(
+        "stood_longest_s",
+        "longest stand of these",
+        "Longest time for which such a vehicle stood; 0 without one.",
+        unit="s",
+        digits=0,
+        of_arm=lambda c, arm: float(max(c.arms[arm]["stood_longest_s"], default=0.0)),
+    ),
     Entry("pairs", "pairs", "Number of pairs.", form=Form.COUNT, paired=lambda c: c.pairs),
     Entry(
         "failed",

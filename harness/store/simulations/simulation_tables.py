@@ -131,6 +131,9 @@ def _numbers(
         "sumo_collisions": log.collisions,
         "sumo_person_collisions": sum(log.person_collisions.values()),
         "teleports": log.teleports,
+        "stuck": len(log.stuck_s),
+        "deadlocked": len(log.deadlocked),
+        "stood_longest_s": max(log.stuck_s.values(), default=0.0),
         "groups": groups,
         "crosswalks": crosswalks,
     }

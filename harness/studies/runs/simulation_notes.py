@@ -10,6 +10,8 @@ from harness.studies.runs.notes import FEW_HOURS, counted, undefined_notes
 CUT_SHARE = 0.05
 """Above this share a note gives the number of commands that SUMO did not follow."""
 
+_LONGEST = ("stood_longest_s", "stood_longest_s_human")
+
 
 def simulation_notes(
     scenario: Scenario, findings: Findings, catalogue: Catalogue
@@ -75,5 +77,12 @@ def _left_out(findings: Findings, note: Callable[[Rank, str], None]) -> None:
         note(Rank.LEFT_OUT, text)
     if counts := both("teleports"):
         note(Rank.SATURATION, f"SUMO teleported {counts} vehicles: their passages are not whole.")
+    longest = " / ".join(f"{findings[name].number or 0:,.0f}" for name in _LONGEST)
+    if counts := both("deadlocked"):
+        text = f"{counts} vehicles stood for over 60 s at a crosswalk where people stood too"
+        note(Rank.TIME_OUTS, f"{text}, up to {longest} s: the differences contain these deadlocks.")
+    elif counts := both("stuck"):
+        text = f"{counts} vehicles stood at a chosen crosswalk for over 60 s, up to {longest} s."
+        note(Rank.SATURATION, text)
     if counts := both("sumo_collisions"):
         note(Rank.SATURATION, f"SUMO reports {counts} collisions between vehicles.")
