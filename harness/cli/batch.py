@@ -28,6 +28,7 @@ def run(
     settings: options.SetOption = None,
     until: options.UntilOption = None,
     settle: options.SettleOption = False,
+    over_model: options.OverModelOption = False,
     workers: options.WorkersOption = None,
     traces: options.TracesOption = False,
     sumo_outputs: options.SumoOutputsOption = None,
@@ -45,7 +46,7 @@ def run(
     from harness.scenario import Options, parse_variation, read_scenario_file, remarks, study_of
     from harness.scenario.options import AUDIT_SHARE
 
-    file = read_scenario_file(scenario, settings_of(settings, pairs, seed))
+    file = read_scenario_file(scenario, settings_of(settings, pairs, seed, over_model))
     study = study_of(file, [parse_variation(text) for text in vary or []])
     notes = [line for cell in study.cells for line in remarks(cell.scenario)]
     for remark in dict.fromkeys([study.remark, *notes]):

@@ -112,6 +112,22 @@ def fit(
         typer.Option(min=0, help="Number of folds of vehicles for held-out scores; 0: no scores."),
     ] = 5,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the starts and folds.")] = 1,
+    refits: Annotated[
+        int,
+        typer.Option(
+            help="Number of refits to resampled vehicles, at least 5, for `harness run "
+            "--over-model`; they are kept beside the model, in NAME.refits.json. 0: none. An "
+            "interrupted command goes on if it is repeated.",
+            metavar="N",
+        ),
+    ] = 0,
+    keep_model: Annotated[
+        bool,
+        typer.Option(
+            "--keep-model",
+            help="With --refits: do not fit the model again; make refits of the one in --out.",
+        ),
+    ] = False,
     near: Annotated[
         str,
         typer.Option(help="State R,v in m and m/s; the model's card describes the data near it."),
@@ -135,32 +151,43 @@ def fit(
     ks, state = model_options.components(components), model_options.state(near)
     box = model_options.bounds(bounds)
     model_options.check_target(out, "--out", ".json")
-    from harness.model.interaction import write_model
+    model_options.check_refits(refits, keep_model)
+    from harness.model.interaction import read_model, refits_beside, write_model
     from harness.report.screens.model_terminal import fit_document, print_fit
     from harness.studies import calibration
     from harness.studies.calibration.calibrate import job_count
     from harness.studies.workers.pool import default_workers
 
     file = calibration.read_rows(rows)
-    sample = calibration.make_sample(
-        file.rows, weigh=weigh, lower=box[0], upper=box[1], strict=strict
-    )
-    settings = calibration.Settings(ks, choose, starts=starts, folds=folds, seed=seed)
-    command = ["harness", "fit", str(rows), "--components", components]
-    command += ["--choose", choose, "--weigh", weigh]
-    command += [*model_options.as_options(box), *(["--strict"] if strict else [])]
-    command += ["--starts", str(starts), "--folds", str(folds), "--seed", str(seed)]
-    command += ["--near", near, "--name", name or out.stem, "--out", str(out)]
-    jobs = job_count(sample, settings)
-    with progress_bar("fits", quiet or as_json) as advance, unwinding():
-        fitted = calibration.calibrate(
-            sample, settings, workers or default_workers(), lambda done: advance(done, jobs)
-        )
-    card = calibration.card(sample, settings, fitted, file, shlex.join(command), state)
-    with unwinding():
-        model = write_model(out, fitted.chosen.mixture, name or out.stem, card)
-    document = fit_document(model, out)
-    emit(quiet, as_json, document, [out], lambda: print_fit(model, out))
+    model = read_model(out) if keep_model else None
+    unit, (lower, upper) = (weigh, box) if model is None else calibration.recipe_of(model)
+    sample = calibration.make_sample(file.rows, weigh=unit, lower=lower, upper=upper, strict=strict)
+    if refits:
+        calibration.check_refits(sample, model)
+    count = workers or default_workers()
+    if model is None:
+        settings = calibration.Settings(ks, choose, starts=starts, folds=folds, seed=seed)
+        command = ["harness", "fit", str(rows), "--components", components]
+        command += ["--choose", choose, "--weigh", weigh]
+        command += [*model_options.as_options(box), *(["--strict"] if strict else [])]
+        command += ["--starts", str(starts), "--folds", str(folds), "--seed", str(seed)]
+        command += ["--near", near, "--name", name or out.stem, "--out", str(out)]
+        jobs = job_count(sample, settings)
+        with progress_bar("fits", quiet or as_json) as advance, unwinding():
+            fitted = calibration.calibrate(
+                sample, settings, count, lambda done: advance(done, jobs)
+            )
+        card = calibration.card(sample, settings, fitted, file, shlex.join(command), state)
+        with unwinding():
+            model = write_model(out, fitted.chosen.mixture, name or out.stem, card)
+    document, lines = fit_document(model, out), [out]
+    beside = refits_beside(out) if refits else None
+    if beside is not None:
+        again = calibration.RefitSettings(refits, seed, starts)
+        with progress_bar("refits", quiet or as_json) as advance, unwinding():
+            calibration.make_refits(beside, model, sample, file.sha256, again, count, advance)
+        document, lines = {**document, "refits": str(beside)}, [*lines, beside]
+    emit(quiet, as_json, document, lines, lambda: print_fit(model, out, beside))
 
 
 def show(
@@ -193,12 +220,11 @@ def show(
     figures: list[Path] = []
     if plots is not None:
         from harness.report.drawing.plots import plot_model
-        from harness.studies.calibration import make_sample, read_rows
+        from harness.studies.calibration import make_sample, read_rows, recipe_of
 
         sample = None
         if rows is not None:
-            lower, upper = loaded.mixture.lower, loaded.mixture.upper
-            weigh = str(loaded.provenance.get("weigh", "row")).split(",")[0]
+            weigh, (lower, upper) = recipe_of(loaded)
             table = read_rows(rows).rows
             sample = make_sample(table, weigh=weigh, lower=lower, upper=upper)
         with unwinding():

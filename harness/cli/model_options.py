@@ -86,6 +86,17 @@ def as_options(box: tuple[Any, Any]) -> list[str]:
     ]
 
 
+def check_refits(refits: int, keep_model: bool) -> None:
+    """Refuse too few refits, and --keep-model without refits."""
+    from harness.model.interaction import FEWEST_REFITS
+
+    if refits and refits < FEWEST_REFITS:
+        allowed = f"0 (none), or {FEWEST_REFITS} or more"
+        raise InputError(f"--refits {refits}", "is not accepted", allowed)
+    if keep_model and not refits:
+        raise InputError("--keep-model", "needs --refits", "--refits 20")
+
+
 def check_target(path: Path, option: str, suffix: str) -> None:
     """Refuse a file that cannot be written, before any work begins."""
     where = f"{option} {path}"

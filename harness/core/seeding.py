@@ -60,7 +60,7 @@ _PURPOSES: dict[Purpose, int] = {
 }
 
 
-Resampling = Literal["summary", "comparison", "validation", "risk", "audit"]
+Resampling = Literal["summary", "comparison", "validation", "risk", "audit", "refits"]
 
 # These seeds have another form than those of the streams above, so no two coincide.
 _RESAMPLINGS: dict[Resampling, int] = {
@@ -69,6 +69,7 @@ _RESAMPLINGS: dict[Resampling, int] = {
     "validation": 7,
     "risk": 8,
     "audit": 9,
+    "refits": 10,
 }
 
 
@@ -159,7 +160,7 @@ def resampling(root_seed: int, purpose: Resampling) -> np.random.Generator:
 
     Args:
         root_seed: the experiment's seed, ≥ 0.
-        purpose: the bootstrap of a summary, comparison or validation, the points of a risk, or the
-            choice of the pairs that an audit repeats.
+        purpose: the bootstrap of a summary, comparison or validation, the points of a risk, the
+            choice of the pairs that an audit repeats, or the vehicles of refits.
     """
     return np.random.default_rng((root_seed, _RESAMPLINGS[purpose]))

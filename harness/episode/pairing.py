@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import islice
 from types import MappingProxyType
 from typing import NamedTuple
@@ -58,7 +59,7 @@ class PairRunner:
         self._engine: Engine | None = None
         self._rules = constants_of(scenario)
         self._sensors = {arm: sensor_of(scenario, arm) for arm in Arm}
-        self._speeds = WalkingSpeeds(scenario, model)
+        self._speeds_by = cache(lambda model: WalkingSpeeds(scenario, model))
         check_arms(scenario, model)
 
     def run(
@@ -134,7 +135,8 @@ class PairRunner:
         self._engine = self._get_engine()
         people = self._people(pair)
         perception = self._perception(Arm.AV, people)
-        return Episode(self._engine, people.arrivals, self._speeds, self._rules, perception)
+        speeds = self._speeds_of(pair)
+        return Episode(self._engine, people.arrivals, speeds, self._rules, perception)
 
     def run_arm(
         self,
@@ -165,7 +167,7 @@ class PairRunner:
         number = drawn[pair].episode if drawn else pair
         given = drawn[pair].uniforms if drawn and given is None else given or {}
         coming = planned_arrivals(self._scenario, number, given)
-        walking = self._speeds.unconditional
+        walking = self._speeds_of(pair).unconditional
         present = already_walking(self._scenario, number, walking, len(coming))
         return _People(number, given, (*present, *coming))
 
@@ -185,19 +187,20 @@ class PairRunner:
             strategy = named_strategy(
                 scenario,
                 scenario.arms.driver(arm),
-                self._model,
+                self._model.of_pair(pair),
                 lambda: rng or draws_of(scenario, arm, number, given=people.given),
             )
         except (Exception, SystemExit) as error:
             what = f"the strategy could not be made: {in_one_line(error)}"
             return failed_episode(StrategyError(what, error), self._rules)
         perception = self._perception(arm, people)
-        self._speeds.model_use.begin()
-        episode = Episode(self._engine, people.arrivals, self._speeds, self._rules, perception)
+        speeds = self._speeds_of(pair)
+        speeds.model_use.begin()
+        episode = Episode(self._engine, people.arrivals, speeds, self._rules, perception)
         begins(pair, arm, episode)
         driver = strategy if decisions is None else RecordingStrategy(strategy, decisions)
         trace = drive(episode, driver)
-        conditionings = self._speeds.model_use.counts
+        conditionings = speeds.model_use.counts
         if isinstance(strategy, HumanDriver):
             conditionings = conditionings.joined(strategy.model_use.counts)
         trace = replace(trace, conditionings=conditionings)
@@ -206,6 +209,9 @@ class PairRunner:
             self._engine.close()
             self._engine = None
         return trace
+
+    def _speeds_of(self, pair: int) -> WalkingSpeeds:
+        return self._speeds_by(self._model.of_pair(pair))
 
     def _perception(self, arm: Arm, people: "_People") -> Perception | None:
         sensor = self._sensors[arm]

@@ -141,7 +141,7 @@ def run_pair(
     if pair < 0:
         raise InputError("pair", f"{pair}", "0 or more")
     check_packages()
-    model = load_model(chosen.model.name, chosen.model.path)
+    model = load_model(*chosen.model.file_and_refits)
     try:
         runner = PairRunner(chosen, model, lambda: open_engine(chosen, engine))
         av, human = (EpisodeOutcome(runner.run_arm(pair, arm)) for arm in Arm)

@@ -5,6 +5,7 @@ import math
 from pydantic import Field, JsonValue
 
 from harness.core.encounter import Crossing, Leg, Side, Vehicle
+from harness.core.errors import InputError
 from harness.measures.motion.walking import timed_path
 from harness.scenario.people import PedestriansSection, TimedSection
 from harness.scenario.sections import (
@@ -58,6 +59,15 @@ class Scenario(Section):
         people = self.pedestrians
         comes = (people.flow_per_hour > 0 or people.first_at_trigger) and people.max_count != 0
         return comes and people.walking_speed is None
+
+    def refuse_refits(self, by: str) -> None:
+        """Refuse a scenario with ``model.over_refits`` where pairs are not spread over refits.
+
+        Raises:
+            InputError: it has the key; the message names ``by``.
+        """
+        if self.model.over_refits:
+            raise InputError("model.over_refits", f"is not supported by {by}", "false")
 
     def vehicle(self) -> Vehicle:
         """The ego's constants; the detection range defaults to the trigger range."""

@@ -44,6 +44,7 @@ from harness.statistics.intervals import (
     student_ratio,
     zero_bound,
 )
+from harness.statistics.over_model import OverModel, over_model
 from harness.statistics.pair_columns import BothArms, PairColumns
 from harness.statistics.paired import (
     CrashTest,
@@ -92,6 +93,7 @@ __all__ = [
     "Judgement",
     "Limits",
     "Note",
+    "OverModel",
     "PairColumns",
     "Place",
     "Plain",
@@ -117,6 +119,7 @@ __all__ = [
     "findings_of",
     "holm",
     "mcnemar",
+    "over_model",
     "paired_difference",
     "pareto_front",
     "proportion",

@@ -55,13 +55,13 @@ def coefficient_of_variation(values: FloatArray) -> FloatArray:
 
 
 def bootstrap_mean(
-    values: FloatArray, rng: np.random.Generator, confidence: float = CONFIDENCE
+    values: FloatArray, rng: np.random.Generator | None, confidence: float = CONFIDENCE
 ) -> Resampled:
     """Mean with its BCa interval.
 
     Args:
         values: shape (n,), finite.
-        rng: draws the resamples, in batches of bounded memory.
+        rng: draws the resamples, in batches of bounded memory; None: no interval is computed.
         confidence: two-sided confidence of the interval.
 
     Returns:
@@ -72,7 +72,7 @@ def bootstrap_mean(
     if n == 0:
         return UNKNOWN
     mean, informative = float(np.mean(values)), _informative(values)
-    if n == 1:
+    if n == 1 or rng is None:
         return Resampled(mean, None, None, informative)
     if informative == 0:
         return Resampled(mean, mean, mean, 0)
@@ -82,7 +82,7 @@ def bootstrap_mean(
 
 
 def bootstrap_mean_and_cv(
-    values: FloatArray, rng: np.random.Generator, confidence: float = CONFIDENCE
+    values: FloatArray, rng: np.random.Generator | None, confidence: float = CONFIDENCE
 ) -> tuple[Resampled, Resampled]:
     """Mean and coefficient of variation with BCa intervals from the same resamples.
 
@@ -93,6 +93,8 @@ def bootstrap_mean_and_cv(
         spread = UNKNOWN if n < 2 else Resampled(0.0, 0.0, 0.0, 0)
         return bootstrap_mean(values, rng, confidence), spread
     mean, cv = float(np.mean(values)), float(coefficient_of_variation(values))
+    if rng is None:
+        return Resampled(mean, None, None, informative), Resampled(cv, None, None, informative)
     means, cvs = [], []
     for sample in _samples(values, rng, _resamples(n, confidence)):
         means.append(np.mean(sample, axis=-1))
@@ -113,7 +115,7 @@ def bootstrap_mean_and_cv(
 def bootstrap_ratio(
     numerators: FloatArray,
     denominators: FloatArray,
-    rng: np.random.Generator,
+    rng: np.random.Generator | None,
     confidence: float = CONFIDENCE,
 ) -> Resampled:
     """Ratio of two sums, Σ numerators / Σ denominators, with its BCa interval.
@@ -121,7 +123,7 @@ def bootstrap_ratio(
     Args:
         numerators: one for each unit that is resampled, shape (n,), finite.
         denominators: one for each unit, shape (n,), finite, ≥ 0.
-        rng: draws the resamples, in batches of bounded memory.
+        rng: draws the resamples, in batches of bounded memory; None: no interval is computed.
         confidence: two-sided confidence of the interval.
 
     Returns:
@@ -133,7 +135,7 @@ def bootstrap_ratio(
         return UNKNOWN
     value = float(np.sum(numerators)) / total
     rest, informative = total - denominators, _informative(numerators - value * denominators)
-    if n < 2 or (rest == 0).any():
+    if n < 2 or rng is None or (rest == 0).any():
         return Resampled(value, None, None, informative)
     if informative == 0:
         return Resampled(value, value, value, 0)

@@ -25,7 +25,8 @@ class EncounterColumns:
         pairs: the columns of at least one pair.
         timeout_s: the experiment's time-out.
         free_pass_s: the pass time at the initial speed.
-        rng: draws the resamples; every interval begins with the same state.
+        rng: draws the resamples; every interval begins with the same state.  None: numbers that
+            would be resampled have no interval.
         confidence: two-sided confidence of each interval.
         conflicts: which episodes had a conflict of each kind, by the kind's name.
     """
@@ -33,7 +34,7 @@ class EncounterColumns:
     pairs: PairColumns
     timeout_s: float
     free_pass_s: float
-    rng: np.random.Generator
+    rng: np.random.Generator | None
     confidence: float = CONFIDENCE
     conflicts: Mapping[str, BothArms] = field(default_factory=dict)
 

@@ -4,10 +4,11 @@ Terminal, page, JSON and CSV are views of findings; they compute nothing.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 from harness.statistics.entries import Catalogue, Findings, Plain
+from harness.statistics.over_model import OverModel
 
 
 class Rank(IntEnum):
@@ -15,17 +16,18 @@ class Rank(IntEnum):
 
     UNFINISHED = -1
     NOTHING_TESTED = 0
-    FAILURES = 1
-    TIME_OUTS = 2
-    MISSED_TARGETS = 3
-    LEFT_OUT = 4
-    UNDEFINED = 5
-    SATURATION = 6
-    FALLBACK = 7
-    SPEEDING = 8
-    OUTSIDE_MODEL = 9
-    REFERENCE = 10
-    FEW_PAIRS = 11
+    OVER_MODEL = 1
+    FAILURES = 2
+    TIME_OUTS = 3
+    MISSED_TARGETS = 4
+    LEFT_OUT = 5
+    UNDEFINED = 6
+    SATURATION = 7
+    FALLBACK = 8
+    SPEEDING = 9
+    OUTSIDE_MODEL = 10
+    REFERENCE = 11
+    FEW_PAIRS = 12
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -40,6 +42,7 @@ class Note:
 class CellFindings:
     """The findings of one cell, with everything that screens show of it.
 
+    ``over_model`` has the intervals over pairs and refits by name, if pairs are spread over refits.
     ``varied`` maps the keys that a sweep varies to the cell's values.  ``av`` and ``reference``
     are the drivers' names as screens show them.  ``thresholds`` are the thresholds of conflicts,
     for ``Entry.title``.  ``notes`` are in the order of their ranks.
@@ -53,6 +56,7 @@ class CellFindings:
     thresholds: Mapping[str, float]
     findings: Findings
     notes: tuple[Note, ...]
+    over_model: Mapping[str, OverModel] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

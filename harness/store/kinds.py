@@ -107,7 +107,7 @@ class Kind(Protocol):
     def derived(self) -> Mapping[str, Derive]: ...
 
     def findings(self, rows: pa.Table, cell: Cell, confidence: float) -> dict[str, Finding]:
-        """The findings of a cell, from its rows by pair.
+        """The findings of a cell, from its rows by pair; with ``confidence`` 0 without intervals.
 
         Raises:
             InputError: the rows do not have both arms of each pair.

@@ -25,12 +25,30 @@ def origin_of(study: Study, models: Iterable[InteractionModel]) -> JsonObject:
 
 
 def _simulated_now(driven: Iterable[str], models: Iterable[InteractionModel]) -> JsonObject:
-    used = {model.name: model.sha256 for model in models}
+    used: dict[str, JsonObject] = {}
+    for model in models:
+        if model.refits is not None or model.name not in used:
+            used[model.name] = model_entry(model)
     return {
         "versions": versions_of_runs(),
         "strategies": source_digests(driven),
-        "models": [{"name": name, "sha256": sha256} for name, sha256 in used.items()],
+        "models": [*used.values()],
     }
+
+
+def model_entry(model: InteractionModel) -> JsonObject:
+    """A model in the manifest, with its refits if pairs are spread over them."""
+    entry: JsonObject = {"name": model.name, "sha256": model.sha256}
+    refits = model.refits
+    if refits is not None:
+        vehicles = refits.effective_vehicles
+        used = {
+            "count": len(refits.models),
+            "effective_vehicles": vehicles,
+            "sha256": refits.sha256,
+        }
+        entry["refits"] = used
+    return entry
 
 
 def scored_now() -> JsonObject:
@@ -118,12 +136,15 @@ def _changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
     for name, digest in now["strategies"].items():
         if then["strategies"].get(name) != digest:
             yield f"the strategy {name} has been edited since the run"
-    models = {model["name"]: model["sha256"] for model in then["models"]}
+    models = {model["name"]: model for model in then["models"]}
     for model in now["models"]:
-        before = models.get(model["name"])
+        entry = models.get(model["name"], {})
+        before = entry.get("sha256")
         if before != model["sha256"]:
             had = "" if before is None else f" (sha256 {model['sha256'][:8]}…, not {before[:8]}…)"
             yield f"the interaction model {model['name']} has changed since the run{had}"
+        elif not model.items() <= entry.items():
+            yield f"the refits of the interaction model {model['name']} have changed since the run"
     for name, version in now["versions"].items():
         before = then["versions"].get(name)
         if before != version:

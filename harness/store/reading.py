@@ -32,9 +32,17 @@ class _ScoredWith(BaseModel):
     versions: dict[str, str]
 
 
+class _Refits(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+    count: Annotated[int, Field(ge=1)]
+    effective_vehicles: Annotated[float, Field(ge=1)]
+    sha256: str
+
+
 class _SimulatedWith(_ScoredWith):
     strategies: dict[str, str]
-    models: list[dict[Literal["name", "sha256"], str]]
+    models: list[dict[Literal["name", "sha256", "refits"], str | _Refits]]
 
 
 class _Manifest(BaseModel):

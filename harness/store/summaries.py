@@ -50,14 +50,14 @@ def columns_of_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Encoun
     """The columns from which the numbers of a cell are computed, from its episodes by pair.
 
     The stream of the resampling depends only on the scenario's seed, so the same episodes give the
-    same intervals.
+    same intervals.  With ``confidence`` 0 nothing is resampled.
     """
     scenario = cell.scenario
     return EncounterColumns(
         pairs=pair_columns(episodes),
         timeout_s=scenario.experiment.timeout_s,
         free_pass_s=scenario.vehicle().free_pass_time_s(scenario.crosswalk()),
-        rng=resampling(scenario.experiment.seed, "summary"),
+        rng=resampling(scenario.experiment.seed, "summary") if confidence else None,
         confidence=confidence,
         conflicts=conflict_marks(episodes, scenario.conflicts),
     )

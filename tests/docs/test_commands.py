@@ -23,7 +23,7 @@ DUT = ROOT.parent / "shared" / "data" / "dut"
 MADE_UP = ROOT / "tests" / "data" / "vci_made_up"
 
 SHORTER = {
-    "run": ["--pairs", "18", "--workers", "1", "--quiet"],
+    "run": ["--pairs", "20", "--workers", "1", "--quiet"],
     "sweep": ["--pairs", "2", "--workers", "1", "--quiet"],
     "fit": ["--components", "1..2", "--starts", "1", "--folds", "2", "--workers", "1"],
     "validate": ["--drivers", "constant_speed", "--folds", "0"],

@@ -119,7 +119,7 @@ class SimulationRunner:
     def _arm(self, running: OwnSimulation, pair: int, arm: Arm, seed: int) -> SimulationArm:
         scenario, setting = self._scenario, self._setting
         simulation, ego = scenario.known_simulation, scenario.ego
-        av_types = frozenset(simulation.av_types)
+        av_types, model = frozenset(simulation.av_types), self._model.of_pair(pair)
 
         def is_automated(name: str, type_id: str, vehicle_class: str) -> bool:
             alike = type_id in av_types or vehicle_class in av_types
@@ -132,7 +132,7 @@ class SimulationRunner:
                 return strategy_name, None
             try:
                 number = number_of(name)
-                return strategy_name, make_strategy(scenario, driver, pair, self._model, number)
+                return strategy_name, make_strategy(scenario, driver, pair, model, number)
             except (Exception, SystemExit) as error:
                 what = f"vehicle {name}: the strategy could not be made: {in_one_line(error)}"
                 raise StrategyError(what, error) from None

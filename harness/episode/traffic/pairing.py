@@ -58,7 +58,6 @@ class HourRunner:
         self._scenario, self._model, self._get_road = scenario, model, get_road
         self._traffic, self._paths = scenario.known_traffic, paths
         self._rules = constants_of(scenario)
-        self._speeds = WalkingSpeeds(scenario, model)
         check_arms(scenario, model)
 
     def run(
@@ -77,6 +76,7 @@ class HourRunner:
         the lane for the rest of the hour, and the results would not describe the strategy.
         """
         scenario, traffic, rules = self._scenario, self._traffic, self._rules
+        model = self._model.of_pair(pair)
         horizon_s = traffic.warm_up_s + traffic.duration_s + clearing_s(traffic)
         arrivals = planned_arrivals(scenario, pair, horizon_s=horizon_s)
         road = self._get_road()
@@ -89,7 +89,7 @@ class HourRunner:
             automated = arm is Arm.AV and planned.uniform < traffic.av_share
             driver = Arm.AV if automated else Arm.HUMAN
             try:
-                strategy = make_strategy(scenario, driver, pair, self._model, planned.number)
+                strategy = make_strategy(scenario, driver, pair, model, planned.number)
                 return automated, scenario.arms.driver(driver), strategy
             except (Exception, SystemExit) as error:
                 what = f"the strategy could not be made: {in_one_line(error)}"
@@ -99,7 +99,7 @@ class HourRunner:
             road,
             lanes,
             arrivals,
-            self._speeds,
+            WalkingSpeeds(scenario, model),
             make,
             rules,
             traffic,

@@ -8,10 +8,20 @@ from harness.model.interaction.model import (
     VARIABLES,
     VEHICLE_SPEED,
     InteractionModel,
+    Refits,
+)
+from harness.model.interaction.refit_file import (
+    FEWEST_REFITS,
+    Refit,
+    RefitFile,
+    read_refits,
+    refits_beside,
+    write_refits,
 )
 from harness.model.interaction.support import ModelUseCounter, check_support
 
 __all__ = [
+    "FEWEST_REFITS",
     "INVERSE_RANGE",
     "INVERSE_TIME_ADVANTAGE",
     "PEDESTRIAN_SPEED",
@@ -19,8 +29,14 @@ __all__ = [
     "VEHICLE_SPEED",
     "InteractionModel",
     "ModelUseCounter",
+    "Refit",
+    "RefitFile",
+    "Refits",
     "check_support",
     "load_model",
     "read_model",
+    "read_refits",
+    "refits_beside",
     "write_model",
+    "write_refits",
 ]

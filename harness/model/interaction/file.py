@@ -17,6 +17,7 @@ from harness.model.interaction.model import (
     VARIABLES,
     InteractionModel,
 )
+from harness.model.interaction.refit_file import is_refit_file, read_refits, refits_beside
 from harness.model.mixture import TruncatedGaussianMixture
 
 SHIPPED = Path(__file__).parents[1] / "shipped"
@@ -42,18 +43,31 @@ class _ModelFile(BaseModel):
     provenance: dict[str, Any] = {}
 
 
-def load_model(name: str, path: str | None = None) -> InteractionModel:
+def load_model(name: str, path: str | None = None, over_refits: bool = False) -> InteractionModel:
     """A shipped model by name, or a model file by path.
 
+    Args:
+        name: name of a shipped model.
+        path: path of a model file, instead of a name.
+        over_refits: whether to load its refits too, so that pairs are spread over them.
+
     Raises:
-        InputError: there is no such model, or the file is not a valid model.
+        InputError: there is no such model, the file is not a valid model, or it has not all of its
+            refits.
     """
-    if path is None:
-        shipped = {file.stem: file for file in SHIPPED.glob("*.json")}
+    if path is not None:
+        file = Path(path)
+    else:
+        files = (*SHIPPED.glob("*.json"),)
+        shipped = {file.stem: file for file in files if not is_refit_file(file)}
         if name not in shipped:
             raise unknown_name("model.name", "model", name, shipped)
-        return read_model(shipped[name])
-    return read_model(Path(path))
+        file = shipped[name]
+    model = read_model(file)
+    if over_refits:
+        beside = refits_beside(file)
+        model.refits = read_refits(beside, model).refits_of(model, str(beside))
+    return model
 
 
 def read_model(path: Path) -> InteractionModel:

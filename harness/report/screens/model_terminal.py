@@ -124,11 +124,13 @@ def print_extraction(summary: Mapping[str, Any], out: Path, figures: Sequence[Pa
     _print_files(console, "Figures", figures)
 
 
-def print_fit(model: InteractionModel, out: Path) -> None:
-    """Print the table over K and the card's main lines."""
+def print_fit(model: InteractionModel, out: Path, refits: Path | None = None) -> None:
+    """Print the table over K, the card's main lines and the written files."""
     console = make_console()
     _print_card(console, model)
     _print_files(console, "Model", [out])
+    if refits is not None:
+        _print_files(console, "Refits", [refits])
 
 
 def print_model(model: InteractionModel, figures: Sequence[Path]) -> None:

@@ -18,6 +18,7 @@ from harness.scenario import as_written
 from harness.statistics import CONFIDENCE, zero_bound
 from harness.statistics.entries import Entry, Finding, Form
 from harness.statistics.findings import CellFindings, Note, Rank, RunFindings
+from harness.statistics.over_model import OverModel
 from harness.studies.runs.notes import short_name
 
 MOST_CELLS = 2_000
@@ -27,6 +28,7 @@ MOST_NOTED = 8
 """Maximum number of cells that a note names."""
 
 PAPER_HEADING = "paper, N = 50"
+MODEL_HEADING = "with the model"
 _NO_FINDING = Finding(None)
 
 
@@ -48,6 +50,8 @@ def _one_cell(run: RunFindings, cell: CellFindings, footer: str) -> Screen:
         parts = [f"{worst_name(entry)} {text}" for entry, text in _worst_values(run, cell)]
         rows.append(("worst case", ", ".join(parts)))
     headings = ("", "AV", cell.reference, "AV against reference", PAPER_HEADING)
+    if cell.over_model:
+        headings = (*headings[:4], MODEL_HEADING)
     if run.between_avs:
         headings = ("", cell.av, cell.reference, "difference", "")
     return Screen(
@@ -69,8 +73,25 @@ def _entry_row(entry: Entry[Any], cell: CellFindings, paper: bool) -> tuple[str,
         entry_value(entry, av),
         entry_value(entry, reference),
         _both(entry, av, reference, cell) if both is None else with_limits(entry, both),
-        entry.paper if paper else "",
+        over_model_limits(entry, cell) if cell.over_model else entry.paper if paper else "",
     )
+
+
+def over_model_limits(entry: Entry[Any], cell: CellFindings) -> str:
+    """Return the limits over pairs and refits: of both arms' number, or of each arm's share."""
+    if (both := entry.names[2]) is not None:
+        found = cell.over_model.get(both)
+        return "" if found is None else f"({_limits_of(entry, found, entry.paired_digits)})"
+    arms = [cell.over_model.get(name) for name in entry.names[:2] if name is not None]
+    if all(found is None or found.low == found.high for found in arms):
+        return ""
+    texts = [DASH if found is None else _limits_of(entry, found, None) for found in arms]
+    percent = " %" if entry.form in (Form.EVENTS, Form.SHARE) else ""
+    return f"{' / '.join(texts)}{percent}"
+
+
+def _limits_of(entry: Entry[Any], found: OverModel, digits: int | None) -> str:
+    return entry_limits(entry, Finding(found.value, found.low, found.high), digits) or DASH
 
 
 def with_limits(entry: Entry[Any], both: Finding) -> str:
@@ -185,6 +206,10 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
             name += _trials(entry, shown)
         headings.append(name)
         columns.append([_sweep_text(entry, cell, both, limits=place == 0) for cell in shown])
+        if place == 0 and any(cell.over_model for cell in shown):
+            headings.append(MODEL_HEADING)
+            columns.append([over_model_limits(entry, cell) for cell in shown])
+            always += 1
         if len(headings) == always and worst:
             headings.append("worst case")
             columns.append([_first_worst(run, cell) for cell in shown])

@@ -3,7 +3,13 @@
 import re
 
 from harness.measures import MEASURES
-from harness.report.screens.result_screen import MOST_CELLS, cell_labels, cell_name
+from harness.report.screens.result_screen import (
+    MODEL_HEADING,
+    MOST_CELLS,
+    cell_labels,
+    cell_name,
+    over_model_limits,
+)
 from harness.report.screens.tables import (
     Table,
     TableCell,
@@ -39,12 +45,15 @@ def _every_entry(run: RunFindings, cell: CellFindings) -> Table:
                 TableCell(entry_heading(entry, cell.thresholds)),
                 *(entry_cell(entry, cell.findings, name) for name in entry.names),
                 TableCell(" / ".join(dict.fromkeys(counts))),
+                *([TableCell(over_model_limits(entry, cell))] if cell.over_model else []),
                 *([TableCell(entry.paper)] if run.paper else []),
                 TableCell("; ".join(dict.fromkeys(of.reason or "" for of in undefined))),
             )
         )
     paper = ["paper, N = 50"] if run.paper else []
-    headings = ("measure", "AV", cell.reference, "AV against reference", "n", *paper, "remark")
+    over = [MODEL_HEADING] if cell.over_model else []
+    named = ("measure", "AV", cell.reference, "AV against reference", "n")
+    headings = (*named, *over, *paper, "remark")
     name = cell_name(cell) or f"{cell.av} against {cell.reference}"
     caption = f"{name}: every measure, {level(run.confidence)} intervals{STAR}"
     return Table(f"every-{cell.cell}", caption, headings, tuple(rows), folded=True)

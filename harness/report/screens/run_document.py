@@ -62,8 +62,15 @@ def _cell(catalogue: Catalogue, cell: CellFindings) -> Document:
         "caveats": [note.text for note in cell.notes],
         "summary": row_of(catalogue, cell.findings),
         "findings": {name: asdict(finding) for name, finding in cell.findings.items()},
+        **_over_model(cell),
         "indicative": [name for name, of in cell.findings.items() if of.reliable is False],
     }
+
+
+def _over_model(cell: CellFindings) -> Document:
+    """Return the intervals over pairs and refits, if pairs are spread over refits."""
+    intervals = {name: asdict(found) for name, found in cell.over_model.items()}
+    return {"over_model": intervals} if intervals else {}
 
 
 def _audit(run: RunData) -> Document | None:

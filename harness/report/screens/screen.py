@@ -27,6 +27,7 @@ _BREAKS = re.compile(r" |(?<=_)")
 _NEVER_MERGED = Rank.MISSED_TARGETS
 _KEPT_NAMES = {
     Rank.NOTHING_TESTED: "nothing was tested",
+    Rank.OVER_MODEL: "the model's share",
     Rank.FAILURES: "failures",
     Rank.TIME_OUTS: "time-outs",
     Rank.MISSED_TARGETS: "missed targets",

@@ -9,6 +9,7 @@ import pyarrow as pa
 from harness.core.files import write_csv
 from harness.scenario import Study
 from harness.statistics import Findings, Plain
+from harness.store.over_model import findings_over_model, over_model_rows
 from harness.store.run_folder import RunFolder
 from harness.store.summaries import confidence_of
 from harness.store.summary_table import write_summary
@@ -32,7 +33,11 @@ def finish(folder: RunFolder, plan: Plan) -> RunData:
     for cell, (_, rows) in zip(cells, folder.rows_by_cell(kind.rows), strict=True):
         findings.append(kind.findings(rows, cell, confidence))
         keys = {"cell": cell.number, **cell.varied}
-        for name, part in kind.statistics(rows, cell, findings[-1]).items():
+        over = findings_over_model(kind, rows, cell, findings[-1], plan.origin)
+        parts = {**kind.statistics(rows, cell, findings[-1])}
+        if over:
+            parts["over_model"] = [*over_model_rows(over)]
+        for name, part in parts.items():
             statistics.setdefault(name, []).extend(keys | row for row in part)
         counts.update(kind.counts(rows))
     write_summary(folder.path, kind.catalogue, cells, findings)

@@ -1,7 +1,7 @@
 """The plan of a run: its checked study with the loaded models."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 from harness.core.documents import JsonObject
 from harness.core.errors import InputError
@@ -11,8 +11,9 @@ from harness.scenario import Options, Scenario, Study, study_from
 from harness.store.kinds import Kind, kind_of, kind_of_study
 from harness.store.manifest import manifest_of, options_of, origin_of
 from harness.store.reading import MANIFEST
+from harness.strategies.parameters import knows_the_model
 from harness.strategies.program import is_program
-from harness.strategies.registry import STRATEGIES
+from harness.strategies.registry import STRATEGIES, find_strategy
 from harness.strategies.sumo_driver import SumoDriver
 from harness.studies.kinds.table import simulation_of
 from harness.studies.workers.audit import Audit, audit_of
@@ -83,17 +84,30 @@ def plan_of(study: Study, options: Options) -> Plan:
             if is_program(name):
                 problem = f"{name} drives one vehicle at a time"
                 raise InputError(f"arms.{arm}", problem, f"a scenario without {kind.section}")
-    loaded: dict[tuple[str, str | None], InteractionModel] = {}
-    models = {}
+    load, models = cache(load_model), {}
     for cell in study.cells:
-        section = cell.scenario.model
-        key = (section.name, section.path)
-        if key not in loaded:
-            loaded[key] = load_model(*key)
-        models[cell.number] = loaded[key]
+        models[cell.number] = load(*cell.scenario.model.file_and_refits)
         check_arms(cell.scenario, models[cell.number])
+        _check_refits(cell.scenario, models[cell.number])
         simulation_of(cell.scenario).check(cell.scenario)
+    if len({model.refits.sha256 for model in models.values() if model.refits is not None}) > 1:
+        raise InputError("--over-model", "the cells use several models", "one model")
     return Plan(study, models, options, origin_of(study, models.values()))
+
+
+def _check_refits(scenario: Scenario, model: InteractionModel) -> None:
+    """Refuse refits if nothing depends on the model, or if a refit would get no pair."""
+    if model.refits is None:
+        return
+    walk = scenario.walks_by_model and scenario.simulation is None
+    names = scenario.arms.model_dump().values()
+    if not walk and not any(knows_the_model(find_strategy(name, "arms")) for name in names):
+        problem = "nothing here depends on the interaction model"
+        allowed = "pedestrians or a driver by the model, for example human_gmm"
+        raise InputError("--over-model", problem, allowed)
+    pairs, refits = scenario.experiment.pairs, len(model.refits.models)
+    if pairs < refits:
+        raise InputError("--over-model", f"{pairs} pairs for {refits} refits", "one pair each")
 
 
 def _refuse_for_plain(study: Study, options: Options) -> None:

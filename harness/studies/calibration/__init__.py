@@ -4,6 +4,12 @@ from harness.studies.calibration.calibrate import Calibration, Candidate, calibr
 from harness.studies.calibration.card import card
 from harness.studies.calibration.choice import by_bic, by_held_out, by_rule
 from harness.studies.calibration.jobs import Settings
+from harness.studies.calibration.refits import (
+    RefitSettings,
+    check_refits,
+    make_refits,
+    recipe_of,
+)
 from harness.studies.calibration.sample import (
     BOX_LOWER,
     BOX_UPPER,
@@ -26,6 +32,7 @@ __all__ = [
     "Calibration",
     "Candidate",
     "HeldOut",
+    "RefitSettings",
     "RowFile",
     "Sample",
     "Settings",
@@ -35,9 +42,12 @@ __all__ = [
     "by_vehicle",
     "calibrate",
     "card",
+    "check_refits",
     "driving_log_scores",
+    "make_refits",
     "make_sample",
     "read_rows",
+    "recipe_of",
     "vehicle_folds",
     "walking_log_scores",
 ]

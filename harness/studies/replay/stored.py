@@ -43,7 +43,7 @@ class StoredCell:
         self.engine: EngineName = document["engine"]
         self._document = document
         section = self.cell.scenario.model
-        self.model: InteractionModel = load_model(section.name, section.path)
+        self.model: InteractionModel = load_model(*section.file_and_refits)
         names = kind_of(self.cell.scenario).records
         self._rows = {name: _by_episode(read_table(run, name, number)) for name in names}
         ran = self._rows[names[0]]

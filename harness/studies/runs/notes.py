@@ -11,6 +11,7 @@ from harness.episode.traffic.saturation import GROWTH
 from harness.scenario import Scenario
 from harness.statistics.entries import Entry, Finding
 from harness.statistics.findings import Note, Rank
+from harness.statistics.over_model import HALF, OverModel
 from harness.strategies.registry import fallback_of
 from harness.studies.runs.references import disagreement, is_measured, not_measured
 
@@ -40,6 +41,31 @@ def av_label(strategy: str, findings: Findings) -> str:
     if share is None or share < MOSTLY:
         return strategy
     return f"{strategy} ({fallback_of(strategy.split()[0])} in {100 * share:.0f} %)"
+
+
+def model_notes(
+    over: Mapping[str, OverModel], catalogue: Catalogue, thresholds: Mapping[str, float]
+) -> list[Note]:
+    """Return a note if more than half of the variance of a number comes from the model."""
+    mostly = [
+        (entry.title_of(name, thresholds).split(",")[0], over[name])
+        for entry in catalogue
+        for name in filter(None, entry.names[2:])
+        if entry.first_screen and name in over and over[name].mostly_model
+    ]
+    if not mostly:
+        return []
+    (title, found), *others = mostly
+    share, low, high = (
+        100 * (part or 0.0) for part in (found.share, found.share_low, found.share_high)
+    )
+    also = f", and more than half for {', '.join(title for title, _ in others)}" if others else ""
+    sure = "" if (found.share_low or 0.0) > HALF else "probably "
+    text = (
+        f"The model's fit makes {share:.0f} % ({low:.0f} … {high:.0f}) of the variance of the "
+        f"{title}{also}: more pairs will {sure}not help."
+    )
+    return [Note(Rank.OVER_MODEL, text)]
 
 
 def sentence(words: str) -> str:

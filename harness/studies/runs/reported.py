@@ -3,10 +3,11 @@
 from harness.core.errors import resume_command
 from harness.scenario import Scenario
 from harness.statistics import ENCOUNTERS, CellFindings, Note, Rank, RunFindings
+from harness.store.over_model import refits_of
 from harness.studies.runs.cell_result import CellResult
 from harness.studies.runs.changed_options import changes_in_full
 from harness.studies.runs.model_use import given_the_model
-from harness.studies.runs.notes import av_label
+from harness.studies.runs.notes import av_label, model_notes
 from harness.studies.runs.references import agreement, keeps_its_defaults, reference_lines
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.site_words import site_words
@@ -33,7 +34,7 @@ def reported(run: RunData) -> RunFindings:
         catalogue=run.kind.catalogue,
         name=run.name,
         folder=str(run.path),
-        scope=", ".join([f"seed {run.manifest['seed']}", *_audit_scope(run)]),
+        scope=", ".join([f"seed {run.manifest['seed']}", *_refits_scope(run), *_audit_scope(run)]),
         confidence=run.confidence,
         paper=_has_paper_values(run),
         cells=tuple(_cell_findings(run, result) for result in run.results),
@@ -44,7 +45,9 @@ def reported(run: RunData) -> RunFindings:
 
 def _cell_findings(run: RunData, result: CellResult) -> CellFindings:
     cell, findings = result.cell, result.findings
-    scenario = cell.scenario
+    scenario, over = cell.scenario, run.over_model[cell.number]
+    notes = view_of(run).notes(scenario, findings, run.kind.catalogue)
+    doubt = model_notes(over, run.kind.catalogue, cell.scenario.conflicts.model_dump())
     return CellFindings(
         cell=cell.number,
         varied=cell.varied,
@@ -53,7 +56,8 @@ def _cell_findings(run: RunData, result: CellResult) -> CellFindings:
         pairs=findings["pairs"].count,
         thresholds=scenario.conflicts.model_dump(),
         findings=findings,
-        notes=view_of(run).notes(scenario, findings, run.kind.catalogue),
+        notes=tuple(sorted((*notes, *doubt), key=lambda note: note.rank)),
+        over_model=over,
     )
 
 
@@ -109,6 +113,13 @@ def _run_notes(run: RunData) -> list[Note]:
         )
         notes.append(Note(Rank.MISSED_TARGETS, text))
     return notes
+
+
+def _refits_scope(run: RunData) -> list[str]:
+    """Return the number of refits over which the pairs are spread; empty if they are not."""
+    return (
+        [f"over {refits_of(run.manifest)['count']} refits"] if any(run.over_model.values()) else []
+    )
 
 
 def _audit_scope(run: RunData) -> list[str]:

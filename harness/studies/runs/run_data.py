@@ -17,12 +17,13 @@ import pyarrow.compute as pc
 from harness.core.errors import InputError
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Cell, EngineName, Scenario, Study
-from harness.statistics import PairColumns, columns_of, row_of
+from harness.statistics import OverModel, PairColumns, columns_of, row_of
 from harness.store.episode_tables import pair_rows
 from harness.store.hour_summaries import HoursSummary, hours_summary
 from harness.store.kinds import Kind, kind_of_study
-from harness.store.manifest import options_of
+from harness.store.manifest import model_entry, options_of
 from harness.store.measure_tables import measure_rows
+from harness.store.over_model import findings_over_model
 from harness.store.shards import Shard
 from harness.store.summaries import confidence_of, pair_columns
 from harness.store.summary_table import read_summary
@@ -52,7 +53,7 @@ class RunData:
     """Finished work of an unfinished run."""
     output_failures: tuple[Failure, ...] = ()
     """Episodes whose SUMO outputs this call requested but could not write."""
-    _models: dict[tuple[str, str | None], InteractionModel] = field(default_factory=dict)
+    _models: dict[tuple[str, str | None, bool], InteractionModel] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -194,6 +195,20 @@ class RunData:
         )
 
     @cached_property
+    def over_model(self) -> Mapping[int, Mapping[str, OverModel]]:
+        """The intervals over pairs and refits of the model together, by cell and number.
+
+        A cell without ``model.over_refits`` has none.
+        """
+        results = {result.cell.number: result for result in self.results}
+        return {
+            number: findings_over_model(
+                self.kind, self.rows_of_cell(number), result.cell, result.findings, self.manifest
+            )
+            for number, result in results.items()
+        }
+
+    @cached_property
     def measures(self) -> pd.DataFrame:
         """Statistics of every measure, one row per cell × arm × measure, as in ``measures.csv``.
 
@@ -313,13 +328,12 @@ class RunData:
         Raises:
             InputError: the model's file is missing or has changed since the run.
         """
-        section = self.scenario_of(cell).model
-        key = (section.name, section.path)
+        key = self.scenario_of(cell).model.file_and_refits
         if key not in self._models:
             self._models[key] = load_model(*key)
         model = self._models[key]
         used = self.manifest["simulated_with"]["models"]
-        if model.sha256 not in {entry.get("sha256") for entry in used}:
+        if not any(model_entry(model).items() <= entry.items() for entry in used):
             raise InputError(f"model {model.name}", "has changed since the run", "the same file")
         return model
 

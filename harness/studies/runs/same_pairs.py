@@ -87,7 +87,7 @@ def _refuse_other_models(runs: Sequence[RunData]) -> None:
     known: dict[str, tuple[str, RunData]] = {}
     for run in runs:
         for entry in run.manifest["simulated_with"]["models"]:
-            name, sha256 = entry["name"], entry["sha256"]
+            name, sha256 = entry["name"], entry.get("refits", entry)["sha256"]
             before, first = known.setdefault(name, (sha256, run))
             if before != sha256:
                 raise InputError(

@@ -1,0 +1,223 @@
+"""Refits of a model to resampled vehicles, and pairs spread over them."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from scipy import stats
+
+from harness.core.encounter import Arm
+from harness.core.errors import InputError
+from harness.engine.plain import PlainEngine
+from harness.episode.pairing import PairRunner
+from harness.model.interaction import load_model, write_model
+from harness.model.mixture import fit_mixture
+from harness.scenario import Options, load_scenario
+from harness.statistics import Finding, over_model
+from harness.studies.batch.experiment import resume, run_study
+from harness.studies.batch.scoring import score
+from harness.studies.calibration import RefitSettings, make_refits, make_sample
+from harness.studies.calibration.refits import drawn_weights
+from tests.batches import here, one_cell, run_inline, run_stopped
+from tests.scenes import refuses
+from tests.unit.test_calibration import made_up
+
+SETTINGS = RefitSettings(6, seed=2, starts=1)
+
+
+@pytest.fixture(scope="module")
+def sample():
+    return make_sample(made_up())
+
+
+@pytest.fixture(scope="module")
+def fitted(sample, tmp_path_factory):
+    """A model with K = 1, and its refits, made by one process."""
+    folder = tmp_path_factory.mktemp("refits")
+    fit = fit_mixture(
+        sample.data, 1, sample.lower, sample.upper, sample_weight=sample.weights, n_init=1, seed=1
+    )
+    model = write_model(folder / "m.json", fit.mixture, "m", {"weigh": "encounter"})
+    return folder, model, make_refits(folder / "m.refits.json", model, sample, "0", SETTINGS)
+
+
+def test_a_refit_is_the_fit_to_the_rows_of_the_drawn_vehicles(sample, fitted):
+    _, model, file = fitted
+    loaded = load_model("", str(fitted[0] / "m.json"), True).refits
+    for number in (0, 5):
+        weights = drawn_weights(sample, SETTINGS, number)
+        times = np.round(weights / sample.weights).astype(int)
+        # V − 1 = 11 of 12 vehicles with replacement; all 20 rows of a vehicle are drawn together.
+        assert times.sum() == 11 * 20
+        assert all(len({*times[sample.vehicle == vehicle]}) == 1 for vehicle in range(12))
+        # Drawing a vehicle twice is repeating its rows.
+        rows = np.repeat(sample.data, times, axis=0)
+        again = fit_mixture(
+            rows,
+            1,
+            sample.lower,
+            sample.upper,
+            sample_weight=np.repeat(sample.weights, times),
+            n_init=1,
+            seed=9,
+        ).mixture
+        np.testing.assert_allclose(
+            loaded.models[number].mixture.locations, again.locations, rtol=1e-4
+        )
+    assert loaded.effective_vehicles == pytest.approx(12)
+    assert file.model_sha256 == model.sha256
+
+
+def test_interrupted_refits_go_on_and_do_not_depend_on_the_workers(sample, fitted, tmp_path):
+    folder, model, file = fitted
+    whole = (folder / "m.refits.json").read_bytes()
+    path = tmp_path / "m.refits.json"
+    some = file.model_copy(update={"refits": {n: file.refits[n] for n in ("4", "1")}})
+    path.write_bytes(some.content())
+    done = []
+    make_refits(path, model, sample, "0", SETTINGS, 2, lambda now, _: done.append(now))
+    assert done == [2, 3, 4, 5, 6]
+    assert path.read_bytes() == whole
+    # More refits keep the first ones; another seed makes all of them new.
+    more = make_refits(path, model, sample, "0", replace(SETTINGS, count=7))
+    assert {n: more.refits[n] for n in file.refits} == file.refits
+    path.write_bytes(some.content())
+    other = make_refits(path, model, sample, "0", replace(SETTINGS, count=5, seed=3))
+    assert not any(other.refits[n] == file.refits[n] for n in other.refits)
+
+
+def test_files_of_refits_that_do_not_fit_are_refused(fitted, tmp_path):
+    folder, _, file = fitted
+    path, beside = tmp_path / "m.json", tmp_path / "m.refits.json"
+    path.write_bytes((folder / "m.json").read_bytes())
+
+    def load():
+        load_model("", str(path), True)
+
+    refuses("is missing, so model m has no refits", load)
+    beside.write_bytes(file.model_copy(update={"wanted": 7}).content())
+    refuses("has 6 of 7 refits", load)
+    beside.write_bytes(file.model_copy(update={"model_sha256": "0" * 64}).content())
+    refuses("has the refits of another model", load)
+    document = json.loads(file.content())
+    document["refits"]["3"]["scale_triangles"][0][0] = -1.0
+    beside.write_text(json.dumps(document))
+    refuses("m.refits.json", load)
+    # Without them the model is as valid as before.
+    assert load_model("", str(path)).refits is None
+
+
+def test_shipped_refits_are_of_the_shipped_models():
+    for name, components in (("dut", 3), ("dut-k10", 10)):
+        model = load_model(name, None, True)
+        assert len(model.refits.models) == 20
+        assert {refit.mixture.weights.size for refit in model.refits.models} == {components}
+        effective = model.provenance["effective_vehicles"]
+        assert model.refits.effective_vehicles == pytest.approx(effective)
+
+
+def test_both_arms_of_a_pair_use_the_pairs_refit_and_nothing_else(tmp_path):
+    scenario = load_scenario("cctc", {"arms.av": "soft_yield"})
+    model = load_model("dut", None, True)
+
+    def outcomes(model, pairs):
+        vehicle, step_s = scenario.vehicle(), scenario.experiment.step_s
+        runner = PairRunner(scenario, model, lambda: PlainEngine(vehicle, step_s))
+        return {(o.pair, o.arm): o.record.pass_time_s for o in runner.run(pairs)}
+
+    pairs = [3, 25, 43]
+    spread = outcomes(model, pairs)
+    # The parent is the run of a model that is refit 3 or 5 alone: 25 = 20 + 5, 43 = 2 · 20 + 3.
+    for number, mine in ((3, [3, 43]), (5, [25])):
+        refit = model.refits.models[number]
+        alone = write_model(tmp_path / "alone.json", refit.mixture, "alone", {})
+        assert outcomes(alone, mine) == {key: of for key, of in spread.items() if key[0] in mine}
+    assert outcomes(load_model("dut"), [3])[3, Arm.HUMAN] != spread[3, Arm.HUMAN]
+
+
+def finding(theta, half, n=500):
+    return Finding(theta, theta - half, theta + half, n)
+
+
+def test_limits_and_share_of_known_cases():
+    rng = np.random.default_rng(1)
+    z = stats.norm.ppf(0.975)
+    # Without error of the pairs and with many refits, B is known: Student's t of the vehicles.
+    values = rng.normal(0.8, 0.05, 400)
+    found = over_model(finding(0.8, 1e-9), [*values], 16.0)
+    reach = stats.t.ppf(0.975, 15) * values.std(ddof=1) * np.sqrt(1 + 1 / 400)
+    assert found.high - 0.8 == pytest.approx(reach, rel=0.01)
+    assert found.share == pytest.approx(1.0)
+    # The share's interval: F = total / (B + R C) on R − 1 degrees of freedom (Searle 1971).
+    values = np.linspace(-1, 1, 20)
+    total, pairs = values.var(ddof=1), 0.004
+    found = over_model(finding(0.0, z * np.sqrt(pairs)), [*values], 16.0)
+    for share, quantile in ((found.share_low, 0.975), (found.share_high, 0.025)):
+        between = total * 19 / stats.chi2.ppf(quantile, 19) - 20 * pairs
+        assert share == pytest.approx(between * 1.05 / (between * 1.05 + pairs))
+    # Both errors together are at least as large as each: sums of independent errors.
+    assert found.high > max(z * np.sqrt(pairs), stats.t.ppf(0.975, 15) * np.sqrt(total - 0.08))
+    # A number that no refit changes keeps its interval, and says nothing of the model's share.
+    same = over_model(Finding(0.0, 0.0, 0.007, 500, 0), [0.0] * 20, 16.0)
+    assert (same.low, same.high, same.share, same.mostly_model) == (0.0, 0.007, None, False)
+    assert over_model(finding(0.8, 0.1), [None] * 18 + [0.8, 0.7], 16.0).low is None
+
+
+CHANGES = {"experiment.pairs": 40, "model.over_refits": True}
+
+
+def test_a_run_over_refits_is_kept_resumed_scored_and_named(tmp_path):
+    study, options = one_cell("cctc", CHANGES), Options(engine="plain", audit=0.0, traces=True)
+    run = run_inline(study, tmp_path / "a", engine="plain", audit=0.0, traces=True)
+    rows = (tmp_path / "a" / "over_model.csv").read_text().splitlines()
+    ratio = run.over_model[0]["time_ratio"]
+    usual = run.results[0].findings["time_ratio"]
+    assert ratio.low < usual.low < usual.high < ratio.high
+    assert any(row.startswith(f"0,time_ratio,{ratio.value},{ratio.low}") for row in rows)
+    refits = run.manifest["simulated_with"]["models"][0]["refits"]
+    assert refits["count"] == 20
+    assert refits["sha256"] == load_model("dut", None, True).refits.sha256
+    run_stopped(study, tmp_path / "b", 2, engine="plain", audit=0.0, traces=True)
+    resume(tmp_path / "b", workers=0)
+    for name in ("episodes.parquet", "over_model.csv", "manifest.json"):
+        assert (tmp_path / "b" / name).read_bytes() == (tmp_path / "a" / name).read_bytes()
+    score(tmp_path / "a", tmp_path / "c")
+    assert (tmp_path / "c" / "over_model.csv").read_text().splitlines() == rows
+    # Off, nothing of it is there.
+    plain = run_study(one_cell("cctc", {"experiment.pairs": 2}), options, out=tmp_path / "d")
+    assert not (tmp_path / "d" / "over_model.csv").exists()
+    assert "refits" not in plain.manifest["simulated_with"]["models"][0]
+    assert pq.read_schema(tmp_path / "d" / "summary.parquet").names == (
+        pq.read_schema(tmp_path / "a" / "summary.parquet").names
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("run cctc --over-model --pairs 5", "5 pairs for 20 refits"),
+        (
+            "run cctc --over-model --set arms.human=human_yield --set arms.av=gap_yield "
+            "--set pedestrians.walking_speed.mean_mps=1.3",
+            "nothing here depends on the interaction model",
+        ),
+        ("risk cctc --set model.over_refits=true", "is not supported by `harness risk`"),
+        ("fit rows.csv --out m.json --refits 3", "0 (none), or 5 or more"),
+        ("fit rows.csv --out m.json --keep-model", "needs --refits"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_one_line(words, told, tmp_path):
+    answer = here(*words.split(), cwd=tmp_path)
+    assert answer.returncode == 2
+    assert answer.stderr.count("\n") == 1
+    assert told in answer.stderr
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_training_environment_refuses_refits():
+    from harness.rl import CrosswalkEnv
+
+    with pytest.raises(InputError, match=r"not supported by harness\.rl"):
+        CrosswalkEnv("cctc", settings={"model.over_refits": True}, engine="plain")
