@@ -84,6 +84,8 @@ class SimulationArm:
             crosswalk.id: PeopleAtCrosswalk(function, crosswalk, self._person_came)
             for crosswalk in setting.crosswalks
         }
+        self._persons_on: Callable[[str], Sequence[str]] = function("edge", "getLastStepPersonIDs")
+        self._walked_edges = sorted(set().union(*(each.edges for each in self.people.values())))
         self.hits: set[tuple[str, str]] = set()
         self.standing = Standing(self.api, setting, self.log)
 
@@ -103,8 +105,7 @@ class SimulationArm:
                 time_s = simulation.step()
                 steps += 1
                 self._count()
-                for people in self.people.values():
-                    people.note(time_s)
+                self._note_people(time_s)
                 self._follow(time_s)
                 self.lookout.look(time_s)
                 if steps % sample_steps == 0:
@@ -120,8 +121,17 @@ class SimulationArm:
         log.passages.sort(key=lambda each: (each.time_s[0], each.name))
         return log
 
-    def _views(self, driven_way: DrivenWay) -> list[PedestrianView]:
+    def _views(self, driven_way: DrivenWay) -> Sequence[PedestrianView]:
         return self.people[driven_way.way.crosswalk].views(driven_way.way)
+
+    def _note_people(self, time_s: float) -> None:
+        """Note where everybody at the crosswalks is; each walking area is read once."""
+        edges = self._walked_edges
+        on_edges = zip(edges, map(self._persons_on, edges), strict=True)
+        there = {edge: names for edge, names in on_edges if names}
+        for people in self.people.values():
+            if people.present or not people.edges.isdisjoint(there):
+                people.note(time_s, there)
 
     def _person_came(self, person: str) -> None:
         self.control.ignore(self.api.person.getTypeID(person))
@@ -180,15 +190,18 @@ class SimulationArm:
         """Read the states, at the step's end, of all vehicles on their way over a crosswalk."""
         if not self.active:
             return
+        states: dict[str, tuple[float, float]] = {}
         checked: set[str] = set()
-        for key, passage in list(self.active.items()):
+        for key, passage in [*self.active.items()]:
             name = passage.name
-            try:
-                x_m = passage.offset_m + self._distance_of(name)
-                speed_mps = self._speed_of(name)
-            except self.api.TraCIException:
-                self._end(key, VANISHED, exists=False)
-                continue
+            if name not in states:
+                try:
+                    states[name] = self._distance_of(name), self._speed_of(name)
+                except self.api.TraCIException:
+                    self._end(key, VANISHED, exists=False)
+                    continue
+            driven_m, speed_mps = states[name]
+            x_m = passage.offset_m + driven_m
             passage.note(time_s, x_m, speed_mps)
             if passage.strategy is not None and name not in checked:
                 checked.add(name)
@@ -210,15 +223,18 @@ class SimulationArm:
 
     def _judged(self, name: str, position_m: float, lane: WatchedLane, time_s: float) -> bool:
         """Whether nothing remains to be decided about a vehicle at any crosswalk on this lane."""
-        whole = True
+        decided = lane.decided.setdefault(name, set())
         for crosswalk, ways in lane.ways.items():
+            if crosswalk in decided:
+                continue
             candidates = [(each, start_m + position_m) for each, start_m in ways]
             x_m = max(x_m for _, x_m in candidates)
-            if (name, crosswalk) in self.active or x_m >= 0.0:
-                continue
-            near = x_m >= -self.setting.range_m - ROUNDING_M
-            whole &= near and self._arrived(name, crosswalk, candidates, time_s)
-        return whole
+            if (name, crosswalk) not in self.active and x_m < 0.0:
+                near = x_m >= -self.setting.range_m - ROUNDING_M
+                if not (near and self._arrived(name, crosswalk, candidates, time_s)):
+                    continue
+            decided.add(crosswalk)
+        return len(decided) == len(lane.ways)
 
     def _arrived(
         self, name: str, crosswalk: str, candidates: list[tuple[DrivenWay, float]], time_s: float

@@ -1,10 +1,17 @@
 """Vehicles on their ways over chosen crosswalks, and the strategies that drive them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from harness.core.encounter import EgoView, Observation, PedestrianView, Strategy, Vehicle
+from harness.core.encounter import (
+    EgoView,
+    Observation,
+    PedestrianView,
+    Strategy,
+    Vehicle,
+    quick_tuple,
+)
 from harness.core.errors import StrategyError
 from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
 from harness.site.simulation import DrivenWay
@@ -103,7 +110,7 @@ class Control:
         api: Any,
         step_s: float,
         detection_m: float,
-        views: Callable[[DrivenWay], list[PedestrianView]],
+        views: Callable[[DrivenWay], Sequence[PedestrianView]],
     ) -> None:
         self._vehicle, self._step_s = api.vehicle, step_s
         self._detection_m, self._views = detection_m + ROUNDING_M, views
@@ -176,9 +183,11 @@ class Control:
         time_s = (len(passage.x_m) - 1) * self._step_s
         near = -self._detection_m <= x <= self._detection_m
         seen = tuple(self._views(passage.driven_way)) if near else ()
-        ego = EgoView(-x, speed, (speed - before) / self._step_s)
+        ego = quick_tuple(EgoView, (-x, speed, (speed - before) / self._step_s))
         crossing = passage.driven_way.way.crossing
-        observation = Observation(time_s, self._step_s, ego, passage.vehicle, crossing, seen)
+        observation = quick_tuple(
+            Observation, (time_s, self._step_s, ego, passage.vehicle, crossing, seen)
+        )
         try:
             answer = passage.strategy.decide(observation)
         except (Exception, SystemExit) as error:

@@ -24,6 +24,7 @@ class WatchedLane:
         fed: lanes that vehicles reach only from this lane or from other lanes that feed them.  So a
             fed lane is empty if all of its feeding lanes were empty a step ago.
         due: the next step in which each vehicle is read, by vehicle.
+        decided: by vehicle, the crosswalks at which nothing remains to be decided on this lane.
     """
 
     name: str
@@ -32,6 +33,7 @@ class WatchedLane:
     until: float = math.inf
     fed: "list[WatchedLane]" = field(default_factory=list)
     due: dict[str, float] = field(default_factory=dict)
+    decided: dict[str, set[str]] = field(default_factory=dict)
 
 
 Judge = Callable[[str, float, "WatchedLane", float], bool]
@@ -66,36 +68,45 @@ class Lookout:
         self._per_step_m = MOST_MPS * step_s
         self._steps = 0
         self.lanes = _watched(setting, self._per_step_m, lanes_of_edge)
+        self._always = [lane for lane in self.lanes if lane.until == math.inf]
+        self._always_names = [lane.name for lane in self._always]
+        self._at_times = [lane for lane in self.lanes if lane.until < math.inf]
 
     def look(self, time_s: float) -> None:
         """Read lanes and vehicles at the end of a step, and judge vehicles beyond R0."""
         self._steps += 1
-        steps, on_lane = self._steps, self._on_lane
-        for lane in self.lanes:
-            if lane.until < steps:
+        steps = self._steps
+        at_times = [lane for lane in self._at_times if lane.until >= steps]
+        for lane, names in zip(
+            self._always + at_times,
+            map(self._on_lane, self._always_names + [lane.name for lane in at_times]),
+            strict=True,
+        ):
+            if names:
+                self._read(lane, names, time_s)
+            elif lane.due:
+                lane.due.clear()
+                lane.decided.clear()
+
+    def _read(self, lane: WatchedLane, names: Sequence[str], time_s: float) -> None:
+        """Read the vehicles on a lane that are due, and judge those beyond R0."""
+        due, steps = lane.due, self._steps
+        for fed in lane.fed:
+            fed.until = steps + 1
+        for name in names:
+            if due.get(name, 0) > steps:
                 continue
-            names = on_lane(lane.name)
-            if not names:
-                if lane.due:
-                    lane.due.clear()
-                continue
-            due = lane.due
-            for fed in lane.fed:
-                fed.until = steps + 1
-            for name in names:
-                if due.get(name, 0) > steps:
-                    continue
-                position_m = self._place(name)
-                left_m = lane.before_m - position_m
-                if left_m > 0.0:
-                    due[name] = steps + 1 + int(left_m / self._per_step_m)
-                else:
-                    done = self._judge(name, position_m, lane, time_s)
-                    due[name] = math.inf if done else steps + 1
-            if len(due) > len(names):
-                here = {*names}
-                for name in [name for name in due if name not in here]:
-                    del due[name]
+            position_m = self._place(name)
+            left_m = lane.before_m - position_m
+            if left_m > 0.0:
+                due[name] = steps + 1 + int(left_m / self._per_step_m)
+            else:
+                done = self._judge(name, position_m, lane, time_s)
+                due[name] = math.inf if done else steps + 1
+        if len(due) > len(names):
+            for name in due.keys() - {*names}:
+                del due[name]
+                lane.decided.pop(name, None)
 
 
 def _watched(

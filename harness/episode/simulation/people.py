@@ -1,7 +1,7 @@
 """The people at a chosen crosswalk, whom SUMO moves: their records and the strategies' views."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -74,18 +74,23 @@ class PeopleAtCrosswalk:
         self._count = 0
         self._on_new = on_new
         self._areas = sorted(crosswalk.areas)
-        self._persons_on: Callable[[str], Sequence[str]] = function("edge", "getLastStepPersonIDs")
+        self.edges = {crosswalk.id, *self._areas}
+        self._seen: dict[int, tuple[PedestrianView, ...]] = {}
         self._next_edge: Callable[[str], str] = function("person", "getNextEdge")
         self._place: Callable[[str], Sequence[float]] = function("person", "getPosition")
         self._speed: Callable[[str], float] = function("person", "getSpeed")
 
-    def note(self, time_s: float) -> None:
-        """Note where everybody is at the end of a step."""
+    def note(self, time_s: float, there: Mapping[str, Sequence[str]]) -> None:
+        """Note where everybody is at the end of a step.
+
+        Args:
+            time_s: the end of the step.
+            there: by edge, everybody on the crossing and its walking areas; edges may be missing.
+        """
         crossing, present = self.crosswalk.id, self.present
-        here = self._persons_on(crossing)
-        beside = [self._persons_on(area) for area in self._areas]
-        if not (present or here or any(beside)):
-            return
+        self._seen.clear()
+        here = there.get(crossing, ())
+        beside = [there[area] for area in self._areas if area in there]
         known = set(here)
         for name in here:
             self._known(name).note(time_s, self._place(name), on_crossing=True)
@@ -128,9 +133,16 @@ class PeopleAtCrosswalk:
         before = [p for p in self.present.values() if True not in p.on_crossing]
         return [person.track() for person in (*everyone, *before)]
 
-    def views(self, way: WayOver) -> list[PedestrianView]:
-        """Everybody as a vehicle on one way sees them."""
-        return [view_of(each, self._speed(each.id), way) for each in self.present.values()]
+    def views(self, way: WayOver) -> tuple[PedestrianView, ...]:
+        """Everybody as a vehicle on one way sees them; all vehicles on a way see the same."""
+        if not self.present:
+            return ()
+        seen = self._seen.get(id(way))
+        if seen is None:
+            everybody = self.present.values()
+            seen = tuple(view_of(each, self._speed(each.id), way) for each in everybody)
+            self._seen[id(way)] = seen
+        return seen
 
 
 def view_of(person: PersonAt, speed_mps: float, way: WayOver) -> PedestrianView:
