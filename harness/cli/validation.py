@@ -57,7 +57,7 @@ def validate(
     behaviour: Annotated[
         str | None,
         typer.Option(
-            help="With people: how pedestrians decide; default gap_acceptance.", metavar="NAME"
+            help="With people: how pedestrians decide; default threshold.", metavar="NAME"
         ),
     ] = None,
     trials: Annotated[
@@ -152,7 +152,7 @@ def _people(
     changes = [parse_setting(text) for text in settings or []]
     with progress_bar("cells", quiet or as_json) as advance:
         findings = validate_people(
-            behaviour or "gap_acceptance",
+            behaviour or "threshold",
             ["human_yield"] if drivers is None else drivers,
             changes,
             zebra=zebra,
