@@ -223,6 +223,7 @@ class Arrival(NamedTuple):
     for all others.  ``detection_quantile`` is the quantile of the time to their first detection; it
     is None if detection is certain.  ``looks_from_s`` is given for a pedestrian who has been at the
     kerb before they may decide: they decide at steps from this time on, and not on arrival.
+    ``walking_class`` is the number of their class of walking speeds, if they are in one.
     """
 
     index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
@@ -235,6 +236,7 @@ class Arrival(NamedTuple):
     looks_from_s: float | None = None
     threshold_s: float | None = None
     latency_s: float | None = None
+    walking_class: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,8 @@
 
 Every random number of a run comes from a stream keyed by (root seed, purpose, pair) and not by the
 order of execution or by the cell.  A pair therefore draws the same numbers in any worker, in any
-cell and after any resumption.  Within a stream the i-th draw belongs to pedestrian i, unless the
-stream is keyed by the pedestrian too.
+cell and after any resumption.  Within a stream the i-th draw belongs to pedestrian i (or to their
+group, if it describes one), unless the stream is keyed by the pedestrian too.
 """
 
 import math
@@ -31,6 +31,8 @@ Purpose = Literal[
     "vehicle_type",
     "threshold",
     "latency",
+    "group_size",
+    "walking_class",
 ]
 
 Given = Mapping[Purpose, Sequence[float]]
@@ -57,6 +59,8 @@ _PURPOSES: dict[Purpose, int] = {
     "vehicle_type": 16,
     "threshold": 17,
     "latency": 18,
+    "group_size": 19,
+    "walking_class": 20,
 }
 
 

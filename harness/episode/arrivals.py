@@ -1,7 +1,9 @@
 """A scenario and a pair's number in; the pair's pedestrians and their arrival times out."""
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable
+from itertools import groupby
 from statistics import NormalDist
 
 import numpy as np
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 from harness.core.encounter import Arrival, Leg, Side
 from harness.core.seeding import Given, Purpose, stream
 from harness.episode.threshold import lognormal_s
-from harness.scenario import GapAcceptanceSection, PedestriansSection, Scenario
+from harness.scenario import QUARTER_S, GapAcceptanceSection, PedestriansSection, Scenario
 
 SECONDS_PER_HOUR = 3600.0
 
@@ -18,16 +20,25 @@ _BLOCK = 32
 
 
 def planned_arrivals(
-    scenario: Scenario, pair: int, given: Given | None = None, horizon_s: float | None = None
+    scenario: Scenario,
+    pair: int,
+    given: Given | None = None,
+    horizon_s: float | None = None,
+    begin_s: float = 0.0,
 ) -> tuple[Arrival, ...]:
     """All pedestrians who may arrive during an episode of this pair, by arrival time.
 
     Arrivals are a Poisson process of rate λ (paper, section III-B).  The time of arrival i is the
     sum of i + 1 unit exponentials, times 3600/λ.  So λ only stretches the time axis, and the cells
-    of a sweep over λ share their random numbers.  With ``first_at_trigger`` pedestrian 0 is at the
-    kerb at t = 0, and the others follow.  Side, quantile, critical gap, threshold, latency and
-    detection quantile of pedestrian i are the i-th draws of their own streams.  Timed pedestrians
-    are present from the trigger, are the same in every pair, and have the first indices.
+    of a sweep over λ share their random numbers.  If λ changes, the sum is Λ, the integral of λ up
+    to that time.  With ``first_at_trigger`` pedestrian 0 is at the kerb at t = 0, and the others
+    follow.  Side, quantile, critical gap, threshold, latency, class and detection quantile of
+    pedestrian i are the i-th draws of their own streams.  Timed pedestrians are present from the
+    trigger, are the same in every pair, and have the first indices.
+
+    In groups, the process is that of the groups, at λ over their mean size.  The members of group g
+    arrive together; its size, side, critical gap, threshold and latency are the g-th draws of their
+    streams.
 
     Args:
         scenario: has flow, bounds, shares and seed.
@@ -35,6 +46,7 @@ def planned_arrivals(
         given: uniforms that replace the first draws; None: the values of ``pedestrians.drawn`` for
             the pair, if any.
         horizon_s: the last possible arrival time; None for ``timeout_s``.
+        begin_s: the time at which the first quarter of an hour of λ begins.
 
     Returns:
         At most ``max_count`` arrivals at times in [0, horizon], and the timed pedestrians.
@@ -45,12 +57,14 @@ def planned_arrivals(
         pair, given = drawn.episode, drawn.uniforms
     uniforms = _Uniforms(experiment.seed, pair, given or {})
     horizon_s = experiment.timeout_s if horizon_s is None else horizon_s
-    times = _arrival_times(pedestrians, uniforms, horizon_s)
-    count = len(times)
-    from_near = uniforms.first("side", count) < pedestrians.near_side_share
+    times = _arrival_times(pedestrians, uniforms, horizon_s, begin_s)
+    groups = _groups(pedestrians, uniforms, len(times))
+    count = len(groups)
+    from_near = uniforms.first("side", len(times)) < pedestrians.near_side_share
     quantiles = uniforms.first("quantile", count)
-    gaps = _critical_gaps(pedestrians, uniforms, count)
-    thresholds, latencies = _thresholds(pedestrians, uniforms, count)
+    classes = _walking_classes(pedestrians, uniforms, count)
+    gaps = _critical_gaps(pedestrians, uniforms, len(times))
+    thresholds, latencies = _thresholds(pedestrians, uniforms, len(times))
     walks = scenario.timed_walks()
     first_seen = _detections(scenario, uniforms, "timed_detection", len(walks))
     timed = [
@@ -61,63 +75,67 @@ def planned_arrivals(
     others = [
         Arrival(
             index,
-            time,
-            Side.NEAR if near else Side.FAR,
+            times[group],
+            Side.NEAR if from_near[group] else Side.FAR,
             float(quantile),
-            gap,
-            None,
-            detection,
-            threshold_s=threshold,
-            latency_s=latency,
+            gaps[group],
+            detection_quantile=detection,
+            threshold_s=thresholds[group],
+            latency_s=latencies[group],
+            walking_class=walking_class,
         )
-        for index, (time, near, quantile, gap, detection, threshold, latency) in enumerate(
-            zip(times, from_near, quantiles, gaps, detections, thresholds, latencies, strict=True),
-            len(timed),
+        for index, (group, quantile, walking_class, detection) in enumerate(
+            zip(groups, quantiles, classes, detections, strict=True), len(timed)
         )
     ]
     return (*timed, *others)
 
 
 def already_walking(
-    scenario: Scenario, pair: int, walking_speed: Callable[[float], float], first: int
+    scenario: Scenario, pair: int, walking_speed: Callable[[float, int | None], float], first: int
 ) -> tuple[Arrival, ...]:
     """Pedestrians who arrived in ``pedestrians.warm_up_s`` and are on the crosswalk at the trigger.
 
-    The flow before the trigger is a Poisson process of the same rate.  It is drawn backwards in
-    time from its own stream, so later arrivals are the same with and without it.  These pedestrians
-    met no vehicle: each began to walk on arrival, at the speed of their own quantile.  Pedestrians
-    who reached the other kerb before the trigger are left out.
+    The flow before the trigger is a Poisson process of the rate at the trigger.  It is drawn
+    backwards in time from its own stream, so later arrivals are the same with and without it.
+    These pedestrians met no vehicle: each began to walk on arrival, at the speed of their own
+    quantile.  Pedestrians who reached the other kerb before the trigger are left out.
 
     Args:
         scenario: has flow, shares, crossing and seed.
         pair: index of the pair.
-        walking_speed: the walking speed in m/s at a quantile, without a vehicle.
+        walking_speed: the walking speed in m/s at a quantile, in a class, without a vehicle.
         first: index of the first of these pedestrians.
     """
     pedestrians, length = scenario.pedestrians, scenario.crossing.length_m
-    if not pedestrians.warm_up_s or not pedestrians.flow_per_hour:
+    flow = pedestrians.flows_per_hour[0]
+    if not pedestrians.warm_up_s or not flow:
         return ()
     rng = stream(scenario.experiment.seed, "warm_up", pair)
-    scale = SECONDS_PER_HOUR / pedestrians.flow_per_hour
+    scale = SECONDS_PER_HOUR * pedestrians.mean_group_size / flow
+    certain = scenario.perception.detection_probability >= 1
     present: list[Arrival] = []
     ago_s = 0.0
     while True:
-        gap, side, quantile, detection = rng.random(4).tolist()
+        gap, side, *member = rng.random(4).tolist()
         ago_s -= scale * math.log1p(-gap)
         if ago_s > pedestrians.warm_up_s:
             return tuple(present)
-        speed = walking_speed(quantile)
-        walked = speed * ago_s
-        if walked < length:
-            near = side < pedestrians.near_side_share
-            y, velocity = (walked, speed) if near else (length - walked, -speed)
-            path = (Leg(0.0, 0.0, y, 0.0, velocity, 0.0),)
-            kerb = Side.NEAR if near else Side.FAR
-            certain = scenario.perception.detection_probability >= 1
-            seen = None if certain else detection
-            present.append(
-                Arrival(first + len(present), 0.0, kerb, None, path=path, detection_quantile=seen)
-            )
+        near = side < pedestrians.near_side_share
+        kerb = Side.NEAR if near else Side.FAR
+        members = [member]
+        if len(pedestrians.group_size) > 1:
+            members += rng.random((pedestrians.group_size_at(rng.random()) - 1, 2)).tolist()
+        for quantile, detection in members:
+            uniform = rng.random() if pedestrians.walking_classes else 1.0
+            speed = walking_speed(quantile, pedestrians.walking_class_at(uniform))
+            walked = speed * ago_s
+            if walked < length:
+                y, velocity = (walked, speed) if near else (length - walked, -speed)
+                path = (Leg(0.0, 0.0, y, 0.0, velocity, 0.0),)
+                seen = None if certain else detection
+                index = first + len(present)
+                present.append(Arrival(index, 0.0, kerb, None, path=path, detection_quantile=seen))
 
 
 def critical_gap_s(uniform: float, gaps: GapAcceptanceSection) -> float:
@@ -198,16 +216,63 @@ def _detections(
     return quantiles
 
 
+def _groups(pedestrians: PedestriansSection, uniforms: _Uniforms, count: int) -> list[int]:
+    """The number of each pedestrian's group, of ``count`` groups; at most ``max_count``."""
+    if len(pedestrians.group_size) == 1:
+        return [*range(count)]
+    drawn = uniforms.first("group_size", count).tolist()
+    sizes = map(pedestrians.group_size_at, drawn)
+    groups = [group for group, size in enumerate(sizes) for _ in range(size)]
+    return groups[: pedestrians.max_count]
+
+
+def _walking_classes(
+    pedestrians: PedestriansSection, uniforms: _Uniforms, count: int
+) -> list[int | None]:
+    if not pedestrians.walking_classes:
+        return [None] * count
+    drawn = uniforms.first("walking_class", count).tolist()
+    return [*map(pedestrians.walking_class_at, drawn)]
+
+
+class _Stretch:
+    """The time at which the expected number of groups reaches a value: Λ⁻¹.
+
+    Before the first quarter of an hour λ has its first value, and after the last its last value.
+    """
+
+    def __init__(self, pedestrians: PedestriansSection, begin_s: float) -> None:
+        hour_s = SECONDS_PER_HOUR * pedestrians.mean_group_size
+        self._reached: list[float] = []
+        self._pieces: list[tuple[float, float]] = []
+        start_s, reached = 0.0, 0.0
+        # Equal quarters are one piece, so its times do not depend on their number.
+        for flow, same in groupby(pedestrians.flows_per_hour):
+            self._reached.append(reached)
+            # Nobody comes in a piece without a flow; only if it is the last one, it has no end.
+            self._pieces.append((start_s, hour_s / flow) if flow else (math.inf, 0.0))
+            begin_s += QUARTER_S * len([*same])
+            reached += (begin_s - start_s) * flow / hour_s
+            start_s = begin_s
+
+    def __call__(self, expected: float) -> float:
+        """The time in s, > 0; infinite if the number is never reached."""
+        number = bisect_right(self._reached, expected) - 1
+        start_s, scale = self._pieces[number]
+        return start_s + (expected - self._reached[number]) * scale
+
+
 def _arrival_times(
-    pedestrians: PedestriansSection, uniforms: _Uniforms, horizon_s: float
+    pedestrians: PedestriansSection, uniforms: _Uniforms, horizon_s: float, begin_s: float
 ) -> list[float]:
+    """The times at which groups arrive; at most ``max_count``."""
     most = pedestrians.max_count
     times: list[float] = []
     if pedestrians.first_at_trigger and most != 0:
         times.append(0.0)
-    if pedestrians.flow_per_hour == 0 or len(times) == most:
+    if max(pedestrians.flows_per_hour) == 0 or len(times) == most:
         return times
-    scale = SECONDS_PER_HOUR / pedestrians.flow_per_hour
+    stretch = _Stretch(pedestrians, begin_s)
     waited, count = 0.0, _BLOCK
     # The first draw belongs to pedestrian 0, whether or not they were placed at the trigger.
     first = len(times)
@@ -215,7 +280,8 @@ def _arrival_times(
         # A longer sequence from the same stream begins with the same draws.
         for gap in -np.log1p(-uniforms.first("arrival", count)[first:]):
             waited += float(gap)
-            if waited * scale > horizon_s or len(times) == most:
+            time_s = stretch(waited)
+            if time_s > horizon_s or len(times) == most:
                 return times
-            times.append(waited * scale)
+            times.append(time_s)
         first, count = count, 2 * count

@@ -37,7 +37,7 @@ class WalkingSpeeds:
         quantile = arrival.quantile
         assert quantile is not None  # timed pedestrians never choose a speed
         if range_m <= 0 or self._normal is not None or self._reading == "unconditional":
-            return self.unconditional(quantile)
+            return self.unconditional(quantile, arrival.walking_class)
         self.model_use.note(range_m, speed_mps)
         if lateral_m is None:
             lateral_m = self._lateral_m[arrival.side]
@@ -55,8 +55,8 @@ class WalkingSpeeds:
                 return float(walking[0])
         return self._model.walking_speed_at(quantile, range_m, speed_mps)
 
-    def unconditional(self, quantile: float) -> float:
-        """Walking speed in m/s at a quantile, without regard to the ego."""
+    def unconditional(self, quantile: float, walking_class: int | None = None) -> float:
+        """Walking speed in m/s at a quantile of a class, without regard to the ego."""
         if self._normal is None:
             return self._model.walking_speed_unconditional(quantile)
-        return self._normal.at(quantile)
+        return self._normal.at(quantile, walking_class)

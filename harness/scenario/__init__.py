@@ -36,7 +36,7 @@ from harness.scenario.study import (
     study_from,
     study_of,
 )
-from harness.scenario.traffic import QUARTER_S, TrafficSection
+from harness.scenario.traffic import QUARTER_S, TrafficSection, by_quarter
 from harness.scenario.variation import flatten, parse_variation
 
 __all__ = [
@@ -58,6 +58,7 @@ __all__ = [
     "TrafficSection",
     "WalkingSpeedSection",
     "as_written",
+    "by_quarter",
     "engine_named",
     "flatten",
     "hang_limit_s",

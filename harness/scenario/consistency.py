@@ -3,16 +3,13 @@
 import math
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Crossing, Side
-from harness.core.errors import InputError, unknown_name
-from harness.scenario.people import TimedSection
-from harness.scenario.scenario import Scenario, path_of
+from harness.core.errors import InputError
+from harness.scenario.people_consistency import check_pedestrians, check_quarters
+from harness.scenario.scenario import Scenario
 from harness.scenario.sections import ROUNDING_M, PerceptionSection
 from harness.scenario.sight import check_sight, check_steps, remarks_on_sight
-from harness.scenario.traffic import QUARTER_S, TrafficSection
+from harness.scenario.traffic import TrafficSection, by_quarter
 from harness.site.site import Passed
-
-MAX_BEFORE_KERB_M = 8.0
-"""Greatest distance from a timed pedestrian's start to their kerb; a footpath is 10 m long."""
 
 WIDEST_USUAL_LANE_M = 6.0
 """A wider lane gets a remark, because users may enter the width of two lanes as that of one."""
@@ -41,7 +38,7 @@ def check_consistency(scenario: Scenario, source: str) -> None:
             f"{ego.trigger_range_m:g} m is on or too close to the crosswalk",
             f"at least crossing.width_m / 2 + 1.5 = {nearest:g} m",
         )
-    _check_pedestrians(scenario, f"{source}: pedestrians")
+    check_pedestrians(scenario, f"{source}: pedestrians")
     milliseconds = experiment.step_s * 1000
     if abs(milliseconds - round(milliseconds)) > 1e-9:
         raise InputError(
@@ -170,44 +167,6 @@ def check_time_out(scenario: Scenario, source: str) -> None:
         )
 
 
-def _check_pedestrians(scenario: Scenario, where: str) -> None:
-    pedestrians = scenario.pedestrians
-    if pedestrians.drawn and scenario.experiment.pairs > len(pedestrians.drawn):
-        raise InputError(
-            f"{where}.drawn",
-            f"has the pedestrians of {len(pedestrians.drawn)} pairs",
-            f"at least experiment.pairs = {scenario.experiment.pairs} entries",
-        )
-    names = [timed.name for timed in pedestrians.timed]
-    case = pedestrians.timed_case
-    if case is not None and case not in names:
-        raise unknown_name(f"{where}.timed_case", "case", case, names)
-    for number, timed in enumerate(pedestrians.timed):
-        _check_timed(timed, scenario, f"{where}.timed.{number}")
-
-
-def _check_timed(timed: TimedSection, scenario: Scenario, where: str) -> None:
-    """Refuse a pedestrian who would start beyond the footpath, in the car or before the trigger."""
-    ego = scenario.ego
-    to_kerb_m = scenario.crosswalk().to_lane_m(Side(timed.side))
-    nearest, farthest = ego.width_m / 2 + PEDESTRIAN_RADIUS_M, to_kerb_m + MAX_BEFORE_KERB_M
-    if not nearest < timed.start_lateral_m <= farthest:
-        raise InputError(
-            f"{where}.start_lateral_m",
-            f"{timed.start_lateral_m:g} m is in the car's path or beyond the footpath",
-            f"above {nearest:g} m and at most {farthest:g} m",
-        )
-    start_s = path_of(timed, scenario)[0].time_s
-    if start_s < 0:
-        # Each metre of trigger range adds 1/v0 of time.
-        needed = ego.trigger_range_m - start_s * ego.initial_speed_mps
-        raise InputError(
-            f"{where}.speed_mps",
-            f"they would have to start {-start_s:.3g} s before the trigger",
-            f"ego.trigger_range_m of at least {needed:.4g} m, or a faster walk",
-        )
-
-
 def _check_traffic(scenario: Scenario, traffic: TrafficSection, source: str) -> None:
     """Refuse flows above capacity, times that are not whole steps, and keys that need a trigger."""
     pedestrians, step_s = scenario.pedestrians, scenario.experiment.step_s
@@ -254,12 +213,8 @@ def _check_types(traffic: TrafficSection, where: str) -> None:
 def _check_flow(
     flow: float | tuple[float, ...], lanes: int, scenario: Scenario, where: str
 ) -> None:
-    traffic = scenario.known_traffic
-    values = flow if isinstance(flow, tuple) else (flow,)
-    quarters = math.ceil(traffic.duration_s / QUARTER_S - 1e-9)
-    if isinstance(flow, tuple) and len(flow) != quarters:
-        allowed = f"{quarters}, one for each quarter of an hour of traffic.duration_s"
-        raise InputError(where, f"{len(flow)} values", allowed)
+    traffic, values = scenario.known_traffic, by_quarter(flow)
+    check_quarters(flow, scenario, where)
     most = lanes * 3600.0 / scenario.least_headway_s()
     if max(values) > 0 and not lanes:
         raise InputError(where, f"{max(values):g} vehicles per hour, but no lane for them", "0")

@@ -81,6 +81,9 @@ def _refuse(scenario: Scenario, source: str) -> None:
     for key in sorted(scenario.pedestrians.model_fields_set - {*_PEOPLE_KEYS}):
         problem = "is not supported with [simulation]: SUMO moves the people"
         raise InputError(f"{source}: pedestrians.{key}", problem, ", ".join(_PEOPLE_KEYS))
+    if isinstance(scenario.pedestrians.flow_per_hour, tuple):
+        problem = "a list is not supported with [simulation]"
+        raise InputError(f"{source}: pedestrians.flow_per_hour", problem, "one flow")
     given = scenario.pedestrians.model_fields_set
     if "behaviour" in given and scenario.pedestrians.behaviour != "sumo":
         problem = f"{scenario.pedestrians.behaviour!r} is not supported with [simulation]"

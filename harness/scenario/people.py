@@ -1,5 +1,8 @@
 """Every key of ``[pedestrians]`` with its meaning and default: arrivals, decisions, speeds."""
 
+from bisect import bisect_right
+from collections.abc import Sequence
+from itertools import accumulate
 from statistics import NormalDist
 from typing import Annotated, Any, Literal, cast
 
@@ -8,6 +11,7 @@ from pydantic import Field
 from harness.core.encounter import Behaviour
 from harness.core.seeding import GIVEN_DRAWS, Given
 from harness.scenario.sections import NonNegative, Positive, Section, Share
+from harness.scenario.traffic import Flows, by_quarter
 
 SLOWEST_MPS = 0.3
 """Least walking speed that is drawn from ``[pedestrians.walking_speed]``."""
@@ -99,6 +103,8 @@ class DrawnSection(Section):
     """Uniforms that choose the kerb of each pedestrian."""
     quantile: Uniforms = ()
     """Uniforms of the walking speeds."""
+    walking_class: Uniforms = ()
+    """Uniforms that choose the class of walking speeds of each pedestrian."""
     critical_gap: Uniforms = ()
     """Uniforms of the critical gaps."""
     threshold: Uniforms = ()
@@ -125,6 +131,20 @@ class DrawnSection(Section):
         return cast(Given, self.model_dump(exclude={"episode"}))
 
 
+class WalkingClassSection(Section):
+    """``[[pedestrians.walking_speed.classes]]``: people who walk slower or faster than the others.
+
+    Their distribution is truncated as in ``[pedestrians.walking_speed]``.
+    """
+
+    share: Share
+    """Share of the pedestrians; the shares of all classes sum to at most 1."""
+    mean_mps: Annotated[float, Field(ge=0.5, le=3)]
+    """Mean before truncation at 0.3 m/s."""
+    std_mps: Annotated[float, Field(gt=0, le=1)] = 0.25
+    """Standard deviation before truncation."""
+
+
 class WalkingSpeedSection(Section):
     """``[pedestrians.walking_speed]``: a normal distribution instead of the interaction model.
 
@@ -135,10 +155,13 @@ class WalkingSpeedSection(Section):
     """Mean before truncation at 0.3 m/s."""
     std_mps: Annotated[float, Field(gt=0, le=1)] = 0.25
     """Standard deviation before truncation."""
+    classes: Annotated[tuple[WalkingClassSection, ...], Field(strict=False)] = ()
+    """Classes of pedestrians, e.g. children and older people; all others have the values above."""
 
-    def at(self, quantile: float) -> float:
-        """The walking speed at a quantile in [0, 1), in m/s."""
-        normal = NormalDist(self.mean_mps, self.std_mps)
+    def at(self, quantile: float, walking_class: int | None = None) -> float:
+        """The walking speed at a quantile in [0, 1), in m/s, of a class or of all others."""
+        people = self if walking_class is None else self.classes[walking_class]
+        normal = NormalDist(people.mean_mps, people.std_mps)
         below = normal.cdf(SLOWEST_MPS)
         share = below + quantile * (1 - below)
         return max(SLOWEST_MPS, normal.inv_cdf(share)) if share > 0 else SLOWEST_MPS
@@ -147,14 +170,17 @@ class WalkingSpeedSection(Section):
 class PedestriansSection(Section):
     """``[pedestrians]``: the flow of pedestrians, their kerbs, decisions and walking speeds."""
 
-    flow_per_hour: Annotated[float, Field(ge=0, le=100_000)] = 250.0
-    """λ, pedestrians per hour from both kerbs together."""
+    flow_per_hour: Flows = 250.0
+    """λ, pedestrians per hour from both kerbs together; a list has one value for each quarter-hour
+    from the trigger on or, with ``[traffic]``, of ``duration_s``."""
+    group_size: Annotated[tuple[Share, ...], Field(strict=False, min_length=1)] = (1.0,)
+    """Shares of the groups that have 1, 2, 3 … pedestrians; they sum to 1."""
     max_count: Annotated[int, Field(ge=0)] | None = None
     """Greatest number of pedestrians; if not given, there is no limit."""
     first_at_trigger: bool = False
-    """Whether the first pedestrian arrives at the kerb at t = 0."""
+    """Whether the first pedestrian or group arrives at the kerb at t = 0."""
     near_side_share: Share = 0.5
-    """Share of pedestrians who come from the near kerb."""
+    """Share of pedestrians or groups that come from the near kerb."""
     behaviour: Behaviour = "constant"
     """Rule by which pedestrians decide and walk (docs/method.md)."""
     kerb_wait_s: NonNegative = Field(default_factory=_kerb_wait_s)
@@ -174,3 +200,32 @@ class PedestriansSection(Section):
     """``name`` of the timed pedestrians to simulate; if not given, all of ``timed``."""
     drawn: Annotated[tuple[DrawnSection, ...], Field(strict=False)] = ()
     """Pedestrians of each pair by their uniforms; ``harness risk`` writes them."""
+
+    @property
+    def flows_per_hour(self) -> tuple[float, ...]:
+        """λ in each quarter of an hour; one value if it never changes."""
+        return by_quarter(self.flow_per_hour)
+
+    @property
+    def walking_classes(self) -> tuple[WalkingClassSection, ...]:
+        """The classes of walking speeds."""
+        return () if self.walking_speed is None else self.walking_speed.classes
+
+    def walking_class_at(self, uniform: float) -> int | None:
+        """The number of a pedestrian's class from a uniform in [0, 1); None for all others."""
+        number = _place([kind.share for kind in self.walking_classes], uniform)
+        return number if number < len(self.walking_classes) else None
+
+    @property
+    def mean_group_size(self) -> float:
+        """The mean number of pedestrians in a group."""
+        return sum(size * share for size, share in enumerate(self.group_size, 1))
+
+    def group_size_at(self, uniform: float) -> int:
+        """The number of pedestrians in a group from a uniform in [0, 1)."""
+        return 1 + _place(self.group_size[:-1], uniform)
+
+
+def _place(shares: Sequence[float], uniform: float) -> int:
+    """The place of a uniform in [0, 1) among shares; their number if it is above their sum."""
+    return bisect_right([*accumulate(shares)], uniform)

@@ -21,7 +21,7 @@ from harness.scenario.sections import (
     Section,
 )
 from harness.scenario.simulation import SimulationSection
-from harness.scenario.traffic import TrafficSection
+from harness.scenario.traffic import TrafficSection, by_quarter
 
 
 class Scenario(Section):
@@ -57,7 +57,8 @@ class Scenario(Section):
     def walks_by_model(self) -> bool:
         """Whether any walking speed is drawn from the interaction model."""
         people = self.pedestrians
-        comes = (people.flow_per_hour > 0 or people.first_at_trigger) and people.max_count != 0
+        flows = max(people.flows_per_hour) > 0
+        comes = (flows or people.first_at_trigger) and people.max_count != 0
         return comes and people.walking_speed is None
 
     def refuse_refits(self, by: str) -> None:
@@ -68,6 +69,14 @@ class Scenario(Section):
         """
         if self.model.over_refits:
             raise InputError("model.over_refits", f"is not supported by {by}", "false")
+
+    @property
+    def flows_change(self) -> bool:
+        """Whether a flow of vehicles or pedestrians differs between quarters of an hour."""
+        flows = [self.pedestrians.flow_per_hour]
+        if self.traffic is not None:
+            flows += [self.traffic.flow_per_hour, self.traffic.oncoming_per_hour]
+        return any(len(by_quarter(flow)) > 1 for flow in flows)
 
     def vehicle(self) -> Vehicle:
         """The ego's constants; the detection range defaults to the trigger range."""

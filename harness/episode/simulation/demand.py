@@ -46,7 +46,7 @@ def write_people(folder: Path, scenario: Scenario, setting: Setting, pair: int) 
 def _people(
     scenario: Scenario, setting: Setting, pair: int
 ) -> Iterator[tuple[float, str, Footpath, Footpath]]:
-    config, flow = setting.config, scenario.pedestrians.flow_per_hour
+    config, flow = setting.config, scenario.pedestrians.flows_per_hour[0]
     end_s = config.end_s
     simulation = scenario.known_simulation
     last_s = end_s if end_s is not None else simulation.end

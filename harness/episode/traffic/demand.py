@@ -13,7 +13,7 @@ import numpy as np
 from harness.core.seeding import stream
 from harness.episode.arrivals import SECONDS_PER_HOUR
 from harness.episode.traffic.lanes import Direction, Lane, lanes_of
-from harness.scenario import QUARTER_S, Scenario, TrafficSection
+from harness.scenario import QUARTER_S, Scenario, TrafficSection, by_quarter
 
 _BLOCK = 64
 
@@ -89,9 +89,8 @@ def flow_per_hour(traffic: TrafficSection, direction: Direction, time_s: float) 
     """Scheduled vehicles per hour of a direction, at a time since the end of the warm-up."""
     forward = direction is Direction.FORWARD
     flow = traffic.flow_per_hour if forward else traffic.oncoming_per_hour
-    if not isinstance(flow, tuple):
-        return flow
-    return flow[min(max(0, math.floor(time_s / QUARTER_S)), len(flow) - 1)]
+    flows = by_quarter(flow)
+    return flows[min(max(0, math.floor(time_s / QUARTER_S)), len(flows) - 1)]
 
 
 def _steps(

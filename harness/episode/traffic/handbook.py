@@ -52,6 +52,10 @@ def handbook(
         rate += share * declared
     if scenario.known_traffic.saturated:
         return Handbook(rate, reason="a permanent queue")
+    if scenario.flows_change:
+        return Handbook(rate, reason="flows that change")
+    if len(scenario.pedestrians.group_size) > 1:
+        return Handbook(rate, reason="people come in groups")
     if vehicles_per_s == 0 or walking_mps is None:
         return Handbook(rate, reason="nobody met")
     crossing = scenario.crosswalk()

@@ -78,7 +78,8 @@ class HourRunner:
         scenario, traffic, rules = self._scenario, self._traffic, self._rules
         model = self._model.of_pair(pair)
         horizon_s = traffic.warm_up_s + traffic.duration_s + clearing_s(traffic)
-        arrivals = planned_arrivals(scenario, pair, horizon_s=horizon_s)
+        begin_s = traffic.warm_up_s
+        arrivals = planned_arrivals(scenario, pair, horizon_s=horizon_s, begin_s=begin_s)
         road = self._get_road()
         lanes = [
             LaneOnRoad(number, lane, scheduled_vehicles(scenario, pair, lane), rules)

@@ -97,7 +97,7 @@ def _tau_pictures(run: RunData) -> Iterator[Picture]:
 def _arrivals(run: RunData) -> Picture:
     """Draw arrivals of the first pair with at least the expected number within a minute."""
     scenario = run.scenario_of(0)
-    flow, most = scenario.pedestrians.flow_per_hour, scenario.pedestrians.max_count
+    flow, most = scenario.pedestrians.flows_per_hour[0], scenario.pedestrians.max_count
     wanted = max(1, round(flow * ARRIVALS_S / 3600))
     # These are all pedestrians who arrive within the figure's minute, simulated or not.
     experiment = scenario.experiment.model_copy(update={"timeout_s": ARRIVALS_S})
@@ -108,6 +108,8 @@ def _arrivals(run: RunData) -> Picture:
     figure, (axes,) = style.new_figure()
     draw.draw_arrivals(axes, planned[pair], flow, most, ARRIVALS_S)
     first = ", the first at the trigger" if scenario.pedestrians.first_at_trigger else ""
+    if len(scenario.pedestrians.group_size) > 1:
+        first += ", in groups"
     limit = ""
     if most is not None:
         limit = f"; at most {most} per pair {'is' if most == 1 else 'are'} simulated (filled marks)"
@@ -124,7 +126,7 @@ def _arrivals(run: RunData) -> Picture:
 def _comes_at_random(scenario: Scenario) -> bool:
     """Return whether all pedestrians arrive at random, neither timed nor drawn by a risk."""
     people = scenario.pedestrians
-    return not people.drawn and (people.flow_per_hour > 0 or people.first_at_trigger)
+    return not people.drawn and (max(people.flows_per_hour) > 0 or people.first_at_trigger)
 
 
 def _profiles(run: RunData, shown: Sequence[ShownPair]) -> Iterator[Picture]:

@@ -65,7 +65,7 @@ def _check(scenario: Scenario) -> None:
         raise InputError(
             "--settle", "is not supported with a permanent queue", "traffic.saturated = false"
         )
-    if isinstance(traffic.flow_per_hour, tuple) or isinstance(traffic.oncoming_per_hour, tuple):
+    if scenario.flows_change:
         raise InputError(
             "--settle", "is not supported with flows that change", "one flow for the whole time"
         )

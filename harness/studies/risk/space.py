@@ -1,11 +1,11 @@
 """Takes a scenario and returns the sampled uniforms of its episodes by random stream.
 
-An episode is a function of uniforms.  They determine each pedestrian's arrival, side, quantile of
-the walking speed, critical gap or threshold and latency, first detection, detection after the first
-loss, and first errors, and the strategy's first draws.  Timed pedestrians, the first pedestrian at
-the trigger, and the strategy have fixed uniforms.  The flow is a Poisson process.  Each of its
-pedestrians who arrives within ``window_s`` of the trigger is a point whose first uniform is
-arrival/window.  All other randomness (later pedestrians, later draws of the strategy and of
+An episode is a function of uniforms.  They determine each pedestrian's arrival, side, quantile and
+class of the walking speed, critical gap or threshold and latency, first detection, detection after
+the first loss, and first errors, and the strategy's first draws.  Timed pedestrians, the first
+pedestrian at the trigger, and the strategy have fixed uniforms.  The flow is a Poisson process.
+Each of its pedestrians who arrives within ``window_s`` of the trigger is a point whose first
+uniform is arrival/window.  Other randomness (later pedestrians, later draws of the strategy and of
 perception) comes from streams keyed by the episode's number and is not weighted.
 """
 
@@ -101,6 +101,8 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     if errs:
         seen += ["perception_error", "perception_error"]
     per_walker: list[Purpose] = ["side", "quantile"]
+    if pedestrians.walking_classes:
+        per_walker.append("walking_class")
     if pedestrians.behaviour == "gap_acceptance":
         per_walker.append("critical_gap")
     if pedestrians.behaviour == "threshold":
@@ -114,7 +116,8 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     fixed += per_walker * first + seen * (timed + first)
     if draws(scenario, arm):
         fixed += [draws_from(scenario, arm)] * GIVEN_DRAWS
-    flows = pedestrians.flow_per_hour > 0 and (most is None or most > first)
+    flow_per_hour = pedestrians.flows_per_hour[0]
+    flows = flow_per_hour > 0 and (most is None or most > first)
     if not (fixed or flows or drops):
         raise InputError(
             "pedestrians.flow_per_hour",
@@ -124,7 +127,7 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     marks: tuple[Purpose, ...] = ("arrival", *per_walker, *seen) if flows else ()
     free_pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
     window_s = min(_WINDOW_PASSES * free_pass_s, scenario.experiment.timeout_s)
-    rate = pedestrians.flow_per_hour / SECONDS_PER_HOUR
+    rate = flow_per_hour / SECONDS_PER_HOUR
     by_chance = (
         *(["the updates at which perception loses a pedestrian"] if drops else []),
         *(["the change of perception errors after a pedestrian's first update"] if errs else []),
@@ -146,6 +149,12 @@ def _refuse_unsampled(scenario: Scenario) -> None:
             '"sumo" cannot be sampled, because SUMO moves these pedestrians',
             '"constant", "gap_acceptance", "threshold" or "reactive"',
         )
+    if isinstance(pedestrians.flow_per_hour, tuple):
+        problem = "a list is not supported by a risk estimate"
+        raise InputError("pedestrians.flow_per_hour", problem, "one flow")
+    if len(pedestrians.group_size) > 1:
+        problem = "is not supported by a risk estimate"
+        raise InputError("pedestrians.group_size", problem, "a scenario without it")
     if pedestrians.drawn:
         raise InputError(
             "pedestrians.drawn", "leaves nothing random to sample", "a scenario without it"

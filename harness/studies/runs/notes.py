@@ -326,6 +326,7 @@ def _hour_notes_of_arm(
         note(Rank.LEFT_OUT, f"{counted(count, 'pedestrian')} never started to cross.")
     growth, bound = (findings[f"{name}{end}"].number for name in ("growth", "growth_bound"))
     rising = findings[f"rising_s{end}"]
+    why = "the flows change." if scenario.flows_change else "--settle finds a longer warm-up."
     if findings[f"saturated{end}"].value and not scenario.known_traffic.saturated:
         note(
             Rank.SATURATION,
@@ -337,8 +338,7 @@ def _hour_notes_of_arm(
         note(
             Rank.SATURATION,
             "the delay grew from the first third of the hour to the last by "
-            f"{rising.number:.1f} ({rising.low:.1f} … {rising.high:.1f}) s; --settle finds a "
-            "longer warm-up.",
+            f"{rising.number:.1f} ({rising.low:.1f} … {rising.high:.1f}) s; {why}",
         )
     share = findings[f"fallback_share{end}"].number
     if share:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from harness.scenario import Scenario, as_written
+from harness.scenario import Scenario, as_written, by_quarter
 from harness.store.kinds import kind_of
 
 
@@ -47,7 +47,7 @@ def _vehicles(scenario: Scenario) -> str:
     if traffic.saturated:
         return "vehicles queued"
     flows = (traffic.flow_per_hour, traffic.oncoming_per_hour)
-    return f"{' + '.join(map(as_written, flows))} vehicles/h"
+    return f"{' + '.join(map(_flow, flows))} vehicles/h"
 
 
 def _people(scenario: Scenario) -> str:
@@ -56,7 +56,15 @@ def _people(scenario: Scenario) -> str:
         return "timed pedestrians" if people.timed else "selected pedestrians"
     if people.first_at_trigger and people.max_count == 1:
         return "one pedestrian, at the trigger"
-    return f"{as_written(people.flow_per_hour)} people/h"
+    size = people.mean_group_size
+    groups = f" in groups of {size:.3g} on average" if len(people.group_size) > 1 else ""
+    return f"{_flow(people.flow_per_hour)} people/h{groups}"
+
+
+def _flow(flow: float | tuple[float, ...]) -> str:
+    """A flow, or the range of flows that change every quarter of an hour."""
+    values = by_quarter(flow)
+    return " to ".join(map(as_written, sorted({min(values), max(values)})))
 
 
 def _config(scenario: Scenario) -> str:
