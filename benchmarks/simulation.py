@@ -5,8 +5,9 @@
 Each scenario is a grid of netgenerate with sidewalks and crossings, without traffic lights, and the
 demand of randomTrips: so many vehicles on the road at a time, and a quarter as many people. An arm
 (`SimulationRunner`: `gap_yield` drives every passenger car, or nobody does) and `sumo` with the
-arm's own configuration run in turns, and the medians of the turns' ratios are shown. Processor time
-counts, with SUMO's start, the tables of trips and all measures of the passages.
+arm's own configuration run in turns, with a bare loop of libsumo's steps, and the medians of the
+turns' ratios are shown: of processor time and of wall time, with SUMO's start, the tables of trips
+and all measures of the passages.
 """
 
 import argparse
@@ -19,6 +20,7 @@ import sys
 import tempfile
 import time
 import xml.etree.ElementTree as ET
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -28,7 +30,7 @@ import sumo
 
 from harness.core.encounter import Arm
 from harness.engine.simulation.outputs import Kept
-from harness.engine.simulation.running import write_config
+from harness.engine.simulation.running import OwnSimulation, write_config
 from harness.episode.simulation.pairing import SimulationRunner, setting_of
 from harness.model.interaction import load_model
 from harness.scenario import Scenario, validate
@@ -113,59 +115,69 @@ def scratch() -> Iterator[Path]:
         yield Path(folder)
 
 
-def alone_s(scenario: Scenario) -> float:
-    """Processor time of `sumo` with the final configuration of an arm."""
+Times = tuple[float, float]
+"""Processor time and wall time in s."""
+
+
+@contextmanager
+def timed(times: list[Times]) -> Iterator[None]:
+    """Add the time of what happens meanwhile, in this process and in programs that have ended."""
+
+    def used_s() -> float:
+        now = os.times()
+        return now.user + now.system + now.children_user + now.children_system
+
+    cpu_s, wall_s = used_s(), time.perf_counter()
+    yield
+    times.append((used_s() - cpu_s, time.perf_counter() - wall_s))
+
+
+def run_alone(scenario: Scenario, times: dict[str, list[Times]]) -> None:
+    """Run `sumo`, and a bare loop in libsumo, with the final configuration of an arm."""
     setting = setting_of(scenario)
     with scratch() as folder:
-        path = write_config(
-            setting.config, Kept(folder, frozenset()), setting.config.seed, STEP_S, None
-        )
-        before = os.times()
-        call(Path(sumo.SUMO_HOME) / "bin" / "sumo", "-c", path)
-        after = os.times()
-    used = after.children_user + after.children_system
-    return used - before.children_user - before.children_system
+        kept = Kept(folder, frozenset())
+        path = write_config(setting.config, kept, setting.config.seed, STEP_S)
+        with timed(times["sumo"]):
+            call(Path(sumo.SUMO_HOME) / "bin" / "sumo", "-c", path)
+        with timed(times["bare libsumo"]):
+            simulation = OwnSimulation(path, setting.config.end_s)
+            while simulation.goes_on:
+                simulation.step()
+            simulation.close()
 
 
-def arm_s(runner: SimulationRunner, arm: Arm) -> tuple[float, str]:
-    """Processor time of an arm, and what it did."""
-    begin = time.process_time()
-    outcome = runner.run_arm(0, arm)
-    used_s = time.process_time() - begin
+def run_arm(runner: SimulationRunner, arm: Arm, times: list[Times]) -> str:
+    """Run an arm; returns what it did."""
+    with timed(times):
+        outcome = runner.run_arm(0, arm)
     if outcome.reason is not None:
         raise RuntimeError(outcome.reason)
     passages = outcome.log.passages
     driven = sum(each.strategy_name == "gap_yield" for each in passages)
     running_s = sum(trip.duration_s for trip in outcome.trips if not trip.person)
     mean = running_s / outcome.log.end_s
-    return used_s, f"{mean:.0f} vehicles on the road, {len(passages)} passages, {driven} driven"
+    return f"{mean:.0f} vehicles on the road, {len(passages)} passages, {driven} driven"
 
 
 def measure(config: Path, crosswalks: int, rounds: int) -> None:
-    """Print the medians of the ratios of both arms to `sumo` alone."""
+    """Print the medians of the ratios of a bare loop and of both arms to `sumo` alone."""
     scenario = scenario_of(config, central(config, crosswalks))
-    setting = setting_of(scenario)
-    model = load_model("dut", None)
-    runner = SimulationRunner(scenario, model, lambda *_: scratch())
-    ratios: dict[Arm, list[float]] = {arm: [] for arm in Arm}
-    alone, words = [], ""
+    runner = SimulationRunner(scenario, load_model("dut", None), lambda *_: scratch())
+    times: dict[str, list[Times]] = defaultdict(list)
     for _ in range(rounds):
-        alone.append(alone_s(scenario))
-        for arm in Arm:
-            used_s, what = arm_s(runner, arm)
-            ratios[arm].append(used_s / alone[-1])
-            words = what if arm is Arm.AV else words
-    shown = ", ".join(
-        f"{arm.value} {statistics.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
-        for arm, values in ratios.items()
-    )
-    met = statistics.median(ratios[Arm.AV]) <= LIMITS[crosswalks]
-    print(
-        f"{crosswalks} chosen ({len(setting.crosswalks)} controlled): {shown}; "
-        f"limit {LIMITS[crosswalks]}: {'met' if met else 'missed'}; "
-        f"sumo alone {statistics.median(alone):.2f} s; {words}",
-        flush=True,
-    )
+        run_alone(scenario, times)
+        run_arm(runner, Arm.HUMAN, times["reference arm"])
+        words = run_arm(runner, Arm.AV, times["AV arm"])
+    chosen = f"{crosswalks} chosen ({len(setting_of(scenario).crosswalks)} controlled)"
+    alone = times.pop("sumo")
+    least = statistics.median(cpu_s for cpu_s, _ in alone)
+    print(f"{chosen}: {words}; sumo alone {least:.2f} s; limit {LIMITS.get(crosswalks)}")
+    for name, each in times.items():
+        for number, kind in enumerate(("processor", "wall")):
+            ratios = [one[number] / base[number] for one, base in zip(each, alone, strict=True)]
+            shown = f"{statistics.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
+            print(f"  {name:14} {kind:10} {shown}", flush=True)
 
 
 def profile(config: Path, crosswalks: int) -> None:

@@ -79,7 +79,8 @@ class SimulationArm:
         self._collisions = function("simulation", "getCollisions")
         self.judged: dict[str, dict[str, int]] = {}
         self.active: dict[tuple[str, str], PassageLog] = {}
-        self.control = Control(self.api, simulation.step_s, detection_m, self._views)
+        set_speed = function("vehicle", "setSpeed")
+        self.control = Control(self.api, set_speed, simulation.step_s, detection_m, self._views)
         self.people = {
             crosswalk.id: PeopleAtCrosswalk(function, crosswalk, self._person_came)
             for crosswalk in setting.crosswalks

@@ -100,6 +100,7 @@ class Control:
 
     Args:
         api: the running simulation.
+        set_speed: SUMO's ``vehicle.setSpeed``.
         step_s: the length of a step.
         detection_m: distance within which the vehicles see people.
         views: returns everybody at the crosswalk of a way, as a vehicle on the way sees them.
@@ -108,15 +109,17 @@ class Control:
     def __init__(
         self,
         api: Any,
+        set_speed: Callable[[str, float], None],
         step_s: float,
         detection_m: float,
         views: Callable[[DrivenWay], Sequence[PedestrianView]],
     ) -> None:
-        self._vehicle, self._step_s = api.vehicle, step_s
+        self._vehicle, self._set_speed, self._step_s = api.vehicle, set_speed, step_s
         self._detection_m, self._views = detection_m + ROUNDING_M, views
         self._passages: dict[str, list[PassageLog]] = {}
         self._kept: dict[str, _Kept] = {}
         self._asked: dict[str, float] = {}
+        self._sent: dict[str, float] = {}
         self._types: set[str] = set()
 
     def ignore(self, person_type: str) -> None:
@@ -161,9 +164,11 @@ class Control:
                 continue
             if name not in self._kept:
                 self._set_mode(name)
-            speed = min(speeds)
-            self._asked[name] = speed
-            self._vehicle.setSpeed(name, speed)
+            speed = self._asked[name] = min(speeds)
+            # SUMO keeps a command until the next one.
+            if self._sent.get(name) != speed:
+                self._sent[name] = speed
+                self._set_speed(name, speed)
 
     def check(self, name: str, speed_mps: float) -> None:
         """Count the last command to a vehicle, and whether SUMO cut it."""
@@ -216,6 +221,7 @@ class Control:
 
     def _give_back(self, name: str, *, exists: bool) -> None:
         kept = self._kept.pop(name, None)
+        self._sent.pop(name, None)
         if kept is None or not exists:
             return
         vehicle = self._vehicle
