@@ -1,5 +1,6 @@
 """Vehicles on their ways over chosen crosswalks, and the strategies that drive them."""
 
+from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -60,9 +61,10 @@ class PassageLog:
     not_driven: str | None
     offset_m: float
     strategy: Strategy | None = None
-    time_s: list[float] = field(default_factory=list)
-    x_m: list[float] = field(default_factory=list)
-    speed_mps: list[float] = field(default_factory=list)
+    # Unlike lists, arrays take no time of the garbage collector.
+    time_s: "array[float]" = field(default_factory=lambda: array("d"))
+    x_m: "array[float]" = field(default_factory=lambda: array("d"))
+    speed_mps: "array[float]" = field(default_factory=lambda: array("d"))
     commands: int = 0
     cut: int = 0
     ended: str | None = None
@@ -156,15 +158,17 @@ class Control:
         """Let every strategy decide, and give SUMO the lowest command for each vehicle."""
         self._asked.clear()
         for name, passages in self._passages.items():
-            speeds = [
-                speed for each in passages if (speed := self._decision(each, time_s)) is not None
-            ]
-            if not speeds:
+            speed = None
+            for each in passages:
+                wanted = self._decision(each, time_s)
+                if wanted is not None and (speed is None or wanted < speed):
+                    speed = wanted
+            if speed is None:
                 self._give_back(name, exists=True)
                 continue
             if name not in self._kept:
                 self._set_mode(name)
-            speed = self._asked[name] = min(speeds)
+            self._asked[name] = speed
             # SUMO keeps a command until the next one.
             if self._sent.get(name) != speed:
                 self._sent[name] = speed

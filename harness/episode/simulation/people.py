@@ -1,6 +1,7 @@
 """The people at a chosen crosswalk, whom SUMO moves: their records and the strategies' views."""
 
 import math
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -22,9 +23,9 @@ class PersonAt:
 
     id: str
     index: int
-    time_s: list[float] = field(default_factory=list)
-    x_m: list[float] = field(default_factory=list)
-    y_m: list[float] = field(default_factory=list)
+    time_s: "array[float]" = field(default_factory=lambda: array("d"))
+    x_m: "array[float]" = field(default_factory=lambda: array("d"))
+    y_m: "array[float]" = field(default_factory=lambda: array("d"))
     on_crossing: list[bool] = field(default_factory=list)
 
     def note(self, time_s: float, place: Sequence[float], *, on_crossing: bool) -> None:
