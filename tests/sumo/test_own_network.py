@@ -430,6 +430,7 @@ def test_a_mid_block_zebra_of_a_map(tmp_path: Path, model, sumo) -> None:
     path.write_text(scenario_text(converted.net, row), encoding="utf-8")
     scenario = load_scenario(path)
     assert scenario.arms.human == "human_yield"  # 30 km/h is above 8 m/s
+    assert scenario.strategies["human_yield"]["reaction_time_s"] == 1.0
     assert play_both(scenario, model, sumo) > 0
 
 

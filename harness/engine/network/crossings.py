@@ -171,6 +171,7 @@ def scenario_text(net: Path, row: CrossingRow) -> str:
         pedestrians=_WALKERS if fast else "",
         human="human_yield" if fast else "human_gmm",
         why=_FAST if fast else "the driver of the interaction model",
+        response=_RESPONSE if fast else "",
     )
 
 
@@ -190,6 +191,12 @@ _WALKERS = """
 mean_mps = 1.34
 std_mps = 0.26
 """
+_RESPONSE = """
+[strategies.human_yield]
+reaction_time_s = 1.0         # median; drivers differ, as measured: docs/strategies.md
+reaction_time_sigma = 0.4
+comfortable_deceleration_sigma = 0.28
+"""
 _SCENARIO = """# {streets}{where}: {length} m, {lanes} lane(s), {oncoming} oncoming.
 # Written by `harness crossings`; its geometry is read from the network.
 
@@ -208,4 +215,4 @@ flow_per_hour = 250.0
 [arms]
 av = "gap_yield"
 human = "{human}"             # {why}
-"""
+{response}"""
