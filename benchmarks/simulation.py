@@ -31,9 +31,10 @@ import sumo
 from harness.core.encounter import Arm
 from harness.engine.simulation.outputs import Kept
 from harness.engine.simulation.running import OwnSimulation, write_config
-from harness.episode.simulation.pairing import SimulationRunner, setting_of
+from harness.episode.simulation.pairing import SimulationRunner
 from harness.model.interaction import load_model
 from harness.scenario import Scenario, validate
+from harness.scenario.own_simulation import setting_of
 from harness.site import crosswalks_of, read_network
 
 STEP_S = 0.1

@@ -10,6 +10,7 @@ from harness.core.errors import InputError, in_one_line
 from harness.core.seeding import Given, Purpose, beginning_with, stream
 from harness.model.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
+from harness.scenario.own_simulation import setting_of
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.parameters import check_complete, check_parameters, needs
 from harness.strategies.registry import find_strategy, prepare, table_key
@@ -97,7 +98,7 @@ def check_arms(scenario: Scenario, model: InteractionModel) -> None:
         InputError: something is refused; names the key of the scenario.
     """
     if asks_model(scenario) and not scenario.model.extrapolate:
-        check_support(model, scenario.ego.trigger_range_m, scenario.ego.initial_speed_mps)
+        _check_support(scenario, model)
     for name in scenario.strategies:
         where = table_key(name)
         check_parameters(find_strategy(name, where), scenario.strategies[name], where)
@@ -114,3 +115,16 @@ def check_arms(scenario: Scenario, model: InteractionModel) -> None:
             ) from None
         except (Exception, SystemExit) as error:
             raise InputError(where, f"cannot be made: {in_one_line(error)}") from None
+
+
+def _check_support(scenario: Scenario, model: InteractionModel) -> None:
+    """Refuse a v0 or R0 outside the model's box; in own simulations limits are taken as v0."""
+    range_m = scenario.ego.trigger_range_m
+    if scenario.simulation is None:
+        check_support(model, range_m, scenario.ego.initial_speed_mps)
+        return
+    for driven_way in setting_of(scenario).ways:
+        way = driven_way.way
+        where = f"the limit before {way.crosswalk} (simulation.crossings)"
+        assert way.crossing.speed_limit_mps is not None
+        check_support(model, range_m, way.crossing.speed_limit_mps, where)

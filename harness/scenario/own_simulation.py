@@ -8,7 +8,7 @@ from harness.core.errors import InputError, nearest_name
 from harness.scenario.scenario import Scenario
 from harness.scenario.sections import PerceptionSection
 from harness.site.configuration import VEHICLE_CLASSES, SumoConfig, known_types, people_come
-from harness.site.simulation import setting_at
+from harness.site.simulation import Setting, setting_at
 
 _EGO_KEYS = ("trigger_range_m", "detection_range_m", "resume_acceleration_mps2")
 """Keys of ``[ego]`` that apply to every vehicle; vehicle types define the other properties."""
@@ -56,6 +56,7 @@ def with_own_simulation(
         # A run whose files have changed is refused when it is simulated.
         "sha256": setting.sha256 if read is None else read.sha256,
         "crossings": [crosswalk.id for crosswalk in setting.crosswalks],
+        "bent": setting.bent,
         "options": dict(config.options),
     }
     return {
@@ -64,6 +65,28 @@ def with_own_simulation(
         "simulation": {**dict(tree["simulation"]), "read": {**words, **facts}},
         "experiment": {**dict(tree.get("experiment", {})), "step_s": setting.step_s},
     }
+
+
+def setting_of(scenario: Scenario) -> Setting:
+    """The chosen crosswalks of a scenario's simulation.
+
+    Raises:
+        InputError: the configuration or a crosswalk is refused, or a file has changed since the
+            scenario was read.
+    """
+    simulation = scenario.known_simulation
+    setting = setting_at(
+        Path(simulation.config),
+        simulation.step_s,
+        simulation.crossings,
+        scenario.ego.trigger_range_m,
+        "simulation",
+    )
+    read = simulation.read
+    if read is not None and read.sha256 != setting.sha256:
+        problem = f"the files of {read.config} have changed (sha256 {setting.sha256[:12]}…)"
+        raise InputError("simulation.config", problem, f"the files of sha256 {read.sha256}")
+    return setting
 
 
 def _refuse(scenario: Scenario, source: str) -> None:

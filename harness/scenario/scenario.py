@@ -59,7 +59,8 @@ class Scenario(Section):
         people = self.pedestrians
         flows = max(people.flows_per_hour) > 0
         comes = (flows or people.first_at_trigger) and people.max_count != 0
-        return comes and people.walking_speed is None
+        # In a user's own simulation SUMO walks everybody.
+        return comes and people.walking_speed is None and self.simulation is None
 
     def refuse_refits(self, by: str) -> None:
         """Refuse a scenario with ``model.over_refits`` where pairs are not spread over refits.

@@ -26,6 +26,8 @@ class ReadSimulationSection(Section):
     """Hash of the configuration's network, route files and additional files."""
     crossings: Annotated[tuple[str, ...], Field(strict=False)]
     """The chosen crosswalks, and those that vehicles meet within R0 of them."""
+    bent: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Those of them where no strategy may drive a car, since every way bends."""
     options: Mapping[str, str]
     """The configuration's options by SUMO's names, with absolute paths."""
 

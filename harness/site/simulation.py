@@ -14,6 +14,9 @@ from harness.site.locate import footpaths_of
 from harness.site.road_network import RoadNetwork, read_network
 from harness.site.site import Footpath
 
+CAR_M = 5.0
+"""Length of a car, SUMO's default."""
+
 
 @dataclass(frozen=True)
 class DrivenWay:
@@ -51,6 +54,16 @@ class Setting:
     added: tuple[str, ...]
     ways: tuple[DrivenWay, ...]
     footpaths: Mapping[str, tuple[Footpath, Footpath]]
+
+    @property
+    def bent(self) -> tuple[str, ...]:
+        """Ids of the crosswalks over which no strategy may drive a car, since every way bends."""
+        driven = {
+            way.crosswalk
+            for way in (each.way for each in self.ways)
+            if way.is_straight(CAR_M) and way.straight_before_m >= self.range_m - 1e-6
+        }
+        return tuple(each.id for each in self.crosswalks if each.id not in driven)
 
     def lanes(self) -> Mapping[str, list[DrivenWay]]:
         """The ways by the lanes on which a vehicle is between R0 and the crosswalk."""

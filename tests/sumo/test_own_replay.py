@@ -8,7 +8,7 @@ import pytest
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
-from harness.episode.simulation.pairing import setting_of
+from harness.scenario.own_simulation import setting_of
 from harness.studies.replay.moment import moments_of
 from harness.studies.replay.rerun import debug
 from harness.studies.replay.stored import StoredCell

@@ -9,9 +9,10 @@ import pytest
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
 from harness.episode.simulation.demand import PEOPLE_FILE
-from harness.episode.simulation.pairing import SimulationOutcome, counted_s, setting_of
+from harness.episode.simulation.pairing import SimulationOutcome, counted_s
 from harness.episode.simulation.trips import Trip
 from harness.model.interaction import InteractionModel
+from harness.scenario.own_simulation import setting_of
 from tests import towns
 
 pytestmark = pytest.mark.usefixtures("no_simulation")

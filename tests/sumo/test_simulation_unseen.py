@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from harness.core.encounter import Arm
+from harness.core.errors import InputError
+from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel
 from harness.site import crosswalks_of, read_network
 from tests import towns
@@ -199,6 +201,39 @@ def test_the_command_runs_a_scenario_with_long_steps(
     monkeypatch.chdir(town.parent)
     assert shell("run", path, "--pairs", 1, "--out", "run").returncode == 0
     assert (town.parent / "run/manifest.json").is_file()
+
+
+def test_the_box_of_the_model_is_checked_at_the_limit_of_the_road(
+    town: Path, model: InteractionModel
+) -> None:
+    # The main road's limit, as the test's network has it.
+    scenario = towns.scenario_of(town, [":b_c0"], arms__human="human_gmm")
+    with pytest.raises(InputError, match=r":b_c0.*13.89 m/s is outside the box"):
+        check_arms(scenario, model)
+    # SUMO walks the added people, so no model is asked, and R0 may be outside its box.
+    people = {"pedestrians__flow_per_hour": 100.0, "ego__trigger_range_m": 80.0}
+    check_arms(towns.scenario_of(town, [":b_c0"], **people), model)
+
+
+def test_a_crosswalk_where_no_strategy_may_drive_is_named(
+    town: Path, model: InteractionModel, tmp_path: Path
+) -> None:
+    # The side streets at c are 150 m long, so from nowhere on them 300 m lead straight to c.
+    side = next(
+        each.id
+        for each in crosswalks_of(read_network(town.parent / "net.net.xml"))
+        if {way.from_edge for way in each.straight_ways} == {"cn_c", "cs_c"}
+    )
+    near = towns.scenario_of(town, [side]).known_simulation.read
+    far = towns.scenario_of(town, [side], ego__trigger_range_m=300.0)
+    read = far.known_simulation.read
+    assert near is not None
+    assert read is not None
+    assert near.bent == ()
+    assert side in read.bent
+    outcome = towns.run_arm(far, model, tmp_path / "arm")
+    over = [each for each in outcome.log.passages if each.driven_way.way.crosswalk == side]
+    assert all(each.not_driven is not None for each in over)
 
 
 @pytest.mark.slow

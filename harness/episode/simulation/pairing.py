@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.core.encounter import Arm, StepMotion, Strategy, Trace
-from harness.core.errors import EngineError, InputError, StrategyError, in_one_line
+from harness.core.errors import EngineError, StrategyError, in_one_line
 from harness.engine.simulation.outputs import Kept
 from harness.engine.simulation.running import NO_OPTIONS, TRIPS_FILE, OwnSimulation, write_config
 from harness.episode.arms import check_arms, make_strategy
@@ -22,7 +22,8 @@ from harness.episode.simulation.trips import Trip, read_trips
 from harness.measures import EpisodeRecord, measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
-from harness.site.simulation import Setting, setting_at
+from harness.scenario.own_simulation import setting_of
+from harness.site.simulation import Setting
 
 SUMO_DRIVER = "sumo_driver"
 """The strategy that leaves the driving to SUMO."""
@@ -146,28 +147,6 @@ class SimulationRunner:
             is_automated,
             make,
         )
-
-
-def setting_of(scenario: Scenario) -> Setting:
-    """The chosen crosswalks of a scenario's simulation.
-
-    Raises:
-        InputError: the configuration or a crosswalk is refused, or a file has changed since the
-            scenario was read.
-    """
-    simulation = scenario.known_simulation
-    setting = setting_at(
-        Path(simulation.config),
-        simulation.step_s,
-        simulation.crossings,
-        scenario.ego.trigger_range_m,
-        "simulation",
-    )
-    read = simulation.read
-    if read is not None and read.sha256 != setting.sha256:
-        problem = f"the files of {read.config} have changed (sha256 {setting.sha256[:12]}…)"
-        raise InputError("simulation.config", problem, f"the files of sha256 {read.sha256}")
-    return setting
 
 
 def counted_s(scenario: Scenario, setting: Setting) -> tuple[float, float]:

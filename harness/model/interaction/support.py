@@ -41,15 +41,22 @@ class ModelUseCounter:
         self.counts = ModelUse(uses + 1, clamped, near, speed_excess, range_excess)
 
 
-def check_support(model: InteractionModel, range_m: float, speed_mps: float) -> None:
+def check_support(
+    model: InteractionModel,
+    range_m: float,
+    speed_mps: float,
+    speed_key: str = "ego.initial_speed_mps",
+) -> None:
     """Raise if the model has no data for the state of the ego at the trigger.
+
+    ``speed_key`` is the key of the scenario that gives the speed.
 
     Raises:
         InputError: v0 or R0 is outside the model's box.
     """
     support = ModelUseCounter(model)
     for key, value, unit, (low, high) in (
-        ("ego.initial_speed_mps", speed_mps, "m/s", support.speeds_mps),
+        (speed_key, speed_mps, "m/s", support.speeds_mps),
         ("ego.trigger_range_m", range_m, "m", support.ranges_m),
     ):
         if not low * (1 - _ROUNDING) <= value <= high * (1 + _ROUNDING):

@@ -12,12 +12,12 @@ from harness.episode.simulation.pairing import (
     MeasuredPassage,
     SimulationOutcome,
     counted_s,
-    setting_of,
 )
 from harness.episode.simulation.people import waited_s
 from harness.episode.simulation.trips import Trip
 from harness.episode.simulation.visits import BENDS, TURNS
 from harness.measures.ego import crossing_time
+from harness.scenario.own_simulation import setting_of
 from harness.store.hour_tables import passage_counts, record_row
 from harness.store.tables import (
     CROSSWALK_FIELDS,

@@ -14,8 +14,9 @@ from harness.engine.shared import close_engine
 from harness.engine.simulation.outputs import NOTHING, Kept, check_outputs
 from harness.engine.simulation.running import OwnSimulation, check_starts, write_config
 from harness.engine.starting import scratch_prefix
-from harness.episode.simulation.pairing import GetFolder, SimulationRunner, setting_of
+from harness.episode.simulation.pairing import GetFolder, SimulationRunner
 from harness.scenario import Scenario
+from harness.scenario.own_simulation import setting_of
 from harness.store.simulations.simulation_tables import simulation_rows
 from harness.store.simulations.simulation_traces import simulation_trace_rows
 from harness.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation

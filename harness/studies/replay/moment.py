@@ -7,8 +7,8 @@ import pandas as pd
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
-from harness.episode.simulation.pairing import setting_of
 from harness.scenario import Scenario
+from harness.scenario.own_simulation import setting_of
 from harness.store.tables import Row
 from harness.studies.replay.stored import StoredCell
 from harness.studies.runs.simulation_choice import most_striking

@@ -32,6 +32,10 @@ def simulation_notes(
         note(Rank.NOTHING_TESTED, "No vehicle was an AV: check simulation.av_types and av_share.")
     elif findings["driven"].count == 0 and scenario.arms.av != "sumo_driver":
         note(Rank.NOTHING_TESTED, f"{scenario.arms.av} drove no passage.")
+    read = scenario.known_simulation.read
+    if read is not None and read.bent:
+        where = f"{', '.join(read.bent)}: every lane bends within R0 before or just beyond"
+        note(Rank.NOTHING_TESTED, f"{where}, so no strategy drives there.")
     _left_out(findings, note)
     cut = findings["cut_share"].number
     if cut is not None and cut > CUT_SHARE:
