@@ -62,6 +62,19 @@ class Scenario(Section):
         # In a user's own simulation SUMO walks everybody.
         return comes and people.walking_speed is None and self.simulation is None
 
+    @property
+    def av_drives_alone(self) -> bool:
+        """Whether no reference drives in the AV's arm, so that it is the same with any reference.
+
+        In own simulations the reference may drive vehicles that are not of ``av_types``.
+        """
+        if self.simulation is not None:
+            return False
+        traffic = self.traffic
+        if traffic is None:
+            return True
+        return traffic.av_share == 1 and all(kind.automated for kind in traffic.types)
+
     def refuse_refits(self, by: str) -> None:
         """Refuse a scenario with ``model.over_refits`` where pairs are not spread over refits.
 

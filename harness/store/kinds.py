@@ -55,9 +55,9 @@ class Kind(Protocol):
     Attributes:
         name: the key of the kind in the literal tables.
         section: the table of a scenario that selects this kind, for messages; empty for encounters.
-        long_pairs: whether a pair is long.  A long pair is a task of its own and shares no episode
-            with other cells.  ``--until`` adds no long pairs.  The page shows only a part of a long
-            pair.
+        long_pairs: whether a pair is long.  A long pair is a task of its own, with the pairs of
+            cells that share its AV's arm.  ``--until`` adds no long pairs.  The page shows only a
+            part of a long pair.
         compared: whether ``harness compare`` compares its cells pair by pair.
         ranked: the table whose rows ``harness worst`` ranks, and the columns that identify a row
             within its arm.  The table has the columns of the table ``episodes``.

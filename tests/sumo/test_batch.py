@@ -15,10 +15,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from harness.core.encounter import Trace
+from harness.core.encounter import Arm, Trace
 from harness.core.errors import HarnessError, InputError
 from harness.episode import pairing
 from harness.episode.loop import Episode, drive
+from harness.episode.traffic.pairing import HourOutcome, HourRunner
 from harness.scenario import Precision, Study
 from harness.store import summaries
 from harness.store.reading import read_manifest
@@ -107,6 +108,42 @@ def test_an_arm_that_cells_share_is_simulated_once(
             own = pq.read_table(tmp_path / human / f"{table}.parquet").drop_columns("cell")
             both = pq.read_table(tmp_path / "both" / f"{table}.parquet")
             mine = both.filter(pa.compute.equal(both["cell"], cell)).drop_columns("cell")
+            assert mine.equals(own)
+
+
+@pytest.mark.parametrize(("share", "arms"), [(1.0, 1 + 3), (0.5, 2 * 3)])
+def test_hours_with_several_references_simulate_the_av_once(
+    share: float, arms: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Unless the reference drives in the AV's arm too; sharing changes no byte of a cell."""
+    simulated = []
+    run_arm = HourRunner.run_arm
+
+    def counted(runner: HourRunner, pair: int, arm: Arm) -> HourOutcome:
+        simulated.append(arm)
+        return run_arm(runner, pair, arm)
+
+    monkeypatch.setattr(HourRunner, "run_arm", counted)
+    traffic = {"flow_per_hour": 400.0, "duration_s": 40.0, "warm_up_s": 10.0, "av_share": share}
+    changes = {
+        "experiment.pairs": 1,
+        "arms.av": "gap_yield",
+        "pedestrians.flow_per_hour": 600.0,
+        **{f"traffic.{name}": value for name, value in traffic.items()},
+    }
+    humans = ("human_yield", "human_recorded", "human_gmm")
+    study = sweep("cctc_flow", changes, f"arms.human={','.join(humans)}")
+    run_inline(study, tmp_path / "all", traces=True)
+    assert len(simulated) == arms
+    for cell, human in enumerate(humans):
+        run_inline(
+            one_cell("cctc_flow", {**changes, "arms.human": human}), tmp_path / human, traces=True
+        )
+        for table in ("hours", "passages", "pedestrians", "queues", "traces"):
+            own = pq.read_table(tmp_path / human / f"{table}.parquet").drop_columns("cell")
+            every = pq.read_table(tmp_path / "all" / f"{table}.parquet")
+            mine = every.filter(pa.compute.equal(every["cell"], cell)).drop_columns("cell")
+            assert own.num_rows > 0
             assert mine.equals(own)
 
 

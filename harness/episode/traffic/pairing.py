@@ -1,12 +1,14 @@
 """The simulation of pairs of hours of a cell: both arms have the same pedestrians and vehicles."""
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 from harness.core.encounter import Arm, Strategy
 from harness.core.errors import EngineError, StrategyError, in_one_line
+from harness.core.seeding import Purpose
 from harness.engine.road import SumoRoad
-from harness.episode.arms import check_arms, make_strategy
+from harness.episode.arms import check_arms, draws_from, make_strategy
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.cell_constants import constants_of
 from harness.episode.traffic.demand import Scheduled, scheduled_vehicles
@@ -35,6 +37,10 @@ class HourOutcome:
     traceback: str | None = None
 
 
+ArmKey = tuple[Arm, tuple[str, ...], Purpose, bool, int]
+"""Identifies an arm: its drivers, their random stream, whether SUMO may drive, and its pair."""
+
+
 class HourRunner:
     """Runs pairs of one cell with ``[traffic]``, one after another.
 
@@ -61,13 +67,37 @@ class HourRunner:
         check_arms(scenario, model)
 
     def run(
-        self, pairs: Iterable[int], on_arm: Callable[[], None] = lambda: None
+        self,
+        pairs: Iterable[int],
+        on_arm: Callable[[], None] = lambda: None,
+        known: Mapping[ArmKey, HourOutcome] = MappingProxyType({}),
     ) -> Iterator[HourOutcome]:
-        """Simulate both arms of every pair, the AV's first; ``on_arm`` is called after each arm."""
+        """Simulate both arms of every pair, the AV's first.
+
+        Args:
+            pairs: indices of the pairs.
+            on_arm: called after each simulated arm.
+            known: arms of a cell that differs from this one only in its reference; shared arms are
+                not simulated again.
+        """
         for pair in pairs:
             for arm in Arm:
+                if (outcome := known.get(self.key(arm, pair))) is not None:
+                    yield replace(outcome, scenario=self._scenario)
+                    continue
                 yield self.run_arm(pair, arm)
                 on_arm()
+
+    def key(self, arm: Arm, pair: int) -> ArmKey:
+        """The key that identifies an arm among cells that differ only in their arms."""
+        arms = self._scenario.arms
+        alone = arm is Arm.AV and self._scenario.av_drives_alone
+        drivers = (arms.av,) if alone else (arms.av, arms.human)
+        return arm, drivers, draws_from(self._scenario, arm), self._sumo_drives, pair
+
+    @property
+    def _sumo_drives(self) -> bool:
+        return SUMO_DRIVER in (self._scenario.arms.av, self._scenario.arms.human)
 
     def run_arm(self, pair: int, arm: Arm) -> HourOutcome:
         """Simulate one arm of a pair.
@@ -104,7 +134,7 @@ class HourRunner:
             make,
             rules,
             traffic,
-            sumo_drives=SUMO_DRIVER in (scenario.arms.av, scenario.arms.human),
+            sumo_drives=self._sumo_drives,
             paths=self._paths,
         )
         try:

@@ -234,11 +234,18 @@ class _Work:
         return max(1, min(most, max(share, int(SHORTEST_S / each_s))))
 
     def _twins(self, missing: dict[int, list[int]]) -> Iterable[list[Cell]]:
-        """Group cells that differ only in their arms and lack the same pairs."""
+        """Group cells that share episodes and lack the same pairs.
+
+        They differ only in their arms.  Cells with long pairs have the same AV, too, and no
+        reference drives in its arm.
+        """
         groups: dict[object, list[Cell]] = {}
         for cell in self.plan.study.cells:
             if pairs := missing.get(cell.number):
-                same = cell.number if self.plan.kind.long_pairs else cell.but_for_arms
+                same: object = cell.but_for_arms
+                if self.plan.kind.long_pairs:
+                    alone = cell.scenario.av_drives_alone
+                    same = (same, cell.scenario.arms.av) if alone else cell.number
                 groups.setdefault((same, tuple(pairs)), []).append(cell)
         return groups.values()
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from harness.engine.network import check_network, network_of, place_of
 from harness.engine.road import SumoRoad
 from harness.engine.shared import following_of, road_for
-from harness.episode.traffic.pairing import HourRunner
+from harness.episode.traffic.pairing import ArmKey, HourOutcome, HourRunner
 from harness.scenario import Scenario
 from harness.store.hour_tables import hour_rows
 from harness.store.hour_traces import hour_trace_rows
@@ -33,11 +33,24 @@ _PERIODS = dict.fromkeys(("--device.fcd.period", "--queue-output.period"), _PERI
 
 
 def _run(task: Task) -> tuple[TaskResult, ...]:
-    """Run every pair of a task; the watchdog's limit applies to each hour."""
-    scenario = task.scenario
-    runner = HourRunner(scenario, task.model, lambda: road_for(scenario), paths=task.traces)
+    """Run every pair of a task and its twins; the watchdog's limit applies to each hour."""
+    known: dict[ArmKey, HourOutcome] = {}
+    results = []
     with watchdog(task.hang_after_s, task.stack_file) as watch:
-        outcomes = list(runner.run(task.pairs, watch.alive))
+        for each in task.each:
+            runner = _runner(each)
+            outcomes = list(runner.run(each.pairs, watch.alive, known))
+            known |= {runner.key(outcome.arm, outcome.pair): outcome for outcome in outcomes}
+            results.append(_result_of(each, outcomes))
+    return tuple(results)
+
+
+def _runner(task: Task) -> HourRunner:
+    scenario = task.scenario
+    return HourRunner(scenario, task.model, lambda: road_for(scenario), paths=task.traces)
+
+
+def _result_of(task: Task, outcomes: list[HourOutcome]) -> TaskResult:
     failures = tuple(
         {
             "cell": task.cell,
@@ -52,7 +65,7 @@ def _run(task: Task) -> tuple[TaskResult, ...]:
     tables = hour_rows(task.cell, outcomes)
     if task.traces:
         tables |= hour_trace_rows(task.cell, outcomes)
-    return (TaskResult(tables, failures),)
+    return TaskResult(tables, failures)
 
 
 def _decide_limit_s(_scenario: Scenario) -> float:

@@ -102,8 +102,10 @@ def _run_notes(run: RunData) -> list[Note]:
         ratios = [
             (result.cell.scenario.arms.human, result.findings["time_ratio"])
             for result in run.results
+            if "time_ratio" in result.findings  # own simulations do not have it
         ]
-        notes.append(Note(Rank.REFERENCE, agreement(ratios)))
+        if ratios:
+            notes.append(Note(Rank.REFERENCE, agreement(ratios)))
     for missed in missed_targets(run):
         where = f" in cell {missed.cell}" if run.varied_keys else ""
         width = "undefined" if missed.half_width is None else f"± {missed.half_width:.4f}"
