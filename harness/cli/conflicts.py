@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.interruption import unwinding
-from harness.cli.options import FullOption, JsonOption, QuietOption
+from harness.cli.options import FullOption, JsonOption, QuietOption, ThresholdsOption, settings_of
 from harness.cli.output import emit, progress_bar
 
 
@@ -39,6 +39,7 @@ def conflicts(
             metavar="CROSSING",
         ),
     ] = None,
+    settings: ThresholdsOption = None,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
     full: FullOption = False,
@@ -46,6 +47,7 @@ def conflicts(
     """Measure conflicts of people and vehicles in a SUMO output; nothing is simulated."""
     from harness.report.pages.conflict_page import PAGE, write_conflict_page
     from harness.report.screens.conflict_tables import print_conflicts
+    from harness.scenario import set_thresholds
     from harness.studies.conflicts import (
         check_new,
         document_of,
@@ -55,10 +57,17 @@ def conflicts(
     )
 
     check_new(out)
+    thresholds = set_thresholds({}, settings_of(settings), "conflicts")
     files = [fcd] if person_fcd is None else [fcd, person_fcd]
     hidden = quiet or as_json or not sys.stderr.isatty()
     with progress_bar("bytes", hidden) as advance:
-        findings = find_conflicts(files, net, types=types or (), edges=edge or (), progress=advance)
+        findings = find_conflicts(
+            *(files, net),
+            types=types or (),
+            edges=edge or (),
+            thresholds=thresholds,
+            progress=advance,
+        )
     with unwinding(), whole_folder(out) as folder:
         written = write_tables(findings, folder)
         write_conflict_page(findings, folder / PAGE, out)

@@ -23,6 +23,14 @@ SetOption = Annotated[
         metavar="KEY=VALUE",
     ),
 ]
+ThresholdsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        help="Change a conflict threshold, e.g. --set conflicts.ttc_s=2. Repeatable.",
+        metavar="KEY=VALUE",
+    ),
+]
 VaryOption = Annotated[
     list[str] | None,
     typer.Option(

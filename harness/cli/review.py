@@ -136,17 +136,11 @@ def _report_replays(
 
 
 def score(
-    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run with --traces.")],
+    run_folder: Annotated[
+        Path, typer.Argument(metavar="RUN", help="A run with --traces; for --set any run.")
+    ],
     out: Annotated[Path, typer.Option(help="A new folder for the recomputed run.")],
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            help="Change a conflict threshold, e.g. --set conflicts.ttc_s=2; needs no traces. "
-            "Repeatable.",
-            metavar="KEY=VALUE",
-        ),
-    ] = None,
+    settings: options.ThresholdsOption = None,
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:

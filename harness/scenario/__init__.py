@@ -36,6 +36,7 @@ from harness.scenario.study import (
     study_from,
     study_of,
 )
+from harness.scenario.thresholds import set_thresholds
 from harness.scenario.traffic import QUARTER_S, TrafficSection, by_quarter
 from harness.scenario.variation import flatten, parse_variation
 
@@ -68,6 +69,7 @@ __all__ = [
     "read_scenario_file",
     "remarks",
     "scenario_of_encounters",
+    "set_thresholds",
     "study_from",
     "study_of",
     "validate",

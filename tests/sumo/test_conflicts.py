@@ -18,7 +18,7 @@ from harness.measures.catalogue import COLUMNS
 from harness.studies.conflicts import ConflictFindings, find_conflicts
 from harness.studies.conflicts.vehicle_types import CLASSES
 from harness.studies.replay.rerun import replay
-from tests.batches import CHECKOUT, one_cell, printed, run_inline
+from tests.batches import CHECKOUT, one_cell, printed, refusal, run_inline
 
 HOME = Path(sumo_package.SUMO_HOME)
 MAP = CHECKOUT / "examples" / "maps" / "four_arms.osm"
@@ -304,3 +304,23 @@ def place(states: pd.DataFrame, time_s: np.ndarray) -> np.ndarray:
     known = states["timestep_time"].to_numpy()
     east, north = (np.interp(time_s, known, states[f"vehicle_{of}"]) for of in "xy")
     return np.asarray(east + 1j * north)
+
+
+def test_thresholds_are_set_as_for_a_score(town: Path, exact: ConflictFindings) -> None:
+    """The counts are those of the passages' own measures."""
+    command = ("conflicts", town / "exact.csv", "--net", town / "town.net.xml", "--out")
+    text = printed(*command, town / "other", "--set", "conflicts.ttc_s=3", "--full")
+    assert "TTC < 3 s" in text
+    table = pd.read_csv(town / "other" / "crosswalks.csv")
+    met = [each for each in exact.passages if each.record.pedestrians]
+    below = [
+        each.record.contact is not None
+        or (each.record.min_ttc_s is not None and each.record.min_ttc_s < 3)
+        for each in met
+    ]
+    assert table["conflicts_ttc"].sum() == sum(below)
+    default = sum(each.row(exact.thresholds)["conflicts_ttc"] for each in exact.crosswalks)
+    assert sum(below) > default
+    for wrong, words in (("conflicts.ttc=3", "conflicts.ttc_s"), ("conflicts.ttc_s=x", "ttc_s")):
+        assert words in refusal(*command, town / "wrong", "--set", wrong)
+        assert not (town / "wrong").exists()

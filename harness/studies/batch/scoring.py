@@ -10,11 +10,10 @@ import pyarrow.compute as pc
 
 from harness.core.documents import JsonObject
 from harness.core.encounter import Arm, Ending, Trace, Walk
-from harness.core.errors import InputError, nearest_name
+from harness.core.errors import InputError
 from harness.measures import Outcome, measure
 from harness.measures.catalogue import COLUMNS
-from harness.scenario import Cell, ConflictsSection, Scenario, Setting, study_from, validate
-from harness.scenario.file import apply_setting
+from harness.scenario import Cell, Scenario, Setting, set_thresholds, study_from
 from harness.store.episode_tables import episode_rows
 from harness.store.manifest import options_of, scored_now
 from harness.store.reading import MANIFEST, read_finished_manifest, read_table
@@ -106,19 +105,11 @@ SCORERS = {
 
 def _apply(settings: Sequence[Setting], document: JsonObject) -> None:
     """Change conflict thresholds in a manifest."""
-    thresholds = [f"conflicts.{name}" for name in ConflictsSection.model_fields]
+    set_thresholds(document["scenario"], settings, MANIFEST)
     for setting in settings:
-        where = f"{setting.source} {setting.key}"
-        if setting.key not in thresholds:
-            nearest = nearest_name(setting.key, thresholds)
-            problem = "is not a conflict threshold; other changes need a new simulation"
-            raise InputError(where, problem, ", ".join(thresholds), nearest)
         if setting.key in document["cells"][0]:
-            raise InputError(
-                where, "varies in this run", "a threshold that is the same in all cells"
-            )
-        apply_setting(document["scenario"], setting)
-    validate(document["scenario"], MANIFEST, {setting.key: setting.source for setting in settings})
+            where, allowed = setting.source, "a threshold that is the same in all cells"
+            raise InputError(f"{where} {setting.key}", "varies in this run", allowed)
 
 
 def _pairs(run: Path, episodes: pa.Table) -> int:

@@ -24,6 +24,7 @@ from harness.episode.simulation.cutting import (
 from harness.episode.simulation.passages import PersonTrack, passage
 from harness.episode.simulation.recorded import Recorded, read_recorded
 from harness.measures import measure
+from harness.scenario import ConflictsSection
 from harness.site import Crosswalk, RoadNetwork, crosswalks_of, read_network
 from harness.studies.conflicts.places import in_network
 from harness.studies.conflicts.records import (
@@ -35,6 +36,7 @@ from harness.studies.conflicts.records import (
 from harness.studies.conflicts.vehicle_types import VehicleType, read_types, type_of
 
 Progress = Callable[[int, int, str], None]
+_DEFAULTS = ConflictsSection()
 
 _SHOWN = 5
 """Number of names that a message lists."""
@@ -46,6 +48,7 @@ def find_conflicts(
     *,
     types: Sequence[Path] = (),
     edges: Sequence[str] = (),
+    thresholds: ConflictsSection = _DEFAULTS,
     progress: Progress = lambda _done, _planned, _unit: None,
 ) -> ConflictFindings:
     """Measure every passage straight over a crosswalk in a recording.
@@ -55,6 +58,7 @@ def find_conflicts(
         net: its network.
         types: files that define its vehicle types.
         edges: ids of the crossings; empty means all.
+        thresholds: beyond these a passage counts as a conflict.
         progress: called with the numbers done and planned, and the unit.
 
     Raises:
@@ -105,6 +109,7 @@ def find_conflicts(
         unusable={each.id: each.refused for each in crosswalks if each.refused is not None},
         vehicle_records=recorded.vehicle_records,
         person_records=recorded.person_records,
+        thresholds=thresholds,
     )
 
 

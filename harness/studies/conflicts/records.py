@@ -1,7 +1,7 @@
 """The findings in a recording: its passages, its crosswalks, and how it was read."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -134,7 +134,7 @@ class ConflictFindings:
     unusable: Mapping[str, str]
     vehicle_records: int
     person_records: int
-    thresholds: ConflictsSection = field(default_factory=ConflictsSection)
+    thresholds: ConflictsSection
 
     @property
     def passages(self) -> list[ConflictPassage]:

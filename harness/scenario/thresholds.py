@@ -1,0 +1,28 @@
+"""Other thresholds of conflicts than a scenario's (``--set conflicts.…``)."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from harness.core.errors import InputError, nearest_name
+from harness.scenario.file import Setting, apply_setting, validate
+from harness.scenario.sections import ConflictsSection
+
+
+def set_thresholds(
+    tree: dict[str, Any], settings: Sequence[Setting], source: str
+) -> ConflictsSection:
+    """Set conflict thresholds (``conflicts.…``) in a scenario's tree; return all of them.
+
+    Raises:
+        InputError: a setting is not a threshold, or its value is not allowed.
+    """
+    thresholds = [f"conflicts.{name}" for name in ConflictsSection.model_fields]
+    sources = {setting.key: setting.source for setting in settings}
+    for setting in settings:
+        if setting.key not in thresholds:
+            nearest = nearest_name(setting.key, thresholds)
+            problem = "is not a conflict threshold; other changes need a new simulation"
+            where = f"{setting.source} {setting.key}"
+            raise InputError(where, problem, ", ".join(thresholds), nearest)
+        apply_setting(tree, setting)
+    return validate(tree, source, sources).conflicts
