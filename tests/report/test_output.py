@@ -117,6 +117,16 @@ def test_no_color_is_respected_on_a_terminal() -> None:
     assert shown.stdout.split() == ["\x1b[31mwords\x1b[0m", "more"]
 
 
+@pytest.mark.parametrize(("columns", "width"), [("72", 72), ("0", 120), ("wide", 120), (None, 120)])
+def test_a_pipe_is_as_wide_as_columns_says(
+    monkeypatch: pytest.MonkeyPatch, columns: str | None, width: int
+) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    if columns is not None:
+        monkeypatch.setenv("COLUMNS", columns)
+    assert make_console().width == width
+
+
 def test_brackets_in_names_and_values_are_no_markup(capsys: pytest.CaptureFixture[str]) -> None:
     rows = ((TableCell("[/x]"),), (TableCell("[red]a"),))
     print_table(make_console(), Table("cases", "cases [b]", ("[/case]",), rows))

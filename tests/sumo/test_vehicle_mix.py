@@ -172,9 +172,17 @@ def test_tables_of_a_run_have_the_types_and_a_score_measures_them_again(tmp_path
     by_hour = own.groupby("pair")["delay_s"].mean().mean()
     assert truck["vehicle_delay_s"] == pytest.approx(by_hour)
     assert (hours["queue_p95_m"] >= 0).all()
+    full = printed("resume", str(out), "--full")
+    shown = next(line for line in full.splitlines() if line.split()[:1] == ["truck"]).split()
+    assert shown[1:3] == [f"{truck[name]:.0f}" for name in ("vehicles", "automated")]
+    assert shown[3:6] == [
+        f"{truck[name]:.2f}"
+        for name in ("vehicle_delay_s", "vehicle_delay_s_human", "difference_s")
+    ]
     scored = tmp_path / "scored"
     printed("score", str(out), "--out", str(scored))
     again = pd.read_parquet(scored / "passages.parquet")
     pd.testing.assert_frame_equal(passages, again, atol=1e-6)
     printed("report", str(out))
+    assert "Delay by type of vehicle" in (out / "report.html").read_text()
     assert '"size":[16.5,2.5]' in (out / "report.html").read_text().replace(" ", "")

@@ -361,7 +361,7 @@ def test_who_may_be_missed_leaves_something_to_chance() -> None:
     assert arrival.detection_quantile == pytest.approx(stats.norm.cdf(1.0))
     # 1 − Φ(1) = 0.159 is more than 0.5³ and less than 0.5².
     (person,) = people_of(scenario, space, 3, np.array([1.0]))
-    assert person_words(person) == "near at 0.0 s, timed, found at look 3"
+    assert person_words(person) == "near at 0.0 s, timed, seen at update 3"
     blind = scenario.model_copy(
         update={"perception": scenario.perception.model_copy(update={"detection_probability": 0.0})}
     )

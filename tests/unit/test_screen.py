@@ -10,7 +10,7 @@ import pytest
 from harness.report.screens import run_document, terminal
 from harness.report.screens.result_screen import screen_of
 from harness.report.screens.screen import Screen, screen_lines
-from harness.report.screens.tables import per_cent
+from harness.report.screens.tables import entry_limits, per_cent
 from harness.scenario import load_scenario, parse_setting
 from harness.statistics import (
     ENCOUNTERS,
@@ -362,6 +362,7 @@ def test_notes_that_were_merged_stand_in_full_and_missed_targets_are_never_merge
     run = RunFindings(ENCOUNTERS, "cctc", "runs/c", "seed 1", 0.95, False, (cell,), (missed,))
     monkeypatch.setattr(terminal, "reported", lambda _: run)
     monkeypatch.setattr(terminal, "remarks", lambda _: [])
+    monkeypatch.setattr(terminal, "paired_tables", lambda _: [])
     for full in (False, True):
         terminal.print_run(None, full)  # type: ignore[arg-type]
         lines = capsys.readouterr().out
@@ -415,6 +416,13 @@ def test_what_has_to_be_read_with_the_numbers(changes, settings, rank, text) -> 
 )  # fmt: skip
 def test_small_shares_keep_two_digits(share: float, decimals: int, text: str) -> None:
     assert per_cent(share, decimals) == text
+
+
+def test_a_lower_limit_far_below_the_upper_one_has_few_digits() -> None:
+    """Writing it as 0 makes the interval wider; an upper limit keeps its digits."""
+    crashes: Entry[Any] = Entry("kappa", "crashes", "", form=Form.EVENTS, digits=1)
+    for low, high, text in ((3.4e-7, 0.27, "0.0 … 27.0"), (3.4e-7, 2.9e-6, "0.000034 … 0.00029")):
+        assert entry_limits(crashes, Finding(low, low, high, n=2, events=1)) == text
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ from harness.report.pages.hour_pictures import hour_pictures
 from harness.report.pages.inputs import strategies_of
 from harness.report.pages.parts import PageParts, pair_by_pair
 from harness.report.pages.traces import Encoded, pair_title, scene_of, short, shown_arm
-from harness.report.screens.tables import ARM_NAMES, Table
+from harness.report.screens.paired_tables import paired_tables
+from harness.report.screens.tables import ARM_NAMES
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import ShownPair
 
@@ -25,10 +26,6 @@ def _opening(run: RunData) -> str:
         f"vehicles, once {human} drives all of them. Both arms have the same pedestrians and "
         f"the same vehicles; seed {run.manifest['seed']}."
     )
-
-
-def _tables(_run: RunData) -> list[Table]:
-    return []
 
 
 def _pictures(run: RunData, shown: Sequence[ShownPair]) -> tuple[Iterator[Picture], list[str]]:
@@ -91,7 +88,7 @@ def _episode(run: RunData, pair: ShownPair) -> Encoded:
 
 HOUR_PARTS = PageParts(
     opening=_opening,
-    tables=_tables,
+    tables=paired_tables,
     pictures=_pictures,
     player_words=_player_words,
     episodes=pair_by_pair(_scene, _episode),

@@ -1,5 +1,6 @@
 """The console for all terminal output, and the printing of tables."""
 
+import os
 import sys
 
 from rich import box
@@ -12,14 +13,19 @@ PIPE_COLUMNS = 120
 
 
 def make_console() -> Console:
-    """Return the console of standard output; if it is a pipe, it is wide enough for all tables."""
+    """Return the console of standard output.
+
+    A pipe is as wide as the variable COLUMNS says, otherwise wide enough for all tables.
+    """
+    columns = os.environ.get("COLUMNS", "")
+    pipe = int(columns) if columns.isdecimal() and int(columns) else PIPE_COLUMNS
     # Rich assumes 80 columns for a pipe, although a pipe has no width.
     # Texts come from files, so their brackets and colons are not markup.
     return Console(
         highlight=False,
         markup=False,
         emoji=False,
-        width=None if sys.stdout.isatty() else PIPE_COLUMNS,
+        width=None if sys.stdout.isatty() else pipe,
     )
 
 

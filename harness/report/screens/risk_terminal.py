@@ -123,14 +123,14 @@ def person_words(person: Person) -> str:
 
     >>> person_words(Person(arrival_s=1.5, side="far", quantile=0.4, critical_gap_s=None,
     ...                     found_at_look=3))
-    'far at 1.5 s, speed quantile 0.400, found at look 3'
+    'far at 1.5 s, speed quantile 0.400, seen at update 3'
     """
     words = [f"{person.side.value} at {person.arrival_s:.1f} s"]
     words.append("timed" if person.quantile is None else f"speed quantile {person.quantile:.3f}")
     if person.critical_gap_s is not None:
         words.append(f"gap {person.critical_gap_s:.1f} s")
     if person.found_at_look is not None:
-        words.append(f"found at look {person.found_at_look}")
+        words.append(f"seen at update {person.found_at_look}")
     return ", ".join(words)
 
 
@@ -162,7 +162,13 @@ def risk_tables(findings: RiskFindings) -> Iterator[Table]:
             f"Way {place}: {per_cent(way.share, 0)} % of the probability, "
             f"{counted(way.events, 'event')}, pairs {first} to {last} of critical.toml; the "
             "pedestrians of its likeliest episode",
-            ("arrives, s", "side", "speed quantile", "critical gap, s", "found at look"),
+            (
+                "arrives, s",
+                "side",
+                "speed quantile",
+                "critical gap, s",
+                "seen at update",
+            ),
             tuple(people),
         )
     levels = [

@@ -155,8 +155,8 @@ def entry_limits(entry: Entry[Any], finding: Finding, digits: int | None = None)
     decimals = entry.digits if digits is None else digits
     if entry.form not in (Form.EVENTS, Form.SHARE):
         return f"{_signed(finding.low, decimals)} … {_signed(finding.high, decimals)}"
-    # A lower limit so small that it needs an exponent is written as 0; an upper limit is not.
-    low = per_cent(finding.low if finding.low >= 1e-8 else 0.0, decimals)
+    # A lower limit far below the upper one is written as 0, which is wider; an upper limit is not.
+    low = per_cent(finding.low if finding.low >= 1e-3 * finding.high else 0.0, decimals)
     return f"{low} … {per_cent(finding.high, decimals)}"
 
 

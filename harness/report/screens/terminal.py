@@ -7,6 +7,7 @@ from rich.console import Console
 from harness.report.screens.comparison_screen import comparison_screen
 from harness.report.screens.comparison_tables import comparison_lines, comparison_tables
 from harness.report.screens.console import make_console, print_table
+from harness.report.screens.paired_tables import paired_tables
 from harness.report.screens.result_screen import screen_of
 from harness.report.screens.result_tables import full_tables
 from harness.report.screens.screen import Screen, screen_lines
@@ -24,7 +25,7 @@ def print_run(run: RunData, full: bool = False) -> None:
     screen = screen_of(findings)
     print_screen(console, replace(screen, most_lines=None) if full else screen)
     if full:
-        for table in full_tables(findings):
+        for table in (*full_tables(findings), *paired_tables(run)):
             print_table(console, table)
         for line in remarks(run):
             console.print(line)

@@ -277,6 +277,15 @@ class RunData:
         parts = [derive(cell.number, rows) for cell, rows in self._tables.by_cell(self.kind.rows)]
         return pa.concat_tables([TABLES[name].empty_table(), *parts])
 
+    def statistics(self, name: str) -> list[dict[str, Any]]:
+        """Return the rows of all cells in ``<name>.csv``, with ``cell``; empty if there is none."""
+        findings = {result.cell.number: result.findings for result in self.results}
+        return [
+            {"cell": cell.number, **row}
+            for cell, rows in self._tables.by_cell(self.kind.rows)
+            for row in self.kind.statistics(rows, cell, findings[cell.number]).get(name, ())
+        ]
+
     @property
     def engine(self) -> EngineName:
         """The engine of the run: ``sumo``, or ``plain`` with an audit in SUMO."""

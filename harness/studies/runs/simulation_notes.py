@@ -36,19 +36,19 @@ def simulation_notes(
     if read is not None and read.bent:
         where = f"{', '.join(read.bent)}: every lane bends within R0 before or just beyond"
         note(Rank.NOTHING_TESTED, f"{where}, so no strategy drives there.")
-    _left_out(findings, note)
     cut = findings["cut_share"].number
     if cut is not None and cut > CUT_SHARE:
         note(
             Rank.LEFT_OUT,
             f"SUMO cut {100 * cut:.0f} % of {scenario.arms.av}'s commands: that driving is SUMO's.",
         )
+    _left_out(findings, note)
     notes += undefined_notes(findings, catalogue)
     if added := _added(scenario):
         verb = "lie" if len(added) > 1 else "lies"
         text = f"{', '.join(added)} {verb} within R0 of a chosen crosswalk: also chosen."
         note(Rank.REFERENCE, text)
-    if scenario.known_simulation.read is not None:
+    if read is not None:
         note(Rank.REFERENCE, changes_in_brief(scenario))
     if 0 < (ran := pairs - failed) < FEW_HOURS:
         text = "One pair has no intervals." if ran == 1 else f"Each interval rests on {ran} pairs."
