@@ -27,7 +27,7 @@ from harness.store.over_model import findings_over_model
 from harness.store.shards import Shard
 from harness.store.summaries import confidence_of, pair_columns
 from harness.store.summary_table import read_summary
-from harness.store.tables import TABLES
+from harness.store.tables import TABLES, Row
 from harness.studies.runs.audited import disagreements, shared_once, ties
 from harness.studies.runs.cell_result import CellResult
 from harness.studies.runs.notebook import run_html
@@ -277,7 +277,7 @@ class RunData:
         parts = [derive(cell.number, rows) for cell, rows in self._tables.by_cell(self.kind.rows)]
         return pa.concat_tables([TABLES[name].empty_table(), *parts])
 
-    def statistics(self, name: str) -> list[dict[str, Any]]:
+    def statistics(self, name: str) -> list[Row]:
         """Return the rows of all cells in ``<name>.csv``, with ``cell``; empty if there is none."""
         findings = {result.cell.number: result.findings for result in self.results}
         return [
