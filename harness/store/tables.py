@@ -65,6 +65,8 @@ PEDESTRIANS = pa.schema(
         ("side", pa.string()),
         ("quantile", pa.float64()),
         ("critical_gap_s", pa.float64()),
+        ("threshold_s", pa.float64()),
+        ("latency_s", pa.float64()),
         ("speed_mps", pa.float64()),
         ("range_m", pa.float64()),
         ("vehicle_speed_mps", pa.float64()),

@@ -16,6 +16,8 @@ def pedestrian_row(walk: Walk, cleared: float | None, end_s: float) -> Row:
         "side": arrival.side.value,
         "quantile": arrival.quantile,
         "critical_gap_s": arrival.critical_gap_s,
+        "threshold_s": arrival.threshold_s,
+        "latency_s": arrival.latency_s,
         "speed_mps": walk.speed_mps if went else None,
         "range_m": walk.range_m if went else None,
         "vehicle_speed_mps": walk.vehicle_speed_mps if went else None,

@@ -6,7 +6,9 @@ they agree on was computed twice.
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import fields
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -18,11 +20,13 @@ from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, validate
 from harness.strategies import registry
 
+People = Mapping[str, object]
+
 # SUMO's own driver is nowhere but in SUMO.
 STRATEGIES = [name for name in registry.STRATEGIES if name != "sumo_driver"]
 
 
-def random_scene(rng: np.random.Generator, seed: int) -> Scenario:
+def random_scene(rng: np.random.Generator, seed: int, people: People) -> Scenario:
     """Each strategy in turn against any, any of a few egos, flows from one walker to many."""
     first = bool(rng.random() < 0.5)
     speed = float(rng.choice([3.0, 5.0, 8.3]))
@@ -37,6 +41,7 @@ def random_scene(rng: np.random.Generator, seed: int) -> Scenario:
         "first_at_trigger": first,
         "near_side_share": float(rng.random()),
         "kerb_wait_s": float(rng.choice([0.0, 2.0])),
+        **people,
     } | ({"max_count": 1} if rng.random() < 0.3 else {})
     arms = {"av": STRATEGIES[seed % len(STRATEGIES)], "human": str(rng.choice(STRATEGIES))}
     human = {"reading": str(rng.choice(["marginal", "given_time_advantage"]))}
@@ -80,11 +85,18 @@ def assert_same_episode(sumo: Outcome, plain: Outcome, where: object) -> None:
     assert isinstance(a.sumo_collision, bool)
 
 
-def compare(scenes: int, pairs: int, sumo, model: InteractionModel, seed: int) -> Counter[str]:
+def compare(
+    scenes: int,
+    pairs: int,
+    sumo,
+    model: InteractionModel,
+    seed: int,
+    people: People = MappingProxyType({}),
+) -> Counter[str]:
     rng = np.random.default_rng(seed)
     seen: Counter[str] = Counter()
     for number in range(scenes):
-        scene = random_scene(rng, seed=number)
+        scene = random_scene(rng, number, people)
         in_sumo = PairRunner(scene, model, lambda scene=scene: sumo(scene))
         plain = PairRunner(
             scene, model, lambda scene=scene: PlainEngine(scene.vehicle(), scene.experiment.step_s)
@@ -95,6 +107,10 @@ def compare(scenes: int, pairs: int, sumo, model: InteractionModel, seed: int) -
             seen[one.strategy] += 1
             seen[one.record.ending] += 1
             seen["met several"] += one.record.pedestrians > 1
+            seen["set off late"] += any(
+                walk.start_s and walk.start_s > walk.arrival.arrival_s + 1
+                for walk in one.trace.walks
+            )
     return seen
 
 
@@ -106,6 +122,12 @@ def test_a_few_hundred_random_episodes(sumo, model) -> None:
     assert seen["crossed"] > 100
     assert seen["crashed"] >= 5
     assert seen["met several"] > 50
+
+
+def test_pedestrians_who_decide_by_thresholds(sumo, model) -> None:
+    wary = {"behaviour": "threshold", "threshold": {"factor": 2.0}}
+    seen = compare(3 * len(STRATEGIES), pairs=4, sumo=sumo, model=model, seed=9, people=wary)
+    assert seen["set off late"] > 10
 
 
 @pytest.mark.slow

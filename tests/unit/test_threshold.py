@@ -1,18 +1,32 @@
-"""Pedestrians who decide by a threshold of their own: when they decide, and when they set off."""
+"""Pedestrians who decide by a threshold of their own: when they decide, and when they set off.
+
+The numbers follow from the formula of Pekkanen et al. 2022 by hand.
+"""
 
 import itertools
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 from scipy import stats
 
-from harness.core.encounter import Arrival, Side, Walk
-from harness.scenario import Scenario, validate
-from tests.scenes import Recorder, episode
+from harness.core.encounter import Arm, Arrival, Side, Walk
+from harness.episode.arrivals import planned_arrivals
+from harness.episode.cell_constants import constants_of
+from harness.episode.threshold import Threat, blocking, effective_time_s, threats
+from harness.episode.traffic.lanes import lanes_of
+from harness.episode.traffic.vehicles import LaneOnRoad
+from harness.scenario import Scenario, ThresholdSection, load_scenario, validate
+from harness.studies.risk.space import space_of
+from harness.studies.risk.ways import drawn_of, people_of
+from tests.scenes import Recorder, episode, on_plain
 
-LOG_THETA = stats.norm(1.430, 0.405)  # ln θ, Pekkanen et al. 2022
+LOG_THETA, LOG_LATENCY = stats.norm(1.430, 0.405), stats.norm(0.0166, 0.604)
+WEIGHTS = ThresholdSection()
 
 
 def scene(gap_s: float = 6.0, speed_mps: float = 5.0, **pedestrians: object) -> Scenario:
@@ -29,6 +43,7 @@ def person(threshold_s: float, latency_s: float = 0.55, side: Side = Side.NEAR) 
 
 
 def walk(scenario: Scenario, who: Arrival, command: Callable[[Any], float] = lambda _: 0.0) -> Walk:
+    """Their walk at 1.2 m/s."""
     return episode(scenario, Recorder(command), [who]).walks[0]
 
 
@@ -36,7 +51,7 @@ def walk(scenario: Scenario, who: Arrival, command: Callable[[Any], float] = lam
     ("mph", "gap_s"), list(itertools.product((25.0, 30.0, 35.0), (2.0, 3.0, 4.0, 5.0)))
 )
 def test_who_decides_before_a_car_that_keeps_its_speed(mph: float, gap_s: float) -> None:
-    """τ̇ is −1, and τ only falls: they decide at once or after the car (Pekkanen et al. 2022)."""
+    """τ̇ is −1, and τ only falls: they decide at once or after the car."""
     speed = mph * 0.44704
     time_s = gap_s + 0.252 * (gap_s * speed / (50 / 3.6) - gap_s)
     share = LOG_THETA.cdf(math.log(time_s))
@@ -44,3 +59,172 @@ def test_who_decides_before_a_car_that_keeps_its_speed(mph: float, gap_s: float)
         theta_s = math.exp(LOG_THETA.ppf(rank))
         start_s = walk(scene(gap_s, speed), person(theta_s)).start_s
         assert (start_s == 0.55) is goes, (rank, start_s)
+
+
+def test_a_car_that_slows_down_stands_or_has_passed() -> None:
+    # τ = 3.875 s and D/(50 km/h) = 2.232 s; −D a/v² = 31 · 2/64.
+    expected = 3.875 + 0.252 * (2.232 - 3.875) + 1.40 * 0.96875
+    assert effective_time_s(31.0, 8.0, -2.0, WEIGHTS) == pytest.approx(expected)
+    assert effective_time_s(31.0, 8.0, 2.0, WEIGHTS) == pytest.approx(expected - 2.8 * 0.96875)
+    assert effective_time_s(31.0, 0.0, 0.0, WEIGHTS) == math.inf
+    # From 1 s on it brakes; people see that a step later, at t = 1.1 s: v = 9.6, D = 30 − 0.98.
+    slows = lambda o: -4.0 if o.time_s > 0.95 else 0.0  # noqa: E731
+    tau, distance_m = 29.02 / 9.6, 29.02
+    at_once = tau + 0.252 * (distance_m / (50 / 3.6) - tau) + 1.40 * distance_m * 4 / 9.6**2
+    car = scene(4.0, 10.0)
+    assert at_once > 4.0 + 0.252 * (40 / (50 / 3.6) - 4.0)  # at t = 0, the longest so far
+    assert walk(car, person(at_once - 0.01, 0.5), slows).start_s == pytest.approx(1.6)
+    assert walk(car, person(at_once + 0.01, 0.5), slows).start_s > 1.6
+    # It stands 2 m before the near edge from 8 s on; τ_eff was 100 s at most before.
+    stands = lambda o: -25 / 52 if o.ego.speed_mps > 0 else 0.0  # noqa: E731
+    start_s = walk(scene(), person(1e6, 0.5), stands).start_s
+    assert start_s == pytest.approx(10.4 + 0.5, abs=0.2)
+
+
+def test_the_least_margin_over_the_lanes_counts() -> None:
+    """Two lanes of 3 m: τ_eff is 3 s in the near one and 4 s in the far one; they walk 1.5 m/s."""
+    near, far = SimpleNamespace(), SimpleNamespace()
+    cars = [Threat(3.0, near, (0.0, 3.0)), Threat(4.0, far, (3.0, 6.0))]
+    # From the near kerb the far lane is 2 s away: margins of 3 and 2 s.
+    assert blocking(cars, 1.99, 0.0, 1.5) is None
+    assert blocking(cars, 2.01, 0.0, 1.5) is far
+    # From the far kerb the near lane is 2 s away: margins of 1 and 4 s.
+    assert blocking(cars, 0.99, 6.0, 1.5) is None
+    assert blocking(cars, 1.01, 6.0, 1.5) is near
+    assert blocking([], 1e9, 0.0, 1.5) is None
+    # In an encounter: the ego's lane ends 4.5 m from the far kerb, 3.75 s at 1.2 m/s.
+    margin = 6.0 + 0.252 * (30 / (50 / 3.6) - 6.0) - 3.75
+    assert walk(scene(), person(margin - 0.001, side=Side.FAR)).start_s == 0.55
+    assert walk(scene(), person(margin + 0.001, side=Side.FAR)).start_s is None
+
+
+def test_behind_a_car_that_has_passed_the_next_one_counts() -> None:
+    rules = constants_of(scene())
+    lane = LaneOnRoad(0, lanes_of(scene())[0], iter(()), rules)
+    constants = {"acceleration_mps2": 0.0, "passed_at_m": 7.0, "vehicle": rules.vehicle}
+    leader, follower, later = (
+        SimpleNamespace(x_m=x, speed_mps=10.0, **constants) for x in (-3.7, -25.0, -60.0)
+    )
+    lane.driven, lane.coming = [leader, follower], [later]  # type: ignore[assignment]
+    # 3.7 m at 10 m/s are 0.37 s, less than c_p; 0.1 s earlier they are more.
+    assert [threat.vehicle for threat in threats([lane], 0.0, WEIGHTS)] == [follower]
+    assert [threat.vehicle for threat in threats([lane], -0.1, WEIGHTS)] == [leader]
+    lane.driven = [leader]  # type: ignore[list-item]
+    assert [threat.vehicle for threat in threats([lane], 0.0, WEIGHTS)] == [later]
+
+
+def test_who_decides_on_arrival_sets_off_at_once() -> None:
+    arrives = Arrival(0, 0.33, Side.NEAR, 0.5, threshold_s=4.0, latency_s=0.5)
+    assert walk(scene(), arrives).start_s == 0.33  # τ_eff = 5.67 − 0.252 · 3.63 = 4.76 s
+    # Who does not decide by then decides at steps; the car brakes from 1 s on.
+    brakes = lambda o: -1.0 if o.time_s > 0.95 else 0.0  # noqa: E731
+    waits = walk(scene(), arrives._replace(threshold_s=5.0), brakes)
+    assert waits.start_s == pytest.approx(1.1 + 0.5)
+
+
+def test_who_is_held_at_the_kerb_decides_anew() -> None:
+    """They would set off at 0.55, 1.15, 1.75 s …: each time a step and their latency later.
+
+    The car stops before the edge: it brakes from 1.5 s on, 20.5 m before the edge, with 1 m/s².
+    """
+    brakes = lambda o: -1.0 if o.time_s > 1.45 else 0.0  # noqa: E731
+    assert walk(scene(kerb_wait_s=30.0), person(1.0), brakes).start_s == pytest.approx(1.75)
+    assert walk(scene(), person(1.0), brakes).start_s == 0.55
+    # τ < c_p from 5.7 s on (x = −1.5 m), but then the front is over the near edge, x = −2 m.
+    assert walk(scene(), person(1e6, 0.01)).start_s is None
+
+
+def test_kerb_wait_depends_on_the_behaviour_unless_it_is_given() -> None:
+    waits = {
+        behaviour: validate({"pedestrians": {"behaviour": behaviour}}, "test").pedestrians
+        for behaviour in ("constant", "gap_acceptance", "reactive", "threshold")
+    }
+    assert [people.kerb_wait_s for people in waits.values()] == [2.0, 2.0, 2.0, 0.0]
+    assert scene(kerb_wait_s=1.5).pedestrians.kerb_wait_s == 1.5
+    again = validate(scene().model_dump(mode="json"), "test")
+    assert again.pedestrians.kerb_wait_s == 0.0
+
+
+PLAN = st.lists(st.sampled_from([-3.0, -1.0, -0.5, 0.0, 0.0, 1.0]), min_size=20, max_size=60)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True, database=None)
+@given(
+    PLAN, st.floats(0.3, 9), st.floats(1, 3), st.sampled_from(Side), st.sampled_from([5.0, 14.0])
+)
+def test_a_greater_threshold_never_decides_earlier(plan, theta_s, ratio, side, speed) -> None:
+    """Nobody's latency is worth mentioning: they try at every step from their decision on."""
+
+    def command(observation: Any) -> float:
+        step = round(observation.time_s / 0.1)
+        return plan[step] if step < len(plan) else 0.0
+
+    starts = [
+        walk(scene(6.0, speed), person(theta, 1e-3, side), command).start_s
+        for theta in (theta_s, theta_s * ratio)
+    ]
+    first, second = (math.inf if start is None else start for start in starts)
+    assert first <= second
+
+
+def test_planned_thresholds_are_as_distributed_and_change_nothing_else() -> None:
+    flow = {"flow_per_hour": 900.0}
+    people = validate({"pedestrians": {**flow, "behaviour": "threshold"}}, "test")
+    bold = {**flow, "behaviour": "threshold", "threshold": {"factor": 0.5}}
+    steady = validate({"pedestrians": flow}, "test")
+    found = []
+    for pair in range(300):
+        plan, other = planned_arrivals(people, pair), planned_arrivals(steady, pair)
+        none = {"threshold_s": None, "latency_s": None}
+        assert [arrival._replace(**none) for arrival in plan] == list(other)
+        bolder = planned_arrivals(validate({"pedestrians": bold}, "test"), pair)
+        halves = [a._replace(threshold_s=a.threshold_s / 2) for a in plan]
+        assert list(bolder) == halves
+        found += [(a.threshold_s, a.latency_s, a.quantile) for a in plan]
+    theta, latency, quantile = np.array(found).T
+    assert len(theta) > 4000
+    # Each of these is a false alarm with a chance of 1 in 1,000.
+    assert stats.kstest(np.log(theta), LOG_THETA.cdf).pvalue > 1e-3
+    assert stats.kstest(np.log(latency), LOG_LATENCY.cdf).pvalue > 1e-3
+    for one, other in ((theta, latency), (theta, quantile), (latency, quantile)):
+        assert stats.spearmanr(one, other).pvalue > 1e-3
+
+
+def test_both_arms_meet_the_same_people(model) -> None:
+    people = {"behaviour": "threshold", "flow_per_hour": 900.0}
+    scenario = validate({"pedestrians": people, "arms": {"av": "hard_yield"}}, "test")
+    outcomes = list(on_plain(scenario, model).run(range(200)))
+    late = 0
+    for av, human in zip(outcomes[::2], outcomes[1::2], strict=True):
+        planned = planned_arrivals(scenario, av.pair)
+        for outcome in (av, human):
+            walks = outcome.trace.walks
+            assert tuple(w.arrival for w in walks) == planned[: len(walks)]
+            for w in walks:
+                if w.start_s is not None and w.start_s > w.arrival.arrival_s:
+                    # They decided at the beginning of a step.
+                    steps = (w.start_s - w.arrival.latency_s) / 0.1
+                    assert steps == pytest.approx(round(steps), abs=1e-6)
+                    late += 1
+    assert late > 20
+
+
+def test_a_risk_samples_thresholds_and_latencies(model) -> None:
+    changes = {"pedestrians.behaviour": "threshold", "arms.av": "constant_speed"}
+    scenario = load_scenario("cctc", changes)
+    space = space_of(scenario, Arm.AV)
+    assert space.fixed == ("side", "quantile", "threshold", "latency")
+    z = np.array([1.0, -0.2, -1.5, 0.7])
+    cases = [(9, space.given(z, 9))]
+    (outcome,) = on_plain(scenario, model).run_arm_given(Arm.AV, cases, [].append)
+    arrival = outcome.trace.walks[0].arrival
+    assert arrival.threshold_s == pytest.approx(math.exp(1.430 - 1.5 * 0.405))
+    assert arrival.latency_s == pytest.approx(math.exp(0.0166 + 0.7 * 0.604))
+    (shown,) = people_of(scenario, space, 9, z)
+    assert (shown.threshold_s, shown.latency_s) == (arrival.threshold_s, arrival.latency_s)
+    critical = {"pedestrians.drawn": [drawn_of(space, 9, z)], "experiment.pairs": 1}
+    again = on_plain(load_scenario("cctc", {**changes, **critical}), model).run_arm(0, Arm.AV)
+    assert again.trace.walks == outcome.trace.walks
+    assert again.record == outcome.record
+    flow = space_of(load_scenario("cctc_flow", {"pedestrians.behaviour": "threshold"}), Arm.AV)
+    assert flow.marks == ("arrival", "side", "quantile", "threshold", "latency")

@@ -129,6 +129,8 @@ def person_words(person: Person) -> str:
     words.append("timed" if person.quantile is None else f"speed quantile {person.quantile:.3f}")
     if person.critical_gap_s is not None:
         words.append(f"gap {person.critical_gap_s:.1f} s")
+    if person.threshold_s is not None and person.latency_s is not None:
+        words.append(f"threshold {person.threshold_s:.1f} s, latency {person.latency_s:.1f} s")
     if person.found_at_look is not None:
         words.append(f"seen at update {person.found_at_look}")
     return ", ".join(words)
@@ -153,6 +155,8 @@ def risk_tables(findings: RiskFindings) -> Iterator[Table]:
                 TableCell(person.side.value),
                 _cell(person.quantile, ".3f"),
                 _cell(person.critical_gap_s, ".2f"),
+                _cell(person.threshold_s, ".2f"),
+                _cell(person.latency_s, ".2f"),
                 _cell(person.found_at_look, "d"),
             )
             for person in way.pedestrians
@@ -167,6 +171,8 @@ def risk_tables(findings: RiskFindings) -> Iterator[Table]:
                 "side",
                 "speed quantile",
                 "critical gap, s",
+                "threshold, s",
+                "latency, s",
                 "seen at update",
             ),
             tuple(people),

@@ -33,6 +33,8 @@ class Person(Document):
     quantile: Share | None
     critical_gap_s: Number | None
     found_at_look: Count | None
+    threshold_s: Number | None = None
+    latency_s: Number | None = None
 
 
 class Way(Document):

@@ -60,6 +60,8 @@ def people_of(scenario: Scenario, space: Space, number: int, z: FloatArray) -> t
             side=arrival.side,
             quantile=arrival.quantile,
             critical_gap_s=arrival.critical_gap_s,
+            threshold_s=arrival.threshold_s,
+            latency_s=arrival.latency_s,
             found_at_look=None
             if arrival.detection_quantile is None or chance == 0
             else int(updates_until_found(arrival.detection_quantile, chance)),
