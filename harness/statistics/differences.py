@@ -1,12 +1,13 @@
 """Every difference that a comparison of two cells reports, each defined once."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from harness.statistics.bootstrap import Resampled
-from harness.statistics.entries import Entry
+from harness.statistics.entries import Entry, Finding
 from harness.statistics.intervals import CONFIDENCE
+from harness.statistics.over_model import OverModel, over_model
 from harness.statistics.pair_columns import PairColumns
 from harness.statistics.paired import Difference, paired_difference, ratio_difference
 
@@ -22,8 +23,22 @@ class ComparedColumns:
     second: PairColumns
     timeout_s: float
     free_pass_s: float
-    rng: np.random.Generator
+    rng: np.random.Generator | None
     confidence: float = CONFIDENCE
+
+    def over_model(
+        self, key: str, usual: Difference, refits: int, effective_vehicles: float
+    ) -> OverModel:
+        """A difference with its interval over pairs and refits, if pair p uses refit p mod R."""
+        entry = next(entry for entry in DIFFERENCES if entry.key == key)
+        refit = np.arange(len(self.first.tau)) % refits
+        parts = [
+            replace(self, first=self.first.where(own), second=self.second.where(own), rng=None)
+            for own in (refit == number for number in range(refits))
+        ]
+        found = [entry.findings(part, 0)[key].number for part in parts]
+        finding = Finding(usual.value, usual.low, usual.high, usual.informative)
+        return over_model(finding, found, effective_vehicles, self.confidence)
 
     def time_ratio(self) -> Difference:
         """The difference of the ratio of times, over the pairs that count in both cells."""

@@ -57,7 +57,10 @@ class Difference(Resampled):
 
 
 def paired_difference(
-    a: FloatArray, b: FloatArray, rng: np.random.Generator, confidence: float = CONFIDENCE
+    a: FloatArray,
+    b: FloatArray,
+    rng: np.random.Generator | None,
+    confidence: float = CONFIDENCE,
 ) -> Difference:
     """Mean of a − b with its interval over the pairs in which both are defined.
 
@@ -68,7 +71,7 @@ def paired_difference(
     Args:
         a: shape (n,), NaN where undefined.
         b: the same column of the other cell, same shape.
-        rng: draws the resamples.
+        rng: draws the resamples; None: no interval is computed.
         confidence: two-sided confidence of the interval.
 
     Returns:
@@ -84,7 +87,7 @@ def ratio_difference(
     a: FloatArray,
     b: FloatArray,
     reference: FloatArray,
-    rng: np.random.Generator,
+    rng: np.random.Generator | None,
     confidence: float = CONFIDENCE,
 ) -> Difference:
     """Σ(a − b) / Σ ``reference`` over the pairs in which both are defined.

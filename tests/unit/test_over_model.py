@@ -14,13 +14,15 @@ from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
 from harness.model.interaction import load_model, write_model
 from harness.model.mixture import fit_mixture
+from harness.report.screens.comparison_tables import comparison_tables
 from harness.scenario import Options, load_scenario
 from harness.statistics import Finding, over_model
 from harness.studies.batch.experiment import resume, run_study
 from harness.studies.batch.scoring import score
 from harness.studies.calibration import RefitSettings, make_refits, make_sample
 from harness.studies.calibration.refits import drawn_weights
-from tests.batches import here, one_cell, run_inline, run_stopped
+from harness.studies.runs.compare import compare
+from tests.batches import here, one_cell, run_inline, run_stopped, sweep
 from tests.scenes import refuses
 from tests.unit.test_calibration import made_up
 
@@ -192,6 +194,26 @@ def test_a_run_over_refits_is_kept_resumed_scored_and_named(tmp_path):
     assert pq.read_schema(tmp_path / "d" / "summary.parquet").names == (
         pq.read_schema(tmp_path / "a" / "summary.parquet").names
     )
+
+
+def test_strategies_are_compared_over_pairs_and_refits(tmp_path):
+    study = sweep("cctc", CHANGES, "arms.av=soft_yield,gap_yield")
+    run = run_inline(study, tmp_path / "a", engine="plain", audit=0.0)
+    (item,) = compare(run).groups[0].comparisons
+    times = [run.episodes.query(f"cell == {cell} and arm == 'av'").delay_s for cell in (0, 1)]
+    difference = times[0].to_numpy() - times[1].to_numpy()
+    by_refit = [np.nanmean(difference[refit::20]) for refit in range(20)]
+    usual, found = item.delay_difference_s, item.over_model["delay_difference_s"]
+    effective = load_model("dut").provenance["effective_vehicles"]
+    expected = over_model(
+        Finding(usual.value, usual.low, usual.high, usual.informative), by_refit, effective
+    )
+    assert found.value == pytest.approx(difference.mean())
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
+    done = here("compare", tmp_path / "a", "--json")
+    row = json.loads(done.stdout)["groups"][0]["comparisons"][0]
+    assert row["delay_difference_s_model_ci_low"] == found.low
+    assert "ratio of times, with the model" in comparison_tables(compare(run))[1].headings
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,20 @@ def _row(item: Comparison, group: GroupResult) -> Document:
         "missed_in_b_alone": item.misses.only_b,
         "missed_p": item.misses.p,
         "missed_p_holm": item.misses_p_holm,
+        **_over_model(item),
         "indicative": item.indicative,
+    }
+
+
+def _over_model(item: Comparison) -> Document:
+    """Return the intervals over pairs and refits; empty if pairs are not spread over refits."""
+    return {
+        column: value
+        for name, found in item.over_model.items()
+        for column, value in (
+            *list(found.columns(name, "model_ci").items())[1:],
+            (f"{name}_model_share", found.share),
+        )
     }
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from harness.report.screens.result_screen import joined_notes, with_limits
+from harness.report.screens.result_screen import MODEL_HEADING, joined_notes, with_limits
 from harness.report.screens.tables import (
     Table,
     TableCell,
@@ -23,8 +23,10 @@ from harness.statistics import (
     ENCOUNTERS,
     ENTRIES,
     Findings,
+    Interval,
     Note,
     Place,
+    Rank,
     Standing,
     SweepVerdict,
     Verdict,
@@ -59,7 +61,36 @@ def comparison_notes(result: RunComparison) -> tuple[Note, ...]:
         for group in result.groups
         for cell, summary in zip(group.group.cells, group.summaries, strict=True)
     ]
-    return tuple(sorted(joined_notes(cells), key=lambda note: note.rank))
+    notes = [*joined_notes(cells), *_model_notes(result)]
+    return tuple(sorted(notes, key=lambda note: note.rank))
+
+
+def _model_notes(result: RunComparison) -> list[Note]:
+    """Return notes about the differences of the ratio of times that the model's fit decides."""
+    key, texts = "time_ratio_difference", []
+    pairs = [
+        (item.time_ratio_difference, item.over_model[key])
+        for group in result.groups
+        for item in group.comparisons
+        if item.over_model
+    ]
+    of = f"of {counted(len(pairs), 'difference')} of the ratio of times"
+    if open_ := sum(_excludes_0(usual) and not _excludes_0(over) for usual, over in pairs):
+        texts.append(
+            f"{open_:,} {of} that the pairs show may be reversed by the model's fit: with the "
+            "model the interval contains 0 (--full)."
+        )
+    if mostly := sum(over.mostly_model for _, over in pairs):
+        texts.append(
+            f"In {mostly:,} {of} more than half of the variance is estimated to come from the "
+            "model's fit: more pairs will not help there."
+        )
+    return [Note(Rank.OVER_MODEL, text) for text in texts]
+
+
+def _excludes_0(interval: Interval) -> bool:
+    low, high = interval.low, interval.high
+    return low is not None and high is not None and not low <= 0 <= high
 
 
 _SHOWN = ("time_ratio", "time_ratio_worst", "mu", "delay_s", "kappa", "kappa_all")
@@ -113,6 +144,11 @@ def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
             )
             for entry in entries
         ]
+        differences += [
+            interval_cell(item.over_model[entry.key], entry.digits)
+            for entry in entries
+            if item.over_model
+        ]
         rows.append(
             (
                 count_cell(numbers[item.a]),
@@ -128,8 +164,10 @@ def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
                 count_cell(item.defined_in_both),
             )
         )
+    names = [entry_heading(entry, {}) for entry in entries]
+    names += [f"{of}, {MODEL_HEADING}" for of in names if result.comparisons[0].over_model]
     front = (
-        "A", "B", "pairs", *(entry_heading(entry, {}) for entry in entries), "times, p (Holm)",
+        "A", "B", "pairs", *names, "times, p (Holm)",
         "crashed in A / B alone", "p (Holm)", "missed in A / B alone", "missed, p (Holm)",
     )  # fmt: skip
     words = f"{caption}: differences A − B over the common pairs (negative: A takes less time)"

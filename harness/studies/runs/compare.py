@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from harness.core.documents import JsonObject
 from harness.core.encounter import FloatArray
 from harness.core.errors import InputError
 from harness.core.seeding import resampling
@@ -25,6 +26,7 @@ from harness.statistics import (
     mcnemar,
     swept_value,
 )
+from harness.store.over_model import refits_of
 from harness.studies.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
 from harness.studies.runs.opening import finished_run
 from harness.studies.runs.run_data import RunData
@@ -165,9 +167,11 @@ def _compare_group(
 ) -> GroupResult:
     seed = group.cells[0].cell.scenario.experiment.seed
     columns = _columns_of(runs, group)
+    over_refits = group.cells[0].cell.scenario.model.over_refits
+    refits = refits_of(runs[group.cells[0].run].manifest) if over_refits else None
     comparisons = []
     for a, b in combinations(range(len(columns)), 2):
-        comparisons.append(_compare(a, b, group, columns, seed, confidence))
+        comparisons.append(_compare(a, b, group, columns, seed, confidence, refits))
         steps.one_more()
     level = 1 - confidence
     sweeps = [] if limits is None else parameter_sweeps(group)
@@ -189,6 +193,7 @@ def _compare(
     columns: list[PairColumns],
     seed: int,
     confidence: float,
+    refits: JsonObject | None,
 ) -> Comparison:
     # With --until, cells have different numbers of pairs; pair i is entry i in every cell.
     common = min(len(columns[a].tau), len(columns[b].tau))
@@ -205,18 +210,23 @@ def _compare(
         confidence,
     )
     times_a, times_b = (cell.times_counted(timeout_s)[0] for cell in (first, second))
-    saved = compared.time_ratio()
+    saved, mu, delay = compared.time_ratio(), compared.mu(), compared.delay()
+    over = {}
+    if refits is not None:
+        usual = {"time_ratio_difference": saved, "mu_difference": mu, "delay_difference_s": delay}
+        used = refits["count"], refits["effective_vehicles"]
+        over = {key: compared.over_model(key, of, *used) for key, of in usual.items()}
     misses = mcnemar(first.av_missed, second.av_missed, first.av_tried, second.av_tried)
     crashes = mcnemar(first.crashed[0], second.crashed[0], ~first.failed[0], ~second.failed[0])
     return Comparison(
         a=a,
         b=b,
         defined_in_both=_count(first.tau - second.tau),
-        mu_difference=compared.mu(),
+        mu_difference=mu,
         mu_worst_difference=compared.mu_worst(),
         pairs_in_both=common,
         crossed_in_both=_count(first.delay_s[0] - second.delay_s[0]),
-        delay_difference_s=compared.delay(),
+        delay_difference_s=delay,
         crashes=crashes,
         p_holm=crashes.p,
         time_ratio_difference=saved,
@@ -226,6 +236,7 @@ def _compare(
         delay_worst_difference_s=compared.delay_worst(),
         misses=misses,
         misses_p_holm=misses.p,
+        over_model=over,
     )
 
 

@@ -1,6 +1,7 @@
 """The findings of a comparison of strategies, as records."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pandas as pd
@@ -12,6 +13,7 @@ from harness.statistics import (
     CrashTest,
     Difference,
     Limits,
+    OverModel,
     Relation,
     Standing,
     Summary,
@@ -35,6 +37,8 @@ class Comparison:
     ``misses`` tests κ with time-outs and failures of the strategy.  ``p_holm`` is the p value of
     ``crashes``, adjusted over all such tests of the run.  ``time_ratio_p_holm`` (sign-flip test)
     and ``misses_p_holm`` decide the front and are adjusted over both kinds of test.
+    ``over_model`` has the first screen's differences with their intervals over pairs and refits, if
+    pairs are spread over refits of the model.
     """
 
     a: int
@@ -54,6 +58,7 @@ class Comparison:
     delay_worst_difference_s: Difference
     misses: CrashTest
     misses_p_holm: float
+    over_model: Mapping[str, OverModel] = field(default_factory=dict)
 
     @property
     def indicative(self) -> list[str]:
