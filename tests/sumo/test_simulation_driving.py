@@ -349,3 +349,45 @@ def test_only_who_is_on_sumos_crossing_has_stepped_off(
     outcome = towns.run_arm(scenario, model, tmp_path / "arm")
     assert outcome.reason is None, outcome.traceback
     assert seen["drawn beyond the kerb"] > 10
+
+
+def test_control_ends_where_sumo_teleports_a_vehicle(
+    model: InteractionModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Behind a car that stops for ever on the crosswalk's lane SUMO teleports the driven one.
+    config = towns.main_road(tmp_path, 10)
+    (tmp_path / "vehicles.trips.xml").write_text(
+        """<routes><vType id="car" vClass="passenger" sigma="0" speedDev="0"/>
+        <vehicle id="stops" type="car" depart="0" departLane="1"><route edges="w_a a_b b_c c_e"/>
+          <stop lane="a_b_1" endPos="185" duration="1000"/></vehicle>
+        <vehicle id="stops2" type="car" depart="0" departLane="2">
+          <route edges="w_a a_b b_c c_e"/><stop lane="a_b_2" endPos="185" duration="1000"/>
+        </vehicle>
+        <vehicle id="v" type="car" depart="20"><route edges="w_a a_b b_c c_e"/></vehicle></routes>"""
+    )
+    text = config.read_text().replace('<end value="10"/>', '<end value="120"/>')
+    option = '<time-to-teleport value="10"/></configuration>'
+    config.write_text(text.replace("</configuration>", option))
+    after: list[tuple[str, int, float, str]] = []
+    count = SimulationArm._count
+
+    def counting(arm: SimulationArm) -> None:
+        count(arm)
+        vehicle = arm.api.vehicle
+        if arm.log.teleports and "v" in vehicle.getIDList() and vehicle.getRoadID("v"):
+            ignored = vehicle.getParameter("v", "junctionModel.ignoreTypes")
+            mode = vehicle.getSpeedMode("v")
+            after.append((vehicle.getRoadID("v"), mode, vehicle.getSpeed("v"), ignored))
+
+    monkeypatch.setattr(SimulationArm, "_count", counting)
+    scenario = towns.scenario_of(config, [":b_c0"], arms__av="hard_yield")
+    outcome = towns.run_arm(scenario, model, tmp_path / "arm")
+    assert outcome.reason is None, outcome.traceback
+    assert outcome.log.teleports == 1
+    # One for each crosswalk at b that lies on its way.
+    teleported = [each for each in outcome.log.passages if each.ended == "teleported"]
+    assert {(each.name, each.strategy) for each in teleported} == {("v", None)}
+    assert all(each.commands > 0 for each in teleported)
+    # It comes back behind the crosswalk and drives on as SUMO's vehicle, with its own values.
+    assert {(mode, ignored) for road, mode, _, ignored in after if road == "c_e"} == {(31, "")}
+    assert max(speed for road, _, speed, _ in after if road == "c_e") > 10
