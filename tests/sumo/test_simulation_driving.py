@@ -363,7 +363,8 @@ def test_control_ends_where_sumo_teleports_a_vehicle(
         <vehicle id="stops2" type="car" depart="0" departLane="2">
           <route edges="w_a a_b b_c c_e"/><stop lane="a_b_2" endPos="185" duration="1000"/>
         </vehicle>
-        <vehicle id="v" type="car" depart="20"><route edges="w_a a_b b_c c_e"/></vehicle></routes>"""
+        <vehicle id="v" type="car" depart="20"><route edges="w_a a_b b_c c_e"/></vehicle>
+        </routes>"""
     )
     text = config.read_text().replace('<end value="10"/>', '<end value="120"/>')
     option = '<time-to-teleport value="10"/></configuration>'
