@@ -233,9 +233,10 @@ All measures: --full. Page: harness report runs/cctc-1"""
 
 def test_the_site_and_an_unfinished_run_stand_before_everything_else() -> None:
     cell = cell_with(failed=Finding(1), time_ratio_pairs=Finding(49))
+    one = SimpleNamespace(scenario=load_scenario("cctc"))
     run: Any = SimpleNamespace(
         finished=False,
-        results=[SimpleNamespace(findings={"pairs": Finding(50)})],
+        results=[SimpleNamespace(findings={"pairs": Finding(50)}, cell=one)],
         planned_pairs=80,
         path="runs/c",
         disagreements=(),

@@ -7,6 +7,7 @@ from harness.store.over_model import refits_of
 from harness.studies.runs.cell_result import CellResult
 from harness.studies.runs.changed_options import changes_in_full
 from harness.studies.runs.model_use import given_the_model
+from harness.studies.runs.nearness import nearness
 from harness.studies.runs.notes import av_label, model_notes
 from harness.studies.runs.references import agreement, keeps_its_defaults, reference_lines
 from harness.studies.runs.run_data import RunData
@@ -106,6 +107,8 @@ def _run_notes(run: RunData) -> list[Note]:
         ]
         if ratios:
             notes.append(Note(Rank.REFERENCE, agreement(ratios)))
+    lines = (nearness(result.cell.scenario) for result in run.results)
+    notes += [Note(Rank.REFERENCE, line) for line in dict.fromkeys(filter(None, lines))]
     for missed in missed_targets(run):
         where = f" in cell {missed.cell}" if run.varied_keys else ""
         width = "undefined" if missed.half_width is None else f"± {missed.half_width:.4f}"
