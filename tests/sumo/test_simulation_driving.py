@@ -241,29 +241,45 @@ def test_a_vehicle_that_comes_twice_has_two_passages(
 
 
 def test_nobody_is_driven_over_a_light(model: InteractionModel, tmp_path: Path) -> None:
-    config = towns.grid(tmp_path, 60)
-    # C1 has no light; C2, 100 m on, has one.  With R0 = 120 m the way to C1 leads over C2's.
-    scenario = towns.scenario_of(
-        config, [":C1_c0"], arms__av="hard_yield", ego__trigger_range_m=60.0
-    )
-    outcome = towns.run_arm(scenario, model, tmp_path / "arm")
-    assert outcome.reason is None, outcome.traceback
-    lights = {"C2", "D1"}
-    for passage in outcome.log.passages:
-        edges = {lane.edge for lane in passage.driven_way.way.lanes}
-        assert passage.not_driven == LIGHT or not any(
-            f":{light}_" in edge and lane_within(passage, edge)
-            for light in lights
-            for edge in edges
+    # The light at t lies 40 m before the crosswalk at x, whose centre line is at node x.
+    nodes = {"w": (0, 0), "t": (200, 0), "s": (200, 100), "x": (240, 0), "e": (400, 0)}
+    (tmp_path / "n.nod.xml").write_text(
+        "<nodes>"
+        + "".join(
+            f'<node id="{name}" x="{x}" y="{y}" '
+            f'type="{"traffic_light" if name == "t" else "priority"}"/>'
+            for name, (x, y) in nodes.items()
         )
-
-
-def lane_within(passage: PassageLog, edge: str) -> bool:
-    """Whether an edge of a passage's way lies between R0 and where the rear leaves."""
-    return any(
-        lane.edge == edge and lane.end_m > -60.0 and lane.start_m < passage.rear_left_m
-        for lane in passage.driven_way.way.lanes
+        + "</nodes>"
     )
+    (tmp_path / "e.edg.xml").write_text(
+        "<edges>"
+        + "".join(
+            f'<edge id="{a}_{b}" from="{a}" to="{b}" numLanes="1" speed="13.89" sidewalkWidth="2"/>'
+            for start, end in (("w", "t"), ("s", "t"), ("t", "x"), ("x", "e"))
+            for a, b in ((start, end), (end, start))
+        )
+        + "</edges>"
+    )
+    (tmp_path / "c.con.xml").write_text(
+        '<connections><crossing node="x" edges="t_x x_t" width="4"/></connections>'
+    )
+    files = ("-n", "n.nod.xml", "-e", "e.edg.xml", "-x", "c.con.xml", "-o", "net.net.xml")
+    towns.call(tmp_path, "netconvert", *files, "--no-turnarounds")
+    config = towns.with_demand(tmp_path, 120, 4.0, 4.0)
+    (tmp_path / "vehicles.trips.xml").write_text(
+        """<routes><flow id="f" begin="0" end="120" period="6"><route edges="w_t t_x x_e"/></flow>
+        </routes>"""
+    )
+    reasons = {}
+    for range_m in (30.0, 60.0):
+        keys = {"arms__av": "hard_yield", "ego__trigger_range_m": range_m}
+        scenario = towns.scenario_of(config, [":x_c0"], **keys)
+        outcome = towns.run_arm(scenario, model, tmp_path / f"arm{range_m:.0f}")
+        assert outcome.reason is None, outcome.traceback
+        reasons[range_m] = {each.not_driven for each in outcome.log.passages}
+        assert len(outcome.log.passages) >= 5
+    assert reasons == {30.0: {None}, 60.0: {LIGHT}}
 
 
 def test_vehicles_that_vanish_or_teleport_end_their_passages(
