@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -139,9 +139,9 @@ def options_of(changes: dict[str, object]) -> list[str]:
     return [part for key, text in texts.items() for part in ("--set", f"{key}={text}")]
 
 
-def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
-    """Run ``harness`` to its end in this process, its tasks too, which saves starting Python."""
-    from harness.cli import app
+@contextlib.contextmanager
+def one_process() -> Iterator[None]:
+    """Workers' tasks run in this process, which saves starting Python for each worker."""
     from harness.engine.shared import close_engine
     from harness.studies.batch import showing
     from harness.studies.calibration import jobs
@@ -150,21 +150,29 @@ def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedPr
     from tests.conftest import close_all
 
     close_all()
-    path, out, err = list(sys.path), io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch:
+        for module in (executors, jobs, rerun, sumo_outputs, showing):
+            patch.setattr(module, "LocalPool", lambda workers, *_, **__: Inline(workers))
+        yield
+    close_engine()
+
+
+def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
+    """Run ``harness`` to its end in this process, its tasks too."""
+    from harness.cli import app
+
+    path, out, err = list(sys.path), io.StringIO(), io.StringIO()
+    with one_process(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["harness", *map(str, arguments)])
         patch.setenv("MPLBACKEND", "Agg")
         if cwd is not None:
             patch.chdir(cwd)
-        for module in (executors, jobs, rerun, sumo_outputs, showing):
-            patch.setattr(module, "LocalPool", lambda workers, *_, **__: Inline(workers))
         with (
             contextlib.redirect_stdout(out),
             contextlib.redirect_stderr(err),
             pytest.raises(SystemExit) as ended,
         ):
             app.main()
-    close_engine()
     sys.path[:] = path
     assert isinstance(ended.value.code, int)
     return subprocess.CompletedProcess([], ended.value.code, out.getvalue(), err.getvalue())

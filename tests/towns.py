@@ -1,10 +1,13 @@
 """Small SUMO scenarios, as users have them: built with netgenerate, netconvert and randomTrips."""
 
 import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import sumo
@@ -52,6 +55,23 @@ def write_config(folder: Path, options: Mapping[str, str], name: str = "town.sum
     return path
 
 
+def _built_once(build: Callable[..., Path]) -> Callable[..., Path]:
+    """A town is built once in a process, by its arguments, and copied from then on."""
+
+    @cache
+    def built(*arguments: int, **options: str) -> tuple[Path, "tempfile.TemporaryDirectory[str]"]:
+        kept = tempfile.TemporaryDirectory()
+        return build(Path(kept.name), *arguments, **options), kept
+
+    def copied(folder: Path, *arguments: int, **options: str) -> Path:
+        config, _ = built(*arguments, **options)
+        shutil.copytree(config.parent, folder, dirs_exist_ok=True)
+        return folder / config.name
+
+    return copied
+
+
+@_built_once
 def grid(folder: Path, end_s: int = 300, **options: str) -> Path:
     """Four by four junctions with people on every sidewalk; a light at two junctions."""
     arguments = ("--grid", "--grid.number", "4", "--grid.length", "100", "--tls.set", "C2,D1")
@@ -59,6 +79,7 @@ def grid(folder: Path, end_s: int = 300, **options: str) -> Path:
     return with_demand(folder, end_s, 1.0, 0.8, **options)
 
 
+@_built_once
 def main_road(folder: Path, end_s: int = 300, **options: str) -> Path:
     """A main road of two lanes each way, with side streets and crosswalks over it."""
     places = {"w": (0, 0), "a": (200, 0), "b": (400, 0), "c": (600, 0), "e": (800, 0)}
@@ -84,6 +105,7 @@ def main_road(folder: Path, end_s: int = 300, **options: str) -> Path:
     return with_demand(folder, end_s, 1.5, 2.0, **options)
 
 
+@_built_once
 def bus_street(folder: Path, end_s: int = 300, **options: str) -> Path:
     """A street as OpenStreetMap has it, with a zebra crossing, bus stops and a bus line."""
     converted = convert(Path(__file__).parent / "data/town/street.osm", folder)

@@ -12,13 +12,15 @@ import harness
 from harness.report.pages.page import Written, write_report
 from harness.studies.batch import experiment
 from harness.studies.batch.showing import write_shown
-from tests.batches import one_cell, run_inline, run_stopped, sweep
+from tests.batches import one_cell, one_process, run_inline, run_stopped, sweep
 
 
 def report(folder: Path, out: Path | None = None) -> Written:
     """A run's page, made as by ``harness report``."""
     run = harness.load_run(folder)
-    return write_report(run, out, missing=write_shown(run, out))
+    with one_process():
+        missing = write_shown(run, out)
+    return write_report(run, out, missing=missing)
 
 
 @pytest.fixture(scope="session")

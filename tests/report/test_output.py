@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from harness.cli import app as cli
 from harness.cli.app import COMMANDS
 from harness.report.screens.console import make_console, print_table
 from harness.report.screens.tables import Table, TableCell
+from tests.batches import one_process
 
 # How each command is called here; RUN and SWEEP are finished runs, NEW what is not there yet.
 CALLS = {
@@ -65,8 +67,10 @@ def output(monkeypatch: pytest.MonkeyPatch, arguments: list[str]) -> str:
         stdout = os.fdopen(os.dup(file.fileno()), "w", encoding="utf-8")
         monkeypatch.setattr(sys, "stdout", stdout)
         os.dup2(file.fileno(), 1)
+        # A run has workers; what they print is here no less.
+        workers = nullcontext() if arguments[0] == "run" else one_process()
         try:
-            with pytest.raises(SystemExit) as caught:
+            with workers, pytest.raises(SystemExit) as caught:
                 cli.main()
         finally:
             os.dup2(before, 1)

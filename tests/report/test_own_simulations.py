@@ -33,7 +33,7 @@ from harness.studies.runs.simulation_choice import (
     most_striking,
     numbers_of,
 )
-from tests.batches import here, refusal, run_inline
+from tests.batches import here, one_process, refusal, run_inline
 from tests.own_scenario import CROSSING, own_study, write_scenario
 from tests.report.test_page import Page
 
@@ -49,7 +49,11 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> RunData:
 def plain(tmp_path_factory: pytest.TempPathFactory) -> RunData:
     """The same without traces; what its page shows is simulated again."""
     folder = tmp_path_factory.mktemp("own")
-    return run_inline(own_study(folder), folder / "run")
+    run = run_inline(own_study(folder), folder / "run")
+    assert missing_pairs(run) == [(0, 0), (0, 1)]
+    with one_process():
+        assert write_shown(run) == ""
+    return run
 
 
 @pytest.fixture(scope="module")
@@ -147,8 +151,6 @@ def test_few_pairs_are_repeated() -> None:
 
 
 def test_a_page_shows_what_was_simulated_again(plain: RunData, traced: RunData) -> None:
-    assert missing_pairs(plain) == [(0, 0), (0, 1)]
-    assert write_shown(plain) == ""
     assert missing_pairs(plain) == []
     written = write_report(plain)
     assert written.differing == ()
@@ -192,7 +194,6 @@ def test_an_episode_shows_the_same_vehicle_in_both_arms(traced: RunData) -> None
 
 def test_who_did_not_pass_in_the_other_arm_is_said(plain: RunData) -> None:
     """As if the reference's arm had other passages: its rows lose the vehicle."""
-    write_shown(plain)
     run = harness.load_run(plain.path)
     rows = run.passages_over
     gone = chosen_passages(run)[0].vehicle
@@ -204,7 +205,6 @@ def test_who_did_not_pass_in_the_other_arm_is_said(plain: RunData) -> None:
 
 
 def test_shown_pairs_lack_passages_that_are_chosen_later(plain: RunData) -> None:
-    write_shown(plain)
     from harness.store.shards import Shard, read_shard, shard_name
 
     tables = read_shard(Shard(0, 0, 1, plain.path / SHOWN / shard_name(0, 0, 1)))

@@ -97,13 +97,14 @@ def test_looks_double_and_each_spends_its_share_of_the_error() -> None:
     assert confidence_of(study_of(20_000, 1), Options()) == 0.95
 
 
-def test_mean_of_made_up_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("trials", [30, pytest.param(120, marks=pytest.mark.slow)])
+def test_mean_of_made_up_ratios(trials: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(looking, "FIRST_LOOK", 100)
     monkeypatch.setattr(bootstrap, "RESAMPLES", 999)
     entries = [replace(of, reliable_from=100) if of.key == "mu" else of for of in ENCOUNTERS]
     monkeypatch.setattr(summary, "ENCOUNTERS", entries)
     rng = np.random.default_rng(1)
-    trials, holds, ends = 120, 0, set()
+    holds, ends = 0, set()
     for seed in range(trials):
         # Gamma of shape 16 and mean 0.8: spread 0.2, skewness 0.5.
         tau = rng.gamma(16, 0.05, 400)

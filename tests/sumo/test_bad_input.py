@@ -226,10 +226,12 @@ def test_a_command_with_commands_of_its_own_alone_says_its_help_and_version() ->
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["run", "cctc", "--pairs", "2", "--set", "arms.av=nobody"],
         ["run", "cctc", "--pairs", "2", "--out", "../file/run", "--quiet"],
-        ["run", "cctc", "--set", "ego.lenght_m=3", "--json"],
         ["rum"],
+        *(
+            pytest.param(["run", "cctc", "--set", *words], marks=pytest.mark.slow)
+            for words in (["arms.av=nobody"], ["ego.lenght_m=3", "--json"])
+        ),
     ],
 )
 def test_in_a_process_of_its_own(arguments: list[str], tmp_path: Path) -> None:

@@ -69,7 +69,12 @@ def assert_alike(one: Path, other: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "task_pairs"), [(LocalPool, 50), (LocalPool, 5), (Inline, 1), (Inline, 7)]
+    ("make", "task_pairs"),
+    [
+        (LocalPool, 5),
+        (Inline, 1),
+        *(pytest.param(*way, marks=pytest.mark.slow) for way in ((LocalPool, 50), (Inline, 7))),
+    ],
 )
 def test_same_bytes_for_any_workers_and_tasks(
     plain: Path, tmp_path: Path, make: Any, task_pairs: int
@@ -186,7 +191,8 @@ def test_finished_pairs_do_not_run_again(tmp_path: Path) -> None:
 def test_tasks_are_cut_by_the_time_they_take(tmp_path: Path, pair_s: float) -> None:
     """Two workers then end within a small task of each other, and neither is busy for minutes."""
     timed = Timed(pair_s, workers=2)
-    run_inline(quick(120), tmp_path / "run", lambda _: timed, workers=2, task_pairs=20)
+    options = {"workers": 2, "task_pairs": 20, "engine": "plain", "audit": 0.0}
+    run_inline(quick(120), tmp_path / "run", lambda _: timed, **options)
     sizes = [task.count for task in timed.tasks]
     assert sum(sizes) == 120
     # Two for each worker, before anything is known of their time.

@@ -18,7 +18,7 @@ from harness.measures.catalogue import COLUMNS
 from harness.studies.conflicts import ConflictFindings, find_conflicts
 from harness.studies.conflicts.vehicle_types import CLASSES
 from harness.studies.replay.rerun import replay
-from tests.batches import CHECKOUT, one_cell, printed, refusal, run_inline
+from tests.batches import CHECKOUT, one_cell, one_process, printed, refusal, run_inline
 
 HOME = Path(sumo_package.SUMO_HOME)
 MAP = CHECKOUT / "examples" / "maps" / "four_arms.osm"
@@ -49,12 +49,12 @@ def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def simulate(town: Path, name: str, *options: object, step_s: float = 0.1) -> Path:
+def simulate(town: Path, name: str, *options: object, end_s: int = 300) -> Path:
     """SUMO's FCD output of the town, by the file's name."""
     path = town / name
     tool(
         HOME / "bin" / "sumo", "-n", town / "town.net.xml",
-        "-r", f"{town / 'cars.xml'},{town / 'people.xml'}", "-e", 300, "--step-length", step_s,
+        "-r", f"{town / 'cars.xml'},{town / 'people.xml'}", "-e", end_s, "--step-length", 0.1,
         "--no-step-log", "--no-warnings", "--fcd-output", path, *options,
     )  # fmt: skip
     return path
@@ -79,24 +79,15 @@ def exact(town: Path) -> ConflictFindings:
     return found(town, simulate(town, "exact.csv", "--precision", 6, *collisions))
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "fcd.parquet",
-        # tests/docs/test_own_simulation.py reads a fcd.xml.gz.
-        *(
-            pytest.param(name, marks=pytest.mark.slow)
-            for name in ("fcd.xml", "fcd.xml.gz", "fcd.csv.gz")
-        ),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["fcd.parquet", "fcd.xml", "fcd.xml.gz", "fcd.csv.gz"])
 def test_every_format_has_the_same_passages(town: Path, exact: ConflictFindings, name: str) -> None:
     other = rows(found(town, simulate(town, name, "--precision", 6)))
     # Parquet has places and speeds of the vehicles in single precision.
     pd.testing.assert_frame_equal(other, rows(exact), rtol=1e-4, atol=1e-3, check_dtype=False)
 
 
-@pytest.mark.parametrize("ending", [pytest.param("xml", marks=pytest.mark.slow), "parquet"])
+@pytest.mark.parametrize("ending", ["parquet", pytest.param("xml", marks=pytest.mark.slow)])
 def test_people_in_a_file_of_their_own(town: Path, exact: ConflictFindings, ending: str) -> None:
     people = town / f"people_apart.{ending}"
     cars = simulate(town, f"cars_apart.{ending}", "--precision", 6, "--person-fcd-output", people)
@@ -105,7 +96,7 @@ def test_people_in_a_file_of_their_own(town: Path, exact: ConflictFindings, endi
 
 
 def test_longitudes_and_latitudes(town: Path, exact: ConflictFindings) -> None:
-    geo = found(town, simulate(town, "geo.xml", "--fcd-output.geo", "--precision.geo", 9))
+    geo = found(town, simulate(town, "geo.csv", "--fcd-output.geo", "--precision.geo", 9))
     assert geo.geo
     assert not exact.geo
     assert (exact.motion, exact.by_places) == ("euler", False)
@@ -125,7 +116,7 @@ def test_longitudes_and_latitudes(town: Path, exact: ConflictFindings) -> None:
 def test_the_file_says_how_vehicles_moved(
     town: Path, options: tuple[object, ...], motion: str, by_places: bool
 ) -> None:
-    findings = found(town, simulate(town, "moved.csv", *options))
+    findings = found(town, simulate(town, "moved.csv", *options, end_s=60))
     assert (findings.motion, findings.by_places) == (motion, by_places)
 
 
@@ -231,7 +222,8 @@ def test_a_replay_has_the_stored_measures(tmp_path: Path) -> None:
         if row["pedestrians"] == 0:
             continue
         out = tmp_path / f"{pair}-{arm}"
-        (done,) = replay(tmp_path / "run", pair, [Arm(arm)], 0, out)
+        with one_process():
+            (done,) = replay(tmp_path / "run", pair, [Arm(arm)], 0, out)
         findings = find_conflicts(
             [done.folder / "fcd.xml"], done.folder / "site.net.xml", types=[types]
         )

@@ -20,9 +20,9 @@ from harness.scenario import Options, Study
 from harness.studies.batch.experiment import run_study
 from harness.studies.runs.run_data import RunData
 from tests.batches import (
-    CHECKOUT,
     QUICK,
     content,
+    here,
     one_cell,
     options_of,
     refusal,
@@ -173,7 +173,7 @@ def own(cluster: str | None, name: str, folder: Path, out: str) -> dict[str, byt
     changes = {**QUICK, "arms.av": name, "experiment.pairs": 20}
     where = [] if cluster is None else ["--dask", cluster]
     command = ("run", "cctc", "-q", "--out", out, *where, *options_of(changes))
-    done = shell(*command, cwd=folder, env={"PYTHONPATH": str(CHECKOUT)})
+    done = here(*command, cwd=folder)
     assert done.returncode == 0, done.stderr
     return content(folder / out)
 

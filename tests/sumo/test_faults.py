@@ -66,7 +66,7 @@ def batch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run_inline(one_cell("cctc", CHANGES), folder / "clean")
     study = one_cell("cctc", {**CHANGES, **struck(CULPRITS)})
     # Code that keeps the interpreter's lock is seen by the limit of the whole pair alone.
-    options = Options(workers=2, task_pairs=4, traces=True, hang_after_s=8.0)
+    options = Options(workers=2, task_pairs=4, traces=True, hang_after_s=5.0)
     told: set[str] = set()
     finished = run_study(
         study, options, out=folder / "faulty", progress=lambda _done, _of, what: told.add(what)

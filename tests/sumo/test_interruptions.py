@@ -13,7 +13,17 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tests.batches import CHECKOUT, QUICK, content, options_of, printed, shell, start, wait_for
+from tests.batches import (
+    CHECKOUT,
+    QUICK,
+    content,
+    here,
+    options_of,
+    printed,
+    shell,
+    start,
+    wait_for,
+)
 from tests.unit.test_cli_model import made_up
 
 HOOK = """
@@ -127,12 +137,19 @@ def test_while_a_run_writes_any_file(
         again = shell(*command, cwd=tmp_path / "here", env={"PYTHONPATH": str(CHECKOUT)})
     else:
         assert done.stderr == "harness: interrupted; to continue: harness resume out\n"
-        again = shell("resume", out, "-q")
+        again = here("resume", out, "-q")
     assert again.returncode == 0, again.stderr
     assert content(out) == content(whole / name)
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+# Figures and tables are written by one function each: `report` and `score` are those of every day.
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name in ("score", "report") else pytest.mark.slow)
+        for name in COMMANDS
+    ],
+)
 def test_while_another_command_writes_a_file(tmp_path: Path, whole: Path, name: str) -> None:
     command = [whole / "run" if word == "RUN" else word for word in COMMANDS[name]]
     before = content(whole / "run")
@@ -146,7 +163,7 @@ def test_a_second_signal_does_not_cut_the_clearing_up_short(tmp_path: Path, whol
     done = struck(tmp_path, RUN, "file:3", signal.SIGINT, signal.SIGTERM, signal.SIGINT)
     assert done.stderr == "harness: interrupted; to continue: harness resume out\n"
     out = tmp_path / "here" / "out"
-    assert shell("resume", out, "-q").returncode == 0
+    assert here("resume", out, "-q").returncode == 0
     assert content(out) == content(whole / "run")
 
 
@@ -172,7 +189,7 @@ with interruption.unwinding():
 def test_ctrl_c_ends_a_fit_and_its_workers(tmp_path: Path) -> None:
     made_up().to_csv(tmp_path / "made_up.csv")
     rows = tmp_path / "rows.parquet"
-    done = shell("extract", tmp_path / "made_up.csv", "--format", "table", "--out", rows)
+    done = here("extract", tmp_path / "made_up.csv", "--format", "table", "--out", rows)
     assert done.returncode == 0, done.stderr
     out = tmp_path / "model.json"
     # Enough to do for longer than anybody waits.

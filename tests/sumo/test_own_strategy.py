@@ -50,6 +50,7 @@ class Mine:
     def decide(self, observation):
         if self.fails and observation.time_s > self.loaded:
             raise ArithmeticError("on purpose")
+        print("loud")
         return -0.1
 """
 
@@ -65,9 +66,13 @@ def test_from_the_console_script_in_two_workers(tmp_path: Path) -> None:
     changes = {**QUICK, "arms.av": "mine:Mine", "experiment.pairs": 110}
     own = ("--set", 'strategies."mine:Mine".until_s=0.35')
     done = harness(
-        *("run", "cctc", "--out", "run", "--workers", 2, *options_of(changes), *own), cwd=tmp_path
+        *("run", "cctc", "--out", "run", "--workers", 2, *options_of(changes), *own, "--json"),
+        cwd=tmp_path,
     )
     assert done.returncode == 1, done.stderr
+    # What a strategy prints is no result.
+    assert json.loads(done.stdout)["folder"] == "run"
+    assert "loud\n" in done.stderr
     assert "Traceback" not in done.stderr
     episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pylist()
     failed = [(row["pair"], row["arm"]) for row in episodes if row["ending"] == "engine_failed"]

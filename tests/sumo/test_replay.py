@@ -28,6 +28,7 @@ from tests.batches import (
     Inline,
     here,
     one_cell,
+    one_process,
     options_of,
     printed,
     refusal,
@@ -36,10 +37,11 @@ from tests.batches import (
     shell,
     sweep,
 )
-from tests.faulty import NAME, struck
+from tests.faulty import FAULTS, NAME, raise_error, struck
 
 HOME = Path(sumo_package.SUMO_HOME)
 FLOW_PER_HOUR = "pedestrians.flow_per_hour"
+PAIRS = 8
 
 
 # Replay starts a SUMO of its own, and only one can run in a process.
@@ -50,8 +52,9 @@ pytestmark = pytest.mark.usefixtures("no_simulation")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sweep of two flows with traces and with SUMO's outputs of every episode."""
     folder = tmp_path_factory.mktemp("replay") / "run"
-    study = sweep("cctc_flow", {**FLOW, "experiment.pairs": 8}, f"{FLOW_PER_HOUR}=200,1000")
-    finished = run_inline(study, folder, traces=True, sumo_outputs="all", workers=2)
+    study = sweep("cctc_flow", {**FLOW, "experiment.pairs": PAIRS}, f"{FLOW_PER_HOUR}=200,1000")
+    with one_process():
+        finished = run_study(study, Options(traces=True, sumo_outputs="all"), out=folder)
     # Each record came out as it is stored.
     assert finished.output_failures == ()
     return folder
@@ -133,7 +136,7 @@ def test_fcd_agrees_with_the_trace(run: Path, arm: Arm) -> None:
 
 
 def test_every_episode_has_whole_files_and_time_lost_is_the_delay(run: Path) -> None:
-    names = {f"{cell}-{pair}-{arm}" for cell in range(2) for pair in range(8) for arm in Arm}
+    names = {f"{cell}-{pair}-{arm}" for cell in range(2) for pair in range(PAIRS) for arm in Arm}
     assert set(inodes(run / "sumo")) == names
     rows = pd.read_parquet(run / "episodes.parquet")
     rows = rows.query("cell == 1 and arm == 'av' and ending == 'crossed' and delay_s > 1")
@@ -148,6 +151,7 @@ def test_every_episode_has_whole_files_and_time_lost_is_the_delay(run: Path) -> 
     assert float(trip.get("timeLoss")) == pytest.approx(episode["delay_s"], abs=0.2)
 
 
+@pytest.mark.slow
 def test_sumos_own_plot_of_the_trajectories(run: Path, tmp_path: Path) -> None:
     folder = outputs(run, 0, Arm.AV, 0)
     picture = tmp_path / "plot.png"
@@ -164,7 +168,7 @@ def test_refused(run: Path, tmp_path: Path) -> None:
     full.mkdir()
     (full / "file").touch()
     for pair, cell, out, word in (
-        (8, 0, tmp_path / "out", "0 to 7"),
+        (PAIRS, 0, tmp_path / "out", "0 to 7"),
         (-1, 0, tmp_path / "out", "0 to 7"),
         (0, 2, tmp_path / "out", "0 to 1"),
         (0, 0, full, "not empty"),
@@ -209,11 +213,13 @@ def crashed_in(run: Path) -> dict[str, dict[str, Any]]:
     return {f"0-{row['pair']}-{row['arm']}": row for row in rows}
 
 
-def test_an_episode_that_kills_its_process_ends_in_one_line(tmp_path: Path) -> None:
-    changes = {**QUICK, "arms.av": NAME, "experiment.pairs": 3, **struck({"aborts": 1})}
-    options = Options(workers=1, task_pairs=1)
-    finished = run_study(one_cell("cctc", changes), options, out=tmp_path / "run")
-    assert [(pair, arm) for _, pair, arm, _ in finished.failures] == [(1, "av"), (1, "human")]
+def test_an_episode_that_kills_its_process_ends_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A run in this process, which has to live; the replay's own process has the real fault.
+    monkeypatch.setitem(FAULTS, "aborts", raise_error)
+    changes = {**QUICK, "arms.av": NAME, "experiment.pairs": 2, **struck({"aborts": 1})}
+    run_inline(one_cell("cctc", changes), tmp_path / "run")
     done = shell(
         *("replay", tmp_path / "run", "--pair", 1, "--arm", "av", "--out", tmp_path / "again"),
         cwd=CHECKOUT,
@@ -225,11 +231,11 @@ def test_an_episode_that_kills_its_process_ends_in_one_line(tmp_path: Path) -> N
     assert done.stdout == ""
 
 
-def test_an_episode_that_hangs_is_ended(tmp_path: Path) -> None:
+def test_an_episode_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(FAULTS, "hangs", raise_error)
     changes = {**QUICK, "arms.av": NAME, "experiment.pairs": 1, **struck({"hangs": 0})}
     changes["experiment.timeout_s"] = 5.0
-    options = Options(workers=1, hang_after_s=1.0)
-    run_study(one_cell("cctc", changes), options, out=tmp_path / "run")
+    run_inline(one_cell("cctc", changes), tmp_path / "run")
     (again,) = replay(tmp_path / "run", 0, [Arm.AV], 0, tmp_path / "again", hang_after_s=1.0)
     assert again.problem is not None
     assert "no pair finished within" in again.problem
@@ -255,7 +261,7 @@ def test_outputs_that_were_interrupted_are_remembered(
     first, tables = inodes(tmp_path / "run" / "sumo"), tables_of(tmp_path / "run")
     # Those under way may have ended with it.
     assert 3 <= len(first) < 8
-    finished = resume(tmp_path / "run", workers=2)
+    finished = resume(tmp_path / "run", workers=1)
     assert finished.output_failures == ()
     second = inodes(tmp_path / "run" / "sumo")
     assert set(second) == {f"0-{pair}-{arm}" for pair in range(4) for arm in Arm}
@@ -282,7 +288,8 @@ def test_outputs_of_an_interrupted_run_come_with_its_end(tmp_path: Path) -> None
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 6})
     run_stopped(study, tmp_path / "run", 2, sumo_outputs="crashed", task_pairs=2)
     assert not (tmp_path / "run" / "sumo").exists()
-    resume(tmp_path / "run", workers=2)
+    with one_process():
+        resume(tmp_path / "run")
     assert set(inodes(tmp_path / "run" / "sumo")) == set(crashed_in(tmp_path / "run"))
 
 
@@ -299,7 +306,7 @@ def test_debug_has_standard_input_and_the_traceback(tmp_path: Path) -> None:
     env = {**os.environ, "PYTHONPATH": str(CHECKOUT)}
     changes = options_of({**QUICK, "arms.av": "raising:Raises", "experiment.pairs": 1})
     assert here("run", "cctc", "--out", "run", *changes, cwd=tmp_path).returncode == 1
-    again = shell("replay", "run", "--pair", 0, "--arm", "av", "--out", "o", cwd=tmp_path, env=env)
+    again = here("replay", "run", "--pair", 0, "--arm", "av", "--out", "o", cwd=tmp_path)
     assert "ArithmeticError: on purpose" in again.stderr
     (tmp_path / "raising.py").write_text(RAISES, encoding="utf-8")
     command = [*HARNESS, "replay", "run", "--pair", "0", "--arm", "av", "--debug"]

@@ -19,7 +19,7 @@ from harness.studies.risk.folder import estimate_risk, read_risk, resume_risk
 from harness.studies.risk.running import Evaluation
 from harness.studies.risk.writing import RESULT
 from tests import planner
-from tests.batches import CHECKOUT, Inline, here, printed, refusal, shell
+from tests.batches import CHECKOUT, Inline, here, printed, refusal
 
 FILES = ("result.json", "failures.parquet", "critical.toml")
 
@@ -62,7 +62,7 @@ def test_the_interval_holds_the_quadrature(finished: Path, tmp_path: Path) -> No
     assert result["compared_with_other_engine"] >= result["events"]
     assert result["differences"] == []
     words = ("run", finished / "critical.toml", "--out", tmp_path / "run", "--quiet")
-    assert shell(*words, cwd=CHECKOUT).returncode == 0
+    assert here(*words, cwd=CHECKOUT).returncode == 0
     episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pandas()
     assert set(episodes[episodes["arm"] == "av"]["ending"]) == {"crashed"}
     assert len(episodes) >= 2

@@ -16,7 +16,7 @@ from harness.engine.sumo import libsumo_engine
 from harness.episode.pairing import PairRunner
 from harness.scenario import validate
 from harness.store.episode_tables import episode_rows, pedestrian_rows, trace_rows
-from tests.batches import content, here, shell
+from tests.batches import content, here
 
 FLOW = [
     "--set=pedestrians.flow_per_hour=700",
@@ -204,11 +204,11 @@ def test_traces_show_the_walks_and_the_drive(runs: Path) -> None:
 def test_json_and_quiet_print_nothing_else(tmp_path: Path) -> None:
     """Without traces there is no table of them."""
     words = ("run", "cctc", "--pairs", 1)
-    done = shell(*words, "--json", "--out", "here", cwd=tmp_path)
+    done = here(*words, "--json", "--out", "here", cwd=tmp_path)
     assert not (tmp_path / "here" / "traces.parquet").exists()
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout)["folder"] == "here"
-    done = shell(*words, "--quiet", cwd=tmp_path)
+    done = here(*words, "--quiet", cwd=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "runs/cctc-1\n", "")
 
 

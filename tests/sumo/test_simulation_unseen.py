@@ -12,7 +12,7 @@ from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel
 from harness.site import crosswalks_of, read_network
 from tests import towns
-from tests.batches import refusal, shell
+from tests.batches import here, refusal
 
 pytestmark = pytest.mark.usefixtures("no_simulation")
 
@@ -36,7 +36,13 @@ def usable(net: Path) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("name", NETWORKS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in ("spider", "three lanes") else ())
+        for name in NETWORKS
+    ],
+)
 def test_a_network_of_netgenerate(name: str, model: InteractionModel, tmp_path: Path) -> None:
     arguments = ("--sidewalks.guess", "--crossings.guess", "-o", "net.net.xml")
     towns.call(tmp_path, "netgenerate", *NETWORKS[name], *arguments)
@@ -199,7 +205,7 @@ def test_the_command_runs_a_scenario_with_long_steps(
     option("step-length", "1")(town)
     path = toml(town, step_s=0.1)
     monkeypatch.chdir(town.parent)
-    assert shell("run", path, "--pairs", 1, "--out", "run").returncode == 0
+    assert here("run", path, "--pairs", 1, "--out", "run").returncode == 0
     assert (town.parent / "run/manifest.json").is_file()
 
 

@@ -37,7 +37,7 @@ from harness.studies.replay.rerun import replay
 from harness.studies.runs.reported import reported
 from harness.studies.runs.shown import shown_pairs
 from harness.studies.workers.pool import LocalPool
-from tests.batches import Inline, printed, run_inline, shell, start, wait_for
+from tests.batches import Inline, one_process, printed, run_inline, shell, start, wait_for
 from tests.sumo.test_watch import PEDESTRIAN, needs_xvfb, pixels, watched
 
 AV = (0, 114, 178)
@@ -72,16 +72,16 @@ class Faulty:
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """The same study on one worker and on two, the second with traces."""
+    """The same study in this process and on two workers, the second with traces."""
     folder = tmp_path_factory.mktemp("hours")
     (folder / "busy.toml").write_text(SCENARIO, encoding="utf-8")
     file = read_scenario_file(folder / "busy.toml")
     study = study_of(file, [])
     found = []
-    for workers in (1, 2):
+    for workers, make_executor in ((1, Inline), (2, LocalPool)):
         options = Options(traces=workers == 2, workers=workers)
         out = folder / f"run-{workers}"
-        found.append(run_study(study, options, out=out, make_executor=LocalPool).path)
+        found.append(run_study(study, options, out=out, make_executor=make_executor).path)
     return found
 
 
@@ -167,7 +167,9 @@ def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
     (cell,) = json.loads(printed("resume", runs[0], "--json"))["cells"]
     assert (cell["varied"], cell["summary"]["pairs"]) == ({}, 2)
     page = tmp_path / "report.html"
-    written = write_report(run, page, missing=write_shown(run, page))
+    with one_process():
+        missing = write_shown(run, page)
+    written = write_report(run, page, missing=missing)
     text = written.page.read_text(encoding="utf-8")
     again = "Simulated again for the page; the record is identical to the stored record."
     for words in ("Each hour of traffic is simulated twice", again, 'id="figure-time-space"'):
@@ -241,7 +243,7 @@ def test_other_thresholds_count_anew(runs: list[Path], tmp_path: Path) -> None:
 def again(runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Both arms of the first pair, with SUMO's own outputs, in a folder of a relative name."""
     folder = tmp_path_factory.mktemp("again")
-    with chdir(folder):
+    with chdir(folder), one_process():
         for replayed in replay(runs[0], 0, list(Arm), 0, Path("0")):
             assert replayed.problem is None
             assert replayed.differences == ()
@@ -323,17 +325,19 @@ def test_one_vehicle_that_fails_fails_its_arm(
     runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, does: str, said: str
 ) -> None:
     """None, too: SUMO drives for sumo_driver alone, who is shown people as its drivers need it."""
-    (tmp_path / "faulty.py").write_text(FAULTY.replace("DOES", does), encoding="utf-8")
+    module = f"faulty_{said.partition(' ')[0]}"  # a process imports a module once
+    (tmp_path / f"{module}.py").write_text(FAULTY.replace("DOES", does), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    study = study_again(runs, Setting("arms.av", "faulty:Faulty"))
-    run = run_study(study, Options(workers=1), out=tmp_path / "run", make_executor=LocalPool)
+    study = study_again(runs, Setting("arms.av", f"{module}:Faulty"))
+    run = run_inline(study, tmp_path / "run")
     assert {arm for _, _, arm, _ in run.failures} == {"av"}
     assert all("vehicle " in reason and said in reason for *_, reason in run.failures)
     assert run.summary["failed"].tolist() == [2]
     assert set(run.passages["arm"]) == {"human"}
 
 
+@pytest.mark.slow
 @needs_xvfb
 def test_an_hour_in_sumo_gui_is_the_stored_one(runs: list[Path], tmp_path: Path) -> None:
     """A car of 5 x 1.8 m at 7 pixels a metre has some 450, a fifth of it windows.
