@@ -9,6 +9,7 @@ import numpy as np
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, FloatArray
 from harness.measures.chunk import Chunk
+from harness.measures.ego import IntArray
 
 _ROUNDING_M = 1e-9
 
@@ -28,14 +29,22 @@ def max_jerk_mps3(chunk: Chunk) -> FloatArray:
     Before the trigger the ego drove at constant speed.  Acceleration changes within one step, so
     the value depends on the length of the step.
     """
-    ego, step_s = chunk.ego, chunk.step_s
-    trace, state = chunk.record_steps()
-    acceleration = (ego.speed_mps[state + 1] - ego.speed_mps[state]) / step_s
-    before = np.concatenate(([0.0], acceleration[:-1]))[: len(acceleration)]
-    before[state == ego.first[trace]] = 0.0
+    trace, _, jerk = _comfort(chunk)
     largest = np.zeros(len(chunk.traces))
-    np.maximum.at(largest, trace, np.abs(acceleration - before))
-    return largest / step_s
+    np.maximum.at(largest, trace, np.abs(jerk))
+    return largest
+
+
+def rms_acceleration_mps2(chunk: Chunk) -> FloatArray:
+    """Root mean square of Δv/Δt over the steps of the record in m/s²; NaN without a step."""
+    trace, acceleration, _ = _comfort(chunk)
+    return _root_mean_square(chunk, trace, acceleration)
+
+
+def rms_jerk_mps3(chunk: Chunk) -> FloatArray:
+    """Root mean square of the jerk of ``max_jerk_mps3`` over the steps; NaN without a step."""
+    trace, _, jerk = _comfort(chunk)
+    return _root_mean_square(chunk, trace, jerk)
 
 
 def max_drac_mps2(chunk: Chunk) -> FloatArray:
@@ -86,3 +95,20 @@ def _on_course_with_front(chunk: Chunk) -> np.ndarray:
         ahead_then = met.ahead_m - met.closing_mps * ttc
     room = met.ahead_m > PEDESTRIAN_RADIUS_M
     return np.isfinite(ttc) & room & (ahead_then >= -_ROUNDING_M)
+
+
+def _comfort(chunk: Chunk) -> tuple[IntArray, FloatArray, FloatArray]:
+    """For every step of the records: its episode, Δv/Δt, and its change from the step before."""
+    ego, step_s = chunk.ego, chunk.step_s
+    trace, state = chunk.record_steps()
+    acceleration = (ego.speed_mps[state + 1] - ego.speed_mps[state]) / step_s
+    before = np.concatenate(([0.0], acceleration[:-1]))[: len(acceleration)]
+    before[state == ego.first[trace]] = 0.0
+    return trace, acceleration, (acceleration - before) / step_s
+
+
+def _root_mean_square(chunk: Chunk, trace: IntArray, values: FloatArray) -> FloatArray:
+    # The sum of an episode is in the order of its steps, so it does not depend on the chunk.
+    sums = np.bincount(trace, weights=values**2, minlength=len(chunk.traces))
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(sums / chunk.steps)

@@ -248,6 +248,26 @@ class Measured:
         worse="large",
         source="Tefft 2013: people of 15 years and more, USA, front of cars and light trucks",
     )
+    rms_acceleration_mps2: float | None = _measured(
+        braking.rms_acceleration_mps2,
+        "m/s²",
+        "root mean square of Δv/Δt over the steps",
+        about="comfort",
+        undefined_when="the record has no step",
+        on_step="steps",
+        worse="large",
+        source="ISO 2631-1 for the root mean square, here without its frequency weighting",
+    )
+    rms_jerk_mps3: float | None = _measured(
+        braking.rms_jerk_mps3,
+        "m/s³",
+        "root mean square of Δa/Δt over the steps, a = 0 before the trigger",
+        about="comfort",
+        undefined_when="the record has no step",
+        on_step="steps",
+        worse="large",
+        source="finite difference; the value depends on the length of the step",
+    )
 
 
 def _entry(attribute: Field[Any]) -> Measure:

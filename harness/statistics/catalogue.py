@@ -5,6 +5,7 @@ the documentation are made from the entries.
 """
 
 from harness.statistics.bootstrap import Resampled
+from harness.statistics.comfort import comfort_entries
 from harness.statistics.conflicts import ALL_FAILED, CONFLICTS, MET, NOBODY, conflict_entries
 from harness.statistics.counts import COUNTS
 from harness.statistics.encounter_columns import EncounterColumns, largest, mean_of
@@ -273,6 +274,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         keys=("max_speed_mps", "max_speed_human_mps", ""),
         undefined=ALL_FAILED,
     ),
+    *comfort_entries(),
     *COUNTS,
 )
 """The catalogue of encounters, in the order in which it is shown."""

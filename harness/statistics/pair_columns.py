@@ -26,7 +26,9 @@ class PairColumns:
     kerb.  ``conditionings`` is the number of uses of the interaction model.  ``clamped`` is the
     number of uses for an ego that was faster or farther away than the model's box.  The two
     excesses are the largest distances from the box; they are NaN where there are none.
-    ``max_speed_mps`` is the ego's largest speed.
+    ``max_speed_mps`` is the ego's largest speed.  ``steps``, the two root mean squares and the two
+    largest values, which are NaN where the arm failed before its first step, are those of the
+    record.
     """
 
     time_s: BothArms
@@ -51,6 +53,11 @@ class PairColumns:
     speed_excess_mps: BothArms
     range_excess_m: BothArms
     max_speed_mps: BothArms
+    steps: BothArms
+    rms_acceleration_mps2: BothArms
+    rms_jerk_mps3: BothArms
+    max_deceleration_mps2: BothArms
+    max_jerk_mps3: BothArms
     av_fallback: np.ndarray
 
     def where(self, keep: "np.ndarray | slice") -> "PairColumns":

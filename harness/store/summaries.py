@@ -138,6 +138,11 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
         speed_excess_mps=both(numbers("clamped_speed_excess_mps")),
         range_excess_m=both(numbers("clamped_range_excess_m")),
         max_speed_mps=both(numbers("max_speed_mps")),
+        steps=both(numbers("steps")),
+        rms_acceleration_mps2=both(numbers("rms_acceleration_mps2")),
+        rms_jerk_mps3=both(numbers("rms_jerk_mps3")),
+        max_deceleration_mps2=both(numbers("max_deceleration_mps2")),
+        max_jerk_mps3=both(numbers("max_jerk_mps3")),
         av_fallback=both(numbers("fallback") > 0)[0],
     )
 

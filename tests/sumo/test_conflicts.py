@@ -238,7 +238,9 @@ def test_a_replay_has_the_stored_measures(tmp_path: Path) -> None:
                 assert pd.isna(row[name]), name
                 continue
             # Six decimals: a deceleration is off by 1e-6/0.1 s, jerk by that over 0.1 s.
-            off = {"max_deceleration_mps2": 2e-5, "max_jerk_mps3": 4e-4}.get(name, 2e-5)
+            off = {"max_deceleration_mps2": 2e-5, "max_jerk_mps3": 4e-4, "rms_jerk_mps3": 4e-4}.get(
+                name, 2e-5
+            )
             assert value == pytest.approx(float(row[name]), abs=off), (pair, arm, name)
         compared += 1
     assert compared > 3

@@ -20,6 +20,7 @@ from harness.statistics import (
     columns_of,
     findings_from,
     proportion,
+    quantile,
     row_of,
     summarise,
     zero_bound,
@@ -191,12 +192,53 @@ def columns() -> PairColumns:
         speed_excess_mps=(none + 2.5, none * np.nan),
         range_excess_m=(none + 20.0, none * np.nan),
         max_speed_mps=(none + 5.0, none + 5.0),
+        steps=(none + 100, none + 100),
+        rms_acceleration_mps2=(none + 1.0, none),
+        rms_jerk_mps3=(none + 2.0, none),
+        max_deceleration_mps2=(none + 3.0, none),
+        max_jerk_mps3=(none + 4.0, none),
         av_fallback=np.arange(len(PAIRS)) == 1,
     )
 
 
 def summary_of(pairs: PairColumns):
     return summarise(EncounterColumns(pairs, 60.0, 7.4, rng()))
+
+
+def test_comfort_counts_steps_and_whoever_met_someone() -> None:
+    pairs = columns()
+    count = int((pairs.met_someone & ~pairs.failed[0]).sum())
+    met = np.flatnonzero(pairs.met_someone & ~pairs.failed[0])
+    steps, rms, jerk = (np.full(len(pairs.tau), value) for value in (100.0, 1.0, 4.0))
+    steps[met[0]], rms[met[0]], jerk[met[0]] = 300.0, 2.0, 9.0
+    rms[~pairs.met_someone] = jerk[~pairs.met_someone] = 99.0
+    made = replace(
+        pairs,
+        steps=(steps, steps),
+        rms_acceleration_mps2=(rms, rms),
+        max_jerk_mps3=(jerk, jerk),
+    )
+    summary = summary_of(made)
+    # 300 steps of 2 m/s² and 100 of 1 m/s² from each of the others.
+    assert summary.acceleration_rms_mps2.value == pytest.approx(
+        math.sqrt((300 * 4 + 100 * (count - 1)) / (300 + 100 * (count - 1)))
+    )
+    assert summary.max_jerk_p95_mps3.value == 9.0
+    assert summary.max_jerk_p95_mps3.high is None
+
+
+def test_the_limits_of_a_quantile_keep_their_errors() -> None:
+    """59 values are the fewest whose largest bounds the 95 % quantile with 95 %: 0.95⁵⁹ < 0.05."""
+    assert quantile(np.arange(59.0), 0.95, 0.9).high == 58.0
+    assert quantile(np.arange(58.0), 0.95, 0.9).high is None
+    draws = np.random.default_rng(4).random((4_000, 150))
+    limits = [quantile(row, 0.95, 0.9) for row in draws]
+    assert np.mean([limit.high < 0.95 for limit in limits]) <= 0.05 + 3 * math.sqrt(
+        0.05 * 0.95 / 4_000
+    )
+    assert np.mean([limit.low > 0.95 for limit in limits]) <= 0.05 + 3 * math.sqrt(
+        0.05 * 0.95 / 4_000
+    )
 
 
 def test_summary_of_hand_counted_pairs() -> None:

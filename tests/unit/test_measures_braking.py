@@ -123,6 +123,20 @@ def test_jerk_by_hand() -> None:
     ).max_jerk_mps3 == pytest.approx(0.0, abs=1e-9)
 
 
+def test_root_mean_squares_by_hand() -> None:
+    # 25 steps at −2 m/s², 30 at 0, 80 at 1.25; the jumps 20, 20 and 12.5 m/s³, until the pass.
+    driven = record([-2.0] * 25 + [0.0] * 30 + [1.25] * 80)
+    gains = driven.steps - 55
+    assert 0 < gains <= 80
+    assert driven.rms_acceleration_mps2 == pytest.approx(
+        math.sqrt((25 * 4 + gains * 1.25**2) / driven.steps)
+    )
+    assert driven.rms_jerk_mps3 == pytest.approx(
+        math.sqrt((20**2 + 20**2 + 12.5**2) / driven.steps)
+    )
+    assert (cruise().rms_acceleration_mps2, cruise().rms_jerk_mps3) == (0.0, 0.0)
+
+
 def test_avoidable_by_stopping_short() -> None:
     # From 5 m/s at 4.5 m/s² the ego stops in 2.778 m, so it must have 3.028 m when they step off,
     # at 5.3944 s.  They walk into the flank all the same at constant speed.

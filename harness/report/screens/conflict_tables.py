@@ -23,7 +23,10 @@ from harness.studies.conflicts import REASONS, ConflictFindings, worst_rows
 
 MOST_WORST = 20
 _MOST_ROWS = 6
-_FROM_SPEEDS = ("max_deceleration_mps2", "max_jerk_mps3")
+_FROM_SPEEDS = (
+    *("max_deceleration_mps2", "max_jerk_mps3"),
+    *("rms_acceleration_mps2", "rms_jerk_mps3"),
+)
 _ON_STEP = {
     "exact": "computed between records: the step changes it only if vehicles or people move "
     "differently between records than assumed",
