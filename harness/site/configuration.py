@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from urllib.parse import unquote
 
 from harness.core.errors import EngineError, InputError, one_line
 
@@ -161,7 +162,8 @@ def _absolute(option: str, value: str, folder: Path) -> str:
         return value
     return ",".join(
         part if not part.strip() else str(Path(os.path.normpath(folder / part.strip())))
-        for part in value.split(",")
+        # SUMO writes "%20" for a space in a path.
+        for part in unquote(value).split(",")
     )
 
 

@@ -1,6 +1,7 @@
 """Networks and demand that nobody here has seen: it runs, or says in one line why not."""
 
 import json
+import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -207,6 +208,29 @@ def test_the_command_runs_a_scenario_with_long_steps(
     monkeypatch.chdir(town.parent)
     assert here("run", path, "--pairs", 1, "--out", "run").returncode == 0
     assert (town.parent / "run/manifest.json").is_file()
+
+
+def test_a_folder_may_have_spaces_and_percent_signs(
+    town: Path, model: InteractionModel, tmp_path: Path
+) -> None:
+    """SUMO writes "%20" for a space in a configuration, and reads it as a space."""
+    folder = tmp_path / "my %20 town"
+    shutil.copytree(town.parent, folder, ignore=lambda *_: [folder.name])
+    outcome = towns.run_arm(towns.scenario_of(folder / town.name, [":b_c0"]), model, tmp_path / "a")
+    assert outcome.reason is None
+
+
+def test_a_run_in_which_every_pair_fails_ends_in_words(
+    town: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = toml(town)
+    path.write_text(path.read_text().replace("soft_yield", "mine:Mine"))
+    fails = "class Mine:\n    def decide(self, observation):\n        raise RuntimeError\n"
+    (town.parent / "mine.py").write_text(fails)
+    monkeypatch.chdir(town.parent)
+    done = here("run", path, "--pairs", 1, "--out", "run")
+    assert "Traceback" not in done.stderr
+    assert "1 of 1 pair failed" in done.stdout
 
 
 def test_the_box_of_the_model_is_checked_at_the_limit_of_the_road(

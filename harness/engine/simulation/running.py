@@ -9,7 +9,7 @@ from typing import Any
 
 from harness.core.errors import EngineError, InputError, one_line
 from harness.engine.simulation.outputs import Kept, final_options, redirected_options
-from harness.site.configuration import SumoConfig, first_error, sumo_program
+from harness.site.configuration import SumoConfig, first_error, option_types, sumo_program
 
 NO_OPTIONS: Mapping[str, str] = {}
 
@@ -59,7 +59,9 @@ def write_config(
         options["route-files"] = ",".join(filter(None, [options.get("route-files"), people]))
     root = ET.Element("configuration")
     for name, value in sorted(options.items()):
-        ET.SubElement(root, name, value=value)
+        # In paths SUMO decodes "%20".
+        is_path = option_types().get(name) == "FILE"
+        ET.SubElement(root, name, value=value.replace("%", "%25") if is_path else value)
     ET.indent(root)
     path = kept.folder.absolute() / CONFIG_FILE
     ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)

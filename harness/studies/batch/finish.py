@@ -42,6 +42,8 @@ def finish(folder: RunFolder, plan: Plan) -> RunData:
         counts.update(kind.counts(rows))
     write_summary(folder.path, kind.catalogue, cells, findings)
     for name, table in statistics.items():
+        if not table:
+            continue  # Every pair failed.
         write_csv(folder.path / f"{name}.csv", table)
     folder.write_manifest(plan.manifest(dict(counts)))
     folder.drop_shards()
