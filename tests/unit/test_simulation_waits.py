@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from harness.core.encounter import Crossing
+from harness.episode.simulation.log import SimulationLog
 from harness.episode.simulation.passages import PersonTrack
 from harness.episode.simulation.people import waited_s
+from harness.episode.simulation.standing import Standing
 from harness.site import RoadFrame
 from harness.store.simulations.simulation_tables import least_delay_s
 
@@ -38,3 +40,37 @@ def test_whoever_never_steps_off_waits_until_the_end(steps_off: bool, expected_s
         np.array([False] * 4 + [steps_off]),
     )
     assert waited_s(track, 1.0, WAY) == pytest.approx(expected_s)
+
+
+def test_a_queue_ends_at_the_last_slow_vehicle_on_a_way_straight_on() -> None:
+    """A car that stands inside the junction before the crosswalk counts.
+
+    The other cars do not: one has its front beyond the crosswalk, one drives, and one waits for
+    right of way in a side street, from where it turns over the crosswalk.
+    """
+    lane = SimpleNamespace
+    road = [lane(lane="road", start_m=-100.0), lane(lane=":J_0", start_m=-12.0)]
+    side = [lane(lane="side", start_m=-60.0), lane(lane=":J_1", start_m=-9.0)]
+    straight, turning = (
+        SimpleNamespace(approach=lanes[0].lane, lanes=lanes) for lanes in (road, side)
+    )
+    crosswalk = SimpleNamespace(id="c", straight_ways=(straight,), ways=(straight, turning))
+    # By lane: the cars' positions and speeds.
+    cars = {
+        "road": {"drives": (70.0, 9.0)},
+        ":J_0": {"beyond": (13.0, 0.0), "stands": (8.0, 1.0)},
+        "side": {"waits": (50.0, 0.0)},
+    }
+    states = {name: state for there in cars.values() for name, state in there.items()}
+    api: Any = SimpleNamespace(
+        lane=SimpleNamespace(getLastStepVehicleIDs=lambda name: tuple(cars.get(name, ()))),
+        vehicle=SimpleNamespace(
+            getLanePosition=lambda name: states[name][0],
+            getSpeed=lambda name: states[name][1],
+            getLength=lambda _name: 5.0,
+        ),
+    )
+    setting: Any = SimpleNamespace(config=SimpleNamespace(end_s=100.0), crosswalks=(crosswalk,))
+    log = SimulationLog()
+    Standing(api, setting, log).sample((), {})
+    assert log.queues_m == {"c": [4.0 + 5.0]}

@@ -8,6 +8,7 @@ from harness.episode.simulation.driving import PassageLog
 from harness.episode.simulation.log import SimulationLog
 from harness.episode.simulation.passages import STANDING_MPS
 from harness.episode.simulation.people import PeopleAtCrosswalk
+from harness.site import WayOver
 from harness.site.simulation import Setting
 
 QUEUED_MPS = 5 / 3.6
@@ -40,14 +41,9 @@ class Standing:
         self._endless = setting.config.end_s is None
         self._log = log
         log.queues_m = {crosswalk.id: [] for crosswalk in setting.crosswalks}
-        self._approaches: dict[str, list[tuple[str, float]]] = {
+        self._approaches = {
             crosswalk.id: sorted(
-                {
-                    (lane.lane, lane.start_m)
-                    for way in crosswalk.ways
-                    for lane in way.lanes
-                    if lane.lane == way.approach
-                }
+                {place for way in crosswalk.straight_ways for place in _before(way)}
             )
             for crosswalk in setting.crosswalks
         }
@@ -69,7 +65,9 @@ class Standing:
             for name in self._on_lane(lane):
                 if vehicle.getSpeed(name) < QUEUED_MPS:
                     front_m = start_m + vehicle.getLanePosition(name)
-                    longest_m = max(longest_m, vehicle.getLength(name) - front_m)
+                    # A vehicle that has passed the centre line does not queue before it.
+                    if front_m <= 0.0:
+                        longest_m = max(longest_m, vehicle.getLength(name) - front_m)
         return longest_m
 
     def _note(self, passage: PassageLog, *, people_stand: bool) -> None:
@@ -101,3 +99,10 @@ class Standing:
                     f"vehicle {name} has stood on lane {vehicle.getLaneID(name)} for an hour at "
                     f"{time_s:g} s, and the scenario has no end: give it one, or let SUMO teleport"
                 )
+
+
+def _before(way: WayOver) -> list[tuple[str, float]]:
+    """The lanes from a way's approach to its crosswalk, each with x at which it begins."""
+    names = [lane.lane for lane in way.lanes]
+    lanes = way.lanes[names.index(way.approach) :]
+    return [(lane.lane, lane.start_m) for lane in lanes if lane.start_m < 0.0]

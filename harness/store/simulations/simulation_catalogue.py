@@ -98,7 +98,7 @@ SIMULATIONS: tuple[Entry[ArmColumns], ...] = (
         "queue_p95_m",
         "queue, 95 %",
         "95 % quantile, over seconds and chosen crosswalks, of the distance from the crosswalk to "
-        "the rear of the last queued vehicle on an approach lane.",
+        "the rear of the last queued vehicle on a lane that leads straight over it.",
         _NO_PASSAGE,
         unit="m",
     ),
