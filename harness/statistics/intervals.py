@@ -61,16 +61,20 @@ UNKNOWN_PROPORTION = Proportion(None, None, None, 0, 0)
 
 
 def student_mean(values: FloatArray, confidence: float = CONFIDENCE) -> Interval:
-    """Mean with Student's t interval; fewer than two values have no interval.
+    """Mean with Student's t interval; fewer than two different values have no interval.
+
+    Equal values do not show their spread, so an interval without width would claim too much.
 
     >>> student_mean(np.array([1.0, 2.0, 3.0]))
     Interval(value=2.0, low=-0.484137711..., high=4.484137711...)
+    >>> student_mean(np.array([2.0, 2.0]))
+    Interval(value=2.0, low=None, high=None)
     """
     count = len(values)
     if count == 0:
         return UNDEFINED
     mean = float(np.mean(values))
-    if count == 1:
+    if np.all(values == values[0]):
         return Interval(mean, None, None)
     error = float(np.std(values, ddof=1)) / np.sqrt(count)
     reach = float(special.stdtrit(count - 1, (1 + confidence) / 2) * error)
