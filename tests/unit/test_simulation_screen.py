@@ -1,9 +1,10 @@
 """The first screen of users' own simulations, made from findings that were written by hand."""
 
+from harness.report.screens.joined_notes import joined_notes
 from harness.report.screens.result_screen import screen_of
 from harness.report.screens.screen import MOST_LINES, screen_lines
 from harness.scenario import Scenario
-from harness.statistics import CellFindings, Finding, Form, RunFindings
+from harness.statistics import CellFindings, Finding, Form, Note, Rank, RunFindings
 from harness.store.simulations.simulation_catalogue import SIMULATIONS
 from harness.studies.runs.simulation_notes import simulation_notes
 
@@ -87,3 +88,16 @@ def test_driving_of_sumo_is_not_credited_to_the_strategy() -> None:
     lines = lines_of(cut_share=Finding(0.25, 0.06, 0.58, 5_000, 1_250))
     assert "! SUMO cut 25 % of soft_yield's commands: that driving is SUMO's." in lines
     assert not any("! SUMO cut" in line for line in lines_of(cut_share=Finding(0.02, 0.0, 0.1)))
+
+
+def test_cells_share_a_note_on_what_is_left_out_with_the_ranges_of_its_counts() -> None:
+    texts = ["In the two arms 1,244 / 240 trips (v2).", "In the two arms 1,240 / 240 trips (v2)."]
+    cells = [(cell, [Note(Rank.LEFT_OUT, text)]) for cell, text in enumerate(texts)]
+    (note,) = joined_notes(cells)
+    assert note.text == "In the two arms 1,240 … 1,244 / 240 trips (v2)."
+    # A cell without the note is not among those that share it.
+    one, other = joined_notes([*cells, (2, [])])
+    assert (one.text, other.text) == (f"Cell 0: {texts[0]}", f"Cell 1: {texts[1]}")
+    # Failures are said cell by cell.
+    failed = [(cell, [Note(Rank.FAILURES, f"{cell + 1} of 5 pairs failed.")]) for cell in range(2)]
+    assert [note.text[:7] for note in joined_notes(failed)] == ["Cell 0:", "Cell 1:"]

@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from harness.report.screens.result_screen import MODEL_HEADING, joined_notes, with_limits
+from harness.report.screens.joined_notes import joined_notes
+from harness.report.screens.result_screen import MODEL_HEADING, with_limits
 from harness.report.screens.tables import (
     Table,
     TableCell,

@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from harness.report.screens.joined_notes import joined_notes
 from harness.report.screens.screen import Screen
 from harness.report.screens.tables import (
     DASH,
@@ -17,15 +18,12 @@ from harness.report.screens.tables import (
 from harness.scenario import as_written
 from harness.statistics import CONFIDENCE, zero_bound
 from harness.statistics.entries import Entry, Finding, Form
-from harness.statistics.findings import CellFindings, Note, Rank, RunFindings
+from harness.statistics.findings import CellFindings, Rank, RunFindings
 from harness.statistics.over_model import OverModel
 from harness.studies.runs.notes import short_name
 
 MOST_CELLS = 2_000
 """Maximum number of a sweep's cells on a screen; the run folder's files have all cells."""
-
-MOST_NOTED = 8
-"""Maximum number of cells that a note names."""
 
 PAPER_HEADING = "paper, N = 50"
 MODEL_HEADING = "with the model"
@@ -280,24 +278,6 @@ def _trials(entry: Entry[Any], cells: Sequence[CellFindings]) -> str:
 def _first_worst(run: RunFindings, cell: CellFindings) -> str:
     """Return the worst case of the first entry, which is shown next to it."""
     return next((text for _, text in _worst_values(run, cell)), "") if left_out(cell) else ""
-
-
-def joined_notes(cells: Sequence[tuple[int, Sequence[Note]]]) -> list[Note]:
-    """Return the notes of several cells with the cells' numbers.  Equal notes are merged."""
-    numbers: dict[Note, list[int]] = {}
-    for cell, notes in cells:
-        for note in notes:
-            numbers.setdefault(note, []).append(cell)
-    return [
-        note if len(where) == len(cells) > 1 else Note(note.rank, f"{_cells(where)}: {note.text}")
-        for note, where in numbers.items()
-    ]
-
-
-def _cells(numbers: list[int]) -> str:
-    shown = ", ".join(str(number) for number in numbers[:MOST_NOTED])
-    more = f" and {len(numbers) - MOST_NOTED:,} more" if len(numbers) > MOST_NOTED else ""
-    return f"Cell{'s' * (len(numbers) > 1)} {shown}{more}"
 
 
 def cell_name(cell: CellFindings) -> str:
