@@ -41,6 +41,11 @@ class OverModel(Interval):
         """Whether more than half of the variance is estimated to come from the model."""
         return self.share is not None and self.share > HALF
 
+    @property
+    def surely_model(self) -> bool:
+        """Whether the share's whole interval is above one half."""
+        return self.share_low is not None and self.share_low > HALF
+
 
 def over_model(
     usual: Finding,

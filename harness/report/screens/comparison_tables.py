@@ -81,10 +81,17 @@ def _model_notes(result: RunComparison) -> list[Note]:
             f"{open_:,} {of} that the pairs show may be reversed by the model's fit: with the "
             "model the interval contains 0 (--full)."
         )
-    if mostly := sum(over.mostly_model for _, over in pairs):
+    surely = sum(over.surely_model for _, over in pairs)
+    perhaps = sum(over.mostly_model for _, over in pairs) - surely
+    if surely:
         texts.append(
-            f"In {mostly:,} {of} more than half of the variance is estimated to come from the "
-            "model's fit: more pairs will not help there."
+            f"In {surely:,} {of} more than half of the variance comes from the model's fit: more "
+            "pairs will not help there."
+        )
+    if perhaps:
+        texts.append(
+            f"In {perhaps:,} {of} more than half of the variance is estimated to come from the "
+            "model's fit, with an interval that reaches below half: more pairs may not help there."
         )
     return [Note(Rank.OVER_MODEL, text) for text in texts]
 

@@ -107,7 +107,11 @@ def _check_refits(scenario: Scenario, model: InteractionModel) -> None:
         raise InputError("--over-model", problem, allowed)
     pairs, refits = scenario.experiment.pairs, len(model.refits.models)
     if pairs < refits:
-        raise InputError("--over-model", f"{pairs} pairs for {refits} refits", "one pair each")
+        raise InputError(
+            "--over-model",
+            f"{pairs} pairs for {refits} refits",
+            f"at least {refits} pairs, one for each refit",
+        )
 
 
 def _refuse_for_plain(study: Study, options: Options) -> None:

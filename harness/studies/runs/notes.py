@@ -11,7 +11,7 @@ from harness.episode.traffic.saturation import GROWTH
 from harness.scenario import Scenario
 from harness.statistics.entries import Entry, Finding
 from harness.statistics.findings import Note, Rank
-from harness.statistics.over_model import HALF, OverModel
+from harness.statistics.over_model import OverModel
 from harness.strategies.registry import fallback_of
 from harness.studies.runs.references import disagreement, is_measured, not_measured
 
@@ -44,9 +44,19 @@ def av_label(strategy: str, findings: Findings) -> str:
 
 
 def model_notes(
-    over: Mapping[str, OverModel], catalogue: Catalogue, thresholds: Mapping[str, float]
+    over: Mapping[str, OverModel],
+    findings: Findings,
+    catalogue: Catalogue,
+    thresholds: Mapping[str, float],
 ) -> list[Note]:
-    """Return a note if more than half of the variance of a number comes from the model."""
+    """Note what the model's fit leaves open: the sign of the AV's gain, and what more pairs do."""
+    notes, ratio = [], over.get("time_ratio")
+    if ratio is not None and _includes_1(ratio) and not _includes_1(findings["time_ratio"]):
+        text = (
+            "With the model's fit, the interval of the ratio of times includes 1: neither is shown "
+            "to be faster."
+        )
+        notes.append(Note(Rank.OVER_MODEL, text))
     mostly = [
         (entry.title_of(name, thresholds).split(",")[0], over[name])
         for entry in catalogue
@@ -54,18 +64,23 @@ def model_notes(
         if entry.first_screen and name in over and over[name].mostly_model
     ]
     if not mostly:
-        return []
+        return notes
     (title, found), *others = mostly
     share, low, high = (
         100 * (part or 0.0) for part in (found.share, found.share_low, found.share_high)
     )
     also = f", and more than half for {', '.join(title for title, _ in others)}" if others else ""
-    sure = "" if (found.share_low or 0.0) > HALF else "probably "
+    whether = "will" if found.surely_model else "may"
     text = (
         f"The model's fit makes {share:.0f} % ({low:.0f} … {high:.0f}) of the variance of the "
-        f"{title}{also}: more pairs will {sure}not help."
+        f"{title}{also}: more pairs {whether} not help."
     )
-    return [Note(Rank.OVER_MODEL, text)]
+    return [*notes, Note(Rank.OVER_MODEL, text)]
+
+
+def _includes_1(ratio: Finding | OverModel) -> bool:
+    low, high = ratio.low, ratio.high
+    return low is not None and high is not None and low <= 1 <= high > low
 
 
 def sentence(words: str) -> str:
@@ -197,9 +212,7 @@ def few_pairs_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
         parts += [f"{least:,} ({_listed(names[least])})" for least in others]
         text = f"Few pairs: intervals are unreliable below {', '.join(parts)}."
         notes.append(Note(Rank.FEW_PAIRS, text))
-    ratio = findings["time_ratio"]
-    low, high = ratio.low, ratio.high
-    if low is not None and high is not None and low <= 1 <= high > low:
+    if _includes_1(findings["time_ratio"]):
         text = "The interval of the ratio of times includes 1: neither is shown to be faster."
         notes.append(Note(Rank.FEW_PAIRS, text))
     return notes

@@ -1,8 +1,10 @@
 """Collects the findings and notes of a run from its folder."""
 
+from dataclasses import replace
+
 from harness.core.errors import resume_command
 from harness.scenario import Scenario
-from harness.statistics import ENCOUNTERS, CellFindings, Note, Rank, RunFindings
+from harness.statistics import ENCOUNTERS, CellFindings, Finding, Note, Rank, RunFindings
 from harness.store.over_model import refits_of
 from harness.studies.runs.cell_result import CellResult
 from harness.studies.runs.changed_options import changes_in_full
@@ -48,14 +50,15 @@ def _cell_findings(run: RunData, result: CellResult) -> CellFindings:
     cell, findings = result.cell, result.findings
     scenario, over = cell.scenario, run.over_model[cell.number]
     notes = view_of(run).notes(scenario, findings, run.kind.catalogue)
-    doubt = model_notes(over, run.kind.catalogue, cell.scenario.conflicts.model_dump())
+    thresholds = scenario.conflicts.model_dump()
+    doubt = model_notes(over, findings, run.kind.catalogue, thresholds)
     return CellFindings(
         cell=cell.number,
         varied=cell.varied,
         av=av_label(scenario.arms.av, findings),
         reference=scenario.arms.human,
         pairs=findings["pairs"].count,
-        thresholds=scenario.conflicts.model_dump(),
+        thresholds=thresholds,
         findings=findings,
         notes=tuple(sorted((*notes, *doubt), key=lambda note: note.rank)),
         over_model=over,
@@ -101,7 +104,7 @@ def _run_notes(run: RunData) -> list[Note]:
         notes.append(Note(Rank.FAILURES, text))
     if tuple(run.varied_keys) == ("arms.human",):
         ratios = [
-            (result.cell.scenario.arms.human, result.findings["time_ratio"])
+            (result.cell.scenario.arms.human, _time_ratio(run, result))
             for result in run.results
             if "time_ratio" in result.findings  # own simulations do not have it
         ]
@@ -118,6 +121,13 @@ def _run_notes(run: RunData) -> list[Note]:
         )
         notes.append(Note(Rank.MISSED_TARGETS, text))
     return notes
+
+
+def _time_ratio(run: RunData, result: CellResult) -> Finding:
+    """Return the ratio of times with the interval that includes the model, if there is one."""
+    usual, over = result.findings["time_ratio"], run.over_model[result.cell.number]
+    found = over.get("time_ratio")
+    return usual if found is None else replace(usual, low=found.low, high=found.high)
 
 
 def _refits_scope(run: RunData) -> list[str]:
