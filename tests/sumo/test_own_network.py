@@ -431,6 +431,7 @@ def test_a_mid_block_zebra_of_a_map(tmp_path: Path, model, sumo) -> None:
     scenario = load_scenario(path)
     assert scenario.arms.human == "human_yield"  # 30 km/h is above 8 m/s
     assert scenario.strategies["human_yield"]["reaction_time_s"] == 1.0
+    assert scenario.pedestrians.behaviour == "threshold"
     assert play_both(scenario, model, sumo) > 0
 
 

@@ -263,7 +263,7 @@ def test_a_site_names_its_flows_and_what_is_varied() -> None:
     ]
     traffic, people = hours[0].known_traffic, hours[0].pedestrians.flow_per_hour
     flows = f"{traffic.flow_per_hour:g} + {traffic.oncoming_per_hour:g} vehicles/h"
-    ends = f"{flows}; {people:g} people/h."
+    ends = f"{flows}; {people:g} people/h; behaviour threshold."
     assert site_words(hours[:1]).endswith(f"lanes; v0 8 m/s; 25 % AVs; {ends}")
     assert site_words(hours).endswith(f"lanes; v0 8 m/s; share of AVs varied; {ends}")
 

@@ -211,6 +211,7 @@ trigger_range_m = {range}     # six seconds away, if the approach is straight th
 
 [pedestrians]
 flow_per_hour = 250.0
+behaviour = "threshold"       # as in a laboratory; at measured crosswalks waits are 4.4 s too long
 {pedestrians}
 [arms]
 av = "gap_yield"

@@ -23,7 +23,8 @@ def site_words(scenarios: Sequence[Scenario]) -> str:
         return f"Site: {'; '.join(words)}."
     parts = [common(_road, "road"), common(_speed, "v0"), common(_people, "people")]
     parts[2:2] = [common(*words) for words in VEHICLE_WORDS[kind_of(scenarios[0]).name]]
-    return f"Site: {'; '.join(parts)}."
+    parts.append(common(_behaviour, "behaviour"))
+    return f"Site: {'; '.join(filter(None, parts))}."
 
 
 def _road(scenario: Scenario) -> str:
@@ -59,6 +60,12 @@ def _people(scenario: Scenario) -> str:
     size = people.mean_group_size
     groups = f" in groups of {size:.3g} on average" if len(people.group_size) > 1 else ""
     return f"{_flow(people.flow_per_hour)} people/h{groups}"
+
+
+def _behaviour(scenario: Scenario) -> str:
+    """How people decide, if not by the paper's rule."""
+    behaviour = scenario.pedestrians.behaviour
+    return "" if behaviour == "constant" else f"behaviour {behaviour}"
 
 
 def _flow(flow: float | tuple[float, ...]) -> str:
