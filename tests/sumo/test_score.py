@@ -151,7 +151,7 @@ TIMED = [{"name": "CPFA-50", "side": "far", "impact_share": 0.5, **RUNNER}]
 
 
 def test_walks_of_every_behaviour_are_scored_and_replayed(tmp_path: Path) -> None:
-    changes = {**FLOW, "experiment.pairs": 2, "pedestrians.flow_per_hour": 900.0}
+    changes = {**WITH_TIME_OUTS, "experiment.pairs": 2, "pedestrians.flow_per_hour": 900.0}
     behaviours = "pedestrians.behaviour=constant,gap_acceptance,threshold,reactive,sumo"
     study = sweep("cctc_flow", {**changes, "pedestrians.timed": TIMED}, behaviours)
     run_inline(study, tmp_path / "run", traces=True)
