@@ -146,12 +146,13 @@ def one_process() -> Iterator[None]:
     from harness.studies.batch import showing
     from harness.studies.calibration import jobs
     from harness.studies.replay import rerun, sumo_outputs
+    from harness.studies.validation.people import running
     from harness.studies.workers import executors
     from tests.conftest import close_all
 
     close_all()
     with pytest.MonkeyPatch.context() as patch:
-        for module in (executors, jobs, rerun, sumo_outputs, showing):
+        for module in (executors, jobs, rerun, running, sumo_outputs, showing):
             patch.setattr(module, "LocalPool", lambda workers, *_, **__: Inline(workers))
         yield
     close_engine()
@@ -178,9 +179,9 @@ def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedPr
     return subprocess.CompletedProcess([], ended.value.code, out.getvalue(), err.getvalue())
 
 
-def printed(*arguments: object) -> str:
+def printed(*arguments: object, cwd: Path | None = None) -> str:
     """What ``harness`` prints of a result, run as by ``here``."""
-    done = here(*arguments)
+    done = here(*arguments, cwd=cwd)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -165,9 +165,15 @@ def scenario_of(config: Path, crossings: Sequence[str], **settings: object) -> S
 
 
 def run_arm(
-    scenario: Scenario, model: InteractionModel, folder: Path, arm: Arm = Arm.AV, pair: int = 0
+    scenario: Scenario,
+    model: InteractionModel,
+    folder: Path,
+    arm: Arm = Arm.AV,
+    pair: int = 0,
+    *,
+    fails: bool = False,
 ) -> SimulationOutcome:
-    """Run one arm; SUMO's files stay in the folder."""
+    """Run one arm, which succeeds or fails as it should; SUMO's files stay in the folder."""
 
     @contextmanager
     def same(_pair: int, _arm: Arm) -> Iterator[Path]:
@@ -175,4 +181,6 @@ def run_arm(
         yield folder
 
     close_engine()
-    return SimulationRunner(scenario, model, same).run_arm(pair, arm)
+    outcome = SimulationRunner(scenario, model, same).run_arm(pair, arm)
+    assert (outcome.reason is not None) is fails, outcome.traceback
+    return outcome

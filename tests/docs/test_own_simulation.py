@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.batches import here, printed, refusal
+from tests.batches import printed, refusal
 from tests.docs.conftest import ROOT
 
 EXAMPLE = ROOT / "examples" / "own_simulation"
@@ -48,8 +48,7 @@ def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
             subprocess.run(words, check=True, cwd=folder, capture_output=True, env=with_sumo())
             continue
         fewer = ["--pairs", "1", "--workers", "1"] if words[1] == "run" else []
-        done = here(*words[1:], *fewer, cwd=folder)
-        assert done.returncode == 0, (words, done.stderr)
+        printed(*words[1:], *fewer, cwd=folder)
     return folder
 
 

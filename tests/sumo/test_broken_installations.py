@@ -71,7 +71,11 @@ def test_a_library_that_is_of_no_use(tmp_path: Path, fault: str) -> None:
     ("source", "reason"),
     [
         ("raise ImportError", "netconvert: not found; install eclipse-sumo"),
-        ("SUMO_HOME = '/nowhere'", "there is no /nowhere/bin/netconvert; pip install"),
+        pytest.param(
+            "SUMO_HOME = '/nowhere'",
+            "there is no /nowhere/bin/netconvert; pip install",
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=["no package", "no program"],
 )

@@ -8,7 +8,7 @@ import pytest
 
 from harness.scenario import load_scenario
 from tests import towns
-from tests.batches import here
+from tests.batches import here, printed
 
 ROUTES = {
     # Straight on over the crosswalks of the west and the east arm of junction B1.
@@ -53,9 +53,8 @@ def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def listed(config: Path) -> dict[str, dict[str, object]]:
-    done = here("crossings", config, "--json")
-    assert done.returncode == 0, done.stderr
-    return {row["edge"]: row for row in json.loads(done.stdout)["crossings"]}
+    done = printed("crossings", config, "--json")
+    return {row["edge"]: row for row in json.loads(done)["crossings"]}
 
 
 def arm(rows: dict[str, dict[str, object]], road: str) -> dict[str, object]:
@@ -82,10 +81,9 @@ def test_counts_by_hand(scenario: Path) -> None:
 
 
 def test_the_table(scenario: Path) -> None:
-    done = here("crossings", scenario)
-    assert done.returncode == 0, done.stderr
-    assert re.search(r"town\.sumocfg: \d+ crosswalks, \d+ usable", done.stdout)
-    (line,) = (line for line in done.stdout.splitlines() if line.strip().startswith(":B1_c1"))
+    done = printed("crossings", scenario)
+    assert re.search(r"town\.sumocfg: \d+ crosswalks, \d+ usable", done)
+    (line,) = (line for line in done.splitlines() if line.strip().startswith(":B1_c1"))
     assert line.rstrip().endswith("yes")
 
 
@@ -111,8 +109,7 @@ def test_a_fine_step_stays(scenario: Path, tmp_path: Path) -> None:
     text = scenario.read_text().replace("<time>", '<time><step-length value="0.2"/>')
     config.write_text(text)
     out = tmp_path / "town.toml"
-    done = here("crossings", config, "--write", out, "--edge", ":B1_c1")
-    assert done.returncode == 0, done.stderr
+    printed("crossings", config, "--write", out, "--edge", ":B1_c1")
     assert load_scenario(out).known_simulation.step_s is None
 
 

@@ -13,7 +13,7 @@ from harness.studies.replay.moment import moments_of
 from harness.studies.replay.rerun import debug
 from harness.studies.replay.stored import StoredCell
 from harness.studies.replay.watch import watch
-from tests.batches import here, one_cell, refusal, run_inline
+from tests.batches import one_cell, printed, refusal, run_inline
 from tests.own_scenario import CROSSING, own_study
 from tests.sumo.test_watch import PEDESTRIAN, needs_xvfb, pixels, watched
 
@@ -34,10 +34,9 @@ def rows_of(run: Path, arm: str, pair: int = 1) -> pd.DataFrame:
 
 def test_outputs_of_both_arms_and_the_same_record(run: Path, tmp_path: Path) -> None:
     out = tmp_path / "review"
-    done = here("replay", run, "--pair", "1", "--out", out)
-    assert done.returncode == 0, done.stderr
+    done = printed("replay", run, "--pair", "1", "--out", out)
     same = "the record is identical to the stored record"
-    assert done.stdout.splitlines() == [f"{out / arm}: {same}" for arm in ("av", "human")]
+    assert done.splitlines() == [f"{out / arm}: {same}" for arm in ("av", "human")]
     for arm in ("av", "human"):
         names = {path.name for path in (out / arm).iterdir()}
         assert {"fcd.xml", "tripinfo.xml", "collisions.xml", "site.net.xml"} <= names
@@ -56,8 +55,7 @@ def test_a_relative_folder_is_one_of_the_working_directory(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done = here("replay", run, "--pair", "0", "--arm", "av", "--out", "here")
-    assert done.returncode == 0, done.stdout
+    printed("replay", run, "--pair", "0", "--arm", "av", "--out", "here")
     assert (tmp_path / "here" / "fcd.xml").stat().st_size > 1000
 
 

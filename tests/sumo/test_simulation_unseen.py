@@ -13,7 +13,7 @@ from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel
 from harness.site import crosswalks_of, read_network
 from tests import towns
-from tests.batches import here, refusal
+from tests.batches import here, printed, refusal
 
 pytestmark = pytest.mark.usefixtures("no_simulation")
 
@@ -53,7 +53,6 @@ def test_a_network_of_netgenerate(name: str, model: InteractionModel, tmp_path: 
     scenario = towns.scenario_of(config, [crossings[len(crossings) // 2]], arms__av="gap_yield")
     for arm in Arm:
         outcome = towns.run_arm(scenario, model, tmp_path / arm.value, arm)
-        assert outcome.reason is None, outcome.traceback
         trips = [trip for trip in outcome.trips if not trip.person]
         # --validate drops trips without a route; everybody else is due once.
         text = (tmp_path / "vehicles.trips.xml").read_text()
@@ -195,7 +194,6 @@ def test_demand_in_additional_and_included_files(town: Path, model: InteractionM
     )
     scenario = towns.scenario_of(town, [":b_c0"])
     outcome = towns.run_arm(scenario, model, folder / "arm")
-    assert outcome.reason is None, outcome.traceback
     trips = [trip for trip in outcome.trips if not trip.person]
     assert len(trips) == (folder / "vehicles.xml").read_text().count("<trip ")
 
@@ -206,7 +204,7 @@ def test_the_command_runs_a_scenario_with_long_steps(
     option("step-length", "1")(town)
     path = toml(town, step_s=0.1)
     monkeypatch.chdir(town.parent)
-    assert here("run", path, "--pairs", 1, "--out", "run").returncode == 0
+    printed("run", path, "--pairs", 1, "--out", "run")
     assert (town.parent / "run/manifest.json").is_file()
 
 
@@ -275,5 +273,4 @@ def test_several_thousand_vehicles(model: InteractionModel, tmp_path: Path) -> N
     crossings = usable(tmp_path / "net.net.xml")
     scenario = towns.scenario_of(config, crossings[:10], arms__av="gap_yield")
     outcome = towns.run_arm(scenario, model, tmp_path / "arm")
-    assert outcome.reason is None, outcome.traceback
     assert len([trip for trip in outcome.trips if not trip.person]) > 2500

@@ -38,6 +38,7 @@ from harness.studies.runs.reported import reported
 from harness.studies.runs.shown import shown_pairs
 from harness.studies.workers.pool import LocalPool
 from tests.batches import Inline, one_process, printed, run_inline, shell, start, wait_for
+from tests.scenes import refuses
 from tests.sumo.test_watch import PEDESTRIAN, needs_xvfb, pixels, watched
 
 AV = (0, 114, 178)
@@ -178,8 +179,7 @@ def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
     # What hours do not have is refused.
     with pytest.raises(InputError, match="--until: is not supported with"):
         plan_of(run.study, Options(until=Precision("mu", 0.1)))
-    with pytest.raises(InputError, match="is a run of hours of traffic"):
-        harness.compare(runs[0])
+    refuses("is a run of hours of traffic", lambda: harness.compare(runs[0]))
 
 
 def test_the_player_shows_every_vehicle_where_it_was(runs: list[Path]) -> None:
@@ -393,8 +393,7 @@ def test_a_pilot_gives_each_cell_its_warm_up(
 )
 def test_what_does_not_settle_is_refused(settings: dict[str, Any], said: str) -> None:
     file = read_scenario_file("capacity", {"traffic.saturated": False, **settings})
-    with pytest.raises(InputError, match=said):
-        settled(study_of(file), Options(workers=0))
+    refuses(said, lambda: settled(study_of(file), Options(workers=0)))
 
 
 @pytest.mark.parametrize(

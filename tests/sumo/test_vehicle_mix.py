@@ -154,7 +154,7 @@ def test_tables_of_a_run_have_the_types_and_a_score_measures_them_again(tmp_path
     path = tmp_path / "mix.toml"
     path.write_text(
         "[ego]\ninitial_speed_mps = 8.0\n[arms]\nav = 'gap_yield'\nhuman = 'human_yield'\n"
-        "[pedestrians]\nflow_per_hour = 300\n[traffic]\nduration_s = 300\nwarm_up_s = 0\n"
+        "[pedestrians]\nflow_per_hour = 300\n[traffic]\nduration_s = 120\nwarm_up_s = 0\n"
         "[[traffic.types]]\nname = 'car'\nshare = 0.5\n"
         "[[traffic.types]]\nname = 'truck'\nshare = 0.5\nlength_m = 16.5\nwidth_m = 2.5\n"
     )

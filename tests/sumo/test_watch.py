@@ -10,12 +10,12 @@ import pytest
 from PIL import Image
 
 from harness.core.encounter import Arm
-from harness.core.errors import InputError
 from harness.engine.starting import Following, vehicle_types
 from harness.engine.view import view_settings
 from harness.scenario import Scenario
 from harness.studies.replay.watch import watch
 from tests.batches import FLOW, HARNESS, one_cell, run_inline
+from tests.scenes import refuses
 
 needs_xvfb = pytest.mark.skipif(
     shutil.which("xvfb-run") is None, reason="needs a virtual display: Debian's package xvfb"
@@ -66,8 +66,7 @@ def test_the_record_is_the_stored_one_and_pictures_show_ego_and_people(
 
 def test_without_a_display_it_says_so(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
-    with pytest.raises(InputError, match="Xvfb"):
-        watch(run, 0, [Arm.AV])
+    refuses("Xvfb", lambda: watch(run, 0, [Arm.AV]))
 
 
 @pytest.mark.parametrize(
@@ -83,8 +82,7 @@ def test_without_a_display_it_says_so(run: Path, monkeypatch: pytest.MonkeyPatch
     ],
 )
 def test_bad_input_is_refused(run: Path, arguments: dict, told: str) -> None:
-    with pytest.raises(InputError, match=told):
-        watch(**{"run": run, "pair": 0, "arms": [Arm.AV]} | arguments)
+    refuses(told, lambda: watch(**{"run": run, "pair": 0, "arms": [Arm.AV]} | arguments))
 
 
 def test_in_hours_a_colour_tells_avs_from_others() -> None:

@@ -18,7 +18,7 @@ from harness.core.resources import shipped_directory
 from harness.episode.simulation.recorded import seconds
 from harness.site import crosswalks_of, read_network
 from harness.studies.conflicts.vehicle_types import CLASSES, read_types, type_of
-from tests.batches import here, refusal
+from tests.batches import here, printed, refusal
 
 NET = next(shipped_directory("networks").glob("cctc/*.net.xml"))
 WAY = crosswalks_of(read_network(NET))[0].ways[0]
@@ -65,8 +65,7 @@ TYPES = '<routes><vType id="bus" vClass="bus" width="2.0"/><vType id="x"/></rout
 def test_the_measures_of_a_recording(fcd: Path, tmp_path: Path) -> None:
     types, out = tmp_path / "types.add.xml", tmp_path / "out"
     types.write_text(TYPES)
-    result = here("conflicts", fcd, "--net", NET, "--types", types, "--out", out)
-    assert result.returncode == 0, result.stderr
+    printed("conflicts", fcd, "--net", NET, "--types", types, "--out", out)
     (row,) = pd.read_parquet(out / "passages.parquet").to_dict("records")
     assert (row["crosswalk"], row["vehicle"], row["type"]) == (":crosswalk_c0", "v", "bus@v")
     assert (row["length_m"], row["width_m"]) == (12.0, 2.0)

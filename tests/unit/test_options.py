@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.core.errors import InputError, InterruptedRunError
+from harness.core.errors import InterruptedRunError
 from harness.scenario import Options, Precision, load_scenario, read_scenario_file, study_of
+from tests.scenes import refuses
 
 
 @pytest.mark.parametrize(
@@ -27,14 +28,12 @@ from harness.scenario import Options, Precision, load_scenario, read_scenario_fi
     ],
 )
 def test_what_is_refused(given: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        Options(**given)
+    refuses(said, lambda: Options(**given))
 
 
 @pytest.mark.parametrize("given", [("tau", 0.1), ("mu", 0.0), ("mu", 1), ("mu", float("nan"))])
 def test_widths_that_are_refused(given: tuple[Any, Any]) -> None:
-    with pytest.raises(InputError, match="until: "):
-        Precision(*given)
+    refuses("until: ", lambda: Precision(*given))
 
 
 def test_numbers_and_arrays_of_numpy_are_numbers() -> None:

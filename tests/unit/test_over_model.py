@@ -24,7 +24,7 @@ from harness.studies.calibration.refits import drawn_weights
 from harness.studies.runs.compare import compare
 from harness.studies.runs.notes import model_notes
 from harness.studies.runs.reported import reported
-from tests.batches import here, one_cell, run_inline, run_stopped, sweep
+from tests.batches import here, one_cell, one_process, run_inline, run_stopped, sweep
 from tests.scenes import refuses
 from tests.unit.test_calibration import made_up
 
@@ -85,10 +85,11 @@ def test_interrupted_refits_go_on_and_do_not_depend_on_the_workers(sample, fitte
     assert done == [2, 3, 4, 5, 6]
     assert path.read_bytes() == whole
     # More refits keep the first ones; another seed makes all of them new.
-    more = make_refits(path, model, sample, "0", replace(SETTINGS, count=7))
+    with one_process():
+        more = make_refits(path, model, sample, "0", replace(SETTINGS, count=7))
+        path.write_bytes(some.content())
+        other = make_refits(path, model, sample, "0", replace(SETTINGS, count=5, seed=3))
     assert {n: more.refits[n] for n in file.refits} == file.refits
-    path.write_bytes(some.content())
-    other = make_refits(path, model, sample, "0", replace(SETTINGS, count=5, seed=3))
     assert not any(other.refits[n] == file.refits[n] for n in other.refits)
 
 

@@ -9,7 +9,6 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from harness.cli.app import main
 from harness.core.encounter import Arrival, Side
 from harness.engine.plain import PlainEngine
 from harness.episode.cell_constants import constants_of
@@ -33,6 +32,7 @@ from harness.studies.validation.people.scenes import (
     state_at,
 )
 from harness.studies.validation.people.simulating import Job, episodes, pedestrian_first, simulate
+from tests.batches import printed, refusal
 
 GAP_DECISIONS = "7cfe99c05ea31418474a77011d782da13de95713a76fb72794bba4904e91a718"
 FIELD_SITES = "629e9ff840fd8f6c8d25b3ab099de797da0acc8f97f6956f78eb16ffebabd17c"
@@ -219,11 +219,9 @@ def test_the_first_screen_says_how_many_people_and_trials_stand_behind_each_row(
     assert behind == {"gaps": 4270, "yielding": 2853, "first": 639}
 
 
-def test_the_command_prints_people_or_refuses_in_one_line(
-    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_prints_people_or_refuses_in_one_line() -> None:
     words = ["validate", "people", "--trials", "2", "--hours", "0", "--workers", "1"]
-    document = json.loads(printed(monkeypatch, capfd, [*words, "--json", "--without-zebra"]))
+    document = json.loads(printed(*words, "--json", "--without-zebra"))
     assert [held["experiment"]["key"] for held in document["held"]][-1] == "first_without_zebra"
     assert document["held"][-1]["scores"] is None
     for more, named in (
@@ -232,23 +230,7 @@ def test_the_command_prints_people_or_refuses_in_one_line(
         (["--behaviour", "constat"], "did you mean 'constant'?"),
         (["--set", "strategies.human_yield.yield_rate=3"], "yield_rate"),
     ):
-        assert named in printed(monkeypatch, capfd, ["validate", "people", *more], code=2)
+        assert named in refusal("validate", "people", *more)
     away = ["validate", "./people", "--format", "vci", "--drivers", "human_gmm"]
-    assert "no such file or folder" in printed(monkeypatch, capfd, away, code=2)
-    with_data = [*away, "--hours", "3"]
-    assert "--hours: needs people" in printed(monkeypatch, capfd, with_data, code=2)
-
-
-def printed(
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-    words: list[str],
-    code: int = 0,
-) -> str:
-    """What the command prints: stdout, or its single line on stderr if it refuses."""
-    monkeypatch.setattr("sys.argv", ["harness", *words])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == code
-    out, err = capfd.readouterr()
-    return out if not code else err.splitlines()[-1]
+    assert "no such file or folder" in refusal(*away)
+    assert "--hours: needs people" in refusal(*away, "--hours", "3")

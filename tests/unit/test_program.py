@@ -13,14 +13,13 @@ import pytest
 
 from examples import driver
 from harness.core.encounter import Arm, Ending, Trace
-from harness.core.errors import InputError
 from harness.scenario import Options, load_scenario
 from harness.strategies import program
 from harness.strategies.registry import find_strategy, source_digests
 from harness.strategies.vector import observation_vector
 from harness.studies.batch.plan import plan_of
 from tests.batches import one_cell
-from tests.scenes import on_plain, refusal_of
+from tests.scenes import on_plain, refusal_of, refuses
 
 EXAMPLES = Path(driver.__file__).parent
 
@@ -197,11 +196,9 @@ def test_refused(name: str, said: str) -> None:
 
 
 def test_parameters_and_traffic_are_refused(model) -> None:
-    with pytest.raises(InputError, match="answer_limit_s: 0 s"):
-        traces("exec:./driver.py", model, answer_limit_s=0.0)
+    refuses("answer_limit_s: 0 s", lambda: traces("exec:./driver.py", model, answer_limit_s=0.0))
     study = one_cell("cctc_flow", {"arms.av": "exec:./driver.py", "traffic.flow_per_hour": 60})
-    with pytest.raises(InputError, match=r"arms\.av: .* drives one vehicle"):
-        plan_of(study, Options())
+    refuses(r"arms\.av: .* drives one vehicle", lambda: plan_of(study, Options()))
 
 
 def test_the_manifest_says_which_program_it_was() -> None:
