@@ -32,7 +32,7 @@ from harness.studies.validation.people.scenes import (
     state_at,
 )
 from harness.studies.validation.people.simulating import Job, episodes, pedestrian_first, simulate
-from tests.batches import printed, refusal
+from tests.batches import here, printed, refusal
 
 GAP_DECISIONS = "7cfe99c05ea31418474a77011d782da13de95713a76fb72794bba4904e91a718"
 FIELD_SITES = "629e9ff840fd8f6c8d25b3ab099de797da0acc8f97f6956f78eb16ffebabd17c"
@@ -232,5 +232,7 @@ def test_the_command_prints_people_or_refuses_in_one_line() -> None:
     ):
         assert named in refusal("validate", "people", *more)
     away = ["validate", "./people", "--format", "vci", "--drivers", "human_gmm"]
-    assert "no such file or folder" in refusal(*away)
+    done = here(*away)
+    assert done.returncode == 2
+    assert "no such file or folder" in done.stderr.splitlines()[-1]
     assert "--hours: needs people" in refusal(*away, "--hours", "3")
