@@ -14,23 +14,20 @@ _COUNT = re.compile(r"(?<!\S)\d+(?:,\d{3})*\b(?!\.\d)")
 def joined_notes(cells: Sequence[tuple[int, Sequence[Note]]]) -> list[Note]:
     """Return the notes of several cells with the cells' numbers.  Equal notes are merged.
 
-    A note on what is left out of every cell is merged too, with the ranges of its counts.
+    Notes on what is left out are also merged if they differ only in counts, which become ranges.
     """
-    numbers: dict[Note, list[int]] = {}
+    alike: dict[tuple[Rank, str], dict[str, list[int]]] = {}
     for cell, notes in cells:
         for note in notes:
-            numbers.setdefault(note, []).append(cell)
-    alike: dict[tuple[Rank, str], list[Note]] = {}
-    for note in numbers:
-        alike.setdefault((note.rank, _COUNT.sub("", note.text)), []).append(note)
+            ranged = note.rank is Rank.LEFT_OUT and "…" not in note.text
+            words = _COUNT.sub("", note.text) if ranged else note.text
+            alike.setdefault((note.rank, words), {}).setdefault(note.text, []).append(cell)
     joined = []
-    for (rank, words), notes in alike.items():
-        everywhere = sum(len(numbers[note]) for note in notes) == len(cells) > 1
-        if everywhere and (len(notes) == 1 or (rank is Rank.LEFT_OUT and "…" not in words)):
-            joined.append(Note(rank, _with_ranges([note.text for note in notes])))
-        else:
-            for note in notes:
-                joined.append(Note(rank, f"{_cells(numbers[note])}: {note.text}"))
+    for (rank, _), texts in alike.items():
+        where = sorted(cell for each in texts.values() for cell in each)
+        text = _with_ranges([*texts])
+        everywhere = len(where) == len(cells) > 1
+        joined.append(Note(rank, text if everywhere else f"{_cells(where)}: {text}"))
     return joined
 
 
