@@ -37,6 +37,7 @@ from .strategies.vector import (
     observation_vector as observation_vector,
 )
 from .studies.batch.experiment import resume as resume, run_study as run_study
+from .studies.candidates.evaluation import evaluate as evaluate
 from .studies.conformance import check_strategy as check_strategy
 from .studies.runs.compare import compare as compare
 from .studies.runs.comparisons import RunComparison as RunComparison

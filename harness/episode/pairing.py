@@ -18,6 +18,7 @@ from harness.episode.arrivals import already_walking, planned_arrivals
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import Episode, drive, failed_episode
 from harness.episode.ties import Decision, RecordingStrategy
+from harness.episode.timing import TimedStrategy
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.measures import Outcome, measure
 from harness.model.interaction import InteractionModel
@@ -60,6 +61,8 @@ class PairRunner:
         self._rules = constants_of(scenario)
         self._sensors = {arm: sensor_of(scenario, arm) for arm in Arm}
         self._speeds_by = cache(lambda model: WalkingSpeeds(scenario, model))
+        self.decisions_s: list[float] | None = None
+        """If it is a list, the wall time of each decision is added to it."""
         check_arms(scenario, model)
 
     def run(
@@ -68,6 +71,7 @@ class PairRunner:
         begins: Begins = lambda _pair, _arm, _episode: None,
         on_pair: Callable[[], None] = lambda: None,
         known: Mapping[EpisodeKey, Outcome] = MappingProxyType({}),
+        arms: Sequence[Arm] = tuple(Arm),
     ) -> Iterator[Outcome]:
         """Simulate both arms of every pair in the given order, the AV's first.
 
@@ -77,6 +81,7 @@ class PairRunner:
             on_pair: called after every simulated pair; the outcomes come later, in chunks.
             known: episodes of a cell that differs from this one only in its arms; shared episodes
                 are not simulated again.
+            arms: the arms to simulate, if not both.
         """
         remaining = iter(pairs)
         self._engine = None
@@ -84,14 +89,14 @@ class PairRunner:
             traces: dict[EpisodeKey, Trace] = {}
             for pair in chunk:
                 people = self._people(pair)
-                for arm in Arm:
+                for arm in arms:
                     key = self.key(arm, pair)
                     if key not in known:
                         traces[key] = self._run_arm(arm, pair, people, begins)
                 on_pair()
             records = dict(zip(traces, measure(list(traces.values())), strict=True))
             for pair in chunk:
-                for arm in Arm:
+                for arm in arms:
                     key, name = self.key(arm, pair), self._scenario.arms.driver(arm)
                     yield known.get(key) or Outcome(pair, arm, name, records[key], traces[key])
 
@@ -199,6 +204,8 @@ class PairRunner:
         episode = Episode(self._engine, people.arrivals, speeds, self._rules, perception)
         begins(pair, arm, episode)
         driver = strategy if decisions is None else RecordingStrategy(strategy, decisions)
+        if self.decisions_s is not None:
+            driver = TimedStrategy(driver, self.decisions_s)
         trace = drive(episode, driver)
         conditionings = speeds.model_use.counts
         if isinstance(strategy, HumanDriver):

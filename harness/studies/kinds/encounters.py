@@ -105,13 +105,16 @@ def _run_encounters(task: Task) -> Iterator[TaskResult]:
                 key = runner.key(arm, each.first_pair)
                 known[key] = runner.hung(arm, each.first_pair, reason)
                 hung.add(key)
-            outcomes = list(runner.run(each.pairs, watch.begins, watch.alive, known))
+            arms = tuple(Arm) if each.only is None else (each.only,)
+            runner.decisions_s = [] if each.timed else None
+            outcomes = list(runner.run(each.pairs, watch.begins, watch.alive, known, arms))
             known |= {runner.key(outcome.arm, outcome.pair): outcome for outcome in outcomes}
             # An episode that hung would hang in SUMO too and stop the other arm.
             ended = [
                 outcome for outcome in outcomes if runner.key(outcome.arm, outcome.pair) not in hung
             ]
-            yield _result_of(each, outcomes, list(_audited(each, ended, watch, repeated)))
+            result = _result_of(each, outcomes, list(_audited(each, ended, watch, repeated)))
+            yield replace(result, decisions_s=tuple(runner.decisions_s or ()))
 
 
 def _audited(

@@ -184,7 +184,8 @@ def _given_up(task: Task, reason: str, failed_in: FailedIn = "engine") -> TaskRe
     kind = kind_of(task.scenario)
     which = {"cell": task.cell, "pair": task.first_pair}
     failed = kind.given_up(task.scenario, reason, failed_in)
-    known = {kind.rows: [{**which, **row} for row in failed]}
+    driven = [row for row in failed if task.only in (None, row["arm"])]
+    known = {kind.rows: [{**which, **row} for row in driven]}
     names = kind.tables(traces=task.traces, audit=task.audit is not None)
     tables = {name: table_of(name, known.get(name, ())) for name in names}
     return TaskResult(tables, took_s=task.hang_after_s)

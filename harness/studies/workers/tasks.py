@@ -39,6 +39,9 @@ class Task:
     ``hung`` is set only for a task of one pair.  It holds the arm whose strategy gave no answer,
     and the reason.  Only the other arm is then simulated.
 
+    ``only`` is the only arm to simulate, for encounters; None means both.  If ``timed``, the wall
+    times of the decisions are returned.
+
     ``outputs`` is the folder in which SUMO's own outputs of a user's simulation are kept.
 
     A worker that hangs for ``hang_after_s`` in one pair writes its Python stack to ``stack_file``
@@ -58,6 +61,8 @@ class Task:
     audit: "Audit | None" = None
     twins: "tuple[Task, ...]" = ()
     hung: "tuple[Arm, str] | None" = None
+    only: "Arm | None" = None
+    timed: bool = False
 
     @property
     def each(self) -> "tuple[Task, ...]":
@@ -79,12 +84,14 @@ class Task:
 class TaskResult:
     """The tables by name, and the log's details of failed episodes.
 
-    ``took_s`` is the wall time of the task in its worker.
+    ``took_s`` is the wall time of the task in its worker, and ``decisions_s`` that of each decision
+    if the task is timed.
     """
 
     tables: "Tables"
     failures: tuple[LoggedFailure, ...] = ()
     took_s: float = 0.0
+    decisions_s: tuple[float, ...] = ()
 
 
 class Executor(Protocol):

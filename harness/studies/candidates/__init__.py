@@ -1,0 +1,1 @@
+"""Many candidates on the same people, without a run folder."""
