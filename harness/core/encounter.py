@@ -224,6 +224,8 @@ class Arrival(NamedTuple):
     is None if detection is certain.  ``looks_from_s`` is given for a pedestrian who has been at the
     kerb before they may decide: they decide at steps from this time on, and not on arrival.
     ``walking_class`` is the number of their class of walking speeds, if they are in one.
+    ``leader`` is the first member of their group, if that is somebody else: with behaviour
+    ``threshold`` the group decides by the leader's walking speed.
     """
 
     index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
@@ -237,6 +239,7 @@ class Arrival(NamedTuple):
     threshold_s: float | None = None
     latency_s: float | None = None
     walking_class: int | None = None
+    leader: "Arrival | None" = None
 
 
 @dataclass(frozen=True, slots=True)

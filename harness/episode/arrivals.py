@@ -2,7 +2,7 @@
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby
 from statistics import NormalDist
 
@@ -88,7 +88,7 @@ def planned_arrivals(
             zip(groups, quantiles, classes, detections, strict=True), len(timed)
         )
     ]
-    return (*timed, *others)
+    return (*timed, *_led(others, groups))
 
 
 def already_walking(
@@ -224,6 +224,14 @@ def _groups(pedestrians: PedestriansSection, uniforms: _Uniforms, count: int) ->
     sizes = map(pedestrians.group_size_at, drawn)
     groups = [group for group, size in enumerate(sizes) for _ in range(size)]
     return groups[: pedestrians.max_count]
+
+
+def _led(people: Iterable[Arrival], groups: Iterable[int]) -> Iterator[Arrival]:
+    """The people; in each group, all but the first have the first as their leader."""
+    leaders: dict[int, Arrival] = {}
+    for person, group in zip(people, groups, strict=True):
+        leader = leaders.setdefault(group, person)
+        yield person if leader is person else person._replace(leader=leader)
 
 
 def _walking_classes(

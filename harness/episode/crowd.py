@@ -178,7 +178,7 @@ class Crowd:
         # The walking speed is drawn only if the vehicles alone let them decide.
         blocker = blocking(coming, threshold_s, kerb_m, math.inf)
         if blocker is None and coming:
-            speed, _ = self._speed_before_traffic(walker, elapsed_s)
+            speed, _ = self._speed_before_traffic(walker, elapsed_s, walker.arrival.leader)
             blocker = blocking(coming, threshold_s, kerb_m, speed)
         return blocker
 
@@ -211,13 +211,19 @@ class Crowd:
             self._next_look_s = walker.look_s
             self.next_s = min(self._next_arrival_s, walker.look_s)
 
-    def _speed_before_traffic(self, walker: Walker, elapsed_s: float) -> tuple[float, SeenState]:
-        """The speed at which they step off, and the vehicle's (range, speed) that it depends on."""
+    def _speed_before_traffic(
+        self, walker: Walker, elapsed_s: float, leader: Arrival | None = None
+    ) -> tuple[float, SeenState]:
+        """The speed at which they step off, and the vehicle's (range, speed) that it depends on.
+
+        If a leader is given, it is the speed at which the leader would step off.
+        """
+        person = leader or walker.arrival
         vehicle = self._first_on_way(walker, -math.inf, elapsed_s)
         if vehicle is None:
-            return self._choose_speed(walker.arrival, -1.0, 0.0, None), (None, None)
+            return self._choose_speed(person, -1.0, 0.0, None), (None, None)
         range_m, speed, across, _ = vehicle
-        return self._choose_speed(walker.arrival, range_m, speed, across), (range_m, speed)
+        return self._choose_speed(person, range_m, speed, across), (range_m, speed)
 
     def _look_again(self, walker: Walker, elapsed_s: float) -> None:
         if walker.start_s is None and walker.arrival.latency_s is not None:

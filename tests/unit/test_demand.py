@@ -129,7 +129,7 @@ def test_a_group_comes_at_the_trigger_and_is_cut_at_the_greatest_number() -> Non
     assert stats.chisquare([first[size] for size in (1, 2, 3)], expected).pvalue > LUCK
 
 
-@pytest.mark.parametrize("behaviour", ["constant", "gap_acceptance", "reactive"])
+@pytest.mark.parametrize("behaviour", ["constant", "gap_acceptance", "reactive", "threshold"])
 def test_a_group_steps_off_together_and_each_walks_at_their_own_speed(behaviour, model) -> None:
     # They wait for a car 8 s away until it brakes for them.
     people = {"flow_per_hour": 1200.0, "kerb_wait_s": 8.0, "gap_acceptance": {"mean_s": 8.0}}
