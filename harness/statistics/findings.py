@@ -20,14 +20,15 @@ class Rank(IntEnum):
     FAILURES = 2
     TIME_OUTS = 3
     MISSED_TARGETS = 4
-    LEFT_OUT = 5
-    UNDEFINED = 6
-    SATURATION = 7
-    FALLBACK = 8
-    SPEEDING = 9
-    OUTSIDE_MODEL = 10
-    REFERENCE = 11
-    FEW_PAIRS = 12
+    NEARNESS = 5
+    LEFT_OUT = 6
+    UNDEFINED = 7
+    SATURATION = 8
+    FALLBACK = 9
+    SPEEDING = 10
+    OUTSIDE_MODEL = 11
+    REFERENCE = 12
+    FEW_PAIRS = 13
 
 
 @dataclass(frozen=True, slots=True, order=True)

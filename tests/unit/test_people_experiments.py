@@ -219,6 +219,15 @@ def test_the_first_screen_says_how_many_people_and_trials_stand_behind_each_row(
     assert behind == {"gaps": 4270, "yielding": 2853, "first": 639}
 
 
+def test_a_driver_outside_the_data_of_its_model_is_named() -> None:
+    """The model dut has data up to 8 m/s (its card); the cars at the zebra come at 13.9 m/s."""
+    drivers = ["human_gmm", "human_yield"]
+    findings = validate_people("constant", drivers, workers=0, trials=1, hours=0)
+    screen = people_screen(findings)
+    (line,) = (note.text for note in screen.notes if "outside the data" in note.text)
+    assert line.startswith("first at a zebra: human_gmm: cars come faster than 8 m/s")
+
+
 def test_the_command_prints_people_or_refuses_in_one_line() -> None:
     words = ["validate", "people", "--trials", "2", "--hours", "0", "--workers", "1"]
     document = json.loads(printed(*words, "--json", "--without-zebra"))

@@ -168,7 +168,6 @@ worst case                 ratio of times 1.70, crashes 9 of 50, μ 1.900, delay
 ! The AV drove at up to 15.7 m/s, above v0 of 5 m/s, and saves time by speeding.
 ! In 25 % (AV) and 75 % (own:Driver) of the cases the vehicle was outside the data of the
   interaction model, up to 5.39 m/s too fast; the model used the nearest state in its data.
-! own:Driver was not compared with recorded drivers (harness validate).
 ! Few pairs: intervals are unreliable below 1,000 informative pairs (ratio of times and μ), 4,000
   (c_v).
 All measures: --full. Page: harness report runs/cctc-1"""
@@ -179,7 +178,7 @@ All measures: --full. Page: harness report runs/cctc-1"""
     assert lines[13:] == [
         "! More to know (--full): pairs left out, undefined numbers, the fallback, speeding, "
         "the model's",
-        "  range, the reference, few pairs.",
+        "  range, few pairs.",
         "All measures: --full. Page: harness report runs/cctc-1",
     ]
 

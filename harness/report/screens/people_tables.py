@@ -105,5 +105,12 @@ def _notes(findings: PeopleFindings) -> list[Note]:
             count = sum(row.simulated_trials for row in held.rows)
             text = f"{_title(held)}: {contacts:,} of {count:,} trials had a contact."
             notes.append(Note(Rank.LEFT_OUT, text))
+        if held.model_limits is not None:
+            fastest_mps, farthest_m = held.model_limits
+            text = (
+                f"{_title(held)}: cars come faster than {fastest_mps:.3g} m/s or from beyond "
+                f"{farthest_m:.3g} m, outside the data of its model, which used the nearest state."
+            )
+            notes.append(Note(Rank.OUTSIDE_MODEL, text))
     text = "The measured gaps include people who set off before the first car had passed."
     return sorted([*notes, Note(Rank.REFERENCE, text)])

@@ -13,7 +13,7 @@ from harness.statistics.entries import Entry, Finding
 from harness.statistics.findings import Note, Rank
 from harness.statistics.over_model import OverModel
 from harness.strategies.registry import fallback_of
-from harness.studies.runs.references import disagreement, is_measured, not_measured
+from harness.studies.runs.references import disagreement
 
 Findings = Mapping[str, Finding]
 Catalogue = Sequence[Entry[Any]]
@@ -282,12 +282,9 @@ def _outside_the_model(scenario: Scenario, findings: Findings) -> list[Note]:
 
 
 def _reference(scenario: Scenario, findings: Findings) -> list[Note]:
-    notes, ratio = [], findings["time_ratio"].number
-    if ratio is not None and (text := disagreement(scenario, ratio)):
-        notes.append(text)
-    if not is_measured(scenario):
-        notes.append(not_measured(scenario))
-    return [Note(Rank.REFERENCE, text) for text in notes]
+    ratio = findings["time_ratio"].number
+    text = "" if ratio is None else disagreement(scenario, ratio)
+    return [Note(Rank.REFERENCE, text)] if text else []
 
 
 def hour_notes(scenario: Scenario, findings: Findings, catalogue: Catalogue) -> tuple[Note, ...]:

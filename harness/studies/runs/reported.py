@@ -111,7 +111,7 @@ def _run_notes(run: RunData) -> list[Note]:
         if ratios:
             notes.append(Note(Rank.REFERENCE, agreement(ratios)))
     lines = (nearness(result.cell.scenario) for result in run.results)
-    notes += [Note(Rank.REFERENCE, line) for line in dict.fromkeys(filter(None, lines))]
+    notes += [Note(Rank.NEARNESS, line) for line in dict.fromkeys(lines)]
     for missed in missed_targets(run):
         where = f" in cell {missed.cell}" if run.varied_keys else ""
         width = "undefined" if missed.half_width is None else f"± {missed.half_width:.4f}"

@@ -60,7 +60,8 @@ class Held:
     """One experiment with one driver; ``driver`` is empty where no driver of ours takes part.
 
     ``scores`` is None if a number is undefined or not measured; ``handbook`` is None if the
-    handbook says nothing about the experiment.
+    handbook says nothing about the experiment.  ``model_limits`` are the greatest speed (m/s) and
+    range (m) in the data of the interaction model, if the driver asks it beyond them.
     """
 
     experiment: Experiment
@@ -68,6 +69,7 @@ class Held:
     rows: tuple[Row, ...]
     scores: Scores | None
     handbook: Scores | None = None
+    model_limits: tuple[float, float] | None = None
 
     @property
     def trials(self) -> int:
@@ -97,7 +99,12 @@ class PeopleFindings:
         return {"schema": SCHEMA, **asdict(self)}
 
 
-def held(experiment: Experiment, driver: str, rows: Sequence[Row]) -> Held:
+def held(
+    experiment: Experiment,
+    driver: str,
+    rows: Sequence[Row],
+    model_limits: tuple[float, float] | None = None,
+) -> Held:
     """Return an experiment with its scores."""
     measured = [row.measured for row in rows]
     return Held(
@@ -106,6 +113,7 @@ def held(experiment: Experiment, driver: str, rows: Sequence[Row]) -> Held:
         tuple(rows),
         _scores([row.simulated for row in rows], measured),
         _scores([row.handbook for row in rows], measured),
+        model_limits,
     )
 
 

@@ -8,13 +8,13 @@ import numpy as np
 
 from harness.core.encounter import Behaviour
 from harness.core.errors import InputError, unknown_name
-from harness.episode.arms import check_arms
+from harness.episode.arms import asks_model, check_arms
 from harness.episode.traffic.closed_forms import (
     critical_headway_s,
     group_headway_s,
     revised_hcm_delay_s,
 )
-from harness.model.interaction import load_model
+from harness.model.interaction import ModelUseCounter, load_model
 from harness.scenario import Options, Setting
 from harness.strategies.registry import find_strategy
 from harness.studies.validation.people import measured as shipped
@@ -27,7 +27,7 @@ from harness.studies.validation.people.scenes import (
     gap_scene,
     site_scenario,
 )
-from harness.studies.validation.people.simulating import Job, Outcome, simulate
+from harness.studies.validation.people.simulating import Job, Kind, Outcome, simulate
 from harness.studies.workers.execution import call_each
 from harness.studies.workers.pool import LocalPool, workers_for
 from harness.studies.workers.this_process import ThisProcess
@@ -159,7 +159,8 @@ def _held(
             rows.append(
                 Row(name, "", share, trials, *_share(found.values), contacts=found.contacts)
             )
-        yield held(shipped.FIRST if zebra else shipped.FIRST_WITHOUT_ZEBRA, driver, rows)
+        experiment = shipped.FIRST if zebra else shipped.FIRST_WITHOUT_ZEBRA
+        yield held(experiment, driver, rows, _model_limits(jobs, "first", driver))
     for driver in drivers:
         rows = [
             _wait_row(site, outcomes["waits", number, driver])
@@ -167,7 +168,20 @@ def _held(
             if ("waits", number, driver) in outcomes
         ]
         if rows:
-            yield held(shipped.WAITS, driver, rows)
+            yield held(shipped.WAITS, driver, rows, _model_limits(jobs, "waits", driver))
+
+
+def _model_limits(jobs: Sequence[Job], kind: Kind, driver: str) -> tuple[float, float] | None:
+    """The limits of the model's data, if the driver asks it for faster or farther vehicles."""
+    for job in jobs:
+        scenario = job.scene.scenario
+        if (job.kind, job.driver) == (kind, driver) and asks_model(scenario):
+            support = ModelUseCounter(load_model(scenario.model.name, scenario.model.path))
+            fastest_mps, farthest_m = support.speeds_mps[1], support.ranges_m[1]
+            ego = scenario.ego
+            if ego.initial_speed_mps > fastest_mps or ego.trigger_range_m > farthest_m:
+                return fastest_mps, farthest_m
+    return None
 
 
 def _gap_row(cell: GapCell, found: Outcome) -> Row:
