@@ -102,10 +102,10 @@ def validate(
     names = None if drivers is None else [name for name in drivers.split(",") if name]
     output = quiet, as_json, full
     if paths == [PEOPLE]:
-        refuse_with_people(**{"format": format_, "out": out, "folds": folds})
+        refuse_with_people(**{"format": format_, "folds": folds})
         amounts = {"trials": trials, "hours": hours, "seed": seed, "workers": workers}
         given = {key: value for key, value in amounts.items() if value is not None}
-        _people(behaviour, names, settings, given, not without_zebra, output)
+        _people(behaviour, names, settings, given, not without_zebra, out, output)
         return
     needed = {"behaviour": behaviour, "trials": trials, "hours": hours, "seed": seed}
     refuse_without(PEOPLE, False, **needed, workers=workers, **{"without-zebra": without_zebra})
@@ -141,9 +141,11 @@ def _people(
     settings: list[str] | None,
     given: dict[str, int],
     zebra: bool,
+    out: Path | None,
     output: tuple[bool, bool, bool],
 ) -> None:
     """Simulate the experiments with measured people and print the result."""
+    model_options.check_folder(out, "--out")
     from harness.report.screens.people_tables import print_people
     from harness.scenario import parse_setting
     from harness.studies.validation.people import validate_people
@@ -159,8 +161,20 @@ def _people(
             progress=advance,
             **given,
         )
+    written = list[Path]()
+    if out is not None:
+        from harness.report.pages.people_page import write_people
+
+        with unwinding():
+            written = write_people(findings, out)
+
+    def show() -> None:
+        print_people(findings, full)
+        for path in written:
+            print_line(f"Written: {path}")
+
     lines = [held.line for held in findings.held]
-    emit(quiet, as_json, findings.document, lines, lambda: print_people(findings, full))
+    emit(quiet, as_json, findings.document, written or lines, show)
 
 
 def _recorded(

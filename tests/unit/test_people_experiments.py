@@ -228,9 +228,13 @@ def test_a_driver_outside_the_data_of_its_model_is_named() -> None:
     assert line.startswith("first at a zebra: human_gmm: cars come faster than 8 m/s")
 
 
-def test_the_command_prints_people_or_refuses_in_one_line() -> None:
+def test_the_command_prints_people_or_refuses_in_one_line(tmp_path: Path) -> None:
     words = ["validate", "people", "--trials", "2", "--hours", "0", "--workers", "1"]
+    words += ["--out", str(tmp_path)]
     document = json.loads(printed(*words, "--json", "--without-zebra"))
+    assert json.loads((tmp_path / "people.json").read_text("utf-8")) == document
+    page = (tmp_path / "people.html").read_text("utf-8")
+    assert "counted from the open table of the HIKER" in page
     assert [held["experiment"]["key"] for held in document["held"]][-1] == "first_without_zebra"
     assert document["held"][-1]["scores"] is None
     for more, named in (
