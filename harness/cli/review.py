@@ -1,4 +1,4 @@
-"""The commands ``replay``, ``score``, ``compare``, ``worst`` and ``export`` for run folders."""
+"""The commands ``replay``, ``score``, ``compare`` and ``worst`` for run folders."""
 
 from functools import partial
 from pathlib import Path
@@ -291,19 +291,3 @@ def _worst_passages(folder: Path, by: str, most: int, quiet: bool, as_json: bool
         lines,
         lambda: print_table(make_console(), worst_table(rows, by)),
     )
-
-
-def export(
-    run_folder: options.RunArgument,
-    csv: Annotated[bool, typer.Option("--csv", help="Write every table as CSV.")] = False,
-    quiet: options.QuietOption = False,
-    as_json: options.JsonOption = False,
-) -> None:
-    """Write the tables of a run folder as CSV next to the originals."""
-    from harness.studies.runs.export import export_csv
-
-    if not csv:
-        raise InputError("export", "no format given", "--csv")
-    with unwinding():
-        files = [str(path) for path in export_csv(run_folder)]
-    emit(quiet, as_json, {"files": files}, files)

@@ -31,7 +31,7 @@ class RoadFrame:
     across_x: float
     across_y: float
 
-    def to_network(self, x_m: float, y_m: float) -> Point:
+    def to_network(self, x_m: Numbers, y_m: Numbers) -> tuple[Numbers, Numbers]:
         """Network coordinates (m) of a point of the road frame (m)."""
         return (
             self.origin_x_m + x_m * self.along_x + y_m * self.across_x,

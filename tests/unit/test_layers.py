@@ -112,11 +112,12 @@ def test_every_table_has_every_kind_of_run() -> None:
     from harness.report.pages.kinds import PARTS
     from harness.store.kinds import KINDS
     from harness.studies.batch.scoring import SCORERS
+    from harness.studies.export.scenes import SCENES
     from harness.studies.kinds.table import SIMULATIONS
     from harness.studies.runs.site_words import VEHICLE_WORDS
     from harness.studies.runs.views import VIEWS
 
-    for table in (SIMULATIONS, SCORERS, VEHICLE_WORDS, VIEWS, PARTS):
+    for table in (SIMULATIONS, SCORERS, VEHICLE_WORDS, VIEWS, SCENES, PARTS):
         assert table.keys() == KINDS.keys()
 
 

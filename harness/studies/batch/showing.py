@@ -6,7 +6,8 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.core.errors import HarnessError
+from harness.core.encounter import Arm
+from harness.core.errors import HarnessError, InputError
 from harness.core.files import cannot_write, write_file
 from harness.scenario import Options, hang_limit_s, read_scenario_file, study_of
 from harness.scenario.options import HANG_AFTER_S
@@ -17,7 +18,7 @@ from harness.studies.batch.experiment import resume, run_study
 from harness.studies.kinds.table import simulation_of
 from harness.studies.runs.opening import load_run
 from harness.studies.runs.run_data import RunData
-from harness.studies.runs.shown import MARGIN_S, missing_pairs, shown_folders
+from harness.studies.runs.shown import MARGIN_S, differences_in, missing_pairs, shown_folders
 from harness.studies.runs.simulation_choice import Key
 from harness.studies.runs.views import view_of
 from harness.studies.workers.execution import run_tasks
@@ -84,6 +85,44 @@ def write_shown_risk(folder: Path, page: Path | None = None) -> str:
     except HarnessError as error:
         return f"The likeliest events could not be simulated again: {error}."
     return ""
+
+
+def traced_pair(
+    run: RunData, cell: int, pair: int, arm: Arm
+) -> tuple[dict[str, pa.Table], tuple[str, ...] | None]:
+    """Return the tables of one arm of a pair, with its traces.
+
+    The pair is simulated again if the run kept no traces.
+
+    Returns:
+        The tables, and how the repeated arm differs from its record; None if it was not repeated.
+
+    Raises:
+        InputError: the cell or pair does not exist.
+        HarnessError: the pair could not be simulated.
+    """
+    if not 0 <= cell < len(run.study.cells):
+        raise InputError("--cell", f"{cell}", f"0 to {len(run.study.cells) - 1}")
+    kind = run.kind
+    pairs = run.rows_of_cell(cell)["pair"]
+    if not pc.is_in(pa.scalar(pair, pairs.type), pairs.combine_chunks()).as_py():
+        raise InputError("--pair", f"{pair}", f"0 to {pc.max(pairs).as_py()}")
+    names = dict.fromkeys((*kind.records, *kind.shown))
+    if run.kept_traces:
+        tables = {name: run.rows_of(name, cell, pair) for name in names}
+        return {name: _of_arm(table, arm) for name, table in tables.items()}, None
+    pool = LocalPool(1)
+    try:
+        tasks = run_tasks(pool, [_task(run, cell, pair)], lambda _event, **_details: None)
+        tables = dict(next(result for _, result in tasks).tables)
+    finally:
+        pool.stop()
+    differences = differences_in(run, (cell, pair), tables, arm)
+    return {name: _of_arm(tables[name], arm) for name in names}, differences
+
+
+def _of_arm(table: pa.Table, arm: Arm) -> pa.Table:
+    return table.filter(pc.equal(table["arm"], arm.value))
 
 
 def _task(run: RunData, cell: int, pair: int) -> Task:

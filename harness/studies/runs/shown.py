@@ -17,6 +17,7 @@ from harness.core.errors import InputError
 from harness.store.manifest import explained
 from harness.store.shards import DamagedShardError, Shard, read_shard, shard_name
 from harness.store.simulations.simulation_traces import has_passages, only_passages
+from harness.store.tables import Row
 from harness.studies.replay.stored import differences_of
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.simulation_choice import Key
@@ -105,7 +106,7 @@ def _shown(run: RunData, key: Key, reasons: tuple[str, ...], page: Path | None) 
         kept = _repeated(run.path, key, page)
         if kept is None or (passages is not None and not has_passages(kept, passages)):
             return None
-        tables, differences = kept, _differences(run, key, kept)
+        tables, differences = kept, differences_in(run, key, kept)
     if passages is not None:
         tables = only_passages(tables, passages)
     traces, people = (tables[name].to_pandas() for name in trace_names)
@@ -125,13 +126,19 @@ def _repeated(run: Path, key: Key, page: Path | None) -> dict[str, pa.Table] | N
     return None
 
 
-def _differences(run: RunData, key: Key, tables: dict[str, pa.Table]) -> tuple[str, ...]:
+def differences_in(
+    run: RunData, key: Key, tables: dict[str, pa.Table], arm: Arm | None = None
+) -> tuple[str, ...]:
+    """Return how a repeated pair differs from its record, in one arm or in both."""
+    arms = [each.value for each in (Arm if arm is None else (arm,))]
+
+    def rows(table: pa.Table) -> list[Row]:
+        return [row for row in table.to_pylist() if row["arm"] in arms]
+
     differences = tuple(
         difference
         for name in run.kind.records
-        for difference in differences_of(
-            name, tables[name].to_pylist(), run.rows_of(name, *key).to_pylist()
-        )
+        for difference in differences_of(name, rows(tables[name]), rows(run.rows_of(name, *key)))
     )
     try:
         scenario, model = run.scenario_of(key[0]), run.model_of(key[0])

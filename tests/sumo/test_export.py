@@ -1,0 +1,384 @@
+"""What ``harness export`` writes, read back by this file's own reader and by ASAM's checker.
+
+Positions are compared with the run's own traces, lanes with the exported road, and the place on the
+ground with the map's coordinates, through pyproj.
+"""
+
+import cmath
+import math
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+import pytest
+from pyproj import Proj
+
+from harness.core.encounter import Arm
+from harness.engine.network.build import run_netconvert
+from harness.engine.network.osm import convert
+from harness.engine.network.place import place_of
+from harness.scenario import Options, Scenario, ScenarioFile, study_of
+from harness.site import Place, read_network, read_site
+from harness.studies.batch.experiment import run_study
+from harness.studies.runs.opening import load_run
+from tests.batches import CHECKOUT, Inline, printed, refusal
+
+pytest.importorskip("scenariogeneration")
+
+OVERHANG = 0.2  # docs/export.md: the rear axle is a fifth of the length before the rear bumper
+
+
+@dataclass(frozen=True)
+class Read:
+    """An ``.xosc`` file: (time, x, y, heading) of each entity, and when it comes and goes."""
+
+    root: ElementTree.Element
+    states: dict[str, np.ndarray]
+    appears: dict[str, float]
+    leaves: dict[str, float]
+
+
+def places(element: ElementTree.Element) -> list[list[float]]:
+    found = element.iter("WorldPosition")
+    return [[float(place.get(key, "nan")) for key in "xyh"] for place in found]
+
+
+def read(path: Path) -> Read:
+    """What a simulator would do: every entity's places by the time since the act began."""
+    root = ElementTree.parse(path).getroot()
+    states: dict[str, np.ndarray] = {}
+    appears, leaves = dict[str, float](), dict[str, float]()
+    for private in root.iter("Private"):
+        name = private.get("entityRef", "")
+        states[name] = np.array([[0.0, *places(private)[0]]])
+        appears[name] = 0.0
+    for group in root.iter("ManeuverGroup"):
+        (actor,) = (each.get("entityRef", "") for each in group.iter("EntityRef"))
+        for event in group.iter("Event"):
+            (condition,) = event.iter("Condition")
+            (state,) = condition.iter("StoryboardElementStateCondition")
+            assert (state.get("storyboardElementRef"), state.get("state")) == (
+                "passage",
+                "runningState",
+            )
+            after_s = float(condition.get("delay", "nan"))
+            if event.find(".//AddEntityAction") is not None:
+                appears[actor] = after_s
+                states[actor] = np.array([[after_s, *places(event)[0]]])
+            elif event.find(".//DeleteEntityAction") is not None:
+                leaves[actor] = after_s
+            else:
+                (timing,) = event.iter("Timing")
+                assert timing.get("domainAbsoluteRelative") == "relative"
+                times = [after_s + float(v.get("time", "nan")) for v in event.iter("Vertex")]
+                moved = np.column_stack([times, places(event)])
+                assert moved[0, 1:] == pytest.approx(states[actor][0, 1:], abs=1e-6)
+                states[actor] = moved
+    return Read(root, states, appears, leaves)
+
+
+def front(read_back: Read, name: str = "ego") -> np.ndarray:
+    """Time, x and y of the middle of a vehicle's front bumper, from its bounding box."""
+    (entity,) = (e for e in read_back.root.iter("ScenarioObject") if e.get("name") == name)
+    centre, size = entity.find(".//Center"), entity.find(".//Dimensions")
+    assert centre is not None
+    assert size is not None
+    ahead = float(centre.get("x", "nan")) + float(size.get("length", "nan")) / 2
+    t, x, y, h = read_back.states[name].T
+    return np.column_stack([t, x + ahead * np.cos(h), y + ahead * np.sin(h)])
+
+
+def checked(path: Path) -> str:
+    """The summary of ASAM's checker on a file, which must have no issue."""
+    pytest.importorskip("qc_openscenario")
+    folder = path.parent
+    (folder / "checks.xml").write_text(
+        f'<Config><Param name="InputFile" value="{path}"/><CheckerBundle application="xoscBundle">'
+        '<Param name="resultFile" value="checked.xqar"/></CheckerBundle></Config>'
+    )
+    command = [sys.executable, "-m", "qc_openscenario", "-c", "checks.xml"]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    bundle = ElementTree.parse(folder / "checked.xqar").getroot().find("CheckerBundle")
+    assert bundle is not None
+    assert bundle.findall(".//Issue") == []
+    return bundle.get("summary", "")
+
+
+@dataclass(frozen=True)
+class LaneOf:
+    """A driving lane of an OpenDRIVE road's straight piece: its right-hand borders t from s = 0."""
+
+    begin: complex
+    along: complex
+    length_m: float
+    right_m: float
+    left_m: float
+
+
+def lanes_in(path: Path) -> list[LaneOf]:
+    lanes = []
+    for road in ElementTree.parse(path).getroot().iter("road"):
+        widths = sorted(
+            (-int(lane.get("id", "0")), lane.get("type"), float(width.get("a", "nan")))
+            for lane in road.iter("lane")
+            if (width := lane.find("width")) is not None
+        )
+        for piece in road.iter("geometry"):
+            curve = piece.find("paramPoly3")
+            if curve is not None and any(
+                abs(float(curve.get(k, "nan"))) > 1e-3 for k in ("aV", "bV", "cV", "dV")
+            ):
+                continue  # a turn; the way over the crosswalk is straight within 1 mm
+            x, y, hdg, length = (float(piece.get(k, "nan")) for k in ("x", "y", "hdg", "length"))
+            t = 0.0
+            for _, kind, width in widths:
+                if kind == "driving":
+                    lanes.append(LaneOf(complex(x, y), cmath.rect(1, hdg), length, t - width, t))
+                t -= width
+    return lanes
+
+
+def off_centre_m(lanes: list[LaneOf], point: complex, heading: float) -> float:
+    """Distance of a point from the nearest centre of a lane that it is on, in its direction."""
+    found = []
+    for lane in lanes:
+        there = (point - lane.begin) / lane.along
+        if abs(cmath.phase(cmath.rect(1, heading) / lane.along)) > 0.1:
+            continue
+        if (
+            -0.01 <= there.real <= lane.length_m + 0.01
+            and lane.right_m <= there.imag <= lane.left_m
+        ):
+            found.append(abs(there.imag - (lane.right_m + lane.left_m) / 2))
+    assert found, f"{point} is on no lane"
+    return min(found)
+
+
+def ran(tree: dict[str, object], folder: Path, *, traces: bool = True) -> Path:
+    study = study_of(ScenarioFile("flow", "test", tree, None, (), folder.parent))
+    return run_study(
+        study, Options(traces=traces, workers=1), out=folder, make_executor=Inline
+    ).path
+
+
+def exported(run: Path, out: Path, *words: object, form: str = "openscenario") -> Path:
+    printed("export", run, "--format", form, "--out", out, *words)
+    return out / "scenario.xosc"
+
+
+def stored(run: Path, pair: int, arm: Arm = Arm.AV) -> dict[str, pd.DataFrame]:
+    """The states of everybody in a pair, from the run's own table."""
+    rows = load_run(run).traces_of(0, pair)
+    kept = (rows["arm"] == arm.value) & ~rows["object"].str.startswith("shown-")
+    return dict([*rows[kept].groupby("object")])
+
+
+def assert_as_stored(back: Read, scenario: Scenario, rows: dict[str, pd.DataFrame]) -> int:
+    """Every stored state is in the file, within 1 cm and 1 ms; returns how many people are."""
+    frame = read_site(place_of(scenario)).frame
+    moved = {name: front(back) if name == "ego" else back.states[name][:, :3] for name in rows}
+    for name, states in rows.items():
+        t, x, y = (states[key].to_numpy() for key in ("time_s", "x_m", "y_m"))
+        wanted = np.column_stack(frame.to_network(x, y))
+        times = moved[name][:, 0]
+        nearest = np.abs(times[:, None] - t[None]).argmin(axis=0)
+        assert np.abs(times[nearest] - t).max() < 1e-3
+        assert np.abs(moved[name][nearest, 1:] - wanted).max() < 0.01
+    return sum(name.startswith("pedestrian") for name in rows)
+
+
+PEOPLE = {"flow_per_hour": 900.0, "first_at_trigger": True}
+
+
+@pytest.fixture(scope="module")
+def flow(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return ran(
+        {"experiment": {"pairs": 3}, "pedestrians": PEOPLE},
+        tmp_path_factory.mktemp("export") / "flow",
+    )
+
+
+def test_a_pair_as_openscenario(flow: Path, tmp_path: Path) -> None:
+    path = exported(flow, tmp_path / "out", "--pair", 1)
+    back, rows = read(path), stored(flow, 1)
+    assert assert_as_stored(back, load_run(flow).scenario_of(0), rows) > 1
+    lanes = lanes_in(path.parent / "road.xodr")
+    for _, x, y, h in back.states["ego"]:
+        assert off_centre_m(lanes, complex(x, y), h) < 0.001
+    # 17 rules of version 1.2 and before; a road that cannot be read makes one of them skipped.
+    assert "17 checker(s) are completed. 0 checker(s) are skipped" in checked(path)
+    # People walk across: at right angles to the road here.
+    along = back.states["ego"][0, 3]
+    for name, states in back.states.items():
+        if name.startswith("pedestrian") and len(states) > 1:
+            assert abs(math.cos(states[0, 3] - along)) < 1e-6
+
+
+def test_people_are_there_from_their_arrival_to_the_other_kerb(flow: Path, tmp_path: Path) -> None:
+    back = read(exported(flow, tmp_path / "out", "--pair", 1))
+    people = load_run(flow).pedestrians
+    people = people[(people["pair"] == 1) & (people["arm"] == "av")]
+    assert {f"pedestrian-{index}" for index in people["index"]} == {*back.states} - {"ego"}
+    for row in people.to_dict("records"):
+        name = f"pedestrian-{row['index']}"
+        assert back.appears[name] == pytest.approx(row["arrival_s"], abs=1e-6)
+        if not math.isnan(row["start_s"]):
+            assert back.states[name][0, 0] == pytest.approx(row["start_s"], abs=1e-6)
+        if not math.isnan(row["cleared_s"]):
+            assert back.leaves[name] == pytest.approx(row["cleared_s"], abs=1e-6)
+
+
+def test_a_free_ego_starts_at_r0_and_everybody_waits_for_it(flow: Path, tmp_path: Path) -> None:
+    path = exported(flow, tmp_path / "free", "--pair", 1, "--ego", "free")
+    back, scenario = read(path), load_run(flow).scenario_of(0)
+    ego, frame = scenario.vehicle(), read_site(place_of(scenario)).frame
+    assert len(back.states["ego"]) == 1
+    lane_m = scenario.crosswalk().lane_centre_m
+    start = frame.to_network(-ego.trigger_range_m, lane_m)
+    assert front(back)[0, 1:] == pytest.approx(start, abs=1e-5)
+    (speed,) = (
+        each.get("value")
+        for private in back.root.iter("Private")
+        if private.get("entityRef") == "ego"
+        for each in private.iter("AbsoluteTargetSpeed")
+    )
+    assert float(speed) == ego.initial_speed_mps
+    # The act begins where the rear axle of an ego at R0 is; not a centimetre earlier.
+    (act,) = back.root.iter("Act")
+    (near,) = act.iter("DistanceCondition")
+    (place,) = places(near)
+    away = math.dist(place[:2], back.states["ego"][0, 1:3])
+    assert 0 < float(near.get("value", "nan")) - away < 0.01
+    # People are as recorded, and they walk on to the other kerb.
+    whole = read(exported(flow, tmp_path / "recorded", "--pair", 1))
+    for name in {*whole.states} - {"ego"}:
+        count = len(whole.states[name]) - (name not in whole.leaves)
+        assert back.states[name][:count] == pytest.approx(whole.states[name][:count], abs=1e-6)
+        assert name in back.leaves or len(back.states[name]) == 1
+    assert "0 checker(s) are skipped" in checked(path)
+
+
+def test_the_same_pair_gives_the_same_bytes_simulated_again_or_not(
+    flow: Path, tmp_path: Path
+) -> None:
+    again = ran(
+        {"experiment": {"pairs": 3}, "pedestrians": PEOPLE},
+        tmp_path / "run",
+        traces=False,
+    )
+    one, other = tmp_path / "one", tmp_path / "other"
+    exported(flow, one, "--pair", 1)
+    text = printed("export", again, "--format", "openscenario", "--out", other, "--pair", 1)
+    assert "simulated again; the record is identical to the stored record" in text
+    names = sorted(path.name for path in one.iterdir())
+    assert names == ["road.xodr", "scenario.xosc"]
+    for name in names:
+        assert (one / name).read_bytes() == (other / name).read_bytes()
+
+
+def skewed(net: Path, folder: Path) -> Path:
+    """A network whose first crosswalk meets its road at 75 degrees."""
+    network = read_network(net)
+    (edge,) = network.crossings
+    crossing = network.crossings[edge]
+    site = read_site(Place(net, edge))
+    frame, half = site.frame, site.length_m / 2
+    slope = half / math.tan(math.radians(75.0))
+    ends = [frame.to_network(slope * side, half + half * side) for side in (-1.0, 1.0)]
+    edges = " ".join(each.getID() for each in crossing.getCrossingEdges())
+    shape = " ".join(f"{x:.6f},{y:.6f}" for x, y in ends)
+    node = f'node="{crossing.getToNode().getID()}" edges="{edges}"'
+    for number, what in enumerate(('discard="true"', f'width="4" priority="true" shape="{shape}"')):
+        table = folder / f"{number}.con.xml"
+        table.write_text(f"<connections><crossing {node} {what}/></connections>")
+        target = folder / f"skew-{number}.net.xml"
+        words = ["-s", str(net.absolute()), "-x", table.name, "-o", target.name]
+        run_netconvert([*words, "--precision", "6"], folder)
+        net = target
+    return net
+
+
+def test_a_skewed_crosswalk_of_a_map_on_the_ground(tmp_path: Path) -> None:
+    net = skewed(convert(CHECKOUT / "examples/maps/zebra.osm", tmp_path).net, tmp_path)
+    (edge,) = read_network(net).crossings
+    box = {"x_m": -8.0, "y_m": -1.5, "length_m": 4.0, "width_m": 2.0}
+    tree = {
+        "crossing": {"net": str(net), "edge": edge, "obstacles": [box]},
+        "experiment": {"pairs": 1},
+        "pedestrians": PEOPLE,
+    }
+    run = ran(tree, tmp_path / "run")
+    path = exported(run, tmp_path / "out", "--pair", 0)
+    scenario, back = load_run(run).scenario_of(0), read(path)
+    read_section = scenario.crossing.read
+    assert read_section is not None
+    assert read_section.angle_deg == pytest.approx(75.0, abs=0.01)
+    assert assert_as_stored(back, scenario, stored(run, 0)) > 0
+    lanes = lanes_in(path.parent / "road.xodr")
+    for _, x, y, h in back.states["ego"]:
+        assert off_centre_m(lanes, complex(x, y), h) < 0.01
+    along = cmath.rect(1, back.states["ego"][0, 3])
+    walked = back.states["pedestrian-0"]
+    across = complex(*(walked[-1] - walked[0])[1:3]) / along
+    assert abs(abs(math.degrees(cmath.phase(across))) - 90) == pytest.approx(15.0, abs=0.05)
+    assert cmath.rect(1, walked[0, 3]) == pytest.approx(across * along / abs(across), abs=1e-6)
+    # The obstacle stands on the near side: on the right of the ego's lane, before the crosswalk.
+    obstacle = complex(*back.states["obstacle-0"][0, 1:3])
+    ego = complex(*front(back)[0, 1:3])
+    assert ((obstacle - ego) / along).imag < -2
+    assert "0 checker(s) are skipped" in checked(path)
+    # The header's offset leads from the file's coordinates to the map's: node 2 at 42.3, -83.7.
+    header = ElementTree.parse(path.parent / "road.xodr").getroot().find("header")
+    assert header is not None
+    offset, projection = header.find("offset"), header.find("geoReference")
+    assert offset is not None
+    assert projection is not None
+    assert projection.text is not None
+    middle = read_site(place_of(scenario)).frame.to_network(0.0, scenario.crossing.length_m / 2)
+    x, y = (float(offset.get(k, "nan")) + at for k, at in zip("xy", middle, strict=True))
+    lon, lat = Proj(projection.text.strip())(x, y, inverse=True)
+    assert (lat, lon) == pytest.approx((42.3, -83.7), abs=1e-6)  # 0.1 m
+
+
+def test_trajectories_as_a_table(flow: Path, tmp_path: Path) -> None:
+    exported(flow, tmp_path / "out", "--pair", 1, "--arm", "human", form="trajectories")
+    table = pd.read_csv(tmp_path / "out" / "trajectories.csv")
+    frame = read_site(place_of(load_run(flow).scenario_of(0))).frame
+    for name, rows in stored(flow, 1, Arm.HUMAN).items():
+        kept = table[table["object"] == name].merge(
+            rows.assign(time_s=rows["time_s"].round(6)), on="time_s"
+        )
+        assert len(kept) == len(rows)
+        assert kept["road_x_m"].to_numpy() == pytest.approx(kept["x_m"], abs=1e-6)
+        assert kept["road_y_m"].to_numpy() == pytest.approx(kept["y_m"], abs=1e-6)
+        assert kept["speed_mps_x"].to_numpy() == pytest.approx(kept["speed_mps_y"], abs=1e-6)
+        x, y = frame.to_network(kept["x_m"].to_numpy(), kept["y_m"].to_numpy())
+        assert kept["network_x_m"].to_numpy() == pytest.approx(x, abs=1e-6)
+        assert kept["network_y_m"].to_numpy() == pytest.approx(y, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--format openscenario --out new", "--pair"),
+        ("--format openscenario --pair 1", "--out"),
+        ("--format openscenario --pair 9 --out new", "0 to 2"),
+        ("--format openscenario --pair 1 --cell 4 --out new", "0 to 0"),
+        ("--format openscenario --pair 1 --vehicle 3 --out new", "--vehicle 3"),
+        ("--format commonroad --pair 1 --out new", "openscenario"),
+        ("--format trajectories --pair 1 --ego free --out new", "openscenario"),
+        ("--format trajectories --csv", "one of the two"),
+        ("--pair 1", "--format"),
+    ],
+)
+def test_refusals_write_nothing(
+    flow: Path, tmp_path: Path, monkeypatch, words: str, said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = refusal("export", flow, *words.split())
+    assert said in text
+    assert [*tmp_path.iterdir()] == []
