@@ -69,7 +69,11 @@ SPEED_ROUNDING = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """The ego's constants in m, m/s and m/s²; decelerations are positive numbers."""
+    """What the ego is and can do, in m, m/s and m/s²; decelerations are positive numbers.
+
+    Its limits are those on this road.  A command acts after ``dead_time_s``; then the acceleration
+    follows it with the lag ``lag_s``, at most ``max_jerk_mps3`` per second (``[actuation]``).
+    """
 
     initial_speed_mps: float
     trigger_range_m: float
@@ -79,6 +83,14 @@ class Vehicle:
     max_acceleration_mps2: float
     max_deceleration_mps2: float
     resume_acceleration_mps2: float
+    dead_time_s: float = 0.0
+    lag_s: float = 0.0
+    max_jerk_mps3: float | None = None
+
+    @property
+    def obeys_at_once(self) -> bool:
+        """Whether the acceleration is the commanded one from the command on."""
+        return not self.dead_time_s and not self.lag_s and self.max_jerk_mps3 is None
 
     def free_pass_time_s(self, crossing: "Crossing") -> float:
         """Time in s from the trigger until the rear bumper passes the far edge, driving at v0."""

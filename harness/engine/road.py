@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from harness.core.encounter import Arrival, Crossing
+from harness.core.encounter import Arrival, Crossing, Vehicle
 from harness.core.errors import EngineError
 from harness.engine.control import SPEED_MODE_OWN, limit_speed, set_green
 from harness.engine.people import WALKER, HeldPeople
@@ -143,6 +143,13 @@ class SumoRoad:
         if self._ignored:
             self._api.vehicle.setParameter(name, "junctionModel.ignoreTypes", self._ignored[lane])
         self._names.add(name)
+
+    def limit(self, name: str, vehicle: Vehicle) -> None:
+        """Give a vehicle other limits of accelerating and braking than its type's."""
+        api = self._api.vehicle
+        api.setAccel(name, vehicle.resume_acceleration_mps2)
+        api.setDecel(name, vehicle.max_deceleration_mps2)
+        api.setEmergencyDecel(name, vehicle.max_deceleration_mps2)
 
     def step(self, places: Sequence[tuple[int, float]]) -> Sequence[str]:
         """Advance one step.

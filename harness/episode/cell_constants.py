@@ -1,8 +1,9 @@
 """The constants of all episodes of a cell."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from harness.core.encounter import Behaviour, Crossing, Vehicle
+from harness.core.encounter import Arm, Behaviour, Crossing, Vehicle
 from harness.scenario import Scenario, ThresholdSection
 
 
@@ -25,13 +26,15 @@ class CellConstants:
     """The weights of the decision, with behaviour ``threshold``."""
     types: tuple[Vehicle, ...] = ()
     """The vehicle of each type of an hour's vehicle mix; empty if all are ``vehicle``."""
+    driven: Mapping[tuple[Arm, bool], tuple[Vehicle, ...]] = field(default_factory=dict)
+    """The same by driver and whether it is oncoming, if these differ (late, or on a slope)."""
 
 
-def constants_of(scenario: Scenario) -> CellConstants:
-    """The constants of a scenario."""
+def constants_of(scenario: Scenario, driver: Arm | None = None) -> CellConstants:
+    """The constants of a scenario; with a driver, ``vehicle`` is that driver's."""
     pedestrians, experiment = scenario.pedestrians, scenario.experiment
     return CellConstants(
-        vehicle=scenario.vehicle(),
+        vehicle=scenario.vehicle(driver),
         crossing=scenario.crosswalk(),
         kerb_wait_s=pedestrians.kerb_wait_s,
         step_s=experiment.step_s,
@@ -39,4 +42,15 @@ def constants_of(scenario: Scenario) -> CellConstants:
         behaviour=pedestrians.behaviour,
         threshold=pedestrians.threshold,
         types=scenario.vehicles() if scenario.traffic and scenario.traffic.types else (),
+        driven=_driven(scenario),
     )
+
+
+def _driven(scenario: Scenario) -> Mapping[tuple[Arm, bool], tuple[Vehicle, ...]]:
+    if scenario.traffic is None or (scenario.actuation.is_off and not scenario.crossing.grade):
+        return {}
+    return {
+        (driver, oncoming): scenario.vehicles(driver, oncoming=oncoming)
+        for driver in Arm
+        for oncoming in (False, True)
+    }

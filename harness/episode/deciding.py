@@ -14,7 +14,7 @@ def limited(answer: object, vehicle: Vehicle, time_s: float) -> float:
     """A strategy's command in m/s², within the vehicle's limits.
 
     Raises:
-        StrategyError: the command is not a number.
+        StrategyError: the command is not a number; SUMO cannot drive a vehicle that obeys late.
     """
     wanted = answer if type(answer) is float else _as_float(answer)
     if wanted > vehicle.max_acceleration_mps2:
@@ -23,7 +23,8 @@ def limited(answer: object, vehicle: Vehicle, time_s: float) -> float:
         return -vehicle.max_deceleration_mps2
     if wanted == wanted:
         return wanted
-    raise StrategyError(f"the strategy returned {answer!r} at t = {time_s:.3f} s")
+    late = "" if vehicle.obeys_at_once else ": with [actuation] it has to drive itself"
+    raise StrategyError(f"the strategy returned {answer!r} at t = {time_s:.3f} s{late}")
 
 
 def strategy_raised(error: BaseException, time_s: float) -> StrategyError:

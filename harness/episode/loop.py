@@ -9,6 +9,7 @@ from collections.abc import Generator, Iterator, Sequence
 
 import numpy as np
 
+from harness.core.actuation import actuator_of
 from harness.core.encounter import (
     Arrival,
     Crossing,
@@ -214,7 +215,8 @@ class Episode:
         the engine's own driver drives) and returns the ending.
 
         Raises:
-            EngineError: the engine failed, or the command is not a number.
+            EngineError: the engine failed, or the command is not a number (a vehicle that obeys
+                late needs one).
         """
         rules, engine = self.rules, self.engine
         vehicle, crossing, step = rules.vehicle, rules.crossing, rules.step_s
@@ -230,6 +232,7 @@ class Episode:
         note_x(x)
         note_speed(speed)
         ego.at(x, speed, 0.0)
+        actuator = actuator_of(vehicle, step, speed)
         crowd.advance(0.0, 0.0)
         then = 0.0
         for n in range(steps):
@@ -248,16 +251,19 @@ class Episode:
             view = quick_tuple(EgoView, (-x, speed, acceleration))
             wanted = yield quick_tuple(Observation, (now, step, view, vehicle, crossing, seen))
             target = None
-            if wanted is None:
+            if wanted is None and actuator is None:
                 # The acceleration of the engine's driver is known only afterwards.  Until then the
                 # acceleration of the last step is assumed, but no speed below 0.
                 acceleration = max(acceleration, -speed / step)
             else:
                 if type(wanted) is not float or not least <= wanted <= most:
                     wanted = limited(wanted, vehicle, now)
-                target = speed + wanted * step
-                if target < 0:
-                    target = 0.0
+                if actuator is None:
+                    target = speed + wanted * step
+                    if target < 0:
+                        target = 0.0
+                else:
+                    target = actuator.speed_after(wanted, speed)
                 acceleration = (target - speed) / step
             # Pedestrians who arrive within this step see the ego's state at their arrival.
             if crowd.next_s <= then:

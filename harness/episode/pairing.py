@@ -58,7 +58,7 @@ class PairRunner:
     ) -> None:
         self._scenario, self._model, self._get_engine = scenario, model, get_engine
         self._engine: Engine | None = None
-        self._rules = constants_of(scenario)
+        self._rules = {arm: constants_of(scenario, arm) for arm in Arm}
         self._sensors = {arm: sensor_of(scenario, arm) for arm in Arm}
         self._speeds_by = cache(lambda model: WalkingSpeeds(scenario, model))
         self.decisions_s: list[float] | None = None
@@ -102,7 +102,7 @@ class PairRunner:
 
     def hung(self, arm: Arm, pair: int, reason: str) -> Outcome:
         """The outcome of an episode whose strategy did not answer in time."""
-        trace = failed_episode(StrategyError(reason), self._rules)
+        trace = failed_episode(StrategyError(reason), self._rules[arm])
         return Outcome(pair, arm, self._scenario.arms.driver(arm), measure([trace])[0], trace)
 
     def key(self, arm: Arm, pair: int) -> EpisodeKey:
@@ -141,7 +141,7 @@ class PairRunner:
         people = self._people(pair)
         perception = self._perception(Arm.AV, people)
         speeds = self._speeds_of(pair)
-        return Episode(self._engine, people.arrivals, speeds, self._rules, perception)
+        return Episode(self._engine, people.arrivals, speeds, self._rules[Arm.AV], perception)
 
     def run_arm(
         self,
@@ -197,11 +197,11 @@ class PairRunner:
             )
         except (Exception, SystemExit) as error:
             what = f"the strategy could not be made: {in_one_line(error)}"
-            return failed_episode(StrategyError(what, error), self._rules)
+            return failed_episode(StrategyError(what, error), self._rules[arm])
         perception = self._perception(arm, people)
         speeds = self._speeds_of(pair)
         speeds.model_use.begin()
-        episode = Episode(self._engine, people.arrivals, speeds, self._rules, perception)
+        episode = Episode(self._engine, people.arrivals, speeds, self._rules[arm], perception)
         begins(pair, arm, episode)
         driver = strategy if decisions is None else RecordingStrategy(strategy, decisions)
         if self.decisions_s is not None:

@@ -2,15 +2,16 @@
 
 import math
 from collections.abc import Callable, Iterator
-from functools import partial
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
-from harness.core.encounter import FloatArray
+from harness.core.actuation import CarState, response
+from harness.core.encounter import FloatArray, Trace, Vehicle
 from harness.measures.chunk import Chunk
 from harness.measures.contacts import Strike
-from harness.measures.ego import ego_state
+from harness.measures.ego import ego_state, motion_within
 from harness.measures.motion.contact import Motion, first_contact_in_step
 
 ATTENTIVE_DELAY_S = 0.4 + 0.75
@@ -23,7 +24,7 @@ ATTENTIVE_BRAKING_MPS2 = 0.774 * 9.80665
 """Their greatest deceleration (UN Regulation 157, annex 3)."""
 
 _PIECE_S = 0.01
-"""Longest piece of constant acceleration while the deceleration grows."""
+"""Longest piece of constant acceleration while the deceleration changes."""
 
 
 class _Piece(NamedTuple):
@@ -33,19 +34,21 @@ class _Piece(NamedTuple):
     motion: Motion
 
 
-_Drive = Callable[[float, float, float], Iterator[_Piece]]
-"""The pieces of a drive from a time (s), a position of the bumper (m) and a speed (m/s) on."""
+_Drive = Callable[[Trace, float], Iterator[_Piece]]
+"""The pieces of a drive in the ego of a trace, which begins at a time (s)."""
 
 
 def avoidable(chunk: Chunk) -> FloatArray:
     """1 if full braking from the moment of stepping off would have prevented the contact.
 
     The ego brakes at ``max_deceleration_mps2`` from its state at that moment until it stands, and
-    stays there.  The pedestrian walks as in the run, all the way across.  The value is 0 if they
-    would still touch, even if the ego stands at that time. It is NaN if there was no contact.
+    stays there.  An ego that obeys late (``[actuation]``) is commanded to do so at that moment: it
+    moves as in the run until the dead time ends, and then as its lag and its jerk let it, in pieces
+    of constant acceleration of at most 10 ms.  The pedestrian walks as in the run, all the way
+    across.  The value is 0 if they would still touch, even if the ego stands at that time.  It is
+    NaN if there was no contact.
     """
-    braking = chunk.vehicle.max_deceleration_mps2
-    return _prevented(chunk, partial(_braking, deceleration_mps2=braking))
+    return _prevented(chunk, _full_braking)
 
 
 def avoidable_attentive(chunk: Chunk) -> FloatArray:
@@ -59,8 +62,7 @@ def avoidable_attentive(chunk: Chunk) -> FloatArray:
 
     Source: UN Regulation 157: the competent and careful human driver.
     """
-    braking = min(ATTENTIVE_BRAKING_MPS2, chunk.vehicle.max_deceleration_mps2)
-    return _prevented(chunk, partial(_attentive, deceleration_mps2=braking))
+    return _prevented(chunk, _attentive)
 
 
 def _prevented(chunk: Chunk, drive: _Drive) -> FloatArray:
@@ -82,10 +84,35 @@ def _braking(
     yield _Piece(begin_s + stops_after_s, Motion(motion.at(stops_after_s), 0.0))
 
 
-def _attentive(
-    begin_s: float, x_m: float, speed_mps: float, deceleration_mps2: float
-) -> Iterator[_Piece]:
+def _full_braking(trace: Trace, begin_s: float) -> Iterator[_Piece]:
+    """Full braking, commanded at ``begin_s``."""
+    vehicle = trace.vehicle
+    braking = vehicle.max_deceleration_mps2
+    if vehicle.obeys_at_once:
+        return _braking(begin_s, *ego_state(trace, begin_s), braking)
+    acts_s = min(begin_s + vehicle.dead_time_s, (len(trace.x_m) - 1) * trace.step_s)
+    recorded = [_Piece(*piece) for piece in motion_within(trace, begin_s, acts_s)]
+    gain = recorded[-1].motion.acceleration_mps2 if recorded else 0.0
+    x, speed = ego_state(trace, acts_s)
+    return chain(recorded, _obeying(acts_s, x, CarState(speed, gain), vehicle))
+
+
+def _obeying(begin_s: float, x_m: float, state: CarState, vehicle: Vehicle) -> Iterator[_Piece]:
+    """The response to full braking, until the ego stands."""
+    braking, number = vehicle.max_deceleration_mps2, 0
+    while state.speed_mps > 0:
+        after = response(state, -braking, _PIECE_S, vehicle)
+        gain = (after.speed_mps - state.speed_mps) / _PIECE_S
+        motion = Motion(x_m, state.speed_mps, gain)
+        yield _Piece(begin_s + number * _PIECE_S, motion)
+        x_m, state, number = motion.at(_PIECE_S), after, number + 1
+    yield _Piece(begin_s + number * _PIECE_S, Motion(x_m, 0.0))
+
+
+def _attentive(trace: Trace, begin_s: float) -> Iterator[_Piece]:
     """The attentive driver: constant speed, growing deceleration, constant deceleration."""
+    x_m, speed_mps = ego_state(trace, begin_s)
+    deceleration_mps2 = min(ATTENTIVE_BRAKING_MPS2, trace.vehicle.max_deceleration_mps2)
     yield _Piece(begin_s, Motion(x_m, speed_mps))
     begin_s, x_m = begin_s + ATTENTIVE_DELAY_S, x_m + speed_mps * ATTENTIVE_DELAY_S
     jerk = ATTENTIVE_JERK_MPS3
@@ -108,7 +135,7 @@ def _still_hit(chunk: Chunk, number: int, strike: Strike, drive: _Drive) -> bool
     legs_of_struck = np.flatnonzero(legs.walk == strike.walk)
     # If the pedestrian stepped off before the trace began, the drive begins with the trace.
     begin = max(0.0, float(legs.begin_s[legs_of_struck[0]]))
-    pieces = [*drive(begin, *ego_state(chunk.traces[number], begin))]
+    pieces = [*drive(chunk.traces[number], begin)]
     ends = [piece.begin_s for piece in pieces[1:]] + [math.inf]
     for leg in legs_of_struck.tolist():
         leg_begin, leg_end = float(legs.begin_s[leg]), float(legs.end_s[leg])

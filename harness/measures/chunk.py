@@ -17,7 +17,7 @@ from harness.measures.steps import Legs, Rows, legs_of, rows_of
 class Chunk:
     """Traces with the same vehicle, crossing and step, and arrays computed from them.
 
-    ``vehicle`` is the first trace's; v0 and the trigger range may differ.
+    ``vehicle`` is the first trace's; v0, the trigger range and the actuation may differ.
 
     Arrays have one entry for each episode unless stated otherwise.
     """

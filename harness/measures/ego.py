@@ -4,13 +4,14 @@ Within a step the acceleration or the speed is constant (``Trace.motion``), so b
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.encounter import FloatArray, Trace
+from harness.measures.motion.contact import Motion
 
 IntArray = NDArray[np.int64]
 
@@ -64,6 +65,17 @@ def ego_state(trace: Trace, time_s: float) -> tuple[float, float]:
     x, (speed, after) = float(trace.x_m[step]), _speeds(trace, step)
     acceleration = (after - speed) / trace.step_s
     return x + speed * elapsed + acceleration * elapsed**2 / 2, speed + acceleration * elapsed
+
+
+def motion_within(trace: Trace, begin_s: float, end_s: float) -> Iterator[tuple[float, Motion]]:
+    """The recorded motion between two times of a trace: when each piece begins, and the piece."""
+    step = int(begin_s / trace.step_s + 1e-9)
+    while begin_s < end_s - 1e-9:
+        x, speed = ego_state(trace, begin_s)
+        before, after = _speeds(trace, step)
+        yield begin_s, Motion(x, speed, (after - before) / trace.step_s)
+        step += 1
+        begin_s = step * trace.step_s
 
 
 def _speeds(trace: Trace, step: int) -> tuple[float, float]:

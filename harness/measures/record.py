@@ -71,7 +71,7 @@ def measure(traces: Sequence[Trace]) -> list[EpisodeRecord]:
 
     Args:
         traces: traces with the same vehicle, crossing and step (a chunk of one cell).  v0 and the
-            trigger range of the vehicle may differ.
+            trigger range of the vehicle may differ, and how late it obeys.
     """
     if not traces:
         return []

@@ -2,7 +2,7 @@
 
 import math
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, Crossing, Side
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, Side
 from harness.core.errors import InputError
 from harness.scenario.people_consistency import check_pedestrians, check_quarters
 from harness.scenario.scenario import Scenario
@@ -10,6 +10,9 @@ from harness.scenario.sections import ROUNDING_M, PerceptionSection
 from harness.scenario.sight import check_sight, check_steps, remarks_on_sight
 from harness.scenario.traffic import TrafficSection, by_quarter
 from harness.site.site import Passed
+
+SUMO_DRIVER = "sumo_driver"
+"""The strategy that lets SUMO's own driver drive."""
 
 WIDEST_USUAL_LANE_M = 6.0
 """A wider lane gets a remark, because users may enter the width of two lanes as that of one."""
@@ -50,6 +53,7 @@ def check_consistency(scenario: Scenario, source: str) -> None:
     if scenario.traffic is not None:
         _check_traffic(scenario, scenario.traffic, source)
     check_sight(scenario, source)
+    _check_car(scenario, source)
 
 
 def remarks(scenario: Scenario) -> list[str]:
@@ -145,6 +149,23 @@ def _widest(scenario: Scenario) -> tuple[str, float]:
     ] or ["ego.width_m"]
     widths = [vehicle.width_m for vehicle in scenario.vehicles()]
     return max(zip(keys, widths, strict=True), key=lambda pair: pair[1])
+
+
+def _check_car(scenario: Scenario, source: str) -> None:
+    """Refuse roads on which a vehicle cannot brake or drive, and SUMO's driver in a late one."""
+    grade = scenario.crossing.grade
+    for oncoming in [False] if scenario.traffic is None else [False, True]:
+        for vehicle in scenario.vehicles(oncoming=oncoming):
+            limits = (vehicle.max_deceleration_mps2, vehicle.max_acceleration_mps2)
+            for limit, what in zip(limits, ("brake", "drive on"), strict=True):
+                if limit <= 0:
+                    problem = f"with {grade:g} a vehicle could not {what}: {limit:.3g} m/s²"
+                    allowed = "a flatter road, or more crossing.friction"
+                    raise InputError(f"{source}: crossing.grade", problem, allowed)
+    for driver in Arm:
+        if scenario.arms.driver(driver) == SUMO_DRIVER and scenario.actuation.applies_to(driver):
+            problem = f"is not supported with arms.{driver} = {SUMO_DRIVER}: SUMO drives it"
+            raise InputError(f"{source}: actuation", problem, "another strategy")
 
 
 def check_time_out(scenario: Scenario, source: str) -> None:

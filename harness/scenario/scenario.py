@@ -1,12 +1,14 @@
 """The whole scenario, and the quantities that follow from several of its keys."""
 
 import math
+from dataclasses import replace
 
 from pydantic import Field, JsonValue
 
-from harness.core.encounter import Crossing, Leg, Side, Vehicle
+from harness.core.encounter import Arm, Crossing, Leg, Side, Vehicle
 from harness.core.errors import InputError
 from harness.measures.motion.walking import timed_path
+from harness.scenario.actuation import ActuationSection, on_road
 from harness.scenario.people import PedestriansSection, TimedSection
 from harness.scenario.sections import (
     ArmsSection,
@@ -31,6 +33,7 @@ class Scenario(Section):
     ego: EgoSection = EgoSection()
     pedestrians: PedestriansSection = PedestriansSection()
     perception: PerceptionSection = PerceptionSection()
+    actuation: ActuationSection = ActuationSection()
     model: ModelSection = ModelSection()
     arms: ArmsSection = ArmsSection()
     strategies: dict[str, dict[str, JsonValue]] = Field(default_factory=dict)
@@ -92,21 +95,35 @@ class Scenario(Section):
             flows += [self.traffic.flow_per_hour, self.traffic.oncoming_per_hour]
         return any(len(by_quarter(flow)) > 1 for flow in flows)
 
-    def vehicle(self) -> Vehicle:
-        """The ego's constants; the detection range defaults to the trigger range."""
-        return _vehicle(self.ego)
+    def vehicle(self, driver: Arm | None = None) -> Vehicle:
+        """The ego's constants on this road; the detection range defaults to the trigger range.
 
-    def vehicles(self) -> tuple[Vehicle, ...]:
+        With a driver the vehicle obeys as late as that driver's does.
+        """
+        return self.late(on_road(_vehicle(self.ego), self.crossing), driver)
+
+    def vehicles(self, driver: Arm | None = None, *, oncoming: bool = False) -> tuple[Vehicle, ...]:
         """The vehicle of each type of ``[[traffic.types]]``; only the ego if there is no mix."""
         types = () if self.traffic is None else self.traffic.types
-        return tuple(_vehicle(kind.vehicle_of(self.ego)) for kind in types) or (self.vehicle(),)
+        egos = [kind.vehicle_of(self.ego) for kind in types] or [self.ego]
+        limited = (on_road(_vehicle(ego), self.crossing, oncoming=oncoming) for ego in egos)
+        return tuple(self.late(vehicle, driver) for vehicle in limited)
 
-    def vehicle_of_type(self, name: str | None) -> Vehicle:
+    def vehicle_of_type(
+        self, name: str | None, driver: Arm | None = None, *, oncoming: bool = False
+    ) -> Vehicle:
         """The vehicle of the type with that name; the ego if the name is None."""
-        if name is None:
-            return self.vehicle()
-        names = [kind.name for kind in self.known_traffic.types]
-        return self.vehicles()[names.index(name)]
+        number = 0
+        if name is not None:
+            number = [kind.name for kind in self.known_traffic.types].index(name)
+        return self.vehicles(driver, oncoming=oncoming)[number]
+
+    def late(self, vehicle: Vehicle, driver: Arm | None) -> Vehicle:
+        """A vehicle with the dead time, lag and jerk of a driver's vehicle."""
+        actuation = self.actuation
+        if driver is None or not actuation.applies_to(driver):
+            return vehicle
+        return replace(vehicle, **actuation.model_dump(exclude={"human"}))
 
     @property
     def longest_vehicle_m(self) -> float:

@@ -141,6 +141,12 @@ class CrossingSection(Section):
     """Speed limit for SUMO's own driver and for SUMO's outputs; if not given, v0."""
     obstacles: Annotated[tuple[ObstacleSection, ...], Field(strict=False)] = ()
     """Parked cars, hedges and the like that hide pedestrians."""
+    grade: Annotated[float, Field(ge=-0.4, le=0.4)] = 0.0
+    """Rise over run in the ego's direction, positive uphill; it changes how hard vehicles can brake
+    and accelerate, in both arms."""
+    friction: Annotated[float, Field(gt=0, le=2)] | None = None
+    """Friction coefficient of tyre and road, which limits braking and accelerating, in both arms;
+    if not given, only the vehicle limits them."""
 
     @property
     def width_of_lane_m(self) -> float:

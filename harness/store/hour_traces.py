@@ -10,8 +10,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from harness.core.encounter import Ending, FloatArray, Trace, Walk
-from harness.episode.traffic.lanes import Lane, lanes_of
+from harness.core.encounter import Arm, Ending, FloatArray, Trace, Walk
+from harness.episode.traffic.demand import scheduled_vehicle
+from harness.episode.traffic.lanes import Direction, Lane, lanes_of
 from harness.episode.traffic.pairing import HourOutcome
 from harness.episode.traffic.passages import as_seen
 from harness.episode.traffic.vehicles import HourVehicle
@@ -143,7 +144,11 @@ def _trace(
         if walk.arrival.arrival_s <= until_s and due_s > trigger_s - step_s + _ROUNDING_S
     ]
     return Trace(
-        vehicle=scenario.vehicle_of_type(row["type"]),
+        vehicle=scenario.vehicle_of_type(
+            row["type"],
+            _driver(scenario, row),
+            oncoming=lane.direction is Direction.ONCOMING,
+        ),
         crossing=lane.crossing,
         step_s=step_s,
         x_m=sign * x[kept],
@@ -155,6 +160,14 @@ def _trace(
         fallback=row["fallback"],
         trace_offset_s=row["trace_offset_s"],
     )
+
+
+def _driver(scenario: Scenario, row: Row) -> Arm:
+    """The driver of a passage's vehicle; it matters only if they differ in how late they obey."""
+    if scenario.actuation.is_off or row["arm"] == Arm.HUMAN.value:
+        return Arm.HUMAN
+    planned = scheduled_vehicle(scenario, row["pair"], row["vehicle"])
+    return Arm.AV if planned.uniform < scenario.known_traffic.av_share else Arm.HUMAN
 
 
 def _due_s(row: Row) -> float:

@@ -45,6 +45,7 @@ class SimulationArm:
         resume_mps2: a0 of every strategy.
         is_automated: whether a vehicle with this id, type and class is an AV.
         make: makes the driver of a vehicle that a strategy may drive.
+        late: how late a vehicle obeys; with the vehicle and whether it is an AV.
     """
 
     def __init__(
@@ -56,10 +57,11 @@ class SimulationArm:
         resume_mps2: float,
         is_automated: Callable[[str, str, str], bool],
         make: MakeDriver,
+        late: Callable[[Vehicle, bool], Vehicle] = lambda vehicle, _automated: vehicle,
     ) -> None:
         self.simulation, self.setting, self.counted = simulation, setting, counted
         self.detection_m, self.resume_mps2 = detection_m, resume_mps2
-        self.is_automated, self.make = is_automated, make
+        self.is_automated, self.make, self.late = is_automated, make, late
         self.api: Any = simulation.api
         self.log = SimulationLog()
         function = simulation.function
@@ -297,6 +299,8 @@ class SimulationArm:
         else:
             refused = why_not(self.api, name, way, vehicle, x_m, ahead)
         driver, strategy = ("sumo", None) if refused else self.make(name, kind.automated)
+        if strategy is not None:
+            vehicle = self.late(vehicle, kind.automated)
         passage = PassageLog(
             name=name,
             type_id=kind.type_id,

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from harness.core.actuation import Actuator
 from harness.core.encounter import (
     EgoView,
     Observation,
@@ -122,6 +123,7 @@ class Control:
         self._kept: dict[str, _Kept] = {}
         self._asked: dict[str, float] = {}
         self._sent: dict[str, float] = {}
+        self._actuators: dict[str, Actuator] = {}
         self._types: set[str] = set()
 
     def ignore(self, person_type: str) -> None:
@@ -158,17 +160,17 @@ class Control:
         """Let every strategy decide, and give SUMO the lowest command for each vehicle."""
         self._asked.clear()
         for name, passages in self._passages.items():
-            speed = None
+            lowest = None
             for each in passages:
                 wanted = self._decision(each, time_s)
-                if wanted is not None and (speed is None or wanted < speed):
-                    speed = wanted
-            if speed is None:
+                if wanted is not None and (lowest is None or wanted < lowest):
+                    lowest = wanted
+            if lowest is None:
                 self._give_back(name, exists=True)
                 continue
             if name not in self._kept:
                 self._set_mode(name)
-            self._asked[name] = speed
+            speed = self._asked[name] = self._speed_after(passages[0], lowest)
             # SUMO keeps a command until the next one.
             if self._sent.get(name) != speed:
                 self._sent[name] = speed
@@ -185,7 +187,7 @@ class Control:
             passage.cut += cut
 
     def _decision(self, passage: PassageLog, now_s: float) -> float | None:
-        """The speed that a strategy wants at the end of the step; None leaves it to SUMO."""
+        """The acceleration that a strategy commands; None leaves the vehicle to SUMO."""
         assert passage.strategy is not None
         x, speed = passage.x_m[-1], passage.speed_mps[-1]
         before = passage.speed_mps[-2] if len(passage.speed_mps) > 1 else speed
@@ -201,13 +203,24 @@ class Control:
             answer = passage.strategy.decide(observation)
         except (Exception, SystemExit) as error:
             raise named(passage, now_s, strategy_raised(error, time_s)) from error
-        if answer is None:
+        if answer is None and passage.vehicle.obeys_at_once:
             return None
         try:
-            wanted = limited(answer, passage.vehicle, time_s)
+            return limited(answer, passage.vehicle, time_s)
         except StrategyError as error:
             raise named(passage, now_s, error) from None
-        return max(0.0, speed + wanted * self._step_s)
+
+    def _speed_after(self, passage: PassageLog, wanted_mps2: float) -> float:
+        """The speed at the end of the step of a vehicle that gets this command."""
+        speed, name = passage.speed_mps[-1], passage.name
+        if passage.vehicle.obeys_at_once:
+            return max(0.0, speed + wanted_mps2 * self._step_s)
+        actuator = self._actuators.get(name)
+        if actuator is None:
+            gain = self._vehicle.getAcceleration(name)
+            actuator = Actuator(passage.vehicle, self._step_s, speed, gain)
+            self._actuators[name] = actuator
+        return actuator.speed_after(wanted_mps2, speed)
 
     def _set_mode(self, name: str) -> None:
         """Set the mode in which SUMO follows commands, limited only by other vehicles."""
@@ -224,6 +237,7 @@ class Control:
         vehicle.setSpeedMode(name, SPEED_MODE_JUNCTION if meets else SPEED_MODE_MID_BLOCK)
 
     def _give_back(self, name: str, *, exists: bool) -> None:
+        self._actuators.pop(name, None)
         kept = self._kept.pop(name, None)
         self._sent.pop(name, None)
         if kept is None or not exists:

@@ -126,8 +126,11 @@ class SimulationRunner:
             alike = type_id in av_types or vehicle_class in av_types
             return alike and uniform_of(seed, name) < simulation.av_share
 
+        def driver_of(automated: bool) -> Arm:
+            return Arm.AV if automated and arm is Arm.AV else Arm.HUMAN
+
         def make(name: str, automated: bool) -> tuple[str, Strategy | None]:
-            driver = Arm.AV if automated and arm is Arm.AV else Arm.HUMAN
+            driver = driver_of(automated)
             strategy_name = scenario.arms.driver(driver)
             if strategy_name == SUMO_DRIVER:
                 return strategy_name, None
@@ -146,6 +149,7 @@ class SimulationRunner:
             ego.resume_acceleration_mps2,
             is_automated,
             make,
+            lambda vehicle, automated: scenario.late(vehicle, driver_of(automated)),
         )
 
 

@@ -3,11 +3,12 @@
 import math
 from collections.abc import Callable
 
-from harness.core.encounter import Strategy
+from harness.core.encounter import Arm, Strategy, Vehicle
 from harness.engine.road import SumoRoad
 from harness.episode.cell_constants import CellConstants
 from harness.episode.deciding import ROUNDING_M
 from harness.episode.traffic.demand import Scheduled
+from harness.episode.traffic.lanes import Direction
 from harness.episode.traffic.vehicles import HourVehicle, LaneOnRoad, state_of
 from harness.scenario import TrafficSection
 
@@ -30,6 +31,7 @@ class Entrance:
     ) -> None:
         self._road, self._traffic, self._make = road, traffic, make
         self._step_s, self._types = rules.step_s, rules.types or (rules.vehicle,)
+        self._driven = rules.driven
         half_m = rules.crossing.width_m / 2
         self._passed_at_m = [kind.length_m + half_m - ROUNDING_M for kind in self._types]
         vehicle = rules.vehicle
@@ -57,7 +59,7 @@ class Entrance:
                     name,
                     strategy,
                     x_m,
-                    self._types[kind],
+                    self._vehicle(planned, automated=automated),
                     self._passed_at_m[kind],
                 )
             )
@@ -79,8 +81,16 @@ class Entrance:
             automated=car.automated,
             kind=car.plan.kind,
         )
+        if car.vehicle.max_deceleration_mps2 != self._types[car.plan.kind].max_deceleration_mps2:
+            # SUMO's types have the limits of the ego's direction.
+            self._road.limit(car.name, car.vehicle)
         lane.coming.append(car)
         return car
+
+    def _vehicle(self, planned: Scheduled, *, automated: bool) -> Vehicle:
+        driver = Arm.AV if automated else Arm.HUMAN
+        oncoming = planned.lane.direction is Direction.ONCOMING
+        return self._driven.get((driver, oncoming), self._types)[planned.kind]
 
     def _entry_speed(self, lane: LaneOnRoad, car: HourVehicle) -> float | None:
         """v0, or a lower speed that is safe behind a slow leader; None while there is no room.

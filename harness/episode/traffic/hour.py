@@ -7,6 +7,7 @@ vehicle.  Pedestrians (``harness.episode.crowd``), strategies and command limits
 import math
 from collections.abc import Sequence
 
+from harness.core.actuation import actuator_of
 from harness.core.encounter import Arrival, EgoView, Observation
 from harness.core.errors import StrategyError
 from harness.engine.control import COLLISION_REACH_M
@@ -142,15 +143,20 @@ class Hour:
                     answer = car.strategy.decide(observation)
                 except (Exception, SystemExit) as error:
                     raise _in_vehicle(car, now, strategy_raised(error, time_s)) from error
-                if answer is None and self.sumo_drives:
+                actuator = car.actuator
+                if answer is None and self.sumo_drives and actuator is None:
                     if not car.by_engine:
                         self.road.hand_over(car.name)
                         car.by_engine = True
                     continue
                 try:
-                    target = speed + limited(answer, vehicle, time_s) * step
+                    wanted = limited(answer, vehicle, time_s)
                 except StrategyError as error:
                     raise _in_vehicle(car, now, error) from None
+                if actuator is None:
+                    target = speed + wanted * step
+                else:
+                    target = actuator.speed_after(wanted, speed)
                 if car.by_engine:
                     self.road.release(car.name)
                     car.by_engine = False
@@ -198,6 +204,7 @@ class Hour:
 
     def _take_over(self, car: HourVehicle, lane: LaneOnRoad, step: int) -> None:
         car.first_step = step
+        car.actuator = actuator_of(car.vehicle, self.step_s, car.speed_mps, car.acceleration_mps2)
         over = max(0.0, car.x_m + self.rules.vehicle.trigger_range_m)
         speed, gain = car.speed_mps, car.acceleration_mps2
         if over > ROUNDING_M:

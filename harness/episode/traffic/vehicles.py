@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from harness.core.actuation import Actuator
 from harness.core.encounter import PedestrianView, Side, Strategy, Vehicle, Walk
 from harness.engine.road import SumoRoad
 from harness.episode.cell_constants import CellConstants
@@ -28,6 +29,7 @@ class HourVehicle:
         acceleration_mps2: the acceleration of this step, once it has been read; before that, that
             of the last step.
         first_step: when its strategy took over.
+        actuator: what passes its strategy's commands on to it, if it obeys late.
         trace_offset_s: time from the moment its front bumper reached R0 until ``first_step``.
         xs, speeds: the states from ``first_step`` until its rear has left the crosswalk.
     """
@@ -47,6 +49,7 @@ class HourVehicle:
     next_x_m: float = 0.0
     next_speed_mps: float = 0.0
     first_step: int | None = None
+    actuator: Actuator | None = None
     trace_offset_s: float = 0.0
     passed: bool = False
     by_engine: bool = False

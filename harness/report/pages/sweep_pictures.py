@@ -111,8 +111,8 @@ def _parameters(run: RunData) -> list[tuple[StrategyGroup, ParameterSweep]]:
         (group, parameter)
         for group in strategy_groups(run.study)
         for parameter in parameter_sweeps(group)
-        # The latency of perception is drawn for all strategies together.
-        if len(parameter.values) >= _FEWEST_VALUES and not parameter.of_perception
+        # A key of perception or actuation is drawn for all strategies together.
+        if len(parameter.values) >= _FEWEST_VALUES and not parameter.of_equipment
     ]
     return swept if len(swept) <= _MOST_SWEEPS else []
 

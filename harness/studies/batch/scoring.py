@@ -159,7 +159,7 @@ def _outcomes(run: Path, tables: dict[str, pa.Table], scenario: Scenario) -> Ite
         ending = Ending(row["ending"])
         rebuilt.append(
             Trace(
-                vehicle=scenario.vehicle(),
+                vehicle=scenario.vehicle(Arm(row["arm"])),
                 crossing=scenario.crosswalk(),
                 step_s=scenario.experiment.step_s,
                 x_m=x,

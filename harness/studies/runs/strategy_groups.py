@@ -12,20 +12,21 @@ from dataclasses import dataclass
 from typing import Any
 
 from harness.core.encounter import Parameters
-from harness.scenario import Cell, PerceptionSection, Scenario, Study, as_written
+from harness.scenario import Cell, Scenario, Study, as_written
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES, aggressiveness_of, table_key
 
-_PERCEPTION = "perception."
+_EQUIPMENT = ("perception.", "actuation.")
+"""Sections that belong to the AV, unless they apply to the reference too (``human``)."""
 
 
 @dataclass(frozen=True)
 class StrategyCell:
     """A cell with its AV's strategy, all parameters, and a name that is unique in its group.
 
-    If a cell of the group changes perception from its default, the keys of perception count as
-    parameters, by their dotted names.  ``run`` is the index of the cell's run among the compared
-    runs.  ``number`` is the cell's index among the cells of all runs.
+    If a cell of the group changes perception or actuation from its default, the section's keys
+    count as parameters, by their dotted names.  ``run`` is the index of the cell's run among the
+    compared runs.  ``number`` is the cell's index among the cells of all runs.
     """
 
     run: int
@@ -66,14 +67,14 @@ class ParameterSweep:
     @property
     def key(self) -> str:
         """The parameter's key in a scenario."""
-        if self.of_perception:
+        if self.of_equipment:
             return self.parameter
         return f"{table_key(self.strategy)}.{self.parameter}"
 
     @property
-    def of_perception(self) -> bool:
-        """Whether the parameter is a key of ``[perception]`` and not of the strategy."""
-        return self.parameter.startswith(_PERCEPTION)
+    def of_equipment(self) -> bool:
+        """Whether it is a key of ``[perception]`` or ``[actuation]``, not of the strategy."""
+        return self.parameter.startswith(_EQUIPMENT)
 
     @property
     def aggressiveness(self) -> tuple[float, ...] | None:
@@ -148,35 +149,40 @@ def _sweep(
 
 def _group(cells: list[_Numbered], names: Sequence[str]) -> StrategyGroup:
     distinct: dict[str, tuple[_Numbered, str, Parameters]] = {}
-    limited = any(cell.scenario.perception != PerceptionSection() for _, _, cell in cells)
+    default = {prefix: _equipment(Scenario(), prefix) for prefix in _EQUIPMENT}
+    limited = [
+        prefix
+        for prefix in _EQUIPMENT
+        if any(_equipment(cell.scenario, prefix) != default[prefix] for *_, cell in cells)
+    ]
     for numbered in cells:
         run, _, cell = numbered
         strategy = cell.scenario.arms.av
         parameters = _parameters(cell.scenario, strategy)
-        if limited:
-            seen = cell.scenario.perception.model_dump()
-            parameters |= {f"{_PERCEPTION}{key}": value for key, value in seen.items()}
+        for prefix in limited:
+            keys = _equipment(cell.scenario, prefix)
+            parameters |= {f"{prefix}{key}": value for key, value in keys.items()}
         distinct.setdefault(_frozen([run, strategy, parameters]), (numbered, strategy, parameters))
-    seen_apart = {
+    told_apart = {
         name: None
         for name in _varied(parameters for *_, parameters in distinct.values())
-        if name.startswith(_PERCEPTION)
+        if name.startswith(_EQUIPMENT)
     }
     members = []
     for (run, number, cell), strategy, parameters in distinct.values():
         alike = (other for _, name, other in distinct.values() if name == strategy)
         prefix = f"{table_key(strategy)}."
         swept = (key.removeprefix(prefix) for key in cell.varied if key.startswith(prefix))
-        told = dict.fromkeys([*_varied(alike), *swept]) | seen_apart
+        told = dict.fromkeys([*_varied(alike), *swept]) | told_apart
         words = [strategy]
-        words += [f"{n.removeprefix(_PERCEPTION)}={as_written(parameters.get(n))}" for n in told]
+        words += [f"{_short(n)}={as_written(parameters.get(n))}" for n in told]
         if names[run]:
             words.append(f"({names[run]})")
         members.append(StrategyCell(run, number, cell, strategy, parameters, " ".join(words)))
     _, _, first = cells[0]
     human = table_key(first.scenario.arms.human)
-    sees = first.scenario.perception.human
-    av_keys = ("arms.av", "strategies.", *(() if sees else (_PERCEPTION,)))
+    of_av = [p for p in _EQUIPMENT if not _equipment(first.scenario, p)["human"]]
+    av_keys = ("arms.av", "strategies.", *of_av)
     shared = {
         key: value
         for key, value in first.varied.items()
@@ -196,10 +202,24 @@ def all_but_the_strategy(scenario: Scenario) -> Parameters:
     del tree["arms"]["av"], tree["conflicts"], tree["limits"]
     for section, key in _SAYS_NO_MORE:
         del tree[section][key]
-    if not scenario.perception.human:
-        del tree["perception"]
+    for prefix in _EQUIPMENT:
+        if not _equipment(scenario, prefix)["human"]:
+            del tree[prefix.removesuffix(".")]
     tree["strategies"] = {human: _parameters(scenario, human)}
     return tree
+
+
+def _equipment(scenario: Scenario, prefix: str) -> Parameters:
+    """The keys of a section of ``_EQUIPMENT``."""
+    keys: Parameters = getattr(scenario, prefix.removesuffix(".")).model_dump()
+    return keys
+
+
+def _short(parameter: str) -> str:
+    """A parameter's name without the section of ``_EQUIPMENT``."""
+    for prefix in _EQUIPMENT:
+        parameter = parameter.removeprefix(prefix)
+    return parameter
 
 
 def _parameters(scenario: Scenario, strategy: str) -> Parameters:

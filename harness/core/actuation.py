@@ -1,0 +1,174 @@
+"""How a car obeys: commanded accelerations in; its speed after dead time, limits, lag and jerk out.
+
+Within a time of constant command c the acceleration follows a' = (c − a)/lag, cut to ± the jerk.
+A car whose speed reaches 0 stands: its acceleration is 0 until a positive command acts on it.
+"""
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from itertools import chain, repeat
+from typing import NamedTuple
+
+from harness.core.encounter import Vehicle
+
+GRAVITY_MPS2 = 9.80665
+"""Standard gravity."""
+
+CUT_MPS = 1e-6
+"""The car was given another speed than its response's if they differ by more than this."""
+
+_ROUNDING_S = 1e-9
+
+
+class CarState(NamedTuple):
+    """Speed and acceleration of a car at a moment."""
+
+    speed_mps: float
+    acceleration_mps2: float
+
+
+def response(state: CarState, command_mps2: float, duration_s: float, vehicle: Vehicle) -> CarState:
+    """The state after a time in which one command acts on the car.
+
+    While the jerk is cut, a(t) = a ± J t.  From \\|c − a\\| = J lag on,
+    a(t) = c + (a − c) exp(−t/lag) and v(t) = v + c t + (a − c) lag (1 − exp(−t/lag)).
+
+    Args:
+        state: at the beginning.
+        command_mps2: c, within the vehicle's limits.
+        duration_s: the time, ≥ 0.
+        vehicle: has the lag and the jerk.
+
+    >>> from harness.core.encounter import Arm
+    >>> from harness.scenario import validate
+    >>> late = validate({"actuation": {"lag_s": 0.5}}, "example").vehicle(Arm.AV)
+    >>> speed, acceleration = response(CarState(5.0, 0.0), -4.0, 0.5, late)
+    >>> round(speed, 4), round(acceleration, 4)  # 5 − 4 · 0.5/e and −4 (1 − 1/e)
+    (4.2642, -2.5285)
+    """
+    if state.speed_mps <= 0 and state.acceleration_mps2 < 0:
+        state = CarState(0.0, 0.0)
+    if command_mps2 > 0 > state.acceleration_mps2:
+        stands_s = _stands_after(state, command_mps2, duration_s, vehicle)
+        if stands_s is not None:
+            state, duration_s = CarState(0.0, 0.0), duration_s - stands_s
+    after = _moving(state, command_mps2, duration_s, vehicle)
+    return after if after.speed_mps > 0 else CarState(0.0, max(0.0, after.acceleration_mps2))
+
+
+def _moving(state: CarState, command_mps2: float, time_s: float, vehicle: Vehicle) -> CarState:
+    """The state after a time, with speeds below 0 if it brakes for longer than until it stands."""
+    (speed, acceleration), lag_s, jerk = state, vehicle.lag_s, vehicle.max_jerk_mps3
+    gap = command_mps2 - acceleration
+    if jerk is not None and abs(gap) > jerk * lag_s:
+        ramp_s = min(time_s, abs(gap) / jerk - lag_s)
+        rate = math.copysign(jerk, gap)
+        speed += acceleration * ramp_s + rate * ramp_s**2 / 2
+        acceleration += rate * ramp_s
+        if ramp_s == time_s:
+            return CarState(speed, acceleration)
+        time_s -= ramp_s
+        gap = command_mps2 - acceleration
+    grown = -math.expm1(-time_s / lag_s) if lag_s > 0 else 1.0
+    speed += command_mps2 * time_s - gap * lag_s * grown
+    return CarState(speed, command_mps2 - gap * (1.0 - grown))
+
+
+def _stands_after(
+    state: CarState, command_mps2: float, duration_s: float, vehicle: Vehicle
+) -> float | None:
+    """When a braking car stands although it is told to drive; None if not in this time.
+
+    The acceleration grows, so v(t) is convex and Newton's steps approach its first root from below.
+    """
+    time_s = 0.0
+    while True:
+        speed, acceleration = _moving(state, command_mps2, time_s, vehicle)
+        if acceleration >= 0:
+            return None
+        further_s = speed / -acceleration
+        time_s += further_s
+        if time_s >= duration_s:
+            return None
+        if further_s < _ROUNDING_S**2 or further_s < time_s * 1e-15:
+            return time_s
+
+
+class Actuator:
+    """The actuation of one car, which is given a command at every step.
+
+    Commands before the first one are the acceleration that the car had.
+
+    Args:
+        vehicle: has the limits, the dead time, the lag and the jerk.
+        step_s: the length of a step.
+        speed_mps, acceleration_mps2: the car's state now.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, step_s: float, speed_mps: float, acceleration_mps2: float = 0.0
+    ) -> None:
+        self._vehicle, self._step_s = vehicle, step_s
+        self._state, self._before_mps = CarState(speed_mps, acceleration_mps2), speed_mps
+        whole = math.floor(vehicle.dead_time_s / step_s + _ROUNDING_S)
+        rest_s = vehicle.dead_time_s - whole * step_s
+        self._rest_s = rest_s if rest_s > _ROUNDING_S else 0.0
+        waiting = whole + (self._rest_s > 0)
+        self._waiting = deque(repeat(self._limited(acceleration_mps2), waiting))
+
+    def observe(self, speed_mps: float) -> None:
+        """Take the car's true speed: if SUMO cut the command, its acceleration was that of the cut.
+
+        Args:
+            speed_mps: at the end of the last step.
+        """
+        if abs(speed_mps - self._state.speed_mps) > CUT_MPS:
+            gain = (speed_mps - self._before_mps) / self._step_s
+            self._state = CarState(speed_mps, gain)
+
+    def speed_after(self, wanted_mps2: float, speed_mps: float) -> float:
+        """The speed at the end of the next step.
+
+        Args:
+            wanted_mps2: the command that is given now; it acts after the dead time.
+            speed_mps: the car's speed now.
+        """
+        self.observe(speed_mps)
+        self._before_mps = speed_mps
+        self._waiting.append(self._limited(wanted_mps2))
+        state, vehicle = self._state, self._vehicle
+        if self._rest_s:
+            state = response(state, self._waiting.popleft(), self._rest_s, vehicle)
+            command = self._waiting[0]
+        else:
+            command = self._waiting.popleft()
+        self._state = response(state, command, self._step_s - self._rest_s, vehicle)
+        return self._state.speed_mps
+
+    def after_dead_time(self) -> tuple[float, CarState]:
+        """Distance in m and state at the time from which a command given now would act."""
+        state, distance_m = self._state, 0.0
+        for command, duration_s in self._acting():
+            after = response(state, command, duration_s, self._vehicle)
+            distance_m += (state.speed_mps + after.speed_mps) / 2 * duration_s
+            state = after
+        return distance_m, state
+
+    def _acting(self) -> Iterator[tuple[float, float]]:
+        """The commands that were given and still act, each with its time."""
+        first = (self._rest_s,) if self._rest_s else ()
+        return zip(self._waiting, chain(first, repeat(self._step_s)), strict=False)
+
+    def _limited(self, wanted_mps2: float) -> float:
+        vehicle = self._vehicle
+        return max(-vehicle.max_deceleration_mps2, min(vehicle.max_acceleration_mps2, wanted_mps2))
+
+
+def actuator_of(
+    vehicle: Vehicle, step_s: float, speed_mps: float, acceleration_mps2: float = 0.0
+) -> Actuator | None:
+    """The actuation of a car that obeys late; None if it obeys at once.  See ``Actuator``."""
+    if vehicle.obeys_at_once:
+        return None
+    return Actuator(vehicle, step_s, speed_mps, acceleration_mps2)
