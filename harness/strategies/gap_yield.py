@@ -1,6 +1,7 @@
 """Gap-Yield: a strategy that goes first if the gap is long enough and otherwise yields smoothly."""
 
 import math
+from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
 from harness.core.actuation import Actuator
@@ -58,8 +59,9 @@ class GapYield:
 
     *Actuation.*  With ``actuation`` it decides for the moment at which a command would have acted:
     after the dead time θ plus the lag τ.  It knows its own commands, so it computes its state after
-    θ as the vehicle responds.  From there the response to a command tends to that of a vehicle
-    without lag that begins τ later, with the speed v + a τ.  Pedestrians keep their velocities until
+    θ as the vehicle responds: x, v, a.  From there the response to a command c tends to that of a
+    vehicle without lag that begins τ later with the speed v + a τ at x + v τ + c τ²/2; it leaves
+    out the last term, which is negative when it brakes.  Pedestrians keep their velocities until
     then.  A command that is given when the bumper reaches the edge acts at the speed v_e after
     v_e (θ + τ), so v_e has (step + θ + τ) in place of the step, and it keeps v_e until its bumper
     is over the edge.  It leaves out the limit of the jerk.
@@ -89,9 +91,12 @@ class GapYield:
 
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²."""
-        if not self._actuation or observation.vehicle.obeys_at_once:
-            return self._decide(observation, resume(observation))
         ego, vehicle = observation.ego, observation.vehicle
+        if vehicle.obeys_at_once:
+            return self._decide(observation, resume(observation))
+        if not self._actuation:  # it drives as if the vehicle obeyed at once
+            at_once = replace(vehicle, dead_time_s=0.0, lag_s=0.0)
+            return self._decide(observation._replace(vehicle=at_once), resume(observation))
         if self._car is None:
             speed, gain = ego.speed_mps, ego.acceleration_mps2
             self._car = Actuator(vehicle, observation.step_s, speed, gain)
@@ -122,7 +127,7 @@ def _when_acting(observation: Observation, car: Actuator) -> Observation:
     vehicle, ego = observation.vehicle, observation.ego
     distance_m, (speed, gain) = car.after_dead_time()
     after = max(0.0, speed + gain * vehicle.lag_s)
-    distance_m += (speed + after) / 2 * vehicle.lag_s
+    distance_m += speed * vehicle.lag_s
     late_s = vehicle.dead_time_s + vehicle.lag_s
     people = (
         person._replace(
@@ -240,9 +245,10 @@ def _to_edge(observation: Observation) -> float:
 
 def _edge_speed(observation: Observation) -> float:
     """v_e: the speed at the near edge from which the ego can still stop one step later."""
-    limit, step = observation.vehicle.max_deceleration_mps2, observation.step_s
+    vehicle, step = observation.vehicle, observation.step_s
+    limit, after_s = vehicle.max_deceleration_mps2, step + vehicle.dead_time_s + vehicle.lag_s
     room = observation.crossing.width_m / 2 - CLEARANCE_M - limit * step**2 / 8
-    return limit * (math.sqrt(step**2 + 2 * max(0.0, room) / limit) - step)
+    return limit * (math.sqrt(after_s**2 + 2 * max(0.0, room) / limit) - after_s)
 
 
 def _slowing(observation: Observation) -> float:
