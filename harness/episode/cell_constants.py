@@ -47,7 +47,7 @@ def constants_of(scenario: Scenario, driver: Arm | None = None) -> CellConstants
 
 
 def _driven(scenario: Scenario) -> Mapping[tuple[Arm, bool], tuple[Vehicle, ...]]:
-    if scenario.traffic is None or (scenario.actuation.is_off and not scenario.crossing.grade):
+    if scenario.actuation.is_off and not scenario.crossing.grade:
         return {}
     return {
         (driver, oncoming): scenario.vehicles(driver, oncoming=oncoming)

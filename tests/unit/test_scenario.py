@@ -79,10 +79,12 @@ def test_shipped_scenarios_load_and_cctc_explains_every_key() -> None:
         ("pedestrians", "timed_case"),
         ("pedestrians", "walking_speed"),
         ("perception", "update_s"),
+        ("actuation", "max_jerk_mps3"),
         ("limits", "mu0"),
         ("limits", "kappa0"),
         *(("crossing", key) for key in ("net", "edge", "approach", "ignore_signal", "read")),
         ("crossing", "lane_width_m"),
+        ("crossing", "friction"),
         ("crossing", "road_speed_limit_mps"),
     }
     for section, values in Scenario().model_dump().items():
