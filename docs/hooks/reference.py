@@ -14,7 +14,7 @@ from pydantic import BaseModel
 import harness
 from harness.cli.app import app
 from harness.measures import MEASURES
-from harness.scenario import Scenario, people, sections, simulation, traffic
+from harness.scenario import Scenario, actuation, people, sections, simulation, traffic
 from harness.statistics import ENCOUNTERS, Catalogue, Entry
 from harness.store import tables
 from harness.store.hour_catalogue import HOURS
@@ -31,7 +31,7 @@ UNITS = {
 }
 """Units by the ending of a name; longer endings come first."""
 
-KEY_MODULES = (sections, people, simulation, traffic)
+KEY_MODULES = (sections, actuation, people, simulation, traffic)
 """The modules with the keys of a scenario."""
 
 TYPES = {"number": "number", "integer": "whole number", "boolean": "`true` or `false`"}

@@ -183,8 +183,8 @@ class Measured:
         "",
         "whether full braking (`max_deceleration_mps2`) from the moment at which the pedestrian "
         "stepped off would have prevented the contact, if they walk as in the run; with "
-        "`[actuation]` the brakes obey as late as in the run; solved exactly, a lag in pieces of at "
-        "most 10 ms",
+        "`[actuation]` the brakes obey as late as in the run; solved exactly, a lag in pieces of "
+        "at most 10 ms",
         about="conflict",
         undefined_when="no contact",
         source="after UN Regulation 157: was the collision preventable?",
