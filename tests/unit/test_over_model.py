@@ -15,6 +15,7 @@ from harness.episode.pairing import PairRunner
 from harness.model.interaction import load_model, write_model
 from harness.model.mixture import fit_mixture
 from harness.report.screens.comparison_tables import comparison_tables
+from harness.report.screens.screen import Screen, screen_lines
 from harness.scenario import load_scenario
 from harness.statistics import ENCOUNTERS, Finding, OverModel, over_model
 from harness.studies.batch.experiment import resume
@@ -240,6 +241,13 @@ def test_sentences_are_as_sure_as_the_interval_with_the_model():
     assert "more pairs will not help" in told(0.88, 1.44, 0.9, 0.7, 0.98)
     assert "includes 1: neither is shown to be faster" in told(0.88, 1.44, 0.2, 0.0, 0.4)
     assert told(1.01, 1.32, 0.2, 0.0, 0.4) == ""
+
+
+def test_a_number_per_1000_keeps_its_name_below_the_rows():
+    rows = (("PET below 1.5 s per 1,000", "150", "79", "71", "(-45 … 188)"),)
+    screen = Screen("a", "b", ("", "AV", "human", "difference", "with the model"), rows, (), "c",
+                    aside=True)  # fmt: skip
+    assert "with the model: PET below 1.5 s per 1,000 (-45 … 188)" in screen_lines(screen, 60)
 
 
 def test_agreement_of_references_includes_the_model(tmp_path):

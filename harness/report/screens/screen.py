@@ -27,7 +27,7 @@ _BREAKS = re.compile(r" |(?<=_)")
 _NEVER_MERGED = Rank.NEARNESS
 _KEPT_NAMES = {
     Rank.NOTHING_TESTED: "nothing was tested",
-    Rank.OVER_MODEL: "the model's share",
+    Rank.OVER_MODEL: "the model's fit",
     Rank.FAILURES: "failures",
     Rank.TIME_OUTS: "time-outs",
     Rank.MISSED_TARGETS: "missed targets",
@@ -137,7 +137,7 @@ def _rows(screen: Screen, width: int) -> list[str]:
         cells = [text.ljust(size) for text, size in zip(row, widths, strict=False)]
         lines += textwrap.wrap(_GAP.join(cells), width, subsequent_indent=indent)
     if shown < len(widths) and screen.aside:
-        values = ", ".join(f"{name.split(',')[0]} {value}" for name, value in last)
+        values = ", ".join(f"{name.split(', ')[0]} {value}" for name, value in last)
         lines += textwrap.wrap(f"{screen.headings[-1]}: {values}", width) if last else []
     elif shown < len(widths):
         names = "; ".join(screen.headings[shown:])

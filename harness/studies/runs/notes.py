@@ -58,7 +58,7 @@ def model_notes(
         )
         notes.append(Note(Rank.OVER_MODEL, text))
     mostly = [
-        (entry.title_of(name, thresholds).split(",")[0], over[name])
+        (entry.title_of(name, thresholds).split(", ")[0], over[name])
         for entry in catalogue
         for name in filter(None, entry.names[2:])
         if entry.first_screen and name in over and over[name].mostly_model
@@ -220,7 +220,7 @@ def few_pairs_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
 
 def short_name(entry: Entry[Any]) -> str:
     """Return a heading up to its first comma."""
-    return entry.heading.partition(",")[0]
+    return entry.heading.partition(", ")[0]
 
 
 def _fallback(scenario: Scenario, findings: Findings) -> list[Note]:
