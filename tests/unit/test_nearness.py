@@ -66,13 +66,14 @@ CROWDS = "in crowds (DUT): order right for 62 %."
         # Drivers and people with other settings, people who do not wait, people who do not decide.
         ("cctc", {"arms.human": "sumo_driver"}, f"sumo_driver {NOT_HELD}."),
         ("cctc", {"strategies.human_yield.yield_rate": 0.5},
-         f"human_yield with these settings {NOT_HELD}; with its own {CROWDS}"),
+         f"human_yield with these settings {NOT_HELD}; with its defaults {CROWDS}"),
         ("cctc", {"pedestrians.threshold.factor": 0.5}, f"human_yield {NOT_HELD}; {CROWDS}"),
         ("cctc", {"pedestrians.behaviour": "constant", "pedestrians.kerb_wait_s": 0.0},
          f"human_yield {NOT_HELD}; {CROWDS}"),
         ("euro_ncap_vru", {}, f"human_yield {NOT_HELD}; {CROWDS}"),
         ("traffic", {"strategies.human_yield.reaction_time_s": 1.2},
-         f"human_yield with these settings {NOT_HELD}; with its own {CROWDS}"),
+         f"human_yield with these settings {NOT_HELD}; with its defaults at 12 measured "
+         "site-periods: pedestrians' waits are off by +4.2 s, R² −5.66."),
     ],
 )  # fmt: skip
 def test_what_was_not_measured_is_said(name: str, settings: dict[str, object], line: str) -> None:

@@ -109,8 +109,13 @@ def nearness(scenario: Scenario) -> str:
     if held:
         return f"{name} {held}."
     settings = " with these settings" if name in MEASURED and not measured else ""
-    nearest = _at_a_zebra("sumo", name) if kind == "own simulation" else _in_crowds(name)
-    own = "with its own " if settings and nearest else ""
+    nearest = ""
+    if kind == "own simulation":
+        nearest = _at_a_zebra("sumo", name)
+    elif kind == "flow" and settings and _decide_as_measured(people):
+        nearest = _at_sites(people.behaviour, name)
+    nearest = nearest or _in_crowds(name)
+    own = "with its defaults " if settings and nearest else ""
     said = f"{name}{settings} was not held against real drivers in such scenes"
     return f"{said}{'; ' if nearest else ''}{own}{nearest}."
 
