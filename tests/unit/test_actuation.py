@@ -12,7 +12,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 from harness.core.actuation import Actuator, CarState, response
-from harness.core.encounter import Arm, Ending, Side, Trace, Vehicle
+from harness.core.encounter import Arm, Ending, Observation, Side, Trace, Vehicle
 from harness.engine.plain import PlainEngine
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
@@ -20,6 +20,7 @@ from harness.episode.pairing import PairRunner
 from harness.measures import measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, load_scenario
+from harness.strategies.gap_yield import GapYield
 from tests.scenes import Recorder, drive, on_plain, refuses, scenario
 
 STEP_S = 0.1
@@ -205,12 +206,13 @@ def test_grade_and_friction_limit_every_vehicle_of_the_road() -> None:
     refuses(r"crossing\.grade: .* not drive on", lambda: scenario(crossing={"grade": 0.4}))
 
 
-def stopping_m(vehicle: Vehicle, speed: float) -> float:
-    """v t_d plus the integral of the lagging response to full braking."""
+def stopping_m(vehicle: Vehicle, speed: float, gain: float = 0.0) -> float:
+    """v t_d plus the integral of the lagging response to full braking, which begins with a gain."""
     braking, lag = vehicle.max_deceleration_mps2, vehicle.lag_s
 
     def slower(time_s: float) -> float:
-        return speed - braking * (time_s - lag * (1 - math.exp(-time_s / lag)))
+        decayed_s = lag * (1 - math.exp(-time_s / lag))
+        return speed - braking * time_s + (gain + braking) * decayed_s
 
     end_s = brentq(slower, 0.0, 20.0)
     return speed * vehicle.dead_time_s + quad(slower, 0.0, end_s)[0]
@@ -244,6 +246,33 @@ def test_avoidable_counts_on_the_braking_that_was_under_way() -> None:
         trace = drive(gains, [(3.8, Side.NEAR, 0.9)], scene=scene)
         moved = replace(trace, vehicle=vehicle, x_m=trace.x_m + nearer_m)
         assert measure([moved])[0].avoidable is expected
+
+
+def test_avoidable_goes_on_from_the_acceleration_at_the_end_of_the_dead_time() -> None:
+    scene = scenario(actuation={"dead_time_s": 0.1, "lag_s": 0.4})
+    vehicle = scene.vehicle(Arm.AV)
+    # It brakes with 3 m/s² from 3.8 s on, where the walker steps off, until 3.9 s.
+    gains = [0.0] * 38 + [-3.0] + [0.0] * 60
+    rest_m = stopping_m(replace(vehicle, dead_time_s=0.0), 4.7, -3.0)
+    left_m = 30.0 - 5.0 * 3.8 - (5.0 + 4.7) / 2 * 0.1 - rest_m - 0.25
+    for nearer_m, expected in ((left_m - 0.002, True), (left_m + 0.002, False)):
+        trace = drive(gains, [(3.8, Side.NEAR, 0.9)], scene=scene)
+        moved = replace(trace, vehicle=vehicle, x_m=trace.x_m + nearer_m)
+        assert measure([moved])[0].avoidable is expected
+
+
+def test_gap_yield_can_stop_for_somebody_who_steps_off_as_it_reaches_the_edge() -> None:
+    scene = scenario(actuation={"dead_time_s": 0.4, "lag_s": 0.4}, experiment={"timeout_s": 20.0})
+    strategy = GapYield(actuation=True)
+
+    def command(seen: Observation) -> float:
+        # Whoever steps off before the bumper is over the edge is seen a step later at most.
+        return strategy.decide(seen) if seen.ego.range_m > 2.0 else -4.5
+
+    rules, engine = constants_of(scene, Arm.AV), PlainEngine(scene.vehicle(), STEP_S)
+    trace = run_episode(engine, Recorder(command), (), lambda *_: 1.0, rules)
+    assert trace.speed_mps[-1] == 0.0
+    assert -2.0 < trace.x_m[-1] < -0.25
 
 
 def test_gap_yield_is_safe_again_if_it_knows_how_late_its_car_is(model: InteractionModel) -> None:
