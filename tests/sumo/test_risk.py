@@ -140,6 +140,16 @@ def test_a_risk_is_said_as_json_as_its_folder_and_in_a_browser(
     assert set(shown[shown["arm"] == "av"]["ending"]) == {"crashed"}
     (data,) = re.findall(r'id="player-data">(.*?)</script>', text)
     assert json.loads(data)["episodes"]
+    # It says m/s as these episodes walked, and neither quantiles nor updates.
+    assert "quantile" not in text
+    assert "seen at update" not in text
+    walked = harness.load_run(finished / "shown").pedestrians
+    first = stored["ways"][0]["critical_pairs"][0]
+    walked = walked[(walked["arm"] == "av") & (walked["pair"] == first) & (walked["index"] == 0)]
+    assert f"walks at {walked['speed_mps'].item():.2f} m/s" in text
+    # A pair of critical.toml goes to another tool as any other.
+    printed("export", finished, "--pair", 0, "--format", "trajectories", "--out", tmp_path / "out")
+    assert (tmp_path / "out" / "trajectories.csv").is_file()
     # What a risk cannot do is refused.
     cluster = refusal("resume", finished, "--dask", "tcp://nowhere:1")
     assert "--dask: is not supported with a risk estimate" in cluster

@@ -1,18 +1,35 @@
 """The first screen and the tables of a risk estimate."""
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from harness.report.screens.console import make_console, print_table
 from harness.report.screens.screen import Screen, screen_lines
 from harness.report.screens.tables import Table, TableCell, counted, level, per_cent
 from harness.studies.risk.asking import SettingsDocument
-from harness.studies.risk.findings import ENTRIES, Person, RiskFindings
+from harness.studies.risk.findings import ENTRIES, Person, RiskFindings, Way
 from harness.studies.risk.folder import read_settings
 from harness.studies.runs.site_words import site_words
 
 _PEOPLE_SHOWN = 2
+
+
+class Walked(NamedTuple):
+    """What the likeliest episode of each way says in m/s and s once it was simulated again.
+
+    ``speeds_mps`` has the walking speed of each pedestrian of each way, None if they did not walk.
+    ``update_s`` is the time between two updates of perception.
+    """
+
+    speeds_mps: Sequence[Sequence[float | None]]
+    update_s: float
+
+    def seen_after_s(self, person: Person) -> float | None:
+        """Time from the first update at which they can be seen to the one that detects them."""
+        looks = person.found_at_look
+        return None if looks is None else (looks - 1) * self.update_s
 
 
 def print_risk(findings: RiskFindings, folder: Path, full: bool = False) -> None:
@@ -26,7 +43,12 @@ def print_risk(findings: RiskFindings, folder: Path, full: bool = False) -> None
 
 
 def risk_screen(
-    findings: RiskFindings, folder: Path, settings: SettingsDocument, *, full: bool = False
+    findings: RiskFindings,
+    folder: Path,
+    settings: SettingsDocument,
+    *,
+    full: bool = False,
+    walked: Walked | None = None,
 ) -> Screen:
     """Return the first screen of a risk estimate; ``full`` removes its limit of lines."""
     footer = f"All numbers: --full. Page: harness report {shlex.quote(str(folder))}"
@@ -36,7 +58,7 @@ def risk_screen(
         title=heading(findings),
         scope=f"{counted(findings.episodes, 'episode')}, seed {settings.seed}",
         headings=("", "estimate", f"{level(findings.confidence)} interval"),
-        rows=tuple(_rows(findings)),
+        rows=tuple(_rows(findings, walked)),
         notes=findings.notes,
         footer=footer,
         site=site_words([settings.settings(str(folder)).scenario]),
@@ -51,7 +73,7 @@ def heading(findings: RiskFindings) -> str:
     return f"{findings.scenario}: probability of {findings.event}, {who}"
 
 
-def _rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
+def _rows(findings: RiskFindings, walked: Walked | None) -> Iterator[tuple[str, ...]]:
     values = findings.findings
     probability, bound = values["probability"], values["nominal_high"]
     ways = "all ways" if findings.by_brute_force else "ways that were found"
@@ -83,8 +105,9 @@ def _rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
         yield ("worst case", f"{worst} (failed episodes count as events)")
     if findings.compared_with_other_engine:
         yield ("episodes run in both engines", agreement(findings))
-    for way in findings.ways:
-        people = "; ".join(map(person_words, way.pedestrians[:_PEOPLE_SHOWN]))
+    for place, way in enumerate(findings.ways):
+        shown = range(min(_PEOPLE_SHOWN, len(way.pedestrians)))
+        people = "; ".join(_words_of(way, place, number, walked) for number in shown)
         more = len(way.pedestrians) - _PEOPLE_SHOWN
         yield (
             f"way with {per_cent(way.share, 0)} % of the probability",
@@ -118,6 +141,19 @@ def number(value: float | str | None) -> str:
     return f"{value:,}" if whole else f"{value:.3g}"
 
 
+def _words_of(way: Way, place: int, number: int, walked: Walked | None) -> str:
+    """Describe a pedestrian of a way, in m/s and s if its episode was simulated again."""
+    person = way.pedestrians[number]
+    if walked is None:
+        return person_words(person)
+    speed, seen_s = walked.speeds_mps[place][number], walked.seen_after_s(person)
+    plain = person_words(person.model_copy(update={"quantile": None, "found_at_look": None}))
+    words = plain.replace(
+        "timed", "does not walk" if speed is None else f"walks at {speed:.2f} m/s"
+    )
+    return words if seen_s is None else f"{words}, seen after {seen_s:.1f} s"
+
+
 def person_words(person: Person) -> str:
     """Describe a pedestrian: side, arrival time and other sampled values.
 
@@ -136,7 +172,7 @@ def person_words(person: Person) -> str:
     return ", ".join(words)
 
 
-def risk_tables(findings: RiskFindings) -> Iterator[Table]:
+def risk_tables(findings: RiskFindings, walked: Walked | None = None) -> Iterator[Table]:
     """Yield the tables of all numbers, of each way's pedestrians, and of the levels."""
     rows = []
     for entry in ENTRIES:
@@ -153,13 +189,17 @@ def risk_tables(findings: RiskFindings) -> Iterator[Table]:
             (
                 _cell(person.arrival_s, ".2f"),
                 TableCell(person.side.value),
-                _cell(person.quantile, ".3f"),
+                _cell(person.quantile, ".3f")
+                if walked is None
+                else _cell(walked.speeds_mps[place - 1][number], ".2f"),
                 _cell(person.critical_gap_s, ".2f"),
                 _cell(person.threshold_s, ".2f"),
                 _cell(person.latency_s, ".2f"),
-                _cell(person.found_at_look, "d"),
+                _cell(person.found_at_look, "d")
+                if walked is None
+                else _cell(walked.seen_after_s(person), ".2f"),
             )
-            for person in way.pedestrians
+            for number, person in enumerate(way.pedestrians)
         )
         yield Table(
             f"way-{place}",
@@ -169,11 +209,11 @@ def risk_tables(findings: RiskFindings) -> Iterator[Table]:
             (
                 "arrives, s",
                 "side",
-                "speed quantile",
+                "speed quantile" if walked is None else "walks at, m/s",
                 "critical gap, s",
                 "threshold, s",
                 "latency, s",
-                "seen at update",
+                "seen at update" if walked is None else "seen after, s",
             ),
             tuple(people),
         )
