@@ -19,6 +19,7 @@ from harness.cli import (
     reporting,
     review,
     risk,
+    tune,
     validation,
 )
 from harness.cli.interruption import LINE, BrokenOffError, exit_code
@@ -29,6 +30,7 @@ COMMANDS = (
     batch.run,
     batch.resume,
     risk.risk,
+    tune.tune,
     reporting.report,
     review.replay,
     review.score,

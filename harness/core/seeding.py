@@ -33,6 +33,7 @@ Purpose = Literal[
     "latency",
     "group_size",
     "walking_class",
+    "search",
 ]
 
 Given = Mapping[Purpose, Sequence[float]]
@@ -61,6 +62,7 @@ _PURPOSES: dict[Purpose, int] = {
     "latency": 18,
     "group_size": 19,
     "walking_class": 20,
+    "search": 21,
 }
 
 

@@ -1,0 +1,85 @@
+"""``tune``: searches a strategy's parameters under limits."""
+
+from dataclasses import replace
+from typing import Annotated
+
+import typer
+
+from harness.cli import options
+from harness.cli.interruption import unwinding
+from harness.cli.output import emit, print_line, progress_bar
+from harness.core.errors import InputError
+
+
+def tune(
+    scenario: options.ScenarioArgument,
+    parameter: Annotated[
+        list[str],
+        typer.Option(
+            help="A key to search and its range, e.g. strategies.gap_yield.critical_gap_s=0:4; "
+            "with :int whole numbers, with :log on a logarithmic scale. Repeatable.",
+            metavar="KEY=LOW:HIGH",
+        ),
+    ],
+    minimise: Annotated[
+        str | None, typer.Option(help="The number to minimise, e.g. delay_s.", metavar="NUMBER")
+    ] = None,
+    maximise: Annotated[
+        str | None, typer.Option(help="The number to maximise instead.", metavar="NUMBER")
+    ] = None,
+    subject_to: Annotated[
+        list[str] | None,
+        typer.Option(help="A limit on a number, e.g. 'kappa<1e-3'. Repeatable.", metavar="LIMIT"),
+    ] = None,
+    trials: Annotated[int, typer.Option(min=1, help="Number of candidates to try.")] = 100,
+    fresh: Annotated[
+        int, typer.Option(min=1, help="Number of pairs that judge the best candidate.")
+    ] = 3000,
+    out: options.OutOption = None,
+    pairs: options.PairsOption = None,
+    seed: options.SeedOption = None,
+    settings: options.SetOption = None,
+    engine: options.EngineOption = "sumo",
+    workers: options.WorkersOption = None,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
+) -> None:
+    """Search parameters that minimise a number under limits; judge the best on fresh pairs.
+
+    The same command with the same --out continues an interrupted search.
+    """
+    from harness.scenario import Setting, read_scenario_file, study_of
+    from harness.statistics.limits import named, parse_limit
+    from harness.studies.tuning.search import Goal, import_optuna, parse_parameter
+    from harness.studies.tuning.tune import NAMES, Search, result_document, tune as search_for
+
+    import_optuna()
+    if (minimise is None) == (maximise is None):
+        raise InputError("--minimise", "one number is searched", "--minimise or --maximise")
+    objective = named(minimise or maximise or "", NAMES, "--minimise" if minimise else "--maximise")
+    limits = [parse_limit(text, NAMES, "--subject-to") for text in subject_to or []]
+    goal = Goal(objective, "minimize" if minimise else "maximize", tuple(limits))
+    searched = tuple(map(parse_parameter, parameter))
+    if len({each.key for each in searched}) < len(searched):
+        raise InputError("--parameter", "a key is searched twice", "each key once")
+    file = read_scenario_file(scenario, options.settings_of(settings, pairs, seed))
+    middle = [
+        Setting(each.key, each.low if not each.whole else int(each.low), "--parameter")
+        for each in searched
+    ]
+    # Refuses parameters of strategies that do not drive, and scenarios with a sweep.
+    study = study_of(replace(file, settings=(*file.settings, *middle)))
+    if len(study.cells) > 1:
+        raise InputError(scenario, f"has {len(study.cells)} cells", "one cell")
+    planned = file.scenario().experiment.pairs
+    search = Search(file, searched, goal, trials, planned, fresh, engine)
+    with progress_bar("trials", quiet or as_json) as advance, unwinding():
+        judged = search_for(search, out=out, workers=workers, progress=advance)
+
+    def show() -> None:
+        from harness.report.screens.tune_screen import tune_lines
+
+        for line in tune_lines(search, judged):
+            print_line(line)
+
+    emit(quiet, as_json, lambda: result_document(judged), [judged.folder], show)

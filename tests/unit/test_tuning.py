@@ -1,0 +1,162 @@
+"""A search of parameters: limits and verdicts by hand, trials that go on, a toy's known optimum."""
+
+import json
+import math
+
+import pytest
+
+from harness.core.errors import InputError, InterruptedRunError
+from harness.scenario import read_scenario_file
+from harness.statistics import ENCOUNTERS, Finding, proportion
+from harness.statistics.limits import ONE_SIDED, Limit, Shown, parse_limit
+from harness.studies.tuning import search as searching, tune as tuning
+from harness.studies.tuning.search import (
+    Goal,
+    Parameter,
+    Trial,
+    best_of,
+    front_of,
+    next_candidate,
+    parse_parameter,
+)
+from harness.studies.tuning.tune import NAMES, Search, tune
+
+RARE = Limit("kappa", 1e-3, above=False)
+GAP = Parameter("strategies.gap_yield.critical_gap_s", 0.0, 4.0)
+
+
+def crashes(events: int, pairs: int) -> Finding:
+    (entry,) = (entry for entry in ENCOUNTERS if entry.key == "kappa")
+    return entry.finding("kappa", proportion(events, pairs, ONE_SIDED), 100)
+
+
+@pytest.mark.parametrize(
+    ("events", "pairs", "shown"),
+    [
+        # 0.999ⁿ < 0.05 from n = 2,995 on: the rule of three.
+        (0, 2_994, Shown.NOT_SHOWN),
+        (0, 2_995, Shown.SATISFIED),
+        # One crash needs n with (1 + n/999) 0.999ⁿ < 0.05, from 4,742 on.
+        (1, 4_741, Shown.NOT_SHOWN),
+        (1, 4_742, Shown.SATISFIED),
+        # At least k crashes in 3,000 episodes of rate 0.001: 8.4 % for k = 6, 3.3 % for k = 7.
+        (6, 3_000, Shown.NOT_SHOWN),
+        (7, 3_000, Shown.VIOLATED),
+    ],
+)
+def test_the_verdict_of_a_rate_is_exact(events, pairs, shown) -> None:
+    assert RARE.judged(crashes(events, pairs))[0] is shown
+
+
+def test_what_is_not_known_is_not_shown() -> None:
+    limit = parse_limit("delay_s > 2", NAMES, "")
+    assert limit == Limit("delay_s", 2.0, above=True)
+    assert limit.judged(Finding(3.0, 2.5, 3.5))[0] is Shown.SATISFIED
+    assert limit.judged(Finding(3.0, 1.5, 3.5))[0] is Shown.NOT_SHOWN
+    assert limit.judged(Finding(1.0, 0.5, 1.5))[0] is Shown.VIOLATED
+    for unknown in (
+        Finding(None, reason="nobody"),
+        Finding(3.0),
+        Finding(3.0, 2.5, 3.5, reliable=False, reason="few"),
+    ):
+        assert limit.judged(unknown)[0] is Shown.NOT_SHOWN
+    # A value at the limit does not keep it.
+    assert limit.excess(2.0) > 0
+
+
+GOAL = Goal("delay_s", "minimize", (Limit("kappa", 0.1, above=False),))
+
+
+def trial(number: int, x: float, delay: float | None, kappa: float) -> Trial:
+    return Trial(number, {GAP.key: x}, {"delay_s": delay, "kappa": kappa})
+
+
+def test_the_best_keeps_every_limit_and_the_front_is_not_beaten() -> None:
+    trials = [
+        trial(0, 0.5, 1.0, 0.3),
+        trial(1, 1.0, 2.0, 0.05),
+        trial(2, 1.5, 2.0, 0.05),
+        trial(3, 2.0, 3.0, 0.05),
+        trial(4, 2.5, None, 0.0),
+    ]
+    best = best_of(GOAL, trials)
+    assert best is not None
+    assert best.number == 1
+    assert [of.number for of in front_of(GOAL, trials)] == [0, 1, 2]
+    assert best_of(GOAL, trials[:1]) is None
+
+
+def test_the_search_finds_a_toys_optimum_at_the_limit() -> None:
+    """Delay grows with the gap, κ falls below 0.1 at 2: the optimum is 2."""
+    trials: list[Trial] = []
+    for number in range(40):
+        x = next_candidate([GAP], GOAL, trials, 1)[GAP.key]
+        trials.append(trial(number, x, x, 0.1 * math.exp(2.0 - x) - 1e-9))
+    best = best_of(GOAL, trials)
+    assert best is not None
+    assert best.candidate[GAP.key] == pytest.approx(2.0, abs=0.15)
+    assert next_candidate([GAP], GOAL, trials[:25], 1) == dict(trials[25].candidate)
+    assert next_candidate([GAP], GOAL, trials[:25], 2) != dict(trials[25].candidate)
+
+
+def made() -> Search:
+    file = read_scenario_file("cctc_flow", {"arms.av": "gap_yield"})
+    return Search(file, (GAP,), GOAL, trials=5, pairs=4, fresh=4, engine="plain")
+
+
+def test_an_interrupted_search_goes_on_to_the_same_trials(tmp_path) -> None:
+    def run(folder, stops_after: int | None = None):
+        def progress(done: int, _planned: int, _what: str) -> None:
+            if done == stops_after:
+                raise KeyboardInterrupt
+
+        return tune(made(), out=folder, workers=0, progress=progress)
+
+    whole = run(tmp_path / "whole")
+    with pytest.raises(InterruptedRunError, match="the same command with --out"):
+        run(tmp_path / "stopped", stops_after=2)
+    assert len((tmp_path / "stopped" / "trials.jsonl").read_text().splitlines()) == 2
+    run(tmp_path / "stopped")
+    for name in ("trials.jsonl", "result.json", "tune.json"):
+        both = [(tmp_path / folder / name).read_bytes() for folder in ("whole", "stopped")]
+        assert both[0] == both[1], name
+    document = json.loads((tmp_path / "whole" / "result.json").read_text())
+    assert document["verdicts"]["kappa<0.1"]["verdict"] == "not shown"  # 4 pairs
+    best = read_scenario_file(tmp_path / "whole" / "best.toml").scenario()
+    assert whole.best is not None
+    assert best.strategies["gap_yield"] == {"critical_gap_s": whole.best.candidate[GAP.key]}
+
+
+def test_the_verdict_is_on_pairs_that_the_search_never_saw(tmp_path, monkeypatch) -> None:
+    driven: list[range] = []
+    drive = tuning.Session.drive
+
+    def noted(self, scenarios, pairs, **more):
+        driven.append(pairs)
+        return drive(self, scenarios, pairs, **more)
+
+    monkeypatch.setattr(tuning.Session, "drive", noted)
+    tune(made(), out=tmp_path / "run", workers=0, progress=lambda *_: None)
+    assert driven[-1] == range(4, 8)
+    assert {*driven[2:-1]} == {range(4)}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("a=4:0", "begins at 4"), ("a=0:1:log", "logarithm"), ("a", "LOW:HIGH"), ("a=0:2:x", "LOW:")],
+)
+def test_a_wrong_range_is_refused(text, words) -> None:
+    with pytest.raises(InputError) as refused:
+        parse_parameter(text)
+    assert words in str(refused.value)
+
+
+def test_an_unknown_number_names_the_nearest() -> None:
+    with pytest.raises(InputError, match="did you mean 'max_jerk_p95_mps3'"):
+        parse_limit("max_jerk_p95<10", NAMES, "--subject-to")
+
+
+def test_without_optuna_it_says_how_to_install_it(monkeypatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "optuna", None)
+    with pytest.raises(InputError, match=r"pip install .crosswalk-harness\[tune\]"):
+        searching.import_optuna()
