@@ -76,10 +76,15 @@ def tune(
     with progress_bar("trials", quiet or as_json) as advance, unwinding():
         judged = search_for(search, out=out, workers=workers, progress=advance)
 
+    from harness.report.pages.tune_page import write_tune_page
+
+    page = write_tune_page(search, judged)
+
     def show() -> None:
         from harness.report.screens.tune_screen import tune_lines
 
         for line in tune_lines(search, judged):
             print_line(line)
+        print_line(f"Page: {page}")
 
     emit(quiet, as_json, lambda: result_document(judged), [judged.folder], show)

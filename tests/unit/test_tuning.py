@@ -6,6 +6,7 @@ import math
 import pytest
 
 from harness.core.errors import InputError, InterruptedRunError
+from harness.report.pages.tune_page import write_tune_page
 from harness.scenario import read_scenario_file
 from harness.statistics import ENCOUNTERS, Finding, proportion
 from harness.statistics.limits import ONE_SIDED, Limit, Shown, parse_limit
@@ -122,6 +123,9 @@ def test_an_interrupted_search_goes_on_to_the_same_trials(tmp_path) -> None:
         assert both[0] == both[1], name
     document = json.loads((tmp_path / "whole" / "result.json").read_text())
     assert document["verdicts"]["kappa<0.1"]["verdict"] == "not shown"  # 4 pairs
+    page = write_tune_page(made(), whole).read_text(encoding="utf-8")
+    assert "kappa&lt;0.1: not shown" in page
+    assert "5 trials, search data" in page
     best = read_scenario_file(tmp_path / "whole" / "best.toml").scenario()
     assert whole.best is not None
     assert best.strategies["gap_yield"] == {"critical_gap_s": whole.best.candidate[GAP.key]}

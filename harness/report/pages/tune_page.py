@@ -1,0 +1,88 @@
+"""The page of a search: its screen, the Pareto front as a picture, and all trials."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from harness.core.encounter import FloatArray
+from harness.report.drawing.style import Picture, new_figure, styled
+from harness.report.drawing.tuning_figures import Tried, draw_trials
+from harness.report.pages.template import Page, drawn, flat, page_in, write_page
+from harness.report.screens.tables import Table, TableCell, sort_key, value_cell
+from harness.report.screens.tune_screen import tune_lines
+from harness.studies.tuning.tune import Judged, Search
+
+_CAPTION = (
+    "Search data: each point is a candidate's estimate on the pairs that steered the search, so "
+    "the best ones flatter themselves. The verdict above is on fresh pairs."
+)
+
+
+def write_tune_page(search: Search, judged: Judged) -> Path:
+    """Write ``report.html`` into the folder of a finished search."""
+    page = page_in(judged.folder, None)
+    with styled():
+        pictures = [drawn(picture) for picture in _pictures(search, judged)]
+    content = Page(
+        kind="tune",
+        title=f"{search.file.name}, tuning",
+        heading=f"{search.file.name}: tuning of {', '.join(p.key for p in search.parameters)}",
+        where="Folder",
+        folder=str(judged.folder),
+        screen=list(tune_lines(search, judged)),
+        tables=[_trials(search, judged)],
+        remarks=[],
+        pictures=pictures,
+        no_player="A search shows no episodes; run best.toml to see them.",
+        facts=[
+            ("pairs of the search", f"{search.pairs:,}"),
+            ("fresh pairs", f"{search.fresh:,}"),
+            ("engine", search.engine),
+        ],
+        scenario=list(flat(search.file.scenario().model_dump(mode="json"))),
+        maker="harness tune",
+        made_from="the search's trials and the fresh pairs",
+    )
+    write_page(page, content)
+    return page
+
+
+def _pictures(search: Search, judged: Judged) -> Iterator[Picture]:
+    goal = search.goal
+    known = [trial for trial in judged.trials if goal.excesses(trial) is not None]
+    numbers = {
+        name: np.array([trial.numbers[name] for trial in known], float) for name in goal.names
+    }
+    front = np.array([trial in judged.front for trial in known], float)
+    best = None if judged.best is None else known.index(judged.best)
+    across: dict[str, tuple[FloatArray, float | None]] = {
+        limit.name: (numbers[limit.name], limit.limit) for limit in goal.limits
+    }
+    for each in () if across else search.parameters:
+        across[each.key] = np.array([trial.candidate[each.key] for trial in known], float), None
+    for number, (name, (x, limit)) in enumerate(across.items()):
+        figure, (axes,) = new_figure()
+        tried = Tried(x, numbers[goal.objective], front, best)
+        draw_trials(axes, tried, (name, goal.objective), limit)
+        title = f"Pareto front: {goal.objective} and {name} (search data)"
+        yield Picture(f"front-{number}", title, _CAPTION, figure)
+
+
+def _trials(search: Search, judged: Judged) -> Table:
+    keys = [parameter.key for parameter in search.parameters]
+    rows = []
+    for trial in judged.trials:
+        numbers = [trial.numbers.get(name) for name in search.goal.names]
+        place = "best" if trial == judged.best else "front" if trial in judged.front else ""
+        rows.append(
+            (
+                value_cell(trial.number),
+                *(value_cell(trial.candidate[key]) for key in keys),
+                *(TableCell("" if n is None else f"{n:.4g}", sort=sort_key(n)) for n in numbers),
+                TableCell(trial.refused or place),
+            )
+        )
+    headings = ("trial", *keys, *search.goal.names, "place")
+    caption = "Every trial, with its estimates on the search's pairs (search data)"
+    return Table("trials", caption, headings, tuple(rows), sortable=True, folded=True)
