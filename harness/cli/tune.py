@@ -1,7 +1,7 @@
 """``tune``: searches a strategy's parameters under limits."""
 
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -39,7 +39,10 @@ def tune(
     pairs: options.PairsOption = None,
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
-    engine: options.EngineOption = "sumo",
+    engine: Annotated[
+        Literal["sumo", "plain"],
+        typer.Option(help="plain: the same kinematics, faster; nothing is repeated in SUMO."),
+    ] = "sumo",
     workers: options.WorkersOption = None,
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,

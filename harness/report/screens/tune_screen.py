@@ -56,6 +56,11 @@ def _best(search: Search, judged: Judged, best: Trial) -> Iterator[str]:
         yield f"  {limit}: {shown.value}{f' ({reason})' if reason else ''}"
     if failed := judged.findings["failed"].count:
         yield f"! {counted(failed, 'fresh pair')} failed and are left out."
+    if late := judged.findings["timed_out_av"].count:
+        yield (
+            f"! The AV timed out in {counted(late, 'fresh pair')}. Delay and μ leave these out; "
+            "delay_worst_s and kappa_all count them."
+        )
     rates = [limit for limit in search.goal.limits if limit.name.startswith("kappa")]
     open_rates = [of for of in rates if judged.verdicts[str(of)][0] is Shown.NOT_SHOWN]
     path = shlex.quote(str(judged.folder / BEST))

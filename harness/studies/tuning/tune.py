@@ -189,7 +189,7 @@ def _judged(folder: Path, search: Search, trials: Sequence[Trial], session: Sess
     if best is not None:
         fresh = range(search.pairs, search.pairs + search.fresh)
         found = _findings(search, dict(best.candidate), fresh, session, ONE_SIDED)
-        findings = {name: found[name] for name in (*goal.names, "failed")}
+        findings = {name: found[name] for name in (*goal.names, "failed", "timed_out_av")}
         tree = search.scenario(dict(best.candidate)).model_dump(mode="json", exclude_none=True)
         write_file(folder / BEST, tomlkit.dumps(tree).encode())
     verdicts = {str(limit): limit.judged(findings[limit.name]) for limit in goal.limits if findings}
