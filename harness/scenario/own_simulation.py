@@ -7,13 +7,17 @@ from typing import Any
 from harness.core.errors import InputError, nearest_name
 from harness.scenario.scenario import Scenario
 from harness.scenario.sections import PerceptionSection
-from harness.site.configuration import VEHICLE_CLASSES, SumoConfig, known_types, people_come
+from harness.site.configuration import SumoConfig, people_come
 from harness.site.simulation import Setting, setting_at
+from harness.site.vehicle_types import types_that_come
 
 _EGO_KEYS = ("trigger_range_m", "detection_range_m", "resume_acceleration_mps2")
 """Keys of ``[ego]`` that apply to every vehicle; vehicle types define the other properties."""
 
 _PEOPLE_KEYS = ("flow_per_hour", "behaviour")
+
+_MOST_NAMES = 20
+"""Greatest number of names of types that an error lists."""
 
 
 def with_own_simulation(
@@ -136,11 +140,16 @@ def _check_times(scenario: Scenario, config: SumoConfig, where: str) -> None:
 
 
 def _check_types(names: Iterable[str], config: SumoConfig, where: str) -> None:
-    """Refuse a name that is neither a class of vehicles nor a type of the scenario."""
-    strange = [name for name in names if name not in VEHICLE_CLASSES]
-    types = known_types(config) if strange else set()
-    for name in strange:
-        if name not in types:
-            allowed = "a vehicle class of SUMO, or a vType of the scenario's files"
-            nearest = nearest_name(name, types | VEHICLE_CLASSES)
-            raise InputError(where, f"no vehicle type {name!r}", allowed, nearest)
+    """Refuse a name that is neither the class nor the type of a vehicle that comes."""
+    missing, types, classes = set(names), set[str](), set[str]()
+    for type_id, vehicle_class in types_that_come(config):
+        types.add(type_id)
+        classes.add(vehicle_class)
+        missing -= {type_id, vehicle_class}
+        if not missing:
+            return
+    name = min(missing)
+    listed = sorted(classes) + sorted(types)[:_MOST_NAMES]
+    allowed = f"a class or a type that comes: {', '.join(listed) or 'there is none'}"
+    nearest = nearest_name(name, classes | types)
+    raise InputError(where, f"no vehicle of {name!r} comes", allowed, nearest)

@@ -273,36 +273,3 @@ def elements_of(file: Path) -> Iterator[ET.Element]:
                         parents[-1].remove(element)
     except (OSError, ET.ParseError, EOFError, ValueError) as error:
         raise InputError(str(file), f"cannot be read as XML ({one_line(str(error))})") from None
-
-
-VEHICLE_CLASSES = frozenset(
-    (
-        *("private", "emergency", "authority", "army", "vip", "passenger", "hov", "taxi"),
-        *("bus", "coach", "delivery", "truck", "trailer", "motorcycle", "moped", "bicycle"),
-        *("evehicle", "tram", "rail_urban", "rail", "rail_electric", "rail_fast", "subway"),
-        *("ship", "container", "cable_car", "aircraft", "drone", "scooter", "wheelchair"),
-        *("custom1", "custom2"),
-    )
-)
-"""SUMO's classes of vehicles."""
-
-_DEFAULT_TYPES = frozenset(f"DEFAULT_{name}TYPE" for name in ("VEH", "BIKE", "TAXI", "RAIL"))
-
-
-def known_types(config: SumoConfig) -> set[str]:
-    """The names of the vehicle types that the scenario's files define, and SUMO's own."""
-    names = set(_DEFAULT_TYPES)
-    for option in ("route-files", "additional-files"):
-        for file in config.files(option):
-            names |= _types_in(file)
-    return names
-
-
-def _types_in(file: Path) -> set[str]:
-    names = set()
-    for element in elements_of(file):
-        if element.tag == "vType":
-            names.add(element.get("id", ""))
-        elif element.tag == "include":
-            names |= _types_in(Path(os.path.normpath(file.parent / element.get("href", ""))))
-    return names

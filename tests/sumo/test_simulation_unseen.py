@@ -152,7 +152,8 @@ def test_one_line_says_why_not(
     [
         ({"crossings": [":b_c9"]}, (":b_c9", ":b_c")),
         ({"config": "towm.sumocfg"}, ("towm.sumocfg",)),
-        ({"av_types": ["pasenger"]}, ("pasenger",)),
+        ({"av_types": ["pasenger"]}, ("'pasenger'", "'passenger'")),
+        ({"av_types": ["passenger", "bus"]}, ("no vehicle of 'bus' comes", "passenger")),
         ({"outputs": ["fdc"]}, ("fdc",)),
         ({"begin": 40.0}, ("simulation.begin", "40 s")),
         ({"step_s": 0.5}, ("step_s",)),
