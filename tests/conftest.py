@@ -1,5 +1,6 @@
 """Fixtures shared by all tests."""
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 
@@ -9,6 +10,9 @@ from harness.engine.network import place_of
 from harness.engine.protocol import Engine
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario
+
+# pytest-xdist gives its workers 80 columns; screens are tested as in a pipe.
+os.environ.pop("COLUMNS", None)
 
 MakeEngine = Callable[[Scenario], Engine]
 

@@ -103,9 +103,9 @@ class Measured:
         conflicts.pet_s,
         "s",
         "time between the first road user's exit from the conflict area and the second's entry, "
-        "smallest over pedestrians; the area is the ego's width × the disc, at the pedestrian's x; "
-        "pedestrians continue after the record's end; 0 if both are in it at once without touching "
-        "(at a corner)",
+        "smallest over the pedestrians who stepped off before the record's end; the area is the "
+        "ego's width × the disc, at the pedestrian's x; pedestrians continue after the record's "
+        "end; 0 if both are in it at once without touching (at a corner)",
         about="conflict",
         undefined_when="crash, or one of the two never enters",
         worse="small",

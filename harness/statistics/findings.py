@@ -20,8 +20,8 @@ class Rank(IntEnum):
     FAILURES = 2
     TIME_OUTS = 3
     MISSED_TARGETS = 4
-    NEARNESS = 5
-    LEFT_OUT = 6
+    LEFT_OUT = 5
+    NEARNESS = 6
     UNDEFINED = 7
     SATURATION = 8
     FALLBACK = 9

@@ -130,9 +130,14 @@ def test_what_is_audited_is_what_is_printed(tmp_path: Path) -> None:
     assert {key for key in compared if key.startswith("soft: ")} == of_one
 
 
-def limits(row: dict[str, object], stem: str) -> tuple[float, float]:
-    low, high = (float(str(row[f"{stem}{end}"])) for end in ("low", "high"))
+def limits(row: dict[str, object], stem: str) -> tuple[float | None, float | None]:
+    """The printed limits; None for an interval that is undefined, such as harm without a contact."""
+    low, high = (float(str(value)) if value != "" else None for value in ends(row, stem))
     return low, high
+
+
+def ends(row: dict[str, object], stem: str) -> tuple[object, object]:
+    return row[f"{stem}low"], row[f"{stem}high"]
 
 
 def test_leading_bias_of_cv() -> None:

@@ -91,11 +91,13 @@ def test_in_a_users_own_simulation_the_nearest_scene_has_sumos_pedestrians() -> 
     )
 
 
-def test_the_line_stays_however_many_notes_there_are() -> None:
-    notes = [Note(rank, f"{rank.name} {number}.") for rank in Rank for number in (1, 2, 3)]
+def test_only_what_was_left_out_comes_before_the_line() -> None:
+    first = [Note(Rank.FAILURES, "Failures."), Note(Rank.LEFT_OUT, "Left out.")]
+    later = [Note(rank, f"{rank.name} {n}.") for rank in Rank for n in (1, 2, 3)]
+    notes = [*first, *(note for note in later if note.rank >= Rank.NEARNESS)]
     screen = Screen("a against b", "2 pairs", ("", "AV"), (), tuple(notes), "All: --full.")
     lines = screen_lines(screen)
-    assert "! NEARNESS 1." in lines
+    assert lines.index("! Left out.") + 1 == lines.index("! NEARNESS 1.")
     assert "! REFERENCE 1." not in lines
 
 

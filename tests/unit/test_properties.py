@@ -21,7 +21,10 @@ WALKER = st.tuples(st.floats(0, 6), st.sampled_from(Side), st.floats(0.3, 3))
 WALKERS = st.lists(WALKER, max_size=3)
 PLAN = st.lists(st.sampled_from([-3.0, -1.0, 0.0, 0.0, 1.0]), min_size=20, max_size=60)
 
-FROM_THE_TRIGGER = {"pass_time_s", "pass_time_ignoring_contact_s", "delay_s", "mean_speed_mps"}
+FROM_THE_TRIGGER = {
+    *("pass_time_s", "pass_time_ignoring_contact_s", "delay_s", "mean_speed_mps"),
+    *("rms_acceleration_mps2", "rms_jerk_mps3"),
+}
 """What counts from the trigger on, and so knows how far away it was."""
 
 STRATEGIES = (HardYield, SoftYield, GapYield, EmergencyBrake)

@@ -24,17 +24,17 @@ _LEAST_OF_NAMES = 12
 """Columns of names shrink to this width before an interval is wrapped."""
 
 _BREAKS = re.compile(r" |(?<=_)")
-_NEVER_MERGED = Rank.NEARNESS
+_NEVER_MERGED = Rank.MISSED_TARGETS
 _KEPT_NAMES = {
     Rank.NOTHING_TESTED: "nothing was tested",
     Rank.OVER_MODEL: "the model's fit",
     Rank.FAILURES: "failures",
     Rank.TIME_OUTS: "time-outs",
     Rank.MISSED_TARGETS: "missed targets",
-    Rank.NEARNESS: "the reference",
 }
 _NAMES = {
     Rank.LEFT_OUT: "pairs left out",
+    Rank.NEARNESS: "the reference",
     Rank.UNDEFINED: "undefined numbers",
     Rank.SATURATION: "saturation",
     Rank.FALLBACK: "the fallback",

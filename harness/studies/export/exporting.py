@@ -1,7 +1,6 @@
 """Exports one arm of a pair of a finished run, or of a risk's likeliest events."""
 
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
@@ -50,12 +49,8 @@ def export_pair(
         InputError: the run, cell, pair or passage does not exist, or an option is not supported.
     """
     refuse_in_use(out, "--out")
-    if form == "openscenario" and find_spec("scenariogeneration") is None:
-        raise InputError(
-            "--format openscenario",
-            "scenariogeneration is not installed",
-            'pip install "crosswalk-harness[export]"',
-        )
+    if form == "openscenario":
+        _require_writer()
     if (run / RISK).is_file():
         read_risk(run)
         if missing := write_shown_risk(run):
@@ -81,3 +76,15 @@ def export_pair(
     for name, content in contents.items():
         write_file(out / name, content)
     return Exported(tuple(out / name for name in contents), differences)
+
+
+def _require_writer() -> None:
+    """Refuse OpenSCENARIO if the library that writes it is not installed."""
+    try:
+        import scenariogeneration  # noqa: F401
+    except ImportError:
+        raise InputError(
+            "--format openscenario",
+            "scenariogeneration is not installed",
+            'pip install "crosswalk-harness[export]"',
+        ) from None
