@@ -131,7 +131,7 @@ def test_what_is_audited_is_what_is_printed(tmp_path: Path) -> None:
 
 
 def limits(row: dict[str, object], stem: str) -> tuple[float | None, float | None]:
-    """The printed limits; None for an interval that is undefined, such as harm without a contact."""
+    """The printed limits; None where there is no interval, such as of harm without a contact."""
     low, high = (float(str(value)) if value != "" else None for value in ends(row, stem))
     return low, high
 
