@@ -179,9 +179,9 @@ def own(cluster: str | None, name: str, folder: Path, out: str) -> dict[str, byt
 
 def test_a_strategy_in_a_module_is_uploaded(cluster: str, tmp_path: Path) -> None:
     # The workers run in other folders.
-    (tmp_path / "mine.py").write_text(STRATEGY.format(expression=-0.5))
-    there = own(cluster, "mine:Mine", tmp_path, "there")
-    assert there == own(None, "mine:Mine", tmp_path, "here")
+    (tmp_path / "mine_dask.py").write_text(STRATEGY.format(expression=-0.5))
+    there = own(cluster, "mine_dask:Mine", tmp_path, "there")
+    assert there == own(None, "mine_dask:Mine", tmp_path, "here")
 
 
 @pytest.mark.slow

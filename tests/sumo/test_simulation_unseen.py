@@ -223,9 +223,9 @@ def test_a_run_in_which_every_pair_fails_ends_in_words(
     town: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = toml(town)
-    path.write_text(path.read_text().replace("soft_yield", "mine:Mine"))
+    path.write_text(path.read_text().replace("soft_yield", "fails_always:Mine"))
     fails = "class Mine:\n    def decide(self, observation):\n        raise RuntimeError\n"
-    (town.parent / "mine.py").write_text(fails)
+    (town.parent / "fails_always.py").write_text(fails)
     monkeypatch.chdir(town.parent)
     done = here("run", path, "--pairs", 1, "--out", "run")
     assert "Traceback" not in done.stderr

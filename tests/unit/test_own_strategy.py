@@ -222,13 +222,16 @@ def test_an_error_ends_its_episode_with_its_own_traceback(write: Write, model) -
 def test_a_class_stands_for_its_name(write: Write) -> None:
     sys.path.insert(0, str(Path.cwd()))
     importlib.invalidate_caches()
-    mine = importlib.import_module(write("mine_c", "class Steady:\n    decide = None\n"))
+    mine = importlib.import_module(write("mine_of_a_class", "class Steady:\n    decide = None\n"))
     file = read_scenario_file("cctc", {"arms.av": mine.Steady})
-    assert file.scenario().arms.av == "mine_c:Steady"
+    assert file.scenario().arms.av == "mine_of_a_class:Steady"
     study = study_of(read_scenario_file("cctc"), [("arms.av", [mine.Steady, "hard_yield"])])
-    assert [cell.varied["arms.av"] for cell in study.cells] == ["mine_c:Steady", "hard_yield"]
+    assert [cell.varied["arms.av"] for cell in study.cells] == [
+        "mine_of_a_class:Steady",
+        "hard_yield",
+    ]
     local = type("Steady", (), {"__module__": "__main__"})
-    for nameless in (local, type("Steady", (), {"__module__": "mine_c"})):
+    for nameless in (local, type("Steady", (), {"__module__": "mine_of_a_class"})):
         with pytest.raises(InputError, match=r"^settings arms.av: .* a class of a module"):
             load_scenario("cctc", {"arms.av": nameless})
 
