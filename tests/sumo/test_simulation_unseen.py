@@ -267,7 +267,7 @@ def test_a_crosswalk_where_no_strategy_may_drive_is_named(
 
 @pytest.mark.slow
 def test_several_thousand_vehicles(model: InteractionModel, tmp_path: Path) -> None:
-    arguments = ("--grid", "--grid.number", "10", "--default.lanenumber", "2", "--tls.guess")
+    arguments = ("--grid", "--grid.number", "10", "--default.lanenumber", "2", "-j", "priority")
     more = ("--sidewalks.guess", "--crossings.guess", "-o", "net.net.xml")
     towns.call(tmp_path, "netgenerate", *arguments, *more)
     config = towns.with_demand(tmp_path, 600, 0.2, 1.0)
