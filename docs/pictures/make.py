@@ -18,6 +18,9 @@ from pathlib import Path
 import sumo
 from PIL import Image
 from playwright.sync_api import FloatRect, sync_playwright
+from top_view import top_view
+
+from harness import load_run
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -193,6 +196,19 @@ def own_simulation_gui() -> None:
     save(max(frames, key=vehicles_of_both_colours), "own_simulation_gui", (240, 110, 1040, 750))
 
 
+def exported() -> None:
+    """An exported crash from above, drawn from its files."""
+    settings = ("arms.av=constant_speed", "pedestrians.flow_per_hour=1000")
+    chosen = [word for setting in settings for word in ("--set", setting)]
+    harness("run", "cctc_flow", "--pairs", 20, *chosen, "--traces", "--quiet", "--out", "flow")
+    episodes = load_run("flow").episodes
+    crashed = episodes[(episodes["arm"] == "av") & (episodes["ending"] == "crashed")]
+    pair = int(crashed["pair"].iloc[0])
+    harness("export", "flow", "--pair", pair, "--format", "openscenario", "--out", "crash")
+    top_view(Path("crash"), Path("exported.png"))
+    save(Path("exported.png"), "exported")
+
+
 def vehicles_of_both_colours(picture: Path) -> int:
     """The number of pixels of the rarer colour, that of AVs or that of other vehicles."""
     with Image.open(picture) as image:
@@ -209,6 +225,7 @@ PICTURES: dict[str, Callable[[], None]] = {
     "zebra": zebra,
     "own_simulation": own_simulation,
     "own_simulation_gui": own_simulation_gui,
+    "exported": exported,
 }
 """Every picture by its name."""
 
