@@ -70,6 +70,15 @@ def test_bca_against_scipy(name: str) -> None:
         assert interval.high == pytest.approx(highs.mean(), abs=0.08 * width)
 
 
+def test_the_acceleration_is_of_the_values_without_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    values, left_out = SAMPLES["a dozen"], []
+    monkeypatch.setattr(bootstrap, "_bca", lambda *given: left_out.append(given[2]))
+    bootstrap_mean_and_cv(values, rng())
+    without = [np.delete(values, index) for index in range(len(values))]
+    np.testing.assert_allclose(left_out[0], [rest.mean() for rest in without])
+    np.testing.assert_allclose(left_out[1], [rest.std() / rest.mean() for rest in without])
+
+
 @pytest.mark.parametrize("unit", [0.1, 0.7, 1 / 3])
 def test_bca_in_another_unit(unit: float) -> None:
     # Sums of whole numbers are exact; of a few of them many resamples equal the estimate.  In
@@ -492,6 +501,8 @@ def test_pairs_that_met_nobody_tell_nothing() -> None:
     assert bootstrap_ratio(7.4 * tau + 1.0, np.full(1_000, 7.4), rng()).informative == 3
     assert bootstrap_mean(rng().normal(size=1_000), rng()).informative == 1_000
     assert bootstrap_mean(np.array([]), rng()).informative == 0
+    # Two equal values are as much the most common one as 997.
+    assert bootstrap_mean(np.array([1.0, 1.0, 2.0, 3.0]), rng()).informative == 2
     zero = bootstrap_mean(np.zeros(50), rng())
     assert (zero.low, zero.high, zero.informative) == (0.0, 0.0, 0)
     # Nobody ever waits in cctc, where all 50 pairs met someone.

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from scipy import stats
+from scipy import integrate, optimize, stats
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
@@ -177,6 +177,27 @@ def test_limits_and_share_of_known_cases():
     same = over_model(Finding(0.0, 0.0, 0.007, 500, 0), [0.0] * 20, 16.0)
     assert (same.low, same.high, same.share, same.mostly_model) == (0.0, 0.007, None, False)
     assert over_model(finding(0.8, 0.1), [None] * 18 + [0.8, 0.7], 16.0).low is None
+
+
+def test_the_models_error_with_few_refits_against_quadrature():
+    # The docstring's posterior of √B with a uniform prior, integrated by SciPy, not on a grid.
+    values, half, vehicles = [0.6, 0.7, 0.85, 0.8, 1.05], 0.06, 16
+    within = 5 * (half / stats.norm.ppf(0.975)) ** 2
+    total = np.var(values, ddof=1)
+
+    def likelihood(root):
+        spread = root**2 + within
+        return stats.chi2.pdf(4 * total / spread, 4) / spread
+
+    def beyond(reach):
+        def part(root):
+            return likelihood(root) * stats.t.sf(reach / (root * np.sqrt(1.2)), vehicles - 1)
+
+        return integrate.quad(part, 0, np.inf)[0] / integrate.quad(likelihood, 0, np.inf)[0] - 0.025
+
+    expected = np.hypot(half, optimize.brentq(beyond, 0.01, 9.0))
+    found = over_model(finding(0.8, half), values, vehicles)
+    assert found.high - 0.8 == pytest.approx(expected, rel=0.002)
 
 
 CHANGES = {"experiment.pairs": 40, "model.over_refits": True}
