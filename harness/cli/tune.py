@@ -1,7 +1,8 @@
 """``tune``: searches a strategy's parameters under limits."""
 
 from dataclasses import replace
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -9,6 +10,9 @@ from harness.cli import options
 from harness.cli.interruption import unwinding
 from harness.cli.output import emit, print_line, progress_bar
 from harness.core.errors import InputError
+
+if TYPE_CHECKING:
+    from harness.studies.tuning.folder import Judged, Search
 
 
 def tune(
@@ -35,7 +39,14 @@ def tune(
     fresh: Annotated[
         int, typer.Option(min=1, help="Number of pairs that judge the best candidate.")
     ] = 3000,
-    out: options.OutOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for trials.jsonl, result.json, report.html and best.toml, the best "
+            "candidate's scenario; default runs/<scenario>-tune-<next number>.",
+            metavar="DIR",
+        ),
+    ] = None,
     pairs: options.PairsOption = None,
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
@@ -49,23 +60,26 @@ def tune(
 ) -> None:
     """Search parameters that minimise a number under limits; judge the best on fresh pairs.
 
-    The same command with the same --out continues an interrupted search.
+    The limits are those of --subject-to and of the scenario's limits.subject_to.
     """
     from harness.scenario import Setting, read_scenario_file, study_of
     from harness.statistics.limits import named, parse_limit
+    from harness.store.kinds import limits_of
+    from harness.studies.tuning.folder import NAMES, Search
     from harness.studies.tuning.search import Goal, import_optuna, parse_parameter
-    from harness.studies.tuning.tune import NAMES, Search, result_document, tune as search_for
+    from harness.studies.tuning.tune import tune as search_for
 
     import_optuna()
     if (minimise is None) == (maximise is None):
         raise InputError("--minimise", "one number is searched", "--minimise or --maximise")
     objective = named(minimise or maximise or "", NAMES, "--minimise" if minimise else "--maximise")
     limits = [parse_limit(text, NAMES, "--subject-to") for text in subject_to or []]
-    goal = Goal(objective, "minimize" if minimise else "maximize", tuple(limits))
     searched = tuple(map(parse_parameter, parameter))
     if len({each.key for each in searched}) < len(searched):
         raise InputError("--parameter", "a key is searched twice", "each key once")
     file = read_scenario_file(scenario, options.settings_of(settings, pairs, seed))
+    limits += limits_of(file.scenario())
+    goal = Goal(objective, "minimize" if minimise else "maximize", tuple(dict.fromkeys(limits)))
     middle = [
         Setting(each.key, each.low if not each.whole else int(each.low), "--parameter")
         for each in searched
@@ -79,7 +93,40 @@ def tune(
     with progress_bar("trials", quiet or as_json) as advance, unwinding():
         judged = search_for(search, out=out, workers=workers, progress=advance)
 
+    _show(search, judged, quiet, as_json)
+
+
+def resume_search(
+    folder: Path, workers: int | None, dask: str | None, full: bool, quiet: bool, as_json: bool
+) -> None:
+    """Continue an interrupted search to the same trials; a finished one is only printed."""
+    from harness.studies.tuning.tune import resume_tune
+
+    for option, given in (("--dask", dask is not None), ("--full", full)):
+        if given:
+            raise InputError(option, "is not supported with a search", f"no {option}")
+    with progress_bar("trials", quiet or as_json) as advance, unwinding():
+        search, judged = resume_tune(folder, workers=workers, progress=advance)
+    _show(search, judged, quiet, as_json)
+
+
+def report_search(
+    folder: Path, out: Path | None, figures: Path | None, quiet: bool, as_json: bool
+) -> Path:
+    """Write the page of a finished search."""
     from harness.report.pages.tune_page import write_tune_page
+    from harness.studies.tuning.folder import read_judged, read_search
+
+    search = read_search(folder)
+    page = write_tune_page(search, read_judged(folder, search), out, figures)
+    emit(quiet, as_json, {"page": str(page)}, [page if quiet else f"Report: {page}"])
+    return page
+
+
+def _show(search: "Search", judged: "Judged", quiet: bool, as_json: bool) -> None:
+    """Write the page of a search and print its result."""
+    from harness.report.pages.tune_page import write_tune_page
+    from harness.studies.tuning.folder import result_document
 
     page = write_tune_page(search, judged)
 

@@ -318,9 +318,12 @@ class ExperimentSection(Section):
 
 
 class LimitsSection(Section):
-    """``[limits]``: in ``harness compare`` a strategy below both limits counts as allowed."""
+    """``[limits]``: limits under which strategies are judged; they do not affect the simulation."""
 
     mu0: Positive | None = None
-    """Limit of μ in ``harness compare``; it does not affect the simulation."""
+    """Limit of μ in ``harness compare``; a strategy below both limits counts as allowed."""
     kappa0: Annotated[float, Field(gt=0, le=1)] | None = None
-    """Limit of κ in ``harness compare``; it does not affect the simulation."""
+    """Limit of κ in ``harness compare``; give both or neither."""
+    subject_to: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Limits of numbers of ``summary.csv``, for example ``["kappa<1e-3", "max_jerk_p95_mps3<50"]``;
+    screens and pages say of each cell whether it keeps them, and which one binds."""

@@ -1,6 +1,6 @@
 """An entry of a catalogue defines a reported number once; a finding is its value."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, Generic, TypeVar
@@ -269,8 +269,10 @@ Catalogue = Sequence[Entry[Any]]
 """The entries of a kind of run, in the order in which they are shown."""
 
 
-def findings_of(catalogue: Catalogue, source: object) -> dict[str, Finding]:
-    """The findings of a cell, from its columns."""
+def findings_of(
+    catalogue: Catalogue, source: object, names: Collection[str] | None = None
+) -> dict[str, Finding]:
+    """The findings of a cell, from its columns; with ``names`` those of their entries alone."""
     alike = 0
     for entry in catalogue:
         if entry.key == ALIKE_COUNT:
@@ -278,6 +280,7 @@ def findings_of(catalogue: Catalogue, source: object) -> dict[str, Finding]:
     return {
         name: finding
         for entry in catalogue
+        if names is None or {*names} & {*entry.names}
         for name, finding in entry.findings(source, alike).items()
     }
 

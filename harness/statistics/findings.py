@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 from harness.statistics.entries import Catalogue, Findings, Plain
+from harness.statistics.limits import JudgedLimit
 from harness.statistics.over_model import OverModel
 
 
@@ -46,7 +47,8 @@ class CellFindings:
     ``over_model`` has the intervals over pairs and refits by name, if pairs are spread over refits.
     ``varied`` maps the keys that a sweep varies to the cell's values.  ``av`` and ``reference``
     are the drivers' names as screens show them.  ``thresholds`` are the thresholds of conflicts,
-    for ``Entry.title``.  ``notes`` are in the order of their ranks.
+    for ``Entry.title``.  ``notes`` are in the order of their ranks.  ``limits`` are the scenario's
+    limits with their verdicts.
     """
 
     cell: int
@@ -58,6 +60,7 @@ class CellFindings:
     findings: Findings
     notes: tuple[Note, ...]
     over_model: Mapping[str, OverModel] = field(default_factory=dict)
+    limits: tuple[JudgedLimit, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,12 @@
-"""Limits on reported numbers: parsed, and judged by one-sided bounds."""
+"""Limits on reported numbers: parsed, judged by one-sided bounds, and the one that binds."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 from harness.core.errors import InputError, unknown_name
-from harness.statistics.entries import Finding
+from harness.statistics.entries import Catalogue, Finding, Findings, Form
 
 ONE_SIDED = 0.90
 """Confidence of two-sided intervals whose ends are one-sided 95 % bounds."""
@@ -56,6 +56,82 @@ class Limit:
         if max(ends) <= 0:
             return Shown.SATISFIED, ""
         return (Shown.VIOLATED, "") if min(ends) > 0 else (Shown.NOT_SHOWN, "too few pairs")
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedLimit:
+    """A limit with the number that it limits, and the verdict on it.
+
+    ``finding`` has an interval whose ends are one-sided 95 % bounds; ``reason`` says why nothing is
+    shown.
+    """
+
+    limit: Limit
+    finding: Finding
+    shown: Shown
+    reason: str
+
+    @property
+    def bound(self) -> float | None:
+        """The bound that must keep the limit; None if the number has no interval."""
+        return self.finding.low if self.limit.above else self.finding.high
+
+    @property
+    def margin(self) -> float | None:
+        """Distance from the bound to the limit / |limit|; below 0 if the bound misses the limit.
+
+        None if there is no bound, or the limit is 0.
+
+        >>> round(JudgedLimit(Limit("kappa", 0.02, above=False), Finding(0.0, 0.0, 0.015),
+        ...     Shown.SATISFIED, "").margin, 6)
+        0.25
+        """
+        if self.bound is None or not self.limit.limit:
+            return None
+        return -self.limit.excess(self.bound) / abs(self.limit.limit)
+
+
+def judged(limit: Limit, finding: Finding) -> JudgedLimit:
+    """The limit with its verdict; see ``Limit.judged``."""
+    return JudgedLimit(limit, finding, *limit.judged(finding))
+
+
+def all_judged(limits: Sequence[Limit], findings: Findings) -> tuple[JudgedLimit, ...]:
+    """Every limit with its verdict, in order."""
+    return tuple(judged(limit, findings[limit.name]) for limit in limits)
+
+
+def binding(limits: Sequence[JudgedLimit]) -> JudgedLimit | None:
+    """The limit that binds: of the worst verdict the one with the least margin.
+
+    Violated is worse than not shown, which is worse than satisfied.  A limit without a margin comes
+    after those with one.  Of equals the first binds.  None if there is no limit.
+    """
+    verdicts = [Shown.VIOLATED, Shown.NOT_SHOWN, Shown.SATISFIED]
+
+    def order(each: JudgedLimit) -> tuple[int, bool, float]:
+        return verdicts.index(each.shown), each.margin is None, each.margin or 0.0
+
+    return min(limits, key=order, default=None)
+
+
+def one_sided(confidence: float) -> float:
+    """Confidence of intervals whose ends are one-sided bounds with ``confidence``.
+
+    >>> one_sided(0.95) == ONE_SIDED
+    True
+    """
+    return round(1 - 2 * (1 - confidence), 12)
+
+
+def numbers_of(catalogue: Catalogue) -> set[str]:
+    """The names of a catalogue's numbers that can be limited."""
+    return {
+        name
+        for entry in catalogue
+        if entry.form is not Form.WORD and entry.key != "confidence"
+        for name in filter(None, entry.names)
+    }
 
 
 def parse_limit(text: str, names: Iterable[str], where: str) -> Limit:

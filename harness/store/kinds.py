@@ -6,7 +6,7 @@ that need an engine or a page are listed under the kind's name in ``studies.kind
 ``studies.runs.views`` and ``report.pages.kinds``.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -24,6 +24,7 @@ from harness.statistics import (
     Plain,
     findings_of,
 )
+from harness.statistics.limits import Limit, numbers_of, parse_limit
 from harness.store.arm_columns import arm_columns
 from harness.store.episode_tables import pair_rows
 from harness.store.hour_catalogue import HOURS
@@ -106,8 +107,16 @@ class Kind(Protocol):
     @property
     def derived(self) -> Mapping[str, Derive]: ...
 
-    def findings(self, rows: pa.Table, cell: Cell, confidence: float) -> dict[str, Finding]:
+    def findings(
+        self,
+        rows: pa.Table,
+        cell: Cell,
+        confidence: float,
+        names: Collection[str] | None = None,
+    ) -> dict[str, Finding]:
         """The findings of a cell, from its rows by pair; with ``confidence`` 0 without intervals.
+
+        With ``names`` they are those of the entries of these numbers alone.
 
         Raises:
             InputError: the rows do not have both arms of each pair.
@@ -159,9 +168,15 @@ class EncounterKind:
         """See ``Kind``."""
         return encounter_tables(traces=traces, audit=audit)
 
-    def findings(self, rows: pa.Table, cell: Cell, confidence: float) -> dict[str, Finding]:
+    def findings(
+        self,
+        rows: pa.Table,
+        cell: Cell,
+        confidence: float,
+        names: Collection[str] | None = None,
+    ) -> dict[str, Finding]:
         """See ``Kind``."""
-        return findings_of(self.catalogue, columns_of_cell(rows, cell, confidence))
+        return findings_of(self.catalogue, columns_of_cell(rows, cell, confidence), names)
 
     def statistics(self, rows: pa.Table, cell: Cell, findings: Findings) -> Mapping[str, Rows]:
         """See ``Kind``."""
@@ -224,9 +239,15 @@ class HourKind:
         """See ``Kind``."""
         return hour_tables(traces=traces)
 
-    def findings(self, rows: pa.Table, cell: Cell, confidence: float) -> dict[str, Finding]:
+    def findings(
+        self,
+        rows: pa.Table,
+        cell: Cell,
+        confidence: float,
+        names: Collection[str] | None = None,
+    ) -> dict[str, Finding]:
         """See ``Kind``."""
-        return findings_of(self.catalogue, hour_columns(rows, cell.scenario, confidence))
+        return findings_of(self.catalogue, hour_columns(rows, cell.scenario, confidence), names)
 
     def statistics(
         self,
@@ -284,9 +305,15 @@ class SimulationKind(HourKind):
         """See ``Kind``."""
         return [*SIMULATION_TABLES, *(SIMULATION_TRACES if traces else ())]
 
-    def findings(self, rows: pa.Table, cell: Cell, confidence: float) -> dict[str, Finding]:  # noqa: ARG002
+    def findings(
+        self,
+        rows: pa.Table,
+        cell: Cell,  # noqa: ARG002
+        confidence: float,
+        names: Collection[str] | None = None,
+    ) -> dict[str, Finding]:
         """See ``Kind``."""
-        return findings_of(self.catalogue, arm_columns(rows, self.rows, confidence))
+        return findings_of(self.catalogue, arm_columns(rows, self.rows, confidence), names)
 
     def statistics(
         self,
@@ -318,6 +345,17 @@ def kind_of(scenario: Scenario) -> Kind:
     if scenario.simulation is not None:
         return KINDS["own simulations"]
     return KINDS["encounters" if scenario.traffic is None else "hours of traffic"]
+
+
+def limits_of(scenario: Scenario) -> tuple[Limit, ...]:
+    """The limits of ``limits.subject_to``.
+
+    Raises:
+        InputError: one has another form, or names no number of this kind of run.
+    """
+    names = numbers_of(kind_of(scenario).catalogue)
+    where = "limits.subject_to"
+    return tuple(parse_limit(text, names, where) for text in scenario.limits.subject_to)
 
 
 def kind_of_study(study: Study) -> Kind:

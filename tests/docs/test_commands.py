@@ -27,6 +27,9 @@ SHORTER = {
     "sweep": ["--pairs", "2", "--workers", "1", "--quiet"],
     "fit": ["--components", "1..2", "--starts", "1", "--folds", "2", "--workers", "1"],
     "validate": ["--drivers", "constant_speed", "--folds", "0"],
+    "tune": [
+        *("--trials", "2", "--pairs", "20", "--fresh", "20", "--engine", "plain", "--workers", "1"),
+    ],
     "examples.train_policy": ["--generations", "1", "--episodes", "2"],
 }
 """Options added to a command, by its first word; the last one given counts."""

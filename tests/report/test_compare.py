@@ -8,14 +8,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from harness.core.errors import InputError
 from harness.report.screens.comparison_tables import best_lines
+from harness.report.screens.result_screen import screen_of
+from harness.report.screens.screen import screen_lines
 from harness.scenario import Options, Precision, Study
 from harness.statistics import Place, SweepVerdict, Verdict
 from harness.store import summaries
 from harness.studies.runs.compare import compare
 from harness.studies.runs.comparisons import RunComparison
+from harness.studies.runs.opening import load_run
+from harness.studies.runs.reported import reported
 from harness.studies.workers.tasks import Task
 from tests.batches import one_cell, printed, refusal, sweep
 from tests.made_up import FREE_S, Fate, Fates, made_up
@@ -203,8 +208,7 @@ def test_a_grid_ends_with_its_best_allowed_cell(tmp_path: Path) -> None:
     result = compare(run, mu0=1.0, kappa0=0.05).groups[0]
     # τ of cells 4 and 5, p1 = 0.2: (9 + margin)/10.  κ of all six together, none of 200 crashed:
     # 1 − (0.05/12)^(1/200), below 2.8 %.
-    assert result.judged is not None
-    kappa = result.judged.judgements[5].swept.kappa
+    kappa = result.limits[5][1].finding
     assert kappa.high == pytest.approx(1 - (0.05 / 12) ** (1 / 200), rel=1e-6)
     assert (result.allowed, result.best_allowed) == ([4, 5], 5)
     text = " ".join(printed("compare", run, "--mu0", 1, "--kappa0", 0.05).split())
@@ -221,6 +225,10 @@ def test_a_grid_ends_with_its_best_allowed_cell(tmp_path: Path) -> None:
     assert "none is allowed" in printed("compare", run, "--mu0", 0.5, "--kappa0", 0.05)
     (group,) = json.loads(printed("compare", run, "--mu0", 1, "--kappa0", 0.05, "--json"))["groups"]
     assert (group["best_allowed"], group["allowed_together"]) == (5, [4, 5])
+    # Cell 2, p1 = 0.1, takes 0.75 where it does not crash, and 50 of 200 crash.  Cell 3 is faster
+    # still, so it is not the next one.
+    assert "Binding: kappa_all<0.05; it keeps out cell 2, which has the next smaller" in said
+    assert group["binding"] == {"limit": "kappa_all<0.05", "keeps_out": 2}
 
 
 def test_limits_judge_strategies_without_parameters_too(tmp_path: Path) -> None:
@@ -229,6 +237,47 @@ def test_limits_judge_strategies_without_parameters_too(tmp_path: Path) -> None:
     run = made_up(tmp_path / "run", study, lambda task, _: 8.0 + ("hard" in task.scenario.arms.av))
     text = " ".join(printed("compare", run, "--mu0", 1, "--kappa0", 0.05).split())
     assert "Best allowed cell: 0 (soft_yield), ratio of times 0.80" in text
+
+
+def test_other_limits_say_which_cells_keep_them_and_which_one_binds(tmp_path: Path) -> None:
+    limits = {"limits.subject_to": ["kappa<0.05", "kappa_human<0.5"]}
+    run = margins(tmp_path / "run", limits, bolder_with_less)
+    screen = " ".join("\n".join(screen_lines(screen_of(reported(load_run(run))))).split())
+    # Crashes in 0, 50 and 0 of 200 pairs: p1 = 0.3, 0.1 and 0.2.
+    assert "95 % bound: all satisfied in cells 0, 2; one violated in cell 1." in screen
+    assert "Binding: kappa<0.05 in cells 0, 1, 2." in screen
+    text = " ".join(printed("compare", run).split())
+    assert "Best allowed cell: 2 (" in text
+    assert "2 cells allowed under kappa<0.05, kappa_human<0.5, each by its own one-sided" in text
+    assert "Binding: kappa<0.05; it keeps out cell 1, which has the next smaller ratio" in text
+    (group,) = json.loads(printed("compare", run, "--json"))["groups"]
+    assert group["binding"] == {"limit": "kappa<0.05", "keeps_out": 1}
+    assert (group["best_allowed"], group["allowed_together"], group["allowed"]) == (2, [0, 2], [])
+    (first, _), (missed, _), _ = (cell["limits"] for cell in group["cells"])
+    # The one-sided 95 % bound of 0 of 200, and of 50 of 200: the quantile of Beta(51, 150).
+    bound = 1 - 0.05 ** (1 / 200)
+    assert first["bound"] == pytest.approx(bound, rel=1e-9)
+    assert first["margin"] == pytest.approx(1 - bound / 0.05, rel=1e-9)
+    assert missed["bound"] == pytest.approx(stats.beta.ppf(0.95, 51, 150), rel=1e-6)
+    assert (first["verdict"], missed["verdict"]) == ("satisfied", "violated")
+    # μ0 and κ0 come on top: by the bounds of all three cells together cell 0 is too slow.
+    both = json.loads(printed("compare", run, "--mu0", 1.0, "--kappa0", 0.5, "--json"))["groups"][0]
+    assert (both["best_allowed"], both["allowed_together"]) == (2, [2])
+    # No cell keeps a limit of a number that no pair can show.
+    none = margins(tmp_path / "none", {"limits.subject_to": ["kappa<1e-3"]}, bolder_with_less)
+    text = " ".join(printed("compare", none).split())
+    assert "none is allowed, under kappa<0.001" in text
+    assert "Binding: kappa<0.001 in cells 0, 1, 2." in text
+
+
+def test_the_findings_of_some_numbers_are_those_of_all(run: Path) -> None:
+    data = load_run(run)
+    (cell, *_), names = data.study.cells, {"kappa", "delay_s", "mu_worst"}
+    some, every = (
+        data.kind.findings(data.rows_of_cell(0), cell, 0.9, only) for only in (names, None)
+    )
+    assert {"kappa", "kappa_human", "delay_s", "mu_worst"} < some.keys() < every.keys()
+    assert some == {name: every[name] for name in some}
 
 
 def test_json_and_csv(run: Path, tmp_path: Path) -> None:

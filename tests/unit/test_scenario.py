@@ -82,6 +82,7 @@ def test_shipped_scenarios_load_and_cctc_explains_every_key() -> None:
         ("actuation", "max_jerk_mps3"),
         ("limits", "mu0"),
         ("limits", "kappa0"),
+        ("limits", "subject_to"),
         *(("crossing", key) for key in ("net", "edge", "approach", "ignore_signal", "read")),
         ("crossing", "lane_width_m"),
         ("crossing", "friction"),

@@ -2,15 +2,30 @@
 
 import json
 import math
+from dataclasses import replace
 
 import pytest
 
 from harness.core.errors import InputError, InterruptedRunError
 from harness.report.pages.tune_page import write_tune_page
-from harness.scenario import read_scenario_file
+from harness.scenario import Options, read_scenario_file, study_of
 from harness.statistics import ENCOUNTERS, Finding, proportion
-from harness.statistics.limits import ONE_SIDED, Limit, Shown, parse_limit
+from harness.statistics.limits import (
+    ONE_SIDED,
+    Limit,
+    Shown,
+    binding,
+    judged,
+    numbers_of,
+    parse_limit,
+)
+from harness.store.kinds import KINDS, limits_of
+from harness.store.reading import kind_of_folder
+from harness.store.run_folder import claim_folder
+from harness.studies.batch.plan import plan_of
+from harness.studies.runs.opening import load_run
 from harness.studies.tuning import search as searching, tune as tuning
+from harness.studies.tuning.folder import NAMES, Search, read_judged, read_search
 from harness.studies.tuning.search import (
     Goal,
     Parameter,
@@ -20,7 +35,7 @@ from harness.studies.tuning.search import (
     next_candidate,
     parse_parameter,
 )
-from harness.studies.tuning.tune import NAMES, Search, tune
+from harness.studies.tuning.tune import resume_tune, tune
 
 RARE = Limit("kappa", 1e-3, above=False)
 GAP = Parameter("strategies.gap_yield.critical_gap_s", 0.0, 4.0)
@@ -65,6 +80,41 @@ def test_what_is_not_known_is_not_shown() -> None:
     assert limit.excess(2.0) > 0
 
 
+def test_the_binding_limit_has_the_worst_verdict_and_then_the_least_margin() -> None:
+    rate, delay = Limit("kappa", 0.02, above=False), Limit("delay_s", 2.0, above=False)
+    gap, change = Limit("gap_s", 4.0, above=True), Limit("delay_difference_s", 0.0, above=False)
+    kept = [
+        judged(rate, Finding(0.0, 0.0, 0.015)),  # (0.02 − 0.015) / 0.02
+        judged(delay, Finding(1.8, 1.7, 1.9)),  # (2 − 1.9) / 2
+        judged(gap, Finding(6.0, 5.0, 7.0)),  # (5 − 4) / 4, by the lower bound
+        judged(change, Finding(-1.0, -2.0, -0.5)),  # nothing is relative to 0
+    ]
+    assert [each.margin for each in kept] == [*map(pytest.approx, (0.25, 0.05, 0.25)), None]
+    assert binding(kept) is kept[1]
+    open_ = judged(rate, Finding(0.0, 0.0, 0.03))
+    assert open_.margin == pytest.approx(-0.5)
+    assert binding([*kept, open_]) is open_
+    missed = judged(delay, Finding(2.01, 2.005, 2.02))
+    assert missed.margin == pytest.approx(-0.01)
+    assert binding([*kept, open_, missed]) is missed
+    unknown = judged(gap, Finding(None, reason="nobody"))
+    assert (binding([unknown, open_]), unknown.margin, binding([])) == (open_, None, None)
+
+
+def test_every_number_of_every_kind_can_be_limited_and_others_are_refused() -> None:
+    for kind in KINDS.values():
+        names = numbers_of(kind.catalogue)
+        assert len(names) > 20
+        assert {"confidence", "av"}.isdisjoint(names)
+        assert all(parse_limit(f"{name}>1", names, "").name == name for name in names)
+    hours = read_scenario_file("traffic", {"limits.subject_to": ["crashes_per_hour<1"]}).scenario()
+    with pytest.raises(InputError, match=r"limits.subject_to: unknown number 'crashes_per_hour'"):
+        limits_of(hours)
+    study = study_of(read_scenario_file("cctc", {"limits.subject_to": ["kapa<1e-3"]}))
+    with pytest.raises(InputError, match="did you mean 'kappa'"):
+        plan_of(study, Options())
+
+
 GOAL = Goal("delay_s", "minimize", (Limit("kappa", 0.1, above=False),))
 
 
@@ -98,6 +148,8 @@ def test_the_search_finds_a_toys_optimum_at_the_limit() -> None:
     assert best.candidate[GAP.key] == pytest.approx(2.0, abs=0.15)
     assert next_candidate([GAP], GOAL, trials[:25], 1) == dict(trials[25].candidate)
     assert next_candidate([GAP], GOAL, trials[:25], 2) != dict(trials[25].candidate)
+    # The first ten are drawn at random; with one seed for all trials they would be the same.
+    assert len({of.candidate[GAP.key] for of in trials[:10]}) == 10
 
 
 def made() -> Search:
@@ -114,21 +166,40 @@ def test_an_interrupted_search_goes_on_to_the_same_trials(tmp_path) -> None:
         return tune(made(), out=folder, workers=0, progress=progress)
 
     whole = run(tmp_path / "whole")
-    with pytest.raises(InterruptedRunError, match="the same command with --out"):
+    with pytest.raises(InterruptedRunError, match="harness resume"):
         run(tmp_path / "stopped", stops_after=2)
     assert len((tmp_path / "stopped" / "trials.jsonl").read_text().splitlines()) == 2
-    run(tmp_path / "stopped")
+    with pytest.raises(InputError, match="is not finished; allowed: `harness resume"):
+        read_judged(tmp_path / "stopped", read_search(tmp_path / "stopped"))
+    search, resumed = resume_tune(tmp_path / "stopped", workers=0, progress=lambda *_: None)
+    assert replace(resumed, folder=whole.folder) == whole
+    assert read_judged(tmp_path / "stopped", search) == resumed
     for name in ("trials.jsonl", "result.json", "tune.json"):
         both = [(tmp_path / folder / name).read_bytes() for folder in ("whole", "stopped")]
         assert both[0] == both[1], name
     document = json.loads((tmp_path / "whole" / "result.json").read_text())
     assert document["verdicts"]["kappa<0.1"]["verdict"] == "not shown"  # 4 pairs
     page = write_tune_page(made(), whole).read_text(encoding="utf-8")
-    assert "kappa&lt;0.1: not shown" in page
+    assert "kappa&lt;0.1 not shown (bound " in page
     assert "5 trials, search data" in page
     best = read_scenario_file(tmp_path / "whole" / "best.toml").scenario()
     assert whole.best is not None
     assert best.strategies["gap_yield"] == {"critical_gap_s": whole.best.candidate[GAP.key]}
+
+
+def test_other_commands_name_the_run_that_they_need(tmp_path) -> None:
+    assert kind_of_folder(tmp_path) == "run"
+    (tmp_path / "tune.json").write_text("{}")
+    assert kind_of_folder(tmp_path) == "tune"
+    with pytest.raises(InputError, match="is a search of harness tune, not a run; allowed: a run;"):
+        load_run(tmp_path)
+    (tmp_path / "best.toml").write_text("")
+    with pytest.raises(InputError, match=r"its best candidate: `harness run .*best.toml`"):
+        load_run(tmp_path)
+    with pytest.raises(InputError, match="already contains a search of harness tune"):
+        claim_folder(tmp_path, "cctc")
+    with pytest.raises(InputError, match="is damaged"):
+        read_search(tmp_path)
 
 
 def test_the_verdict_is_on_pairs_that_the_search_never_saw(tmp_path, monkeypatch) -> None:

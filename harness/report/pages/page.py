@@ -16,7 +16,7 @@ from harness.report.pages.player import run_player
 from harness.report.pages.template import Failures, Page, drawn, flat, page_in, write_page
 from harness.report.screens.comparison_tables import comparison_lines, comparison_tables
 from harness.report.screens.result_screen import screen_of
-from harness.report.screens.result_tables import cells_table, full_tables
+from harness.report.screens.result_tables import cells_table, full_tables, run_limits
 from harness.report.screens.screen import screen_lines
 from harness.report.screens.tables import Table, counted
 from harness.scenario import as_written, remarks
@@ -127,8 +127,9 @@ def _results(run: RunData) -> tuple[list[str], list[Table]]:
     *screen, _ = screen_lines(replace(screen_of(findings), most_lines=None))
     if run.varied_keys:
         tables = [cells_table(findings), *full_tables(findings)[:_MOST_TABLES]]
-        return screen, [*tables, *parts_of(run).tables(run)]
-    return screen, [*full_tables(findings), *parts_of(run).tables(run)]
+    else:
+        tables = full_tables(findings)
+    return screen, [*run_limits(findings), *tables, *parts_of(run).tables(run)]
 
 
 def _unfinished(run: RunData) -> str:

@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from harness.core.encounter import FloatArray
-from harness.report.drawing.style import Picture, new_figure, styled
+from harness.report.drawing.plots import save
+from harness.report.drawing.style import Picture, caption, new_figure, styled
 from harness.report.drawing.tuning_figures import Tried, draw_trials
 from harness.report.pages.template import Page, drawn, flat, page_in, write_page
 from harness.report.screens.tables import Table, TableCell, sort_key, value_cell
 from harness.report.screens.tune_screen import tune_lines
-from harness.studies.tuning.tune import Judged, Search
+from harness.studies.tuning.folder import Judged, Search
 
 _CAPTION = (
     "Search data: each point is a candidate's estimate on the pairs that steered the search, so "
@@ -19,11 +20,24 @@ _CAPTION = (
 )
 
 
-def write_tune_page(search: Search, judged: Judged) -> Path:
-    """Write ``report.html`` into the folder of a finished search."""
-    page = page_in(judged.folder, None)
+def write_tune_page(
+    search: Search, judged: Judged, out: Path | None = None, figures: Path | None = None
+) -> Path:
+    """Write the page of a finished search, and on request its figures as PDF and PNG.
+
+    Args:
+        search: what was searched.
+        judged: its result.
+        out: the file; default ``report.html`` in the folder.
+        figures: a folder for the figures, made if missing.
+    """
+    page, pictures = page_in(judged.folder, out), []
     with styled():
-        pictures = [drawn(picture) for picture in _pictures(search, judged)]
+        for picture in _pictures(search, judged):
+            pictures.append(drawn(picture))
+            if figures is not None:
+                caption(picture.figure, picture.caption)
+                save(picture.figure, figures, picture.name)
     content = Page(
         kind="tune",
         title=f"{search.file.name}, tuning",

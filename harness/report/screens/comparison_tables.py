@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from harness.report.screens.joined_notes import joined_notes
+from harness.report.screens.limit_tables import OWN_BOUND, binding_words, limits_table
 from harness.report.screens.result_screen import MODEL_HEADING, with_limits
 from harness.report.screens.tables import (
     Table,
@@ -52,6 +53,8 @@ def comparison_tables(result: RunComparison) -> list[Table]:
             _sweep_table(sweep, group, f"allowed-{place}-{position}")
             for position, sweep in enumerate(group.sweeps)
         ]
+        judged = list(zip([cell.number for cell in group.group.cells], group.limits, strict=False))
+        tables += limits_table(judged, f"under-limits-{place}", f"{name}: limits")
     return tables
 
 
@@ -257,14 +260,14 @@ def allowed_lines(result: SweepResult, error: float) -> list[str]:
 
 def best_lines(result: GroupResult) -> list[str]:
     """Return sentences about a group's best allowed cell; empty if no cell is judged."""
-    if result.judged is None:
+    if not result.limits:
         return []
     cells, best = result.group.cells, result.best_allowed
     shared = named_values(result.group.shared)
     where = "Best allowed cell" + (f" at {shared}" if shared else "")
-    sure = f"by bounds of all {len(cells)} cells together, {level(1 - result.level)}"
+    sure = _sure(result)
     if best is None:
-        return [f"{where}: none is allowed, {sure}."]
+        return [f"{where}: none is allowed, {sure}. {binding_words(result)}"]
     findings, alike = result.summaries[best].findings, result.untold_from(best)
     times = findings["time_ratio"]
     few = f"; {times.reason}" if times.reason else ""
@@ -276,7 +279,19 @@ def best_lines(result: GroupResult) -> list[str]:
     if alike:
         names = ", ".join(str(cells[at].number) for at in alike)
         text += f" Not shown to differ from it: cell{'s' * (len(alike) > 1)} {names}."
-    return [text]
+    return [f"{text} {binding_words(result)}"]
+
+
+def _sure(result: GroupResult) -> str:
+    """Return by which bounds cells are allowed: those of all cells together, own ones, or both."""
+    parts = []
+    if result.together:
+        parts.append(
+            f"by bounds of all {len(result.limits)} cells together, {level(1 - result.level)}"
+        )
+    if own := [str(each.limit) for each in result.limits[0][2 * result.together :]]:
+        parts.append(f"under {', '.join(own)}, {OWN_BOUND}")
+    return ", and ".join(parts)
 
 
 def _left_out(findings: Findings) -> str:

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from harness.report.screens.joined_notes import joined_notes
+from harness.report.screens.limit_tables import limit_lines
 from harness.report.screens.screen import Screen
 from harness.report.screens.tables import (
     DASH,
@@ -60,6 +61,7 @@ def _one_cell(run: RunFindings, cell: CellFindings, footer: str) -> Screen:
         notes=tuple(sorted((*run.notes, *cell.notes), key=lambda note: note.rank)),
         footer=footer,
         site=run.site,
+        conclusions=tuple(limit_lines(run.cells)),
         aside=True,
     )
 
@@ -228,6 +230,7 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
         ),
         footer=footer,
         site=run.site,
+        conclusions=tuple(limit_lines(run.cells)),
         always=always,
         most_lines=None,
     )

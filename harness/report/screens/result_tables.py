@@ -3,6 +3,7 @@
 import re
 
 from harness.measures import MEASURES
+from harness.report.screens.limit_tables import OWN_BOUND, limits_table
 from harness.report.screens.result_screen import (
     MODEL_HEADING,
     MOST_CELLS,
@@ -30,6 +31,12 @@ STAR = "; * unreliable: too few informative pairs (n)"
 def full_tables(run: RunFindings) -> list[Table]:
     """Return a table of every entry for each cell."""
     return [_every_entry(run, cell) for cell in run.cells[:MOST_CELLS]]
+
+
+def run_limits(run: RunFindings) -> list[Table]:
+    """Return a table of the limits of every cell; no table if there are no limits."""
+    cells = [(cell.cell, cell.limits) for cell in run.cells[:MOST_CELLS]]
+    return limits_table(cells, "limits", f"Limits, {OWN_BOUND}")
 
 
 def _every_entry(run: RunFindings, cell: CellFindings) -> Table:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
+from harness.report.screens.limit_tables import limits_document
 from harness.statistics import Catalogue, CellFindings, Plain, RunFindings, row_of
 from harness.studies.runs.reported import reported
 from harness.studies.runs.run_data import RunData
@@ -63,6 +64,7 @@ def _cell(catalogue: Catalogue, cell: CellFindings) -> Document:
         "summary": row_of(catalogue, cell.findings),
         "findings": {name: asdict(finding) for name, finding in cell.findings.items()},
         **_over_model(cell),
+        **limits_document(cell.limits),
         "indicative": [name for name, of in cell.findings.items() if of.reliable is False],
     }
 

@@ -3,12 +3,14 @@
 import shlex
 from collections.abc import Iterator
 
+from harness.report.screens.limit_tables import judged_words
 from harness.report.screens.tables import counted, entry_heading, entry_limits, entry_value
 from harness.scenario import as_written
 from harness.statistics import Form
-from harness.statistics.limits import Shown
+from harness.statistics.limits import Shown, binding
+from harness.store.reading import BEST
+from harness.studies.tuning.folder import Judged, Search, entry_of
 from harness.studies.tuning.search import Trial
-from harness.studies.tuning.tune import BEST, Judged, Search, entry_of
 
 _MOST_OF_FRONT = 10
 
@@ -52,8 +54,11 @@ def _best(search: Search, judged: Judged, best: Trial) -> Iterator[str]:
         bounds = f" ({limits}{percent})" if limits else ""
         estimate = f"in the search {best.numbers[name]:.4g}"
         yield f"  {name}, {entry_heading(entry, thresholds)}: {value}{bounds}; {estimate}"
-    for limit, (shown, reason) in judged.verdicts.items():
-        yield f"  {limit}: {shown.value}{f' ({reason})' if reason else ''}"
+    for limit in judged.verdicts:
+        yield f"  {judged_words(limit)}"
+    binds = binding(judged.verdicts)
+    if binds is not None and len(judged.verdicts) > 1:
+        yield f"  Binding: {binds.limit}"
     if failed := judged.findings["failed"].count:
         yield f"! {counted(failed, 'fresh pair')} failed and are left out."
     if late := judged.findings["timed_out_av"].count:
@@ -61,8 +66,11 @@ def _best(search: Search, judged: Judged, best: Trial) -> Iterator[str]:
             f"! The AV timed out in {counted(late, 'fresh pair')}. Delay and μ leave these out; "
             "delay_worst_s and kappa_all count them."
         )
-    rates = [limit for limit in search.goal.limits if limit.name.startswith("kappa")]
-    open_rates = [of for of in rates if judged.verdicts[str(of)][0] is Shown.NOT_SHOWN]
+    open_rates = [
+        each.limit
+        for each in judged.verdicts
+        if each.limit.name.startswith("kappa") and each.shown is Shown.NOT_SHOWN
+    ]
     path = shlex.quote(str(judged.folder / BEST))
     if open_rates:
         needed = ", ".join(f"{3 / of.limit:,.0f} for {of}" for of in open_rates if of.limit > 0)

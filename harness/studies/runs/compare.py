@@ -26,6 +26,8 @@ from harness.statistics import (
     mcnemar,
     swept_value,
 )
+from harness.statistics.limits import JudgedLimit, Limit
+from harness.store.kinds import limits_of
 from harness.store.over_model import refits_of
 from harness.studies.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
 from harness.studies.runs.opening import finished_run
@@ -37,6 +39,7 @@ from harness.studies.runs.strategy_groups import (
     groups_over,
     parameter_sweeps,
 )
+from harness.studies.runs.under_limits import judged_limits, judged_together
 
 Progress = Callable[[int, int], None]
 """Receives the numbers of done and planned steps."""
@@ -50,7 +53,8 @@ def compare(
 ) -> RunComparison:
     """Compare every two cells that differ only in the AV's strategy, in one run or in several.
 
-    Separate runs are compared over the pairs that they have in common.
+    Separate runs are compared over the pairs that they have in common.  The first scenario's
+    ``limits.subject_to`` applies to all cells.
 
     Args:
         runs: finished runs or their folders: one run with several cells, or several runs with the
@@ -84,10 +88,11 @@ def compare(
         )
     confidence = max(run.confidence for run in opened)
     limits = [_limits(group, mu0, kappa0) for group in groups]
+    others = [limits_of(group.cells[0].cell.scenario) for group in groups]
     steps = _Steps(sum(math.comb(len(group.cells), 2) for group in groups), progress)
     results = [
-        _compare_group(opened, group, limit, confidence, steps)
-        for group, limit in zip(groups, limits, strict=True)
+        _compare_group(opened, group, limit, more, confidence, steps)
+        for group, limit, more in zip(groups, limits, others, strict=True)
     ]
     paths = tuple(run.path for run in opened)
     return RunComparison(paths, opened[0].name, confidence, _as_one_family(results))
@@ -162,6 +167,7 @@ def _compare_group(
     runs: Sequence[RunData],
     group: StrategyGroup,
     limits: Limits | None,
+    others: Sequence[Limit],
     confidence: float,
     steps: _Steps,
 ) -> GroupResult:
@@ -182,7 +188,28 @@ def _compare_group(
         tuple(summaries[member.run][member.cell.number] for member in group.cells),
         tuple(comparisons),
         tuple(_judge(sweep, columns, limits, seed, level) for sweep in sweeps if limits),
-        _judged(range(len(columns)), columns, limits, seed, level) if limits else None,
+        _under_limits(runs, group, columns, limits, others) if limits or others else (),
+        limits is not None,
+    )
+
+
+def _under_limits(
+    runs: Sequence[RunData],
+    group: StrategyGroup,
+    columns: list[PairColumns],
+    limits: Limits | None,
+    others: Sequence[Limit],
+) -> tuple[tuple[JudgedLimit, ...], ...]:
+    """Judge each cell of a group under μ0 and κ0, and under its other limits."""
+    together: list[tuple[JudgedLimit, ...]] = [()] * len(columns)
+    if limits is not None:
+        seed = group.cells[0].cell.scenario.experiment.seed
+        level = 1 - max(run.confidence for run in runs)
+        found = _judged(range(len(columns)), columns, limits, seed, level)
+        together = [judged_together(each, limits) for each in found.judgements]
+    return tuple(
+        (*first, *judged_limits(runs[member.run], member.cell, others))
+        for first, member in zip(together, group.cells, strict=True)
     )
 
 

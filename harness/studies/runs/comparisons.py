@@ -17,11 +17,11 @@ from harness.statistics import (
     Relation,
     Standing,
     Summary,
-    Verdict,
     pareto_front,
     relation_of_crashes,
     relation_of_times,
 )
+from harness.statistics.limits import JudgedLimit, Shown
 from harness.studies.runs.notebook import intervals_html, table_html
 from harness.studies.runs.strategy_groups import ParameterSweep, StrategyGroup
 
@@ -91,7 +91,8 @@ class GroupResult:
     """A group of cells that differ only in the AV's strategy.
 
     ``level`` is the significance level of the tests; ``summaries`` are the summaries of the
-    group's cells, in order.  ``judged`` is the joint judgement of all cells under the limits.
+    group's cells, in order.  ``limits`` has the limits of each cell with their verdicts: first μ0
+    and κ0 if ``together``, by bounds of all cells together, then the other limits, each by its own.
     """
 
     group: StrategyGroup
@@ -99,24 +100,39 @@ class GroupResult:
     summaries: tuple[Summary, ...]
     comparisons: tuple[Comparison, ...]
     sweeps: tuple[SweepResult, ...]
-    judged: AllowedInterval | None = None
+    limits: tuple[tuple[JudgedLimit, ...], ...] = ()
+    together: bool = False
 
     @property
     def allowed(self) -> list[int]:
-        """Positions of the cells that the simultaneous bounds allow."""
-        judgements = () if self.judged is None else self.judged.judgements
+        """Positions of the cells that satisfy every limit; empty without limits."""
         return [
             position
-            for position, judgement in enumerate(judgements)
-            if judgement.verdict is Verdict.ALLOWED
+            for position, limits in enumerate(self.limits)
+            if all(each.shown is Shown.SATISFIED for each in limits)
         ]
 
     @property
     def best_allowed(self) -> int | None:
         """The allowed cell with the smallest ratio of times; None if no cell is allowed."""
-        times = {position: self.summaries[position].time_ratio.value for position in self.allowed}
-        defined = [(value, position) for position, value in times.items() if value is not None]
-        return min(defined)[1] if defined else None
+        allowed = self.allowed
+        return next((position for position in self._by_times() if position in allowed), None)
+
+    @property
+    def stopped(self) -> int | None:
+        """The cell with the next smaller ratio of times than ``best_allowed``; None if none has.
+
+        The limit that binds there keeps the best allowed cell from being a faster one.
+        """
+        best, ordered = self.best_allowed, self._by_times()
+        faster = [] if best is None else ordered[: ordered.index(best)]
+        return faster[-1] if faster else None
+
+    def _by_times(self) -> list[int]:
+        """Positions of the cells with a ratio of times, the smallest first."""
+        times = [summary.time_ratio.value for summary in self.summaries]
+        defined = [position for position, value in enumerate(times) if value is not None]
+        return sorted(defined, key=lambda position: (times[position], position))
 
     def untold_from(self, best: int) -> list[int]:
         """Return the allowed cells whose times do not differ significantly from ``best``."""
