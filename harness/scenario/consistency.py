@@ -6,7 +6,7 @@ from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, Side
 from harness.core.errors import InputError
 from harness.scenario.people_consistency import check_pedestrians, check_quarters
 from harness.scenario.scenario import Scenario
-from harness.scenario.sections import ROUNDING_M, PerceptionSection
+from harness.scenario.sections import ROUNDING_M
 from harness.scenario.sight import check_sight, check_steps, remarks_on_sight
 from harness.scenario.traffic import TrafficSection, by_quarter
 from harness.site.site import Passed
@@ -197,9 +197,6 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection, source: str) -> 
     if pedestrians.behaviour == "sumo":
         allowed = "constant, gap_acceptance, threshold or reactive"
         raise InputError(f"{people}.behaviour", "'sumo' is not supported with [traffic]", allowed)
-    if scenario.perception != PerceptionSection():
-        why = "is not supported with [traffic]"
-        raise InputError(f"{source}: perception", why, "no [perception] table")
     keys = ("first_at_trigger", "timed", "drawn", "warm_up_s")
     for key in (key for key in keys if getattr(pedestrians, key)):
         raise InputError(

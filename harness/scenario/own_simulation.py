@@ -6,7 +6,6 @@ from typing import Any
 
 from harness.core.errors import InputError, nearest_name
 from harness.scenario.scenario import Scenario
-from harness.scenario.sections import PerceptionSection
 from harness.site.configuration import SumoConfig, people_come
 from harness.site.simulation import Setting, setting_at
 from harness.site.vehicle_types import types_that_come
@@ -115,9 +114,6 @@ def _refuse(scenario: Scenario, source: str) -> None:
     if "behaviour" in given and scenario.pedestrians.behaviour != "sumo":
         problem = f"{scenario.pedestrians.behaviour!r} is not supported with [simulation]"
         raise InputError(f"{source}: pedestrians.behaviour", problem, "sumo")
-    if scenario.perception != PerceptionSection():
-        problem = "is not supported with [simulation]"
-        raise InputError(f"{source}: perception", problem, "no [perception] table")
     if own := {"step_s", "timeout_s"} & scenario.experiment.model_fields_set:
         problem = "cannot be combined with [simulation]"
         raise InputError(f"{source}: experiment.{min(own)}", problem, "simulation.step_s")

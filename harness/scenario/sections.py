@@ -204,9 +204,9 @@ class EgoSection(Section):
 
 
 class PerceptionSection(Section):
-    """``[perception]``: perception errors of the AV; by default it sees the ground truth.
+    """``[perception]``: perception errors of AVs; by default they see the ground truth.
 
-    With ``human = true`` they apply in the human's arm too.
+    With ``human = true`` human drivers have them too.
     """
 
     latency_s: Annotated[float, Field(ge=0, le=60)] = 0.0
@@ -224,13 +224,17 @@ class PerceptionSection(Section):
     correlation_s: NonNegative = 1.0
     """Correlation time of the errors."""
     occlusion: bool = True
-    """Whether obstacles hide pedestrians."""
+    """Whether obstacles and vehicles hide pedestrians from the AV."""
+    vehicles_hide: bool = False
+    """Whether vehicles hide pedestrians from each other's drivers, in both arms; with ``[traffic]``
+    or ``[simulation]``."""
     human: bool = False
-    """Whether the same errors apply in the human's arm."""
+    """Whether human drivers have the same errors."""
 
     def is_perfect(self, step_s: float) -> bool:
-        """Whether the strategy sees the ground truth at every step, apart from occlusion."""
+        """Whether the strategy sees the ground truth at every step, apart from what is hidden."""
         no_faults = {"update_s": None, "correlation_s": 1.0, "occlusion": True, "human": False}
+        no_faults["vehicles_hide"] = False
         every_step = self.update_s is None or self.update_s < 1.5 * step_s
         return every_step and self.model_copy(update=no_faults) == PerceptionSection()
 

@@ -21,9 +21,11 @@ def check_sight(scenario: Scenario, source: str) -> None:
     """
     perception, step_s = scenario.perception, scenario.experiment.step_s
     obstacles = scenario.crossing.obstacles
-    if scenario.traffic is not None and (obstacles or not perception.is_perfect(step_s)):
-        key = "crossing.obstacles" if obstacles else "perception"
-        raise InputError(f"{source}: {key}", "is not supported with [traffic]", "none")
+    alone = scenario.traffic is None and scenario.simulation is None
+    if perception.vehicles_hide and alone:
+        problem = "has no effect: the ego meets no other vehicle"
+        allowed = "false, or a scenario with [traffic] or [simulation]"
+        raise InputError(f"{source}: perception.vehicles_hide", problem, allowed)
     update_s = step_s if perception.update_s is None else perception.update_s
     times_s = {"latency_s": (perception.latency_s, 0), "update_s": (update_s, 1)}
     for key, (time_s, fewest) in times_s.items():
@@ -42,7 +44,8 @@ def check_steps(where: str, time_s: float, step_s: float, fewest: int = 0) -> No
 
 def remarks_on_sight(scenario: Scenario) -> list[str]:
     """A remark if SUMO's own driver drives, because it always sees every pedestrian."""
-    perfect = scenario.perception.is_perfect(scenario.experiment.step_s)
+    perception = scenario.perception
+    perfect = perception.is_perfect(scenario.experiment.step_s) and not perception.vehicles_hide
     if (perfect and not scenario.crossing.obstacles) or "sumo_driver" not in (
         scenario.arms.av,
         scenario.arms.human,
@@ -56,15 +59,14 @@ def remarks_on_sight(scenario: Scenario) -> list[str]:
 
 def _check_obstacle(obstacle: ObstacleSection, scenario: Scenario, where: str) -> None:
     """Refuse an obstacle in the path of the ego or of pedestrians, or with an unknown case."""
-    pedestrians, crossing, ego = scenario.pedestrians, scenario.crosswalk(), scenario.ego
+    pedestrians, crossing = scenario.pedestrians, scenario.crosswalk()
     names = [timed.name for timed in pedestrians.timed]
     if obstacle.case is not None and obstacle.case not in names:
         raise unknown_name(f"{where}.case", "case", obstacle.case, names)
-    low, high = crossing.lane_centre_m - ego.width_m / 2, crossing.lane_centre_m + ego.width_m / 2
-    if _overlap(obstacle.y_bounds_m, (low, high)):
-        raise InputError(
-            f"{where}.y_m", "stands in the ego's path", f"y below {low:g} m or above {high:g} m"
-        )
+    for whose, (low, high) in _paths(scenario):
+        if _overlap(obstacle.y_bounds_m, (low, high)):
+            allowed = f"y below {low:g} m or above {high:g} m"
+            raise InputError(f"{where}.y_m", f"stands in {whose} path", allowed)
     native = pedestrians.behaviour == "sumo"
     reach_m = PEDESTRIAN_RADIUS_M + (crossing.width_m / 2 if native else 0.0)
     before_m = dict.fromkeys(Side, ENTRY_BEFORE_KERB_M if native else 0.0)
@@ -82,6 +84,23 @@ def _check_obstacle(obstacle: ObstacleSection, scenario: Scenario, where: str) -
             "a pedestrian would touch it",
             f"x below {-reach_m:g} m or above {reach_m:g} m, where pedestrians walk",
         )
+
+
+def _paths(scenario: Scenario) -> list[tuple[str, tuple[float, float]]]:
+    """The strips in which vehicles drive: the ego's, or with ``[traffic]`` those of all lanes."""
+    crossing, traffic = scenario.crosswalk(), scenario.traffic
+    if traffic is None:
+        half_m = scenario.ego.width_m / 2
+        centre_m = crossing.lane_centre_m
+        return [("the ego's", (centre_m - half_m, centre_m + half_m))]
+    half_m = max(vehicle.width_m for vehicle in scenario.vehicles()) / 2
+    centres = {
+        oncoming: [lane.lane_centre_m for lane in scenario.crosswalk_from_lanes(oncoming=oncoming)]
+        for oncoming in (False, True)
+        if traffic.has_vehicles(oncoming=oncoming)
+    }
+    across = centres.get(False, []) + [crossing.length_m - y for y in centres.get(True, [])]
+    return [("the vehicles'", (centre - half_m, centre + half_m)) for centre in across]
 
 
 def _overlap(interval: tuple[float, float], other: tuple[float, float]) -> bool:

@@ -5,11 +5,11 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import pyarrow as pa
 
-from harness.core.encounter import Arm, FloatArray, Side, Trace
+from harness.core.encounter import Arm, Side, Trace
 from harness.measures import EpisodeRecord, Outcome
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.store.tables import EPISODES, Motion, Row, table_of, traces_table
-from harness.store.walk_rows import pedestrian_row
+from harness.store.walk_rows import pedestrian_row, shown_states
 
 _RECORD_COLUMNS = EPISODES.names[EPISODES.get_field_index("ending") :]
 
@@ -111,15 +111,5 @@ def _motions(trace: Trace, record: EpisodeRecord) -> Iterator[tuple[str, Motion]
         on = y <= trace.crossing.length_m if walk.arrival.side is Side.NEAR else y >= 0
         motion = tuple(values[on] for values in (since, x, y, speed, gain))
         yield f"pedestrian-{walk.arrival.index}", motion
-    for index, states in _shown(trace, times).items():
+    for index, states in shown_states(trace, times).items():
         yield f"shown-{index}", tuple(zip(*states, strict=True))
-
-
-def _shown(trace: Trace, times: FloatArray) -> dict[int, list[tuple[float | None, ...]]]:
-    """The perceived states of each pedestrian by index, for the times at which they were shown."""
-    states: dict[int, list[tuple[float | None, ...]]] = {}
-    for time, views in zip(times.tolist(), trace.shown or (), strict=False):
-        for view in views:
-            y_m = trace.crossing.place_of(view.side, view.remaining_m)
-            states.setdefault(view.index, []).append((time, 0.0, y_m, view.speed_mps, None))
-    return states

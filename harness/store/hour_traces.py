@@ -14,13 +14,13 @@ from harness.core.encounter import Arm, Ending, FloatArray, Trace, Walk
 from harness.episode.traffic.demand import scheduled_vehicle
 from harness.episode.traffic.lanes import Direction, Lane, lanes_of
 from harness.episode.traffic.pairing import HourOutcome
-from harness.episode.traffic.passages import as_seen
+from harness.episode.traffic.passages import Passage, as_seen
 from harness.episode.traffic.vehicles import HourVehicle
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.scenario import Scenario
 from harness.store.hour_tables import walk_row
 from harness.store.tables import Motion, Row, Tables, table_of, traces_table
-from harness.store.walk_rows import stored_walk
+from harness.store.walk_rows import shown_states, stored_walk
 
 _ROUNDING_S = 1e-9
 
@@ -56,6 +56,7 @@ def _motions(outcome: HourOutcome) -> Iterator[tuple[str, Motion]]:
         columns = _vehicle(passage.vehicle, step_s, begin_s)
         if columns[0]:
             yield f"vehicle-{passage.vehicle.plan.number}", columns
+        yield from _shown(passage, step_s, begin_s)
     crossing, last = outcome.scenario.crosswalk(), outcome.log.last_step
     for walk in outcome.log.walks:
         if walk.start_s is None:
@@ -66,6 +67,20 @@ def _motions(outcome: HourOutcome) -> Iterator[tuple[str, Motion]]:
         times: FloatArray = (steps * step_s).astype(np.float64)
         x, y, speed, gain = states_at(walk, crossing, times)
         yield f"pedestrian-{walk.arrival.index}", (times - begin_s, x, y, speed, gain)
+
+
+def _shown(passage: Passage, step_s: float, begin_s: float) -> Iterator[tuple[str, Motion]]:
+    """The pedestrians whom a vehicle's driver was shown, in the axes of the forward direction."""
+    vehicle, trace = passage.vehicle, passage.trace
+    if vehicle.first_step is None or trace.shown is None:
+        return
+    steps = vehicle.first_step + np.arange(len(trace.shown), dtype=np.float64)
+    oncoming = vehicle.plan.lane.direction is Direction.ONCOMING
+    for index, states in shown_states(trace, steps * step_s - begin_s).items():
+        times, x_m, y_m, speed, gain = zip(*states, strict=True)
+        if oncoming:
+            y_m = tuple(trace.crossing.length_m - each for each in y_m)
+        yield f"vehicle-{vehicle.plan.number}-shown-{index}", (times, x_m, y_m, speed, gain)
 
 
 def _vehicle(vehicle: HourVehicle, step_s: float, begin_s: float) -> Motion:

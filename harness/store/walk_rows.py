@@ -1,6 +1,6 @@
-"""A pedestrian's walk as a row of ``pedestrians``, and back."""
+"""A pedestrian's walk as a row of ``pedestrians``, and back; and what drivers were shown."""
 
-from harness.core.encounter import Arrival, Leg, Side, Walk
+from harness.core.encounter import Arrival, FloatArray, Leg, Side, Trace, Walk
 from harness.store.tables import Row
 
 
@@ -39,3 +39,13 @@ def stored_walk(row: Row) -> Walk:
         row["vehicle_speed_mps"],
         None if legs is None else tuple(Leg(**leg) for leg in legs),
     )
+
+
+def shown_states(trace: Trace, times: FloatArray) -> dict[int, list[tuple[float | None, ...]]]:
+    """The perceived states of each pedestrian by index, for the times at which they were shown."""
+    states: dict[int, list[tuple[float | None, ...]]] = {}
+    for time, views in zip(times.tolist(), trace.shown or (), strict=False):
+        for view in views:
+            y_m = trace.crossing.place_of(view.side, view.remaining_m)
+            states.setdefault(view.index, []).append((time, 0.0, y_m, view.speed_mps, None))
+    return states

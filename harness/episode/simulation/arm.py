@@ -1,16 +1,17 @@
 """One arm of a pair in a user's simulation: SUMO step by step, its log out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from harness.core.encounter import PedestrianView, Strategy, Vehicle
 from harness.core.errors import EngineError
-from harness.engine.simulation.running import OwnSimulation
+from harness.engine.simulation.running import Function, OwnSimulation
 from harness.episode.deciding import ROUNDING_M
 from harness.episode.simulation.driving import Control, PassageLog
 from harness.episode.simulation.log import SimulationLog, VehicleKind
 from harness.episode.simulation.looking import Lookout, WatchedLane
 from harness.episode.simulation.people import PeopleAtCrosswalk
+from harness.episode.simulation.seeing import SimulationSight
 from harness.episode.simulation.standing import NEAR_M, SAMPLE_S, Standing
 from harness.episode.simulation.visits import (
     BENDS,
@@ -33,6 +34,9 @@ _WITH_PEOPLE = ("crossing", "walkingarea", "sharedLane")
 MakeDriver = Callable[[str, bool], tuple[str, Strategy | None]]
 """From a vehicle's id and whether it is an AV to its driver's name and strategy (None: SUMO)."""
 
+See = Callable[[Function, Mapping[str, PeopleAtCrosswalk]], SimulationSight | None]
+"""From SUMO's functions and the people at each crosswalk to what drivers see of them."""
+
 
 class SimulationArm:
     """One arm of a pair.
@@ -46,6 +50,7 @@ class SimulationArm:
         is_automated: whether a vehicle with this id, type and class is an AV.
         make: makes the driver of a vehicle that a strategy may drive.
         late: how late a vehicle obeys; with the vehicle and whether it is an AV.
+        see: what drivers see of the people at each crosswalk; None: the ground truth.
     """
 
     def __init__(
@@ -58,6 +63,7 @@ class SimulationArm:
         is_automated: Callable[[str, str, str], bool],
         make: MakeDriver,
         late: Callable[[Vehicle, bool], Vehicle] = lambda vehicle, _automated: vehicle,
+        see: See = lambda _function, _people: None,
     ) -> None:
         self.simulation, self.setting, self.counted = simulation, setting, counted
         self.detection_m, self.resume_mps2 = detection_m, resume_mps2
@@ -87,6 +93,7 @@ class SimulationArm:
             crosswalk.id: PeopleAtCrosswalk(function, crosswalk, self._person_came)
             for crosswalk in setting.crosswalks
         }
+        self.sight = see(function, self.people)
         self._persons_on: Callable[[str], Sequence[str]] = function("edge", "getLastStepPersonIDs")
         self._walked_edges = sorted(set().union(*(each.edges for each in self.people.values())))
         self.hits: set[tuple[str, str]] = set()
@@ -104,6 +111,8 @@ class SimulationArm:
         steps = 0
         try:
             while simulation.goes_on:
+                if self.sight is not None:
+                    self.sight.begin_step()
                 self.control.command(simulation.time_s)
                 time_s = simulation.step()
                 steps += 1
@@ -121,11 +130,16 @@ class SimulationArm:
             passage.ended = "the simulation ended"
         log.end_s = simulation.time_s
         log.people = {name: people.tracks() for name, people in self.people.items()}
+        if self.sight is not None:
+            log.numbers = {name: people.numbers() for name, people in self.people.items()}
         log.passages.sort(key=lambda each: (each.time_s[0], each.name))
         return log
 
-    def _views(self, driven_way: DrivenWay) -> Sequence[PedestrianView]:
-        return self.people[driven_way.way.crosswalk].views(driven_way.way)
+    def _views(self, passage: PassageLog, near: bool) -> Sequence[PedestrianView]:
+        if passage.updates is not None and self.sight is not None:
+            return self.sight.shown(passage, near=near)
+        way = passage.driven_way.way
+        return self.people[way.crosswalk].views(way) if near else ()
 
     def _note_people(self, time_s: float) -> None:
         """Note where everybody at the crosswalks is; each walking area is read once."""
@@ -316,4 +330,6 @@ class SimulationArm:
         self.active[name, way.crosswalk] = passage
         self.log.passages.append(passage)
         if strategy is not None:
+            if self.sight is not None:
+                self.sight.begin(passage)
             self.control.take(passage)

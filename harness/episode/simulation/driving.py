@@ -17,6 +17,8 @@ from harness.core.encounter import (
 from harness.core.errors import StrategyError
 from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
 from harness.site.simulation import DrivenWay
+from harness.strategies.perception.sensor import Sensor
+from harness.strategies.perception.updates import Updates, Views
 
 SPEED_MODE_MID_BLOCK = 23
 """SUMO keeps the distance, the limits of the vehicle and red lights; it yields to nobody."""
@@ -51,6 +53,8 @@ class PassageLog:
         stood_s, with_people_s: time for which it has stood at the crosswalk without a break, and
             for which somebody who wants to cross has stood there as well.
         fallback: the strategy's ``fallback`` (``Strategy``).
+        sensor, updates: the driver's sensor and its updates; None: the driver sees the truth.
+        shown: what the driver was shown at each step, with a sensor.
     """
 
     name: str
@@ -73,6 +77,9 @@ class PassageLog:
     stood_s: float = 0.0
     with_people_s: float = 0.0
     fallback: bool = False
+    sensor: Sensor | None = None
+    updates: Updates | None = None
+    shown: list[Views] | None = None
 
     def note(self, time_s: float, x_m: float, speed_mps: float) -> None:
         """Note the state at the end of a step."""
@@ -106,7 +113,8 @@ class Control:
         set_speed: SUMO's ``vehicle.setSpeed``.
         step_s: the length of a step.
         detection_m: distance within which the vehicles see people.
-        views: returns everybody at the crosswalk of a way, as a vehicle on the way sees them.
+        views: returns the people whom a passage's driver sees; with whether the vehicle is within
+            its detection range.
     """
 
     def __init__(
@@ -115,7 +123,7 @@ class Control:
         set_speed: Callable[[str, float], None],
         step_s: float,
         detection_m: float,
-        views: Callable[[DrivenWay], Sequence[PedestrianView]],
+        views: Callable[[PassageLog, bool], Sequence[PedestrianView]],
     ) -> None:
         self._vehicle, self._set_speed, self._step_s = api.vehicle, set_speed, step_s
         self._detection_m, self._views = detection_m + ROUNDING_M, views
@@ -193,7 +201,7 @@ class Control:
         before = passage.speed_mps[-2] if len(passage.speed_mps) > 1 else speed
         time_s = (len(passage.x_m) - 1) * self._step_s
         near = -self._detection_m <= x <= self._detection_m
-        seen = tuple(self._views(passage.driven_way)) if near else ()
+        seen = tuple(self._views(passage, near))
         ego = quick_tuple(EgoView, (-x, speed, (speed - before) / self._step_s))
         crossing = passage.driven_way.way.crossing
         observation = quick_tuple(

@@ -34,6 +34,8 @@ class SimulationLog:
         vehicles: every vehicle that departed, by id.
         passages: over the chosen crosswalks, by the time of R0.
         people: everybody who was on a crosswalk, by crosswalk.
+        numbers: the place in ``people`` of everybody who came, by crosswalk and index; places
+            beyond its end are of people who left without a step onto the crosswalk.
         queues_m: by crosswalk, the queue in m at every second that counts.
         not_measured: by crosswalk and reason, vehicles that were not measured.
         collisions: number of vehicle–vehicle and vehicle–person collisions by SUMO's own count.
@@ -48,6 +50,7 @@ class SimulationLog:
     vehicles: dict[str, VehicleKind] = field(default_factory=dict)
     passages: list[PassageLog] = field(default_factory=list)
     people: dict[str, list[PersonTrack]] = field(default_factory=dict)
+    numbers: dict[str, dict[int, int]] = field(default_factory=dict)
     queues_m: dict[str, list[float]] = field(default_factory=dict)
     not_measured: Counter[tuple[str, str]] = field(default_factory=Counter)
     collisions: int = 0

@@ -11,19 +11,29 @@ import numpy as np
 from harness.core.encounter import Arm, StepMotion, Strategy, Trace
 from harness.core.errors import EngineError, StrategyError, in_one_line
 from harness.engine.simulation.outputs import Kept
-from harness.engine.simulation.running import NO_OPTIONS, TRIPS_FILE, OwnSimulation, write_config
+from harness.engine.simulation.running import (
+    NO_OPTIONS,
+    TRIPS_FILE,
+    Function,
+    OwnSimulation,
+    write_config,
+)
 from harness.episode.arms import check_arms, make_strategy
 from harness.episode.simulation.arm import SimulationArm
 from harness.episode.simulation.demand import number_of, write_people
 from harness.episode.simulation.driving import PassageLog
 from harness.episode.simulation.log import SimulationLog, uniform_of
 from harness.episode.simulation.passages import VehicleTrack, passage
+from harness.episode.simulation.people import PeopleAtCrosswalk
+from harness.episode.simulation.seeing import SimulationSight
 from harness.episode.simulation.trips import Trip, read_trips
 from harness.measures import EpisodeRecord, measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
 from harness.scenario.own_simulation import setting_of
 from harness.site.simulation import Setting
+from harness.strategies.perception.sensor import sensor_of
+from harness.strategies.perception.updates import Views
 
 SUMO_DRIVER = "sumo_driver"
 """The strategy that leaves the driving to SUMO."""
@@ -141,6 +151,17 @@ class SimulationRunner:
                 what = f"vehicle {name}: the strategy could not be made: {in_one_line(error)}"
                 raise StrategyError(what, error) from None
 
+        sensors = {driver: sensor_of(scenario, driver) for driver in Arm}
+
+        def see(
+            function: Function, people: Mapping[str, PeopleAtCrosswalk]
+        ) -> SimulationSight | None:
+            if not any(sensors.values()):
+                return None
+            return SimulationSight(
+                lambda automated: sensors[driver_of(automated)], pair, function, people
+            )
+
         return SimulationArm(
             running,
             setting,
@@ -150,6 +171,7 @@ class SimulationRunner:
             is_automated,
             make,
             lambda vehicle, automated: scenario.late(vehicle, driver_of(automated)),
+            see,
         )
 
 
@@ -176,10 +198,21 @@ def measured(log: SimulationLog, setting: Setting) -> list[MeasuredPassage]:
             ),
             fallback=each.fallback,
             sumo_collision=each.collided,
+            shown=_shown(each, log),
         )
         for each in with_states
     ]
     return [*map(MeasuredPassage, with_states, traces, _records(traces))]
+
+
+def _shown(passage: PassageLog, log: SimulationLog) -> tuple[Views, ...] | None:
+    """What a passage's driver was shown, with the indices of the people in its trace."""
+    if passage.shown is None:
+        return None
+    numbers = log.numbers[passage.driven_way.way.crosswalk]
+    return tuple(
+        tuple(view._replace(index=numbers[view.index]) for view in views) for views in passage.shown
+    )
 
 
 def _records(traces: Sequence[Trace]) -> list[EpisodeRecord]:

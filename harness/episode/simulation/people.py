@@ -71,8 +71,9 @@ class PeopleAtCrosswalk:
     ) -> None:
         self.crosswalk = crosswalk
         self.present: dict[str, PersonAt] = {}
+        self.id_of: list[str] = []
+        """The id of everybody who came, by index."""
         self.gone: list[PersonAt] = []
-        self._count = 0
         self._on_new = on_new
         self._areas = sorted(crosswalk.areas)
         self.edges = {crosswalk.id, *self._areas}
@@ -114,8 +115,8 @@ class PeopleAtCrosswalk:
     def _known(self, name: str) -> PersonAt:
         person = self.present.get(name)
         if person is None:
-            person = self.present[name] = PersonAt(name, self._count)
-            self._count += 1
+            person = self.present[name] = PersonAt(name, len(self.id_of))
+            self.id_of.append(name)
             self._on_new(name)
         return person
 
@@ -129,10 +130,19 @@ class PeopleAtCrosswalk:
 
         Those who are still before it at the end come last.
         """
+        return [person.track() for person in self._in_order()]
+
+    def numbers(self) -> dict[int, int]:
+        """The place in ``tracks`` of everybody, by index; those without a track come last."""
+        order = [person.index for person in self._in_order()]
+        without = sorted({*range(len(self.id_of))} - {*order})
+        return {index: number for number, index in enumerate((*order, *without))}
+
+    def _in_order(self) -> list[PersonAt]:
         everyone = [*self.gone, *(p for p in self.present.values() if True in p.on_crossing)]
         everyone.sort(key=lambda person: (person.time_s[0], person.index))
         before = [p for p in self.present.values() if True not in p.on_crossing]
-        return [person.track() for person in (*everyone, *before)]
+        return [*everyone, *before]
 
     def views(self, way: WayOver) -> tuple[PedestrianView, ...]:
         """Everybody as a vehicle on one way sees them; all vehicles on a way see the same."""

@@ -5,10 +5,11 @@ vehicle.  Pedestrians (``harness.episode.crowd``), strategies and command limits
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from harness.core.actuation import actuator_of
-from harness.core.encounter import Arrival, EgoView, Observation
+from harness.core.encounter import Arm, Arrival, EgoView, Observation
 from harness.core.errors import StrategyError
 from harness.engine.control import COLLISION_REACH_M
 from harness.engine.road import SumoRoad
@@ -16,10 +17,12 @@ from harness.episode.cell_constants import CellConstants
 from harness.episode.crowd import Crowd
 from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
 from harness.episode.traffic.entrance import Entrance, MakeStrategy
+from harness.episode.traffic.seeing import HourSight
 from harness.episode.traffic.vehicles import HourLog, HourVehicle, LaneOnRoad, clearing_s, state_of
 from harness.episode.walkers import ChooseSpeed
 from harness.measures.efficiency import STANDING_MPS
 from harness.scenario import TrafficSection
+from harness.strategies.perception.sensor import Sensor
 
 QUEUED_MPS = 5 / 3.6
 """A vehicle below this speed is queued (5 km/h, as in SUMO's queue output)."""
@@ -40,6 +43,8 @@ class Hour:
         rules: the cell's constants.
         traffic: durations and car following.
         sumo_drives: whether a strategy may let SUMO's own driver drive.
+        sensors: the sensor of each driver; without any, all see the ground truth.
+        pair: index of the pair, which keys the sensors' streams.
         paths: whether to record vehicles' positions outside of their passages.
     """
 
@@ -54,6 +59,8 @@ class Hour:
         traffic: TrafficSection,
         *,
         sumo_drives: bool = False,
+        sensors: Mapping[Arm, Sensor | None] = MappingProxyType({}),
+        pair: int = 0,
         paths: bool = False,
     ) -> None:
         self.road, self.lanes, self.rules, self.traffic = road, lanes, rules, traffic
@@ -69,6 +76,8 @@ class Hour:
         self.crowd = Crowd(arrivals, lanes, choose_speed, rules, road.remove)
         self.log = HourLog(let_go=self.crowd.let_go)
         self.on_road: dict[str, HourVehicle] = {}
+        seeing = any(sensors.values())
+        self.sight = HourSight(sensors, pair, road, self.on_road) if seeing else None
 
     def run(self) -> HourLog:
         """Simulate the warm-up, the counted time, and the time until the road is empty.
@@ -126,18 +135,23 @@ class Hour:
     def _drive(self, now: float, n: int) -> None:
         """Let every strategy decide, from its observation at the beginning of the step."""
         step, drive = self.step_s, self.road.drive
-        detection, everyone = self.detection_m, None
+        detection, everyone, sight = self.detection_m, None, self.sight
         for lane in self.lanes:
             if not lane.driven:
                 continue
             if everyone is None:
                 everyone = self.crowd.views()
+                if sight is not None:
+                    sight.begin_step(self.crowd.walkers, self.rules.crossing)
             views, crossing = lane.seen_from(everyone), lane.lane.crossing
             for car in lane.driven:
                 x, speed, vehicle = car.x_m, car.speed_mps, car.vehicle
                 time_s = (n - car.first_step) * step  # type: ignore[operator]  # it is driven
                 view = EgoView(-x, speed, car.acceleration_mps2)
-                visible = views if -detection <= x <= detection else ()
+                if sight is not None and car.updates is not None:
+                    visible = sight.shown(car, n - car.first_step, views)  # type: ignore[operator]
+                else:
+                    visible = views if -detection <= x <= detection else ()
                 observation = Observation(time_s, step, view, vehicle, crossing, visible)
                 try:
                     answer = car.strategy.decide(observation)
@@ -215,6 +229,8 @@ class Hour:
         car.speeds.append(speed)
         car.met = list(self.crowd.walkers)
         car.came_from = len(self.crowd.came)
+        if self.sight is not None:
+            self.sight.take_over(car)
         lane.driven.append(car)
 
     def _note_collisions(self) -> None:

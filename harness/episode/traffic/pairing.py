@@ -19,6 +19,7 @@ from harness.episode.traffic.vehicles import HourLog, LaneOnRoad, clearing_s
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
+from harness.strategies.perception.sensor import sensor_of
 
 SUMO_DRIVER = "sumo_driver"
 """The strategy that lets SUMO's own driver drive."""
@@ -64,6 +65,7 @@ class HourRunner:
         self._scenario, self._model, self._get_road = scenario, model, get_road
         self._traffic, self._paths = scenario.known_traffic, paths
         self._rules = constants_of(scenario)
+        self._sensors = {driver: sensor_of(scenario, driver) for driver in Arm}
         check_arms(scenario, model)
 
     def run(
@@ -135,6 +137,8 @@ class HourRunner:
             rules,
             traffic,
             sumo_drives=self._sumo_drives,
+            sensors=self._sensors,
+            pair=pair,
             paths=self._paths,
         )
         try:

@@ -119,6 +119,7 @@ def _trace(car: HourVehicle, lane: Lane, log: HourLog, rules: CellConstants) -> 
         sumo_collision=car.collided,
         fallback=bool(getattr(car.strategy, "fallback", False)),
         trace_offset_s=car.trace_offset_s,
+        shown=None if car.shown is None else tuple(car.shown),
     )
 
 

@@ -13,6 +13,7 @@ from harness.episode.traffic.demand import Scheduled
 from harness.episode.traffic.lanes import Lane
 from harness.episode.walkers import Walker
 from harness.scenario import TrafficSection
+from harness.strategies.perception.updates import Updates, Views
 
 LEAST_CLEARING_S = 900.0
 
@@ -64,6 +65,10 @@ class HourVehicle:
     """Step, x and speed once per second outside of its passage, if they are recorded."""
     met: list[Walker] = field(default_factory=list)
     """The pedestrians at the crosswalk when its strategy took over."""
+    updates: Updates | None = None
+    """The updates of its sensor; None if its driver sees the ground truth."""
+    shown: list[Views] | None = None
+    """What its driver was shown at each step, with a sensor."""
     came_from: int = 0
     came_until: int = 0
     """The pedestrians who arrived during its passage: a half-open range of arrival numbers."""

@@ -85,7 +85,7 @@ def shown_arm(
         kept = _kept(states["time_s"].to_numpy(), step_s)
         if name.startswith("shown-"):
             beliefs.append({"index": int(name.removeprefix("shown-")), **_track(states, kept)})
-        elif not name.startswith("pedestrian-"):
+        elif "-shown-" not in name and not name.startswith("pedestrian-"):
             vehicle = {"name": name, "filled": True, "oncoming": False, **_track(states, kept)}
             if crossing is not None:
                 vehicle["v"] = rounded(states["speed_mps"].to_numpy()[kept])

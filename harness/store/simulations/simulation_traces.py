@@ -15,7 +15,7 @@ from harness.episode.simulation.pairing import MeasuredPassage, SimulationOutcom
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.store.simulations.simulation_tables import counted_passages
 from harness.store.tables import SIMULATION_TRACES, Motion, Row, Tables, table_of, traces_table
-from harness.store.walk_rows import pedestrian_row
+from harness.store.walk_rows import pedestrian_row, shown_states
 
 _ROUNDING = 1e-9
 
@@ -128,3 +128,6 @@ def _motions(number: int, passage: MeasuredPassage) -> Iterator[tuple[str, Motio
         there = times[(times >= walk.start_s - _ROUNDING) & (times <= last_s)]
         x_m, ys_m, speed, gain = states_at(walk, trace.crossing, there)
         yield f"{name}-pedestrian-{walk.arrival.index}", (begin_s + there, x_m, ys_m, speed, gain)
+    for index, states in shown_states(trace, times).items():
+        seen_s, *columns = zip(*states, strict=True)
+        yield f"{name}-shown-{index}", ([begin_s + each for each in seen_s], *columns)

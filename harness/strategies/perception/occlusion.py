@@ -1,4 +1,4 @@
-"""Whether obstacles hide a pedestrian, by exact plane geometry in the road frame."""
+"""Whether obstacles hide a pedestrian, by exact plane geometry in one plane frame."""
 
 import math
 from collections.abc import Sequence
@@ -8,18 +8,51 @@ from harness.core.encounter import PEDESTRIAN_RADIUS_M
 
 _ROUNDING_RAD = 1e-12
 """Tolerance of angles: obstacles that touch each other leave no gap."""
+_ROUNDING_M = 1e-6
+"""Tolerance with which obstacles that are not near a line of sight are left out."""
 
 Point = tuple[float, float]
 """(x, y) in m."""
 
 
 class Rectangle(NamedTuple):
-    """An obstacle in the road frame, its sides along x and y, in m."""
+    """An obstacle in m; its sides are along the frame's axes, turned by ``heading_rad``.
+
+    The bounds are coordinates in the turned frame, which has the same origin.
+    """
 
     x_low_m: float
     x_high_m: float
     y_low_m: float
     y_high_m: float
+    heading_rad: float = 0.0
+
+    def holds(self, point: Point) -> bool:
+        """Whether a point is inside the rectangle or on its edge."""
+        x_m, y_m = self.turned(point)
+        return self.x_low_m <= x_m <= self.x_high_m and self.y_low_m <= y_m <= self.y_high_m
+
+    def turned(self, point: Point) -> Point:
+        """A point of the frame in the rectangle's own axes."""
+        return _turned_by(point, self.heading_rad) if self.heading_rad else point
+
+
+def outline(front: Point, heading_rad: float, length_m: float, width_m: float) -> Rectangle:
+    """The rectangle of a vehicle.
+
+    Args:
+        front: the middle of its front bumper.
+        heading_rad: its direction, counterclockwise from the x axis.
+        length_m: its length.
+        width_m: its width.
+
+    Example:
+        >>> outline((10.0, 1.0), 0.0, 5.0, 2.0)
+        Rectangle(x_low_m=5.0, x_high_m=10.0, y_low_m=0.0, y_high_m=2.0, heading_rad=0.0)
+    """
+    x_m, y_m = _turned_by(front, heading_rad) if heading_rad else front
+    half_m = width_m / 2
+    return Rectangle(x_m - length_m, x_m, y_m - half_m, y_m + half_m, heading_rad)
 
 
 def is_hidden(eye: Point, centre: Point, obstacles: Sequence[Rectangle]) -> bool:
@@ -30,8 +63,8 @@ def is_hidden(eye: Point, centre: Point, obstacles: Sequence[Rectangle]) -> bool
     hidden if the obstacles together hide all its angles.
 
     Args:
-        eye: the eye, outside every obstacle.
-        centre: centre of the disc, which no obstacle touches.
+        eye: the eye.  An obstacle that contains it hides nobody: two vehicles are there in a crash.
+        centre: centre of the disc.  An obstacle that touches the disc hides what is nearer.
         obstacles: the obstacles.
 
     Example:
@@ -48,7 +81,10 @@ def is_hidden(eye: Point, centre: Point, obstacles: Sequence[Rectangle]) -> bool
     bearing = math.atan2(across, ahead)
     half = math.asin(PEDESTRIAN_RADIUS_M / distance)
     covered = sorted(
-        shadow for obstacle in obstacles for shadow in _shadows(eye, bearing, distance, obstacle)
+        shadow
+        for obstacle in obstacles
+        if _is_between(eye, centre, obstacle)
+        for shadow in _shadows(eye, bearing, distance, obstacle)
     )
     reached = -half
     for low, high in covered:
@@ -58,12 +94,27 @@ def is_hidden(eye: Point, centre: Point, obstacles: Sequence[Rectangle]) -> bool
     return reached >= half - _ROUNDING_RAD
 
 
+def _is_between(eye: Point, centre: Point, obstacle: Rectangle) -> bool:
+    """Whether an obstacle may hide part of a disc: it reaches between the disc and the eye."""
+    if obstacle.holds(eye):
+        return False
+    (eye_x, eye_y), (x_m, y_m) = obstacle.turned(eye), obstacle.turned(centre)
+    reach_m = PEDESTRIAN_RADIUS_M + _ROUNDING_M
+    return (
+        obstacle.x_low_m <= max(eye_x, x_m + reach_m)
+        and obstacle.x_high_m >= min(eye_x, x_m - reach_m)
+        and obstacle.y_low_m <= max(eye_y, y_m + reach_m)
+        and obstacle.y_high_m >= min(eye_y, y_m - reach_m)
+    )
+
+
 def _shadows(
     eye: Point, bearing: float, distance_m: float, obstacle: Rectangle
 ) -> list[tuple[float, float]]:
     """The angles of the disc that an obstacle hides, relative to the direction to its centre."""
+    eye, bearing = obstacle.turned(eye), bearing - obstacle.heading_rad
     x_low, x_high, y_low, y_high = (
-        bound - eye[number // 2] for number, bound in enumerate(obstacle)
+        bound - eye[number // 2] for number, bound in enumerate(obstacle[:4])
     )
     middle = math.atan2((y_low + y_high) / 2, (x_low + x_high) / 2)
     # Seen from outside, a rectangle fills less than half a turn.
@@ -93,6 +144,12 @@ def _entry(direction: float, x_m: Point, y_m: Point) -> float:
         if abs(slope) > _ROUNDING_RAD:
             enter = max(enter, min(bounds[0] / slope, bounds[1] / slope))
     return enter
+
+
+def _turned_by(point: Point, heading_rad: float) -> Point:
+    """The coordinates of a point along axes that are turned by an angle."""
+    along, across = math.cos(heading_rad), math.sin(heading_rad)
+    return point[0] * along + point[1] * across, point[1] * along - point[0] * across
 
 
 def _turned(angle: float) -> float:

@@ -42,6 +42,7 @@ class Track:
         index: index of the pedestrian, which keys the streams too.
         quantile: quantile of the time to the first detection; None if detection is certain.
         given: uniforms of the first errors and of the wait after the first loss, by pedestrian.
+        vehicle: numbers ≥ 0 that key the streams of a vehicle among several; see ``track_from``.
     """
 
     def __init__(
@@ -51,8 +52,9 @@ class Track:
         index: int,
         quantile: float | None,
         given: Given = MappingProxyType({}),
+        vehicle: tuple[int, ...] = (),
     ) -> None:
-        self._sensor, self._key = sensor, (pair, index)
+        self._sensor, self._key = sensor, (pair, *vehicle, index)
         self._wait_given = given.get("redetection", ())[index : index + 1]
         section = self._section = sensor.section
         self._wait = updates_until_found(quantile or 0.0, section.detection_probability)
@@ -108,5 +110,21 @@ class Track:
         return updates_until_found(self._again.random(), probability)
 
     def _stream(self, purpose: Purpose) -> np.random.Generator:
-        pair, index = self._key
-        return stream(self._sensor.seed, purpose, pair, index)
+        return stream(self._sensor.seed, purpose, *self._key)
+
+
+def track_from(sensor: Sensor, pair: int, vehicle: tuple[int, ...], index: int) -> Track:
+    """The track of a pedestrian by the sensor of one vehicle among several.
+
+    Every draw, also that of the first detection, is from a stream of this vehicle and pedestrian.
+
+    Args:
+        sensor: the sensor.
+        pair: index of the pair.
+        vehicle: numbers ≥ 0 of the vehicle and of whatever else keys the streams of its sensor.
+        index: number of the pedestrian, ≥ 0.
+    """
+    quantile = None
+    if sensor.section.detection_probability < 1:
+        quantile = stream(sensor.seed, "detection", pair, *vehicle, index).random()
+    return Track(sensor, pair, index, quantile, vehicle=vehicle)
