@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from harness.core.encounter import Arm, Crossing, PedestrianView
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, PedestrianView
 from harness.engine.road import SumoRoad
 from harness.episode.crowd import VIEW
 from harness.episode.traffic.lanes import Lane
@@ -77,11 +77,16 @@ class HourSight:
             return [False] * len(places)
         if not places:
             return []
+        eye = _place(car.plan.lane, car.x_m - eye_behind(car.vehicle.length_m))
         hiding = [*sensor.obstacles]
         if sensor.vehicles_hide:
-            outlines = self._outlines or self._read()
-            hiding += [each for name, each in outlines.items() if name != car.name]
-        eye = _place(car.plan.lane, car.x_m - eye_behind(car.vehicle.length_m))
+            along_m = [eye[0], *(x_m for x_m, _ in places)]
+            low_m, high_m = min(along_m) - PEDESTRIAN_RADIUS_M, max(along_m) + PEDESTRIAN_RADIUS_M
+            hiding += [
+                each
+                for name, each in (self._outlines or self._read()).items()
+                if each.x_high_m >= low_m and each.x_low_m <= high_m and name != car.name
+            ]
         return [not is_hidden(eye, place, hiding) for place in places]
 
     def _read(self) -> dict[str, Rectangle]:
