@@ -99,15 +99,16 @@ def _entries(key: str, column: str, heading: str, what: str) -> tuple[Entry[Enco
     )
 
 
-def share_below(risk: FloatArray) -> float | None:
+def share_below(risk: FloatArray, weights: FloatArray | float = 1.0) -> float | None:
     """The share of a sum of risks that comes from below the lowest point; None if the sum is 0.
 
     >>> import numpy as np
     >>> share_below(np.array([0.0, 0.05, 0.2]))
     0.2
     """
-    total = float(risk.sum())
-    return float(risk[risk < LOWEST_POINT].sum()) / total if total else None
+    risks = weights * risk
+    total = float(risks.sum())
+    return float(risks[risk < LOWEST_POINT].sum()) / total if total else None
 
 
 def _expected(

@@ -61,6 +61,11 @@ def test_the_interval_holds_the_quadrature(finished: Path, tmp_path: Path) -> No
     assert result["failed"] == 0
     assert result["compared_with_other_engine"] >= result["events"]
     assert result["differences"] == []
+    # It does not brake: Tefft's curve is linear up to 10 % at 17.1 mph, so at 5 m/s it is 6.54 %.
+    assert result["serious"]["per_contact"] == pytest.approx(0.1 * 5 / (17.1 * 0.44704))
+    assert result["serious"]["below_curve"] == 1.0
+    assert result["serious"]["ci_low"] is None  # equal values do not show their spread
+    assert 0 < result["side_share"] < 1
     words = ("run", finished / "critical.toml", "--out", tmp_path / "run", "--quiet")
     printed(*words, cwd=CHECKOUT)
     episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pandas()
@@ -141,12 +146,17 @@ def test_a_risk_is_said_as_json_as_its_folder_and_in_a_browser(
     (data,) = re.findall(r'id="player-data">(.*?)</script>', text)
     assert json.loads(data)["episodes"]
     # It says m/s as these episodes walked, and neither quantiles nor updates.
-    assert "quantile" not in text
-    assert "seen at update" not in text
+    screen = printed("resume", finished, "--full")
+    for shown in (text, screen, json.dumps(stored)):
+        assert "quantile" not in shown
+        assert "at update" not in shown
+    assert "people of 15 years and more in the USA" in text
     walked = harness.load_run(finished / "shown").pedestrians
     first = stored["ways"][0]["critical_pairs"][0]
     walked = walked[(walked["arm"] == "av") & (walked["pair"] == first) & (walked["index"] == 0)]
-    assert f"walks at {walked['speed_mps'].item():.2f} m/s" in text
+    speed = f"walks at {walked['speed_mps'].item():.2f} m/s"
+    assert speed in text
+    assert speed in screen
     # A pair of critical.toml goes to another tool as any other.
     printed("export", finished, "--pair", 0, "--format", "trajectories", "--out", tmp_path / "out")
     assert (tmp_path / "out" / "trajectories.csv").is_file()

@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from scipy import stats
 
@@ -21,7 +22,7 @@ from harness.scenario import Scenario, load_scenario, validate
 from harness.statistics.findings import Note, Rank
 from harness.studies.risk.asking import SettingsDocument
 from harness.studies.risk.event import parse_event
-from harness.studies.risk.findings import RiskFindings
+from harness.studies.risk.findings import RiskFindings, Severity
 from harness.studies.risk.fitting import first_components, spread
 from harness.studies.risk.interval import Tally, estimate_of
 from harness.studies.risk.layout import Layout
@@ -34,6 +35,7 @@ from harness.studies.risk.proposal import (
     cases_of,
     nominal,
 )
+from harness.studies.risk.severity import severity_of, side_share
 from harness.studies.risk.space import space_of
 from harness.studies.risk.ways import drawn_of, people_of
 from tests.risks import CROWD, LAYOUT, crowd, estimated, half_space, scored, union
@@ -160,6 +162,42 @@ def test_an_estimate_that_is_doubted_is_not_reliable_and_says_why() -> None:
     assert findings_in("weighted").findings["probability"].reliable
     undefined = findings_in("no_way").findings["probability"]
     assert undefined.reason == "No draw of the estimate ended in the event."
+
+
+def severity(weights: list[float], *risks: float | None) -> Severity:
+    return severity_of(
+        np.array(weights), pa.table({"injury_risk": pa.array(risks, pa.float64())}), "injury_risk"
+    )
+
+
+def test_severity_is_a_weighted_mean_over_the_contacts_with_the_front() -> None:
+    # 1 · 0.04 + 3 · 0.4 over 4; 0.04 is below the curve's 10 %.  The side contact counts nothing.
+    found = severity([1.0, 3.0, 5.0], 0.04, 0.4, None)
+    assert found.per_contact == pytest.approx(0.31)
+    assert found.below_curve == pytest.approx(0.04 / 1.24)
+    assert (found.contacts, found.effective_contacts) == (2, pytest.approx(16 / 10))
+    assert (found.ci_low, found.ci_high) == (0.0, 1.0)
+    one = severity([2.0, 1.0], 0.3, None)
+    assert (one.per_contact, one.ci_low, one.ci_high) == (0.3, None, None)
+    assert severity([1.0], None).per_contact is None
+    # With equal weights it is Student's interval of the mean, but for n in place of n − 1.
+    risks = np.random.default_rng(1).beta(2, 5, 60)
+    found, error = severity([0.5] * 60, *risks.tolist()), risks.std() / math.sqrt(60)
+    expected = stats.t.interval(0.95, 59, risks.mean(), error)
+    assert (found.ci_low, found.ci_high) == pytest.approx(expected)
+    contacts = pa.table({"contact": ["front", "side", None, "side"]})
+    assert side_share(np.array([6.0, 1.0, 9.0, 1.0]), contacts) == pytest.approx(0.25)
+    assert side_share(np.ones(1), pa.table({"contact": pa.array([None], pa.string())})) is None
+
+
+def test_the_severity_of_few_contacts_is_not_reliable() -> None:
+    whole = findings_in("weighted")
+    assert whole.findings["serious_per_contact"].reliable
+    few = whole.serious.model_copy(update={"effective_contacts": 12.0})
+    finding = whole.model_copy(update={"serious": few}).findings["serious_per_contact"]
+    assert (finding.value, finding.reliable) == (0.31, False)
+    assert finding.reason == "unreliable: the effective number of contacts is 12"
+    assert "No event" in str(findings_in("no_way").findings["fatal_per_contact"].reason)
 
 
 def test_what_the_exploration_cannot_reach_or_simulate() -> None:
@@ -360,13 +398,15 @@ def test_who_may_be_missed_leaves_something_to_chance() -> None:
     (arrival,) = planned_arrivals(scenario, 3, space.given(np.array([1.0]), 3))
     assert arrival.detection_quantile == pytest.approx(stats.norm.cdf(1.0))
     # 1 − Φ(1) = 0.159 is more than 0.5³ and less than 0.5².
-    (person,) = people_of(scenario, space, 3, np.array([1.0]))
-    assert person_words(person) == "near at 0.0 s, timed, seen at update 3"
+    (person,) = people_of(scenario, space, 3, np.array([1.0]), (1.4,))
+    # The third update is two steps of 0.1 s after the first.
+    assert person_words(person) == "near at 0.0 s, walks at 1.40 m/s, seen after 0.2 s"
     blind = scenario.model_copy(
         update={"perception": scenario.perception.model_copy(update={"detection_probability": 0.0})}
     )
-    (person,) = people_of(blind, space, 3, np.array([1.0]))
-    assert person.found_at_look is None
+    (person,) = people_of(blind, space, 3, np.array([1.0]), ())
+    assert person.seen_after_s is None
+    assert person_words(person) == "near at 0.0 s, does not walk"
 
 
 def test_who_was_missed_is_met_again_at_a_speed_that_the_model_does_not_know() -> None:

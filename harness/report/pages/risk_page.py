@@ -7,12 +7,11 @@ from pathlib import Path
 
 from harness.report.pages.player import Player, run_player
 from harness.report.pages.template import Failures, Page, flat, page_in, write_page
-from harness.report.screens.risk_terminal import Walked, heading, risk_screen, risk_tables
+from harness.report.screens.risk_terminal import heading, risk_screen, risk_tables
 from harness.report.screens.screen import screen_lines
 from harness.scenario import as_written
 from harness.store.reading import CRITICAL, MANIFEST
 from harness.studies.risk.asking import SettingsDocument
-from harness.studies.risk.findings import RiskFindings
 from harness.studies.risk.folder import read_risk, read_settings
 from harness.studies.runs.opening import load_run
 from harness.studies.runs.run_data import RunData
@@ -43,7 +42,6 @@ def write_risk_page(folder: Path, out: Path | None = None, missing: str = "") ->
     settings, findings = read_settings(folder), read_risk(folder)
     page = page_in(folder, out)
     run = _shown_run(folder, page)
-    walked = None if run is None else _walked(run, findings)
     critical = shlex.quote(str(folder / CRITICAL))
     to_run = f"To run strategies on the likeliest events: harness run {critical}."
     differing = [*findings.differences, *findings.ties]
@@ -53,8 +51,8 @@ def write_risk_page(folder: Path, out: Path | None = None, missing: str = "") ->
         heading=heading(findings),
         where="Folder",
         folder=str(folder),
-        screen=screen_lines(risk_screen(findings, folder, settings, full=True, walked=walked))[:-1],
-        tables=[replace(table, folded=True) for table in risk_tables(findings, walked)],
+        screen=screen_lines(risk_screen(findings, folder, settings, full=True))[:-1],
+        tables=[replace(table, folded=True) for table in risk_tables(findings)],
         remarks=[
             _BY_BRUTE_FORCE if findings.by_brute_force else _BY_WEIGHTS,
             *([to_run] if findings.ways else []),
@@ -89,19 +87,6 @@ def _player(run: RunData) -> Player | None:
     player = run_player(run, pairs)
     words = "The likeliest events of the estimate, simulated again in SUMO. "
     return replace(player, words=words + player.words)
-
-
-def _walked(run: RunData, findings: RiskFindings) -> Walked:
-    """Return what the first pair of each way says in m/s and s."""
-    people = run.pedestrians[run.pedestrians["arm"] == findings.arm.value]
-    speeds = []
-    for way in findings.ways:
-        rows = people[people["pair"] == way.critical_pairs[0]].set_index("index")["speed_mps"]
-        known = rows.dropna().to_dict()
-        speeds.append([known.get(number) for number in range(len(way.pedestrians))])
-    scenario = run.scenario_of(0)
-    update_s = scenario.perception.update_s or scenario.experiment.step_s
-    return Walked(speeds, update_s)
 
 
 def _facts(settings: SettingsDocument) -> Iterator[tuple[str, str]]:

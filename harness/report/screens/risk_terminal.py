@@ -1,35 +1,21 @@
 """The first screen and the tables of a risk estimate."""
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 from harness.report.screens.console import make_console, print_table
 from harness.report.screens.screen import Screen, screen_lines
 from harness.report.screens.tables import Table, TableCell, counted, level, per_cent
 from harness.studies.risk.asking import SettingsDocument
-from harness.studies.risk.findings import ENTRIES, Person, RiskFindings, Way
+from harness.studies.risk.findings import ENTRIES, Person, RiskFindings
 from harness.studies.risk.folder import read_settings
 from harness.studies.runs.site_words import site_words
 
 _PEOPLE_SHOWN = 2
 
-
-class Walked(NamedTuple):
-    """What the likeliest episode of each way says in m/s and s once it was simulated again.
-
-    ``speeds_mps`` has the walking speed of each pedestrian of each way, None if they did not walk.
-    ``update_s`` is the time between two updates of perception.
-    """
-
-    speeds_mps: Sequence[Sequence[float | None]]
-    update_s: float
-
-    def seen_after_s(self, person: Person) -> float | None:
-        """Time from the first update at which they can be seen to the one that detects them."""
-        looks = person.found_at_look
-        return None if looks is None else (looks - 1) * self.update_s
+_EXPLAINED = ("_per_contact", "_below_curve", "side_share")
+"""The tables say what these numbers are about."""
 
 
 def print_risk(findings: RiskFindings, folder: Path, full: bool = False) -> None:
@@ -48,7 +34,6 @@ def risk_screen(
     settings: SettingsDocument,
     *,
     full: bool = False,
-    walked: Walked | None = None,
 ) -> Screen:
     """Return the first screen of a risk estimate; ``full`` removes its limit of lines."""
     footer = f"All numbers: --full. Page: harness report {shlex.quote(str(folder))}"
@@ -58,7 +43,7 @@ def risk_screen(
         title=heading(findings),
         scope=f"{counted(findings.episodes, 'episode')}, seed {settings.seed}",
         headings=("", "estimate", f"{level(findings.confidence)} interval"),
-        rows=tuple(_rows(findings, walked)),
+        rows=tuple(_rows(findings)),
         notes=findings.notes,
         footer=footer,
         site=site_words([settings.settings(str(folder)).scenario]),
@@ -73,7 +58,7 @@ def heading(findings: RiskFindings) -> str:
     return f"{findings.scenario}: probability of {findings.event}, {who}"
 
 
-def _rows(findings: RiskFindings, walked: Walked | None) -> Iterator[tuple[str, ...]]:
+def _rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
     values = findings.findings
     probability, bound = values["probability"], values["nominal_high"]
     ways = "all ways" if findings.by_brute_force else "ways that were found"
@@ -105,14 +90,29 @@ def _rows(findings: RiskFindings, walked: Walked | None) -> Iterator[tuple[str, 
         yield ("worst case", f"{worst} (failed episodes count as events)")
     if findings.compared_with_other_engine:
         yield ("episodes run in both engines", agreement(findings))
-    for place, way in enumerate(findings.ways):
-        shown = range(min(_PEOPLE_SHOWN, len(way.pedestrians)))
-        people = "; ".join(_words_of(way, place, number, walked) for number in shown)
+    yield from _severity_rows(findings)
+    for way in findings.ways:
+        people = "; ".join(map(person_words, way.pedestrians[:_PEOPLE_SHOWN]))
         more = len(way.pedestrians) - _PEOPLE_SHOWN
         yield (
             f"way with {per_cent(way.share, 0)} % of the probability",
             f"{people}; {more} more" if more > 0 else people,
         )
+
+
+def _severity_rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
+    """Yield how bad the contacts are, and what that leaves out; nothing without a contact."""
+    for name, heading in (("serious", "serious injury"), ("fatal", "death")):
+        finding = findings.findings[f"{name}_per_contact"]
+        if finding.value is None:
+            continue
+        words = [] if finding.low is None else [f"{number(finding.low)} … {number(finding.high)}"]
+        below = findings.findings[f"{name}_below_curve"].number
+        words += [] if below is None else [f"{per_cent(below, 0)} % below the curve"]
+        yield (f"risk of {heading} per contact, front", number(finding.value), "; ".join(words))
+    if findings.side_share:
+        share = f"{per_cent(findings.side_share, 0)} % of the contacts"
+        yield ("contacts with the side, left out", share)
 
 
 def agreement(findings: RiskFindings) -> str:
@@ -141,38 +141,26 @@ def number(value: float | str | None) -> str:
     return f"{value:,}" if whole else f"{value:.3g}"
 
 
-def _words_of(way: Way, place: int, number: int, walked: Walked | None) -> str:
-    """Describe a pedestrian of a way, in m/s and s if its episode was simulated again."""
-    person = way.pedestrians[number]
-    if walked is None:
-        return person_words(person)
-    speed, seen_s = walked.speeds_mps[place][number], walked.seen_after_s(person)
-    plain = person_words(person.model_copy(update={"quantile": None, "found_at_look": None}))
-    words = plain.replace(
-        "timed", "does not walk" if speed is None else f"walks at {speed:.2f} m/s"
-    )
-    return words if seen_s is None else f"{words}, seen after {seen_s:.1f} s"
-
-
 def person_words(person: Person) -> str:
     """Describe a pedestrian: side, arrival time and other sampled values.
 
-    >>> person_words(Person(arrival_s=1.5, side="far", quantile=0.4, critical_gap_s=None,
-    ...                     found_at_look=3))
-    'far at 1.5 s, speed quantile 0.400, seen at update 3'
+    >>> person_words(Person(arrival_s=1.5, side="far", walking_speed_mps=1.3, critical_gap_s=None,
+    ...                     seen_after_s=0.2))
+    'far at 1.5 s, walks at 1.30 m/s, seen after 0.2 s'
     """
     words = [f"{person.side.value} at {person.arrival_s:.1f} s"]
-    words.append("timed" if person.quantile is None else f"speed quantile {person.quantile:.3f}")
+    speed = person.walking_speed_mps
+    words.append("does not walk" if speed is None else f"walks at {speed:.2f} m/s")
     if person.critical_gap_s is not None:
         words.append(f"gap {person.critical_gap_s:.1f} s")
     if person.threshold_s is not None and person.latency_s is not None:
         words.append(f"threshold {person.threshold_s:.1f} s, latency {person.latency_s:.1f} s")
-    if person.found_at_look is not None:
-        words.append(f"seen at update {person.found_at_look}")
+    if person.seen_after_s is not None:
+        words.append(f"seen after {person.seen_after_s:.1f} s")
     return ", ".join(words)
 
 
-def risk_tables(findings: RiskFindings, walked: Walked | None = None) -> Iterator[Table]:
+def risk_tables(findings: RiskFindings) -> Iterator[Table]:
     """Yield the tables of all numbers, of each way's pedestrians, and of the levels."""
     rows = []
     for entry in ENTRIES:
@@ -181,7 +169,8 @@ def risk_tables(findings: RiskFindings, walked: Walked | None = None) -> Iterato
         value = TableCell(
             number(finding.value), limits, "" if finding.value is None else str(finding.value)
         )
-        rows.append((TableCell(entry.heading), value, TableCell(finding.reason or "")))
+        remark = finding.reason or (entry.meaning if entry.key.endswith(_EXPLAINED) else "")
+        rows.append((TableCell(entry.heading), value, TableCell(remark)))
     yield Table("estimate", "The estimate", ("number", "value", "remark"), tuple(rows))
     for place, way in enumerate(findings.ways, 1):
         first, last = way.critical_pairs
@@ -189,17 +178,13 @@ def risk_tables(findings: RiskFindings, walked: Walked | None = None) -> Iterato
             (
                 _cell(person.arrival_s, ".2f"),
                 TableCell(person.side.value),
-                _cell(person.quantile, ".3f")
-                if walked is None
-                else _cell(walked.speeds_mps[place - 1][number], ".2f"),
+                _cell(person.walking_speed_mps, ".2f"),
                 _cell(person.critical_gap_s, ".2f"),
                 _cell(person.threshold_s, ".2f"),
                 _cell(person.latency_s, ".2f"),
-                _cell(person.found_at_look, "d")
-                if walked is None
-                else _cell(walked.seen_after_s(person), ".2f"),
+                _cell(person.seen_after_s, ".2f"),
             )
-            for number, person in enumerate(way.pedestrians)
+            for person in way.pedestrians
         )
         yield Table(
             f"way-{place}",
@@ -209,11 +194,11 @@ def risk_tables(findings: RiskFindings, walked: Walked | None = None) -> Iterato
             (
                 "arrives, s",
                 "side",
-                "speed quantile" if walked is None else "walks at, m/s",
+                "walks at, m/s",
                 "critical gap, s",
                 "threshold, s",
                 "latency, s",
-                "seen at update" if walked is None else "seen after, s",
+                "seen after, s",
             ),
             tuple(people),
         )

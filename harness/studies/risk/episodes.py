@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.core.encounter import Ending, FloatArray, Trace
+from harness.core.encounter import Contact, Ending, FloatArray, Trace
 from harness.core.seeding import Given, has_drawn_more
 from harness.engine.shared import open_engine
 from harness.episode.arms import draws_of
@@ -48,6 +48,11 @@ class Score(NamedTuple):
         difference: the difference between the two engines' records; None if they are equal.
         by_a_tie: whether a tie of the strategy caused the difference.
         drew_more: whether the strategy drew more random numbers than the sampled ones.
+
+    The others are known of compared episodes alone:
+        speeds_mps: walking speed of each pedestrian by index; None if they did not walk.
+        contact: what of the vehicle touched someone; None without a contact.
+        injury_risk, fatality_risk: as the measures of these names.
     """
 
     score: tuple[float, ...]
@@ -57,6 +62,10 @@ class Score(NamedTuple):
     difference: str | None = None
     by_a_tie: bool = False
     drew_more: bool = False
+    speeds_mps: tuple[float | None, ...] = ()
+    contact: Contact | None = None
+    injury_risk: float | None = None
+    fatality_risk: float | None = None
 
 
 def failed(reason: str) -> Score:
@@ -96,7 +105,14 @@ def run_episodes(task: Episodes) -> list[Score]:
             runner = _runner_of(question, not question.in_sumo)
             others = runner.run_arm_given(question.arm, inputs, lambda _: watch.alive())
             for place, other in enumerate(others):
-                words = difference(outcomes[place].record, other.record)
+                record = outcomes[place].record
+                scores[place] = scores[place]._replace(
+                    speeds_mps=_speeds_mps(outcomes[place].trace),
+                    contact=record.contact,
+                    injury_risk=record.injury_risk,
+                    fatality_risk=record.fatality_risk,
+                )
+                words = difference(record, other.record)
                 if words is not None:
                     tie = _tie_s(question, *inputs[place])
                     watch.alive()
@@ -116,6 +132,17 @@ def _tie_s(question: Question, number: int, given: Given) -> float | None:
             number, question.arm, given=given, decisions=engine_decisions
         )
     return tie_s(*decisions)
+
+
+def _speeds_mps(trace: Trace) -> tuple[float | None, ...]:
+    """Return the walking speed of each pedestrian by index; None if they did not walk."""
+    end_s = trace.step_s * (len(trace.x_m) - 1)
+    walked = {
+        walk.arrival.index: walk.speed_mps
+        for walk in trace.walks
+        if walk.start_s is not None and walk.start_s < end_s
+    }
+    return tuple(walked.get(number) for number in range(max(walked, default=-1) + 1))
 
 
 def _passed_s(trace: Trace) -> float:

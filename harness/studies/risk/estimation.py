@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 from harness.core.encounter import FloatArray
 from harness.statistics.findings import Note, Rank
 from harness.studies.risk.exploring import POINTS, Exploration, explore
+from harness.studies.risk.findings import SMALL_SAMPLE
 from harness.studies.risk.interval import Estimate, Tally, estimate_of
 from harness.studies.risk.layout import Layout
 from harness.studies.risk.outcomes import Counted, Evaluate
@@ -47,9 +48,6 @@ _PILOT_DOUBT = 0.05
 """The pilot ends without brute force if so few events are less likely than this.
 
 The probability is computed for the smallest event frequency at which brute force is affordable."""
-
-_SMALL_SAMPLE = 30
-"""The interval is unreliable below this effective sample size."""
 
 _LARGE_SHARE = 0.1
 """Maximum share of the estimate that one weight or all nominal draws together contribute."""
@@ -195,7 +193,7 @@ def _doubts(estimate: Estimate, weights: FloatArray, *, weighted: bool) -> list[
         return []
     doubts = []
     size, largest = estimate.effective_sample_size, estimate.largest_share
-    if size < _SMALL_SAMPLE:
+    if size < SMALL_SAMPLE:
         doubts.append(f"The interval is too narrow: the effective sample size is only {size:.0f}.")
     if largest is not None and largest > _LARGE_SHARE:
         doubts.append(

@@ -1,5 +1,6 @@
 """The findings of a risk estimate (``result.json``), which every view shows."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from operator import attrgetter
 from typing import Annotated, Self
@@ -10,11 +11,16 @@ from pydantic_core import PydanticCustomError
 from harness.core.encounter import Arm, Side
 from harness.statistics.entries import Entry, Finding, Form
 from harness.statistics.findings import Note, Rank
-from harness.statistics.intervals import Proportion
+from harness.statistics.intervals import Interval, Proportion
+from harness.statistics.severity import SEVERITIES, WHOM, below_meaning
 from harness.studies.risk.asking import Document
 
-SCHEMA = 2
-"""Version of ``result.json`` and ``--json``; version 1 had neither ``findings`` nor ``notes``."""
+SCHEMA = 3
+"""Version of ``result.json`` and ``--json``.
+
+Version 1 had neither ``findings`` nor ``notes``.  Version 2 had quantiles and numbers of updates in
+place of ``walking_speed_mps`` and ``seen_after_s``, and no severity.
+"""
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0)]
@@ -24,15 +30,16 @@ Number = Annotated[float, Field(ge=-1e18, le=1e18)]
 class Person(Document):
     """A pedestrian of an episode.
 
-    ``quantile`` is None for timed pedestrians.  ``found_at_look`` is None if perception detects
-    every pedestrian or no pedestrian.
+    ``walking_speed_mps`` is None if they do not walk.  ``seen_after_s`` is the time from the first
+    update of perception at which they can be seen to the one that detects them; it is None if
+    perception detects every pedestrian or no pedestrian.
     """
 
     arrival_s: Number
     side: Side
-    quantile: Share | None
+    walking_speed_mps: Number | None
     critical_gap_s: Number | None
-    found_at_look: Count | None
+    seen_after_s: Number | None
     threshold_s: Number | None = None
     latency_s: Number | None = None
 
@@ -55,13 +62,34 @@ class Way(Document):
     critical_pairs: tuple[Count, Count]
 
 
+class Severity(Document):
+    """Mean risk of an injury per contact with the front, over the events of the estimate.
+
+    Attributes:
+        per_contact: Σ w r/Σ w; None if no event is such a contact.
+        ci_low, ci_high: its interval; None if all risks are equal.
+        below_curve: share of Σ w r from below the published points; None if the sum is 0.
+        contacts: number of contacts with the front among the draws.
+        effective_contacts: (Σw)²/Σw² of these draws.
+    """
+
+    per_contact: Share | None
+    ci_low: Share | None
+    ci_high: Share | None
+    below_curve: Share | None
+    contacts: Count
+    effective_contacts: Number
+
+
 class RiskFindings(Document):
     """The findings of a finished risk estimate.
 
     If ``by_brute_force``, all draws of the estimate are nominal.  ``probability`` is None if no
     draw ended in the event.  ``nominal_high`` is the upper bound from the nominal draws alone.
     ``probability_worst`` counts every failed episode as an event.  It is None if no episode failed
-    and ``probability`` is None.
+    and ``probability`` is None.  ``serious`` and ``fatal`` are of the contacts with the front among
+    the events; ``side_share`` is the share of the contacts that are with the side, which they leave
+    out, by probability.  It is None without a contact.
     """
 
     scenario: str
@@ -95,6 +123,9 @@ class RiskFindings(Document):
     ties: tuple[str, ...]
     levels: tuple[tuple[Number, ...], ...]
     ways: tuple[Way, ...]
+    serious: Severity
+    fatal: Severity
+    side_share: Share | None
     notes: tuple[Note, ...]
 
     @model_validator(mode="after")
@@ -128,6 +159,11 @@ class RiskFindings(Document):
         estimate = values["probability"]
         if doubt is not None and estimate.value is not None:
             values["probability"] = replace(estimate, reliable=False, reason=doubt)
+        for name in ("serious", "fatal"):
+            key, size = f"{name}_per_contact", getattr(self, name).effective_contacts
+            if values[key].value is not None and size < SMALL_SAMPLE:
+                few = f"unreliable: the effective number of contacts is {size:.0f}"
+                values[key] = replace(values[key], reliable=False, reason=few)
         return values
 
 
@@ -137,6 +173,35 @@ def _number(
     """Return an entry whose value is the field with the same key."""
     return Entry(key, heading, meaning, form, paired=attrgetter(key), undefined=undefined)
 
+
+def _severity(name: str, _column: str, _heading: str, what: str) -> Iterator[Entry[RiskFindings]]:
+    """Yield the entries of a severity: its risk per contact, and its share below the curve."""
+
+    def severity(risk: RiskFindings) -> Severity:
+        found: Severity = getattr(risk, name)
+        return found
+
+    yield Entry(
+        f"{name}_per_contact",
+        f"risk of {what} per contact with the front",
+        f"The mean over the events, weighted by their probability. {WHOM}",
+        paired=lambda risk: Interval(
+            severity(risk).per_contact, severity(risk).ci_low, severity(risk).ci_high
+        ),
+        undefined=NO_FRONT,
+    )
+    yield Entry(
+        f"{name}_below_curve",
+        f"share of that risk below the published curve ({what})",
+        below_meaning(what),
+        paired=lambda risk: severity(risk).below_curve,
+        undefined=NO_FRONT,
+    )
+
+
+NO_FRONT = "No event of the estimate is a contact with the front of a moving vehicle."
+SMALL_SAMPLE = 30
+"""An interval is unreliable below this effective sample size."""
 
 _NO_ESTIMATE = "No draw of the estimate ended in the event."
 
@@ -174,6 +239,13 @@ ENTRIES: tuple[Entry[RiskFindings], ...] = (
         "effective_sample_size",
         "effective sample size",
         "The squared sum of the weights, divided by the sum of their squares.",
+    ),
+    *(entry for severity in SEVERITIES for entry in _severity(*severity)),
+    _number(
+        "side_share",
+        "share of the contacts that are with the side",
+        "By probability. The risks of injury leave these contacts out.",
+        undefined="No event is a contact.",
     ),
     _number("episodes", "episodes run", "All episodes, including the exploration.", Form.COUNT),
     _number(

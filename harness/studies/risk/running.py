@@ -50,6 +50,10 @@ _SCORES = pa.schema(
         "difference": pa.string(),
         "by_a_tie": pa.bool_(),
         "drew_more": pa.bool_(),
+        "speeds_mps": pa.list_(pa.float64()),
+        "contact": pa.string(),
+        "injury_risk": pa.float64(),
+        "fatality_risk": pa.float64(),
     }
 )
 """The fields of ``Score`` with the episode's position in the batch."""
@@ -79,14 +83,14 @@ class Evaluation:
         progress: called with the progress of a batch.
 
     ``episodes``, ``timed_out``, ``drew_more`` and ``reasons`` (of failures) count over all batches
-    so far.  ``compared`` is the result of ``compare``.
+    so far.  ``compared`` is the result of ``compare``; ``events`` are the scores of its states.
     """
 
     def __init__(
         self, question: Question, folder: Path, executor: Executor, progress: Progress
     ) -> None:
         self.question, self._folder = question, folder
-        self.compared = Compared(0, [], [])
+        self.compared, self.events = Compared(0, [], []), _SCORES.empty_table()
         self._executor, self._progress = executor, progress
         self._batches = 0
         self._sampled: list[tuple[FloatArray, int]] = []
@@ -119,6 +123,7 @@ class Evaluation:
             for tie in (False, True)
         )
         self.compared = Compared(len(chosen), differs, ties)
+        self.events = table.slice(len(self._sampled))
 
     def _scores(
         self, z: FloatArray, numbers: NDArray[np.int64], what: str, *, compare: bool

@@ -1,5 +1,6 @@
 """Clusters the draws in the event into its likeliest ways."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,22 +50,34 @@ def ways_of(keys: FloatArray, weights: FloatArray, rng: np.random.Generator) -> 
     return sorted(ways, key=lambda way: -way.share)
 
 
-def people_of(scenario: Scenario, space: Space, number: int, z: FloatArray) -> tuple[Person, ...]:
-    """Return the timed and the sampled pedestrians of an episode."""
+def people_of(
+    scenario: Scenario,
+    space: Space,
+    number: int,
+    z: FloatArray,
+    speeds_mps: Sequence[float | None],
+) -> tuple[Person, ...]:
+    """Return the timed and the sampled pedestrians of an episode.
+
+    ``speeds_mps`` are their walking speeds by index; nobody beyond its end walked.
+    """
     given = space.given(z, number)
     arrivals = planned_arrivals(scenario, number, given)
-    chance = scenario.perception.detection_probability
+    perception = scenario.perception
+    chance, update_s = perception.detection_probability, perception.update_s
+    step_s = scenario.experiment.step_s if update_s is None else update_s
+    speeds = dict(enumerate(speeds_mps))
     return tuple(
         Person(
             arrival_s=arrival.arrival_s,
             side=arrival.side,
-            quantile=arrival.quantile,
+            walking_speed_mps=speeds.get(arrival.index),
             critical_gap_s=arrival.critical_gap_s,
             threshold_s=arrival.threshold_s,
             latency_s=arrival.latency_s,
-            found_at_look=None
+            seen_after_s=None
             if arrival.detection_quantile is None or chance == 0
-            else int(updates_until_found(arrival.detection_quantile, chance)),
+            else (int(updates_until_found(arrival.detection_quantile, chance)) - 1) * step_s,
         )
         for arrival in arrivals[: len(scenario.timed_walks()) + len(given.get("quantile", ()))]
     )

@@ -20,6 +20,7 @@ from harness.studies.risk.asking import Question, Settings
 from harness.studies.risk.estimation import Estimation
 from harness.studies.risk.findings import SCHEMA, RiskFindings, Way
 from harness.studies.risk.running import Evaluation
+from harness.studies.risk.severity import severity_of, side_share
 from harness.studies.risk.ways import Cluster, drawn_of, people_of, ways_of
 
 RESULT = "result.json"
@@ -49,7 +50,9 @@ def write_findings(
     _write_failures(folder, question, estimation)
     if clusters:
         _write_critical(folder, question, estimation, clusters)
-    findings = findings_of(settings, estimation, evaluation, _ways(question, estimation, clusters))
+    findings = findings_of(
+        settings, estimation, evaluation, _ways(evaluation, estimation, clusters)
+    )
     write_file(folder / RESULT, as_json(risk_document(findings)))
 
 
@@ -104,6 +107,9 @@ def findings_of(
         ties=tuple(compared.ties[:_DIFFERENCES_KEPT]),
         levels=tuple(exploration.levels for exploration in estimation.explorations),
         ways=ways,
+        serious=severity_of(estimation.weights, evaluation.events, "injury_risk"),
+        fatal=severity_of(estimation.weights, evaluation.events, "fatality_risk"),
+        side_share=side_share(estimation.weights, evaluation.events),
         notes=tuple(sorted(_notes(estimation, evaluation, worst))),
     )
 
@@ -149,8 +155,11 @@ def _notes(estimation: Estimation, evaluation: Evaluation, worst: float) -> list
     return notes
 
 
-def _ways(question: Question, estimation: Estimation, clusters: list[Cluster]) -> tuple[Way, ...]:
-    ways, first = [], 0
+def _ways(
+    evaluation: Evaluation, estimation: Estimation, clusters: list[Cluster]
+) -> tuple[Way, ...]:
+    ways, first, question = [], 0, evaluation.question
+    speeds = evaluation.events["speeds_mps"]
     for cluster in clusters:
         likeliest = cluster.members[0]
         number = int(estimation.numbers[likeliest])
@@ -161,7 +170,11 @@ def _ways(question: Question, estimation: Estimation, clusters: list[Cluster]) -
                 events=len(cluster.members),
                 episode=number,
                 pedestrians=people_of(
-                    question.scenario, question.space, number, estimation.z[likeliest]
+                    question.scenario,
+                    question.space,
+                    number,
+                    estimation.z[likeliest],
+                    speeds[likeliest].as_py(),
                 ),
                 critical_pairs=(first, last),
             )
