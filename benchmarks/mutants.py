@@ -9,6 +9,7 @@ may loop for ever, or the machine was busy.  Slow tests do not run here.
 
 import argparse
 import ast
+import multiprocessing
 import os
 import random
 import shutil
@@ -17,132 +18,43 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
+from importlib.util import cache_from_source
 from pathlib import Path
 from typing import NamedTuple
+
+import pytest
 
 CHECKOUT = Path(__file__).parents[1]
 
 
+LIBRARIES = [
+    "hypothesis",
+    "pandas",
+    "pyarrow.parquet",
+    "pydantic",
+    "pytest",
+    "scipy.stats",
+    "typer",
+]
+"""Imported once for all mutants."""
+
+
 class Room(NamedTuple):
-    """Modules, and the tests that are to notice their faults, the quickest first."""
+    """Patterns of modules, and the tests that are to notice their faults, the quickest first."""
 
-    modules: tuple[str, ...]
-    tests: tuple[str, ...]
-
-
-def named(pattern: str, names: str) -> list[str]:
-    """Paths of one pattern."""
-    return [pattern.format(name) for name in names.split()]
+    modules: list[str]
+    tests: list[str]
 
 
-def units(names: str) -> list[str]:
-    """Paths of unit tests, then the examples in docstrings."""
-    return [*named("tests/unit/test_{}.py", names), "tests/unit/test_public.py::test_examples"]
+def rooms() -> dict[str, Room]:
+    """By name; everything in them is relative to the checkout."""
+    document = tomllib.loads((CHECKOUT / "benchmarks/data/mutants.toml").read_text("utf-8"))
+    return {name: Room(**room) for name, room in document.items()}
 
-
-ROOMS = {
-    "actuation": Room(
-        ("harness/core/actuation.py", "harness/scenario/actuation.py"),
-        (*units("actuation gap_yield step_size warm_up"), "tests/sumo/test_actuation.py"),
-    ),
-    "episode": Room(
-        ("harness/episode/*.py", "harness/episode/traffic/*.py"),
-        (
-            *units(
-                "closed_forms passages walking lanes demand ties gap_acceptance vehicle_mix "
-                "reactive_pedestrians human_driver warm_up step_size timed_pedestrians perception "
-                "actuation threshold arrivals saturation pairs people_experiments risk rl"
-            ),
-            "tests/sumo/test_engines_agree.py",
-            "tests/sumo/test_traffic.py",
-            "tests/sumo/test_pedestrians.py",
-            "tests/conformance",
-        ),
-    ),
-    "measures": Room(
-        ("harness/measures/*.py", "harness/measures/motion/*.py"),
-        (
-            *units(
-                "measure_tables passages walking measures measures_braking harm lanes episode "
-                "properties conflicts pairs"
-            ),
-            "tests/conformance/test_measures.py",
-            "tests/sumo/test_one_pair.py",
-            "tests/sumo/test_conflicts.py",
-        ),
-    ),
-    "people": Room(
-        (
-            *named(
-                "harness/episode/{}.py",
-                "arrivals crowd deciding threshold walkers walking_speeds",
-            ),
-            "harness/scenario/people*.py",
-            "harness/engine/people.py",
-        ),
-        (
-            *units(
-                "walking gap_acceptance scenario lanes reactive_pedestrians timed_pedestrians "
-                "perception threshold arrivals pairs people_experiments shipped_scenarios ties"
-            ),
-            "tests/sumo/test_engines_agree.py",
-            "tests/sumo/test_pedestrians.py",
-            "tests/statistical/test_walking_speeds.py",
-        ),
-    ),
-    "simulation": Room(
-        (
-            "harness/episode/simulation/*.py",
-            "harness/engine/simulation/*.py",
-            "harness/store/simulations/*.py",
-            "harness/site/crosswalks.py",
-        ),
-        (
-            *units(
-                "simulation_screen simulation_statistics passages vehicle_types lookout "
-                "simulation_waits conflicts"
-            ),
-            "tests/report/test_own_simulations.py",
-            *named(
-                "tests/sumo/test_simulation_{}.py",
-                "driving trips deadlocks midblock unseen outputs reference",
-            ),
-            "tests/sumo/test_conflicts.py",
-        ),
-    ),
-    "statistics": Room(
-        ("harness/statistics/*.py",),
-        (
-            *units(
-                "simulation_screen simulation_statistics measure_tables compare_arms "
-                "comparison_allowed comparison_pareto comparison_paired strategy_groups "
-                "model_support screen hour_summaries comparison nearness trust tuning over_model"
-            ),
-            "tests/report/test_catalogue.py",
-            "tests/report/test_compare.py",
-            "tests/report/test_hours.py",
-            "tests/report/test_misleading.py",
-            "tests/report/test_too_good.py",
-        ),
-    ),
-    "strategies": Room(
-        ("harness/strategies/*.py", "harness/strategies/perception/*.py"),
-        (
-            *units(
-                "human_recorded lanes strategy_groups human_driver emergency_brake hard_yield "
-                "step_size own_strategy warm_up perception soft_yield_margin actuation human_yield "
-                "gap_yield rl program all_strategies validation people_experiments"
-            ),
-            "tests/conformance/test_strategies.py",
-            "tests/sumo/test_soft_yield.py",
-            "tests/sumo/test_constant_speed.py",
-            "tests/sumo/test_engines_agree.py",
-        ),
-    ),
-}
-"""By name, as patterns and paths relative to the checkout."""
 
 COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE, ast.GtE),
@@ -192,8 +104,8 @@ def changed(node: ast.AST) -> Iterator[tuple[ast.expr, str]]:
         case ast.BinOp(left, operator, right) if type(operator) in OPERATORS:
             yield node, ast.unparse(ast.BinOp(left, OPERATORS[type(operator)](), right))
         case ast.BoolOp(operator, values):
-            other = ast.Or() if isinstance(operator, ast.And) else ast.And()
-            yield node, ast.unparse(ast.BoolOp(other, values))
+            joined = ast.Or() if isinstance(operator, ast.And) else ast.And()
+            yield node, ast.unparse(ast.BoolOp(joined, values))
         case ast.UnaryOp(ast.Not() | ast.USub(), operand):
             yield node, ast.unparse(operand)
         case ast.Constant(bool() as value):
@@ -233,38 +145,48 @@ def mutants(module: Path, root: Path) -> Iterator[Mutant]:
             yield Mutant(name, piece.lineno, start, end, before, f"({after})")
 
 
-def tests_pass(copy: Path, tests: tuple[str, ...], limit_s: float) -> bool | None:
+def _run(copy: Path, tests: list[str]) -> None:
+    """The tests in a process and a session of their own; its exit code is pytest's."""
+    os.setsid()
+    os.chdir(copy)
+    os.environ["PYTHONPATH"] = str(copy)
+    sys.path.insert(0, str(copy))
+    for name in [name for name in sys.modules if name.partition(".")[0] == "benchmarks"]:
+        del sys.modules[name]
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
+    words = ("-x", "-q", "-n0", "-m", "not slow", "-p", "no:cacheprovider", "--tb=no")
+    os._exit(pytest.main([*tests, *words]))
+
+
+def tests_pass(copy: Path, tests: list[str], limit_s: float) -> bool | None:
     """Whether the tests pass in the copy; None if they take too long."""
-    command = (sys.executable, "-m", "pytest", *tests, "-x", "-q", "-n0", "-m", "not slow")
-    environment = {**os.environ, "PYTHONPATH": str(copy)}
-    with subprocess.Popen(
-        [*command, "-p", "no:cacheprovider", "--no-header", "--tb=no"],
-        cwd=copy,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        start_new_session=True,
-    ) as process:
-        try:
-            process.communicate(timeout=limit_s)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            return None
-    return process.returncode == 0
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(LIBRARIES)
+    process = context.Process(target=_run, args=(copy, tests))
+    process.start()
+    process.join(limit_s)
+    passed = None if process.is_alive() else process.exitcode == 0
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid or 0, signal.SIGKILL)
+    process.join()
+    return passed
 
 
-def verdict(copy: Path, mutant: Mutant, tests: tuple[str, ...], limit_s: float) -> str:
+def verdict(copy: Path, mutant: Mutant, tests: list[str], limit_s: float) -> str:
     """What becomes of a mutant; the module is as before afterwards."""
     module = copy / mutant.module
     source = module.read_bytes()
     module.write_bytes(source[: mutant.start] + mutant.after.encode() + source[mutant.end :])
     # A compiled module is trusted by its size and the second of its change.
-    shutil.rmtree(module.parent / "__pycache__", ignore_errors=True)
+    compiled = Path(cache_from_source(str(module)))
+    compiled.unlink(missing_ok=True)
     try:
         passed = tests_pass(copy, tests, limit_s)
     finally:
         module.write_bytes(source)
-        shutil.rmtree(module.parent / "__pycache__", ignore_errors=True)
+        compiled.unlink(missing_ok=True)
     return {True: "SURVIVED", False: "killed", None: "NO ANSWER"}[passed]
 
 
@@ -285,13 +207,14 @@ def copied(folder: Path) -> Path:
 
 
 def main() -> None:
+    known = rooms()
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("room", choices=sorted(ROOMS))
+    parser.add_argument("room", choices=sorted(known))
     parser.add_argument("--number", type=int, default=25)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--limit-s", type=float, default=180.0, help="Of one mutant's tests.")
     options = parser.parse_args()
-    room, counts = ROOMS[options.room], Counter[str]()
+    room, counts = known[options.room], Counter[str]()
     with tempfile.TemporaryDirectory() as folder:
         copy = copied(Path(folder))
         if not tests_pass(copy, room.tests, 10 * options.limit_s):

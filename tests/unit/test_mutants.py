@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.mutants import CHECKOUT, ROOMS, mutants, verdict
+from benchmarks.mutants import CHECKOUT, mutants, rooms, verdict
 
 MODULE = """\
 def grown(count: int = 0, *, name: str = "é") -> int:
@@ -50,13 +50,13 @@ def test_what_becomes_of_them(tmp_path: Path) -> None:
         "(count - 1)": ("NO ANSWER", 2.0),
     }
     for fault, (fate, limit_s) in fates.items():
-        assert verdict(tmp_path, by_fault[fault], ("test_toy.py",), limit_s) == fate
+        assert verdict(tmp_path, by_fault[fault], ["test_toy.py"], limit_s) == fate
         assert module.read_text("utf-8") == MODULE
 
 
-@pytest.mark.parametrize("name", ROOMS)
+@pytest.mark.parametrize("name", rooms())
 def test_rooms_name_what_there_is(name: str) -> None:
-    for pattern in ROOMS[name].modules:
+    for pattern in rooms()[name].modules:
         assert [*CHECKOUT.glob(pattern)], pattern
-    for test in ROOMS[name].tests:
+    for test in rooms()[name].tests:
         assert (CHECKOUT / test.partition("::")[0]).exists(), test
