@@ -171,7 +171,11 @@ def test_an_interrupted_search_goes_on_to_the_same_trials(tmp_path) -> None:
     assert len((tmp_path / "stopped" / "trials.jsonl").read_text().splitlines()) == 2
     with pytest.raises(InputError, match="is not finished; allowed: `harness resume"):
         read_judged(tmp_path / "stopped", read_search(tmp_path / "stopped"))
-    search, resumed = resume_tune(tmp_path / "stopped", workers=0, progress=lambda *_: None)
+    done: list[int] = []
+    search, resumed = resume_tune(
+        tmp_path / "stopped", workers=0, progress=lambda number, *_: done.append(number)
+    )
+    assert done == [3, 4, 5]  # the first two are not repeated
     assert replace(resumed, folder=whole.folder) == whole
     assert read_judged(tmp_path / "stopped", search) == resumed
     for name in ("trials.jsonl", "result.json", "tune.json"):
