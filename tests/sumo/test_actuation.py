@@ -1,5 +1,6 @@
-"""Vehicles that obey late, in SUMO: encounters, hours of traffic, and own simulations."""
+"""Vehicles that obey late, in SUMO: encounters, hours of traffic, own simulations, and risks."""
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from harness.core.actuation import Actuator
-from harness.core.encounter import Arm, Strategy
+from harness.core.encounter import Arm, Ending, Strategy
 from harness.engine.plain import PlainEngine
 from harness.engine.shared import engine_for, road_for
 from harness.episode.cell_constants import constants_of
@@ -21,11 +22,15 @@ from harness.episode.traffic.lanes import lanes_of
 from harness.episode.traffic.pairing import HourRunner
 from harness.episode.traffic.vehicles import LaneOnRoad
 from harness.model.interaction import InteractionModel
-from harness.scenario import Scenario
+from harness.scenario import Scenario, load_scenario
 from harness.store.hour_tables import hour_rows
 from harness.store.hour_traces import stored_traces
+from harness.studies.risk.asking import Settings
+from harness.studies.risk.folder import estimate_risk
+from harness.studies.risk.writing import RESULT
 from tests import towns
-from tests.scenes import Recorder, scenario
+from tests.batches import Inline
+from tests.scenes import Recorder, on_plain, scenario
 
 pytestmark = pytest.mark.usefixtures("no_simulation")
 
@@ -155,3 +160,30 @@ def test_an_own_simulation_runs_with_late_vehicles(tmp_path: Path, model: Intera
         assert {each.trace.vehicle.lag_s for each in driven} == {lag_s}
         speeds.append(driven[0].trace.speed_mps.tolist())
     assert speeds[0] != speeds[1]
+
+
+def test_a_risk_of_a_late_vehicle_holds_its_quadrature(
+    tmp_path: Path, model: InteractionModel
+) -> None:
+    changes = {
+        "arms.av": "emergency_brake",
+        "strategies.emergency_brake.ttc_threshold_s": 0.8,
+        **{f"actuation.{key}": value for key, value in LATE.items()},
+    }
+    scene = load_scenario("cctc", changes)
+    # An episode is a function of the side and of u; the sum over the midpoints of u is the truth.
+    parts = 100
+    cases = [
+        (0, {"side": (side,), "quantile": ((part + 0.5) / parts,)})
+        for side in (0.25, 0.75)
+        for part in range(parts)
+    ]
+    driven = on_plain(scene, model).run_arm_given(Arm.AV, cases, lambda _: None)
+    truth = float(np.mean([each.record.ending is Ending.CRASHED for each in driven]))
+    asked = Settings("cctc", scene, target_cv=0.3)
+    folder = estimate_risk(asked, out=tmp_path / "risk", make_executor=Inline)
+    result = json.loads((folder / RESULT).read_text())
+    # On either side the crashes are an interval of u, with two ends.
+    assert result["ci_low"] - 2 / parts <= truth <= result["ci_high"] + 2 / parts
+    assert result["ci_low"] > 0.05  # 0.0225 by the same sum if the vehicle obeys at once
+    assert result["differences"] == []

@@ -65,13 +65,21 @@ def test_the_reference_is_driven_once_for_everything_it_does_not_depend_on() -> 
             return session.references - before
 
         assert driven({}, range(4)) == 4
-        for same in ({GAP: 1.0}, {"arms.av": "soft_yield"}, {"perception.latency_s": 0.3}):
-            assert driven(same, range(4)) == 0
+        for same in (
+            {GAP: 1.0},
+            {"arms.av": "soft_yield"},
+            {"perception.latency_s": 0.3},
+            {"actuation.dead_time_s": 0.2, "actuation.lag_s": 0.3, "actuation.max_jerk_mps3": 20.0},
+        ):
+            assert driven(same, range(4)) == 0, same
         assert driven({"conflicts.pet_s": 2.0, "limits.mu0": 1.0}, range(2, 6)) == 2
         for other in (
             {"experiment.seed": 2},
             {"arms.human": "human_yield"},
             {"perception.latency_s": 0.3, "perception.human": True},
+            {"actuation.lag_s": 0.3, "actuation.human": True},
+            {"actuation.lag_s": 0.4, "actuation.human": True},
+            {"crossing.friction": 0.3},
             {"pedestrians.kerb_wait_s": 1.0},
         ):
             assert driven(other, range(4)) == 4, other

@@ -211,14 +211,14 @@ def _reference_key(part: _Part, engine: EngineName) -> str:
     scenario, model = part.scenario, part.model
     name = scenario.arms.human
     tree = scenario.model_dump()
-    for key in ("arms", "strategies", "perception", "conflicts", "limits"):
+    for key in ("arms", "strategies", "perception", "actuation", "conflicts", "limits"):
         del tree[key]
     del tree["experiment"]["pairs"]
     parameters = scenario.strategies.get(name, {})
     refits = model.refits and model.refits.sha256
-    sensor = sensor_of(scenario, Arm.HUMAN)
+    sensor, vehicle = sensor_of(scenario, Arm.HUMAN), scenario.vehicle(Arm.HUMAN)
     code = source_digests([name])
-    return repr((tree, name, parameters, code, sensor, model.sha256, refits, engine))
+    return repr((tree, name, parameters, code, sensor, vehicle, model.sha256, refits, engine))
 
 
 def _runs_of(numbers: Sequence[int], size: int) -> Iterator[tuple[int, int]]:
