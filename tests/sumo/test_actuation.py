@@ -134,7 +134,7 @@ def test_a_vehicle_of_an_own_simulation_goes_on_from_where_sumo_cut_it() -> None
         )
     )
     way = SimpleNamespace(way=SimpleNamespace(crossing=None), meets_vehicles=False)
-    control = Control(api, lambda _, speed: sent.append(speed), STEP_S, 30.0, lambda _: ())
+    control = Control(api, lambda _, speed: sent.append(speed), STEP_S, 30.0, lambda *_: ())
     driver: Any = Recorder(lambda _: 2.0)
     log: Any = PassageLog("a", "car", way, vehicle, True, "x", None, 0.0, driver)  # type: ignore[arg-type]
     control.take(log)
