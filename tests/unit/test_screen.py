@@ -24,7 +24,8 @@ from harness.statistics import (
 )
 from harness.store.hour_catalogue import HOURS
 from harness.store.kinds import HourKind
-from harness.studies.runs.notes import av_label, encounter_notes, hour_notes
+from harness.studies.runs.hour_notes import hour_notes
+from harness.studies.runs.notes import av_label, encounter_notes
 from harness.studies.runs.references import agreement, disagreement, reference_lines
 from harness.studies.runs.reported import _run_notes, is_the_papers, walker_lines
 from harness.studies.runs.site_words import site_words

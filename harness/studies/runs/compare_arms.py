@@ -16,7 +16,8 @@ from harness.core.encounter import Arm
 from harness.core.errors import InputError
 from harness.measures.agreement import TOLERANCE
 from harness.statistics import CellFindings, Note, Rank, RunFindings
-from harness.studies.runs.notes import FEW_HOURS, counted
+from harness.studies.runs.hour_notes import FEW_HOURS
+from harness.studies.runs.notes import counted
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.same_pairs import names_of
 from harness.studies.runs.site_words import site_words

@@ -5,7 +5,8 @@ from collections.abc import Callable
 from harness.scenario import Scenario
 from harness.statistics import Catalogue, Findings, Note, Rank
 from harness.studies.runs.changed_options import changes_in_brief
-from harness.studies.runs.notes import FEW_HOURS, counted, undefined_notes
+from harness.studies.runs.hour_notes import FEW_HOURS
+from harness.studies.runs.notes import counted, undefined_notes
 
 CUT_SHARE = 0.05
 """Above this share a note gives the number of commands that SUMO did not follow."""

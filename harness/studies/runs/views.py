@@ -8,7 +8,8 @@ import pandas as pd
 from harness.core.encounter import Arm, Ending
 from harness.scenario import Scenario
 from harness.statistics import Catalogue, Findings, Note
-from harness.studies.runs.notes import encounter_notes, hour_notes
+from harness.studies.runs.hour_notes import hour_notes
+from harness.studies.runs.notes import encounter_notes
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.simulation_choice import Key, chosen_pairs, numbers_of
 from harness.studies.runs.simulation_notes import simulation_notes
