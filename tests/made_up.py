@@ -7,7 +7,8 @@ from typing import Any
 
 from harness.core.encounter import Arm
 from harness.scenario import Options, Study
-from harness.store.tables import PEDESTRIANS, table_of
+from harness.store.schemas import PEDESTRIANS
+from harness.store.tables import table_of
 from harness.studies.batch.experiment import run_study
 from harness.studies.workers.tasks import Task, TaskResult
 

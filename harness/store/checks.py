@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from harness.core.encounter import Arm, Contact, Ending, Side
 from harness.core.errors import InputError
 from harness.episode.traffic.lanes import Direction
-from harness.store.tables import ROWS_BY_PAIR
+from harness.store.schemas import ROWS_BY_PAIR
 
 _LARGEST, _SMALLEST = 1e18, 1e-18
 """Upper limit of times, positions and decelerations, and lower limit of divisors."""

@@ -8,7 +8,8 @@ import pyarrow as pa
 from harness.core.encounter import Arm, Side, Trace
 from harness.measures import EpisodeRecord, Outcome
 from harness.measures.motion.walking import cleared_s, states_at
-from harness.store.tables import EPISODES, Motion, Row, table_of, traces_table
+from harness.store.schemas import EPISODES
+from harness.store.tables import Motion, Row, table_of, traces_table
 from harness.store.walk_rows import pedestrian_row, shown_states
 
 _RECORD_COLUMNS = EPISODES.names[EPISODES.get_field_index("ending") :]

@@ -18,7 +18,8 @@ from harness.measures.motion.walking import cleared_s
 from harness.scenario import ConflictsSection
 from harness.statistics import CONFLICTS, LOWEST_POINT
 from harness.store.hour_types import type_numbers
-from harness.store.tables import HOUR_TABLES, PASSAGES, Row, Tables, table_of
+from harness.store.schemas import HOUR_TABLES, PASSAGES
+from harness.store.tables import Row, Tables, table_of
 from harness.store.walk_rows import pedestrian_row
 
 MINUTE_S = 60.0

@@ -31,11 +31,7 @@ from harness.store.hour_catalogue import HOURS
 from harness.store.hour_columns import hour_columns
 from harness.store.hour_types import type_rows
 from harness.store.measure_tables import conflict_rows, measure_rows
-from harness.store.simulations.simulation_catalogue import SIMULATIONS
-from harness.store.simulations.simulation_statistics import crosswalk_rows, group_rows
-from harness.store.simulations.simulation_tables import crosswalks_of_cell, groups_of
-from harness.store.summaries import columns_of_cell
-from harness.store.tables import (
+from harness.store.schemas import (
     HOUR_TABLES,
     HOUR_TRACES,
     SIMULATION_TABLES,
@@ -43,6 +39,10 @@ from harness.store.tables import (
     encounter_tables,
     hour_tables,
 )
+from harness.store.simulations.simulation_catalogue import SIMULATIONS
+from harness.store.simulations.simulation_statistics import crosswalk_rows, group_rows
+from harness.store.simulations.simulation_tables import crosswalks_of_cell, groups_of
+from harness.store.summaries import columns_of_cell
 
 Rows = list[dict[str, Plain]]
 

@@ -9,7 +9,7 @@ from harness.core.versions import versions_of_runs
 from harness.model.interaction import InteractionModel
 from harness.scenario import Options, Precision, Scenario, Study
 from harness.scenario.options import AUDIT_SHARE
-from harness.store.tables import SCHEMA
+from harness.store.schemas import SCHEMA
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
 

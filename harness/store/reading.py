@@ -15,7 +15,8 @@ from harness.core.errors import InputError, reading, resume_command
 from harness.core.files import read_file
 from harness.scenario import EngineName
 from harness.store.checks import check_values
-from harness.store.tables import SCHEMA, TABLES, with_schema
+from harness.store.schemas import SCHEMA, TABLES
+from harness.store.tables import with_schema
 
 MANIFEST = "manifest.json"
 

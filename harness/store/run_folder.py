@@ -21,6 +21,7 @@ from harness.core.errors import InputError, resume_command
 from harness.core.files import cannot_write, write_file
 from harness.scenario import Scenario
 from harness.store.reading import MANIFEST, kind_of_folder
+from harness.store.schemas import TABLES
 from harness.store.shards import (
     SHARDS,
     DamagedShardError,
@@ -31,7 +32,7 @@ from harness.store.shards import (
     shard_name,
     shards_of,
 )
-from harness.store.tables import TABLES, write_parquet
+from harness.store.tables import write_parquet
 
 SUMO_OUTPUTS = "sumo"
 """The folder of SUMO's own outputs inside a run folder."""

@@ -15,7 +15,8 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from harness.core.errors import InputError
-from harness.store.tables import ROWS_BY_PAIR, with_schema
+from harness.store.schemas import ROWS_BY_PAIR
+from harness.store.tables import with_schema
 
 SHARDS = "shards"
 """The folder of the shards inside a run folder."""

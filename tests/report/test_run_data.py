@@ -15,8 +15,8 @@ from pandas.testing import assert_frame_equal
 import harness
 from harness.core.errors import InputError
 from harness.store.run_folder import RunFolder
+from harness.store.schemas import SCHEMA
 from harness.store.summaries import summarise_cell
-from harness.store.tables import SCHEMA
 from harness.studies.runs.reported import reported
 from harness.studies.runs.run_data import RunData
 from tests.batches import here, one_cell, run_inline

@@ -17,8 +17,8 @@ from benchmarks.coverage import population
 from harness.scenario import Options, Precision, Study
 from harness.statistics import ENCOUNTERS, Interval, bootstrap, summary
 from harness.store import summaries as looking
+from harness.store.schemas import EPISODES
 from harness.store.summaries import confidence_of, looks, pair_columns, summarise_cell
-from harness.store.tables import EPISODES
 from harness.studies.batch.plan import Plan
 from harness.studies.batch.until import reach_precision
 from tests.batches import one_cell

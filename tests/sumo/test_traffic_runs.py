@@ -27,7 +27,7 @@ from harness.scenario import (
     read_scenario_file,
     study_of,
 )
-from harness.store.tables import HOUR_TABLES
+from harness.store.schemas import HOUR_TABLES
 from harness.studies.batch.experiment import resume, run_study
 from harness.studies.batch.plan import plan_of
 from harness.studies.batch.scoring import score

@@ -11,7 +11,8 @@ from harness.core.errors import InputError
 from harness.scenario import read_scenario_file, study_of
 from harness.scenario.variation import parse_variation
 from harness.store.kinds import HourKind
-from harness.store.tables import HOURS, table_of
+from harness.store.schemas import HOURS
+from harness.store.tables import table_of
 from harness.studies.runs.compare_arms import compare_arms
 
 TWO_VALUES = 12.706204736432095 / 2**0.5

@@ -25,7 +25,8 @@ from harness.store.hour_catalogue import HOURS as CATALOGUE
 from harness.store.hour_columns import HourColumns
 from harness.store.hour_tables import _delays, _late, passage_counts
 from harness.store.kinds import HourKind
-from harness.store.tables import HOURS, table_of
+from harness.store.schemas import HOURS
+from harness.store.tables import table_of
 
 AUTOMATED = {"av": "hard_yield", "human": "human_yield"}
 

@@ -10,8 +10,8 @@ from harness.measures import MEASURES
 from harness.scenario import Cell, ConflictsSection, Scenario
 from harness.statistics import CONFLICTS
 from harness.store.measure_tables import conflict_rows, measure_rows
+from harness.store.schemas import EPISODES
 from harness.store.summaries import summarise_cell
-from harness.store.tables import EPISODES
 
 # ending, min_ttc_s, pet_s, max_drac_mps2, avoidable
 AV = [

@@ -10,7 +10,8 @@ import pyarrow as pa
 
 from harness.core.encounter import Arm
 from harness.statistics import Interval, Plain, student_mean
-from harness.store.tables import CROSSWALK_FIELDS, GROUP_FIELDS, Row
+from harness.store.schemas import CROSSWALK_FIELDS, GROUP_FIELDS
+from harness.store.tables import Row
 
 _Numbers = dict[tuple[str, str], dict[int, dict[str, float | None]]]
 """The numbers by pair, for each name of a group and arm."""

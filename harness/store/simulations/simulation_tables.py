@@ -19,14 +19,8 @@ from harness.episode.simulation.visits import BENDS, TURNS
 from harness.measures.ego import crossing_time
 from harness.scenario.own_simulation import setting_of
 from harness.store.hour_tables import passage_counts, record_row
-from harness.store.tables import (
-    CROSSWALK_FIELDS,
-    SIMULATION_TABLES,
-    TABLES,
-    Row,
-    Tables,
-    table_of,
-)
+from harness.store.schemas import CROSSWALK_FIELDS, SIMULATION_TABLES, TABLES
+from harness.store.tables import Row, Tables, table_of
 
 AVS, OTHERS, VEHICLES, PEOPLE = "AVs", "other vehicles", "all vehicles", "people"
 """The groups that every simulation has; further ones are its vehicle types."""

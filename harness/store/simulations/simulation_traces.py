@@ -13,8 +13,9 @@ import pyarrow.compute as pc
 from harness.core.encounter import Crossing, FloatArray, Vehicle
 from harness.episode.simulation.pairing import MeasuredPassage, SimulationOutcome
 from harness.measures.motion.walking import cleared_s, states_at
+from harness.store.schemas import SIMULATION_TRACES
 from harness.store.simulations.simulation_tables import counted_passages
-from harness.store.tables import SIMULATION_TRACES, Motion, Row, Tables, table_of, traces_table
+from harness.store.tables import Motion, Row, Tables, table_of, traces_table
 from harness.store.walk_rows import pedestrian_row, shown_states
 
 _ROUNDING = 1e-9

@@ -14,7 +14,8 @@ from harness.scenario import Cell
 from harness.store.hour_tables import passage_counts, record_row
 from harness.store.hour_traces import stored_traces
 from harness.store.reading import read_table
-from harness.store.tables import Row, hour_tables, table_of
+from harness.store.schemas import hour_tables
+from harness.store.tables import Row, table_of
 
 _States = dict[str, tuple[FloatArray, FloatArray, FloatArray]]
 Tables = dict[str, pa.Table]

@@ -18,8 +18,9 @@ from harness.store.episode_tables import episode_rows
 from harness.store.manifest import options_of, scored_now
 from harness.store.reading import MANIFEST, read_finished_manifest, read_table
 from harness.store.run_folder import RunFolder, claim_folder
+from harness.store.schemas import MODEL_USE, encounter_tables
 from harness.store.shards import DamagedShardError
-from harness.store.tables import MODEL_USE, encounter_tables, table_of
+from harness.store.tables import table_of
 from harness.store.walk_rows import stored_walk
 from harness.studies.batch.finish import finish
 from harness.studies.batch.hour_scoring import score_hours

@@ -6,7 +6,8 @@ from pathlib import Path
 from harness.scenario import Cell
 from harness.store.hour_tables import passage_counts
 from harness.store.reading import read_table
-from harness.store.tables import SIMULATION_TRACES, Row, Tables, table_of
+from harness.store.schemas import SIMULATION_TRACES
+from harness.store.tables import Row, Tables, table_of
 
 
 def score_simulations(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int, int, Tables]]:

@@ -18,7 +18,7 @@ from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import EngineName, Options, Scenario, hang_limit_s
 from harness.scenario.options import HANG_AFTER_S, TASK_PAIRS
-from harness.store.tables import EPISODES
+from harness.store.schemas import EPISODES
 from harness.strategies.own import is_of_this_process
 from harness.strategies.perception.sensor import sensor_of
 from harness.strategies.registry import source_digests

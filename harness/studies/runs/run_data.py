@@ -24,10 +24,11 @@ from harness.store.kinds import Kind, kind_of_study
 from harness.store.manifest import model_entry, options_of
 from harness.store.measure_tables import measure_rows
 from harness.store.over_model import findings_over_model
+from harness.store.schemas import TABLES
 from harness.store.shards import Shard
 from harness.store.summaries import confidence_of, pair_columns
 from harness.store.summary_table import read_summary
-from harness.store.tables import TABLES, Row
+from harness.store.tables import Row
 from harness.studies.runs.audited import disagreements, shared_once, ties
 from harness.studies.runs.cell_result import CellResult
 from harness.studies.runs.notebook import run_html

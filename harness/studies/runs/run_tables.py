@@ -9,8 +9,8 @@ import pyarrow.compute as pc
 from harness.core.errors import InputError, resume_command
 from harness.scenario import Cell, Study
 from harness.store.reading import read_table
+from harness.store.schemas import TABLES
 from harness.store.shards import DamagedShardError, Shard, check_planned, read_shard, shards_of
-from harness.store.tables import TABLES
 
 
 class RunTables:
