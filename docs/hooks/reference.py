@@ -16,8 +16,8 @@ from harness.cli.app import app
 from harness.measures import MEASURES
 from harness.scenario import Scenario, actuation, people, sections, simulation, traffic
 from harness.statistics import ENCOUNTERS, Catalogue, Entry
-from harness.store import tables
 from harness.store.hour_catalogue import HOURS
+from harness.store.schemas import TABLES
 from harness.store.simulations.simulation_catalogue import SIMULATIONS
 
 UNITS = {
@@ -206,7 +206,7 @@ def columns_page() -> str:
         "number of informative pairs in `_ci_informative`. A share has its counts in `_events` and",
         "`_n`. [Method](../method.md) and [Measures](../measures.md) have the definitions.",
     ]
-    for name, schema in tables.TABLES.items():
+    for name, schema in TABLES.items():
         lines += ["", f"## {name}.parquet", ""]
         lines += table(
             ("column", "type", "unit", "meaning"),
@@ -249,7 +249,7 @@ def described(
     """Name, unit and meaning of each column of a table."""
     measures = {measure.column: measure for measure in MEASURES}
     in_table = meanings.get(LIKE.get(name, ""), {}) | meanings[name]
-    for column in tables.TABLES[name].names:
+    for column in TABLES[name].names:
         if column in in_table:
             yield column, unit_of(column), in_table[column]
         elif column in meanings["keys"]:
