@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from harness.core.errors import InputError
-from harness.report.screens.comparison_tables import best_lines
+from harness.report.screens.comparison_sentences import best_lines
 from harness.report.screens.result_screen import screen_of
 from harness.report.screens.screen import screen_lines
 from harness.scenario import Options, Precision, Study

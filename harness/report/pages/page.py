@@ -14,7 +14,8 @@ from harness.report.pages.inputs import models_of, strategies_of
 from harness.report.pages.kinds import parts_of
 from harness.report.pages.player import run_player
 from harness.report.pages.template import Failures, Page, drawn, flat, page_in, write_page
-from harness.report.screens.comparison_tables import comparison_lines, comparison_tables
+from harness.report.screens.comparison_sentences import comparison_lines
+from harness.report.screens.comparison_tables import comparison_tables
 from harness.report.screens.result_screen import screen_of
 from harness.report.screens.result_tables import cells_table, full_tables, run_limits
 from harness.report.screens.screen import screen_lines

@@ -7,7 +7,7 @@ import pandas as pd
 
 from harness.report.drawing import style, sweep_figures as draw
 from harness.report.drawing.style import Picture
-from harness.report.screens.comparison_tables import allowed_lines
+from harness.report.screens.comparison_sentences import allowed_lines
 from harness.report.screens.tables import level as words_of_level
 from harness.scenario import as_written
 from harness.statistics import Limits, Verdict

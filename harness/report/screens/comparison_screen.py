@@ -3,12 +3,8 @@
 import shlex
 from collections.abc import Mapping
 
-from harness.report.screens.comparison_tables import (
-    allowed_lines,
-    best_lines,
-    cell_numbers,
-    comparison_notes,
-)
+from harness.report.screens.comparison_sentences import allowed_lines, best_lines
+from harness.report.screens.comparison_tables import cell_numbers, comparison_notes
 from harness.report.screens.result_screen import with_limits
 from harness.report.screens.screen import Screen
 from harness.report.screens.tables import counted, entry_value, named_values

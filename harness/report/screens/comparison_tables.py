@@ -1,10 +1,10 @@
-"""The tables and sentences of a comparison, for the terminal and the page."""
+"""The tables and notes of a comparison, for the terminal and the page."""
 
 from collections.abc import Sequence
 
 from harness.report.screens.joined_notes import joined_notes
-from harness.report.screens.limit_tables import OWN_BOUND, binding_words, limits_table
-from harness.report.screens.result_screen import MODEL_HEADING, with_limits
+from harness.report.screens.limit_tables import limits_table
+from harness.report.screens.result_screen import MODEL_HEADING
 from harness.report.screens.tables import (
     Table,
     TableCell,
@@ -12,9 +12,7 @@ from harness.report.screens.tables import (
     counted,
     entry_cell,
     entry_heading,
-    entry_value,
     interval_cell,
-    level,
     named_values,
     share_cell,
     value_cell,
@@ -24,14 +22,11 @@ from harness.statistics import (
     DIFFERENCES,
     ENCOUNTERS,
     ENTRIES,
-    Findings,
     Interval,
     Note,
     Place,
     Rank,
     Standing,
-    SweepVerdict,
-    Verdict,
 )
 from harness.studies.runs.comparisons import GroupResult, RunComparison, SweepResult
 from harness.studies.runs.notes import av_label, encounter_notes
@@ -224,136 +219,8 @@ def _sweep_table(result: SweepResult, group: GroupResult, name: str) -> Table:
     return Table(name, caption, headings, tuple(rows))
 
 
-def allowed_lines(result: SweepResult, error: float) -> list[str]:
-    """Return sentences about the allowed values.
-
-    Args:
-        result: the judgement of each value of one parameter.
-        error: probability that any of the bounds is wrong.
-    """
-    sweep, found = result.sweep, result.found
-    together = f"with {level(1 - error)} confidence for all {len(sweep.values)} values together"
-    within = f"μ below {result.limits.mu0:g} and κ below {result.limits.kappa0:g}"
-    if found.verdict is SweepVerdict.SOME:
-        allowed = _values(result, Verdict.ALLOWED)
-        words = " Bounds of μ unreliable: too few informative pairs."
-        few = words if any(result.indicative) else ""
-        lines = [f"Allowed: {sweep.parameter} = {allowed}: {within}, {together}.{few}"]
-        if Verdict.UNDECIDED in {judgement.verdict for judgement in found.judgements}:
-            lines.append(f"Undecided: {sweep.parameter} = {_values(result, Verdict.UNDECIDED)}.")
-        return lines
-    if found.verdict is SweepVerdict.NONE:
-        return [f"No value is allowed: none has {within}, {together}."]
-    undecided = _values(result, Verdict.UNDECIDED)
-    line = f"Too few pairs to tell: {sweep.parameter} = {undecided} undecided."
-    if found.pairs_needed is None:
-        return [f"{line} The present estimates do not show how many pairs would be enough."]
-    what = (
-        "that one of them is allowed"
-        if found.expected is SweepVerdict.SOME
-        else "that none is allowed"
-    )
-    return [
-        f"{line} At the present estimates about {found.pairs_needed:,} pairs would show {what}."
-    ]
-
-
-def best_lines(result: GroupResult) -> list[str]:
-    """Return sentences about a group's best allowed cell; empty if no cell is judged."""
-    if not result.limits:
-        return []
-    cells, best = result.group.cells, result.best_allowed
-    shared = named_values(result.group.shared)
-    where = "Best allowed cell" + (f" at {shared}" if shared else "")
-    sure = _sure(result)
-    if best is None:
-        return [f"{where}: none is allowed, {sure}. {binding_words(result)}"]
-    findings, alike = result.summaries[best].findings, result.untold_from(best)
-    times = findings["time_ratio"]
-    few = f"; {times.reason}" if times.reason else ""
-    text = (
-        f"{where}: {cells[best].number} ({cells[best].label}), ratio of times "
-        f"{with_limits(ENTRIES['time_ratio'], times)}{few}; {_left_out(findings)}. It is the "
-        f"smallest ratio of {counted(len(result.allowed), 'cell')} allowed {sure}."
-    )
-    if alike:
-        names = ", ".join(str(cells[at].number) for at in alike)
-        text += f" Not shown to differ from it: cell{'s' * (len(alike) > 1)} {names}."
-    return [f"{text} {binding_words(result)}"]
-
-
-def _sure(result: GroupResult) -> str:
-    """Return by which bounds cells are allowed: those of all cells together, own ones, or both."""
-    parts = []
-    if result.together:
-        parts.append(
-            f"by bounds of all {len(result.limits)} cells together, {level(1 - result.level)}"
-        )
-    if own := [str(each.limit) for each in result.limits[0][2 * result.together :]]:
-        parts.append(f"under {', '.join(own)}, {OWN_BOUND}")
-    return ", and ".join(parts)
-
-
-def _left_out(findings: Findings) -> str:
-    """Return how many pairs the ratio of times leaves out, with reason and worst case."""
-    count = findings["pairs"].count - findings["time_ratio_pairs"].count
-    if not count:
-        return "no pair left out"
-    worst = entry_value(ENTRIES["time_ratio_worst"], findings["time_ratio_worst"])
-    why = "as the AV crashed or an arm failed"
-    return f"{counted(count, 'pair')} left out, {why}: worst case {worst}"
-
-
-def comparison_lines(result: RunComparison) -> list[str]:
-    """Return sentences about the tables' findings, and how to read the tables."""
-    tests = sum(len(group.comparisons) for group in result.groups)
-    error = f"{1 - result.confidence:.2g}"
-    notes = [
-        line
-        for group in result.groups
-        for sweep in group.sweeps
-        for line in allowed_lines(sweep, group.level)
-    ]
-    notes += [
-        f"Intervals: {level(result.confidence)} each. The interval of a difference excludes 0 only "
-        "if the sign-flip test of the pairs rejects. p: exact McNemar test of the crash rates. "
-        f"Holm: corrected for all {tests} tests of this comparison.",
-        "Ratio of times: sum of the AV's times / sum of the reference's, over the pairs in which "
-        "nobody failed and the AV did not crash. Missed: crashed, timed out or strategy failed; "
-        "κ with time-outs counts all three.",
-        "Front: by ratio of times and κ with time-outs. Two cells differ if p (Holm) of either is "
-        f"below {error}, corrected for all {2 * tests} tests of both. A single interval may "
-        "contradict that. Two cells are alike if they differ in no pair.",
-    ]
-    few = any(
-        finding.reliable is False
-        for group in result.groups
-        for summary in group.summaries
-        for finding in summary.findings.values()
-    )
-    few = few or any(item.indicative for group in result.groups for item in group.comparisons)
-    few = few or any(any(s.indicative) for group in result.groups for s in group.sweeps)
-    if few:
-        notes.append("* unreliable: too few informative pairs.")
-    repeats = sum(group.group.repeats for group in result.groups)
-    if repeats:
-        notes.append(
-            f"{repeats} cells are left out: each repeats the strategy and parameters of another "
-            "cell."
-        )
-    notes += [line for group in result.groups for line in best_lines(group)]
-    return notes
-
-
 def _p_cell(p: float) -> TableCell:
     return TableCell(f"{p:.2g}", sort=repr(p))
-
-
-def _values(result: SweepResult, verdict: Verdict) -> str:
-    judged = zip(result.sweep.values, result.found.judgements, strict=True)
-    return ", ".join(
-        as_written(value) for value, judgement in judged if judgement.verdict is verdict
-    )
 
 
 def _words(standing: Standing, result: GroupResult) -> str:

@@ -5,7 +5,8 @@ from dataclasses import replace
 from rich.console import Console
 
 from harness.report.screens.comparison_screen import comparison_screen
-from harness.report.screens.comparison_tables import comparison_lines, comparison_tables
+from harness.report.screens.comparison_sentences import comparison_lines
+from harness.report.screens.comparison_tables import comparison_tables
 from harness.report.screens.console import make_console, print_table
 from harness.report.screens.paired_tables import paired_tables
 from harness.report.screens.result_screen import screen_of
