@@ -1,4 +1,4 @@
-"""The wheel carries everything: built, installed apart from the checkout, run from elsewhere."""
+"""Source distribution and wheel carry everything: built, installed apart, run from elsewhere."""
 
 import json
 import os
@@ -39,8 +39,8 @@ def run(*command: object, cwd: Path, timeout_s: float = 300.0) -> str:
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("wheel")
-    build = (sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", out, CHECKOUT)
-    run(*build, cwd=out)
+    # The source distribution is built first, and the wheel from it.
+    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", out, CHECKOUT, cwd=out)
     (built,) = out.glob("crosswalk_harness-*.whl")
     return built
 
