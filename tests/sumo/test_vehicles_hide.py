@@ -1,7 +1,7 @@
 """The second lane's car and whoever steps out before a stopped one, in hours and simulations."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
@@ -14,6 +14,7 @@ from harness.core.encounter import (
     Observation,
     PedestrianView,
     Side,
+    Strategy,
 )
 from harness.engine.shared import road_for
 from harness.episode.cell_constants import constants_of
@@ -81,10 +82,11 @@ def sees_past(
     return edge > along
 
 
-def hour_scene(**perception: object) -> Scenario:
+def hour_scene(obstacles: Sequence[dict[str, float]] = (), **perception: object) -> Scenario:
+    road = {"length_m": 14.0, "width_m": 4.0, "lanes": 2, "oncoming_lanes": 2}
     return validate(
         {
-            "crossing": {"length_m": 14.0, "width_m": 4.0, "lanes": 2, "oncoming_lanes": 2},
+            "crossing": {**road, "obstacles": list(obstacles)},
             "ego": {
                 "initial_speed_mps": SPEED_MPS,
                 "trigger_range_m": 60.0,
@@ -104,12 +106,23 @@ def hour_scene(**perception: object) -> Scenario:
 def hour_of(
     scenario: Scenario, people: Sequence[Arrival]
 ) -> tuple[BrakesOnSight, Passage, Passage]:
-    """The second lane's driver, and the passages of the stopped car and of the second lane's."""
-    rules, driver = constants_of(scenario), BrakesOnSight()
+    """The second lane's driver, and the passages of the stopped car and of the second lane's.
+
+    The car on the near lane is 8 s ahead.
+    """
+    driver = BrakesOnSight()
+    blocking, passing = played(scenario, people, {0: (20, Blocks()), 1: (100, driver)})
+    return driver, blocking, passing
+
+
+def played(
+    scenario: Scenario, people: Sequence[Arrival], cars: Mapping[int, tuple[int, Strategy]]
+) -> list[Passage]:
+    """The passages of an hour with one car on some lanes: the step of its entry, its driver."""
+    rules = constants_of(scenario)
     lanes = []
     for number, lane in enumerate(lanes_of(scenario)):
-        # The car on the near lane is 8 s ahead.
-        due = [Scheduled(number, lane, 20 + 80 * number, 0.0)] if number < 2 else []
+        due = [Scheduled(number, lane, cars[number][0], 0.0)] if number in cars else []
         lanes.append(LaneOnRoad(number, lane, iter(due), rules))
     road = road_for(scenario)
     hour = Hour(
@@ -117,15 +130,14 @@ def hour_of(
         lanes,
         tuple(people),
         lambda *_: RUN_MPS,
-        lambda planned: (True, "", driver if planned.number else Blocks()),
+        lambda planned: (True, "", cars[planned.number][1]),
         rules,
         scenario.known_traffic,
         sensors={arm: sensor_of(scenario, arm) for arm in Arm},
     )
     log = hour.run()
     ends = {number: lane.ends_x_m for number, lane in enumerate(road.lanes)}
-    blocking, passing = passages_of(log, rules, ends, saturated=False)
-    return driver, blocking, passing
+    return passages_of(log, rules, ends, saturated=False)
 
 
 @pytest.fixture(scope="module")
@@ -174,6 +186,30 @@ def test_what_an_hour_shows_is_exactly_that_old(stepping_out: Arrival) -> None:
     assert late.seen[5 : steps + 5] == now.seen[:steps]
     assert late.first == steps + 5
     assert passing.trace.shown == tuple(late.seen)
+
+
+@pytest.mark.parametrize("lane", [0, 2])
+def test_a_hedge_beside_the_road_hides_from_either_direction(lane: int) -> None:
+    """The same scene from both ends of the road: lane 2 is the near lane of the other direction."""
+    sign, side = (1.0, Side.NEAR) if lane == 0 else (-1.0, Side.FAR)
+    hedge = {"x_m": -5.0 * sign, "y_m": 7.0 - 7.1 * sign, "length_m": 4.0, "width_m": 1.8}
+    driver = BrakesOnSight()
+    # The car enters before 60 m at 12 m/s; the person steps out when it is about 30 m away.
+    (free,) = played(hour_scene(), [], {lane: (20, BrakesOnSight())})
+    first = free.vehicle.first_step
+    assert first is not None
+    person = Arrival(0, (first + 25) * STEP_S + 0.03, side, 0.5)
+    played(hour_scene([hedge]), [person], {lane: (20, driver)})
+    expected = next(
+        n
+        for n in range(26, 60)
+        if sees_past(
+            (float(free.trace.x_m[n]) - EYE_M, 1.75),
+            (-3.0, 0.8),
+            (0.0, RUN_MPS * ((first + n) * STEP_S - person.arrival_s)),
+        )
+    )
+    assert driver.first == expected > 26
 
 
 def town(folder: Path, person_s: float) -> Path:

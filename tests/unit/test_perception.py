@@ -15,7 +15,7 @@ from harness.model.interaction import load_model
 from harness.scenario import Scenario, load_scenario, remarks, validate
 from harness.scenario.file import Setting
 from harness.store.episode_tables import trace_rows
-from harness.strategies.perception.occlusion import Rectangle, is_hidden
+from harness.strategies.perception.occlusion import Rectangle, is_hidden, outline
 from harness.strategies.perception.perception import Perception
 from harness.strategies.perception.sensor import EYE_BEHIND_BUMPER_M, Sensor, sensor_of
 from harness.strategies.perception.track import Track, updates_until_found
@@ -395,6 +395,7 @@ def test_what_was_shown_is_kept_in_the_traces() -> None:
         ({}, {"latency_s": 0.25}, "perception.latency_s"),
         ({}, {"update_s": 0.05}, "perception.update_s"),
         ({}, {"detection_probability": 1.5}, "perception.detection_probability"),
+        ({}, {"vehicles_hide": True}, "perception.vehicles_hide"),
         # The ego drives in y = 1.35 … 3.15.
         ({"y_m": 0.5}, {}, "crossing.obstacles.0.y_m"),
         ({"x_m": -2.2}, {}, "crossing.obstacles.0.x_m"),
@@ -406,6 +407,40 @@ def test_refused(crossing: dict[str, object], perception: dict[str, object], whe
     obstacle = {"x_m": -4.0, "y_m": -1.0, "length_m": 4.2, "width_m": 1.8, **crossing}
     tree = {"perception": perception, "crossing": {"obstacles": [obstacle]}}
     assert refusal_of(lambda: validate(tree, "my.toml")).where == f"my.toml: {where}"
+
+
+@pytest.mark.parametrize(("y_m", "accepted"), [(0.4, True), (2.0, False), (6.0, False)])
+def test_with_traffic_obstacles_stand_beside_all_lanes(y_m: float, *, accepted: bool) -> None:
+    """Two lanes of 4.5 m: cars of 1.8 m drive in y = 1.35 … 3.15 and 5.85 … 7.65."""
+    hedge = {"x_m": -5.0, "y_m": y_m, "length_m": 4.0, "width_m": 1.8}
+    tree = {"crossing": {"obstacles": [hedge]}, "traffic": {}}
+    if accepted:
+        assert validate(tree, "my.toml").obstacles()
+    else:
+        where = refusal_of(lambda: validate(tree, "my.toml"), "vehicles' path").where
+        assert where == "my.toml: crossing.obstacles.0.y_m"
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.7, math.pi / 2, -2.4])
+def test_outlines_hide_the_same_from_any_direction(heading: float) -> None:
+    """Turning eye, person and vehicles about the origin changes nothing."""
+    rng = np.random.default_rng(7)
+
+    def turned(x: float, y: float) -> tuple[float, float]:
+        along, across = math.cos(heading), math.sin(heading)
+        return x * along - y * across, x * across + y * along
+
+    verdicts = []
+    for _ in range(300):
+        eye, person = (-20.0, float(rng.uniform(-3, 3))), (0.0, float(rng.uniform(-3, 3)))
+        fronts = [(float(rng.uniform(-15, -1)), float(rng.uniform(-4, 4))) for _ in range(3)]
+        plain = is_hidden(eye, person, [outline(front, 0.0, 4.5, 1.8) for front in fronts])
+        boxes = [outline(turned(*front), heading, 4.5, 1.8) for front in fronts]
+        assert is_hidden(turned(*eye), turned(*person), boxes) is plain
+        verdicts.append(plain)
+    assert 50 < sum(verdicts) < 250
+    # Whoever stands inside another vehicle, after a crash, sees past it.
+    assert not is_hidden(turned(0, 0), turned(9, 0), [outline(turned(1, 0), heading, 4.5, 1.8)])
 
 
 def test_obstacles_beside_all_ways_are_taken_and_sumos_driver_sees_everything() -> None:
