@@ -16,9 +16,11 @@ from harness.core.encounter import (
     Side,
     Strategy,
 )
+from harness.core.seeding import stream
 from harness.engine.shared import road_for
 from harness.episode.cell_constants import constants_of
 from harness.episode.simulation import pairing
+from harness.episode.simulation.demand import number_of
 from harness.episode.simulation.pairing import MeasuredPassage, SimulationOutcome
 from harness.episode.traffic.demand import Scheduled
 from harness.episode.traffic.hour import Hour
@@ -188,6 +190,21 @@ def test_what_an_hour_shows_is_exactly_that_old(stepping_out: Arrival) -> None:
     assert passing.trace.shown == tuple(late.seen)
 
 
+def shown_from(driver: BrakesOnSight) -> int:
+    """The first step at which anybody was shown."""
+    return [bool(views) for views in driver.seen].index(True)
+
+
+def test_when_a_vehicle_of_an_hour_detects_somebody_is_its_own_draw(stepping_out: Arrival) -> None:
+    """N = ⌈ln(1 − u)/ln(1 − p)⌉ with u of (seed, "detection", pair, vehicle 1, person 0)."""
+    now, _, _ = hour_of(hour_scene(), [stepping_out])
+    late, _, _ = hour_of(hour_scene(detection_probability=0.2), [stepping_out])
+    uniform = stream(1, "detection", 0, 1, 0).random()
+    looks = math.ceil(math.log(1 - uniform) / math.log(0.8))
+    assert looks > 1
+    assert shown_from(late) == shown_from(now) + looks - 1
+
+
 @pytest.mark.parametrize("lane", [0, 2])
 def test_a_hedge_beside_the_road_hides_from_either_direction(lane: int) -> None:
     """The same scene from both ends of the road: lane 2 is the near lane of the other direction."""
@@ -303,3 +320,16 @@ def test_what_a_simulation_shows_is_exactly_that_old(
     assert {view.index for views in passage.trace.shown or () for view in views} == {
         walk.arrival.index
     }
+
+
+def test_when_a_vehicle_of_a_simulation_detects_somebody_is_its_own_draw(
+    model: InteractionModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the ids of vehicle, crosswalk and person, so that the order of events does not matter."""
+    now, _, _ = simulated(tmp_path / "a", model, monkeypatch)
+    late, _, _ = simulated(tmp_path / "b", model, monkeypatch, detection_probability=0.05)
+    keys = [number_of(name) for name in ("B", ":m_c0", "P")]
+    uniform = stream(1, "detection", 0, *keys).random()
+    looks = math.ceil(math.log(1 - uniform) / math.log(0.95))
+    assert looks > 1
+    assert shown_from(late) == shown_from(now) + looks - 1
