@@ -4,13 +4,14 @@ The scene is that of ``test_measures``: body between y = 1.35 m and 3.15 m, 5 m 
 9 m; a disc of 0.25 m on x = 0, so the bumper may come up to x = −0.25 m.
 """
 
+import itertools
 import math
 
 import numpy as np
 import pytest
 
 from harness.core.encounter import Ending, Side
-from harness.measures import EpisodeRecord, measure
+from harness.measures import EpisodeRecord, avoidable, measure
 from harness.strategies.soft_yield import SoftYield
 from tests.scenes import Walker, drive, play, scenario
 
@@ -217,6 +218,16 @@ def test_an_attentive_driver_needs_this_way_to_stop(side, speed, limit, far_pace
         assert (result.contact, result.avoidable) == ("front", True)
         assert result.avoidable_attentive is expected
     assert cruise((0.0, Side.NEAR, 1.5)).avoidable_attentive is None
+
+
+def test_the_pieces_of_an_attentive_drive_join() -> None:
+    # With the acceleration of a piece's middle its speed ends exactly, its place to jerk · dt³/12.
+    pieces = [*avoidable._attentive(drive([0.0] * 50), 0.0)]
+    for (begin_s, motion), (end_s, following) in itertools.pairwise(pieces):
+        elapsed_s = end_s - begin_s
+        reached = motion.speed_mps + motion.acceleration_mps2 * elapsed_s
+        assert following.speed_mps == pytest.approx(reached, abs=1e-9)
+        assert following.place_m == pytest.approx(motion.at(elapsed_s), abs=2e-6)
 
 
 def test_attentive_drivers_against_stepping_through_random_crashes() -> None:
