@@ -139,29 +139,35 @@ def reference(first: int, count: int) -> dict[str, Any]:
     }
 
 
-def looks() -> list[tuple[float, float]]:
+def looks(probability: float = DETECTION_PROBABILITY) -> list[tuple[float, float]]:
     """A quantile of the first detection at each look N, in the middle of those that mean it, and
     P(N).
 
     N is geometric; whoever is not found at the first ``LOOKS`` looks comes too late for all of
     them alike.
+
+    Args:
+        probability: of a detection at each look.
     """
-    missed = 1 - DETECTION_PROBABILITY
+    missed = 1 - probability
     number = np.arange(1, LOOKS + 1)
-    found_at = missed ** (number - 1) * np.where(number < LOOKS, DETECTION_PROBABILITY, 1.0)
-    return list(zip((1 - missed ** (number - 0.5)).tolist(), found_at.tolist(), strict=True))
+    found_at = missed ** (number - 1) * np.where(number < LOOKS, probability, 1.0)
+    # Below 1 also where rounding would reach it.
+    quantiles = np.minimum(1 - missed ** (number - 0.5), np.nextafter(1.0, 0.0))
+    return list(zip(quantiles.tolist(), found_at.tolist(), strict=True))
 
 
-def quadrature() -> float:
-    """κ of ``missed``: Σ over sides and looks N of P(side) P(N) |{quantiles: crash}|.
+def quadrature(scenario: Scenario) -> float:
+    """κ of one pedestrian at the trigger who may be missed, like ``missed``.
 
-    The set of quantiles is found on a grid, its ends by bisection.
+    It is Σ over sides and looks N of P(side) P(N) |{quantiles: crash}|.  The set of quantiles is
+    found on a grid, its ends by bisection.
     """
-    runner = runner_of(scenario_of("missed", 0))
+    runner = runner_of(scenario)
     grid = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
     kappa = 0.0
     for side in (0.25, 0.75):
-        for detection, probability in looks():
+        for detection, probability in looks(scenario.perception.detection_probability):
 
             def crash(
                 quantiles: NDArray[np.float64], side: float = side, detection: float = detection
@@ -320,7 +326,7 @@ def main() -> None:
     if asked.command == "reference":
         _add(REFERENCE, reference(asked.first, asked.count))
     elif asked.command == "quadrature":
-        missed = quadrature()
+        missed = quadrature(scenario_of("missed", 0))
         print(f"missed {missed:.4g}, blind {quadrature_of_the_blind(missed):.4g}")
     elif asked.command == "seeds":
         for seed in range(asked.first, asked.first + asked.count):
