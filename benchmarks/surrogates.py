@@ -3,8 +3,8 @@
 ``python -m benchmarks.surrogates`` simulates 100,000 episodes of each of ten scenarios
 (``surrogate_cases``) and predicts κ from the episodes *without* a crash: by counts of conflicts and
 by the tail of a measure (``tails``), from disjoint samples of 1,000, 10,000 and 100,000 episodes.
-It writes ``data/surrogates_truth.csv``, ``data/surrogates_conflicts.csv`` and
-``data/surrogates_tails.csv``, and prints them as tables.
+It writes ``data/surrogates_scenarios.csv``, ``data/surrogates_ordering.csv`` and
+``data/surrogates_tails.csv``, and prints them.
 
 ``python -m benchmarks.surrogates CASE …`` only simulates these, so that several processes can share
 the work.  What is in the folder (``--out``) is not simulated again.
@@ -36,6 +36,9 @@ CONFLICTS = (
     ("max_drac_mps2", ">", 8.0),
 )
 """Thresholds in use (docs/surrogates.md)."""
+
+NO_CRASH = 1e-9
+"""A fit that predicts less says that there is no crash: its tail ends at 0, or before it."""
 
 CRASHES_PER_CONFLICT = 1 / 20_000
 """Of conflicts with TTC < 1.5 s at 83 signalized intersections: Gettman et al. 2008."""
@@ -75,36 +78,37 @@ def tail_of(sample: Sample, column: str, crashes: str) -> Tail | None:
     return fit_tail(values, len(sample.crashed))
 
 
-def truth_rows(samples: Mapping[str, Sample]) -> Iterator[dict[str, Any]]:
-    """κ of each scenario, and the crashes among its episodes."""
+def scenario_rows(samples: Mapping[str, Sample]) -> Iterator[dict[str, Any]]:
+    """κ of each scenario, and crashes, defined measures and conflicts in its episodes."""
     for name, sample in samples.items():
+        size = len(sample.crashed)
+        published = conflicts(sample, *CONFLICTS[0]) / size * CRASHES_PER_CONFLICT
         yield {
             "case": name,
             "kappa": f"{sample.truth.kappa:.4g}",
             "standard_error": f"{sample.truth.standard_error:.2g}",
             "how": sample.truth.how,
-            "episodes": len(sample.crashed),
+            "episodes": size,
             "crashed": int(sample.crashed.sum()),
             **{
-                f"{column}_defined": int((~np.isnan(sample.values[:, at])).sum())
+                f"{column} defined": int((~np.isnan(sample.values[:, at])).sum())
                 for at, column in enumerate(COLUMNS)
             },
+            **{_text(conflict): conflicts(sample, *conflict) for conflict in CONFLICTS},
+            "published_ratio": f"{published / sample.truth.kappa:.2g}",
         }
 
 
-def conflict_rows(samples: Mapping[str, Sample]) -> Iterator[dict[str, Any]]:
-    """Conflicts of each scenario, and how they order the scenarios."""
+def ordering_rows(samples: Mapping[str, Sample]) -> Iterator[dict[str, Any]]:
+    """How conflicts order the scenarios: rank correlations with κ."""
     kappa = [sample.truth.kappa for sample in samples.values()]
     for conflict in CONFLICTS:
-        counts = {name: conflicts(sample, *conflict) for name, sample in samples.items()}
-        yield {
-            "conflict": _text(conflict),
-            **counts,
-            **{
-                f"rank_correlation_{size}": _ordering(samples, kappa, conflict, size)
-                for size in SIZES
-            },
-        }
+        for size in SIZES:
+            yield {
+                "conflict": _text(conflict),
+                "episodes": size,
+                "rank_correlation": _ordering(samples, kappa, conflict, size),
+            }
 
 
 def _ordering(
@@ -139,24 +143,26 @@ def tail_rows(samples: Mapping[str, Sample]) -> Iterator[dict[str, Any]]:
 
 
 def verdict(fits: Sequence[Tail | None], kappa: float) -> dict[str, Any]:
-    """Ratios of the predictions to κ, and how many intervals hold κ, of the samples' fits."""
+    """Ratios of the predictions to κ, and how many intervals hold κ, of the samples' fits.
+
+    ``ratio``, ``low`` and ``high`` are medians over the fits: prediction and limits, divided by κ.
+    """
     done = [fit for fit in fits if fit is not None]
-    ratios = np.array([fit.probability for fit in done]) / kappa
-    places = np.quantile(ratios, [0.5, 0.05, 0.95]) if done else [np.nan] * 3
+    tails = np.array([(fit.probability, fit.low, fit.high) for fit in done]).reshape(-1, 3) / kappa
     return {
         "samples": len(fits),
         "no_fit": len(fits) - len(done),
-        "zero": sum(fit.probability == 0 for fit in done),
+        "no_crash": sum(fit.probability < NO_CRASH for fit in done),
         "held": sum(fit.low <= kappa <= fit.high for fit in done),
         "too_low": sum(fit.high < kappa for fit in done),
         "too_high": sum(fit.low > kappa for fit in done),
         **{
-            key: "" if np.isnan(place) else f"{place:.3g}"
-            for key, place in zip(
-                ("ratio_median", "ratio_5", "ratio_95"), np.asarray(places), strict=True
-            )
+            key: f"{np.median(tails[:, at]):.3g}" if done else ""
+            for at, key in enumerate(("ratio", "low", "high"))
         },
-        "median_shape": f"{np.median([fit.shape for fit in done]):.2f}" if done else "",
+        "ratio_5": f"{np.quantile(tails[:, 0], 0.05):.3g}" if done else "",
+        "ratio_95": f"{np.quantile(tails[:, 0], 0.95):.3g}" if done else "",
+        "shape": f"{np.median([fit.shape for fit in done]):.2f}" if done else "",
     }
 
 
@@ -201,8 +207,8 @@ def main() -> None:
     samples = {name: simulate(name, asked.out) for name in asked.cases or CASES}
     if asked.cases:
         return
-    _write(DATA / "surrogates_truth.csv", truth_rows(samples))
-    _write(DATA / "surrogates_conflicts.csv", conflict_rows(samples))
+    _write(DATA / "surrogates_scenarios.csv", scenario_rows(samples))
+    _write(DATA / "surrogates_ordering.csv", ordering_rows(samples))
     _write(DATA / "surrogates_tails.csv", tail_rows(samples))
 
 

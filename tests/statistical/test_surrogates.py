@@ -133,7 +133,7 @@ def test_crashes_as_zero_reach_the_crash() -> None:
 
 def test_episodes_crash_as_often_as_their_known_probability() -> None:
     """κ is from integrals, sums, or other seeds; the episodes of the predictions are their own."""
-    with (DATA / "surrogates_truth.csv").open(encoding="utf-8") as file:
+    with (DATA / "surrogates_scenarios.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [row["case"] for row in rows] == list(CASES)
     for row in rows:
@@ -151,5 +151,5 @@ def test_episodes_crash_as_often_as_their_known_probability() -> None:
 def test_ratios_and_ends_are_counted_by_hand() -> None:
     tails = [Tail(0.02, 0.01, 0.03, 0.1, 1, 1, 50), Tail(0.0, 0.0, 0.005, -0.5, 1, 1, 50), None]
     verdict = surrogates.verdict(tails, 0.01)
-    asked = ("samples", "no_fit", "zero", "held", "too_low", "too_high", "ratio_median")
+    asked = ("samples", "no_fit", "no_crash", "held", "too_low", "too_high", "ratio")
     assert [verdict[key] for key in asked] == [3, 1, 1, 1, 1, 0, "1"]
