@@ -1,4 +1,4 @@
-"""Whether obstacles hide a pedestrian, by exact plane geometry in one plane frame."""
+"""Whether obstacles hide a pedestrian, by exact plane geometry in any plane frame."""
 
 import math
 from collections.abc import Sequence
@@ -64,7 +64,7 @@ def is_hidden(eye: Point, centre: Point, obstacles: Sequence[Rectangle]) -> bool
 
     Args:
         eye: the eye.  An obstacle that contains it hides nobody: two vehicles are there in a crash.
-        centre: centre of the disc.  An obstacle that touches the disc hides what is nearer.
+        centre: centre of the disc.
         obstacles: the obstacles.
 
     Example:
