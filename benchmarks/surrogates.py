@@ -3,8 +3,8 @@
 ``python -m benchmarks.surrogates`` simulates 100,000 episodes of each of ten scenarios
 (``surrogate_cases``) and predicts κ from the episodes *without* a crash: by counts of conflicts and
 by the tail of a measure (``tails``), from disjoint samples of 1,000, 10,000 and 100,000 episodes.
-It writes ``data/surrogates_scenarios.csv``, ``data/surrogates_ordering.csv`` and
-``data/surrogates_tails.csv``, and prints them.
+It writes and prints ``surrogates_scenarios.csv``, ``surrogates_ordering.csv``,
+``surrogates_tails.csv`` and ``surrogates_totals.csv`` in ``data``.
 
 ``python -m benchmarks.surrogates CASE …`` only simulates these, so that several processes can share
 the work.  What is in the folder (``--out``) is not simulated again.
@@ -36,6 +36,9 @@ CONFLICTS = (
     ("max_drac_mps2", ">", 8.0),
 )
 """Thresholds in use (docs/surrogates.md)."""
+
+COUNTS = ("samples", "no_fit", "no_crash", "held", "too_low", "too_high")
+"""Of the samples' fits."""
 
 NO_CRASH = 1e-9
 """A fit that predicts less says that there is no crash: its tail ends at 0, or before it."""
@@ -166,6 +169,28 @@ def verdict(fits: Sequence[Tail | None], kappa: float) -> dict[str, Any]:
     }
 
 
+def total_rows(
+    tails: Sequence[Mapping[str, Any]], kappa: Mapping[str, float]
+) -> Iterator[dict[str, Any]]:
+    """The counts of ``tail_rows`` over all scenarios, and over those with κ n < 1."""
+    for which in ("all", "less than one crash expected"):
+        for column, crashes in TAILS:
+            for size in SIZES:
+                rows = [
+                    row
+                    for row in tails
+                    if (row["measure"], row["crashes"], row["episodes"]) == (column, crashes, size)
+                    and (which == "all" or kappa[row["case"]] * size < 1)
+                ]
+                yield {
+                    "scenarios": which,
+                    "measure": column,
+                    "crashes": crashes,
+                    "episodes": size,
+                    **{key: sum(row[key] for row in rows) for key in COUNTS},
+                }
+
+
 def _text(conflict: tuple[str, str, float]) -> str:
     column, sign, limit = conflict
     return f"{column}{sign}{limit:g}"
@@ -209,7 +234,10 @@ def main() -> None:
         return
     _write(DATA / "surrogates_scenarios.csv", scenario_rows(samples))
     _write(DATA / "surrogates_ordering.csv", ordering_rows(samples))
-    _write(DATA / "surrogates_tails.csv", tail_rows(samples))
+    tails = list(tail_rows(samples))
+    _write(DATA / "surrogates_tails.csv", tails)
+    kappa = {name: sample.truth.kappa for name, sample in samples.items()}
+    _write(DATA / "surrogates_totals.csv", total_rows(tails, kappa))
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import csv
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -153,3 +154,31 @@ def test_ratios_and_ends_are_counted_by_hand() -> None:
     verdict = surrogates.verdict(tails, 0.01)
     asked = ("samples", "no_fit", "no_crash", "held", "too_low", "too_high", "ratio")
     assert [verdict[key] for key in asked] == [3, 1, 1, 1, 1, 0, "1"]
+
+
+def test_the_page_has_the_tables_numbers() -> None:
+    page = (DATA.parents[1] / "docs" / "surrogates.md").read_text(encoding="utf-8")
+    for name in CASES:
+        cells = next(
+            line.split(" | ")[1:]
+            for line in page.splitlines()
+            if line.startswith(f"| `{name}` |") and len(line.split(" | ")) == 7
+        )
+        for cell, (measure, size) in zip(
+            cells, product(("min_ttc_s", "pet_s"), ("1000", "10000", "100000")), strict=True
+        ):
+            (row,) = rows_of("tails", name, measure, size)
+            fitted = int(row["samples"]) - int(row["no_fit"])
+            expected = f"; {row['held']} of {fitted}" if fitted else "no fit"
+            assert cell.removesuffix(" |").endswith(expected), (name, measure, size)
+
+
+def rows_of(table: str, *key: str) -> list[dict[str, str]]:
+    """The rows of a table in which crashes are left out, by scenario, measure and size."""
+    with (DATA / f"surrogates_{table}.csv").open(encoding="utf-8") as file:
+        return [
+            row
+            for row in csv.DictReader(file)
+            if row["crashes"] == "left out"
+            and (row["case"], row["measure"], row["episodes"]) == key
+        ]
