@@ -17,7 +17,6 @@ from harness.episode.simulation.log import uniform_of
 from harness.episode.simulation.pairing import SimulationOutcome
 from harness.episode.simulation.visits import ARRIVES, INSIDE, LIGHT, STOPS, TURNS
 from harness.model.interaction import InteractionModel
-from harness.site.simulation import DrivenWay
 from tests import towns
 
 pytestmark = pytest.mark.usefixtures("no_simulation")
@@ -332,8 +331,10 @@ def test_only_who_is_on_sumos_crossing_has_stepped_off(
     seen: Counter[str] = Counter()
     views = SimulationArm._views
 
-    def viewing(arm: SimulationArm, driven_way: DrivenWay) -> list[PedestrianView]:
-        way, people = driven_way.way, views(arm, driven_way)
+    def viewing(arm: SimulationArm, passage: PassageLog, near: bool) -> Sequence[PedestrianView]:
+        way, people = passage.driven_way.way, views(arm, passage, near)
+        if not near:
+            return people
         present = arm.people[way.crosswalk].present.values()
         for person, view in zip(present, people, strict=True):
             on_edge = arm.api.person.getRoadID(person.id) == way.crosswalk
