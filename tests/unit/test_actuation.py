@@ -21,7 +21,7 @@ from harness.measures import measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, load_scenario
 from harness.strategies.gap_yield import GapYield
-from tests.scenes import Recorder, drive, on_plain, refuses, scenario
+from tests.scenes import Recorder, drive, on_plain, refuses, scenario, shown
 
 STEP_S = 0.1
 
@@ -273,6 +273,15 @@ def test_gap_yield_can_stop_for_somebody_who_steps_off_as_it_reaches_the_edge() 
     trace = run_episode(engine, Recorder(command), (), lambda *_: 1.0, rules)
     assert trace.speed_mps[-1] == 0.0
     assert -2.0 < trace.x_m[-1] < -0.25
+
+
+@pytest.mark.parametrize("range_m", [3.0, 2.5])
+def test_gap_yield_drives_as_if_obeyed_at_once_unless_it_knows_its_car(range_m: float) -> None:
+    at_once, slow = (
+        GapYield().decide(shown(scenario(), range_m, 5.0)._replace(vehicle=vehicle))
+        for vehicle in (late(), late(0.4, 0.4))
+    )
+    assert slow == at_once < 0.0  # it slows down before the edge at 2 m
 
 
 def test_gap_yield_is_safe_again_if_it_knows_how_late_its_car_is(model: InteractionModel) -> None:

@@ -49,7 +49,13 @@ def test_slows_down_for_an_empty_crosswalk() -> None:
 @pytest.mark.parametrize("step_s", [0.05, 0.1, 0.5])
 @pytest.mark.parametrize(
     ("speed", "range_m", "limit", "width"),
-    [(5.0, 30.0, 4.5, 4.0), (13.9, 80.0, 4.5, 4.0), (8.0, 60.0, 1.5, 4.0), (8.0, 60.0, 9.0, 8.0)],
+    [
+        (5.0, 30.0, 4.5, 4.0),
+        (13.9, 80.0, 4.5, 4.0),
+        (8.0, 60.0, 1.5, 4.0),
+        (8.0, 60.0, 9.0, 8.0),
+        (8.0, 60.0, 4.5, 2.0),
+    ],
 )
 def test_at_every_step_before_the_edge_it_could_still_stop(
     speed: float, range_m: float, limit: float, width: float, step_s: float

@@ -143,7 +143,7 @@ def test_treatments_have_the_rates_of_their_source() -> None:
              for n in range(4000)]  # fmt: skip
     assert np.mean(kinds) == pytest.approx(0.79, abs=4 * math.sqrt(0.79 * 0.21 / 4000))
     assert sum(row.mean is not None for row in TREATMENTS.values()) == 13
-    assert all(row.low is None or row.low <= (row.mean or row.low) <= row.high
+    assert all(row.low is None or row.low <= (row.mean or row.low) <= row.high <= 1
                for row in TREATMENTS.values())  # fmt: skip
     for parameters, words in (
         ({"treatment": "rfb"}, "did you mean 'rrfb'"),

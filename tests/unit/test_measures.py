@@ -198,6 +198,8 @@ def pet_of(*legs: Leg) -> float | None:
 def test_post_encroachment_time_of_who_is_on_the_road_or_beside_the_centre_line() -> None:
     # At y = 2 m, in the path already, at 0.5 m/s: they leave it at 3.40 m after 2.8 s.
     assert pet_of(Leg(0.0, 0.0, 2.0, 0.0, 0.5, 0.0)) == pytest.approx(5.95 - 2.8, abs=1e-9)
+    # At y = 3.40 m, on its edge, they are in it and leave it at once.
+    assert pet_of(Leg(0.0, 0.0, 3.4, 0.0, 0.5, 0.0)) == pytest.approx(5.95, abs=1e-9)
     # At y = 3.5 m they have left it, and never enters.
     assert pet_of(Leg(0.0, 0.0, 3.5, 0.0, 0.5, 0.0)) is None
     of = pet_of

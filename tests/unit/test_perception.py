@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.encounter import Arm, Arrival, Observation, Side, Trace
+from harness.core.encounter import Arm, Arrival, Observation, PedestrianView, Side, Trace
 from harness.episode.arrivals import planned_arrivals
 from harness.measures import measure
 from harness.model.interaction import load_model
@@ -19,6 +19,7 @@ from harness.strategies.perception.occlusion import Rectangle, is_hidden, outlin
 from harness.strategies.perception.perception import Perception
 from harness.strategies.perception.sensor import EYE_BEHIND_BUMPER_M, Sensor, sensor_of
 from harness.strategies.perception.track import Track, updates_until_found
+from harness.strategies.perception.updates import Updates
 from tests.scenes import Recorder, episode, on_plain, outcome_of, refusal_of, scenario
 
 FAR_AWAY = {"x_m": -900.0, "y_m": -50.0, "length_m": 1.0, "width_m": 1.0}
@@ -365,6 +366,14 @@ def test_given_uniforms_are_the_first_errors_and_the_wait_after_the_first_loss()
     errors = {"perception_error": (0.5, 0.5, stats.norm.cdf(2.0), stats.norm.cdf(-1.0))}
     track = Track(sensor_with(position_sd_m=0.3, speed_sd_mps=0.1), 0, 1, None, errors)
     assert track.next_errors() == pytest.approx((2.0 * 0.3, -1.0 * 0.1))
+    # They are added: 0.6 m farther along the walk, 0.1 m/s slower.  Who stands is seen to stand.
+    sensor = sensor_with(position_sd_m=0.3, speed_sd_mps=0.1)
+    for speed_mps, seen_mps in ((1.2, 1.1), (0.0, 0.0)):
+        updates = Updates(sensor, lambda index: Track(sensor, 0, index, None, errors))
+        person = PedestrianView(1, Side.NEAR, 2.0, 8.0, speed_mps, on_crossing=True)
+        (told,) = updates.shown(0, lambda person=person: [(person, True)])
+        assert (told.lateral_m, told.remaining_m) == pytest.approx((1.4, 7.4))
+        assert told.speed_mps == pytest.approx(seen_mps)
     # u = 0.999, p = 0.5: ten looks, as at the first detection.
     sensor = sensor_with(detection_probability=0.5)
     track = Track(sensor, 0, 1, 0.0, {"redetection": (0.1, 0.999)})

@@ -66,7 +66,9 @@ def test_a_car_that_slows_down_stands_or_has_passed() -> None:
     expected = 3.875 + 0.252 * (2.232 - 3.875) + 1.40 * 0.96875
     assert effective_time_s(31.0, 8.0, -2.0, WEIGHTS) == pytest.approx(expected)
     assert effective_time_s(31.0, 8.0, 2.0, WEIGHTS) == pytest.approx(expected - 2.8 * 0.96875)
-    assert effective_time_s(31.0, 0.0, 0.0, WEIGHTS) == math.inf
+    # Below 0.1 m/s it stands; at 0.1 m/s it is 10 s away, and D/(50 km/h) = 0.072 s.
+    assert effective_time_s(31.0, 0.099, 0.0, WEIGHTS) == math.inf
+    assert effective_time_s(1.0, 0.1, 0.0, WEIGHTS) == pytest.approx(10 + 0.252 * (0.072 - 10))
     # From 1 s on it brakes; people see that a step later, at t = 1.1 s: v = 9.6, D = 30 − 0.98.
     slows = lambda o: -4.0 if o.time_s > 0.95 else 0.0  # noqa: E731
     tau, distance_m = 29.02 / 9.6, 29.02
@@ -220,7 +222,7 @@ def test_a_risk_samples_thresholds_and_latencies(model) -> None:
     arrival = outcome.trace.walks[0].arrival
     assert arrival.threshold_s == pytest.approx(math.exp(1.430 - 1.5 * 0.405))
     assert arrival.latency_s == pytest.approx(math.exp(0.0166 + 0.7 * 0.604))
-    (shown,) = people_of(scenario, space, 9, z)
+    (shown,) = people_of(scenario, space, 9, z, ())
     assert (shown.threshold_s, shown.latency_s) == (arrival.threshold_s, arrival.latency_s)
     critical = {"pedestrians.drawn": [drawn_of(space, 9, z)], "experiment.pairs": 1}
     again = on_plain(load_scenario("cctc", {**changes, **critical}), model).run_arm(0, Arm.AV)
