@@ -95,17 +95,28 @@ def is_hidden(eye: Point, centre: Point, obstacles: Sequence[Rectangle]) -> bool
 
 
 def _is_between(eye: Point, centre: Point, obstacle: Rectangle) -> bool:
-    """Whether an obstacle may hide part of a disc: it reaches between the disc and the eye."""
+    """Whether an obstacle may hide part of a disc: it touches the strip from the eye to the disc.
+
+    All lines of sight to the disc lie in a strip as wide as the disc.  The obstacle is beside the
+    strip if they are apart along one of the obstacle's axes or across the strip.
+    """
     if obstacle.holds(eye):
         return False
     (eye_x, eye_y), (x_m, y_m) = obstacle.turned(eye), obstacle.turned(centre)
+    x_low, x_high, y_low, y_high, _ = obstacle
     reach_m = PEDESTRIAN_RADIUS_M + _ROUNDING_M
-    return (
-        obstacle.x_low_m <= max(eye_x, x_m + reach_m)
-        and obstacle.x_high_m >= min(eye_x, x_m - reach_m)
-        and obstacle.y_low_m <= max(eye_y, y_m + reach_m)
-        and obstacle.y_high_m >= min(eye_y, y_m - reach_m)
-    )
+    if (
+        x_low > max(eye_x, x_m + reach_m)
+        or x_high < min(eye_x, x_m - reach_m)
+        or y_low > max(eye_y, y_m + reach_m)
+        or y_high < min(eye_y, y_m - reach_m)
+    ):
+        return False
+    ahead, across = x_m - eye_x, y_m - eye_y
+    # Twice the distances from the strip's middle line, times the length of the strip.
+    middle = abs(ahead * (y_low + y_high - 2 * eye_y) - across * (x_low + x_high - 2 * eye_x))
+    half = abs(ahead) * (y_high - y_low) + abs(across) * (x_high - x_low)
+    return middle - half <= 2 * reach_m * math.hypot(ahead, across)
 
 
 def _shadows(
