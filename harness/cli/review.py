@@ -218,7 +218,9 @@ def _compare_arms(
 
     section = runs[0].kind.section
     if limit is not None:
-        raise InputError("--mu0, --kappa0", f"are not supported with {section}", "no limits")
+        raise InputError(
+            "--mu0, --kappa0", f"are not supported with {section}", "limits.subject_to"
+        )
     findings = compare_arms(runs)
     if out is not None:
         write_csv(out, arms_rows(findings))

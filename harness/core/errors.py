@@ -76,6 +76,22 @@ class InterruptedRunError(KeyboardInterrupt):
         super().__init__(f"interrupted; to continue: {command or resume_command(folder)}")
 
 
+@contextmanager
+def refused_at(where: str) -> Iterator[None]:
+    """Put a place before those that ``InputError`` in this block name, unless they begin with it.
+
+    Args:
+        where: the place; if it is empty, nothing changes.
+    """
+    try:
+        yield
+    except InputError as error:
+        if not where or error.where.startswith(where):
+            raise
+        place = f"{where} {error.where}"
+        raise InputError(place, error.problem, error.allowed, error.nearest) from error
+
+
 _REFUSED = (ArithmeticError, LookupError, NotImplementedError, OSError, TypeError, ValueError)
 """Exceptions that a library's parser raises if it cannot use a file."""
 
@@ -125,11 +141,20 @@ def unknown_name(where: str, kind: str, name: str, valid: Iterable[str]) -> Inpu
 
 def nearest_name(name: str, valid: Iterable[str]) -> str | None:
     """The valid name closest to a misspelt or shortened one; None if none is similar."""
+    return next(iter(nearest_names(name, valid, 1)), None)
+
+
+def nearest_names(name: str, valid: Iterable[str], most: int) -> list[str]:
+    """The valid names closest to a misspelt or shortened one, the closest first.
+
+    >>> nearest_names("flow", ["speed", "flow_per_hour", "flow_mps"], 2)
+    ['flow_mps', 'flow_per_hour']
+    """
     names = list(valid)
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(name, names, n=most, cutoff=0.5)
     # ``flow`` is too short to be similar to ``flow_per_hour``.
     whole = [valid_name for valid_name in names if name in valid_name.split("_")]
-    return next(iter(close + whole), None)
+    return list(dict.fromkeys(close + whole))[:most]
 
 
 def place_of(error: BaseException) -> str | None:

@@ -110,6 +110,8 @@ def whole_number(where: str, value: object, least: int) -> int:
         InputError: the value is anything else; ``where`` names the option.
     """
     try:
+        if isinstance(value, bool):
+            raise TypeError
         number = operator.index(value)  # type: ignore[arg-type]  # raises unless it is an integer
     except TypeError:
         number = least - 1

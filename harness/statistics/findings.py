@@ -70,7 +70,8 @@ class RunFindings:
     ``catalogue`` is the catalogue of the run's kind.  ``scope`` describes the run apart from its
     pairs, for example its seed and its audit.  ``paper`` says whether the run's only cell is the
     paper's experiment.  ``site`` describes the place, the flows and the share of AVs.
-    ``between_avs`` is true of a comparison in which another AV takes the reference's place.
+    ``between_avs`` is true of a comparison in which another AV takes the reference's place;
+    ``under_limits`` then has the limits of each compared AV by its name, judged in its own run.
     """
 
     catalogue: Catalogue
@@ -83,3 +84,4 @@ class RunFindings:
     notes: tuple[Note, ...] = ()
     site: str = ""
     between_avs: bool = False
+    under_limits: Mapping[str, tuple[JudgedLimit, ...]] = field(default_factory=dict)

@@ -5,11 +5,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from harness.core.errors import InputError, unknown_name
+from harness.core.errors import InputError, nearest_names
 from harness.statistics.entries import Catalogue, Finding, Findings, Form
 
 ONE_SIDED = 0.90
 """Confidence of two-sided intervals whose ends are one-sided 95 % bounds."""
+
+_NEAREST = 6
+"""Number of names that the refusal of an unknown one has; a catalogue has over 100."""
 
 
 class Shown(StrEnum):
@@ -155,8 +158,15 @@ def named(name: str, names: Iterable[str], where: str) -> str:
     """A name of the catalogue.
 
     Raises:
-        InputError: there is no such number; the message has the nearest one.
+        InputError: there is no such number; the message has the nearest ones.
     """
     if name not in (known := sorted(names)):
-        raise unknown_name(where, "number", name, known)
+        nearest = nearest_names(name, known, _NEAREST)
+        like = f", such as {', '.join(nearest[1:])}" if nearest[1:] else ""
+        raise InputError(
+            where,
+            f"unknown number {name!r}",
+            f"a number of summary.csv{like} (list: the documentation, Reference, Columns)",
+            next(iter(nearest), None),
+        )
     return name

@@ -130,3 +130,25 @@ def test_bad_input_is_one_line(candidates, pairs, words) -> None:
 def test_hours_are_refused() -> None:
     with pytest.raises(InputError, match="a scenario of encounters"):
         evaluate([{}], "traffic", 1)
+
+
+@pytest.mark.parametrize(
+    ("candidate", "words"),
+    [
+        ({"strategies.gap_yield.critical_gap": 1}, "did you mean 'critical_gap_s'"),
+        ({"arms.av": "sumo_driver", "actuation.lag_s": 0.3}, "SUMO drives it"),
+        ({"limits.subject_to": ["kapa<1"]}, "did you mean 'kappa'"),
+        ({GAP: float("nan")}, "finite number"),
+        ({1: 2}, "dotted keys"),
+    ],
+)
+def test_a_refusal_has_the_number_of_the_candidate(candidate, words) -> None:
+    with pytest.raises(InputError) as refused:
+        evaluate([{}, candidate], "cctc_flow", 1, settings=YIELDS, workers=0, engine="plain")
+    assert str(refused.value).startswith("candidates[1]")
+    assert words in str(refused.value)
+
+
+def test_a_truth_value_is_no_number_of_pairs() -> None:
+    with pytest.raises(InputError, match="a whole number, 1 or more"):
+        evaluate([{}], "cctc_flow", True, engine="plain", workers=0)

@@ -23,6 +23,7 @@ from harness.store.kinds import KINDS, limits_of
 from harness.store.reading import kind_of_folder
 from harness.store.run_folder import claim_folder
 from harness.studies.batch.plan import plan_of
+from harness.studies.risk.asking import Settings, question_of
 from harness.studies.runs.opening import load_run
 from harness.studies.tuning import search as searching, tune as tuning
 from harness.studies.tuning.folder import NAMES, Search, read_judged, read_search
@@ -113,6 +114,12 @@ def test_every_number_of_every_kind_can_be_limited_and_others_are_refused() -> N
     study = study_of(read_scenario_file("cctc", {"limits.subject_to": ["kapa<1e-3"]}))
     with pytest.raises(InputError, match="did you mean 'kappa'"):
         plan_of(study, Options())
+
+
+def test_a_risk_refuses_a_limit_on_an_unknown_number() -> None:
+    file = read_scenario_file("cctc", {"limits.subject_to": ["kapa<1e-3"]})
+    with pytest.raises(InputError, match="did you mean 'kappa'"):
+        question_of(Settings("cctc", file.scenario()))
 
 
 GOAL = Goal("delay_s", "minimize", (Limit("kappa", 0.1, above=False),))
@@ -233,6 +240,21 @@ def test_a_wrong_range_is_refused(text, words) -> None:
 def test_an_unknown_number_names_the_nearest() -> None:
     with pytest.raises(InputError, match="did you mean 'max_jerk_p95_mps3'"):
         parse_limit("max_jerk_p95<10", NAMES, "--subject-to")
+
+
+def test_an_unknown_number_does_not_list_them_all() -> None:
+    with pytest.raises(InputError) as refused:
+        parse_limit("dely_s<10", NAMES, "--subject-to")
+    assert refused.value.nearest == "delay_s"
+    assert "delay_human_s" in str(refused.value)
+    assert len(str(refused.value)) < 300
+    assert sum(name in str(refused.value) for name in NAMES) < 12
+
+
+@pytest.mark.parametrize("key", ["experiment.seed", "experiment.pairs"])
+def test_what_chooses_the_people_cannot_be_searched(key) -> None:
+    with pytest.raises(InputError, match="who meet the same people"):
+        parse_parameter(f"{key}=1:9:int")
 
 
 def test_without_optuna_it_says_how_to_install_it(monkeypatch) -> None:

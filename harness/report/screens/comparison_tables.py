@@ -48,7 +48,9 @@ def comparison_tables(result: RunComparison) -> list[Table]:
             _sweep_table(sweep, group, f"allowed-{place}-{position}")
             for position, sweep in enumerate(group.sweeps)
         ]
-        judged = list(zip([cell.number for cell in group.group.cells], group.limits, strict=False))
+        judged = list(
+            zip([str(cell.number) for cell in group.group.cells], group.limits, strict=False)
+        )
         tables += limits_table(judged, f"under-limits-{place}", f"{name}: limits")
     return tables
 

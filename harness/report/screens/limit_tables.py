@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 
 from harness.report.screens.tables import Table, TableCell, level, sort_key
-from harness.statistics import CellFindings
+from harness.statistics import RunFindings
 from harness.statistics.limits import JudgedLimit, Shown, binding
 from harness.studies.runs.comparisons import GroupResult
 
@@ -14,21 +14,32 @@ _NAMED = 8
 
 Document = Mapping[str, object]
 
+Judged = tuple[str, Sequence[JudgedLimit]]
+"""The number of a cell, or the name of an AV, with its limits."""
 
-def limit_lines(cells: Sequence[CellFindings]) -> list[str]:
+
+def judged_cells(run: RunFindings) -> list[Judged]:
+    """Return the limits of each cell, or of each AV of a comparison between AVs."""
+    if run.between_avs:
+        return list(run.under_limits.items())
+    return [(str(cell.cell), cell.limits) for cell in run.cells if cell.limits]
+
+
+def limit_lines(run: RunFindings) -> list[str]:
     """Return sentences about the limits of a run's cells; empty if there are none."""
-    limited = [cell for cell in cells if cell.limits]
+    limited = judged_cells(run)
     if not limited:
         return []
-    if len(cells) == 1:
-        texts = "; ".join(map(judged_words, limited[0].limits))
-        binds = binding(limited[0].limits)
-        several = len(limited[0].limits) > 1
-        end = f" Binding: {binds.limit}." if binds is not None and several else ""
+    if len(run.cells) == 1 and not run.between_avs:
+        limits = limited[0][1]
+        texts = "; ".join(map(judged_words, limits))
+        binds = binding(limits)
+        end = f" Binding: {binds.limit}." if binds is not None and len(limits) > 1 else ""
         return [f"Limits, {OWN_BOUND}: {texts}.{end}"]
-    names = dict.fromkeys(str(each.limit) for cell in limited for each in cell.limits)
-    judged = [(cell.cell, cell.limits) for cell in limited]
-    return [f"Limits {', '.join(names)}, {OWN_BOUND}: {_by_verdict(judged)}. {_by_limit(judged)}"]
+    names = ", ".join(dict.fromkeys(str(each.limit) for _, limits in limited for each in limits))
+    word = "" if run.between_avs else "cell"
+    verdicts, binds_in = _by_verdict(limited, word), _by_limit(limited, word)
+    return [f"Limits {names}, {OWN_BOUND}: {verdicts}. {binds_in}"]
 
 
 def judged_words(each: JudgedLimit) -> str:
@@ -52,44 +63,43 @@ def _bound(each: JudgedLimit) -> str:
     return f"{text}, {100 * abs(margin):.3g} % {side} the limit"
 
 
-def _by_verdict(cells: Sequence[tuple[int, Sequence[JudgedLimit]]]) -> str:
+def _by_verdict(cells: Sequence[Judged], word: str) -> str:
     """Return which cells satisfy all limits, violate one, or show neither."""
-    worst = [(number, binds.shown) for number, binds in _binding(cells)]
-    found = [(shown, [number for number, of in worst if of is shown]) for shown in Shown]
+    worst = [(name, binds.shown) for name, binds in _binding(cells)]
+    found = [(shown, [name for name, of in worst if of is shown]) for shown in Shown]
     words = {Shown.SATISFIED: "all satisfied", Shown.VIOLATED: "one violated"}
     return "; ".join(
-        f"{words.get(shown, shown.value)} in {_named(numbers)}"
-        for shown, numbers in found
-        if numbers
+        f"{words.get(shown, shown.value)} in {_named(names, word)}"
+        for shown, names in found
+        if names
     )
 
 
-def _by_limit(cells: Sequence[tuple[int, Sequence[JudgedLimit]]]) -> str:
+def _by_limit(cells: Sequence[Judged], word: str) -> str:
     """Return which limit binds in which cells."""
-    found: dict[str, list[int]] = {}
-    for number, binds in _binding(cells):
-        found.setdefault(str(binds.limit), []).append(number)
-    return f"Binding: {'; '.join(f'{of} in {_named(at)}' for of, at in found.items())}."
+    found: dict[str, list[str]] = {}
+    for name, binds in _binding(cells):
+        found.setdefault(str(binds.limit), []).append(name)
+    return f"Binding: {'; '.join(f'{of} in {_named(at, word)}' for of, at in found.items())}."
 
 
-def _binding(
-    cells: Iterable[tuple[int, Sequence[JudgedLimit]]],
-) -> list[tuple[int, JudgedLimit]]:
-    found = ((number, binding(limits)) for number, limits in cells)
-    return [(number, binds) for number, binds in found if binds is not None]
+def _binding(cells: Iterable[Judged]) -> list[tuple[str, JudgedLimit]]:
+    found = ((name, binding(limits)) for name, limits in cells)
+    return [(name, binds) for name, binds in found if binds is not None]
 
 
-def _named(numbers: Sequence[int]) -> str:
-    more = f" and {len(numbers) - _NAMED} more" if len(numbers) > _NAMED else ""
-    return f"cell{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers[:_NAMED]))}{more}"
+def _named(names: Sequence[str], word: str) -> str:
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    before = f"{word}{'s' * (len(names) > 1)} " if word else ""
+    return f"{before}{', '.join(names[:_NAMED])}{more}"
 
 
 def binding_words(result: GroupResult) -> str:
     """Return which limit binds the choice of a group's best allowed cell, or binds each cell."""
-    numbers = [cell.number for cell in result.group.cells]
+    numbers = [str(cell.number) for cell in result.group.cells]
     best, stopped = result.best_allowed, result.stopped
     if best is None:
-        return _by_limit(list(zip(numbers, result.limits, strict=True)))
+        return _by_limit(list(zip(numbers, result.limits, strict=True)), "cell")
     if stopped is None:
         binds = binding(result.limits[best])
         nearest = "" if binds is None else f" Its nearest limit: {judged_words(binds)}."
@@ -103,16 +113,16 @@ def binding_words(result: GroupResult) -> str:
 
 
 def limits_table(
-    cells: Sequence[tuple[int, Sequence[JudgedLimit]]], name: str, caption: str
+    cells: Sequence[Judged], name: str, caption: str, heading: str = "cell"
 ) -> list[Table]:
     """Return a table with a row for each cell and limit; no table if there are no limits."""
     rows = []
-    for number, limits in cells:
+    for of, limits in cells:
         binds = binding(limits)
         for each in limits:
             rows.append(
                 (
-                    TableCell(str(number), sort=str(number)),
+                    TableCell(of, sort=of if of.isdecimal() else None),
                     TableCell(str(each.limit)),
                     _number(each.finding.number),
                     _number(each.bound),
@@ -122,7 +132,7 @@ def limits_table(
                     TableCell(each.reason),
                 )
             )
-    headings = ("cell", "limit", "value", "bound", "verdict", "margin, %", "binds", "remark")
+    headings = (heading, "limit", "value", "bound", "verdict", "margin, %", "binds", "remark")
     return [Table(name, caption, headings, tuple(rows), sortable=True)] if rows else []
 
 

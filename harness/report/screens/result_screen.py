@@ -61,7 +61,7 @@ def _one_cell(run: RunFindings, cell: CellFindings, footer: str) -> Screen:
         notes=tuple(sorted((*run.notes, *cell.notes), key=lambda note: note.rank)),
         footer=footer,
         site=run.site,
-        conclusions=tuple(limit_lines(run.cells)),
+        conclusions=tuple(limit_lines(run)),
         aside=True,
     )
 
@@ -230,7 +230,7 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
         ),
         footer=footer,
         site=run.site,
-        conclusions=tuple(limit_lines(run.cells)),
+        conclusions=tuple(limit_lines(run)),
         always=always,
         most_lines=None,
     )

@@ -3,7 +3,7 @@
 import re
 
 from harness.measures import MEASURES
-from harness.report.screens.limit_tables import OWN_BOUND, limits_table
+from harness.report.screens.limit_tables import OWN_BOUND, judged_cells, limits_table
 from harness.report.screens.result_screen import (
     MODEL_HEADING,
     MOST_CELLS,
@@ -34,9 +34,9 @@ def full_tables(run: RunFindings) -> list[Table]:
 
 
 def run_limits(run: RunFindings) -> list[Table]:
-    """Return a table of the limits of every cell; no table if there are no limits."""
-    cells = [(cell.cell, cell.limits) for cell in run.cells[:MOST_CELLS]]
-    return limits_table(cells, "limits", f"Limits, {OWN_BOUND}")
+    """Return a table of the limits of every cell or compared AV; no table without limits."""
+    heading = "AV" if run.between_avs else "cell"
+    return limits_table(judged_cells(run)[:MOST_CELLS], "limits", f"Limits, {OWN_BOUND}", heading)
 
 
 def _every_entry(run: RunFindings, cell: CellFindings) -> Table:

@@ -36,7 +36,15 @@ def arms_document(findings: RunFindings) -> Document:
         "comparisons": [
             {"second": cell.reference, **_cell(findings.catalogue, cell)} for cell in findings.cells
         ],
+        **_under_limits(findings),
     }
+
+
+def _under_limits(findings: RunFindings) -> Document:
+    """Return the limits of each compared AV; empty without limits."""
+    judged = findings.under_limits.items()
+    found = [{"av": av, **limits_document(limits)} for av, limits in judged]
+    return {"under_limits": found} if found else {}
 
 
 def arms_rows(findings: RunFindings) -> list[dict[str, Plain]]:

@@ -37,7 +37,7 @@ def print_arms(findings: RunFindings, full: bool = False) -> None:
     console = make_console()
     screen = replace(screen_of(findings), footer="All measures: --full.")
     print_screen(console, replace(screen, most_lines=None) if full else screen)
-    for table in full_tables(findings) if full else ():
+    for table in (*run_limits(findings), *full_tables(findings)) if full else ():
         print_table(console, table)
 
 

@@ -74,7 +74,7 @@ def _best(search: Search, judged: Judged, best: Trial) -> Iterator[str]:
     path = shlex.quote(str(judged.folder / BEST))
     if open_rates:
         needed = ", ".join(f"{3 / of.limit:,.0f} for {of}" for of in open_rates if of.limit > 0)
-        words = f"Without a crash about {needed} fresh pairs are needed. " if needed else ""
+        words = f"Fresh pairs that are needed without a crash: about {needed}. " if needed else ""
         yield f"! {words}harness risk {path} can check this candidate."
     yield f"To run it: harness run {path}"
 

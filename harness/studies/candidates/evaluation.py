@@ -3,18 +3,19 @@
 import atexit
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harness.core.encounter import FloatArray
-from harness.core.errors import InputError
+from harness.core.errors import InputError, refused_at
 from harness.scenario import Cell, EngineName, Scenario, ScenarioFile, Setting, read_scenario_file
 from harness.scenario.file import as_plain
 from harness.scenario.options import whole_number
 from harness.statistics import CONFIDENCE, ENCOUNTERS, Findings, row_of
-from harness.store.kinds import kind_of
+from harness.store.kinds import kind_of, limits_of
 from harness.studies.candidates.session import Session
 
 if TYPE_CHECKING:
@@ -78,7 +79,8 @@ def evaluate(
     key = (workers, engine)
     if key not in _sessions:
         _sessions[key] = Session(workers, engine)
-    driven = _sessions[key].drive(scenarios, numbers, timed=True) if scenarios else []
+    drive = partial(_sessions[key].drive, timed=True, numbered=True)
+    driven = drive(scenarios, numbers) if scenarios else []
     confidence = CONFIDENCE if intervals else 0.0
     rows = []
     for candidate, each, episodes in zip(candidates, scenarios, driven, strict=True):
@@ -119,13 +121,27 @@ def scenarios_of(
         where = f"candidates[{number}]"
         if not isinstance(candidate, Mapping):
             raise InputError(where, f"{candidate!r} is not accepted", "settings by dotted key")
-        scenario = file.scenario([Setting(key, value, where) for key, value in candidate.items()])
-        if section := kind_of(scenario).section:
-            raise InputError(where, f"has {section}", "a scenario of encounters")
-        if (drawn := len(scenario.pedestrians.drawn)) and pairs.stop > drawn:
-            raise InputError("pairs", f"pair {pairs.stop - 1}", f"at most {drawn} pairs are drawn")
-        scenarios.append(scenario)
+        if odd := [key for key in candidate if not isinstance(key, str)]:
+            raise InputError(where, f"{odd[0]!r} is not accepted", "dotted keys as text")
+        with refused_at(where):
+            settings = [Setting(key, value, where) for key, value in candidate.items()]
+            scenarios.append(scenario_of(file, settings, pairs))
     return scenarios
+
+
+def scenario_of(file: ScenarioFile, settings: Sequence[Setting], pairs: range) -> Scenario:
+    """The checked scenario of one candidate.
+
+    Raises:
+        InputError: it is refused, is not a scenario of encounters, or lacks a pair.
+    """
+    scenario = file.scenario(settings)
+    limits_of(scenario)
+    if section := kind_of(scenario).section:
+        raise InputError(file.source, f"has {section}", "a scenario of encounters")
+    if (drawn := len(scenario.pedestrians.drawn)) and pairs.stop > drawn:
+        raise InputError("pairs", f"pair {pairs.stop - 1}", f"at most {drawn} pairs are drawn")
+    return scenario
 
 
 def _numbers(pairs: int | range) -> range:

@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from harness.core.encounter import Arm, FloatArray
+from harness.core.errors import refused_at
 from harness.engine.installation import check_packages
 from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel, load_model
@@ -87,7 +88,12 @@ class Session:
         self._stacks.cleanup()
 
     def drive(
-        self, scenarios: Sequence[Scenario], pairs: range, *, timed: bool = False
+        self,
+        scenarios: Sequence[Scenario],
+        pairs: range,
+        *,
+        timed: bool = False,
+        numbered: bool = False,
     ) -> list[Driven]:
         """Simulate the pairs of every scenario; references that are known are not driven again.
 
@@ -95,6 +101,7 @@ class Session:
             scenarios: checked scenarios of encounters.
             pairs: numbers of the pairs, at least one.
             timed: whether the wall times of the AVs' decisions are measured.
+            numbered: whether a refusal has the scenario's number, as one of several candidates.
 
         Raises:
             InputError: a strategy or a network is refused.
@@ -104,9 +111,10 @@ class Session:
         load = cache(load_model)
         models = [load(*scenario.model.file_and_refits) for scenario in scenarios]
         parts = list(map(_Part, scenarios, models))
-        for part in parts:
-            check_arms(*part)
-            simulation_of(part.scenario).check(part.scenario)
+        for number, part in enumerate(parts):
+            with refused_at(f"candidates[{number}]" if numbered else ""):
+                check_arms(*part)
+                simulation_of(part.scenario).check(part.scenario)
         references = {_reference_key(part, self._engine): part for part in parts}
         try:
             self._open({name for part in parts for name in _drivers(part.scenario)})

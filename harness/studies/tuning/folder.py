@@ -6,7 +6,7 @@ The folder has ``tune.json`` (what is searched), ``trials.jsonl`` (a line for ea
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from harness.core.documents import JsonObject, parse_json
@@ -26,7 +26,7 @@ from harness.statistics.limits import (
 )
 from harness.store.reading import TUNE
 from harness.strategies.registry import source_digests
-from harness.studies.candidates.evaluation import scenarios_of
+from harness.studies.candidates.evaluation import scenario_of
 from harness.studies.tuning.search import (
     Goal,
     Parameter,
@@ -60,12 +60,7 @@ class Search:
     def scenario(self, candidate: JsonObject) -> Scenario:
         """The checked scenario of a candidate."""
         settings = [Setting(key, value, "--parameter") for key, value in candidate.items()]
-        (scenario,) = scenarios_of(
-            replace(self.file, settings=(*self.file.settings, *settings)),
-            [{}],
-            range(self.pairs + self.fresh),
-        )
-        return scenario
+        return scenario_of(self.file, settings, range(self.pairs + self.fresh))
 
     def document(self) -> JsonObject:
         """The search as ``tune.json`` has it: all except ``FREE`` determines the trials."""

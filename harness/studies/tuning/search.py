@@ -68,11 +68,16 @@ class Goal:
         return value if self.direction == "minimize" else -value
 
 
+_SAME_PEOPLE = ("experiment.seed", "experiment.pairs")
+"""Keys that choose the people whom all candidates meet."""
+
+
 def parse_parameter(text: str) -> Parameter:
     """Parse ``KEY=LOW:HIGH``, with ``:int`` or ``:log`` behind it.
 
     Raises:
-        InputError: the text has another form, or the range is empty or reversed.
+        InputError: the text has another form, the key chooses the people, or the range is empty
+            or reversed.
     """
     where, form = f"--parameter {text}", "KEY=LOW:HIGH, KEY=LOW:HIGH:int or KEY=LOW:HIGH:log"
     key, _, ends = text.partition("=")
@@ -84,6 +89,9 @@ def parse_parameter(text: str) -> Parameter:
         raise InputError(where, "is not accepted", form) from None
     if not key.strip() or scale not in ("", "int", "log") or not math.isfinite(high - low):
         raise InputError(where, "is not accepted", form)
+    if key.strip() in _SAME_PEOPLE:
+        problem = "is the same for all candidates, who meet the same people"
+        raise InputError(where, problem, "another key; --seed and --pairs choose the people")
     if low >= high:
         raise InputError(where, f"the range begins at {low:g} and ends at {high:g}", "LOW < HIGH")
     if scale == "log" and low <= 0:
