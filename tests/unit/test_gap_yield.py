@@ -224,6 +224,22 @@ def test_a_stop_is_one_whatever_its_last_bits(lateral_m: float) -> None:
     assert answers[0] == pytest.approx(answers[1], abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("frees_s", "expected"),
+    [(2.4, 1.0), (2.6, 2 * (10 - 3 * 2.6) / 2.6**2)],  # a0, and 10 m from 3 m/s in 2.6 s
+)
+def test_who_leaves_before_it_gets_there_is_not_in_its_way(frees_s: float, expected: float) -> None:
+    # 10 m before the edge it speeds up from 3 m/s at 1 m/s² over 7.84 m to 4.97 m/s, below its
+    # v0, and slows down at 3 m/s² to v_e: v² is 9 + 15.7 = 24.7 there, and 11.72 at the edge.
+    run_m = (edge_speed() ** 2 + 2 * 3 * 10 - 9) / (2 * (1 + 3))
+    peak = math.sqrt(9 + 2 * run_m)
+    assert (peak - 3) + (peak - edge_speed()) / 3 == pytest.approx(2.483, abs=1e-3)
+    # They leave its lane 2.5 m after its centre line.
+    walker = PedestrianView(0, Side.NEAR, frees_s - 2.5, 6.0, 1.0, True)
+    seen = shown(scenario(ego={"initial_speed_mps": 8.0}), EDGE_M + 10.0, 3.0, walker)
+    assert GapYield().decide(seen) == pytest.approx(expected)
+
+
 PAIRS = 2000
 
 
