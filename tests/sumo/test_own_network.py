@@ -26,7 +26,7 @@ from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
 from harness.scenario import Scenario, load_scenario, remarks, validate
 from harness.scenario.sections import CrossingSection
-from harness.site import Place, read_network, read_site, road_network
+from harness.site import Place, crosswalks_of, read_network, read_site, road_network
 from tests.batches import CHECKOUT, here, printed, refusal
 from tests.sites import NETWORKS
 from tests.sumo.test_engines_agree import assert_same_episode
@@ -110,6 +110,32 @@ def converted(folder: Path, tables: dict[str, str], *options: str) -> Path:
         words += [letters[kind], f"{kind}.xml"]
     run_netconvert([*words, "-o", "city.net.xml", "--no-turnarounds", *options], folder)
     return folder / "city.net.xml"
+
+
+def test_the_turn_over_a_crosswalk_is_that_of_the_lanes_next_to_it(tmp_path: Path) -> None:
+    # The side street comes from the east and bends: its last 50 m lead north, to a left turn.
+    places = {"west": (-100, 0), "cross": (0, 0), "east": (100, 0), "side": (80, -90)}
+    edges = ("west cross", "cross east", "east cross", "cross west", "side cross")
+    net = converted(
+        tmp_path,
+        {
+            "nodes": "".join(
+                f'<node id="{name}" x="{x}" y="{y}" type="priority"/>'
+                for name, (x, y) in places.items()
+            ),
+            "edges": "".join(
+                f'<edge id="{edge.replace(" ", "_")}" from="{edge.split()[0]}"'
+                f' to="{edge.split()[1]}" numLanes="1" speed="13.89" sidewalkWidth="2"'
+                + (' shape="80,-90 0,-50 0,0"/>' if edge == "side cross" else "/>")
+                for edge in edges
+            ),
+            "connections": '<crossing node="cross" edges="west_cross cross_west" width="4"/>',
+        },
+    )
+    (crosswalk,) = crosswalks_of(read_network(net))
+    turns = {way.from_edge: way.turn_deg for way in crosswalk.ways}
+    expected = {"west_cross": 0.0, "east_cross": 0.0, "side_cross": 90.0}
+    assert turns == pytest.approx(expected, abs=0.1)
 
 
 def scene(net: Path, edge: str, **more: dict[str, object]) -> Scenario:
