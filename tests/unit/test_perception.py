@@ -229,6 +229,11 @@ def test_two_obstacles_hide_together_what_neither_hides_alone() -> None:
     # A slit of 1 mm lets somebody be seen.
     apart = upper._replace(y_low_m=0.001)
     assert not is_hidden((0.0, 0.0), centre, [lower, apart])
+    # The disc covers asin(0.25/10) = 0.025 on either side.  One covers all below atan(0.09/4) =
+    # 0.0225, the other all above atan(0.15/7) = 0.0214, which is near the disc's edge.
+    most, edge = lower._replace(y_high_m=0.09), upper._replace(y_low_m=0.15)
+    assert not is_hidden((0.0, 0.0), centre, [most])
+    assert is_hidden((0.0, 0.0), centre, [most, edge])
 
 
 def test_occlusion_against_rays() -> None:
