@@ -42,7 +42,9 @@ class SimulationSight:
         self._front = function("vehicle", "getPosition")
         self._angle_deg = function("vehicle", "getAngle")
         self._sizes = function("vehicle", "getLength"), function("vehicle", "getWidth")
-        self._outlines: dict[str, tuple[Point, float, Rectangle]] = {}
+        self._size_of: dict[str, tuple[float, float]] = {}
+        self._fronts: dict[str, Point] = {}
+        self._outlines: dict[str, Rectangle] = {}
 
     def begin(self, passage: PassageLog) -> None:
         """Begin the updates of a vehicle's sensor when its strategy takes over."""
@@ -61,6 +63,7 @@ class SimulationSight:
 
     def begin_step(self) -> None:
         """Forget where the vehicles were; it is read when a driver looks."""
+        self._fronts.clear()
         self._outlines.clear()
 
     def shown(self, passage: PassageLog, *, near: bool) -> Views:
@@ -101,25 +104,29 @@ class SimulationSight:
 
     def _outlines_among(self, points: Sequence[Point], but: str) -> Iterator[Rectangle]:
         """The outlines of the other vehicles that may reach between some points."""
-        if not self._outlines:
-            self._read()
+        if not self._fronts:
+            # Vehicles that park beside a road are among them.
+            self._fronts.update((name, self._front(name)) for name in self._vehicles())
         (west, east), (south, north) = (
             (min(values), max(values)) for values in zip(*points, strict=True)
         )
-        for name, ((x_m, y_m), reach_m, rectangle) in self._outlines.items():
+        for name, (x_m, y_m) in self._fronts.items():
+            # No point of a vehicle is further from its front.
+            reach_m = sum(self._size(name)) + PEDESTRIAN_RADIUS_M
             beside = not west - reach_m <= x_m <= east + reach_m
             if beside or not south - reach_m <= y_m <= north + reach_m or name == but:
                 continue
-            yield rectangle
+            if name not in self._outlines:
+                self._outlines[name] = outline(*self._pose(name), *self._size(name))
+            yield self._outlines[name]
 
-    def _read(self) -> None:
-        """Read the outlines of all vehicles, also of those that park beside a road."""
-        length_of, width_of = self._sizes
-        for name in self._vehicles():
-            pose, length_m, width_m = self._pose(name), length_of(name), width_of(name)
-            # No point of a vehicle is further from its front.
-            reach_m = length_m + width_m + PEDESTRIAN_RADIUS_M
-            self._outlines[name] = pose[0], reach_m, outline(*pose, length_m, width_m)
+    def _size(self, name: str) -> tuple[float, float]:
+        """Length and width of a vehicle, which it keeps."""
+        size = self._size_of.get(name)
+        if size is None:
+            length_of, width_of = self._sizes
+            size = self._size_of[name] = length_of(name), width_of(name)
+        return size
 
     def _pose(self, name: str) -> tuple[Point, float]:
         """The front bumper of a vehicle and its direction, counterclockwise from the x axis."""

@@ -6,10 +6,15 @@ from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, Pedestria
 from harness.engine.road import SumoRoad
 from harness.episode.crowd import VIEW
 from harness.episode.traffic.lanes import Lane
-from harness.episode.traffic.vehicles import HourVehicle, state_of
+from harness.episode.traffic.vehicles import HourVehicle
 from harness.episode.walkers import Walker
 from harness.strategies.perception.occlusion import Point, Rectangle, is_hidden, outline
-from harness.strategies.perception.sensor import ROUNDING_M, Sensor, eye_behind
+from harness.strategies.perception.sensor import (
+    EYE_BEHIND_BUMPER_M,
+    ROUNDING_M,
+    Sensor,
+    eye_behind,
+)
 from harness.strategies.perception.track import track_from
 from harness.strategies.perception.updates import Updates, Views
 
@@ -36,6 +41,7 @@ class HourSight:
         self._sensors, self._pair = sensors, pair
         self._road, self._on_road = road, on_road
         self._places: list[Point] = []
+        self._range_m = max((_reach_m(sensor) for sensor in sensors.values() if sensor), default=0)
         self._outlines: dict[str, Rectangle] = {}
 
     def take_over(self, car: HourVehicle) -> None:
@@ -90,14 +96,29 @@ class HourSight:
         return [not is_hidden(eye, place, hiding) for place in places]
 
     def _read(self) -> dict[str, Rectangle]:
-        """The outlines of all vehicles on the road, also of those that have passed."""
+        """The outlines of the vehicles that may hide somebody, also of those that have passed.
+
+        The vehicles of a lane are in the order in which they came: behind one that is too far
+        upstream, all are.
+        """
+        distance_of, beyond = self._road.distance_of, set[Lane]()
         for name, car in self._on_road.items():
-            driven = car.first_step is not None and not car.passed
-            x_m = car.x_m if driven else state_of(self._road, car)[0]
             lane, vehicle = car.plan.lane, car.vehicle
+            if lane in beyond:
+                continue
+            driven = car.first_step is not None and not car.passed
+            x_m = car.x_m if driven else car.insert_x_m + distance_of(name)
+            if x_m < -self._range_m:
+                beyond.add(lane)
+                continue
             ends = _place(lane, x_m), _place(lane, x_m - vehicle.length_m)
             self._outlines[name] = outline(max(ends), 0.0, vehicle.length_m, vehicle.width_m)
         return self._outlines
+
+
+def _reach_m(sensor: Sensor) -> float:
+    """A distance before the crosswalk that is beyond everybody's eye and every person."""
+    return sensor.detection_range_m + EYE_BEHIND_BUMPER_M + sensor.crossing.width_m
 
 
 def _driver(car: HourVehicle) -> Arm:
