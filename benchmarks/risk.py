@@ -248,7 +248,7 @@ def estimate(case: str, seed: int, target_cv: float) -> dict[str, Any]:
         "effective_sample_size": found.effective_sample_size,
         "draws": found.draws,
         "episodes": findings.episodes,
-        "weighted": bool(findings.proposal.components),
+        "weighted": findings.weighted,
         "warnings": "; ".join(note.text for note in findings.notes),
         "versions": _versions(),
     }

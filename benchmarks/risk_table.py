@@ -86,11 +86,7 @@ class Tables:
         return float(self._chance @ crashed)
 
     def _evaluate(self, struck: Struck) -> Evaluate:
-        def evaluate(
-            z: FloatArray,
-            what: str,  # noqa: ARG001
-            numbers: NDArray[np.int64] | None = None,
-        ) -> Outcomes:
+        def evaluate(z: FloatArray, *_options: object) -> Outcomes:
             side = (z[:, 0] > 0).astype(int)
             place = np.minimum((BINS * ndtr(z[:, 1])).astype(int), BINS - 1)
             # 1 − u = Φ(−z), without rounding.
@@ -98,8 +94,8 @@ class Tables:
             look = np.clip(wait, 1, LOOKS).astype(int) - 1
             faulty = struck(z)[:, None]
             score = np.where(faulty, self.dead[side, place], self.seen[side, look, place])
-            of = np.arange(len(z)) if numbers is None else numbers
-            return Outcomes(score, np.full(len(z), np.nan), of)
+            never, nobody = np.full(len(z), np.nan), np.full(len(z), -1)
+            return Outcomes(score, np.arange(len(z)), never, never, nobody, score)
 
         return evaluate
 

@@ -22,11 +22,17 @@ LAYOUT = Layout(DIMENSIONS)
 def scored(score: Callable[[np.ndarray], np.ndarray]) -> Evaluate:
     """Episodes that are nothing but their score, shape (n,)."""
 
-    def evaluate(z: np.ndarray, _what: str, numbers: np.ndarray | None = None) -> Outcomes:
-        of = np.arange(len(z)) if numbers is None else numbers
-        return Outcomes(score(z)[:, None], np.full(len(z), np.nan), of)
+    def evaluate(z: np.ndarray, *_options: object) -> Outcomes:
+        return outcomes(score(z)[:, None])
 
     return evaluate
+
+
+def outcomes(score: np.ndarray) -> Outcomes:
+    """Outcomes of episodes without a crowd, whose numbers do not matter."""
+    count = len(score)
+    never, nobody = np.full(count, np.nan), np.full(count, -1)
+    return Outcomes(score, np.arange(count), never, never, nobody, np.full((count, 1), np.inf))
 
 
 def estimated(
@@ -88,13 +94,31 @@ def crowd(p: float) -> Case:
         hit = 1 - np.exp(-CROWD.rate_per_s * slow * length_s)
         return float(weight / weight.sum() @ hit @ stats.poisson.pmf(early, 1.5))
 
-    def evaluate(z: np.ndarray, _what: str, numbers: np.ndarray | None = None) -> Outcomes:
+    def evaluate(
+        z: np.ndarray,
+        _what: str,
+        numbers: np.ndarray | None = None,
+        asked: np.ndarray | None = None,
+    ) -> Outcomes:
         arrivals_s, mark = CROWD.arrivals_s(z), CROWD.people(z)[:, :, 1]
         passed_s = 4.0 + z[:, 0] / 10 + (arrivals_s < 3.0).sum(axis=1)
         away_s = np.maximum(np.abs(arrivals_s - passed_s[:, None]) - half_s, 0.0)
         away = away_s + np.maximum(limit - mark, 0.0)
-        score = np.where(np.isnan(away), np.inf, away).min(axis=1)
-        of = np.arange(len(z)) if numbers is None else numbers
-        return Outcomes(score[:, None], passed_s, of)
+        away = np.where(np.isnan(away), np.inf, away)
+        # Whoever of the hit comes first is the culprit.
+        first = np.where(away <= 0, arrivals_s, np.inf).argmin(axis=1)
+        rows = np.arange(len(z))
+        own = np.full(len(z), np.inf)
+        if asked is not None:
+            own = np.where(asked < 0, np.inf, away[rows, asked])
+        score = away.min(axis=1)
+        return Outcomes(
+            score[:, None],
+            rows if numbers is None else numbers,
+            passed_s,
+            np.full(len(z), 1.0),
+            np.where(score <= 0, first, -1),
+            own[:, None],
+        )
 
     return evaluate, truth()

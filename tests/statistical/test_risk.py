@@ -65,7 +65,7 @@ def test_the_bound_by_nominal_draws_covers_whenever_the_first_look_ends(p, cv: f
 def is_true(findings: Estimation, truth: float) -> bool:
     """Whether what is said holds: the interval, and the bound beside it where it is weighted."""
     estimate = findings.estimate
-    left = estimate.nominal.high if findings.proposal.components else 0.0
+    left = estimate.nominal.high if findings.weighted else 0.0
     return estimate.ci_low <= truth <= estimate.ci_high + left
 
 

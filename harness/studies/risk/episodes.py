@@ -1,7 +1,7 @@
 """Runs the episodes of a risk estimate in a worker: from states in normal space to scores."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +12,11 @@ from harness.engine.shared import open_engine
 from harness.episode.arms import draws_of
 from harness.episode.pairing import PairRunner
 from harness.episode.ties import Decision, tie_s
+from harness.measures import Outcome, measure
 from harness.measures.agreement import difference
 from harness.scenario import EngineName
 from harness.studies.risk.asking import Question
-from harness.studies.risk.event import GRADINGS
+from harness.studies.risk.event import GRADINGS, Event
 from harness.studies.workers.watchdog import watchdog
 
 _scene = ""
@@ -26,13 +27,15 @@ _runners: dict[bool, PairRunner] = {}
 class Episodes:
     """Consecutive episodes of a batch from index ``first`` on; states have shape (n, width).
 
-    With ``compare`` the other engine runs them too, and differences are reported.
+    ``asked`` is as for ``Evaluate``.  With ``compare`` the other engine runs them too, and
+    differences are reported.
     """
 
     question: Question
     first: int
     numbers: tuple[int, ...]
     z: FloatArray
+    asked: tuple[int, ...] | None
     compare: bool
     hang_after_s: float
 
@@ -43,8 +46,11 @@ class Score(NamedTuple):
     Attributes:
         score: one score for each grading of the event; NaN if the episode failed.
         passed_s: time at which the ego's front reached the centre line; NaN if it did not.
+        passed_mps: its speed then; NaN if it did not.
         timed_out: whether the time limit ended the episode.
         reason: reason of a failure; else None.
+        culprit: place of the pedestrian to whom the event is due; −1 if there is none in the crowd.
+        own: the scores with the asked pedestrians alone.
         difference: the difference between the two engines' records; None if they are equal.
         by_a_tie: whether a tie of the strategy caused the difference.
         drew_more: whether the strategy drew more random numbers than the sampled ones.
@@ -57,11 +63,14 @@ class Score(NamedTuple):
 
     score: tuple[float, ...]
     passed_s: float
+    passed_mps: float
     timed_out: bool = False
     reason: str | None = None
     difference: str | None = None
     by_a_tie: bool = False
     drew_more: bool = False
+    culprit: int = -1
+    own: tuple[float, ...] = (math.inf,) * GRADINGS
     speeds_mps: tuple[float | None, ...] = ()
     contact: Contact | None = None
     injury_risk: float | None = None
@@ -70,7 +79,7 @@ class Score(NamedTuple):
 
 def failed(reason: str) -> Score:
     """Return the score of an episode that killed its worker."""
-    return Score((math.nan,) * GRADINGS, math.nan, reason=reason)
+    return Score((math.nan,) * GRADINGS, math.nan, math.nan, reason=reason)
 
 
 def run_episodes(task: Episodes) -> list[Score]:
@@ -94,13 +103,23 @@ def run_episodes(task: Episodes) -> list[Score]:
         scores = [
             Score(
                 question.event.scores(outcome.record),
-                _passed_s(outcome.trace),
+                *_passage(outcome.trace),
                 outcome.record.ending is Ending.TIMED_OUT,
                 outcome.record.reason,
                 drew_more=more,
             )
             for outcome, more in zip(outcomes, drew_more, strict=True)
         ]
+        if question.space.marks:
+            scores = [
+                score._replace(
+                    culprit=question.space.place_of(z, _culprit(question.event, outcome))
+                )
+                for score, z, outcome in zip(scores, task.z, outcomes, strict=True)
+            ]
+        if task.asked is not None:
+            own = _own(question, task.z, task.asked, outcomes)
+            scores = [score._replace(own=each) for score, each in zip(scores, own, strict=True)]
         if task.compare:
             runner = _runner_of(question, not question.in_sumo)
             others = runner.run_arm_given(question.arm, inputs, lambda _: watch.alive())
@@ -145,14 +164,58 @@ def _speeds_mps(trace: Trace) -> tuple[float | None, ...]:
     return tuple(walked.get(number) for number in range(max(walked, default=-1) + 1))
 
 
-def _passed_s(trace: Trace) -> float:
-    """Return the time at which the ego's front reached the centre line, interpolated."""
+def _passage(trace: Trace) -> tuple[float, float]:
+    """Return time and speed at which the ego's front reached the centre line, interpolated."""
     beyond = np.flatnonzero(trace.x_m >= 0.0)
     if len(beyond) == 0 or beyond[0] == 0:
-        return math.nan
+        return math.nan, math.nan
     after = int(beyond[0])
     before_m, after_m = trace.x_m[after - 1], trace.x_m[after]
-    return float(trace.step_s * (after - 1 - before_m / (after_m - before_m)))
+    steps = after - 1 - before_m / (after_m - before_m)
+    speed_mps = np.interp(steps, (after - 1, after), trace.speed_mps[after - 1 : after + 1])
+    return float(trace.step_s * steps), float(speed_mps)
+
+
+def _culprit(event: Event, outcome: Outcome) -> int | None:
+    """Return the index of the pedestrian to whom the event is due: whom the ego hit first.
+
+    Without a contact it is the first one with whom alone the same motion of the ego would be in
+    the event.  None if the episode is not in the event, or if there is nobody like that.
+    """
+    record, trace = outcome.record, outcome.trace
+    if not event.holds(record):
+        return None
+    if record.contact_index is not None:
+        return record.contact_index
+    alone = measure([replace(trace, walks=(walk,)) for walk in trace.walks])
+    return next(
+        (
+            walk.arrival.index
+            for walk, their in zip(trace.walks, alone, strict=True)
+            if event.holds(their)
+        ),
+        None,
+    )
+
+
+def _own(
+    question: Question, z: FloatArray, asked: tuple[int, ...], outcomes: list[Outcome]
+) -> list[tuple[float, ...]]:
+    """Return the scores that each episode would have if only the asked pedestrians were there."""
+    own = [(math.inf,) * GRADINGS] * len(outcomes)
+    rows, traces = [], []
+    for row, (state, place, outcome) in enumerate(zip(z, asked, outcomes, strict=True)):
+        walks = tuple(
+            walk
+            for walk in outcome.trace.walks
+            if question.space.place_of(state, walk.arrival.index) == place
+        )
+        if walks and outcome.record.ending is not Ending.ENGINE_FAILED:
+            rows.append(row)
+            traces.append(replace(outcome.trace, walks=walks))
+    for row, record in zip(rows, measure(traces), strict=True):
+        own[row] = question.event.scores(record)
+    return own
 
 
 def _runner_of(question: Question, in_sumo: bool) -> PairRunner:

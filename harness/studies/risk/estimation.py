@@ -1,13 +1,14 @@
 """Stage two: estimates the event's probability by importance sampling with independent draws.
 
 p = E_q[1_F φ/q] for any density q that is positive where φ is (Owen, Monte Carlo theory, methods
-and examples, ch. 9).  The number of draws is fixed before the first draw.  Draws to which the
-proposal was fitted are not counted.  So the estimate is unbiased even if the exploration missed a
-way to the event.
+and examples, ch. 9).  With a crowd, a draw is a unit of ``placing``.  The number of draws is fixed
+before the first draw.  Draws to which the proposal was fitted are not counted.  So the estimate is
+unbiased even if the exploration missed a way to the event.
 """
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,10 @@ from harness.studies.risk.exploring import POINTS, Exploration, explore
 from harness.studies.risk.findings import SMALL_SAMPLE
 from harness.studies.risk.interval import Estimate, Tally, estimate_of
 from harness.studies.risk.layout import Layout
+from harness.studies.risk.learning import Learning
 from harness.studies.risk.outcomes import Counted, Evaluate
-from harness.studies.risk.proposal import NOMINAL_SHARE, Proposal, draws_from, keys_of, nominal
+from harness.studies.risk.placing import Placing
+from harness.studies.risk.proposal import NOMINAL_SHARE, Proposal, draws_from, nominal
 from harness.studies.risk.refitting import refit
 
 EXPLORATIONS = 3
@@ -60,16 +63,18 @@ _CHECK_TAIL = 0.001
 class Estimation:
     """The estimate with its draws and diagnostics.
 
-    ``z`` (n, width), ``weights`` (n,), episode ``numbers`` (n,) and ``keys`` (n, k, see
-    ``keys_of``) describe the final draws that ended in the event.  ``episodes`` counts all
-    episodes; ``events_in_all`` counts the episodes that ended in the event.  ``first_look`` counts
-    the draws that decided between brute force and exploration; the estimate does not use them.
-    ``failed_weight`` is the probability that failed episodes would add if all ended in the event.
+    ``z`` (n, width), ``weights`` (n,), episode ``numbers`` (n,) and ``keys`` (n, k) describe the
+    final draws that ended in the event.  A key is the fixed uniforms and, with a crowd, the arrival
+    and the other uniforms of the culprit; 0 without one.  ``weighted`` is False for brute force.
+    ``episodes`` counts all episodes; ``events_in_all`` counts the episodes that ended in the event.
+    ``first_look`` counts the draws that decided between brute force and exploration; the estimate
+    does not use them.  ``failed_weight`` is the probability that failed episodes would add if all
+    ended in the event.
     """
 
     estimate: Estimate
     explorations: tuple[Exploration, ...]
-    proposal: Proposal
+    weighted: bool
     z: FloatArray
     weights: FloatArray
     numbers: NDArray[np.int64]
@@ -111,36 +116,28 @@ def _estimate(
 ) -> Estimation:
     # The pilot has its own generator, so that its length does not change later draws.
     share, pilot = _pilot(counted, layout, rng.spawn(1)[0], target_cv)
-    explorations: list[Exploration] = []
-    if share is None:
-        explorations = [explore(counted, layout, rng, n) for n in range(EXPLORATIONS)]
-    failures = [exploration.failures for exploration in explorations]
-    explored = np.concatenate([np.empty((0, layout.width)), *failures])
     if share is not None:
-        proposal, squared_cv = nominal(layout), (1 - share) / share
-    elif len(explored):
-        probability = float(np.mean([exploration.probability for exploration in explorations]))
-        proposal, squared_cv = refit(counted, layout, explored, probability, rng)
+        prepared = _Prepared(nominal(layout), (1 - share) / share, (), Tally(0, 0), POINTS)
+    elif layout.marks:
+        prepared = _learned(counted, layout, rng, target_cv, pilot)
     else:
-        # No state in the event is known, so more nominal draws can only bound the probability.
-        proposal, squared_cv = nominal(layout), 0.0
-    weighted = bool(proposal.components)
+        prepared = _explored(counted, layout, rng)
+    weighted = prepared.weighted
     reserve = _RESERVE if weighted else _RESERVE_OF_BRUTE_FORCE
-    needed = math.ceil(reserve * squared_cv / target_cv**2)
-    draws = min(max(needed, POINTS if share is not None else _LEAST_DRAWS), most_draws)
-    drawn = draws_from(proposal, counted, draws, rng, "estimating")
-    event, weights = drawn.event, drawn.weight[drawn.event]
-    tally = sum((exploration.nominal for exploration in explorations), pilot + drawn.nominal)
-    estimate = estimate_of(drawn.weight, event, tally)
-    notes = _doubts(estimate, weights, weighted=weighted)
-    if counted.events and not event.any():
-        explored_events = counted.events - pilot.events
+    needed = math.ceil(reserve * prepared.squared_cv / target_cv**2)
+    draws = min(max(needed, prepared.least), most_draws)
+    before = counted.events
+    drawn = _drawn(prepared.proposal, counted, draws, rng)
+    tally = pilot + prepared.nominal + drawn.nominal
+    estimate = estimate_of(drawn.value, tally, weighted=weighted)
+    notes = _doubts(estimate, drawn, weighted=weighted)
+    if before and estimate.events == 0:
         notes.append(
             f"None of the {draws:,} draws ended in the event, but {pilot.events:,} of the "
-            f"{pilot.draws:,} episodes of the first look and {explored_events:,} of the "
+            f"{pilot.draws:,} episodes of the first look and {before - pilot.events:,} of the "
             "exploration did: more draws are needed."
         )
-    if len(explored) and not weighted:
+    if before > pilot.events and share is None and not weighted:
         notes.append(
             "The estimate uses brute force: weighted draws around the explored events would have "
             "needed as many episodes, or contained too few events."
@@ -152,18 +149,129 @@ def _estimate(
         )
     return Estimation(
         estimate,
-        tuple(explorations),
-        proposal,
-        drawn.z[event],
-        weights,
-        drawn.numbers[event],
-        keys_of(proposal, drawn.cases),
+        prepared.explorations,
+        weighted,
+        drawn.z,
+        drawn.weight,
+        drawn.numbers,
+        drawn.keys,
         counted.episodes,
         counted.events,
         pilot,
-        float(drawn.weight[drawn.failed].sum() / draws),
+        drawn.failed / draws,
         tuple(Note(Rank.FEW_PAIRS, text) for text in notes),
     )
+
+
+class _Prepared(NamedTuple):
+    """A proposal, the squared coefficient of variation of a draw, and the least number of draws.
+
+    ``nominal`` counts the nominal draws of the explorations.
+    """
+
+    proposal: Proposal | Placing
+    squared_cv: float
+    explorations: tuple[Exploration, ...]
+    nominal: Tally
+    least: int
+
+    @property
+    def weighted(self) -> bool:
+        """Whether the draws are weighted."""
+        return isinstance(self.proposal, Placing) or bool(self.proposal.components)
+
+
+def _explored(counted: Counted, layout: Layout, rng: np.random.Generator) -> _Prepared:
+    explorations = tuple(explore(counted, layout, rng, n) for n in range(EXPLORATIONS))
+    tally = sum((exploration.nominal for exploration in explorations), Tally(0, 0))
+    explored = np.concatenate([exploration.failures for exploration in explorations])
+    if not len(explored):
+        # No state in the event is known, so more nominal draws can only bound the probability.
+        return _Prepared(nominal(layout), 0.0, explorations, tally, _LEAST_DRAWS)
+    probability = float(np.mean([exploration.probability for exploration in explorations]))
+    proposal, squared_cv = refit(counted, layout, explored, probability, rng)
+    return _Prepared(proposal, squared_cv, explorations, tally, _LEAST_DRAWS)
+
+
+def _learned(
+    counted: Counted, layout: Layout, rng: np.random.Generator, target_cv: float, pilot: Tally
+) -> _Prepared:
+    learning = Learning(counted, layout, rng)
+    learning.learn(target_cv, pilot, _RESERVE)
+    levels, tally = learning.explorations(), learning.tally
+    if learning.squared_cv is None:
+        # Too few events are known, so nominal draws bound the probability, or are as good.
+        squared_cv = 1 / learning.probability - 1 if learning.probability else 0.0
+        return _Prepared(nominal(layout), squared_cv, levels, tally, _LEAST_DRAWS)
+    brute_force = 1 / learning.probability - 1
+    if _RESERVE * learning.squared_cv * learning.cost > _RESERVE_OF_BRUTE_FORCE * brute_force:
+        return _Prepared(nominal(layout), brute_force, levels, tally, POINTS)
+    return _Prepared(learning.proposal, learning.squared_cv, levels, tally, POINTS)
+
+
+class _Drawn(NamedTuple):
+    """The draws of the estimate.
+
+    ``value`` (n,) are the values of all draws.  ``z``, ``weight``, ``numbers``, ``keys`` and
+    ``missed``, whether the proposal reaches it less often than chance, describe the events.
+    ``failed`` is the sum of the weights of the failed episodes.
+    """
+
+    value: FloatArray
+    z: FloatArray
+    weight: FloatArray
+    numbers: NDArray[np.int64]
+    keys: FloatArray
+    missed: NDArray[np.bool_]
+    nominal: Tally
+    failed: float
+
+
+def _drawn(
+    proposal: Proposal | Placing, counted: Counted, count: int, rng: np.random.Generator
+) -> _Drawn:
+    layout = proposal.layout
+    speed = layout.fixed  # the place of the passing speed among the numbers of a point
+    if isinstance(proposal, Placing):
+        units = proposal.draw(count, counted, rng, "estimating")
+        keys = np.nan_to_num(np.delete(units.points, speed, axis=1))
+        return _Drawn(
+            units.value,
+            units.z,
+            units.weight,
+            units.numbers,
+            keys,
+            units.missed,
+            units.nominal,
+            float(units.failed.sum()),
+        )
+    draws = draws_from(proposal, counted, count, rng, "estimating")
+    event = draws.event
+    weight, outcomes = draws.weight[event], draws.outcomes
+    return _Drawn(
+        draws.weight * event,
+        draws.z[event],
+        weight,
+        outcomes.numbers[event],
+        _keys(layout, draws.z[event], outcomes.culprit[event], outcomes.passed_s[event]),
+        weight > 0.5 / NOMINAL_SHARE,
+        draws.nominal,
+        float(draws.weight[outcomes.failed].sum()),
+    )
+
+
+def _keys(
+    layout: Layout, z: FloatArray, culprit: NDArray[np.int64], passed_s: FloatArray
+) -> FloatArray:
+    """Return the keys of events by brute force, in which arrivals count from the actual passage."""
+    fixed = z[:, : layout.fixed]
+    if not layout.marks:
+        return fixed
+    rows = np.arange(len(z))
+    who = layout.people(z)[rows, culprit].copy()
+    who[:, 0] = layout.arrivals_s(z)[rows, culprit] - passed_s
+    who[culprit < 0] = 0.0
+    return np.concatenate([fixed, np.nan_to_num(who)], axis=1)
 
 
 def _pilot(
@@ -186,7 +294,7 @@ def _pilot(
     return events / draws, Tally(draws, events)
 
 
-def _doubts(estimate: Estimate, weights: FloatArray, *, weighted: bool) -> list[str]:
+def _doubts(estimate: Estimate, drawn: _Drawn, *, weighted: bool) -> list[str]:
     """Return sentences with the doubts about an estimate."""
     # The interval of brute force is exact even for few events.
     if estimate.probability is None or not weighted:
@@ -199,7 +307,7 @@ def _doubts(estimate: Estimate, weights: FloatArray, *, weighted: bool) -> list[
         doubts.append(
             f"The interval is too narrow: one draw makes up {100 * largest:.0f} % of the estimate."
         )
-    beyond = float(weights[weights > 0.5 / NOMINAL_SHARE].sum() / weights.sum())
+    beyond = float(drawn.weight[drawn.missed].sum() / drawn.weight.sum())
     if beyond > _LARGE_SHARE:
         doubts.append(
             f"{100 * beyond:.0f} % of the estimate comes from events that the exploration missed."

@@ -14,7 +14,7 @@ from harness.measures import MEASURES, EpisodeRecord
 
 CRASHED = "crashed"
 
-GRADINGS = 3
+GRADINGS = 4
 """Number of scores by which the distance of an episode from an event is graded."""
 
 _FAR = 1_000.0
@@ -63,10 +63,10 @@ class Event:
         """Return the distance of an episode from the event, graded in ``GRADINGS`` ways.
 
         Each score is at most 0 in the event and positive outside it; NaN if the episode failed.
-        If the event is a crash, the scores of other episodes are 10/DRAC, PET and TTC, so that one
-        of them leads to each kind of contact.  If such a measure is undefined, the score is 100
-        plus the smallest gap in m, or +∞ if nobody stepped off.  For another event the score is
-        the distance of the measure from its limit, in the measure's unit.
+        If the event is a crash, the scores of other episodes are 10/DRAC, PET, TTC and the smallest
+        gap in m, so that one of them leads to each kind of contact.  If such a measure is
+        undefined, the score is 100 plus the smallest gap, or +∞ if nobody stepped off.  For another
+        event the score is the distance of the measure from its limit, in the measure's unit.
         """
         if record.ending is Ending.ENGINE_FAILED:
             return (math.nan,) * GRADINGS
@@ -94,6 +94,7 @@ def _to_a_crash(record: EpisodeRecord) -> tuple[float, ...]:
         10 / drac if drac else far,
         far if record.pet_s is None else float(record.pet_s),
         far if record.min_ttc_s is None else float(record.min_ttc_s),
+        far if gap_m is None else float(gap_m),
     )
 
 

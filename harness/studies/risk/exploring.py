@@ -87,7 +87,7 @@ def explore(
     nominal, nearest = Tally(POINTS, int(np.sum(score <= 0))), float(score.min())
     levels: list[float] = []
     probability, standstill = 1.0, 0
-    moves = _Moves(graded, layout, rng)
+    moves = _Moves(graded, rng)
     while standstill < _STANDSTILL and len(levels) < _MOST_LEVELS:
         level, inside = _next_level(score)
         if not inside.any():
@@ -126,8 +126,8 @@ class _Moves:
     would descend from a few seeds, and a way to the event could be lost.
     """
 
-    def __init__(self, graded: Graded, layout: Layout, rng: np.random.Generator) -> None:
-        self._graded, self._layout, self._rng = graded, layout, rng
+    def __init__(self, graded: Graded, rng: np.random.Generator) -> None:
+        self._graded, self._rng = graded, rng
         self._scale = 0.5
 
     def __call__(
@@ -145,7 +145,6 @@ class _Moves:
             size = np.where(redrawn, 1.0, step)
             drawn = np.sqrt(1 - size**2) * z + size * rng.standard_normal(z.shape)
             moved = np.where(part, drawn, z)
-            moved = self._layout.renewed(moved, np.where(redrawn, share, 0.0), rng)
             result = self._graded(moved, what)
             accepted = result <= level
             small = accepted[~redrawn[:, 0]]

@@ -1,25 +1,22 @@
 """Takes weighted states in the event and returns the proposal's components.
 
-The fit is expectation maximisation.  The index of a crowd's placed pedestrian is a latent variable,
-so a component's responsibility for a case is divided among the case's pedestrians.  This is the
-cross-entropy method with a latent variable.
+The fit is expectation maximisation (the cross-entropy method).
 """
 
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.core.encounter import FloatArray
 from harness.model.mixture.clusters import k_means
 from harness.studies.risk.layout import Layout
-from harness.studies.risk.proposal import NOMINAL_SHARE, Cases, Component, Proposal
+from harness.studies.risk.proposal import NOMINAL_SHARE, Component, Proposal
 
 COMPONENTS = 8
-"""Maximum number of components with a placed pedestrian, and of components without one."""
+"""Maximum number of components."""
 
 _POINTS = 20
-"""Number of cases per component."""
+"""Number of states per component."""
 
 _NARROWEST = 1e-4
 """Smallest variance of a component in any direction; the nominal variance is 1."""
@@ -39,71 +36,53 @@ _FEWEST = 2.0
 """A component with fewer effective cases is removed."""
 
 
-def first_components(
-    layout: Layout, cases: Cases, who: NDArray[np.intp], rng: np.random.Generator
-) -> tuple[Component, ...]:
-    """Return the starting components, from clusters of cases in the event.
+def first_components(z: FloatArray, rng: np.random.Generator) -> tuple[Component, ...]:
+    """Return the starting components, from clusters of states in the event.
 
     Args:
-        layout: layout of the states.
-        cases: cases in the event.
-        who: place of each case's decisive pedestrian, shape (n,); −1 if there is none.
+        z: states in the event, shape (n, d).
         rng: generator for the clusters.
     """
     parts = []
-    for placed in (False, True):
-        rows = np.flatnonzero((who >= 0) == placed)
-        y = cases.fixed[rows]
-        if placed:
-            y = np.concatenate([y, cases.people[rows, who[rows]]], axis=1)
-        y = y[~np.isnan(y).any(axis=1)]
-        if y.size == 0:
-            continue
-        count = min(COMPONENTS, 1 + len(y) // _POINTS)
-        _, clusters = k_means(y, np.ones(len(y)), count, 1, rng)
-        for k in np.unique(clusters):
-            cluster = y[clusters == k]
-            moments = cluster.mean(axis=0), np.atleast_2d(np.cov(cluster.T, bias=True))
-            share = len(cluster) / len(who)
-            parts.append(_component(layout, share, placed, *moments, len(cluster)))
+    count = min(COMPONENTS, 1 + len(z) // _POINTS)
+    _, clusters = k_means(z, np.ones(len(z)), count, 1, rng)
+    for k in np.unique(clusters):
+        cluster = z[clusters == k]
+        moments = cluster.mean(axis=0), np.atleast_2d(np.cov(cluster.T, bias=True))
+        parts.append(_component(len(cluster) / len(z), *moments, len(cluster)))
     return tuple(parts)
 
 
 def fit_components(
-    layout: Layout, components: tuple[Component, ...], cases: Cases, weights: FloatArray
+    components: tuple[Component, ...], z: FloatArray, weights: FloatArray
 ) -> tuple[Component, ...]:
-    """Return the components fitted to weighted cases in the event.
+    """Return the components fitted to weighted states in the event.
 
     Args:
-        layout: layout of the states.
         components: starting components.
-        cases: cases in the event.
-        weights: weights of the cases, ≥ 0; they are equal if the cases are nominal draws.
+        z: states in the event, shape (n, d).
+        weights: weights of the states, ≥ 0; they are equal if the states are nominal draws.
     """
     weights = weights / weights.sum()
-    count = len(weights)
-    points = {part.placed: cases.points(placed=part.placed) for part in components}
     for _ in range(_ROUNDS):
         terms = [
-            (1 - NOMINAL_SHARE) * part.share * np.exp(part.log_ratio(layout, points[part.placed].y))
-            for part in components
+            (1 - NOMINAL_SHARE) * part.share * np.exp(part.log_ratio(z)) for part in components
         ]
-        total = np.full(count, NOMINAL_SHARE)
-        for part, term in zip(components, terms, strict=True):
-            total += np.bincount(points[part.placed].case, term, count)
+        total = np.full(len(z), NOMINAL_SHARE)
+        for term in terms:
+            total += term
         updated = []
-        for part, term in zip(components, terms, strict=True):
-            y, case = points[part.placed]
-            responsible = term * (weights / total)[case]
+        for term in terms:
+            responsible = term * (weights / total)
             mass = float(responsible.sum())
-            squares = float(np.sum(np.bincount(case, responsible, count) ** 2))
+            squares = float(np.sum(responsible**2))
             effective = mass**2 / squares if squares > 0 else 0.0
             if effective < _FEWEST:
                 continue
             share = responsible / mass
-            mean = share @ y
-            scatter = (y * share[:, None]).T @ y - np.outer(mean, mean)
-            updated.append(_component(layout, mass, part.placed, mean, scatter, effective))
+            mean = share @ z
+            scatter = (z * share[:, None]).T @ z - np.outer(mean, mean)
+            updated.append(_component(mass, mean, scatter, effective))
         if not updated:
             return components
         whole = sum(part.share for part in updated)
@@ -131,14 +110,7 @@ def spread(layout: Layout, components: tuple[Component, ...]) -> Proposal:
     return Proposal(layout, tuple(parts))
 
 
-def _component(
-    layout: Layout,
-    share: float,
-    placed: bool,
-    mean: FloatArray,
-    scatter: FloatArray,
-    count: float,
-) -> Component:
+def _component(share: float, mean: FloatArray, scatter: FloatArray, count: float) -> Component:
     """Return a component from the moments of ``count`` cases.
 
     Variances are shrunk towards 1 and correlations towards 0, more strongly for few cases.  A
@@ -151,13 +123,11 @@ def _component(
     np.fill_diagonal(correlations, 1.0)
     variances = np.maximum(raw ** (count / (count + _VARIANCE_PRIOR)), _NARROWEST)
     is_nominal = (mean**2 + variances - 1 - np.log(variances)) / 2 < _DIVERGENCE
-    if placed:
-        is_nominal[layout.fixed] = False  # the arrival, whose nominal density is not normal
     covariance = correlations * np.sqrt(np.outer(variances, variances))
     covariance[is_nominal[:, None] | is_nominal[None, :]] = 0.0
     covariance[is_nominal, is_nominal] = 1.0
     factor = np.linalg.cholesky(_floored(covariance, _NARROWEST)).astype(np.float64, copy=False)
-    return Component(share, placed, np.where(is_nominal, 0.0, mean), factor)
+    return Component(share, np.where(is_nominal, 0.0, mean), factor)
 
 
 def _floored(covariance: FloatArray, least: float) -> FloatArray:

@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from harness.core.encounter import FloatArray
@@ -56,32 +55,32 @@ class Estimate:
     nominal: Tally
 
 
-def estimate_of(weight: FloatArray, event: NDArray[np.bool_], nominal: Tally) -> Estimate:
-    """Return the mean of w·1_F with its interval.
+def estimate_of(value: FloatArray, nominal: Tally, *, weighted: bool) -> Estimate:
+    """Return the mean of the draws' values with its interval.
 
-    If all weights are 1, the interval is Clopper–Pearson's.  Otherwise it is Student's t interval
+    If no draw is weighted, the interval is Clopper–Pearson's.  Otherwise it is Student's t interval
     of ln p, p̂ exp(± t s/(p̂ √n)), because weights and estimate are skewed.  Its degrees of freedom
     follow from the effective sample size, because an estimate from one dominant draw is very
     uncertain.  Large weights are rare, so s is too small in most samples.  Therefore s includes
     the largest weight twice.
 
     Args:
-        weight: φ/q of every draw, shape (n,).
-        event: whether the draw is in the event, shape (n,).
+        value: w·1_F of every draw, shape (n,); without weights 1 for events and 0 for others.
         nominal: all nominal draws.
+        weighted: whether the draws are weighted.
 
-    >>> estimate_of(np.ones(1_000), np.arange(1_000) < 3, Tally(1_000, 3)).probability
+    >>> event = np.arange(1_000) < 3
+    >>> estimate_of(event.astype(float), Tally(1_000, 3), weighted=False).probability
     0.003
     """
-    n, events = len(weight), int(event.sum())
+    n, events = len(value), int(np.count_nonzero(value))
     if events == 0:
         return Estimate(None, None, 0.0, nominal.high, 0.0, None, n, 0, nominal)
-    values = weight * event
-    total = float(values.sum())
-    p, largest = total / n, float(values.max()) / total
-    size = total**2 / float(np.sum(values**2))
-    cv = float(values.std(ddof=1)) / math.sqrt(n) / p
-    if np.all(weight == 1):
+    total = float(value.sum())
+    p, largest = total / n, float(value.max()) / total
+    size = total**2 / float(np.sum(value**2))
+    cv = float(value.std(ddof=1)) / math.sqrt(n) / p
+    if not weighted:
         return Estimate(p, cv, *clopper_pearson(events, n), size, largest, n, events, nominal)
     quantile = float(stats.t.ppf((1 + CONFIDENCE) / 2, max(size - 1, 1)))
     factor = math.exp(quantile * math.hypot(cv, largest))

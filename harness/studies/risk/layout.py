@@ -34,14 +34,12 @@ class Layout:
             without a crowd.
         rate_per_s: the crowd's arrival rate, > 0 if there is a crowd.
         window_s: the crowd arrives between 0 and this time in s, > 0 if there is a crowd.
-        entangled: whether a pedestrian may change the episode before their arrival.
     """
 
     fixed: int
     marks: int = 0
     rate_per_s: float = 0.0
     window_s: float = 0.0
-    entangled: bool = False
 
     @property
     def mean_count(self) -> float:
@@ -77,31 +75,10 @@ class Layout:
             self.people(z)[np.arange(self.places) >= number[:, None]] = np.nan
         return z
 
-    def renewed(self, z: FloatArray, share: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Replace a share of the crowd in each state.  Nominal states remain nominal.
-
-        Independent thinning leaves a Poisson process with mean (1 − share) Λ.  The new pedestrians
-        are a Poisson process with mean share Λ, so the mean of both together is Λ.
-
-        Args:
-            z: states, shape (n, width).
-            share: probability in [0, 1] that a pedestrian leaves, shape (n, 1).
-            rng: generator for who leaves and for the new pedestrians.
-        """
-        if not self.marks:
-            return z
-        z = z.copy()
-        people = self.people(z)
-        people[rng.random(people.shape[:2]) < share] = np.nan
-        born = rng.poisson(share * self.mean_count)
-        free = np.isnan(people[:, :, 0])
-        comes = free & (np.cumsum(free, axis=1) <= born)
-        newcomers = rng.standard_normal(people.shape)
-        people[comes] = newcomers[comes]
-        return z
-
-    def joined(self, z: FloatArray, arrival_s: FloatArray, marks: FloatArray) -> FloatArray:
-        """Return the states with one more pedestrian each.
+    def joined(
+        self, z: FloatArray, arrival_s: FloatArray, marks: FloatArray
+    ) -> tuple[FloatArray, NDArray[np.intp]]:
+        """Return the states with one more pedestrian each, and the place of this pedestrian.
 
         Args:
             z: states, shape (n, width).
@@ -113,7 +90,7 @@ class Layout:
         place = np.isnan(people[:, :, 0]).argmax(axis=1)
         people[rows, place, 0] = ndtri(arrival_s / self.window_s)
         people[rows, place, 1:] = marks
-        return z
+        return z, place
 
     def without(self, z: FloatArray, place: NDArray[np.intp]) -> FloatArray:
         """Return the states without the pedestrian at each state's ``place``, shape (n,)."""

@@ -12,15 +12,22 @@ class Outcomes(NamedTuple):
     """The outcomes of some states.
 
     ``score`` (n, gradings) is at most 0 in the event and increases with the distance from it.  It
-    is +∞ if the distance is unknown and NaN if the episode failed.  ``passed_s`` (n,) is the time
-    at which the ego's front reached the centre line of the crosswalk; NaN if it did not.
-    ``numbers`` (n,) are the keys of all randomness outside the state, so equal states with equal
-    numbers have equal outcomes.
+    is +∞ if the distance is unknown and NaN if the episode failed.  ``numbers`` (n,) are the keys
+    of all randomness outside the state, so equal states with equal numbers have equal outcomes.
+
+    The others describe a crowd.  ``passed_s`` and ``passed_mps`` (n,) are the time at which the
+    ego's front reached the centre line of the crosswalk and its speed then; NaN if it did not.
+    ``culprit`` (n,) is the place of the pedestrian to whom the event is due; −1 without an event,
+    and if it is due to nobody in the crowd.  ``own`` (n, gradings) is the score that the episode
+    would have if only the pedestrian whom the caller asked for were there.
     """
 
     score: FloatArray
-    passed_s: FloatArray
     numbers: NDArray[np.int64]
+    passed_s: FloatArray
+    passed_mps: FloatArray
+    culprit: NDArray[np.int64]
+    own: FloatArray
 
     @property
     def event(self) -> NDArray[np.bool_]:
@@ -33,16 +40,16 @@ class Outcomes(NamedTuple):
         """Whether each episode failed, shape (n,)."""
         return np.isnan(self.score[:, 0])
 
-    def where(self, chosen: NDArray[np.bool_]) -> "Outcomes":
-        """Return the outcomes of the chosen states."""
-        return Outcomes(self.score[chosen], self.passed_s[chosen], self.numbers[chosen])
-
 
 class Evaluate(Protocol):
     """Runs episodes."""
 
     def __call__(
-        self, z: FloatArray, what: str, numbers: NDArray[np.int64] | None = None
+        self,
+        z: FloatArray,
+        what: str,
+        numbers: NDArray[np.int64] | None = None,
+        asked: NDArray[np.int64] | None = None,
     ) -> Outcomes:
         """Run states of shape (n, width).
 
@@ -50,6 +57,8 @@ class Evaluate(Protocol):
             z: the states.
             what: purpose of the episodes, for the progress bar.
             numbers: numbers of the episodes; None for new numbers.
+            asked: place in the crowd of each state's pedestrian whose own score is wanted; −1 for
+                everybody who is not in the crowd.  None: own scores are not wanted and are +∞.
         """
         ...
 
@@ -62,10 +71,14 @@ class Counted:
         self.episodes, self.events = 0, 0
 
     def __call__(
-        self, z: FloatArray, what: str, numbers: NDArray[np.int64] | None = None
+        self,
+        z: FloatArray,
+        what: str,
+        numbers: NDArray[np.int64] | None = None,
+        asked: NDArray[np.int64] | None = None,
     ) -> Outcomes:
         """See ``Evaluate``."""
-        outcomes = self._evaluate(z, what, numbers)
+        outcomes = self._evaluate(z, what, numbers, asked)
         self.episodes += len(z)
         self.events += int(outcomes.event.sum())
         return outcomes

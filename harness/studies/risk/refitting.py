@@ -3,13 +3,12 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.core.encounter import FloatArray
 from harness.studies.risk.fitting import first_components, fit_components, spread
 from harness.studies.risk.layout import Layout
-from harness.studies.risk.outcomes import Counted, Evaluate
-from harness.studies.risk.proposal import Cases, Draws, Proposal, cases_of, draws_from, nominal
+from harness.studies.risk.outcomes import Counted
+from harness.studies.risk.proposal import Draws, Proposal, draws_from, nominal
 
 _REFITS = 3
 _POINTS_OF_REFIT = 2_000
@@ -18,10 +17,7 @@ _WORTH = 20.0
 """Effective number of explored states.  Many of them descend from the same few states."""
 
 _FITTED = 2_000
-"""Maximum number of explored states for the first fit, without a crowd."""
-
-_LOOKED_AT = 600
-"""The same maximum with a crowd; finding each decisive pedestrian costs further episodes."""
+"""Maximum number of explored states for the first fit."""
 
 _FEWEST_EVENTS = 10
 """A batch with fewer effective events cannot compare a proposal with brute force."""
@@ -53,13 +49,12 @@ def refit(
         The proposal, and the squared coefficient of variation of one draw's contribution.
     """
     best, squared_cv, lowest_cost = nominal(layout), 1 / probability - 1, math.inf
-    cases, who = _cases_with_decisive(counted, layout, explored, rng)
-    components = first_components(layout, cases, who, rng)
-    fitted, worths = [cases], [np.full(len(who), _WORTH / max(len(who), 1))]
-    for round_ in range(_REFITS if components else 0):
-        if round_ or not layout.marks:
-            joint = np.concatenate(worths)
-            components = fit_components(layout, components, _joined(fitted), joint)
+    explored = explored[rng.permutation(len(explored))[:_FITTED]]
+    components = first_components(explored, rng)
+    fitted, worths = [explored], [np.full(len(explored), _WORTH / len(explored))]
+    for round_ in range(_REFITS):
+        joint = np.concatenate(worths)
+        components = fit_components(components, np.concatenate(fitted), joint)
         proposal, before = spread(layout, components), counted.episodes
         batches: list[Draws] = []
         weight, size = np.empty(0), 0.0
@@ -78,7 +73,7 @@ def refit(
             brute_force_cost = 1 / min(float(weight.mean()), 1.0) - 1
             if cost < min(lowest_cost, brute_force_cost):
                 best, squared_cv, lowest_cost = proposal, draw_squared_cv, cost
-        fitted += [drawn.cases for drawn in batches]
+        fitted += [drawn.z[drawn.event] for drawn in batches]
         worths.append(size * weight[weight > 0] / weight.sum())
     return best, squared_cv
 
@@ -87,31 +82,3 @@ def _effective(weight: FloatArray) -> float:
     """Return Kish's effective number, (Σw)²/Σw²; 0 if all weights are 0."""
     squares = float(np.sum(weight**2))
     return float(weight.sum()) ** 2 / squares if squares else 0.0
-
-
-def _cases_with_decisive(
-    evaluate: Evaluate, layout: Layout, explored: FloatArray, rng: np.random.Generator
-) -> tuple[Cases, NDArray[np.intp]]:
-    """Return the cases of explored states, and the place of the decisive pedestrian in each.
-
-    A pedestrian is necessary if the event does not happen without them.  The decisive pedestrian
-    is the necessary one who arrives last.  The place is −1 if there is none.
-    """
-    explored = explored[rng.permutation(len(explored))[: _LOOKED_AT if layout.marks else _FITTED]]
-    if not layout.marks:
-        return Cases(explored, np.empty((len(explored), 0, 0))), np.full(len(explored), -1)
-    outcomes = evaluate(explored, "decisive pedestrians")
-    # Randomness outside the state is redrawn, so some states are no longer in the event.
-    event = outcomes.event
-    explored = explored[event]
-    cases, without = cases_of(layout, explored, outcomes.where(event), evaluate)
-    arrivals_s = np.where(without > 0, layout.arrivals_s(explored), -np.inf)
-    who = np.where(np.isfinite(arrivals_s).any(axis=1), arrivals_s.argmax(axis=1), -1)
-    return cases, who
-
-
-def _joined(cases: list[Cases]) -> Cases:
-    return Cases(
-        np.concatenate([part.fixed for part in cases]),
-        np.concatenate([part.people for part in cases]),
-    )

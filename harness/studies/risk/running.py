@@ -45,11 +45,14 @@ _SCORES = pa.schema(
         "at": pa.int64(),
         "score": pa.list_(pa.float64(), GRADINGS),
         "passed_s": pa.float64(),
+        "passed_mps": pa.float64(),
         "timed_out": pa.bool_(),
         "reason": pa.string(),
         "difference": pa.string(),
         "by_a_tie": pa.bool_(),
         "drew_more": pa.bool_(),
+        "culprit": pa.int64(),
+        "own": pa.list_(pa.float64(), GRADINGS),
         "speeds_mps": pa.list_(pa.float64()),
         "contact": pa.string(),
         "injury_risk": pa.float64(),
@@ -98,26 +101,36 @@ class Evaluation:
         self.reasons: list[str] = []
 
     def __call__(
-        self, z: FloatArray, what: str, numbers: NDArray[np.int64] | None = None
+        self,
+        z: FloatArray,
+        what: str,
+        numbers: NDArray[np.int64] | None = None,
+        asked: NDArray[np.int64] | None = None,
     ) -> Outcomes:
         """Run a batch; see ``Evaluate``."""
         if numbers is None:
             numbers = FIRST_NUMBER + self.episodes + np.arange(len(z))
-        table = self._scores(z, numbers, what, compare=False)
+        table = self._scores(z, numbers, asked, what, compare=False)
         first = -self.episodes % CHECKED_EVERY
         self._sampled += zip(z[first::CHECKED_EVERY], numbers[first::CHECKED_EVERY], strict=True)
         self.episodes += len(z)
         self.timed_out += pc.sum(table["timed_out"], min_count=0).as_py()
         self.drew_more += pc.sum(table["drew_more"], min_count=0).as_py()
         self.reasons += table["reason"].drop_null().to_pylist()
-        score = table["score"].combine_chunks().flatten().to_numpy().reshape(-1, GRADINGS)
-        return Outcomes(score, table["passed_s"].to_numpy(), numbers)
+        score, own = (
+            table[name].combine_chunks().flatten().to_numpy().reshape(-1, GRADINGS)
+            for name in ("score", "own")
+        )
+        passed_s, passed_mps, culprit = (
+            table[name].to_numpy() for name in ("passed_s", "passed_mps", "culprit")
+        )
+        return Outcomes(score, numbers, passed_s, passed_mps, culprit, own)
 
     def compare(self, z: FloatArray, numbers: NDArray[np.int64]) -> None:
         """Compare both engines on these and on every ``CHECKED_EVERY``-th episode so far."""
         chosen = [*self._sampled, *zip(z, numbers, strict=True)]
         states, keys = (np.array(column) for column in zip(*chosen, strict=True))
-        table = self._scores(states, keys, "checks in SUMO", compare=True)
+        table = self._scores(states, keys, None, "checks in SUMO", compare=True)
         differs, ties = (
             table.filter(pc.equal(table["by_a_tie"], tie))["difference"].drop_null().to_pylist()
             for tie in (False, True)
@@ -126,7 +139,13 @@ class Evaluation:
         self.events = table.slice(len(self._sampled))
 
     def _scores(
-        self, z: FloatArray, numbers: NDArray[np.int64], what: str, *, compare: bool
+        self,
+        z: FloatArray,
+        numbers: NDArray[np.int64],
+        asked: NDArray[np.int64] | None,
+        what: str,
+        *,
+        compare: bool,
     ) -> pa.Table:
         """Return the scores of a batch in order.  Episodes without a stored score are run."""
         form = f"batch-{self._batches}-{{}}.parquet"
@@ -148,7 +167,9 @@ class Evaluation:
 
         kept_at = monotonic()
         try:
-            for task, scores in self._finished(z[left], numbers[left], compare=compare):
+            for task, scores in self._finished(
+                z[left], numbers[left], asked if asked is None else asked[left], compare
+            ):
                 places = left[task.first : task.first + len(scores)].tolist()
                 new_rows += [
                     {"at": place, **score._asdict()}
@@ -163,14 +184,27 @@ class Evaluation:
         return pa.concat_tables(parts).sort_by("at")
 
     def _finished(
-        self, z: FloatArray, numbers: NDArray[np.int64], *, compare: bool
+        self,
+        z: FloatArray,
+        numbers: NDArray[np.int64],
+        asked: NDArray[np.int64] | None,
+        compare: bool,
     ) -> Iterator[tuple[Episodes, list[Score]]]:
         """Yield the tasks of some episodes as they finish."""
         question = self.question
         hang_s = hang_limit_s(HANG_AFTER_S, question.scenario)
         keys = tuple(numbers.tolist())
+        places = None if asked is None else tuple(asked.tolist())
         waiting = [
-            Episodes(question, i, keys[i : i + _CHUNK], z[i : i + _CHUNK], compare, hang_s)
+            Episodes(
+                question,
+                i,
+                keys[i : i + _CHUNK],
+                z[i : i + _CHUNK],
+                None if places is None else places[i : i + _CHUNK],
+                compare,
+                hang_s,
+            )
             for i in reversed(range(0, len(z), _CHUNK))
         ]
         failures: dict[int, int] = {}

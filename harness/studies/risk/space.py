@@ -40,7 +40,8 @@ class Space:
         marks: the purpose of each uniform of a pedestrian in the flow, the arrival first; ()
             without a flow.
         layout: sizes of a state.
-        first: index of the flow's first pedestrian.
+        first: whether the first pedestrian is at the crosswalk at the trigger, 0 or 1.
+        before: index of the flow's first pedestrian.
         seed: seed of the streams.
         by_chance: names of perception's random processes that no uniform of a state represents.
     """
@@ -49,6 +50,7 @@ class Space:
     marks: tuple[Purpose, ...]
     layout: Layout
     first: int
+    before: int
     seed: int
     by_chance: tuple[str, ...]
 
@@ -83,6 +85,19 @@ class Space:
         # If the first pedestrian is at the crosswalk at the trigger, the first gap is not used.
         values["arrival"] = [0.5] * self.first + gaps.tolist()
         return values
+
+    def place_of(self, z: FloatArray, index: int | None) -> int:
+        """Return the place in a state of the pedestrian with an index; −1 if there is none.
+
+        Args:
+            z: a state, shape (width,).
+            index: index among all arrivals of the episode.
+        """
+        arrival = self.layout.people(z[None])[0, :, 0]
+        (present,) = np.nonzero(~np.isnan(arrival))
+        order = present[np.argsort(arrival[present], kind="stable")]
+        rank = -1 if index is None else index - self.before
+        return int(order[rank]) if 0 <= rank < len(order) else -1
 
 
 def space_of(scenario: Scenario, arm: Arm) -> Space:
@@ -132,10 +147,9 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
         *(["the updates at which perception loses a pedestrian"] if drops else []),
         *(["the change of perception errors after a pedestrian's first update"] if errs else []),
     )
-    # The streams of pedestrians who walk at the trigger are numbered after those of all arrivals.
-    entangled = (errs or drops) and pedestrians.warm_up_s > 0
-    layout = Layout(len(fixed), len(marks), rate, window_s, entangled)
-    return Space(tuple(fixed), marks, layout, first, scenario.experiment.seed, by_chance)
+    layout = Layout(len(fixed), len(marks), rate, window_s)
+    seed = scenario.experiment.seed
+    return Space(tuple(fixed), marks, layout, first, timed + first, seed, by_chance)
 
 
 def _refuse_unsampled(scenario: Scenario) -> None:

@@ -80,7 +80,7 @@ def findings_of(
         arm=settings.arm,
         strategy=settings.driver,
         event=settings.event,
-        by_brute_force=not estimation.proposal.components,
+        by_brute_force=not estimation.weighted,
         probability=p,
         ci_low=estimate.ci_low,
         ci_high=1.0 if nothing_known else estimate.ci_high,

@@ -1,0 +1,169 @@
+"""A mixture of normal densities that is fitted to weighted points, and can be conditioned."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.core.encounter import FloatArray
+from harness.model.mixture.clusters import k_means
+
+_POINTS = 15
+"""Number of points per component."""
+
+_MOST = 24
+"""Maximum number of components."""
+
+_ROUNDS = 30
+
+_FEWEST = 3.0
+"""A component with fewer effective points is removed."""
+
+_PRIOR = 0.02
+"""A component's variances are shrunk towards this share of the points' variances."""
+
+_NARROWEST = 1e-5
+"""Smallest variance that is added to every direction."""
+
+_WIDER = 3.0
+"""The second copy of each component has this multiple of its standard deviations."""
+
+_WIDE_SHARE = 0.3
+"""Share of a component's wider copy, which keeps large weights rare."""
+
+_UNLIKELY = -30.0
+"""Logarithm of a share below which a component is not distinguished from the others."""
+
+
+@dataclass(frozen=True, slots=True)
+class Normals:
+    """Shares (k,), means (k, d) and covariances (k, d, d) of a mixture of normal densities."""
+
+    shares: FloatArray
+    means: FloatArray
+    covariances: FloatArray
+
+    def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """Return independent points, (count, d)."""
+        return self.given(np.zeros((count, 0))).draw(rng)
+
+    def density(self, y: FloatArray) -> FloatArray:
+        """Return the density at y (n, d), shape (n,)."""
+        return self.given(np.zeros((len(y), 0))).density(y)
+
+    def first(self, size: int) -> "Normals":
+        """Return the marginal density of the first ``size`` numbers of a point."""
+        return Normals(self.shares, self.means[:, :size], self.covariances[:, :size, :size])
+
+    def given(self, known: FloatArray) -> "Conditional":
+        """Return the densities of the other numbers given the first ones, ``known`` (n, c).
+
+        A point far from every component chooses among them as if they were equally far.
+        """
+        size = known.shape[1]
+        logs, means, factors = [], [], []
+        for share, mean, covariance in zip(self.shares, self.means, self.covariances, strict=True):
+            upper, cross = covariance[:size, :size], covariance[size:, :size]
+            slope = cross @ np.linalg.inv(upper) if size else np.zeros((len(mean), 0))
+            logs.append(np.log(share) + _log_normal(known - mean[:size], upper))
+            means.append(mean[size:] + (known - mean[:size]) @ slope.T)
+            factors.append(np.linalg.cholesky(covariance[size:, size:] - slope @ cross.T))
+        together = np.logaddexp(np.array(logs).T, _UNLIKELY)
+        chances = np.exp(together - together.max(axis=1, keepdims=True))
+        chances /= chances.sum(axis=1, keepdims=True)
+        return Conditional(chances, np.array(means), np.array(factors))
+
+    def spread(self) -> "Normals":
+        """Return the mixture with a wider copy of every component."""
+        shares = np.concatenate([(1 - _WIDE_SHARE) * self.shares, _WIDE_SHARE * self.shares])
+        wide = _WIDER**2 * self.covariances
+        return Normals(
+            shares, np.tile(self.means, (2, 1)), np.concatenate([self.covariances, wide])
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Conditional:
+    """Mixtures of k normal densities, one mixture for each of n points.
+
+    ``chances`` (n, k), ``means`` (k, n, d) and the covariances' Cholesky factors ``factors``
+    (k, d, d).
+    """
+
+    chances: FloatArray
+    means: FloatArray
+    factors: FloatArray
+
+    def draw(self, rng: np.random.Generator) -> FloatArray:
+        """Return one point from each mixture, (n, d)."""
+        count = len(self.chances)
+        ends = np.cumsum(self.chances, axis=1)
+        chosen = (ends < rng.random((count, 1))).sum(axis=1).clip(max=len(self.factors) - 1)
+        noise = rng.standard_normal((count, self.means.shape[2]))
+        return np.asarray(
+            self.means[chosen, np.arange(count)]
+            + np.einsum("nij,nj->ni", self.factors[chosen], noise)
+        )
+
+    def density(self, y: FloatArray) -> FloatArray:
+        """Return the density of each mixture at its point of y (n, d), shape (n,)."""
+        total = np.zeros(len(y))
+        for chance, mean, factor in zip(self.chances.T, self.means, self.factors, strict=True):
+            total += chance * np.exp(_log_normal(y - mean, factor @ factor.T))
+        return total
+
+
+def fitted(y: FloatArray, weights: FloatArray, rng: np.random.Generator) -> Normals:
+    """Fit a mixture to weighted points by expectation maximisation, from clusters of k-means.
+
+    Args:
+        y: the points, (n, d), n ≥ 1.
+        weights: their weights, (n,), > 0.
+        rng: generator for the clusters.
+    """
+    weights = weights / weights.sum()
+    scale = np.sqrt(_moments(y, weights)[1].diagonal() + _NARROWEST)
+    count = min(_MOST, 1 + len(y) // _POINTS)
+    _, clusters = k_means(y / scale, weights, count, 1, rng)
+    responsible = np.eye(count)[clusters]
+    found = Normals(np.ones(1), *(part[None] for part in _component(y, weights, scale)))
+    for _ in range(_ROUNDS):
+        parts = []
+        for column in (responsible * weights[:, None]).T:
+            mass = float(column.sum())
+            if mass > 0 and mass**2 / float(np.sum(column**2)) >= _FEWEST:
+                parts.append((mass, *_component(y, column, scale)))
+        if not parts:
+            return found
+        shares, means, covariances = (np.array(part) for part in zip(*parts, strict=True))
+        found = Normals(shares / shares.sum(), means, covariances)
+        logs = np.array(
+            [
+                np.log(share) + _log_normal(y - mean, covariance)
+                for share, mean, covariance in zip(found.shares, means, covariances, strict=True)
+            ]
+        ).T
+        responsible = np.exp(logs - logs.max(axis=1, keepdims=True))
+        responsible /= responsible.sum(axis=1, keepdims=True)
+    return found
+
+
+def _component(y: FloatArray, weights: FloatArray, scale: FloatArray) -> tuple[FloatArray, ...]:
+    """Return mean and covariance of weighted points, shrunk more for few points."""
+    size = float(weights.sum()) ** 2 / float(np.sum(weights**2))
+    mean, scatter = _moments(y, weights / weights.sum())
+    kept = size / (size + y.shape[1])
+    prior = np.diag((1 - kept) * _PRIOR * scale**2 + _NARROWEST)
+    return mean, kept * scatter + prior
+
+
+def _moments(y: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    mean: FloatArray = weights @ y
+    return mean, (y - mean).T @ ((y - mean) * weights[:, None])
+
+
+def _log_normal(away: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return the logarithm of a normal density at a distance ``away`` (n, d) from its mean."""
+    scaled = away @ np.linalg.inv(np.linalg.cholesky(covariance)).T
+    log = -np.einsum("ij,ij->i", scaled, scaled) / 2 - np.linalg.slogdet(covariance)[1] / 2
+    return np.asarray(log - away.shape[1] * math.log(2 * math.pi) / 2)
