@@ -26,19 +26,14 @@ from harness.studies.risk.findings import RiskFindings, Severity
 from harness.studies.risk.fitting import first_components, spread
 from harness.studies.risk.interval import Tally, estimate_of
 from harness.studies.risk.layout import Layout
+from harness.studies.risk.normals import Normals, fitted
 from harness.studies.risk.outcomes import Outcomes
-from harness.studies.risk.proposal import (
-    NOMINAL_SHARE,
-    Cases,
-    Component,
-    Proposal,
-    cases_of,
-    nominal,
-)
+from harness.studies.risk.placing import Placing
+from harness.studies.risk.proposal import NOMINAL_SHARE, nominal
 from harness.studies.risk.severity import severity_of, side_share
 from harness.studies.risk.space import space_of
 from harness.studies.risk.ways import drawn_of, people_of
-from tests.risks import CROWD, LAYOUT, crowd, estimated, half_space, scored, union
+from tests.risks import CROWD, LAYOUT, crowd, estimated, half_space, outcomes, scored, union
 from tests.scenes import on_plain
 
 DATA = Path(__file__).parents[1] / "data" / "risk"
@@ -82,8 +77,8 @@ def test_brute_force_where_it_is_affordable() -> None:
     exact = stats.binomtest(estimate.events, estimate.draws).proportion_ci(method="exact")
     assert (estimate.ci_low, estimate.ci_high) == pytest.approx((exact.low, exact.high))
     assert findings.notes == ()
-    weight, event = np.ones(1_000), np.arange(1_000) < 3
-    estimate = estimate_of(weight, event, Tally(1_000, 3))
+    event = np.arange(1_000) < 3
+    estimate = estimate_of(event.astype(float), Tally(1_000, 3), weighted=False)
     low, high = stats.binomtest(3, 1_000).proportion_ci(method="exact")
     found = (estimate.probability, estimate.ci_low, estimate.ci_high)
     assert found == pytest.approx((0.003, low, high))
@@ -109,13 +104,12 @@ def test_an_event_of_the_first_look_alone_is_counted_in_the_bound() -> None:
     """Issue: the bound said that no event is among the draws, and left the first look's out."""
     seen = 0
 
-    def evaluate(z: np.ndarray, what: str, numbers: np.ndarray | None = None) -> Outcomes:
+    def evaluate(z: np.ndarray, what: str, *_options: object) -> Outcomes:
         nonlocal seen
         score = np.full((len(z), 1), np.inf)
         if what == "a first look" and not seen:
             score[0], seen = -1.0, 1
-        of = np.arange(len(z)) if numbers is None else numbers
-        return Outcomes(score, np.full(len(z), np.nan), of)
+        return outcomes(score)
 
     findings = estimated(evaluate, 1)
     estimate = findings.estimate
@@ -220,49 +214,88 @@ def test_weights_are_bounded_and_have_mean_one() -> None:
     rng = np.random.default_rng(3)
     failures = rng.standard_normal((300, 4)) * 0.2 + np.array([4.0, 0, 0, 0])
     layout = Layout(4)
-    around = Cases(failures, np.empty((300, 0, 0)))
-    proposal = spread(layout, first_components(layout, around, np.full(300, -1), rng))
-    z, outcomes, _ = proposal.draw(100_000, scored(lambda z: z[:, 0]), rng, "")
-    weights = np.exp(proposal.log_weight(cases_of(layout, z, outcomes)[0]))
+    proposal = spread(layout, first_components(failures, rng))
+    z, _, _ = proposal.draw(100_000, scored(lambda z: z[:, 0]), rng, "")
+    weights = np.exp(proposal.log_weight(z))
     assert weights.max() <= 1 / NOMINAL_SHARE * (1 + 1e-9)
     # E_q[φ/q] = 1, with a standard error of 0.01 at most.
     assert abs(weights.mean() - 1) < 0.05
-    one = Cases(failures, np.empty((300, 0, 0)))
-    assert (np.exp(nominal(layout).log_weight(one)) == 1).all()
+    assert (np.exp(nominal(layout).log_weight(failures)) == 1).all()
 
 
-def test_a_placed_one_leaves_the_mean_of_the_weights_at_one() -> None:
-    """Mecke's formula: over all states E_q[φ/q] = 1, less what was placed out of the window."""
+def test_units_have_the_probability_as_their_mean_whomever_they_place() -> None:
+    """Mecke's formula, of an event whose probability is known: k people come, k is Poisson."""
     rng = np.random.default_rng(4)
-    evaluate, _ = crowd(1e-2)
-    parts = (
-        Component(0.6, placed=True, mean=np.array([0.5, 1.0, 0.2]), factor=np.eye(3)),
-        Component(0.3, placed=False, mean=np.array([1.0]), factor=np.eye(1)),
+    flow = Layout(fixed=1, marks=2, rate_per_s=0.5, window_s=8.0)
+    density = Normals(
+        np.array([0.7, 0.3]),
+        np.array([[1.0, 1.0, 0.5, 0.2], [-0.5, 2.0, -3.0, 1.0]]),
+        np.array([np.eye(4) + 0.3, 0.5 * np.eye(4)]),
     )
-    proposal = Proposal(CROWD, parts)
-    z, outcomes, _ = proposal.draw(40_000, evaluate, rng, "")
-    weights = np.exp(proposal.log_weight(cases_of(CROWD, z, outcomes, evaluate)[0]))
-    came = np.isfinite(outcomes.score[:, 0]) | np.isnan(CROWD.arrivals_s(z)).all(axis=1)
-    assert weights.max() <= 1 / NOMINAL_SHARE * (1 + 1e-9)
-    # Of every state by itself the mean is 1: here of how many came, whose nominal law is known.
+    edges_mps, counts = np.array([1.2]), np.array([0.4, 3.0])
+    placing = Placing(flow, density.first(1), density, edges_mps, counts)
+    for number in (1, 3):
+        units = placing.draw(40_000, Company(flow, number), rng, "")
+        truth = stats.poisson.pmf(number, 4.0)
+        error = units.value.std() / np.sqrt(len(units.value))
+        assert abs(units.value.mean() - truth) < 4 * error < 0.1 * truth
+        assert units.weight.max() <= 1 / NOMINAL_SHARE
+        assert np.sum(units.weight) == pytest.approx(np.sum(units.value))
+    # Nobody in the crowd is to blame: only first episodes are counted.
+    alone = placing.draw(20_000, Company(flow, 2, blamed=False), rng, "")
+    assert abs(alone.value.mean() - stats.poisson.pmf(2, 4.0)) < 4 * alone.value.std() / 141
+    assert not alone.hit.any()
+
+
+class Company:
+    """In the event are the states in which ``number`` people come; due to the first of them.
+
+    The ego passes a second later, and 0.1 m/s slower, for each who comes before 3 s.
+    """
+
+    def __init__(self, layout: Layout, number: int, *, blamed: bool = True) -> None:
+        self._layout, self._number, self._blamed = layout, number, blamed
+
+    def __call__(
+        self, z: np.ndarray, _what: str, numbers: object = None, _asked: object = None
+    ) -> Outcomes:
+        arrivals_s = self._layout.arrivals_s(z)
+        early = (arrivals_s < 3.0).sum(axis=1)
+        event = (~np.isnan(arrivals_s)).sum(axis=1) == self._number
+        first = np.where(np.isnan(arrivals_s), np.inf, arrivals_s).argmin(axis=1)
+        score = np.where(event, -1.0, 1.0)[:, None]
+        keys = np.arange(len(z)) if numbers is None else np.asarray(numbers)
+        culprit = np.where(event & self._blamed, first, -1)
+        passed_s, passed_mps = 4.0 + z[:, 0] / 10 + early, 1.5 - 0.1 * early
+        return Outcomes(score, keys, passed_s, passed_mps, culprit, np.zeros_like(score))
+
+
+def test_a_mixture_of_normals_is_conditioned_and_fitted() -> None:
+    rng = np.random.default_rng(5)
+    covariance = np.array([[1.0, 0.6], [0.6, 2.0]])
+    one = Normals(np.ones(1), np.array([[1.0, -1.0]]), covariance[None])
+    y = one.draw(20_000, rng)
+    exact = stats.multivariate_normal([1.0, -1.0], covariance)
+    assert one.density(y[:5]) == pytest.approx(exact.pdf(y[:5]))
+    # Of two normal numbers the second given the first is N(μ₂ + 0.6 (y₁ − μ₁), 2 − 0.36).
+    given = one.given(np.array([[2.0]])).density(np.array([[0.5]]))
+    assert given == pytest.approx(stats.norm(-0.4, np.sqrt(1.64)).pdf(0.5))
+    # What is drawn from the wider copy and weighted back has the moments of the first.
+    wide = one.spread()
+    drawn = wide.draw(20_000, rng)
+    found = fitted(drawn, one.density(drawn) / wide.density(drawn), rng)
+    mean = found.shares @ found.means
+    assert mean == pytest.approx([1.0, -1.0], abs=0.1)
+
+
+def test_a_crowd_is_drawn_as_a_poisson_process() -> None:
+    z = CROWD.draw(20_000, np.random.default_rng(2))
     number = (~np.isnan(CROWD.arrivals_s(z))).sum(axis=1)
-    for count in range(3, 7):
-        values = weights * (number == count) * came
-        error = values.std() / np.sqrt(len(values))
-        truth = stats.poisson.pmf(count, CROWD.mean_count)
-        assert abs(values.mean() - truth) < 4 * error
-
-
-def test_a_crowd_is_drawn_as_a_poisson_process_and_kept_so() -> None:
-    rng = np.random.default_rng(2)
-    z = CROWD.draw(20_000, rng)
-    for states in (z, CROWD.renewed(z, np.full((len(z), 1), 0.4), rng)):
-        number = (~np.isnan(CROWD.arrivals_s(states))).sum(axis=1)
-        # Mean and variance of a Poisson number are both Λ = 4; standard errors 0.014 and 0.045.
-        assert abs(number.mean() - 4.0) < 0.06
-        assert abs(number.var() - 4.0) < 0.2
-        present = CROWD.arrivals_s(states)
-        assert abs(np.nanmean(present) - 4.0) < 0.05
+    # Mean and variance of a Poisson number are both Λ = 4; standard errors 0.014 and 0.045.
+    assert abs(number.mean() - 4.0) < 0.06
+    assert abs(number.var() - 4.0) < 0.2
+    present = CROWD.arrivals_s(z)
+    assert abs(np.nanmean(present) - 4.0) < 0.05
 
 
 class Record:
@@ -293,7 +326,7 @@ def test_a_crash_is_in_an_event_that_it_leaves_undefined() -> None:
     event = parse_event("max_drac_mps2>8")
     assert event.holds(Record(Ending.CRASHED))
     assert not event.holds(Record(Ending.CROSSED))
-    assert event.scores(Record(Ending.CROSSED, max_drac_mps2=5.0)) == (3.0, 3.0, 3.0)
+    assert event.scores(Record(Ending.CROSSED, max_drac_mps2=5.0)) == (3.0, 3.0, 3.0, 3.0)
     # What undoes a measure is on one side of its limits: a crash is no long post-encroachment time.
     assert parse_event("pet_s<1").holds(Record(Ending.CRASHED))
     assert not parse_event("pet_s>1").holds(Record(Ending.CRASHED))

@@ -38,14 +38,14 @@ _ENOUGH_HITS = 100
 _CLIPPED = 0.9
 """Weights above this quantile are reduced to it for a fit, so that no single draw dominates it."""
 
-_LAST_ROUNDS = 12
+_LAST_ROUNDS = 24
 """Number of rounds from which the cost of an estimate is predicted."""
 
-_FEWEST_EVENTS = 30.0
+_FEWEST_EVENTS = 25.0
 """Effective number of events in these rounds below which the cost cannot be predicted."""
 
-_FEW_EVENTS = 5.0
-"""Effective number of events in all rounds below which they do not bound the probability."""
+_FEW_SCORES = 5.0
+"""Effective number of low scores below which they do not bound the probability."""
 
 _BINS = 20
 
@@ -90,10 +90,10 @@ class Learning:
             pilot: nominal draws from before.
             reserve: multiple of the predicted draws that the estimate uses.
         """
-        begun = self._evaluate.episodes
+        begun, highest = self._evaluate.episodes, 1.0
         while True:
             spent = self._evaluate.episodes - begun
-            highest = min((self.tally + pilot).high, self._high())
+            highest = min(highest, (self.tally + pilot).high, self._high())
             if spent > _ALLOWANCE + _ALLOWED_SHARE / (highest * target_cv**2):
                 return
             if self.squared_cv is not None:
@@ -128,14 +128,25 @@ class Learning:
         self._fit()
 
     def _high(self) -> float:
-        """Return an upper bound of the probability by the rounds; 1 with too few events."""
-        value = self._values(len(self._rounds))
-        size = _effective(value)
-        if size < _FEW_EVENTS:
+        """Return an upper bound of the probability; 1 if the rounds do not show one.
+
+        An event that is due to somebody in the crowd is a score below every level, so it is no
+        likelier than scores below the lowest level so far.  The bound is two standard errors above
+        the estimate of the latter.
+        """
+        if self._layout.fixed or not self._levels:
             return 1.0
-        return self.probability * math.exp(
-            2 * float(value.std()) / float(value.sum()) * len(value) ** 0.5
+        last = [units for units, _ in self._rounds[-_LAST_ROUNDS:]]
+        own, likely = (
+            np.concatenate([getattr(units, name) for units in last]) for name in ("own", "likely")
         )
+        bounds = [1.0]
+        for column, level in zip(own.T, self._levels[-1], strict=True):
+            weights = likely[column <= max(level, 0.0)]
+            if _effective(weights) >= _FEW_SCORES:
+                high = math.exp(2 / math.sqrt(_effective(weights)))
+                bounds.append(high * float(weights.sum()) / (_UNITS * len(last)))
+        return min(bounds)
 
     def _values(self, rounds: int) -> FloatArray:
         """Return the values of the units of the last rounds."""
@@ -145,7 +156,9 @@ class Learning:
         self.probability = float(self._values(len(self._rounds)).mean())
         last = self._values(_LAST_ROUNDS)
         if _effective(last) >= _FEWEST_EVENTS:
-            self.squared_cv = float(last.var()) / float(last.mean()) ** 2
+            # As in the interval, the largest value counts twice, because large values are rare.
+            largest = float(last.max()) / float(last.sum())
+            self.squared_cv = float(last.var()) / float(last.mean()) ** 2 + len(last) * largest**2
             episodes = sum(episodes for _, episodes in self._rounds[-_LAST_ROUNDS:])
             self.cost = episodes / len(last)
 
