@@ -280,12 +280,14 @@ def test_a_mixture_of_normals_is_conditioned_and_fitted() -> None:
     # Of two normal numbers the second given the first is N(μ₂ + 0.6 (y₁ − μ₁), 2 − 0.36).
     given = one.given(np.array([[2.0]])).density(np.array([[0.5]]))
     assert given == pytest.approx(stats.norm(-0.4, np.sqrt(1.64)).pdf(0.5))
-    # What is drawn from the wider copy and weighted back has the moments of the first.
-    wide = one.spread()
+    # Points around it that are weighted back have its moments; the third number is nominal.
+    wide = Normals(np.ones(1), np.zeros((1, 2)), 6.0 * np.eye(2)[None])
     drawn = wide.draw(20_000, rng)
-    found = fitted(drawn, one.density(drawn) / wide.density(drawn), rng)
-    mean = found.shares @ found.means
-    assert mean == pytest.approx([1.0, -1.0], abs=0.1)
+    points = np.column_stack([drawn, rng.standard_normal(len(drawn))])
+    standard = np.array([False, False, True])
+    found = fitted(points, one.density(drawn) / wide.density(drawn), standard, rng)
+    assert found.shares @ found.means == pytest.approx([1.0, -1.0, 0.0], abs=0.1)
+    assert (found.covariances[:, 2] == np.array([0.0, 0.0, 1.0])).all()
 
 
 def test_a_crowd_is_drawn_as_a_poisson_process() -> None:

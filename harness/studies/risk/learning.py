@@ -176,9 +176,12 @@ class Learning:
         self._levels.append(np.partition(own, min(_LOWEST, len(own)) - 1, axis=0)[_LOWEST - 1])
         if not chosen.any():
             return
-        placed = fitted(tried[chosen], _clipped(likely[chosen]), self._rng)
+        # The nominal densities of the ego's speed and of the arrival are not standard normal.
+        standard = np.ones(tried.shape[1], dtype=bool)
+        standard[self._layout.fixed : self._layout.fixed + 2] = False
+        placed = fitted(tried[chosen], _clipped(likely[chosen]), standard, self._rng)
         fixed = self._fixed(placed) if self._layout.fixed else None
-        self.proposal = replace(self.proposal, fixed=fixed, placed=placed.spread())
+        self.proposal = replace(self.proposal, fixed=fixed, placed=placed)
         if hit.sum() >= _ENOUGH_HITS:
             self._count(tried[hit, self._layout.fixed], likely[hit])
 
@@ -187,14 +190,15 @@ class Learning:
         rounds = [units for units, _ in self._rounds]
         points = np.concatenate([units.fixed for units in rounds])
         own = np.concatenate([units.first.own for units in rounds])
+        weights = np.concatenate([units.fixed_weight for units in rounds])
         mine = np.concatenate([units.first.event & (units.first.culprit < 0) for units in rounds])
         own = np.where(np.isnan(own), np.inf, own)
         chosen = _lowest(own, mine)
-        marginal = placed.first(self._layout.fixed).spread()
+        marginal = placed.first(self._layout.fixed)
         if not chosen.any():
             return marginal
-        nominal = np.exp(-np.sum(points[chosen] ** 2, axis=1) / 2)
-        own_density = fitted(points[chosen], _clipped(nominal), self._rng).spread()
+        standard = np.ones(points.shape[1], dtype=bool)
+        own_density = fitted(points[chosen], _clipped(weights[chosen]), standard, self._rng)
         return Normals(
             np.concatenate([own_density.shares, marginal.shares]) / 2,
             np.concatenate([own_density.means, marginal.means]),

@@ -4,12 +4,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.core.encounter import FloatArray
 from harness.model.mixture.clusters import k_means
 
 _POINTS = 15
-"""Number of points per component."""
+"""Number of points per component, or four for each dimension if that is more."""
 
 _MOST = 24
 """Maximum number of components."""
@@ -19,8 +20,11 @@ _ROUNDS = 30
 _FEWEST = 3.0
 """A component with fewer effective points is removed."""
 
-_PRIOR = 0.02
-"""A component's variances are shrunk towards this share of the points' variances."""
+_PRIOR = 0.1
+"""The prior variance of a component, as a share of that of all points; it weighs as one point."""
+
+_DIVERGENCE = 0.1
+"""A number counts as nominal if its divergence in nats from a standard normal one is below this."""
 
 _NARROWEST = 1e-5
 """Smallest variance that is added to every direction."""
@@ -29,7 +33,7 @@ _WIDER = 3.0
 """The second copy of each component has this multiple of its standard deviations."""
 
 _WIDE_SHARE = 0.3
-"""Share of a component's wider copy, which keeps large weights rare."""
+"""Share of a component's wider copy."""
 
 _UNLIKELY = -30.0
 """Logarithm of a share below which a component is not distinguished from the others."""
@@ -73,14 +77,6 @@ class Normals:
         chances /= chances.sum(axis=1, keepdims=True)
         return Conditional(chances, np.array(means), np.array(factors))
 
-    def spread(self) -> "Normals":
-        """Return the mixture with a wider copy of every component."""
-        shares = np.concatenate([(1 - _WIDE_SHARE) * self.shares, _WIDE_SHARE * self.shares])
-        wide = _WIDER**2 * self.covariances
-        return Normals(
-            shares, np.tile(self.means, (2, 1)), np.concatenate([self.covariances, wide])
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class Conditional:
@@ -113,20 +109,49 @@ class Conditional:
         return total
 
 
-def fitted(y: FloatArray, weights: FloatArray, rng: np.random.Generator) -> Normals:
+def fitted(
+    y: FloatArray, weights: FloatArray, standard: NDArray[np.bool_], rng: np.random.Generator
+) -> Normals:
     """Fit a mixture to weighted points by expectation maximisation, from clusters of k-means.
+
+    A number whose nominal density is standard normal, and which is nearly so among the points too,
+    becomes standard normal and independent of the others in every component.  Otherwise many
+    numbers without influence would make the weights of draws collapse.  Of every component there
+    is a wider copy, which keeps large weights rare.
 
     Args:
         y: the points, (n, d), n ≥ 1.
         weights: their weights, (n,), > 0.
+        standard: whose nominal density is standard normal, (d,).
         rng: generator for the clusters.
     """
     weights = weights / weights.sum()
+    mean, covariance = _moments(y, weights)
+    variances = covariance.diagonal() + _NARROWEST
+    free = standard & ((mean**2 + variances - 1 - np.log(variances)) / 2 < _DIVERGENCE)
+    found = np.zeros((1, y.shape[1])), np.eye(y.shape[1])[None]
+    if free.all():
+        return Normals(np.ones(1), *found)
+    shares, means, covariances = _expectation_maximisation(y[:, ~free], weights, rng)
+    count, used = len(shares), np.flatnonzero(~free)
+    whole_means = np.zeros((2 * count, y.shape[1]))
+    whole_means[:, used] = np.tile(means, (2, 1))
+    whole = np.tile(np.eye(y.shape[1]), (2 * count, 1, 1))
+    whole[:, used[:, None], used] = np.concatenate([covariances, _WIDER**2 * covariances])
+    both = np.concatenate([(1 - _WIDE_SHARE) * shares, _WIDE_SHARE * shares])
+    return Normals(both, whole_means, whole)
+
+
+def _expectation_maximisation(
+    y: FloatArray, weights: FloatArray, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return shares, means and covariances of the components."""
     scale = np.sqrt(_moments(y, weights)[1].diagonal() + _NARROWEST)
-    count = min(_MOST, 1 + len(y) // _POINTS)
+    count = min(_MOST, 1 + len(y) // max(_POINTS, 4 * y.shape[1]))
     _, clusters = k_means(y / scale, weights, count, 1, rng)
     responsible = np.eye(count)[clusters]
-    found = Normals(np.ones(1), *(part[None] for part in _component(y, weights, scale)))
+    mean, covariance = _component(y, weights, scale)
+    found = np.ones(1), mean[None], covariance[None]
     for _ in range(_ROUNDS):
         parts = []
         for column in (responsible * weights[:, None]).T:
@@ -136,11 +161,11 @@ def fitted(y: FloatArray, weights: FloatArray, rng: np.random.Generator) -> Norm
         if not parts:
             return found
         shares, means, covariances = (np.array(part) for part in zip(*parts, strict=True))
-        found = Normals(shares / shares.sum(), means, covariances)
+        found = shares / shares.sum(), means, covariances
         logs = np.array(
             [
                 np.log(share) + _log_normal(y - mean, covariance)
-                for share, mean, covariance in zip(found.shares, means, covariances, strict=True)
+                for share, mean, covariance in zip(*found, strict=True)
             ]
         ).T
         responsible = np.exp(logs - logs.max(axis=1, keepdims=True))
@@ -148,13 +173,14 @@ def fitted(y: FloatArray, weights: FloatArray, rng: np.random.Generator) -> Norm
     return found
 
 
-def _component(y: FloatArray, weights: FloatArray, scale: FloatArray) -> tuple[FloatArray, ...]:
+def _component(
+    y: FloatArray, weights: FloatArray, scale: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return mean and covariance of weighted points, shrunk more for few points."""
     size = float(weights.sum()) ** 2 / float(np.sum(weights**2))
     mean, scatter = _moments(y, weights / weights.sum())
-    kept = size / (size + y.shape[1])
-    prior = np.diag((1 - kept) * _PRIOR * scale**2 + _NARROWEST)
-    return mean, kept * scatter + prior
+    prior = np.diag(_PRIOR * scale**2)
+    return mean, (size * scatter + prior) / (size + 1) + _NARROWEST * np.eye(len(mean))
 
 
 def _moments(y: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

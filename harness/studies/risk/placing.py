@@ -41,7 +41,8 @@ class Units(NamedTuple):
     fixed + 1 + m) their fixed uniforms, s, t − T and m; NaN if nobody of the flow is the culprit.
     ``missed`` says of each event whether the placed pedestrians reach it less often than chance.
 
-    ``first`` are the outcomes of the n first episodes.  ``tried`` (k, fixed + 1 + m) are the points
+    ``first`` are the outcomes of the n first episodes, ``fixed`` (n, fixed) their fixed uniforms,
+    and ``fixed_weight`` (n,) φ/q₀ of the latter.  ``tried`` (k, fixed + 1 + m) are the points
     of the k placed pedestrians, ``own`` (k, gradings) their own scores, ``hit`` whether they are
     the culprits, and ``likely`` (k,) the inverse of the density from which they were drawn,
     relative to the nominal one.
@@ -56,6 +57,7 @@ class Units(NamedTuple):
     missed: NDArray[np.bool_]
     nominal: Tally
     fixed: FloatArray
+    fixed_weight: FloatArray
     first: Outcomes
     tried: FloatArray
     own: FloatArray
@@ -126,6 +128,7 @@ class Placing:
             reached < 1,
             Tally(int(nominal.sum()), int(first.event[nominal].sum())),
             z[:, : layout.fixed],
+            1 / self._fixed_ratio(z[:, : layout.fixed]),
             first,
             tried,
             placed.own,
