@@ -20,7 +20,7 @@ from harness.report.screens.risk_terminal import person_words, risk_screen
 from harness.report.screens.screen import screen_lines
 from harness.scenario import Scenario, load_scenario, validate
 from harness.statistics.findings import Note, Rank
-from harness.studies.risk.asking import SettingsDocument
+from harness.studies.risk.asking import Settings, SettingsDocument, question_of
 from harness.studies.risk.event import parse_event
 from harness.studies.risk.findings import RiskFindings, Severity
 from harness.studies.risk.fitting import first_components, spread
@@ -30,9 +30,11 @@ from harness.studies.risk.normals import Normals, fitted
 from harness.studies.risk.outcomes import Outcomes
 from harness.studies.risk.placing import Placing
 from harness.studies.risk.proposal import NOMINAL_SHARE, nominal
+from harness.studies.risk.running import Evaluation
 from harness.studies.risk.severity import severity_of, side_share
 from harness.studies.risk.space import space_of
 from harness.studies.risk.ways import drawn_of, people_of
+from harness.studies.workers.this_process import ThisProcess
 from tests.risks import CROWD, LAYOUT, crowd, estimated, half_space, outcomes, scored, union
 from tests.scenes import on_plain
 
@@ -268,6 +270,30 @@ class Company:
         culprit = np.where(event & self._blamed, first, -1)
         passed_s, passed_mps = 4.0 + z[:, 0] / 10 + early, 1.5 - 0.1 * early
         return Outcomes(score, keys, passed_s, passed_mps, culprit, np.zeros_like(score))
+
+
+def test_whom_the_ego_hit_is_to_blame_and_others_have_scores_of_their_own(tmp_path: Path) -> None:
+    """At 6 s the front of a car that never brakes is where somebody has walked 3.2 m at 1.3 m/s."""
+    scenario = load_scenario("cctc_flow", {"arms.av": "constant_speed"})
+    question = question_of(Settings("flow", scenario))
+    layout = question.space.layout
+    hit, early = 3.5, 0.1  # s; who comes early is beyond the lane by then
+    z = np.full((3, layout.width), np.nan)
+    for state, arrivals in zip(z, [(hit, early), (early, hit), (early,)], strict=True):
+        for person, arrival_s in zip(layout.people(state[None])[0], arrivals, strict=False):
+            person[:] = stats.norm.ppf(arrival_s / layout.window_s), -1.0, 0.0
+    evaluation = Evaluation(question, tmp_path, ThisProcess(), lambda *_: None)
+    outcomes = evaluation(z, "", np.arange(3), np.array([0, 0, -1]))
+    assert outcomes.culprit.tolist() == [0, 1, -1]
+    assert outcomes.event.tolist() == [True, True, False]
+    assert (outcomes.own[:, 0] <= 0).tolist() == [True, False, False]
+    assert np.isinf(outcomes.own[2]).all()  # everybody belongs to the flow
+    assert outcomes.passed_s[2] == pytest.approx(30 / 5)
+    assert outcomes.passed_mps[2] == pytest.approx(5.0)
+    # Without a contact: the gap to the first of them alone is what the event is about.
+    near = question_of(Settings("flow", scenario, event="min_gap_m<1000"))
+    evaluation = Evaluation(near, tmp_path / "near", ThisProcess(), lambda *_: None)
+    assert evaluation(z, "", np.arange(3)).culprit.tolist() == [0, 1, 0]
 
 
 def test_a_mixture_of_normals_is_conditioned_and_fitted() -> None:

@@ -53,9 +53,10 @@ def risk_screen(
 
 
 def heading(findings: RiskFindings) -> str:
-    """Return the heading, which names the event and the scenario."""
+    """Return the heading, which names the event, the scenario and the method."""
     who = f"{findings.strategy} ({findings.arm.value})"
-    return f"{findings.scenario}: probability of {findings.event}, {who}"
+    method = "brute force" if findings.by_brute_force else "weighted draws"
+    return f"{findings.scenario}: probability of {findings.event}, {who}, by {method}"
 
 
 def _rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
@@ -80,10 +81,11 @@ def _rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
         number(findings.brute_force_episodes),
         "for the same standard error",
     )
-    other = findings.episodes - findings.draws
+    estimate = findings.episodes_to_estimate
+    other = findings.episodes - estimate
     yield (
         "episodes run",
-        f"{other:,} to explore, {findings.draws:,} to estimate, {findings.timed_out:,} timed out",
+        f"{other:,} to explore, {estimate:,} to estimate, {findings.timed_out:,} timed out",
     )
     if findings.failed or findings.timed_out:
         worst = number(findings.probability_worst)

@@ -66,7 +66,8 @@ class Estimation:
     ``z`` (n, width), ``weights`` (n,), episode ``numbers`` (n,) and ``keys`` (n, k) describe the
     final draws that ended in the event.  A key is the fixed uniforms and, with a crowd, the arrival
     and the other uniforms of the culprit; 0 without one.  ``weighted`` is False for brute force.
-    ``episodes`` counts all episodes; ``events_in_all`` counts the episodes that ended in the event.
+    ``episodes`` counts all episodes, ``episodes_to_estimate`` those of the final draws;
+    ``events_in_all`` counts the episodes that ended in the event.
     ``first_look`` counts the draws that decided between brute force and exploration; the estimate
     does not use them.  ``failed_weight`` is the probability that failed episodes would add if all
     ended in the event.
@@ -80,6 +81,7 @@ class Estimation:
     numbers: NDArray[np.int64]
     keys: FloatArray
     episodes: int
+    episodes_to_estimate: int
     events_in_all: int
     first_look: Tally
     failed_weight: float
@@ -126,7 +128,7 @@ def _estimate(
     reserve = _RESERVE if weighted else _RESERVE_OF_BRUTE_FORCE
     needed = math.ceil(reserve * prepared.squared_cv / target_cv**2)
     draws = min(max(needed, prepared.least), most_draws)
-    before = counted.events
+    before, explored = counted.events, counted.episodes
     drawn = _drawn(prepared.proposal, counted, draws, rng)
     tally = pilot + prepared.nominal + drawn.nominal
     estimate = estimate_of(drawn.value, tally, weighted=weighted)
@@ -156,6 +158,7 @@ def _estimate(
         drawn.numbers,
         drawn.keys,
         counted.episodes,
+        counted.episodes - explored,
         counted.events,
         pilot,
         drawn.failed / draws,

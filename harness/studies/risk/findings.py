@@ -84,7 +84,8 @@ class Severity(Document):
 class RiskFindings(Document):
     """The findings of a finished risk estimate.
 
-    If ``by_brute_force``, all draws of the estimate are nominal.  ``probability`` is None if no
+    If ``by_brute_force``, all draws of the estimate are nominal.  With a flow a weighted draw takes
+    several episodes; ``episodes_to_estimate`` counts them.  ``probability`` is None if no
     draw ended in the event.  ``nominal_high`` is the upper bound from the nominal draws alone.
     ``probability_worst`` counts every failed episode as an event.  It is None if no episode failed
     and ``probability`` is None.  ``serious`` and ``fatal`` are of the contacts with the front among
@@ -109,6 +110,7 @@ class RiskFindings(Document):
     episodes: Count
     brute_force_episodes: Count | None
     draws: Count
+    episodes_to_estimate: Count
     events: Count
     events_in_all: Count
     first_look_draws: Count

@@ -93,6 +93,7 @@ def findings_of(
         episodes=estimation.episodes,
         brute_force_episodes=None if p is None or not cv else math.ceil((1 - p) / p / cv**2),
         draws=estimate.draws,
+        episodes_to_estimate=estimation.episodes_to_estimate,
         events=estimate.events,
         events_in_all=estimation.events_in_all,
         first_look_draws=estimation.first_look.draws,
