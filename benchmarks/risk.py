@@ -1,9 +1,10 @@
 """What ``harness risk`` says of two cases, beside references that know nothing of ``harness/risk``.
 
-``late``: ``cctc_flow`` with ``gap_yield`` that sees 0.7 s late, 500 pedestrians per hour.
-``python -m benchmarks.risk reference FIRST COUNT`` runs the AV's episodes of ``COUNT`` pairs from
-pair ``FIRST`` on by brute force, and adds a row to ``data/risk_reference.csv``: the people are
-those of a run's own streams.
+``late``: ``cctc_flow`` with ``gap_yield`` that sees 0.7 s late, 500 people per hour; ``late-3``:
+0.3 s late; ``late-2``: 0.2 s late, 130 pedestrians per hour.  ``python -m benchmarks.risk reference
+CASE FIRST COUNT`` runs the AV's episodes of ``COUNT`` pairs from pair ``FIRST`` on by brute force,
+and adds a row to ``data/risk_reference.csv``: the people are those of a run's own streams.
+``late-2`` has no reference, because brute force takes too long.
 
 ``missed``: ``cctc`` with ``hard_yield`` that finds the pedestrian at each look with probability
 0.17.  ``python -m benchmarks.risk quadrature`` prints κ as an integral over side, quantile and the
@@ -66,15 +67,21 @@ TRUTH = {
 
 DETECTION_PROBABILITY = 0.17
 
+_LATE = {"late": (0.7, 500.0), "late-3": (0.3, 500.0), "late-2": (0.2, 130.0)}
+"""Latency in s, and pedestrians per hour."""
+
 _CASES: dict[str, tuple[str, dict[str, Any]]] = {
-    "late": (
-        "cctc_flow",
-        {
-            "arms.av": "gap_yield",
-            "pedestrians.flow_per_hour": 500.0,
-            "perception.latency_s": 0.7,
-        },
-    ),
+    **{
+        name: (
+            "cctc_flow",
+            {
+                "arms.av": "gap_yield",
+                "pedestrians.flow_per_hour": flow_per_hour,
+                "perception.latency_s": latency_s,
+            },
+        )
+        for name, (latency_s, flow_per_hour) in _LATE.items()
+    },
     "missed": (
         "cctc",
         {"arms.av": "hard_yield", "perception.detection_probability": DETECTION_PROBABILITY},
@@ -125,12 +132,12 @@ def runner_of(scenario: Scenario) -> PairRunner:
     return PairRunner(scenario, model, lambda: engine)
 
 
-def reference(first: int, count: int) -> dict[str, Any]:
-    """What brute force finds in the pairs of ``late`` from ``first`` on."""
-    runner = runner_of(scenario_of("late", REFERENCE_SEED))
+def reference(case: str, first: int, count: int) -> dict[str, Any]:
+    """What brute force finds in the pairs of a case from ``first`` on."""
+    runner = runner_of(scenario_of(case, REFERENCE_SEED))
     crashed = crashes(runner, [(pair, {}) for pair in range(first, first + count)])
     return {
-        "case": "late",
+        "case": case,
         "seed": REFERENCE_SEED,
         "first_pair": first,
         "pairs": count,
@@ -257,11 +264,13 @@ def estimate(case: str, seed: int, target_cv: float) -> dict[str, Any]:
 def verdict(case: str) -> str:
     """How many intervals hold the reference, and how far their mean is from it."""
     error = 0.0
-    if case != "late":
+    rows = [row for row in _rows(REFERENCE) if row["case"] == case]
+    if case in TRUTH:
         truth = TRUTH[case]
         words = f"{truth:.4g} by quadrature"
+    elif not rows:
+        return f"{case}: no reference"
     else:
-        rows = [row for row in _rows(REFERENCE) if row["case"] == case]
         crashed, pairs = (sum(int(row[key]) for row in rows) for key in ("crashed", "pairs"))
         truth, error = crashed / pairs, math.sqrt(crashed) / pairs
         words = f"{truth:.3g} ± {error:.2g} by brute force ({crashed} of {pairs:,})"
@@ -315,6 +324,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     brute, seeds = commands.add_parser("reference"), commands.add_parser("seeds")
+    brute.add_argument("case", choices=_LATE)
     seeds.add_argument("case", choices=_CASES)
     for command in (brute, seeds):
         command.add_argument("first", type=int)
@@ -324,7 +334,7 @@ def main() -> None:
     commands.add_parser("verdict")
     asked = parser.parse_args()
     if asked.command == "reference":
-        _add(REFERENCE, reference(asked.first, asked.count))
+        _add(REFERENCE, reference(asked.case, asked.first, asked.count))
     elif asked.command == "quadrature":
         missed = quadrature(scenario_of("missed", 0))
         print(f"missed {missed:.4g}, blind {quadrature_of_the_blind(missed):.4g}")
