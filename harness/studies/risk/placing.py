@@ -32,6 +32,9 @@ from harness.studies.risk.normals import Normals
 from harness.studies.risk.outcomes import Evaluate, Outcomes
 from harness.studies.risk.proposal import NOMINAL_SHARE
 
+_FARTHEST = 8.0
+"""Standard normal numbers beyond it have a probability of 1e-15, and are not drawn."""
+
 
 class Units(NamedTuple):
     """Draws of a proposal.
@@ -105,6 +108,7 @@ class Placing:
         who = self._pedestrians(known[row], rng, first.passed_s[row])
         arrival_s = first.passed_s[row] + who[:, 0]
         inside = (arrival_s > 0) & (arrival_s < layout.window_s)
+        inside &= (np.abs(who[:, 1:]) < _FARTHEST).all(axis=1)
         row, who, arrival_s = row[inside], who[inside], arrival_s[inside]
         crowds, place = layout.joined(z[row], arrival_s, who[:, 1:])
         placed = evaluate(crowds, f"{what}, with a placed pedestrian", first.numbers[row], place)
