@@ -1,10 +1,12 @@
 """The interval of a risk holds the truth as often as it says, where the truth is known."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.risk import TRUTH
+from benchmarks.risk import TRUTH, estimate
 from benchmarks.risk_table import LAYOUT as FAULTY, Tables
 from harness.core.encounter import Arm, Ending
 from harness.model.interaction import load_model
@@ -142,3 +144,18 @@ def test_the_interval_covers_the_kappa_of_constant_speed() -> None:
         return np.where(side < 0.5, near, far) * -2.0 + 1.0
 
     assert_covers(scored(score), Layout(2), KAPPA)
+
+
+@pytest.mark.slow
+def test_a_crash_that_needs_several_people_takes_a_fifth_of_brute_force() -> None:
+    """Issue: 253,710 episodes gave a coefficient of variation for which brute force takes 200,000.
+
+    The reference is by brute force with other random streams: ``benchmarks.risk reference late-3``.
+    """
+    row = estimate("late-3", 3, 0.1)
+    truth, error = 66 / 600_000, math.sqrt(66) / 600_000
+    mine = row["coefficient_of_variation"] * row["probability"]
+    assert abs(row["probability"] - truth) < 3 * math.hypot(error, mine)
+    assert row["weighted"]
+    brute_force = (1 - truth) / truth / row["coefficient_of_variation"] ** 2
+    assert row["episodes"] < brute_force / 5

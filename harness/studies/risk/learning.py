@@ -47,7 +47,14 @@ _FEWEST_EVENTS = 25.0
 _FEW_SCORES = 5.0
 """Effective number of low scores below which they do not bound the probability."""
 
+_OTHER_WAYS = 0.2
+"""Share of the placed pedestrians who look for other ways to the event."""
+
+_NEAREST = 6
+"""Number of lowest scores of each grading, at similar speeds, that lead there."""
+
 _BINS = 20
+"""Number of ranges of the ego's speed with about equally many passages."""
 
 _EVERYWHERE = 0.05
 """Share of the placed pedestrians that is independent of the speed."""
@@ -180,6 +187,11 @@ class Learning:
         standard = np.ones(tried.shape[1], dtype=bool)
         standard[self._layout.fixed : self._layout.fixed + 2] = False
         placed = fitted(tried[chosen], _clipped(likely[chosen]), standard, self._rng)
+        if hit.any():
+            # Near misses at every speed may lead to other ways than those of the culprits so far.
+            near = _nearest(own, hit, tried[:, self._layout.fixed])
+            ways = fitted(tried[near], np.ones(int(near.sum())), standard, self._rng)
+            placed = placed.mixed_with(ways, _OTHER_WAYS)
         fixed = self._fixed(placed) if self._layout.fixed else None
         self.proposal = replace(self.proposal, fixed=fixed, placed=placed)
         if hit.sum() >= _ENOUGH_HITS:
@@ -199,11 +211,7 @@ class Learning:
             return marginal
         standard = np.ones(points.shape[1], dtype=bool)
         own_density = fitted(points[chosen], _clipped(weights[chosen]), standard, self._rng)
-        return Normals(
-            np.concatenate([own_density.shares, marginal.shares]) / 2,
-            np.concatenate([own_density.means, marginal.means]),
-            np.concatenate([own_density.covariances, marginal.covariances]),
-        )
+        return own_density.mixed_with(marginal, 0.5)
 
     def _count(self, speeds_mps: FloatArray, weights: FloatArray) -> None:
         """Place more pedestrians where the ego passes at speeds at which culprits are likelier.
@@ -230,6 +238,16 @@ def _lowest(own: FloatArray, hit: NDArray[np.bool_]) -> NDArray[np.bool_]:
         lowest = np.argsort(scores, kind="stable")[:_LOWEST]
         chosen[lowest[np.isfinite(column[lowest])]] = True
     return chosen
+
+
+def _nearest(own: FloatArray, hit: NDArray[np.bool_], speeds_mps: FloatArray) -> NDArray[np.bool_]:
+    """Return which rows have the lowest scores of those that the ego passes at a similar speed."""
+    near = np.zeros(len(own), dtype=bool)
+    (rows,) = np.nonzero(~hit)
+    for part in np.array_split(rows[np.argsort(speeds_mps[rows], kind="stable")], _BINS):
+        for column in own[part].T:
+            near[part[np.argsort(column, kind="stable")[:_NEAREST]]] = True
+    return near
 
 
 def _clipped(weights: FloatArray) -> FloatArray:

@@ -77,6 +77,14 @@ class Normals:
         chances /= chances.sum(axis=1, keepdims=True)
         return Conditional(chances, np.array(means), np.array(factors))
 
+    def mixed_with(self, other: "Normals", share: float) -> "Normals":
+        """Return a mixture in which the other one has a share."""
+        return Normals(
+            np.concatenate([(1 - share) * self.shares, share * other.shares]),
+            np.concatenate([self.means, other.means]),
+            np.concatenate([self.covariances, other.covariances]),
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Conditional:
