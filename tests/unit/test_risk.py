@@ -249,6 +249,17 @@ def test_units_have_the_probability_as_their_mean_whomever_they_place() -> None:
     assert not alone.hit.any()
 
 
+def test_an_ego_that_never_passes_leaves_brute_force() -> None:
+    def evaluate(z: np.ndarray, *options: object) -> Outcomes:
+        return Company(CROWD, 40)(z, *options)._replace(
+            passed_s=np.full(len(z), np.nan), passed_mps=np.full(len(z), np.nan)
+        )
+
+    findings = estimated(evaluate, 1, 0.5, layout=CROWD)
+    assert findings.estimate.probability is None
+    assert not findings.weighted
+
+
 class Company:
     """In the event are the states in which ``number`` people come; due to the first of them.
 

@@ -177,10 +177,12 @@ class Learning:
                 strict=True,
             )
         )
+        if len(own) < _LOWEST:  # the ego passes too rarely for placing anybody
+            return
         own = np.where(np.isnan(own), np.inf, own)
         own[~hit & (own[:, 0] <= 0)] = math.ulp(0.0)
         chosen = _lowest(own, hit)
-        self._levels.append(np.partition(own, min(_LOWEST, len(own)) - 1, axis=0)[_LOWEST - 1])
+        self._levels.append(np.partition(own, _LOWEST - 1, axis=0)[_LOWEST - 1])
         if not chosen.any():
             return
         # The nominal densities of the ego's speed and of the arrival are not standard normal.
