@@ -95,6 +95,7 @@ def test_people_in_a_file_of_their_own(town: Path, exact: ConflictFindings, endi
     pd.testing.assert_frame_equal(other, rows(exact), rtol=1e-4, atol=1e-3, check_dtype=False)
 
 
+@pytest.mark.slow
 def test_longitudes_and_latitudes(town: Path, exact: ConflictFindings) -> None:
     geo = found(town, simulate(town, "geo.csv", "--fcd-output.geo", "--precision.geo", 9))
     assert geo.geo

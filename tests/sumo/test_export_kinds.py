@@ -166,6 +166,7 @@ def test_an_hour_of_traffic_in_both_directions(side: str, left_hand: Path, tmp_p
     assert directions == {-1, 1}
 
 
+@pytest.mark.slow
 def test_an_own_simulation_of_left_hand_roads(tmp_path: Path) -> None:
     grid = ("--grid", "--grid.number", "3", "--lefthand", "--sidewalks.guess")
     towns.call(tmp_path, "netgenerate", *grid, "--crossings.guess", "-o", "net.net.xml")

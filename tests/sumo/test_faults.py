@@ -150,6 +150,7 @@ def test_where_both_strategies_hang_both_arms_are_given_up(tmp_path: Path) -> No
     assert [row["ending"] for pair in (0, 2) for row in found[pair]].count("engine_failed") == 0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_simulation")
 def test_an_audit_does_not_ask_again_who_hung(tmp_path: Path) -> None:
     """Every pair is repeated in SUMO; the arm that did not hang keeps its result, audited."""

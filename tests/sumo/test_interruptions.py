@@ -142,13 +142,10 @@ def test_while_a_run_writes_any_file(
     assert content(out) == content(whole / name)
 
 
-# Figures and tables are written by one function each: `report` and `score` are those of every day.
+# All files are written by one function: `score` is the command of every day.
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=() if name in ("score", "report") else pytest.mark.slow)
-        for name in COMMANDS
-    ],
+    [pytest.param(name, marks=() if name == "score" else pytest.mark.slow) for name in COMMANDS],
 )
 def test_while_another_command_writes_a_file(tmp_path: Path, whole: Path, name: str) -> None:
     command = [whole / "run" if word == "RUN" else word for word in COMMANDS[name]]

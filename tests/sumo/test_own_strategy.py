@@ -62,6 +62,7 @@ def harness(*arguments: object, cwd: Path) -> "subprocess.CompletedProcess[str]"
     return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, timeout=300)
 
 
+@pytest.mark.slow
 def test_from_the_console_script_in_two_workers(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(MODULE, encoding="utf-8")
     changes = {**QUICK, "arms.av": "mine:Mine", "experiment.pairs": 110}

@@ -54,6 +54,7 @@ def test_workers_that_never_get_ready_blame_no_pair(
     assert "given up" not in (tmp_path / "run" / "log.jsonl").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_few_pairs_that_are_slow_get_every_worker(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pools, "LATER_S", 0.2)
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 40})

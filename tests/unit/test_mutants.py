@@ -39,6 +39,7 @@ def test_what_is_changed(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_what_becomes_of_them(tmp_path: Path) -> None:
     module = tmp_path / "toy.py"
     module.write_text(MODULE, encoding="utf-8")
