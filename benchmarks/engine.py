@@ -29,7 +29,6 @@ from harness.engine.network import place_of
 from harness.engine.protocol import Engine
 from harness.engine.sumo import libsumo_engine
 from harness.engine.traci import traci_engine
-from harness.episode.arrivals import planned_arrivals
 from harness.episode.pairing import CHUNK_PAIRS, PairRunner
 from harness.measures import measure
 from harness.model.interaction import InteractionModel, load_model
@@ -102,10 +101,10 @@ class HarnessArm:
         self._next = pairs.stop
         self._model.spent_s = 0.0
         begin = used_s()
-        planned = {pair: planned_arrivals(self._scenario, pair) for pair in pairs}
+        planned = {pair: self._runner._people(pair) for pair in pairs}
         traces: list[Trace] = []
-        for pair, arrivals in planned.items():
-            traces.append(self._runner._run_arm(Arm.AV, pair, arrivals))
+        for pair, people in planned.items():
+            traces.append(self._runner._run_arm(Arm.AV, pair, people))
         simulated = used_s()
         measure(traces)
         end = used_s()

@@ -1,6 +1,7 @@
 """Whether full braking, or an attentive human driver, would have prevented a crash."""
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import NamedTuple
@@ -8,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.core.actuation import CarState, response
-from harness.core.encounter import FloatArray, Trace, Vehicle
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, FloatArray, Trace, Vehicle
 from harness.measures.chunk import Chunk
 from harness.measures.contacts import Strike
 from harness.measures.ego import ego_state, motion_within
@@ -25,6 +26,9 @@ ATTENTIVE_BRAKING_MPS2 = 0.774 * 9.80665
 
 _PIECE_S = 0.01
 """Longest piece of constant acceleration while the deceleration changes."""
+
+_REACH_M = PEDESTRIAN_RADIUS_M + 0.01
+"""Distance before the front bumper beyond which nobody is touched, with a margin for rounding."""
 
 
 class _Piece(NamedTuple):
@@ -137,11 +141,15 @@ def _still_hit(chunk: Chunk, number: int, strike: Strike, drive: _Drive) -> bool
     begin = max(0.0, float(legs.begin_s[legs_of_struck[0]]))
     pieces = [*drive(chunk.traces[number], begin)]
     ends = [piece.begin_s for piece in pieces[1:]] + [math.inf]
+    reached_m = [piece.motion.place_m for piece in pieces[1:]] + [math.inf]
     for leg in legs_of_struck.tolist():
         leg_begin, leg_end = float(legs.begin_s[leg]), float(legs.end_s[leg])
         walker_x = Motion(float(legs.x_m[leg]), float(legs.x_mps[leg]))
         walker_y = Motion(float(legs.y_m[leg]), float(legs.y_mps[leg]), float(legs.y_mps2[leg]))
-        for piece, end in zip(pieces, ends, strict=True):
+        # The ego moves forwards only, so a piece that ends short of the whole leg cannot touch.
+        nearest_m = min(walker_x.place_m, walker_x.at(leg_end - leg_begin))
+        first = bisect_left(reached_m, nearest_m - _REACH_M)
+        for piece, end in zip(pieces[first:], ends[first:], strict=True):
             since, until = max(piece.begin_s, leg_begin), min(end, leg_end)
             if until < since:
                 continue

@@ -63,6 +63,16 @@ class Study:
         return list(dict.fromkeys(name for names in arms for name in names))
 
     @property
+    def long_pairs(self) -> bool:
+        """Whether a pair takes long: an hour of traffic or an own simulation.
+
+        A long pair is a task of its own, with the pairs of cells that share its AV's arm.
+        ``--until`` adds no long pairs.
+        """
+        scenario = self.cells[0].scenario
+        return scenario.traffic is not None or scenario.simulation is not None
+
+    @property
     def varied_keys(self) -> list[str]:
         """The varied keys in the given order; empty for a run of one cell."""
         return list(self.cells[0].varied)

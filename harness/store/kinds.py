@@ -56,9 +56,6 @@ class Kind(Protocol):
     Attributes:
         name: the key of the kind in the literal tables.
         section: the table of a scenario that selects this kind, for messages; empty for encounters.
-        long_pairs: whether a pair is long.  A long pair is a task of its own, with the pairs of
-            cells that share its AV's arm.  ``--until`` adds no long pairs.  The page shows only a
-            part of a long pair.
         compared: whether ``harness compare`` compares its cells pair by pair.
         ranked: the table whose rows ``harness worst`` ranks, and the columns that identify a row
             within its arm.  The table has the columns of the table ``episodes``.
@@ -75,9 +72,6 @@ class Kind(Protocol):
 
     @property
     def section(self) -> str: ...
-
-    @property
-    def long_pairs(self) -> bool: ...
 
     @property
     def compared(self) -> bool: ...
@@ -154,7 +148,6 @@ class EncounterKind:
 
     name: str = "encounters"
     section: str = ""
-    long_pairs: bool = False
     compared: bool = True
     ranked: tuple[str, tuple[str, ...]] = ("episodes", ())
     settles: bool = False
@@ -225,7 +218,6 @@ class HourKind:
 
     name: str = "hours of traffic"
     section: str = "[traffic]"
-    long_pairs: bool = True
     compared: bool = False
     ranked: tuple[str, tuple[str, ...]] = ("episodes", ())
     settles: bool = True

@@ -227,7 +227,7 @@ class _Work:
             cells: number of cells that the task covers.
             share: the task's share of the remaining pairs.
         """
-        if self.plan.kind.long_pairs or self.pair_s is None:
+        if self.plan.study.long_pairs or self.pair_s is None:
             return 1
         each_s = max(self.pair_s, 1e-6) * cells
         most = min(self.plan.options.task_pairs, int(LONGEST_S / each_s))
@@ -243,7 +243,7 @@ class _Work:
         for cell in self.plan.study.cells:
             if pairs := missing.get(cell.number):
                 same: object = cell.but_for_arms
-                if self.plan.kind.long_pairs:
+                if self.plan.study.long_pairs:
                     alone = cell.scenario.av_drives_alone
                     same = (same, cell.scenario.arms.av) if alone else cell.number
                 groups.setdefault((same, tuple(pairs)), []).append(cell)

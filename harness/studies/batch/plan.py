@@ -70,7 +70,7 @@ def plan_of(study: Study, options: Options) -> Plan:
     if options.engine == "plain":
         _refuse_for_plain(study, options)
     kind = kind_of_study(study)
-    if kind.long_pairs and options.until:
+    if study.long_pairs and options.until:
         problem = f"is not supported with {kind.section}"
         raise InputError("--until", problem, "a scenario without it")
     if options.sumo_outputs is not None and any(
@@ -79,7 +79,7 @@ def plan_of(study: Study, options: Options) -> Plan:
     ):
         problem = "cannot be combined with simulation.outputs"
         raise InputError("--sumo-outputs", problem, "one of them, or harness replay RUN --out")
-    for cell in study.cells if kind.long_pairs else ():
+    for cell in study.cells if study.long_pairs else ():
         for arm, name in cell.scenario.arms.model_dump().items():
             if is_program(name):
                 problem = f"{name} drives one vehicle at a time"

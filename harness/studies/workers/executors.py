@@ -1,7 +1,6 @@
 """Chooses the executor for the tasks of a study."""
 
 from harness.scenario import Options, Study
-from harness.store.kinds import kind_of_study
 from harness.strategies.own import is_of_this_process
 from harness.studies.workers.pool import LocalPool, workers_for
 from harness.studies.workers.tasks import Executor
@@ -31,5 +30,5 @@ def executor_for(study: Study, options: Options, dask: str | None = None) -> Exe
         return ThisProcess()
     pairs = sum(cell.scenario.experiment.pairs for cell in study.cells)
     # A few quick pairs do not need all workers, so the workers start in stages.
-    at_once = pairs if kind_of_study(study).long_pairs else -(-pairs // options.task_pairs)
+    at_once = pairs if study.long_pairs else -(-pairs // options.task_pairs)
     return LocalPool(workers_for(pairs, options), at_once=at_once)
