@@ -29,7 +29,7 @@ from harness.model.interaction import load_model
 from harness.scenario import Cell, study_from
 from harness.store.episode_tables import episode_rows
 from harness.store.reading import MANIFEST, read_finished_manifest, read_table
-from harness.studies.replay.stored import differences_of
+from harness.studies.runs.stored import differences_of
 
 # The rule, by SUMO's sources (MSVehicle::getBoundingPoly, MSTransportable::getBoundingBox,
 # MSLane::detectCollisions): a car is an octagon, its nose and tail tapered to 0.6 of the width

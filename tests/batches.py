@@ -23,7 +23,7 @@ from harness.scenario import (
     read_scenario_file,
     study_of,
 )
-from harness.studies.workers.tasks import Argument, Result
+from harness.studies.workers.executor import Argument, Result
 
 if TYPE_CHECKING:
     from harness.studies.runs.run_data import RunData

@@ -10,7 +10,7 @@ from harness.scenario import Options, Study
 from harness.store.schemas import PEDESTRIANS
 from harness.store.tables import table_of
 from harness.studies.batch.experiment import run_study
-from harness.studies.workers.tasks import Task, TaskResult
+from harness.studies.kinds.tasks import Task, TaskResult
 
 HUMAN_S = 10.0
 FREE_S = 7.4

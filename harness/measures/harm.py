@@ -5,7 +5,6 @@ and more in the USA, struck by the front of a car or a light truck.
 """
 
 import numpy as np
-from scipy.special import expit, logit
 
 from harness.core.encounter import Contact, FloatArray
 from harness.measures.chunk import Chunk
@@ -47,10 +46,10 @@ def risk_at(speed_mps: FloatArray, points_mps: FloatArray) -> FloatArray:
     >>> risk_at(np.array([0.0, 3.82219, 7.64438, 14.75232]), _INJURY_MPS).round(6).tolist()
     [0.0, 0.05, 0.1, 0.5]
     """
-    logits = logit(_RISK)
+    logits = np.log(_RISK / (1 - _RISK))
     slope = (logits[-1] - logits[-2]) / (points_mps[-1] - points_mps[-2])
     beyond = np.maximum(0.0, speed_mps - points_mps[-1])
-    curve = expit(np.interp(speed_mps, points_mps, logits) + slope * beyond)
+    curve = 1 / (1 + np.exp(-np.interp(speed_mps, points_mps, logits) - slope * beyond))
     risk: FloatArray = np.where(
         speed_mps < points_mps[0], _RISK[0] * speed_mps / points_mps[0], curve
     )

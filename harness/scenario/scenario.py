@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Literal
 
 from pydantic import Field, JsonValue
 
@@ -55,6 +56,13 @@ class Scenario(Section):
         """The ``[simulation]`` table of a scenario that is known to have one."""
         assert self.simulation is not None
         return self.simulation
+
+    @property
+    def kind(self) -> Literal["encounters", "hours of traffic", "own simulations"]:
+        """The kind of run: the key of every literal table of kinds."""
+        if self.simulation is not None:
+            return "own simulations"
+        return "encounters" if self.traffic is None else "hours of traffic"
 
     @property
     def walks_by_model(self) -> bool:

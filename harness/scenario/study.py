@@ -69,8 +69,7 @@ class Study:
         A long pair is a task of its own, with the pairs of cells that share its AV's arm.
         ``--until`` adds no long pairs.
         """
-        scenario = self.cells[0].scenario
-        return scenario.traffic is not None or scenario.simulation is not None
+        return self.cells[0].scenario.kind != "encounters"
 
     @property
     def varied_keys(self) -> list[str]:

@@ -248,11 +248,11 @@ class HourKind:
         findings: Findings,
     ) -> Mapping[str, Rows]:
         """See ``Kind``; ``types`` is there if a cell has a vehicle mix."""
-        traffic = cell.scenario.traffic
-        if traffic is None or not traffic.types:
+        types = cell.scenario.known_traffic.types
+        if not types:
             return {}
         confidence = findings["confidence"].number or 0.0
-        return {"types": type_rows(rows, [kind.name for kind in traffic.types], confidence)}
+        return {"types": type_rows(rows, [kind.name for kind in types], confidence)}
 
     def conflicts(self, cell: Cell, findings: Findings) -> Mapping[str, Rows]:  # noqa: ARG002
         """See ``Kind``."""
@@ -334,9 +334,7 @@ KINDS: Mapping[str, Kind] = {
 
 def kind_of(scenario: Scenario) -> Kind:
     """The kind of a run of this scenario."""
-    if scenario.simulation is not None:
-        return KINDS["own simulations"]
-    return KINDS["encounters" if scenario.traffic is None else "hours of traffic"]
+    return KINDS[scenario.kind]
 
 
 def limits_of(scenario: Scenario) -> tuple[Limit, ...]:

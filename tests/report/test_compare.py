@@ -17,11 +17,11 @@ from harness.report.screens.screen import screen_lines
 from harness.scenario import Options, Precision, Study
 from harness.statistics import Place, SweepVerdict, Verdict
 from harness.store import summaries
+from harness.studies.kinds.tasks import Task
 from harness.studies.runs.compare import compare
 from harness.studies.runs.comparisons import RunComparison
 from harness.studies.runs.opening import load_run
 from harness.studies.runs.reported import reported
-from harness.studies.workers.tasks import Task
 from tests.batches import one_cell, printed, refusal, sweep
 from tests.made_up import FREE_S, Fate, Fates, made_up
 

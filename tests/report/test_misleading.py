@@ -21,9 +21,9 @@ from harness.report.screens.screen import screen_lines
 from harness.report.screens.terminal import print_run
 from harness.scenario import Options, Precision
 from harness.store import summaries
+from harness.studies.kinds.tasks import Task
 from harness.studies.runs.reported import knowledge_lines, reported
 from harness.studies.runs.run_data import RunData
-from harness.studies.workers.tasks import Task
 from tests.batches import one_cell, printed, run_inline, scenario_file, sweep
 from tests.made_up import Fate, made_up
 

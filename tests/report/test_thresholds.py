@@ -9,8 +9,8 @@ import harness
 from harness.core.errors import InputError
 from harness.scenario import Setting
 from harness.studies.batch.scoring import score
+from harness.studies.kinds.tasks import Task
 from harness.studies.runs.export import export_csv
-from harness.studies.workers.tasks import Task
 from tests.batches import one_cell, sweep
 from tests.made_up import Fate, made_up
 from tests.scenes import refuses

@@ -25,8 +25,8 @@ from harness.store import summaries
 from harness.store.reading import read_manifest
 from harness.store.run_folder import claim_folder
 from harness.studies.batch.experiment import resume
+from harness.studies.kinds.tasks import Task
 from harness.studies.workers.pool import LocalPool
-from harness.studies.workers.tasks import Task
 from tests.batches import (
     FLOW,
     QUICK,

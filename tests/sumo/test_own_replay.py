@@ -11,8 +11,8 @@ from harness.core.errors import InputError
 from harness.scenario.own_simulation import setting_of
 from harness.studies.replay.moment import moments_of
 from harness.studies.replay.rerun import debug
-from harness.studies.replay.stored import StoredCell
 from harness.studies.replay.watch import watch
+from harness.studies.runs.stored import StoredCell
 from tests.batches import one_cell, printed, refusal, run_inline
 from tests.own_scenario import CROSSING, own_study
 from tests.sumo.test_watch import PEDESTRIAN, needs_xvfb, pixels, watched

@@ -17,11 +17,11 @@ from harness.report.one_pair import run_pair
 from harness.scenario import Scenario
 from harness.store.run_folder import RunFolder
 from harness.studies.batch.experiment import resume
+from harness.studies.kinds.audit import audit_of
 from harness.studies.replay.rerun import debug
 from harness.studies.runs.opening import load_run
 from harness.studies.runs.reported import audit_lines
 from harness.studies.runs.run_data import RunData
-from harness.studies.workers.audit import audit_of
 from tests import planner
 from tests.batches import FLOW, Inline, one_cell, run_inline, sweep
 from tests.conftest import close_all

@@ -15,9 +15,9 @@ from harness.core.errors import HarnessError
 from harness.scenario import Options
 from harness.studies.batch.experiment import run_study
 from harness.studies.workers import pool as pools
+from harness.studies.workers.executor import ExecutorLostError, TaskFailedError, WorkerDiedError
 from harness.studies.workers.executors import executor_for
 from harness.studies.workers.pool import LocalPool
-from harness.studies.workers.tasks import ExecutorLostError, TaskFailedError, WorkerDiedError
 from tests.batches import CHECKOUT, QUICK, one_cell, wait_for
 
 

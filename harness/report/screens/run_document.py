@@ -5,10 +5,10 @@ from dataclasses import asdict
 
 from harness.report.screens.limit_tables import limits_document
 from harness.statistics import Catalogue, CellFindings, Plain, RunFindings, row_of
+from harness.studies.kinds.tasks import Failure
 from harness.studies.runs.reported import reported
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.targets import missed_targets
-from harness.studies.workers.tasks import Failure
 
 SCHEMA = 2
 """Version of the document's layout; version 2 added ``findings``."""

@@ -15,13 +15,14 @@ from harness.store.run_folder import RunFolder, claim_folder
 from harness.studies.batch.finish import finish
 from harness.studies.batch.plan import Plan, plan_of, recall_plan
 from harness.studies.batch.until import reach_precision
+from harness.studies.kinds.tasks import Task
 from harness.studies.replay.sumo_outputs import write_outputs
 from harness.studies.runs.opening import load_run
 from harness.studies.runs.run_data import RunData
 from harness.studies.workers.execution import run_tasks
+from harness.studies.workers.executor import Executor, ExecutorLostError
 from harness.studies.workers.executors import executor_for
 from harness.studies.workers.pool import workers_for
-from harness.studies.workers.tasks import Executor, ExecutorLostError, Task
 
 SHORTEST_S, LONGEST_S = 0.02, 5.0
 """Shortest and longest duration of a task.  Tasks get shorter at the end of a run, so that all

@@ -15,8 +15,8 @@ from harness.strategies.parameters import knows_the_model
 from harness.strategies.program import is_program
 from harness.strategies.registry import STRATEGIES, find_strategy
 from harness.strategies.sumo_driver import SumoDriver
+from harness.studies.kinds.audit import Audit, audit_of
 from harness.studies.kinds.table import simulation_of
-from harness.studies.workers.audit import Audit, audit_of
 
 
 @dataclass(frozen=True)

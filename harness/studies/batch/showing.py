@@ -16,6 +16,7 @@ from harness.store.shards import encode_shard, shard_name
 from harness.store.simulations.simulation_traces import only_passages
 from harness.studies.batch.experiment import resume, run_study
 from harness.studies.kinds.table import simulation_of
+from harness.studies.kinds.tasks import Task, TaskResult
 from harness.studies.runs.opening import load_run
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import MARGIN_S, differences_in, missing_pairs, shown_folders
@@ -23,7 +24,6 @@ from harness.studies.runs.simulation_choice import Key
 from harness.studies.runs.views import view_of
 from harness.studies.workers.execution import run_tasks
 from harness.studies.workers.pool import LocalPool, default_workers
-from harness.studies.workers.tasks import Task, TaskResult
 
 _WORKERS = 2
 """Number of processes.  The page shows only a few pairs."""

@@ -24,9 +24,10 @@ from harness.strategies.own import is_of_this_process
 from harness.strategies.perception.sensor import sensor_of
 from harness.strategies.registry import source_digests
 from harness.studies.kinds.table import simulation_of
+from harness.studies.kinds.tasks import Task
 from harness.studies.workers.execution import run_tasks
+from harness.studies.workers.executor import Executor
 from harness.studies.workers.pool import LocalPool, default_workers
-from harness.studies.workers.tasks import Executor, Task
 from harness.studies.workers.this_process import ThisProcess
 
 MOST_REFERENCES = 16

@@ -14,7 +14,6 @@ from harness.episode.traffic.lanes import Lane, lanes_of
 from harness.scenario import Scenario
 from harness.scenario.own_simulation import setting_of
 from harness.site.reading import read_site
-from harness.store.kinds import kind_of
 from harness.store.simulations.simulation_traces import scene_parts
 from harness.store.tables import Row
 from harness.store.walk_rows import stored_walk
@@ -69,7 +68,7 @@ def scene_of(stored: Stored, wanted: Wanted) -> Scene:
     Raises:
         InputError: there is no such passage, the arm failed, or an option is not supported.
     """
-    name = kind_of(stored.scenario).name
+    name = stored.scenario.kind
     if name == "encounters":
         for option, value in (("--vehicle", wanted.vehicle), ("--crosswalk", wanted.crosswalk)):
             if value is not None:

@@ -16,11 +16,11 @@ from harness.measures import Outcome
 from harness.scenario import EngineName, Scenario
 from harness.store.episode_tables import audit_rows, episode_rows, pedestrian_rows, trace_rows
 from harness.store.tables import Tables
+from harness.studies.kinds.audit import Finding, repeated_in_sumo
 from harness.studies.kinds.outputs import outputs_in, with_speed_limit
 from harness.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation
-from harness.studies.workers.audit import Finding, repeated_in_sumo
-from harness.studies.workers.tasks import LoggedFailure, Task, TaskResult
-from harness.studies.workers.watchdog import Watch, watchdog
+from harness.studies.kinds.tasks import LoggedFailure, Task, TaskResult
+from harness.studies.kinds.watchdog import Watch, watchdog
 
 if TYPE_CHECKING:
     from harness.engine.traci import Gui

@@ -15,8 +15,8 @@ from harness.store.hour_tables import hour_rows
 from harness.store.hour_traces import hour_trace_rows
 from harness.studies.kinds.outputs import SUMO_FILES, outputs_in, with_speed_limit
 from harness.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation
-from harness.studies.workers.tasks import Task, TaskResult
-from harness.studies.workers.watchdog import Watch, watchdog
+from harness.studies.kinds.tasks import Task, TaskResult
+from harness.studies.kinds.watchdog import Watch, watchdog
 
 if TYPE_CHECKING:
     from harness.engine.traci import Gui

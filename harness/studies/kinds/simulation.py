@@ -9,8 +9,8 @@ from harness.core.encounter import Arm
 from harness.model.interaction import InteractionModel
 from harness.scenario import Cell, Scenario
 from harness.store.tables import Tables
-from harness.studies.workers.tasks import Task, TaskResult
-from harness.studies.workers.watchdog import Watch
+from harness.studies.kinds.tasks import Task, TaskResult
+from harness.studies.kinds.watchdog import Watch
 
 if TYPE_CHECKING:
     from harness.engine.traci import Gui

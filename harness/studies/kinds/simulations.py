@@ -20,8 +20,8 @@ from harness.scenario.own_simulation import setting_of
 from harness.store.simulations.simulation_tables import simulation_rows
 from harness.store.simulations.simulation_traces import simulation_trace_rows
 from harness.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation
-from harness.studies.workers.tasks import Task, TaskResult
-from harness.studies.workers.watchdog import Watch, watchdog
+from harness.studies.kinds.tasks import Task, TaskResult
+from harness.studies.kinds.watchdog import Watch, watchdog
 
 if TYPE_CHECKING:
     from harness.engine.traci import Gui

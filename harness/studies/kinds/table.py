@@ -1,13 +1,14 @@
-"""The simulation of every kind of run, by the kind's name."""
+"""The simulation of every kind of run, by the kind's name, and the run of a task."""
 
 from collections.abc import Mapping
 
+from harness.engine.shared import close_engine
 from harness.scenario import Scenario
-from harness.store.kinds import kind_of
 from harness.studies.kinds.encounters import ENCOUNTER_SIMULATION
 from harness.studies.kinds.hours import HOUR_SIMULATION
 from harness.studies.kinds.simulation import Simulation
 from harness.studies.kinds.simulations import OWN_SIMULATION
+from harness.studies.kinds.tasks import Task, TaskResult
 
 SIMULATIONS: Mapping[str, Simulation] = {
     "encounters": ENCOUNTER_SIMULATION,
@@ -18,4 +19,14 @@ SIMULATIONS: Mapping[str, Simulation] = {
 
 def simulation_of(scenario: Scenario) -> Simulation:
     """Return the simulation of this scenario's kind of run."""
-    return SIMULATIONS[kind_of(scenario).name]
+    return SIMULATIONS[scenario.kind]
+
+
+def run_task(task: Task) -> tuple[TaskResult, ...]:
+    """Run every pair of a task in the one SUMO of this process; return those of ``task.each``."""
+    try:
+        return simulation_of(task.scenario).run(task)
+    except BaseException:
+        # An interrupted episode must not affect the next one.
+        close_engine()
+        raise

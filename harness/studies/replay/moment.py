@@ -10,8 +10,8 @@ from harness.core.errors import InputError
 from harness.scenario import Scenario
 from harness.scenario.own_simulation import setting_of
 from harness.store.tables import Row
-from harness.studies.replay.stored import StoredCell
 from harness.studies.runs.simulation_choice import most_striking
+from harness.studies.runs.stored import StoredCell
 
 if TYPE_CHECKING:
     from harness.engine.traci import Moment

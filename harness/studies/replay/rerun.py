@@ -15,10 +15,10 @@ from harness.scenario import EngineName, hang_limit_s
 from harness.scenario.options import HANG_AFTER_S
 from harness.studies.kinds.simulation import ArmOfPair
 from harness.studies.kinds.table import simulation_of
-from harness.studies.replay.stored import Rows, StoredCell, record_differences
+from harness.studies.kinds.watchdog import watchdog
+from harness.studies.runs.stored import Rows, StoredCell, record_differences
 from harness.studies.workers.execution import reason_of
 from harness.studies.workers.pool import LocalPool
-from harness.studies.workers.watchdog import watchdog
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,12 @@ from harness.scenario import Options, Study
 from harness.store.kinds import kind_of_study
 from harness.store.reading import read_table
 from harness.store.run_folder import SUMO_OUTPUTS, RunFolder
+from harness.studies.kinds.tasks import Failure
 from harness.studies.replay.rerun import Repetition, repetition, run_again
-from harness.studies.replay.stored import StoredCell
+from harness.studies.runs.stored import StoredCell
 from harness.studies.workers.execution import ATTEMPTS, call_each, reason_of
+from harness.studies.workers.executor import ExecutorLostError
 from harness.studies.workers.pool import LocalPool, default_workers
-from harness.studies.workers.tasks import ExecutorLostError, Failure
 
 
 def write_outputs(

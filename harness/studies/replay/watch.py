@@ -13,7 +13,7 @@ from harness.engine.shared import close_engine
 from harness.studies.kinds.table import simulation_of
 from harness.studies.replay.moment import moments_of
 from harness.studies.replay.rerun import refuse_in_use
-from harness.studies.replay.stored import StoredCell
+from harness.studies.runs.stored import StoredCell
 
 
 @dataclass(frozen=True)

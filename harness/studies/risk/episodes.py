@@ -15,9 +15,9 @@ from harness.episode.ties import Decision, tie_s
 from harness.measures import Outcome, measure
 from harness.measures.agreement import difference
 from harness.scenario import EngineName
+from harness.studies.kinds.watchdog import watchdog
 from harness.studies.risk.asking import Question
 from harness.studies.risk.event import GRADINGS, Event
-from harness.studies.workers.watchdog import watchdog
 
 _scene = ""
 _runners: dict[bool, PairRunner] = {}

@@ -21,8 +21,8 @@ from harness.studies.risk.estimation import estimate_probability
 from harness.studies.risk.findings import RiskFindings
 from harness.studies.risk.running import Evaluation, Progress
 from harness.studies.risk.writing import RESULT, as_json, write_findings
+from harness.studies.workers.executor import Executor, ExecutorLostError
 from harness.studies.workers.pool import LocalPool, default_workers
-from harness.studies.workers.tasks import Executor, ExecutorLostError
 
 _BATCHES = "batches"
 

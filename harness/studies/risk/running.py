@@ -26,7 +26,7 @@ from harness.studies.risk.episodes import Episodes, Score, failed, run_episodes
 from harness.studies.risk.event import GRADINGS
 from harness.studies.risk.outcomes import Outcomes
 from harness.studies.workers.execution import ATTEMPTS, call_each, reason_of
-from harness.studies.workers.tasks import Executor, ExecutorLostError
+from harness.studies.workers.executor import Executor, ExecutorLostError
 
 FIRST_NUMBER = 2**40
 """Number of the first episode; its random streams differ from those of a run's pairs."""

@@ -3,7 +3,7 @@
 import pandas as pd
 
 from harness.scenario import Study
-from harness.studies.workers.tasks import Failure
+from harness.studies.kinds.tasks import Failure
 
 
 def shared_once(audit: pd.DataFrame, study: Study) -> pd.DataFrame:

@@ -7,6 +7,7 @@ from harness.scenario import Scenario
 from harness.statistics import ENCOUNTERS, CellFindings, Finding, Note, Rank, RunFindings
 from harness.store.kinds import limits_of
 from harness.store.over_model import refits_of
+from harness.studies.kinds.tasks import Failure
 from harness.studies.runs.cell_result import CellResult
 from harness.studies.runs.changed_options import changes_in_full
 from harness.studies.runs.model_use import given_the_model
@@ -18,7 +19,6 @@ from harness.studies.runs.site_words import site_words
 from harness.studies.runs.targets import missed_targets
 from harness.studies.runs.under_limits import judged_limits
 from harness.studies.runs.views import view_of
-from harness.studies.workers.tasks import Failure
 
 PAPER_REMARK = (
     "The paper's column is a reference, not a target. The paper's 2,973 events and fitted "

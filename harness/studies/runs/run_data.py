@@ -29,11 +29,11 @@ from harness.store.shards import Shard
 from harness.store.summaries import confidence_of, pair_columns
 from harness.store.summary_table import read_summary
 from harness.store.tables import Row
+from harness.studies.kinds.tasks import Failure
 from harness.studies.runs.audited import disagreements, shared_once, ties
 from harness.studies.runs.cell_result import CellResult
 from harness.studies.runs.notebook import run_html
 from harness.studies.runs.run_tables import RunTables
-from harness.studies.workers.tasks import Failure
 
 
 @dataclass(frozen=True)

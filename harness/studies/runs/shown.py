@@ -18,9 +18,9 @@ from harness.store.manifest import explained
 from harness.store.shards import DamagedShardError, Shard, read_shard, shard_name
 from harness.store.simulations.simulation_traces import has_passages, only_passages
 from harness.store.tables import Row
-from harness.studies.replay.stored import differences_of
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.simulation_choice import Key
+from harness.studies.runs.stored import differences_of
 from harness.studies.runs.views import view_of
 
 SHOWN = "shown"

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from harness.scenario import Scenario, as_written, by_quarter
-from harness.store.kinds import kind_of
 
 
 def site_words(scenarios: Sequence[Scenario]) -> str:
@@ -18,11 +17,11 @@ def site_words(scenarios: Sequence[Scenario]) -> str:
         texts = {words(scenario) for scenario in scenarios}
         return texts.pop() if len(texts) == 1 else f"{name} varied"
 
-    if kind_of(scenarios[0]).name == "own simulations":
+    if scenarios[0].kind == "own simulations":
         words = [common(*each) for each in VEHICLE_WORDS["own simulations"]]
         return f"Site: {'; '.join(words)}."
     parts = [common(_road, "road"), common(_speed, "v0"), common(_people, "people")]
-    parts[2:2] = [common(*words) for words in VEHICLE_WORDS[kind_of(scenarios[0]).name]]
+    parts[2:2] = [common(*words) for words in VEHICLE_WORDS[scenarios[0].kind]]
     parts.append(common(_behaviour, "behaviour"))
     return f"Site: {'; '.join(filter(None, parts))}."
 

@@ -32,7 +32,7 @@ from harness.studies.tuning.folder import (
     write_trials,
 )
 from harness.studies.tuning.search import Trial, best_of, next_candidate
-from harness.studies.workers.tasks import ExecutorLostError
+from harness.studies.workers.executor import ExecutorLostError
 
 
 def tune(

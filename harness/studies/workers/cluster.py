@@ -9,8 +9,9 @@ from typing import Any
 from zipfile import ZipFile
 
 from harness.core.errors import InputError
+from harness.studies.kinds.tasks import Task
+from harness.studies.workers.executor import Argument, ExecutorLostError, Result
 from harness.studies.workers.pool import LocalPool
-from harness.studies.workers.tasks import Argument, ExecutorLostError, Result, Task
 from harness.studies.workers.upload import archive_of, top_modules
 
 

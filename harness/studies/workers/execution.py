@@ -14,17 +14,16 @@ from harness.core.encounter import FailedIn
 from harness.core.errors import HarnessError
 from harness.store.kinds import kind_of
 from harness.store.tables import table_of
-from harness.studies.workers.tasks import (
+from harness.studies.kinds.table import run_task
+from harness.studies.kinds.tasks import Task, TaskResult
+from harness.studies.kinds.watchdog import begun_in, hang_of
+from harness.studies.workers.executor import (
     Argument,
     Executor,
     ExecutorLostError,
     Result,
-    Task,
-    TaskResult,
     WorkerDiedError,
 )
-from harness.studies.workers.watchdog import begun_in, hang_of
-from harness.studies.workers.worker import run_task
 
 ATTEMPTS = 2
 """Number of failures after which a task is split into pairs, or a single pair is abandoned."""

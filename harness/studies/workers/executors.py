@@ -2,8 +2,8 @@
 
 from harness.scenario import Options, Study
 from harness.strategies.own import is_of_this_process
+from harness.studies.workers.executor import Executor
 from harness.studies.workers.pool import LocalPool, workers_for
-from harness.studies.workers.tasks import Executor
 
 
 def executor_for(study: Study, options: Options, dask: str | None = None) -> Executor:

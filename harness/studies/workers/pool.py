@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from harness.engine.starting import scratch_prefix
 from harness.scenario import Options
-from harness.studies.workers.tasks import (
+from harness.studies.workers.executor import (
     Argument,
     ExecutorLostError,
     Result,

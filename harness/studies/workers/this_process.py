@@ -6,7 +6,8 @@ from concurrent.futures import Future
 from dataclasses import replace
 
 from harness.engine.shared import close_engine
-from harness.studies.workers.tasks import Argument, Result, Task, TaskFailedError
+from harness.studies.kinds.tasks import Task
+from harness.studies.workers.executor import Argument, Result, TaskFailedError
 
 
 class ThisProcess:

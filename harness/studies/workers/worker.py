@@ -1,13 +1,10 @@
-"""Runs tasks in a worker process, in the one SUMO of the process."""
+"""Answers calls in a worker process."""
 
 import importlib
 from contextlib import suppress
 from multiprocessing.connection import Connection
 
 from harness.core.errors import in_one_line
-from harness.engine.shared import close_engine
-from harness.studies.kinds.table import simulation_of
-from harness.studies.workers.tasks import Task, TaskResult
 
 
 def serve(connection: Connection, module: str) -> None:
@@ -31,13 +28,3 @@ def serve(connection: Connection, module: str) -> None:
             except BaseException as error:  # a strategy may call sys.exit
                 answer = (False, f"{type(error).__name__}: {error}")
             connection.send(answer)
-
-
-def run_task(task: Task) -> tuple[TaskResult, ...]:
-    """Run every pair of a task and return the results of ``task.each``."""
-    try:
-        return simulation_of(task.scenario).run(task)
-    except BaseException:
-        # An interrupted episode must not affect the next one.
-        close_engine()
-        raise

@@ -1,31 +1,22 @@
-"""Tasks, their results, and the protocol of executors that run them.
+"""Tasks, and their results."""
 
-This module imports nothing slow, so that a parent and its workers import in parallel.
-"""
-
-from collections.abc import Callable, Mapping
-from concurrent.futures import Future
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, TypeVar
-
-from harness.core.errors import HarnessError
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from harness.core.encounter import Arm
     from harness.model.interaction import InteractionModel
     from harness.scenario import EngineName, Scenario
     from harness.store.tables import Tables
-    from harness.studies.workers.audit import Audit
+    from harness.studies.kinds.audit import Audit
 
 Failure = tuple[int, int, str, str]
 """Cell, pair, arm and reason of an episode that has no result."""
 
 LoggedFailure = Mapping[str, int | str | None]
 """The log's details of a failed episode."""
-
-Argument = TypeVar("Argument")
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -92,36 +83,3 @@ class TaskResult:
     failures: tuple[LoggedFailure, ...] = ()
     took_s: float = 0.0
     decisions_s: tuple[float, ...] = ()
-
-
-class Executor(Protocol):
-    """Runs each call in a process that the call may kill."""
-
-    workers: int
-
-    def submit(
-        self, function: Callable[[Argument], Result], argument: Argument
-    ) -> "Future[Result]":
-        """Start a call; the future raises if the call raised or its worker died.
-
-        Args:
-            function: a function at the top level of a module, so that the worker can import it.
-            argument: its argument, which must be picklable.
-        """
-        ...
-
-    def stop(self) -> None:
-        """End everything at once."""
-        ...
-
-
-class ExecutorLostError(HarnessError):
-    """The executor is lost; no task caused the loss."""
-
-
-class WorkerDiedError(HarnessError):
-    """The process that ran a task has died."""
-
-
-class TaskFailedError(HarnessError):
-    """A task raised the exception in the message; its worker continues."""

@@ -11,7 +11,7 @@ from harness.episode.ties import Decision, tie_s
 from harness.measures import Outcome
 from harness.measures.agreement import difference
 from harness.scenario import Scenario
-from harness.studies.workers.watchdog import Watch
+from harness.studies.kinds.watchdog import Watch
 
 
 @dataclass(frozen=True)
