@@ -27,12 +27,13 @@ SHORTER = {
     "sweep": ["--pairs", "2", "--workers", "1", "--quiet"],
     "fit": ["--components", "1..2", "--starts", "1", "--folds", "2", "--workers", "1"],
     "validate": ["--drivers", "constant_speed", "--folds", "0"],
+    "people": ["--trials", "20", "--hours", "0"],
     "tune": [
         *("--trials", "2", "--pairs", "20", "--fresh", "20", "--engine", "plain", "--workers", "1"),
     ],
     "examples.train_policy": ["--generations", "1", "--episodes", "2"],
 }
-"""Options added to a command, by its first word; the last one given counts."""
+"""Options added to a command, by its second word or its first; the last one given counts."""
 
 TRAJECTORIES = {"../shared/data/dut", "TRAJECTORIES"}
 """Words that stand for trajectories."""
@@ -88,7 +89,8 @@ def run_page(page: Path, trajectories: Path, skipped: set[str]) -> None:
             continue
         words = [str(trajectories) if word in TRAJECTORIES else word for word in words]
         if words[0] == "harness":
-            printed(*words[1:], *SHORTER.get(words[1], []))
+            shorter = next((SHORTER[word] for word in words[2:0:-1] if word in SHORTER), [])
+            printed(*words[1:], *shorter)
         elif words[:2] == ["python", "-m"]:
             run = [sys.executable, *words[1:], *SHORTER.get(words[2], [])]
             subprocess.run(run, check=True, timeout=300, capture_output=True)
