@@ -16,7 +16,7 @@ from harness.episode.arms import check_arms, draws_of
 from harness.episode.arrivals import planned_arrivals
 from harness.measures import MEASURES, EpisodeRecord, Measure
 from harness.model.interaction import load_model
-from harness.report.screens.risk_terminal import person_words, risk_screen
+from harness.report.screens.risk_terminal import _rows, person_words, risk_screen, risk_tables
 from harness.report.screens.screen import screen_lines
 from harness.scenario import Scenario, load_scenario, validate
 from harness.statistics.findings import Note, Rank
@@ -147,6 +147,43 @@ def test_the_first_screen_of_a_risk(name: str) -> None:
     settings = SettingsDocument(**given, in_sumo=False, versions={}, model={})
     lines = screen_lines(risk_screen(findings_in(name), Path("my runs"), settings))
     assert lines == (DATA / f"{name}.txt").read_text(encoding="utf-8").splitlines()
+
+
+def test_the_first_screen_shows_the_pedestrian_to_whom_the_event_is_due() -> None:
+    first = {"arrival_s": 1.0, "side": "far", "walking_speed_mps": 1.3}
+    first |= {"critical_gap_s": None, "seen_after_s": None}
+    people = [first, first | {"arrival_s": 2.0}, first | {"arrival_s": 7.5, "culprit": True}]
+    way = {"share": 1.0, "events": 3, "episode": 4, "critical_pairs": (0, 2)}
+    findings = findings_in("weighted", ways=[way | {"pedestrians": people}])
+    *_, row = _rows(findings)
+    assert row[1] == "far at 7.5 s, walks at 1.30 m/s; 2 more"
+    (table,) = (table for table in risk_tables(findings) if table.name == "way-1")
+    assert [cells[-1].text for cells in table.rows] == ["", "", "yes"]
+    assert table.headings[-1] == "event due to"
+
+
+def test_the_culprit_of_an_episode_is_whom_the_ego_hits(tmp_path: Path) -> None:
+    scenario = load_scenario(
+        "cctc_flow", {"arms.av": "constant_speed", "pedestrians.flow_per_hour": 1000}
+    )
+    settings = Settings("cctc_flow", scenario, target_cv=0.3)
+    question = question_of(settings)
+    evaluation = Evaluation(question, tmp_path, ThisProcess(), lambda *_: None)
+    z = question.space.layout.draw(60, np.random.default_rng(2))
+    numbers = np.arange(60)
+    evaluation.compare(z, numbers)
+    runner, later = on_plain(scenario, question.model), 0
+    for number, state, culprit in zip(
+        numbers.tolist(), z, evaluation.events["culprit_index"].to_pylist(), strict=True
+    ):
+        case = [(number, question.space.given(state, number))]
+        (outcome,) = runner.run_arm_given(Arm.AV, case, [].append)
+        assert culprit == outcome.record.contact_index
+        people = people_of(scenario, question.space, number, state, (), culprit)
+        shown = [at for at, person in enumerate(people) if person.culprit]
+        assert shown == [culprit][: culprit is not None and culprit < len(people)]
+        later += shown > [0]
+    assert later > 2
 
 
 def test_an_estimate_that_is_doubted_is_not_reliable_and_says_why() -> None:
@@ -470,13 +507,13 @@ def test_who_may_be_missed_leaves_something_to_chance() -> None:
     (arrival,) = planned_arrivals(scenario, 3, space.given(np.array([1.0]), 3))
     assert arrival.detection_quantile == pytest.approx(stats.norm.cdf(1.0))
     # 1 − Φ(1) = 0.159 is more than 0.5³ and less than 0.5².
-    (person,) = people_of(scenario, space, 3, np.array([1.0]), (1.4,))
+    (person,) = people_of(scenario, space, 3, np.array([1.0]), (1.4,), None)
     # The third update is two steps of 0.1 s after the first.
     assert person_words(person) == "near at 0.0 s, walks at 1.40 m/s, seen after 0.2 s"
     blind = scenario.model_copy(
         update={"perception": scenario.perception.model_copy(update={"detection_probability": 0.0})}
     )
-    (person,) = people_of(blind, space, 3, np.array([1.0]), ())
+    (person,) = people_of(blind, space, 3, np.array([1.0]), (), None)
     assert person.seen_after_s is None
     assert person_words(person) == "near at 0.0 s, does not walk"
 

@@ -222,7 +222,8 @@ def test_a_risk_samples_thresholds_and_latencies(model) -> None:
     arrival = outcome.trace.walks[0].arrival
     assert arrival.threshold_s == pytest.approx(math.exp(1.430 - 1.5 * 0.405))
     assert arrival.latency_s == pytest.approx(math.exp(0.0166 + 0.7 * 0.604))
-    (shown,) = people_of(scenario, space, 9, z, ())
+    (shown,) = people_of(scenario, space, 9, z, (), 0)
+    assert shown.culprit
     assert (shown.threshold_s, shown.latency_s) == (arrival.threshold_s, arrival.latency_s)
     critical = {"pedestrians.drawn": [drawn_of(space, 9, z)], "experiment.pairs": 1}
     again = on_plain(load_scenario("cctc", {**changes, **critical}), model).run_arm(0, Arm.AV)

@@ -13,6 +13,7 @@ from harness.studies.risk.folder import read_settings
 from harness.studies.runs.site_words import site_words
 
 _PEOPLE_SHOWN = 2
+"""Maximum number of pedestrians of a way, if the event is not due to one of them."""
 
 _EXPLAINED = ("_per_contact", "_below_curve", "side_share")
 """The tables say what these numbers are about."""
@@ -94,8 +95,10 @@ def _rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
         yield ("episodes run in both engines", agreement(findings))
     yield from _severity_rows(findings)
     for way in findings.ways:
-        people = "; ".join(map(person_words, way.pedestrians[:_PEOPLE_SHOWN]))
-        more = len(way.pedestrians) - _PEOPLE_SHOWN
+        culprits = [person for person in way.pedestrians if person.culprit]
+        shown = culprits or way.pedestrians[:_PEOPLE_SHOWN]
+        people = "; ".join(map(person_words, shown))
+        more = len(way.pedestrians) - len(shown)
         yield (
             f"way with {per_cent(way.share, 0)} % of the probability",
             f"{people}; {more} more" if more > 0 else people,
@@ -185,6 +188,7 @@ def risk_tables(findings: RiskFindings) -> Iterator[Table]:
                 _cell(person.threshold_s, ".2f"),
                 _cell(person.latency_s, ".2f"),
                 _cell(person.seen_after_s, ".2f"),
+                TableCell("yes" if person.culprit else ""),
             )
             for person in way.pedestrians
         )
@@ -201,6 +205,7 @@ def risk_tables(findings: RiskFindings) -> Iterator[Table]:
                 "threshold, s",
                 "latency, s",
                 "seen after, s",
+                "event due to",
             ),
             tuple(people),
         )

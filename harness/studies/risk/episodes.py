@@ -57,6 +57,7 @@ class Score(NamedTuple):
 
     The others are known of compared episodes alone:
         speeds_mps: walking speed of each pedestrian by index; None if they did not walk.
+        culprit_index: index of the pedestrian to whom the event is due; None if there is none.
         contact: what of the vehicle touched someone; None without a contact.
         injury_risk, fatality_risk: as the measures of these names.
     """
@@ -72,6 +73,7 @@ class Score(NamedTuple):
     culprit: int = -1
     own: tuple[float, ...] = (math.inf,) * GRADINGS
     speeds_mps: tuple[float | None, ...] = ()
+    culprit_index: int | None = None
     contact: Contact | None = None
     injury_risk: float | None = None
     fatality_risk: float | None = None
@@ -127,6 +129,7 @@ def run_episodes(task: Episodes) -> list[Score]:
                 record = outcomes[place].record
                 scores[place] = scores[place]._replace(
                     speeds_mps=_speeds_mps(outcomes[place].trace),
+                    culprit_index=_culprit(question.event, outcomes[place]),
                     contact=record.contact,
                     injury_risk=record.injury_risk,
                     fatality_risk=record.fatality_risk,

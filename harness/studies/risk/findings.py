@@ -32,7 +32,9 @@ class Person(Document):
 
     ``walking_speed_mps`` is None if they do not walk.  ``seen_after_s`` is the time from the first
     update of perception at which they can be seen to the one that detects them; it is None if
-    perception detects every pedestrian or no pedestrian.
+    perception detects every pedestrian or no pedestrian.  ``culprit`` says whether the event is due
+    to them: whether the ego hit them first or, without a contact, whether the same motion of the
+    ego would be in the event with them alone.
     """
 
     arrival_s: Number
@@ -42,6 +44,7 @@ class Person(Document):
     seen_after_s: Number | None
     threshold_s: Number | None = None
     latency_s: Number | None = None
+    culprit: bool = False
 
 
 class Way(Document):

@@ -54,6 +54,7 @@ _SCORES = pa.schema(
         "culprit": pa.int64(),
         "own": pa.list_(pa.float64(), GRADINGS),
         "speeds_mps": pa.list_(pa.float64()),
+        "culprit_index": pa.int64(),
         "contact": pa.string(),
         "injury_risk": pa.float64(),
         "fatality_risk": pa.float64(),

@@ -56,10 +56,12 @@ def people_of(
     number: int,
     z: FloatArray,
     speeds_mps: Sequence[float | None],
+    culprit: int | None,
 ) -> tuple[Person, ...]:
     """Return the timed and the sampled pedestrians of an episode.
 
-    ``speeds_mps`` are their walking speeds by index; nobody beyond its end walked.
+    ``speeds_mps`` are their walking speeds by index; nobody beyond its end walked.  ``culprit`` is
+    the index of the pedestrian to whom the event is due; None if there is none.
     """
     given = space.given(z, number)
     arrivals = planned_arrivals(scenario, number, given)
@@ -78,6 +80,7 @@ def people_of(
             seen_after_s=None
             if arrival.detection_quantile is None or chance == 0
             else (int(updates_until_found(arrival.detection_quantile, chance)) - 1) * step_s,
+            culprit=arrival.index == culprit,
         )
         for arrival in arrivals[: len(scenario.timed_walks()) + len(given.get("quantile", ()))]
     )

@@ -160,7 +160,7 @@ def _ways(
     evaluation: Evaluation, estimation: Estimation, clusters: list[Cluster]
 ) -> tuple[Way, ...]:
     ways, first, question = [], 0, evaluation.question
-    speeds = evaluation.events["speeds_mps"]
+    events = evaluation.events
     for cluster in clusters:
         likeliest = cluster.members[0]
         number = int(estimation.numbers[likeliest])
@@ -175,7 +175,8 @@ def _ways(
                     question.space,
                     number,
                     estimation.z[likeliest],
-                    speeds[likeliest].as_py(),
+                    events["speeds_mps"][likeliest].as_py(),
+                    events["culprit_index"][likeliest].as_py(),
                 ),
                 critical_pairs=(first, last),
             )
