@@ -43,18 +43,23 @@ def check_steps(where: str, time_s: float, step_s: float, fewest: int = 0) -> No
 
 
 def remarks_on_sight(scenario: Scenario) -> list[str]:
-    """A remark if SUMO's own driver drives, because it always sees every pedestrian."""
-    perception = scenario.perception
+    """Remarks if SUMO's own driver drives, who sees everybody, and if nothing hides anybody."""
+    perception, obstacles = scenario.perception, scenario.crossing.obstacles
     perfect = perception.is_perfect(scenario.experiment.step_s) and not perception.vehicles_hide
-    if (perfect and not scenario.crossing.obstacles) or "sumo_driver" not in (
-        scenario.arms.av,
-        scenario.arms.human,
-    ):
-        return []
-    return [
-        "[perception] and crossing.obstacles have no effect on sumo_driver: SUMO drives it and "
-        "sees every pedestrian"
-    ]
+    lines = []
+    if (not perfect or obstacles) and "sumo_driver" in (scenario.arms.av, scenario.arms.human):
+        lines.append(
+            "[perception] and crossing.obstacles have no effect on sumo_driver: SUMO drives it and "
+            "sees every pedestrian"
+        )
+    hiding = {"crossing.obstacles": obstacles, "perception.vehicles_hide": perception.vehicles_hide}
+    names = [name for name, hides in hiding.items() if hides]
+    if names and perception.human and not perception.occlusion:
+        lines.append(
+            f"{' and '.join(names)} {'have' if len(names) > 1 else 'has'} no effect: "
+            "perception.occlusion = false, and with perception.human = true for human drivers too"
+        )
+    return lines
 
 
 def _check_obstacle(obstacle: ObstacleSection, scenario: Scenario, where: str) -> None:

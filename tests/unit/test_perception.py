@@ -466,3 +466,17 @@ def test_obstacles_beside_all_ways_are_taken_and_sumos_driver_sees_everything() 
     scene = scenario(perception={"latency_s": 0.3}, arms={"av": "sumo_driver"})
     assert any("sumo_driver" in line for line in remarks(scene))
     assert remarks(scenario(perception={"latency_s": 0.3})) == []
+
+
+def test_vehicles_and_obstacles_that_hide_nobody_are_named() -> None:
+    sees = {"vehicles_hide": True, "occlusion": False, "human": True}
+    hour: dict[str, object] = {"traffic": {"flow_per_hour": 300}}
+    (line,) = remarks(scenario(perception=sees, **hour))
+    assert line.startswith("perception.vehicles_hide has no effect: perception.occlusion = false")
+    # Without human = true vehicles hide people from human drivers; with occlusion from everybody.
+    for key in ("human", "occlusion"):
+        assert remarks(scenario(perception=sees | {key: not sees[key]}, **hour)) == []
+    parked = {"x_m": -4.5, "y_m": -1.0, "length_m": 4.2, "width_m": 1.8}
+    blind = {"occlusion": False, "human": True}
+    (line,) = remarks(scenario(crossing={"obstacles": [parked]}, perception=blind))
+    assert line.startswith("crossing.obstacles has no effect")
