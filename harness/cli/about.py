@@ -92,18 +92,27 @@ def strategies(
 
 
 def _list_strategies(documents: "Iterable[StrategyRow]") -> None:
+    from harness.report.screens.console import make_console
+    from harness.report.screens.screen import wrapped
+
+    width = make_console().width
+
+    def show(text: str, indent: str = "") -> None:
+        for line in wrapped(f"{indent}{text}", width, f"{indent}  "):
+            print_line(line)
+
     for document in documents:
         if "problem" in document:
             print_line(_line("FAILED", document["problem"]))
             continue
-        print_line(f"{document['name']}: {document['summary']}")
+        show(f"{document['name']}: {document['summary']}")
         if document["knows"]:
-            print_line(f"    {document['knows']}")
+            show(document["knows"], "    ")
         for parameter in document["parameters"]:
             default = "no default" if parameter["required"] else parameter["default"]
             print_line(f"    {parameter['name']} = {default}  ({parameter['kind']})")
             for note in parameter["notes"]:
-                print_line(f"        {note}")
+                show(note, "        ")
 
 
 def doctor(

@@ -131,9 +131,10 @@ def _show(search: "Search", judged: "Judged", quiet: bool, as_json: bool) -> Non
     page = write_tune_page(search, judged)
 
     def show() -> None:
+        from harness.report.screens.console import make_console
         from harness.report.screens.tune_screen import tune_lines
 
-        for line in tune_lines(search, judged):
+        for line in tune_lines(search, judged, make_console().width):
             print_line(line)
         print_line(f"Page: {page}")
 

@@ -1,16 +1,19 @@
 """First screens and notes, made from findings that were written by hand."""
 
+import io
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from harness.report.screens import run_document, terminal
+from harness.report.screens.console import print_table
 from harness.report.screens.result_screen import screen_of
-from harness.report.screens.screen import Screen, screen_lines
-from harness.report.screens.tables import entry_limits, per_cent
+from harness.report.screens.screen import Screen, screen_lines, wrapped
+from harness.report.screens.tables import Table, TableCell, entry_limits, per_cent
 from harness.scenario import load_scenario, parse_setting
 from harness.statistics import (
     ENCOUNTERS,
@@ -332,6 +335,41 @@ def test_names_are_broken_before_intervals() -> None:
         "      (hard_yield in",
         "      97 %)",
     ]
+
+
+def test_an_interval_is_not_broken_where_a_sentence_is() -> None:
+    text = "with the model: PET below 1.5 s 0 … 77 / 0 … 33 %"
+    for width in range(12, 60):
+        lines = wrapped(text, width, "  ")
+        assert " ".join(line.strip() for line in lines) == text
+        assert all(len(line) <= width for line in lines)
+        assert any("0 … 33 %" in line for line in lines)
+
+
+def table_lines(width: int, *rows: tuple[TableCell, ...]) -> list[str]:
+    console = Console(width=width, file=io.StringIO(), markup=False)
+    headings = ("measure", "AV", "reference", "remark")
+    print_table(console, Table("all", "every measure", headings, rows))
+    return console.file.getvalue().splitlines()
+
+
+def test_a_table_on_a_narrow_terminal_breaks_no_number_and_leaves_out_no_column() -> None:
+    name = "time advantage below 1.5 s, pairs that met someone, of all that were counted"
+    value, limits = "16.843 %", "0.127 … 24.873"
+    why = "Nobody was hit by the front of a moving vehicle in any of these episodes."
+    row = (TableCell(name), TableCell(value, limits), TableCell(value, limits), TableCell(why))
+    lines = table_lines(80, row)
+    assert all(len(line) <= 80 for line in lines)
+    text = " ".join(" ".join(lines).split())
+    for word in ("measure", "AV", "reference", "remark", *name.split(), *why.split()):
+        assert word in text.split()
+    assert text.count("16.843") == 2
+    assert text.count("24.873") == 2
+    # Nothing is wrapped where everything fits.
+    assert any(name in line and why in line for line in table_lines(200, row))
+    # A name is wrapped only after the texts beside it.
+    short = (TableCell("time to cross, s"), *row[1:])
+    assert any("time to cross, s" in line for line in table_lines(80, short))
 
 
 def test_no_sweep_leaves_out_crashes_or_how_many_pairs_met_nobody() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from harness.core.errors import InputError, InterruptedRunError
 from harness.report.pages.tune_page import write_tune_page
+from harness.report.screens.tune_screen import tune_lines
 from harness.scenario import Options, read_scenario_file, study_of
 from harness.statistics import ENCOUNTERS, Finding, proportion
 from harness.statistics.limits import (
@@ -196,6 +197,19 @@ def test_an_interrupted_search_goes_on_to_the_same_trials(tmp_path) -> None:
     best = read_scenario_file(tmp_path / "whole" / "best.toml").scenario()
     assert whole.best is not None
     assert best.strategies["gap_yield"] == {"critical_gap_s": whole.best.candidate[GAP.key]}
+
+
+def test_the_screen_fits_80_columns_and_keeps_values_and_commands_whole(tmp_path) -> None:
+    judged = tune(made(), out=tmp_path / ("long" * 20), workers=0, progress=lambda *_: None)
+    lines = list(tune_lines(made(), judged, 80))
+    paths = [line for line in lines if str(tmp_path) in line]
+    assert all(len(line) <= 80 for line in lines if line not in paths)
+    # A command can be copied, however long its path is.
+    assert [line.partition(": ")[0] for line in paths] == ["To check it", "To run it", "All trials"]
+    values = [f"{GAP.key} = {value:g}" for value in judged.best.candidate.values()]
+    assert any(value in line for value in values for line in lines)
+    # On a page, and on a wide terminal, a line has at most 100 columns.
+    assert max(len(line) for line in tune_lines(made(), judged, 200) if line not in paths) <= 100
 
 
 def test_other_commands_name_the_run_that_they_need(tmp_path) -> None:

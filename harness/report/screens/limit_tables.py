@@ -59,8 +59,9 @@ def _bound(each: JudgedLimit) -> str:
     text, margin = f"bound {each.bound:.3g}", each.margin
     if margin is None:
         return text
-    side = "inside" if margin > 0 else "beyond"
-    return f"{text}, {100 * abs(margin):.3g} % {side} the limit"
+    side, percent = "inside" if margin > 0 else "beyond", 100 * abs(margin)
+    shown = f"{percent:,.0f}" if percent >= 1000 else f"{percent:.3g}"
+    return f"{text}, {shown} % {side} the limit"
 
 
 def _by_verdict(cells: Sequence[Judged], word: str) -> str:

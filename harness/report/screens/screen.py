@@ -16,6 +16,10 @@ WIDEST = 100
 MOST_LINES = 16
 """Maximum number of lines for one result; notes that do not fit share a line."""
 
+KEPT = "\N{NO-BREAK SPACE}"
+"""Stands for a space at which a line is not broken."""
+
+_WITHIN = re.compile(r"(?<=\S) (?=[…%])|(?<=…) ")
 _GAP = "  "
 _LEAST = 8
 """Columns keep at least this width; on a narrow terminal one is left out instead."""
@@ -94,10 +98,26 @@ def screen_lines(screen: Screen, width: int = WIDEST) -> list[str]:
     """
     width = min(width, WIDEST)
     head = _head(screen, width) + _rows(screen, width)
-    head += [line for text in screen.conclusions for line in textwrap.wrap(text, width)]
+    head += [line for text in screen.conclusions for line in wrapped(text, width)]
     room = None if screen.most_lines is None else screen.most_lines - len(head) - 1
     # A folder's path stays whole, so that it can be copied.
     return [*head, *_note_lines(screen.notes, width, room), screen.footer]
+
+
+def wrapped(text: str, width: int, indent: str = "", *, break_long_words: bool = True) -> list[str]:
+    """Wrap a text, but not within an interval, before its sign % or at ``KEPT``.
+
+    >>> wrapped("below 1.5 s 0 … 33 %", 16)
+    ['below 1.5 s', '0 … 33 %']
+    """
+    lines = textwrap.wrap(
+        _WITHIN.sub(KEPT, text),
+        width,
+        subsequent_indent=indent,
+        break_long_words=break_long_words,
+        break_on_hyphens=False,
+    )
+    return [line.replace(KEPT, " ") for line in lines]
 
 
 def _head(screen: Screen, width: int) -> list[str]:
@@ -106,7 +126,7 @@ def _head(screen: Screen, width: int) -> list[str]:
         parts = [f"{screen.title}{' ' * gap}{screen.scope}".rstrip()]
     else:
         parts = [screen.title, screen.scope]
-    return [line for part in (*parts, screen.site) for line in textwrap.wrap(part, width)]
+    return [line for part in (*parts, screen.site) for line in wrapped(part, width)]
 
 
 def _rows(screen: Screen, width: int) -> list[str]:
@@ -135,13 +155,13 @@ def _rows(screen: Screen, width: int) -> list[str]:
             continue
         indent = " " * (widths[0] + len(_GAP))
         cells = [text.ljust(size) for text, size in zip(row, widths, strict=False)]
-        lines += textwrap.wrap(_GAP.join(cells), width, subsequent_indent=indent)
+        lines += wrapped(_GAP.join(cells), width, indent)
     if shown < len(widths) and screen.aside:
         values = ", ".join(f"{name.split(', ')[0]} {value}" for name, value in last)
-        lines += textwrap.wrap(f"{screen.headings[-1]}: {values}", width) if last else []
+        lines += wrapped(f"{screen.headings[-1]}: {values}", width) if last else []
     elif shown < len(widths):
         names = "; ".join(screen.headings[shown:])
-        lines += textwrap.wrap(f"Not shown here: {names}.", width)
+        lines += wrapped(f"Not shown here: {names}.", width)
     return [line.rstrip() for line in lines]
 
 
@@ -176,22 +196,21 @@ def _side_by_side(
 def _note_lines(notes: Sequence[Note], width: int, room: int | None) -> list[str]:
     """Return the lines of the notes; the last notes share a line if they do not fit."""
 
-    def wrapped(notes: Sequence[Note]) -> list[str]:
-        texts = [f"! {note.text}" for note in notes]
-        return [line for of in texts for line in textwrap.wrap(of, width, subsequent_indent="  ")]
+    def lines_of(notes: Sequence[Note]) -> list[str]:
+        return [line for note in notes for line in wrapped(f"! {note.text}", width, "  ")]
 
-    lines = wrapped(notes)
+    lines = lines_of(notes)
     if room is None or len(lines) <= room:
         return lines
     kept = [note for note in notes if note.rank <= _NEVER_MERGED]
     for shown in range(len(notes) - 1, len(kept) - 1, -1):
         names = dict.fromkeys(_NAMES[note.rank] for note in notes[shown:])
         rest = Note(Rank.FEW_PAIRS, f"More to know (--full): {', '.join(names)}.")
-        lines = wrapped([*notes[:shown], rest])
+        lines = lines_of([*notes[:shown], rest])
         if len(lines) <= room:
             return lines
     more = [rest] if kept != [*notes] else []
-    return wrapped([*_by_rank(kept), *more])
+    return lines_of([*_by_rank(kept), *more])
 
 
 def _by_rank(notes: Sequence[Note]) -> list[Note]:

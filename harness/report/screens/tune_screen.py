@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Iterator
 
 from harness.report.screens.limit_tables import judged_words
+from harness.report.screens.screen import KEPT, WIDEST, wrapped
 from harness.report.screens.tables import counted, entry_heading, entry_limits, entry_value
 from harness.scenario import as_written
 from harness.statistics import Form
@@ -15,8 +16,16 @@ from harness.studies.tuning.search import Trial
 _MOST_OF_FRONT = 10
 
 
-def tune_lines(search: Search, judged: Judged) -> Iterator[str]:
-    """The lines of the screen."""
+def tune_lines(search: Search, judged: Judged, width: int = WIDEST) -> Iterator[str]:
+    """The lines of the screen.  Only commands and paths may be longer than ``width``."""
+    width = min(width, WIDEST)
+    for text in _texts(search, judged):
+        indent = "    " if text.startswith("  ") else "  "
+        yield from wrapped(text, width, indent, break_long_words=False)
+
+
+def _texts(search: Search, judged: Judged) -> Iterator[str]:
+    """The sentences of the screen, one each."""
     goal, kept = search.goal, sum(map(search.goal.keeps, judged.trials))
     verb = "minimise" if goal.direction == "minimize" else "maximise"
     limits = ", ".join(map(str, goal.limits)) or "nothing"
@@ -36,10 +45,12 @@ def tune_lines(search: Search, judged: Judged) -> Iterator[str]:
     )
     for trial in shown:
         numbers = ", ".join(
-            f"{name} {value:.4g}" for name, value in trial.numbers.items() if value is not None
+            _whole(f"{name} {value:.4g}")
+            for name, value in trial.numbers.items()
+            if value is not None
         )
         yield f"  trial {trial.number}: {_written(trial)}: {numbers}"
-    yield f"All trials: {judged.folder / 'trials.jsonl'}"
+    yield _whole(f"All trials: {judged.folder / 'trials.jsonl'}")
 
 
 def _best(search: Search, judged: Judged, best: Trial) -> Iterator[str]:
@@ -49,11 +60,12 @@ def _best(search: Search, judged: Judged, best: Trial) -> Iterator[str]:
     thresholds = search.file.scenario().conflicts.model_dump()
     for name in search.goal.names:
         entry, found = entry_of(name), judged.findings[name]
-        value, limits = entry_value(entry, found, entry.digits + 1), entry_limits(entry, found, 3)
-        percent = " %" if entry.form in (Form.EVENTS, Form.SHARE) else ""
-        bounds = f" ({limits}{percent})" if limits else ""
+        share = entry.form in (Form.EVENTS, Form.SHARE)
+        value = entry_value(entry, found, entry.digits + 1)
+        limits = entry_limits(entry, found, 3 if share else entry.digits + 1)
+        bounds = _whole(f" ({limits}{' %' if share else ''})") if limits else ""
         estimate = f"in the search {best.numbers[name]:.4g}"
-        yield f"  {name}, {entry_heading(entry, thresholds)}: {value}{bounds}; {estimate}"
+        yield f"  {name}, {entry_heading(entry, thresholds)}: {_whole(value)}{bounds}; {estimate}"
     for limit in judged.verdicts:
         yield f"  {judged_words(limit)}"
     binds = binding(judged.verdicts)
@@ -74,10 +86,16 @@ def _best(search: Search, judged: Judged, best: Trial) -> Iterator[str]:
     path = shlex.quote(str(judged.folder / BEST))
     if open_rates:
         needed = ", ".join(f"{3 / of.limit:,.0f} for {of}" for of in open_rates if of.limit > 0)
-        words = f"Fresh pairs that are needed without a crash: about {needed}. " if needed else ""
-        yield f"! {words}harness risk {path} can check this candidate."
-    yield f"To run it: harness run {path}"
+        if needed:
+            yield f"! Fresh pairs that are needed without a crash: about {needed}."
+        yield _whole(f"To check it: harness risk {path}")
+    yield _whole(f"To run it: harness run {path}")
 
 
 def _written(trial: Trial) -> str:
-    return ", ".join(f"{key} = {as_written(value)}" for key, value in trial.candidate.items())
+    values = trial.candidate.items()
+    return ", ".join(_whole(f"{key} = {as_written(value)}") for key, value in values)
+
+
+def _whole(text: str) -> str:
+    return text.replace(" ", KEPT)
