@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 
 from harness.core.encounter import FloatArray
@@ -44,4 +45,7 @@ def draw_trials(axes: Axes, tried: Tried, labels: Sequence[str], limit: float | 
         axes.scatter(*place, label="best that keeps every limit", **ring)
     if limit is not None:
         axes.axvline(limit, color=VERMILLION, ls="--", lw=1.2, label="limit")
+        if limit >= 0 and not np.any(tried.x):
+            # Around numbers that are all 0 the axis would be far wider than the limit.
+            axes.set_xlim(-0.25 * (limit or 1.0), 1.5 * (limit or 1.0))
     finish(axes, labels[0], labels[1], f"{len(tried.x)} trials, search data")

@@ -119,7 +119,7 @@ def _crosswalks(run: RunData) -> Picture:
     for axes, (column, across) in zip(panels, _AT_CROSSWALKS, strict=True):
         draw_groups(axes, names, _means(run, rows, "crosswalk", names, column), across)
     left = rows["crosswalk"].nunique() - len(names)
-    more = f" {left} crosswalks with fewer people are left out." if left else ""
+    more = f" Crosswalks with fewer people that are left out: {left}." if left else ""
     return Picture(
         "crosswalks",
         "Delay, wait and queue at the crosswalks",
@@ -184,6 +184,6 @@ def _safety(run: RunData) -> Iterator[Picture]:
             f"Share of passages with people whose {words} is at most x, in both arms, at the "
             f"{'' if more == 0 else f'{len(shown)} '}crosswalks with the most people. A curve ends "
             "below 1 where the measure is undefined or larger. A contact has TTC 0 and no PET."
-            + (f" {more} crosswalks are left out." if more else ""),
+            + (f" Crosswalks that are left out: {more}." if more else ""),
             figure,
         )
