@@ -9,7 +9,7 @@ import typer
 from harness.cli import options
 from harness.cli.interruption import unwinding
 from harness.cli.options import refuse_without, settings_of
-from harness.cli.output import emit, print_json, print_line
+from harness.cli.output import emit, print_json, print_line, print_wrapped
 from harness.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def network(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Build the scenario's SUMO network and write its plain-XML sources."""
+    """Build the scenario's SUMO network and its plain-XML sources."""
     from harness.scenario import read_scenario_file
 
     file = read_scenario_file(scenario, settings_of(settings))
@@ -92,34 +92,25 @@ def strategies(
 
 
 def _list_strategies(documents: "Iterable[StrategyRow]") -> None:
-    from harness.report.screens.console import make_console
-    from harness.report.screens.screen import wrapped
-
-    width = make_console().width
-
-    def show(text: str, indent: str = "") -> None:
-        for line in wrapped(f"{indent}{text}", width, f"{indent}  "):
-            print_line(line)
-
     for document in documents:
         if "problem" in document:
             print_line(_line("FAILED", document["problem"]))
             continue
-        show(f"{document['name']}: {document['summary']}")
+        print_wrapped(f"{document['name']}: {document['summary']}")
         if document["knows"]:
-            show(document["knows"], "    ")
+            print_wrapped(document["knows"], "    ")
         for parameter in document["parameters"]:
             default = "no default" if parameter["required"] else parameter["default"]
             print_line(f"    {parameter['name']} = {default}  ({parameter['kind']})")
             for note in parameter["notes"]:
-                show(note, "        ")
+                print_wrapped(note, "        ")
 
 
 def doctor(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print only failed checks.")] = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Check this installation: versions, SUMO, a network and one pair."""
+    """Check this installation: versions, SUMO, a network, a pair."""
     from harness.core.versions import versions_of_runs
     from harness.report.screens.listings import installation_checks
 

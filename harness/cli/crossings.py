@@ -9,7 +9,7 @@ import typer
 
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption
-from harness.cli.output import print_json, print_line, say
+from harness.cli.output import print_json, print_line, print_wrapped, say
 from harness.cli.written import seen_from, write_new
 from harness.core.errors import InputError, nearest_name, one_line
 
@@ -65,7 +65,9 @@ def crossings(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the crosswalks of a SUMO scenario, a network or a map, usable ones first.
+    """List the crosswalks of a SUMO scenario, a network or a map.
+
+    Usable ones come first.
 
     For a configuration (.sumocfg) the command simulates the scenario once, untouched, and counts
     vehicles and people per hour at every crosswalk. With --write it simulates nothing, and the
@@ -135,7 +137,7 @@ def _of_network(
         usable = sum(row.usable for row in rows)
         print_line(f"{net}: {counted(len(rows), 'crossing')}, {usable} usable")
         for row in rows:
-            print_line(_line(row))
+            print_wrapped(_line(row))
 
 
 def _chosen(rows: list["CrossingRow"], edge: str) -> "CrossingRow":

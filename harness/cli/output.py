@@ -36,6 +36,18 @@ def print_line(text: str) -> None:
     sys.stdout.write(text + "\n")
 
 
+def print_wrapped(text: str, indent: str = "") -> None:
+    """Print a line of a result, wrapped on a terminal; a pipe gets the whole line."""
+    if not sys.stdout.isatty():
+        print_line(indent + text)
+        return
+    from harness.report.screens.console import make_console
+    from harness.report.screens.screen import wrapped
+
+    for line in wrapped(indent + text, make_console().width, f"{indent}  "):
+        print_line(line)
+
+
 def print_json(document: Any) -> None:
     """Print a result as JSON on stdout."""
     print_line(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))

@@ -9,9 +9,11 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from harness.cli.output import print_wrapped
 from harness.report.screens import run_document, terminal
 from harness.report.screens.console import print_table
 from harness.report.screens.result_screen import screen_of
+from harness.report.screens.result_tables import _remark
 from harness.report.screens.screen import Screen, screen_lines, wrapped
 from harness.report.screens.tables import Table, TableCell, entry_limits, per_cent
 from harness.scenario import load_scenario, parse_setting
@@ -32,6 +34,7 @@ from harness.studies.runs.notes import av_label, encounter_notes
 from harness.studies.runs.references import agreement, disagreement, reference_lines
 from harness.studies.runs.reported import _run_notes, is_the_papers, walker_lines
 from harness.studies.runs.site_words import site_words
+from tests.batches import printed
 
 FEW = "unreliable below 1,000 informative pairs (has 50)"
 CALM: dict[str, Finding] = {
@@ -344,6 +347,38 @@ def test_an_interval_is_not_broken_where_a_sentence_is() -> None:
         assert " ".join(line.strip() for line in lines) == text
         assert all(len(line) <= width for line in lines)
         assert any("0 … 33 %" in line for line in lines)
+
+
+def test_a_terminal_wraps_a_line_that_a_pipe_gets_whole(capsys, monkeypatch) -> None:
+    text = ":a_c0; 1 + 1 lanes; " * 8 + "usable"
+    monkeypatch.setenv("COLUMNS", "80")
+    print_wrapped(text, "    ")
+    assert capsys.readouterr().out == f"    {text}\n"
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    print_wrapped(text, "    ")
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) > 1
+    assert all(len(line) <= 80 for line in lines)
+    assert " ".join(line.strip() for line in lines) == text
+
+
+def test_the_list_of_commands_cuts_no_sentence(monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    overview = printed("--help")
+    assert "conflicts   Measure" in overview
+    assert "..." not in overview.partition("Commands:")[2]
+
+
+def test_a_remark_names_the_arm_whose_number_is_undefined() -> None:
+    nobody, known = Finding(None, reason="no contact"), Finding(1.0)
+    for av, reference, text in (
+        (known, nobody, "reference: no contact"),
+        (nobody, known, "AV: no contact"),
+        (nobody, nobody, "no contact"),
+        (None, nobody, "no contact"),
+        (known, known, ""),
+    ):
+        assert _remark(av, reference, None) == text
 
 
 def table_lines(width: int, *rows: tuple[TableCell, ...]) -> list[str]:

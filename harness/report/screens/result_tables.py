@@ -21,6 +21,7 @@ from harness.report.screens.tables import (
     sort_key,
     value_cell,
 )
+from harness.statistics import Finding
 from harness.statistics.findings import CellFindings, RunFindings
 from harness.studies.runs.run_data import RunData
 
@@ -46,7 +47,6 @@ def _every_entry(run: RunFindings, cell: CellFindings) -> Table:
         # A ratio or difference has a number of pairs; a share has a number of trials in each arm.
         trials = [both] if both else [av, reference]
         counts = [f"{of.n:,}" for of in trials if of is not None and of.n is not None]
-        undefined = [of for of in (av, reference, both) if of is not None and of.value is None]
         rows.append(
             (
                 TableCell(entry_heading(entry, cell.thresholds)),
@@ -54,7 +54,7 @@ def _every_entry(run: RunFindings, cell: CellFindings) -> Table:
                 TableCell(" / ".join(dict.fromkeys(counts))),
                 *([TableCell(over_model_limits(entry, cell))] if cell.over_model else []),
                 *([TableCell(entry.paper)] if run.paper else []),
-                TableCell("; ".join(dict.fromkeys(of.reason or "" for of in undefined))),
+                TableCell(_remark(av, reference, both)),
             )
         )
     paper = ["paper, N = 50"] if run.paper else []
@@ -64,6 +64,20 @@ def _every_entry(run: RunFindings, cell: CellFindings) -> Table:
     name = cell_name(cell) or f"{cell.av} against {cell.reference}"
     caption = f"{name}: every measure, {level(run.confidence)} intervals{STAR}"
     return Table(f"every-{cell.cell}", caption, headings, tuple(rows), folded=True)
+
+
+def _remark(av: Finding | None, reference: Finding | None, both: Finding | None) -> str:
+    """Return why numbers are undefined, and in which arm if the other arm's number is defined."""
+    undefined = [of for of in (av, reference, both) if of is not None and of.value is None]
+    text = "; ".join(dict.fromkeys(of.reason for of in undefined if of.reason))
+    if (
+        not text
+        or av is None
+        or reference is None
+        or (av.value is None) == (reference.value is None)
+    ):
+        return text
+    return f"{'AV' if av.value is None else 'reference'}: {text}"
 
 
 def cells_table(run: RunFindings) -> Table:
