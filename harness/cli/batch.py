@@ -39,7 +39,7 @@ def run(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Run every pair twice: once with the AV, once with the human driver.
+    """Run every pair with the AV and again with the human driver.
 
     With --vary, the command runs every cell of the sweep.
     """

@@ -44,7 +44,10 @@ def conflicts(
     as_json: JsonOption = False,
     full: FullOption = False,
 ) -> None:
-    """Measure conflicts of people and vehicles in a SUMO output; nothing is simulated."""
+    """Measure conflicts of people and vehicles in a SUMO output.
+
+    Nothing is simulated.
+    """
     from harness.report.pages.conflict_page import PAGE, write_conflict_page
     from harness.report.screens.conflict_tables import print_conflicts
     from harness.scenario import set_thresholds

@@ -51,7 +51,10 @@ def export(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Write a run's tables as CSV, or one pair's trajectories and road for another simulator."""
+    """Write tables as CSV, or a pair for another simulator.
+
+    A pair has the trajectories of one arm, and for OpenSCENARIO its road.
+    """
     if csv and form is not None:
         raise not_with("--csv", "--format", "one of the two")
     given = {"pair": pair, "vehicle": vehicle, "crosswalk": crosswalk, "out": out}

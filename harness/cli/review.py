@@ -144,7 +144,7 @@ def score(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Recompute measures from traces, or count conflicts with other thresholds."""
+    """Recompute measures, or conflicts with other thresholds."""
     from harness.studies.batch.scoring import score as recompute
 
     with unwinding():

@@ -43,7 +43,7 @@ def risk(
     as_json: options.JsonOption = False,
     full: options.FullOption = False,
 ) -> None:
-    """Estimate the probability that a rare event occurs in an episode."""
+    """Estimate how probable a rare event is in an episode."""
     from harness.core.encounter import Arm
     from harness.scenario import read_scenario_file, study_of
 

@@ -58,9 +58,10 @@ def tune(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Search parameters that minimise a number under limits; judge the best on fresh pairs.
+    """Search parameters that minimise a number under limits.
 
-    The limits are those of --subject-to and of the scenario's limits.subject_to.
+    The best candidate is judged on fresh pairs.  The limits are those of --subject-to and of the
+    scenario's limits.subject_to.
     """
     from harness.scenario import Setting, read_scenario_file, study_of
     from harness.statistics.limits import named, parse_limit

@@ -94,7 +94,7 @@ def validate(
     as_json: JsonOption = False,
     full: FullOption = False,
 ) -> None:
-    """Compare drivers with recorded encounters, or people and drivers with measured people.
+    """Compare drivers with recordings, or people with measured ones.
 
     Each driver replaces the recorded driver.  `harness validate people` needs no data: it simulates
     measured experiments and prints simulated beside measured numbers.
