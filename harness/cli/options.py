@@ -108,8 +108,8 @@ OverModelOption = Annotated[
     typer.Option(
         "--over-model",
         help="Spread the pairs over the model's refits (harness fit --refits), and print the "
-        "intervals that include the model's fit beside the usual ones. The same as "
-        "--set model.over_refits=true.",
+        "intervals that include the model's fit. Every number is then a mean over the refits. "
+        "The same as --set model.over_refits=true.",
     ),
 ]
 FullOption = Annotated[

@@ -1,5 +1,7 @@
 """Entries of how bad the contacts are: injuries and deaths that are to be expected from them."""
 
+from dataclasses import replace
+
 from harness.core.encounter import FloatArray
 from harness.statistics.bootstrap import UNKNOWN, Resampled
 from harness.statistics.encounter_columns import EncounterColumns, count
@@ -49,14 +51,14 @@ def severity_entries() -> tuple[Entry[EncounterColumns], ...]:
     """The entries of both severities, and the contacts that they leave out."""
     rates = [entry for severity in SEVERITIES for entry in _entries(*severity)]
     return (
-        *rates,
         Entry(
             "side_contacts",
-            "contacts with the vehicle's side",
+            "contacts with the vehicle's side, left out below",
             "Crashes in which the vehicle's side touched someone. No expected injury counts them.",
             form=Form.COUNT,
             of_arm=lambda c, arm: count(c.pairs.crashed[arm] & ~c.pairs.front[arm]),
         ),
+        *rates,
     )
 
 
@@ -118,7 +120,9 @@ def _expected(
     ran = columns.ran(arm)
     if not risk[ran].any():
         return UNKNOWN
-    return columns.ratio(PER_MILLION * risk[ran], trials[ran].astype(float))
+    rate = columns.ratio(PER_MILLION * risk[ran], trials[ran].astype(float))
+    # Only contacts with the front inform about the sum of the risks.
+    return replace(rate, informative=count(risk[ran] > 0))
 
 
 def _difference(columns: EncounterColumns, risk: BothArms) -> Resampled:

@@ -18,14 +18,14 @@ def severity_entries(passages: str) -> tuple[Entry[ArmColumns], ...]:
         passages: what the passages are counted by, in words.
     """
     return (
-        *(entry for severity in SEVERITIES for entry in _entries(*severity, passages)),
         Entry(
             "side_contacts",
-            "contacts with a vehicle's side",
+            "contacts with a vehicle's side, left out below",
             "Contacts in which the vehicle's side touched someone. No expected injury counts them.",
             form=Form.COUNT,
             of_arm=lambda c, arm: c.total("side_contacts", arm),
         ),
+        *(entry for severity in SEVERITIES for entry in _entries(*severity, passages)),
     )
 
 

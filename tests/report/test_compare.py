@@ -320,8 +320,8 @@ def test_tables(run: Path) -> None:
     [
         (
             (1.0, 0.05),
-            "Allowed: p1 = 0.2: μ below 1 and κ below 0.05, with 95 % confidence for all 3 values "
-            "together. Bounds of μ unreliable: too few informative pairs.",
+            "Allowed: p1 = 0.2: μ below 1 and κ below 0.05. The confidence is not known: the "
+            "bounds of μ are unreliable, with too few informative pairs.",
         ),
         ((0.8, 0.05), "No value is allowed"),
         (

@@ -279,6 +279,7 @@ def test_summary_of_hand_counted_pairs() -> None:
     assert summary.serious_per_million_passages.value == pytest.approx(1e6 * 0.08 / 8)
     assert summary.fatal_per_million_passages.value == pytest.approx(1e6 * 0.03 / 8)
     assert summary.serious_per_million_crossings.value == pytest.approx(1e6 * 0.08 / 7)
+    assert summary.findings["serious_per_million_crossings"].n == 1
     assert summary.serious_below_curve == 1.0
     for name in ("passages_human", "passages_difference", "crossings_human"):
         finding = summary.findings[f"serious_per_million_{name}"]

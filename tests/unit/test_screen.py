@@ -185,7 +185,7 @@ All measures: --full. Page: harness report runs/cctc-1"""
     assert lines[13:] == [
         "! More to know (--full): pairs left out, undefined numbers, the fallback, speeding, "
         "the model's",
-        "  range, few pairs.",
+        "  range, unreliable intervals (few pairs).",
         "All measures: --full. Page: harness report runs/cctc-1",
     ]
 
@@ -324,7 +324,7 @@ def test_failures_of_many_cells_fit_and_name_each_cell() -> None:
         "! Cells 2, 3, 4, 5, 6, 7, 8, 9, 10: failures (--full).",
         "! Cell 3: 3 timed out.",
         "! Cells 4, 7: time-outs (--full).",
-        "! More to know (--full): few pairs.",
+        "! More to know (--full): unreliable intervals (few pairs).",
         "All: --full.",
     ]
     assert len(screen_lines(replace(screen, most_lines=None))) == 8 + len(notes) + 1
@@ -701,3 +701,9 @@ def test_a_sweep_of_hours_shows_no_column_without_a_number() -> None:
     assert screen.footer.endswith("harness report 'runs/a b'")
     measured = replace(run, cells=(*cells, replace(some, cell=2, varied={"arms.av": "hard_yield"})))
     assert "delay of other vehicles, s" in screen_of(measured).headings
+
+
+def test_the_limits_of_a_negative_difference_of_shares_are_negative() -> None:
+    yielded: Entry[Any] = Entry("yielded", "yielded", "", form=Form.SHARE, digits=1)
+    assert entry_limits(yielded, Finding(-0.306, -0.352, -0.26, n=5)) == "−35.2 … −26.0"
+    assert entry_limits(yielded, Finding(-0.005, -0.04, 0.03, n=5)) == "−4.0 … 3.0"

@@ -7,6 +7,10 @@ from harness.scenario import as_written
 from harness.statistics import ENTRIES, Findings, SweepVerdict, Verdict
 from harness.studies.runs.comparisons import GroupResult, RunComparison, SweepResult
 
+_UNSURE = (
+    "The confidence is not known: the bounds of μ are unreliable, with too few informative pairs."
+)
+
 
 def allowed_lines(result: SweepResult, error: float) -> list[str]:
     """Return sentences about the allowed values.
@@ -16,18 +20,18 @@ def allowed_lines(result: SweepResult, error: float) -> list[str]:
         error: probability that any of the bounds is wrong.
     """
     sweep, found = result.sweep, result.found
-    together = f"with {level(1 - error)} confidence for all {len(sweep.values)} values together"
+    together = f", with {level(1 - error)} confidence for all {len(sweep.values)} values together."
+    if any(result.indicative):
+        together = f". {_UNSURE}"
     within = f"μ below {result.limits.mu0:g} and κ below {result.limits.kappa0:g}"
     if found.verdict is SweepVerdict.SOME:
         allowed = _values(result, Verdict.ALLOWED)
-        words = " Bounds of μ unreliable: too few informative pairs."
-        few = words if any(result.indicative) else ""
-        lines = [f"Allowed: {sweep.parameter} = {allowed}: {within}, {together}.{few}"]
+        lines = [f"Allowed: {sweep.parameter} = {allowed}: {within}{together}"]
         if Verdict.UNDECIDED in {judgement.verdict for judgement in found.judgements}:
             lines.append(f"Undecided: {sweep.parameter} = {_values(result, Verdict.UNDECIDED)}.")
         return lines
     if found.verdict is SweepVerdict.NONE:
-        return [f"No value is allowed: none has {within}, {together}."]
+        return [f"No value is allowed: none has {within}{together}"]
     undecided = _values(result, Verdict.UNDECIDED)
     line = f"Too few pairs to tell: {sweep.parameter} = {undecided} undecided."
     if found.pairs_needed is None:
@@ -70,9 +74,8 @@ def _sure(result: GroupResult) -> str:
     """Return by which bounds cells are allowed: those of all cells together, own ones, or both."""
     parts = []
     if result.together:
-        parts.append(
-            f"by bounds of all {len(result.limits)} cells together, {level(1 - result.level)}"
-        )
+        sure = "unreliable" if result.unreliable_bounds else level(1 - result.level)
+        parts.append(f"by bounds of all {len(result.limits)} cells together, {sure}")
     if own := [str(each.limit) for each in result.limits[0][2 * result.together :]]:
         parts.append(f"under {', '.join(own)}, {OWN_BOUND}")
     return ", and ".join(parts)

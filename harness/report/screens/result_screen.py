@@ -13,6 +13,7 @@ from harness.report.screens.tables import (
     entry_heading,
     entry_limits,
     entry_value,
+    level,
     named_values,
     per_cent,
 )
@@ -55,7 +56,7 @@ def _one_cell(run: RunFindings, cell: CellFindings, footer: str) -> Screen:
         headings = ("", cell.av, cell.reference, "difference", "")
     return Screen(
         title=f"{run.name}: {cell.av} against {cell.reference}",
-        scope=f"{counted(cell.pairs, 'pair')}{_met_nobody([cell])}, {run.scope}",
+        scope=f"{counted(cell.pairs, 'pair')}{_met_nobody([cell])}, {run.scope}{_level(cell)}",
         headings=headings,
         rows=tuple(rows),
         notes=tuple(sorted((*run.notes, *cell.notes), key=lambda note: note.rank)),
@@ -92,6 +93,12 @@ def over_model_limits(entry: Entry[Any], cell: CellFindings) -> str:
 
 def _limits_of(entry: Entry[Any], found: OverModel, digits: int | None) -> str:
     return entry_limits(entry, Finding(found.value, found.low, found.high), digits) or DASH
+
+
+def _level(cell: CellFindings) -> str:
+    """Return the level of the intervals if it is not the usual one: with ``--until`` it is not."""
+    confidence = cell.findings["confidence"].number or CONFIDENCE
+    return "" if confidence == CONFIDENCE else f", {level(confidence)} intervals"
 
 
 def with_limits(entry: Entry[Any], both: Finding) -> str:
@@ -187,7 +194,7 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
     entries = [*entries[:1], *rest]
     worst = any(entry.worst_case for entry in run.catalogue) and any(map(left_out, shown))
     labels, pairs = cell_labels(shown), [f"{cell.pairs:,}" for cell in shown]
-    scope = run.scope
+    scope = f"{run.scope}{_level(shown[0])}"
     if len({*pairs}) == 1:
         scope = f"{counted(shown[0].pairs, 'pair')} each{_met_nobody(shown)}, {scope}"
     else:

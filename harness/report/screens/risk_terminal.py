@@ -112,6 +112,7 @@ def _severity_rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
         if finding.value is None:
             continue
         words = [] if finding.low is None else [f"{number(finding.low)} … {number(finding.high)}"]
+        words += ["unreliable: few contacts"] if finding.reliable is False else []
         below = findings.findings[f"{name}_below_curve"].number
         words += [] if below is None else [f"{per_cent(below, 0)} % below the curve"]
         yield (f"risk of {heading} per contact, front", number(finding.value), "; ".join(words))

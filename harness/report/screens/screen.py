@@ -45,7 +45,7 @@ _NAMES = {
     Rank.SPEEDING: "speeding",
     Rank.OUTSIDE_MODEL: "the model's range",
     Rank.REFERENCE: "the reference",
-    Rank.FEW_PAIRS: "few pairs",
+    Rank.FEW_PAIRS: "unreliable intervals (few pairs)",
 }
 
 

@@ -142,7 +142,7 @@ def entry_value(entry: Entry[Any], finding: Finding | None, digits: int | None =
     if entry.form is Form.EVENTS:
         return f"{finding.events:,} of {finding.n:,}"
     if entry.form is Form.SHARE:
-        return f"{per_cent(float(value), decimals)} %"
+        return f"{_signed_per_cent(float(value), decimals)} %"
     if entry.form is Form.FLAG:
         return "yes" if value else "no"
     return _signed(value, 0 if entry.form is Form.COUNT else decimals)
@@ -155,9 +155,9 @@ def entry_limits(entry: Entry[Any], finding: Finding, digits: int | None = None)
     decimals = entry.digits if digits is None else digits
     if entry.form not in (Form.EVENTS, Form.SHARE):
         return f"{_signed(finding.low, decimals)} … {_signed(finding.high, decimals)}"
-    # A lower limit far below the upper one is written as 0, which is wider; an upper limit is not.
-    low = per_cent(finding.low if finding.low >= 1e-3 * finding.high else 0.0, decimals)
-    return f"{low} … {per_cent(finding.high, decimals)}"
+    # A rate's lower limit far below the upper one is written as 0, which is wider.
+    low = 0.0 if 0 < finding.low < 1e-3 * finding.high else finding.low
+    return f"{_signed_per_cent(low, decimals)} … {_signed_per_cent(finding.high, decimals)}"
 
 
 def entry_cell(entry: Entry[Any], findings: Findings, name: str | None) -> TableCell:
@@ -178,6 +178,10 @@ def entry_cell(entry: Entry[Any], findings: Findings, name: str | None) -> Table
 def _signed(value: float, decimals: int) -> str:
     """Format a number with separators and a minus sign."""
     return f"{value:z,.{decimals}f}".replace("-", "−")
+
+
+def _signed_per_cent(share: float, decimals: int) -> str:
+    return per_cent(share, decimals).replace("-", "−")
 
 
 def count_cell(value: int) -> TableCell:

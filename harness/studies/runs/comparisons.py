@@ -113,6 +113,12 @@ class GroupResult:
         ]
 
     @property
+    def unreliable_bounds(self) -> bool:
+        """Whether the bound of μ of an allowed cell rests on too few informative pairs."""
+        found = [self.summaries[position].findings["mu_all"].n or 0 for position in self.allowed]
+        return self.together and any(0 < informative < MU_BOUND_FROM for informative in found)
+
+    @property
     def best_allowed(self) -> int | None:
         """The allowed cell with the smallest ratio of times; None if no cell is allowed."""
         allowed = self.allowed
