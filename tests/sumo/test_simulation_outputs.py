@@ -7,7 +7,7 @@ import pytest
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
-from harness.engine.simulation.outputs import check_outputs
+from harness.engine.simulation.outputs import Kept, check_outputs, copied
 from harness.model.interaction import InteractionModel
 from harness.site.configuration import read_config
 from tests import towns
@@ -168,6 +168,18 @@ def test_one_output_is_kept_alone(model: InteractionModel, tmp_path: Path) -> No
     assert "out_fcd.xml" in names
     assert "out_e1.xml" not in names
     assert "out_queue.xml" not in names
+
+
+def test_an_element_that_names_no_output_gets_none(tmp_path: Path) -> None:
+    # A calibrator's "output" is optional for SUMO, and a rerouter only reads its "file".
+    file = tmp_path / "quiet.add.xml"
+    file.write_text(
+        f"""<additional><calibrator id="ca" lane="{LANE}" pos="0" period="10"/>
+        <rerouter id="re" edges="A1B1" file="{tmp_path}/re.xml"/></additional>"""
+    )
+    kept = Kept(tmp_path / "arm", frozenset({"all"}))
+    assert copied(file, kept, tmp_path) == str(file)
+    assert not kept.folder.exists()
 
 
 def test_an_output_that_the_configuration_does_not_write_is_refused(tmp_path: Path) -> None:

@@ -247,6 +247,7 @@ def test_what_has_one_flow_or_single_arrivals_refuses_the_others() -> None:
         ({"flow_per_hour": QUARTERS}, {}, "flows that change"),
         ({}, {"flow_per_hour": [100.0, 100.0, 200.0, 100.0]}, "flows that change"),
         ({"group_size": SIZES}, {}, "people come in groups"),
+        ({"group_size": [0.6, 0.4]}, {}, "people come in groups"),
     ):
         of = validate({"arms": arms, "pedestrians": people, "traffic": traffic}, "test")
         assert handbook(of, 1.0, 0.1, 0.1, 1.2).reason == reason

@@ -5,6 +5,7 @@ kerb, 4 m wide, the vehicle's lane centre 2.25 m from the near kerb.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -55,6 +56,17 @@ def test_the_way_lies_on_the_crosswalk() -> None:
     assert WAY.place_m("elsewhere", 0.0) is None
     assert WAY.is_straight(5.0)
     assert not WAY.signalled
+
+
+def test_a_way_is_straight_from_10_m_before_until_the_rear_has_left() -> None:
+    # The rear of a car of 5 m has left the 4 m of the crosswalk when its front is at 5 + 2 m.
+    half_m = WAY.crossing.width_m / 2
+    assert half_m == pytest.approx(2.0)
+    least = replace(WAY, straight_before_m=10.0, straight_after_m=5.0 + half_m)
+    assert least.is_straight(5.0)
+    assert not least.is_straight(5.1)
+    assert not replace(least, straight_before_m=9.99).is_straight(5.0)
+    assert not replace(least, straight_after_m=6.99).is_straight(5.0)
 
 
 def test_the_trace_begins_within_the_range_and_ends_behind_the_crosswalk() -> None:
