@@ -125,7 +125,7 @@ def report_search(
 
 
 def _show(search: "Search", judged: "Judged", quiet: bool, as_json: bool) -> None:
-    """Write the page of a search and print its result."""
+    """Write the page of a search and print its result; exit with 1 if an episode failed."""
     from harness.report.pages.tune_page import write_tune_page
     from harness.studies.tuning.folder import result_document
 
@@ -140,3 +140,5 @@ def _show(search: "Search", judged: "Judged", quiet: bool, as_json: bool) -> Non
         print_line(f"Page: {page}")
 
     emit(quiet, as_json, lambda: result_document(judged), [judged.folder], show)
+    if judged.any_failed:
+        raise typer.Exit(1)

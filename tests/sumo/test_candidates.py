@@ -9,6 +9,7 @@ from harness.core.errors import InputError
 from harness.studies.candidates import evaluation
 from harness.studies.candidates.evaluation import WALL_TIMES, evaluate, file_of, scenarios_of
 from harness.studies.candidates.session import Session
+from tests.faulty import NAME as FAULTY, struck
 
 GAP = "strategies.gap_yield.critical_gap_s"
 YIELDS = {"arms.av": "gap_yield", "experiment.pairs": 30}
@@ -117,6 +118,7 @@ def test_an_interruption_ends_the_workers_and_the_next_call_starts_new_ones(monk
         ([{}, {"strategies.gap_yield.critical_gap": 1.0}], 3, "did you mean 'critical_gap_s'"),
         ([{"ego.initial_sped_mps": 1.0}], 3, "candidates[0] ego.initial_sped_mps"),
         ({GAP: 1.0}, 3, "a list of settings"),
+        ([], 3, "at least one candidate"),
         ([{}], 0, "a whole number, 1 or more"),
         ([{}], range(5, 5), "a range of numbers"),
     ],
@@ -125,6 +127,15 @@ def test_bad_input_is_one_line(candidates, pairs, words) -> None:
     with pytest.raises(InputError) as refused:
         evaluate(candidates, "cctc_flow", pairs, settings=YIELDS, workers=0, engine="plain")
     assert words in str(refused.value)
+
+
+def test_the_frame_has_the_first_failure_of_each_candidate() -> None:
+    faulty = {"arms.av": FAULTY, **struck({"raises": 2, "nan": 3})}
+    frame = evaluate([{}, faulty], "cctc_flow", 5, settings=YIELDS, workers=0, engine="plain")
+    whole, failed = frame["failure"]
+    assert pd.isna(whole)
+    assert frame["failed_av"].tolist() == [0, 2]
+    assert failed.startswith("pair 2 av: the strategy raised RuntimeError: on purpose at t = 0.3")
 
 
 def test_hours_are_refused() -> None:
@@ -140,6 +151,9 @@ def test_hours_are_refused() -> None:
         ({"limits.subject_to": ["kapa<1"]}, "did you mean 'kappa'"),
         ({GAP: float("nan")}, "finite number"),
         ({1: 2}, "dotted keys"),
+        ({"experiment.seed": 5}, "who meet the same people"),
+        ({"experiment . pairs": 5}, "who meet the same people"),
+        ({"experiment": {"decide_limit_s": 2.0}}, "who meet the same people"),
     ],
 )
 def test_a_refusal_has_the_number_of_the_candidate(candidate, words) -> None:

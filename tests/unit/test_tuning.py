@@ -27,7 +27,7 @@ from harness.studies.batch.plan import plan_of
 from harness.studies.risk.asking import Settings, question_of
 from harness.studies.runs.opening import load_run
 from harness.studies.tuning import search as searching, tune as tuning
-from harness.studies.tuning.folder import NAMES, Search, read_judged, read_search
+from harness.studies.tuning.folder import NAMES, Judged, Search, read_judged, read_search
 from harness.studies.tuning.search import (
     Goal,
     Parameter,
@@ -163,6 +163,90 @@ def test_the_search_finds_a_toys_optimum_at_the_limit() -> None:
 def made() -> Search:
     file = read_scenario_file("cctc_flow", {"arms.av": "gap_yield"})
     return Search(file, (GAP,), GOAL, trials=5, pairs=4, fresh=4, engine="plain")
+
+
+class FailsNearby:
+    """Drives on, and gives up ``within_m`` of the crosswalk."""
+
+    def __init__(self, *, within_m: float = 10.0) -> None:
+        self.within_m = within_m
+
+    def decide(self, observation):
+        if observation.ego.range_m < self.within_m:
+            raise RuntimeError("emergency stop not implemented")
+        return 0.0
+
+
+def shown(search: Search, judged: Judged) -> str:
+    return " ".join(" ".join(tune_lines(search, judged)).split())
+
+
+FAILING = "tests.unit.test_tuning:FailsNearby"
+
+
+def test_a_trial_in_which_the_av_failed_is_never_the_best_nor_on_the_front() -> None:
+    failed = replace(trial(0, 0.5, 0.1, 0.0), failed_av=1, failure="pair 3 av: raised")
+    worse = trial(1, 1.0, 2.0, 0.05)
+    assert best_of(GOAL, [failed, worse]) == worse
+    assert front_of(GOAL, [failed, worse]) == [worse]
+    free = Goal("delay_s", "minimize", ())
+    assert best_of(free, [failed, worse]) == worse
+    assert best_of(free, [failed]) is None
+    assert (GOAL.excesses(failed) or {})["failed_av"] == 1.0
+
+
+def test_the_search_is_steered_away_from_failures() -> None:
+    """Delay falls with the gap, and the AV fails above 2."""
+    trials: list[Trial] = []
+    for number in range(40):
+        x = next_candidate([GAP], GOAL, trials, 1)[GAP.key]
+        trials.append(replace(trial(number, x, -x, 0.0), failed_av=100 if x > 2.0 else 0))
+    best = best_of(GOAL, trials)
+    assert best is not None
+    assert best.candidate[GAP.key] == pytest.approx(2.0, abs=0.05)
+
+
+@pytest.mark.parametrize("limits", [GOAL.limits, ()])
+def test_a_search_in_which_every_episode_failed_says_why(tmp_path, limits) -> None:
+    file = read_scenario_file("cctc_flow", {"arms.av": FAILING})
+    goal = replace(GOAL, limits=limits)
+    within = Parameter(f'strategies."{FAILING}".within_m', 5.0, 10.0)
+    search = Search(file, (within,), goal, trials=2, pairs=3, fresh=3, engine="plain")
+    judged = tune(search, out=tmp_path / "run", workers=0, progress=lambda *_: None)
+    assert (judged.best, judged.front, judged.any_failed) == (None, (), True)
+    assert [of.failed_av for of in judged.trials] == [3, 3]
+    reason = "RuntimeError: emergency stop not implemented"
+    assert all(f"pair 0 av: the strategy raised {reason}" in of.failure for of in judged.trials)
+    screen = shown(search, judged)
+    assert reason in screen
+    assert "Pareto front" not in screen
+    assert ("No trial keeps every limit" in screen) == bool(limits)
+    assert ("No trial has delay_s without a failure" in screen) == (not limits)
+    assert read_judged(tmp_path / "run", search) == judged
+    assert reason in write_tune_page(search, judged).read_text(encoding="utf-8")
+
+
+def test_no_limit_is_satisfied_if_the_av_failed_on_fresh_pairs(tmp_path) -> None:
+    findings = {
+        "delay_s": Finding(1.0, 0.9, 1.1),
+        "kappa": Finding(0.0, 0.0, 0.01, n=98, events=0),
+        "failed": Finding(2),
+        "failed_av": Finding(2),
+        "timed_out_av": Finding(0),
+    }
+    limits = (*GOAL.limits, Limit("delay_s", 0.5, above=False))
+    search = replace(made(), goal=replace(GOAL, limits=limits), fresh=100)
+    whole = Judged(
+        tmp_path, 100, (), (), trial(0, 1.0, 1.0, 0.0), findings, "pair 7 av: fell", search.goal
+    )
+    kept, missed = whole.verdicts
+    assert (kept.shown, kept.reason) == (Shown.NOT_SHOWN, "the AV failed in 2 of 100 fresh pairs")
+    assert missed.shown is Shown.VIOLATED
+    screen = shown(search, whole)
+    assert "2 fresh pairs failed and are left out. The first: pair 7 av: fell" in screen
+    assert "kappa<0.1 not shown" in screen
+    none = {**findings, "failed": Finding(0), "failed_av": Finding(0)}
+    assert replace(whole, findings=none).verdicts[0].shown is Shown.SATISFIED
 
 
 def test_an_interrupted_search_goes_on_to_the_same_trials(tmp_path) -> None:

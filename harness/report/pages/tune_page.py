@@ -64,7 +64,9 @@ def write_tune_page(
 
 def _pictures(search: Search, judged: Judged) -> Iterator[Picture]:
     goal = search.goal
-    known = [trial for trial in judged.trials if goal.excesses(trial) is not None]
+    known = [
+        trial for trial in judged.trials if goal.excesses(trial) is not None and not trial.failed_av
+    ]
     numbers = {
         name: np.array([trial.numbers[name] for trial in known], float) for name in goal.names
     }
@@ -94,9 +96,9 @@ def _trials(search: Search, judged: Judged) -> Table:
                 value_cell(trial.number),
                 *(value_cell(trial.candidate[key]) for key in keys),
                 *(TableCell("" if n is None else f"{n:.4g}", sort=sort_key(n)) for n in numbers),
-                TableCell(trial.refused or place),
+                TableCell(trial.refused or trial.failure or place),
             )
         )
-    headings = ("trial", *keys, *search.goal.names, "place")
+    headings = ("trial", *keys, *search.goal.names, "remark")
     caption = "Every trial, with its estimates on the search's pairs (search data)"
     return Table("trials", caption, headings, tuple(rows), sortable=True, folded=True)

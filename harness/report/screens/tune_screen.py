@@ -31,14 +31,30 @@ def _texts(search: Search, judged: Judged) -> Iterator[str]:
     limits = ", ".join(map(str, goal.limits)) or "nothing"
     yield f"{search.file.name}: {verb} {goal.objective}, subject to {limits}"
     tried = f"{counted(len(judged.trials), 'trial')} on pairs 0 to {search.pairs - 1:,}"
-    yield f"{tried}; {kept:,} keep every limit by their estimates."
+    keep = "keep every limit by their estimates" if goal.limits else "have a value and no failure"
+    yield f"{tried}; {kept:,} {keep}."
     if refused := [trial.refused for trial in judged.trials if trial.refused]:
         yield f"! {counted(len(refused), 'trial')} refused, the first: {refused[0]}"
-    if judged.best is None:
+    if failed := [trial for trial in judged.trials if trial.failure]:
+        yield (
+            f"! Episodes failed in {counted(len(failed), 'trial')}, the first: "
+            f"trial {failed[0].number}, {failed[0].failure}"
+        )
+        yield "! A trial in which the AV failed cannot be the best, whatever its numbers are."
+    if judged.best is None and goal.limits:
         yield "! No trial keeps every limit: there is no best candidate and no verdict."
+    elif judged.best is None:
+        yield f"! No trial has {goal.objective} without a failure: there is no best candidate."
     else:
         yield from _best(search, judged, judged.best)
-    shown = sorted(judged.front, key=goal.cost)[:_MOST_OF_FRONT]
+    yield from _front(judged)
+    yield _whole(f"All trials: {judged.folder / 'trials.jsonl'}")
+
+
+def _front(judged: Judged) -> Iterator[str]:
+    shown = sorted(judged.front, key=judged.goal.cost)[:_MOST_OF_FRONT]
+    if not shown:
+        return
     yield (
         f"Pareto front of the search, {counted(len(judged.front), 'trial')}. These are search "
         "data: the best of many estimates flatter themselves."
@@ -50,7 +66,6 @@ def _texts(search: Search, judged: Judged) -> Iterator[str]:
             if value is not None
         )
         yield f"  trial {trial.number}: {_written(trial)}: {numbers}"
-    yield _whole(f"All trials: {judged.folder / 'trials.jsonl'}")
 
 
 def _best(search: Search, judged: Judged, best: Trial) -> Iterator[str]:
@@ -72,7 +87,8 @@ def _best(search: Search, judged: Judged, best: Trial) -> Iterator[str]:
     if binds is not None and len(judged.verdicts) > 1:
         yield f"  Binding: {binds.limit}"
     if failed := judged.findings["failed"].count:
-        yield f"! {counted(failed, 'fresh pair')} failed and are left out."
+        pairs = counted(failed, "fresh pair")
+        yield f"! {pairs} failed and are left out. The first: {judged.failure}"
     if late := judged.findings["timed_out_av"].count:
         yield (
             f"! The AV timed out in {counted(late, 'fresh pair')}. Delay and μ leave these out; "
@@ -84,7 +100,7 @@ def _best(search: Search, judged: Judged, best: Trial) -> Iterator[str]:
         if each.limit.name.startswith("kappa") and each.shown is Shown.NOT_SHOWN
     ]
     path = shlex.quote(str(judged.folder / BEST))
-    if open_rates:
+    if open_rates and not judged.failed_av:
         needed = ", ".join(f"{3 / of.limit:,.0f} for {of}" for of in open_rates if of.limit > 0)
         if needed:
             yield f"! Fresh pairs that are needed without a crash: about {needed}."

@@ -12,7 +12,7 @@ import numpy as np
 from harness.core.encounter import FloatArray
 from harness.core.errors import InputError, refused_at
 from harness.scenario import Cell, EngineName, Scenario, ScenarioFile, Setting, read_scenario_file
-from harness.scenario.file import as_plain
+from harness.scenario.file import apply_setting, as_plain
 from harness.scenario.options import whole_number
 from harness.statistics import CONFIDENCE, ENCOUNTERS, Findings, row_of
 from harness.store.kinds import kind_of, limits_of
@@ -59,13 +59,14 @@ def evaluate(
         engine: ``sumo``, or ``plain`` for the same kinematics without SUMO.
 
     Returns:
-        A row for each candidate, in order: its settings, the numbers of ``summary.csv``, and the
-        mean and the 99 % quantile of the wall time that the AV's strategy took for one decision, in
-        s.  ``frame.attrs["not_reproducible"]`` names these two columns, which differ from call to
-        call.  Undefined numbers are missing.
+        A row for each candidate, in order: its settings, the numbers of ``summary.csv``, its first
+        ``failure``, and the mean and the 99 % quantile of the wall time that the AV's strategy took
+        for one decision, in s.  ``frame.attrs["not_reproducible"]`` names these two columns, which
+        differ from call to call.  What is undefined is missing.
 
     Raises:
-        InputError: a candidate is refused; the message has its number in the list.
+        InputError: there is no candidate, or one is refused; the message has its number in the
+            list.
 
     >>> gaps = [{"strategies.gap_yield.critical_gap_s": gap} for gap in (1.0, 3.0)]
     >>> frame = evaluate(gaps, "cctc_flow", 4, settings={"arms.av": "gap_yield"}, engine="plain")
@@ -80,13 +81,14 @@ def evaluate(
     if key not in _sessions:
         _sessions[key] = Session(workers, engine)
     drive = partial(_sessions[key].drive, timed=True, numbered=True)
-    driven = drive(scenarios, numbers) if scenarios else []
+    driven = drive(scenarios, numbers)
     confidence = CONFIDENCE if intervals else 0.0
     rows = []
     for candidate, each, episodes in zip(candidates, scenarios, driven, strict=True):
         findings = kind_of(each).findings(episodes.rows, Cell(0, {}, each), confidence)
         times = dict(zip(WALL_TIMES, _wall_times(episodes.decisions_s), strict=True))
-        rows.append({**as_plain(candidate), **_reported(findings, intervals), **times})
+        reported = {**_reported(findings, intervals), "failure": episodes.failure, **times}
+        rows.append({**as_plain(candidate), **reported})
     frame = pd.DataFrame(rows)
     frame.attrs["not_reproducible"] = list(WALL_TIMES)
     return frame
@@ -116,6 +118,8 @@ def scenarios_of(
     """
     if isinstance(candidates, Mapping | str) or not isinstance(candidates, Sequence):
         raise InputError("candidates", f"{type(candidates).__name__}", "a list of settings")
+    if not candidates:
+        raise InputError("candidates", "the list is empty", "at least one candidate; {} is one")
     scenarios = []
     for number, candidate in enumerate(candidates):
         where = f"candidates[{number}]"
@@ -123,10 +127,26 @@ def scenarios_of(
             raise InputError(where, f"{candidate!r} is not accepted", "settings by dotted key")
         if odd := [key for key in candidate if not isinstance(key, str)]:
             raise InputError(where, f"{odd[0]!r} is not accepted", "dotted keys as text")
+        for key in candidate:
+            refuse_other_people(where, key, "the seed of `settings` and `pairs` choose the people")
         with refused_at(where):
             settings = [Setting(key, value, where) for key, value in candidate.items()]
             scenarios.append(scenario_of(file, settings, pairs))
     return scenarios
+
+
+def refuse_other_people(source: str, key: str, instead: str) -> None:
+    """Refuse a candidate's key that would set the seed or the pairs, and so choose other people.
+
+    Raises:
+        InputError: the key is no dotted key or sets them; ``instead`` says what chooses the people.
+    """
+    tree: dict[str, Any] = {}
+    apply_setting(tree, Setting(key, None, source))
+    section = tree.get("experiment", {})
+    if section is None or {"seed", "pairs"} & section.keys():
+        problem = "is the same for all candidates, who meet the same people"
+        raise InputError(f"{source} {key}", problem, f"another key; {instead}")
 
 
 def scenario_of(file: ScenarioFile, settings: Sequence[Setting], pairs: range) -> Scenario:

@@ -41,6 +41,14 @@ class Driven:
     rows: pa.Table
     decisions_s: FloatArray
 
+    @property
+    def failure(self) -> str | None:
+        """The first failure of an episode with its pair and arm; None if no episode failed."""
+        for row in self.rows.select(["pair", "arm", "reason"]).to_pylist():
+            if row["reason"] is not None:
+                return f"pair {row['pair']} {row['arm']}: {row['reason']}"
+        return None
+
 
 class _Part(NamedTuple):
     """A scenario with its loaded model."""

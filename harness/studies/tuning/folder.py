@@ -6,7 +6,7 @@ The folder has ``tune.json`` (what is searched), ``trials.jsonl`` (a line for ea
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from harness.core.documents import JsonObject, parse_json
@@ -20,6 +20,7 @@ from harness.statistics.entries import Entry
 from harness.statistics.limits import (
     JudgedLimit,
     Limit,
+    Shown,
     all_judged,
     binding,
     numbers_of,
@@ -86,7 +87,8 @@ class Judged:
     """The result: all trials, the best one, and what fresh pairs show of it.
 
     ``findings`` are those of the best trial on the fresh pairs, with intervals whose ends are
-    one-sided 95 % bounds.  ``fresh`` is the number of these pairs.
+    one-sided 95 % bounds.  ``fresh`` is the number of these pairs, and ``failure`` the first
+    failure among them.
     """
 
     folder: Path
@@ -95,21 +97,50 @@ class Judged:
     front: tuple[Trial, ...]
     best: Trial | None
     findings: dict[str, Finding]
+    failure: str | None
     goal: Goal
 
     @property
+    def failed_av(self) -> int:
+        """The number of the AV's fresh episodes that failed."""
+        return self.findings["failed_av"].count if self.findings else 0
+
+    @property
+    def any_failed(self) -> bool:
+        """Whether an episode of a trial or of the fresh pairs failed."""
+        return any((self.failure, *(trial.failure for trial in self.trials)))
+
+    @property
     def verdicts(self) -> tuple[JudgedLimit, ...]:
-        """Each limit with its verdict; empty without a best trial."""
-        return all_judged(self.goal.limits, self.findings) if self.findings else ()
+        """Each limit with its verdict; empty without a best trial.
+
+        No limit is satisfied if the AV failed, because it may fail exactly where it would crash.
+        """
+        if not self.findings:
+            return ()
+        found = all_judged(self.goal.limits, self.findings)
+        if not self.failed_av:
+            return found
+        reason = f"the AV failed in {self.failed_av:,} of {self.fresh:,} fresh pairs"
+        return tuple(
+            replace(each, shown=Shown.NOT_SHOWN, reason=reason)
+            if each.shown is Shown.SATISFIED
+            else each
+            for each in found
+        )
 
 
 def judged_of(
-    folder: Path, search: Search, trials: Sequence[Trial], findings: dict[str, Finding]
+    folder: Path,
+    search: Search,
+    trials: Sequence[Trial],
+    findings: dict[str, Finding],
+    failure: str | None,
 ) -> Judged:
-    """The result of finished trials, with the findings of the best one on fresh pairs."""
+    """The result of finished trials, with findings and first failure of the best on fresh pairs."""
     goal = search.goal
     best, front = best_of(goal, trials), tuple(front_of(goal, trials))
-    return Judged(folder, search.fresh, tuple(trials), front, best, findings, goal)
+    return Judged(folder, search.fresh, tuple(trials), front, best, findings, failure, goal)
 
 
 def read_search(folder: Path) -> Search:
@@ -164,9 +195,10 @@ def read_judged(folder: Path, search: Search) -> Judged:
     if not is_finished(folder, search):
         raise InputError(str(folder), "is not finished", f"`{resume_command(folder)}` finishes it")
     try:
-        fresh = _read_result(folder)["fresh"]
-        findings = {name: Finding(**found) for name, found in fresh.items()}
-        return judged_of(folder, search, read_trials(folder)[: search.trials], findings)
+        result = _read_result(folder)
+        findings = {name: Finding(**found) for name, found in result["fresh"].items()}
+        trials = read_trials(folder)[: search.trials]
+        return judged_of(folder, search, trials, findings, result["fresh_failure"])
     except (AttributeError, TypeError, KeyError) as error:
         raise _damaged(folder, error) from None
 
@@ -192,6 +224,7 @@ def result_document(judged: Judged) -> JsonObject:
         "best": None if judged.best is None else asdict(judged.best),
         "front_of_search_data": [trial.number for trial in judged.front],
         "fresh": {name: asdict(found) for name, found in judged.findings.items()},
+        "fresh_failure": judged.failure,
         "verdicts": {
             str(each.limit): {"verdict": each.shown.value, "reason": each.reason}
             for each in judged.verdicts

@@ -8,6 +8,7 @@ from typing import Any, Literal
 from harness.core.errors import InputError
 from harness.core.seeding import stream
 from harness.statistics.limits import Limit
+from harness.studies.candidates.evaluation import refuse_other_people
 
 Direction = Literal["minimize", "maximize"]
 
@@ -27,13 +28,16 @@ class Parameter:
 class Trial:
     """A finished trial: the candidate, its numbers on the search's pairs, and why it has none.
 
-    ``numbers`` has the objective and the limited numbers.
+    ``numbers`` has the objective and the limited numbers.  Most of them leave out episodes that
+    failed: ``failed_av`` counts those of the AV, and ``failure`` is the first failure of an arm.
     """
 
     number: int
     candidate: Mapping[str, float]
     numbers: Mapping[str, float | None]
     refused: str | None = None
+    failed_av: int = 0
+    failure: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,14 +54,18 @@ class Goal:
         return list(dict.fromkeys([self.objective, *(limit.name for limit in self.limits)]))
 
     def excesses(self, trial: Trial) -> dict[str, float] | None:
-        """The excess over each limit; None if the objective or a limited number is undefined."""
+        """The excess over each limit; None if the objective or a limited number is undefined.
+
+        Failures of the AV are an excess of their own, which steers the search away from them.
+        """
         values = {name: trial.numbers.get(name) for name in self.names}
         if any(value is None for value in values.values()):
             return None
-        return {str(limit): limit.excess(values[limit.name] or 0.0) for limit in self.limits}
+        found = {str(limit): limit.excess(values[limit.name] or 0.0) for limit in self.limits}
+        return found | ({"failed_av": float(trial.failed_av)} if trial.failed_av else {})
 
     def keeps(self, trial: Trial) -> bool:
-        """Whether the estimates of a trial keep every limit."""
+        """Whether the AV failed in no episode of a trial, and its estimates keep every limit."""
         excesses = self.excesses(trial)
         return excesses is not None and all(excess <= 0 for excess in excesses.values())
 
@@ -66,10 +74,6 @@ class Goal:
         value = trial.numbers[self.objective]
         assert value is not None
         return value if self.direction == "minimize" else -value
-
-
-_SAME_PEOPLE = ("experiment.seed", "experiment.pairs")
-"""Keys that choose the people whom all candidates meet."""
 
 
 def parse_parameter(text: str) -> Parameter:
@@ -89,9 +93,7 @@ def parse_parameter(text: str) -> Parameter:
         raise InputError(where, "is not accepted", form) from None
     if not key.strip() or scale not in ("", "int", "log") or not math.isfinite(high - low):
         raise InputError(where, "is not accepted", form)
-    if key.strip() in _SAME_PEOPLE:
-        problem = "is the same for all candidates, who meet the same people"
-        raise InputError(where, problem, "another key; --seed and --pairs choose the people")
+    refuse_other_people("--parameter", key.strip(), "--seed and --pairs choose the people")
     if low >= high:
         raise InputError(where, f"the range begins at {low:g} and ends at {high:g}", "LOW < HIGH")
     if scale == "log" and low <= 0:
@@ -153,11 +155,14 @@ def best_of(goal: Goal, trials: Sequence[Trial]) -> Trial | None:
 
 
 def front_of(goal: Goal, trials: Sequence[Trial]) -> list[Trial]:
-    """The trials that no other one beats in the objective and in every limited number."""
+    """The trials that no other one beats in the objective and in every limited number.
+
+    Trials in which the AV failed are left out, because their numbers are.
+    """
     points = {}
     for trial in trials:
         excesses = goal.excesses(trial)
-        if excesses is not None:
+        if excesses is not None and not trial.failed_av:
             points[trial.number] = (goal.cost(trial), *excesses.values())
     return [
         trial

@@ -109,33 +109,35 @@ def _trial(search: Search, trials: Sequence[Trial], session: Session) -> Trial:
     candidate = next_candidate(search.parameters, search.goal, trials, seed)
     number = len(trials)
     try:
-        found = _findings(search, candidate, range(search.pairs), session, 0.0)
+        found, failure = _findings(search, candidate, range(search.pairs), session, 0.0)
     except InputError as error:
         return Trial(number, candidate, {}, str(error))
     numbers = {name: found[name].number for name in search.goal.names}
-    return Trial(number, candidate, numbers)
+    return Trial(number, candidate, numbers, None, found["failed_av"].count, failure)
 
 
 def _findings(
     search: Search, candidate: JsonObject, pairs: range, session: Session, confidence: float
-) -> dict[str, Finding]:
+) -> tuple[dict[str, Finding], str | None]:
+    """The findings of a candidate that the result needs, and its first failure."""
     scenario = search.scenario(candidate)
     (driven,) = session.drive([scenario], pairs)
-    names = (*search.goal.names, "failed", "timed_out_av")
+    names = (*search.goal.names, "failed", "failed_av", "timed_out_av")
     found = kind_of(scenario).findings(driven.rows, Cell(0, {}, scenario), confidence, names)
-    return {name: found[name] for name in names}
+    return {name: found[name] for name in names}, driven.failure
 
 
 def _judged(folder: Path, search: Search, trials: Sequence[Trial], session: Session) -> Judged:
     best, findings = best_of(search.goal, trials), dict[str, Finding]()
+    failure = None
     if best is None:
         (folder / BEST).unlink(missing_ok=True)
     else:
         fresh = range(search.pairs, search.pairs + search.fresh)
-        findings = _findings(search, dict(best.candidate), fresh, session, ONE_SIDED)
+        findings, failure = _findings(search, dict(best.candidate), fresh, session, ONE_SIDED)
         tree = search.scenario(dict(best.candidate)).model_dump(mode="json", exclude_none=True)
         write_file(folder / BEST, tomlkit.dumps(tree).encode())
-    judged = judged_of(folder, search, trials, findings)
+    judged = judged_of(folder, search, trials, findings, failure)
     write_file(folder / RESULT, as_json(result_document(judged)))
     return judged
 
