@@ -14,17 +14,18 @@ def limited(answer: object, vehicle: Vehicle, time_s: float) -> float:
     """A strategy's command in m/s², within the vehicle's limits.
 
     Raises:
-        StrategyError: the command is not a number; SUMO cannot drive a vehicle that obeys late.
+        StrategyError: the command is not a finite number; SUMO cannot drive a vehicle that obeys
+            late.
     """
     wanted = answer if type(answer) is float else _as_float(answer)
-    if wanted > vehicle.max_acceleration_mps2:
-        return vehicle.max_acceleration_mps2
-    if wanted < -vehicle.max_deceleration_mps2:
-        return -vehicle.max_deceleration_mps2
-    if wanted == wanted:
+    least, most = -vehicle.max_deceleration_mps2, vehicle.max_acceleration_mps2
+    if least <= wanted <= most:
         return wanted
-    late = "" if vehicle.obeys_at_once else ": with [actuation] it has to drive itself"
-    raise StrategyError(f"the strategy returned {answer!r} at t = {time_s:.3f} s{late}")
+    if math.isfinite(wanted):
+        return max(least, min(wanted, most))
+    late = answer is None and not vehicle.obeys_at_once
+    why = ": with [actuation] it has to drive itself" if late else ""
+    raise StrategyError(f"the strategy returned {answer!r} at t = {time_s:.3f} s{why}")
 
 
 def strategy_raised(error: BaseException, time_s: float) -> StrategyError:
@@ -52,5 +53,10 @@ def keeps_waiting(
 
 
 def _as_float(answer: object) -> float:
-    """A command of another numeric type, such as NumPy's; NaN if it is not a number."""
-    return float(answer) if isinstance(answer, Real) else math.nan
+    """A command of another numeric type, such as NumPy's; NaN if it is no number or too large."""
+    if not isinstance(answer, Real) or isinstance(answer, bool):
+        return math.nan
+    try:
+        return float(answer)
+    except OverflowError:
+        return math.nan

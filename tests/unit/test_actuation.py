@@ -327,3 +327,6 @@ def test_sumo_does_not_drive_a_car_that_obeys_late() -> None:
     trace = run_episode(engine, driver, (), lambda *_: 1.0, rules)
     assert trace.ending is Ending.ENGINE_FAILED
     assert "returned None at t = 0.000 s: with [actuation]" in (trace.reason or "")
+    engine, driver = PlainEngine(scene.vehicle(), STEP_S), Recorder(lambda _: math.nan)
+    failed = run_episode(engine, driver, (), lambda *_: 1.0, rules)
+    assert failed.reason == "the strategy returned nan at t = 0.000 s"

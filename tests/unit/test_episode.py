@@ -186,7 +186,13 @@ def raises(_: Observation) -> float:
 @pytest.mark.parametrize(
     ("command", "says"),
     [
-        (lambda _: math.nan, "nan"),
+        (lambda _: math.nan, "returned nan"),
+        (lambda _: math.inf, "returned inf"),
+        (lambda _: -math.inf, "returned -inf"),
+        (lambda _: np.float32("inf"), "inf"),
+        (lambda _: True, "returned True"),
+        (lambda _: np.False_, "False"),
+        (lambda _: 10**400, "returned 1000"),
         (raises, "no such number"),
         (lambda _: "brake", "brake|str"),
         (lambda _: None, "SUMO"),

@@ -153,6 +153,8 @@ def test_the_example_in_cpp_drives_as_the_one_in_python(here: Path, model) -> No
         ("print('1' * 5000, flush=True); sys.stdin.read()", "more than one number"),
         ("[None for _ in sys.stdin]", "no answer within 0.3 s"),
         ("[print('NaN', flush=True) for _ in sys.stdin]", "the strategy returned nan"),
+        ("[print('1e999', flush=True) for _ in sys.stdin]", "the strategy returned inf"),
+        ("[print('true', flush=True) for _ in sys.stdin]", "the strategy returned True"),
         ("[print('\"1\"', flush=True) for _ in sys.stdin]", "the strategy returned '1'"),
         ("[print('null', flush=True) for _ in sys.stdin]", "this strategy needs SUMO"),
     ],
