@@ -148,7 +148,7 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """The strategies above as a module of a user."""
     name = "made_up_strategies"
     module = types.ModuleType(name)
-    for thing in (Steady, Nothing, Hangs, TooSlow, OnlyWhenWide, *BROKEN):
+    for thing in (Steady, Nothing, Hangs, TooSlow, OnlyWhenWide, OnlyAtOnce, *BROKEN):
         setattr(module, thing.__name__, thing)
     monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr(Learns, "met", 0)
@@ -247,6 +247,26 @@ class OnlyWhenWide(Steady):
         if self.gap_s > 5 or observation.crossing.length_m > 10:
             raise RuntimeError("too wide")
         return super().decide(observation)
+
+
+class OnlyAtOnce(Steady):
+    """Fails in a vehicle that obeys late."""
+
+    def decide(self, observation):
+        if observation.vehicle.dead_time_s > 0.3:
+            raise RuntimeError("too late")
+        return super().decide(observation)
+
+
+def test_the_scenes_have_the_actuation_of_the_scenario(made_up: str, model) -> None:
+    late = {"actuation.dead_time_s": 0.4, "actuation.lag_s": 0.3}
+    for strategy, words in (("OnlyAtOnce", "too late"), ("Nothing", "with [actuation]")):
+        name = f"{made_up}:{strategy}"
+        for settings in ({}, late):
+            verdicts = check_strategy(name, model, settings=settings)
+            problems = [str(v.problem) for v in verdicts if v.checked and v.problem]
+            assert len(problems) == bool(settings)
+            assert all(words in problem for problem in problems)
 
 
 def test_parameters_and_the_crosswalk_of_a_scenario(made_up: str, model) -> None:

@@ -48,8 +48,8 @@ def check_strategy(
         strategy: a built-in name, an entry point, ``package.module:Class``, or a class, as in
             ``arms.av``.
         model: the interaction model for strategies that use it; None means the scenario's.
-        scenario: gives the crosswalk, the ego and the strategy's parameters.  The scenes give the
-            pedestrians and may change the ego.
+        scenario: gives the crosswalk, the ego, its actuation and the strategy's parameters.  The
+            scenes give the pedestrians and may change the ego.
         settings: changes to a scenario that is given by name or path.
         limit_s: wall-time limit for all checks together.
 

@@ -86,7 +86,8 @@ class StoppedError(BrokenRuleError):
 class Observed:
     """Passes observations to a strategy and records its answers.
 
-    The answer None, SUMO's own driver, means constant speed here.
+    The answer None, SUMO's own driver, means constant speed here, except in a vehicle that obeys
+    late: SUMO does not drive that one.
     """
 
     def __init__(self, strategy: Strategy) -> None:
@@ -107,7 +108,7 @@ class Observed:
         if self.changed is None and repr(observation) != before:
             self.changed = observation
         self.answers.append(answer)
-        return 0.0 if answer is None else answer
+        return 0.0 if answer is None and observation.vehicle.obeys_at_once else answer
 
 
 class Subject:
@@ -115,13 +116,13 @@ class Subject:
 
     Args:
         name: the strategy's name, as in ``arms.av``.
-        scenario: gives the crosswalk, the ego and the strategy's parameters.
+        scenario: gives the crosswalk, the ego, its actuation and the strategy's parameters.
         model: the interaction model for strategies that use it.
     """
 
     def __init__(self, name: str, scenario: Scenario, model: InteractionModel) -> None:
         self.name, self._model = name, model
-        self._base = scenario.model_dump(include={"crossing", "ego", "strategies"})
+        self._base = scenario.model_dump(include={"actuation", "crossing", "ego", "strategies"})
         self.parameters = scenario.strategies.get(name, {})
         self.road_limit_mps = scenario.crossing.road_speed_limit_mps
         self.factory = find_strategy(name, "--check")
@@ -140,6 +141,7 @@ class Subject:
         scenario = validate(
             {
                 **self._base,
+                "actuation": {**self._base["actuation"], "human": True},
                 "ego": {**self._base["ego"], **chosen.ego},
                 "arms": {"human": self.name},
                 "pedestrians": {"kerb_wait_s": chosen.kerb_wait_s},
@@ -178,5 +180,5 @@ def _run(scenario: Scenario, strategy: Strategy, walkers: tuple[Walker, ...]) ->
         strategy,
         arrivals,
         lambda who, *_: walkers[who.index][2],
-        constants_of(scenario),
+        constants_of(scenario, Arm.HUMAN),
     )
