@@ -274,6 +274,24 @@ def test_a_site_names_its_flows_and_what_is_varied() -> None:
     assert site_words(hours).endswith(f"lanes; v0 8 m/s; share of AVs varied; {ends}")
 
 
+def test_a_site_says_how_late_the_cars_obey_and_what_they_do_not_see() -> None:
+    late = {"actuation.dead_time_s": 0.3, "actuation.lag_s": 0.4, "perception.latency_s": 0.5}
+    one = load_scenario("cctc_flow", late)
+    ends = "; AV: dead time 0.3 s, lag 0.4 s; sensor of the AV: 0.5 s late."
+    assert site_words([one]).endswith(ends)
+    half = {"perception.detection_probability": 0.8, "perception.position_sd_m": 0.2}
+    both = {"actuation.max_jerk_mps3": 20, "actuation.human": True, "perception.human": True}
+    ends = (
+        "; both arms: dead time 0.3 s, lag 0.4 s, jerk up to 20 m/s³; "
+        "sensors of both arms: 0.5 s late, 20 % undetected, errors of 0.2 m."
+    )
+    assert site_words([load_scenario("cctc_flow", late | half | both)]).endswith(ends)
+    other = load_scenario("cctc_flow", late | {"actuation.lag_s": 0})
+    assert site_words([one, other]).endswith("; actuation varied; sensor of the AV: 0.5 s late.")
+    own = load_scenario("cctc_flow", {"perception.human": True, "actuation.human": True})
+    assert site_words([own]) == site_words([load_scenario("cctc_flow")])
+
+
 def test_nobody_met_shows_neither_a_bound_nor_a_spread() -> None:
     alike = "unreliable: all values are equal"
     cell = cell_with(

@@ -11,18 +11,22 @@ def site_words(scenarios: Sequence[Scenario]) -> str:
 
     >>> site_words([Scenario()])
     'Site: road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people/h.'
+    >>> late = Scenario.model_validate({"actuation": {"dead_time_s": 0.3, "lag_s": 0.4}})
+    >>> site_words([late])
+    'Site: road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people/h; AV: dead time 0.3 s, lag 0.4 s.'
     """
 
     def common(words: Callable[[Scenario], str], name: str) -> str:
         texts = {words(scenario) for scenario in scenarios}
         return texts.pop() if len(texts) == 1 else f"{name} varied"
 
+    cars = [common(_actuation, "actuation"), common(_perception, "perception")]
     if scenarios[0].kind == "own simulations":
         words = [common(*each) for each in VEHICLE_WORDS["own simulations"]]
-        return f"Site: {'; '.join(words)}."
+        return f"Site: {'; '.join(filter(None, [*words, *cars]))}."
     parts = [common(_road, "road"), common(_speed, "v0"), common(_people, "people")]
     parts[2:2] = [common(*words) for words in VEHICLE_WORDS[scenarios[0].kind]]
-    parts.append(common(_behaviour, "behaviour"))
+    parts += [common(_behaviour, "behaviour"), *cars]
     return f"Site: {'; '.join(filter(None, parts))}."
 
 
@@ -65,6 +69,40 @@ def _behaviour(scenario: Scenario) -> str:
     """How people decide, if not by the paper's rule."""
     behaviour = scenario.pedestrians.behaviour
     return "" if behaviour == "constant" else f"behaviour {behaviour}"
+
+
+def _actuation(scenario: Scenario) -> str:
+    """How late the vehicles obey, if they do not obey at once."""
+    actuation = scenario.actuation
+    if actuation.is_off:
+        return ""
+    words = {
+        "dead time {} s": actuation.dead_time_s,
+        "lag {} s": actuation.lag_s,
+        "jerk up to {} m/s³": actuation.max_jerk_mps3,
+    }
+    return f"{'both arms' if actuation.human else 'AV'}: {_set(words)}"
+
+
+def _perception(scenario: Scenario) -> str:
+    """What the vehicles' sensors get wrong, apart from what is hidden from them."""
+    perception = scenario.perception
+    if perception.is_perfect(scenario.experiment.step_s):
+        return ""
+    words = {
+        "{} s late": perception.latency_s,
+        "an update every {} s": perception.update_s,
+        "{} % undetected": 100 * (1 - perception.detection_probability),
+        "{} % lost": 100 * perception.dropout_probability,
+        "errors of {} m": perception.position_sd_m,
+        "errors of {} m/s": perception.speed_sd_mps,
+    }
+    return f"{'sensors of both arms' if perception.human else 'sensor of the AV'}: {_set(words)}"
+
+
+def _set(words: Mapping[str, float | None]) -> str:
+    """The words of values that are set and not 0."""
+    return ", ".join(text.format(f"{value:.4g}") for text, value in words.items() if value)
 
 
 def _flow(flow: float | tuple[float, ...]) -> str:
