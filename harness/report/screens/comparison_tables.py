@@ -51,7 +51,7 @@ def comparison_tables(result: RunComparison) -> list[Table]:
         judged = list(
             zip([str(cell.number) for cell in group.group.cells], group.limits, strict=False)
         )
-        tables += limits_table(judged, f"under-limits-{place}", f"{name}: limits")
+        tables += limits_table(judged, f"under-limits-{place}", f"{name}: limits{_together(group)}")
     return tables
 
 
@@ -214,11 +214,17 @@ def _sweep_table(result: SweepResult, group: GroupResult, name: str) -> Table:
         *("verdict", "pairs needed"),
     )
     caption = f"allowed values of {sweep.key}{fixed}: μ < {allowed.mu0:g}, κ < {allowed.kappa0:g}"
+    caption += f", by bounds of all {len(sweep.values)} values together"
     caption += (
         " (μ: a human who crashed counts as if they had driven on; κ: time-outs and failures "
     )
     caption += "of the strategy count as crashes)"
     return Table(name, caption, headings, tuple(rows))
+
+
+def _together(group: GroupResult) -> str:
+    cells = len(group.limits)
+    return f", those of μ and κ by bounds of all {cells} cells together" if group.together else ""
 
 
 def _p_cell(p: float) -> TableCell:

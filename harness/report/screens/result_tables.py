@@ -59,7 +59,10 @@ def _every_entry(run: RunFindings, cell: CellFindings) -> Table:
         )
     paper = ["paper, N = 50"] if run.paper else []
     over = [MODEL_HEADING] if cell.over_model else []
-    named = ("measure", "AV", cell.reference, "AV against reference", "n")
+    names = ("AV", cell.reference, "AV against reference")
+    if run.between_avs:
+        names = (cell.av, cell.reference, "difference")
+    named = ("measure", *names, "n")
     headings = (*named, *over, *paper, "remark")
     name = cell_name(cell) or f"{cell.av} against {cell.reference}"
     caption = f"{name}: every measure, {level(run.confidence)} intervals{STAR}"
