@@ -32,7 +32,10 @@ int main(int count, char** words) {
         const double room = range - number(line, "stop_line_m", vehicle);
         const bool somebody = in_the_way(line);
         const double v0 = number(line, "initial_speed_mps", vehicle), step = number(line, "step_s", 0);
-        double wanted = std::min(number(line, "resume_acceleration_mps2", vehicle), (v0 - speed) / step);
+        // The later the vehicle obeys, the longer it takes to get to v0, or it would overshoot.
+        const double late = number(line, "dead_time_s", vehicle) + number(line, "lag_s", vehicle);
+        const double back = (v0 - speed) / (step + 3 * late);
+        double wanted = std::min(number(line, "resume_acceleration_mps2", vehicle), back);
         if (somebody && range > 0) wanted = room > 0 ? 0.0 : -number(line, "max_deceleration_mps2", vehicle);
         if (somebody && room > 0 && speed * speed / (2 * room) > comfortable) wanted = -speed * speed / (2 * room);
         std::cout << wanted << std::endl;

@@ -25,7 +25,9 @@ def decide(seen, comfortable):
         return -(speed**2) / (2 * room)
     if in_the_way and ego["range_m"] > 0:
         return 0.0 if room > 0 else -vehicle["max_deceleration_mps2"]
-    wanted = (vehicle["initial_speed_mps"] - speed) / seen["step_s"]
+    # The later the vehicle obeys, the longer it takes to get to v0, or it would overshoot.
+    time_s = seen["step_s"] + 3 * (vehicle["dead_time_s"] + vehicle["lag_s"])
+    wanted = (vehicle["initial_speed_mps"] - speed) / time_s
     return min(vehicle["resume_acceleration_mps2"], wanted)
 
 

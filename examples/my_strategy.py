@@ -42,6 +42,7 @@ class MyStrategy:
         to_edge = ego.range_m - observation.crossing.width_m / 2
         if in_the_way and 0 < to_edge < self._look_ahead:
             return -self._deceleration
-        # Back to v0, and no faster than that at the end of this step.
-        to_initial = (vehicle.initial_speed_mps - ego.speed_mps) / observation.step_s
+        # Back to v0 within this step; a vehicle that obeys late gets more time, or it overshoots.
+        time_s = observation.step_s + 3 * (vehicle.dead_time_s + vehicle.lag_s)
+        to_initial = (vehicle.initial_speed_mps - ego.speed_mps) / time_s
         return max(0.0, min(vehicle.resume_acceleration_mps2, to_initial))

@@ -38,12 +38,13 @@ def observation_vector(observation: Observation, nearest: int) -> NDArray[np.flo
     return vector
 
 
-def acceleration_of(action: float, vehicle: Vehicle) -> float:
+def acceleration_of(action: float | NDArray[np.floating], vehicle: Vehicle) -> float:
     """The commanded acceleration of a policy's action.
 
     Args:
         action: -1 is the hardest braking, 0 keeps the speed, 1 is full acceleration; values outside
-            are clipped.  NaN stays NaN; the harness refuses it as a command.
+            are clipped.  NaN stays NaN; the harness refuses it as a command.  An array has shape
+            (1,), as an action of the environment, or ().
         vehicle: the ego.
 
     Returns:
@@ -52,6 +53,10 @@ def acceleration_of(action: float, vehicle: Vehicle) -> float:
     >>> from harness.scenario import Scenario
     >>> [acceleration_of(action, Scenario().vehicle()) for action in (-1, -0.5, 0, 0.5, 7)]
     [-4.5, -2.25, 0.0, 1.5, 3.0]
+    >>> acceleration_of(np.array([-0.5], dtype=np.float32), Scenario().vehicle())
+    -2.25
     """
+    if isinstance(action, np.ndarray):
+        action = float(action.item())
     cut = 1.0 if action > 1 else -1.0 if action < -1 else action
     return cut * (vehicle.max_acceleration_mps2 if cut > 0 else vehicle.max_deceleration_mps2)
