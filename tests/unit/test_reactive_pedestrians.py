@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from harness.core.encounter import Arrival, Contact, Ending, Side, Walk
+from harness.episode.walking_speeds import WalkingSpeeds
 from harness.measures import measure
+from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, validate
 from harness.store.episode_tables import pedestrian_rows, trace_rows
 from tests.scenes import Recorder, episode, on_plain, outcome_of
@@ -186,3 +188,16 @@ def test_the_same_bits_alone_or_among_others(model) -> None:
     together = [(repr(o.trace.walks), repr(o.record)) for o in runner.run(range(6))]
     alone = [(repr(o.trace.walks), repr(o.record)) for pair in (5, 2) for o in runner.run([pair])]
     assert alone == together[10:12] + together[4:6]
+
+
+def test_with_the_curve_the_place_counts_until_the_centre_of_the_lane(
+    model: InteractionModel,
+) -> None:
+    """f(v_p | R, v, L) needs L > 0; from the centre of the lane on it is f(v_p | 1/R, v)."""
+    curve = WalkingSpeeds(scene(model={"pedestrian_reading": "curve"}), model)
+    marginal = WalkingSpeeds(scene(model={"pedestrian_reading": "marginal"}), model)
+    person = Arrival(0, 0.0, Side.NEAR, 0.5)
+    for lateral_m in (0.0, -0.5):
+        assert curve(person, 20.0, 5.0, lateral_m) == marginal(person, 20.0, 5.0)
+    before = [curve(person, 20.0, 5.0, lateral_m) for lateral_m in (1.0, 2.25)]
+    assert len({*before, marginal(person, 20.0, 5.0)}) == 3

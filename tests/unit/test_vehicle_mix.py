@@ -1,7 +1,9 @@
 """The vehicle mix of hours of traffic: shares, draws, headways, capacity, bad input."""
 
 import math
+from collections import deque
 from itertools import islice, pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,9 @@ import pytest
 from harness.core.errors import InputError
 from harness.engine.shared import following_of
 from harness.engine.starting import vehicle_types
+from harness.episode.cell_constants import constants_of
 from harness.episode.traffic.demand import Scheduled, scheduled_vehicle, scheduled_vehicles
+from harness.episode.traffic.entrance import Entrance
 from harness.episode.traffic.lanes import lanes_of
 from harness.scenario import Scenario, validate
 from harness.store.hour_types import type_rows
@@ -179,3 +183,39 @@ def test_results_by_type_are_means_over_the_hours_without_failures() -> None:
     assert car["difference_s"] == 1.5
     # Student's t with one degree of freedom: 12.706 standard errors of 0.5 s.
     assert car["difference_s_ci_high"] == pytest.approx(1.5 + 12.706 * 0.5, abs=1e-3)
+
+
+@pytest.mark.parametrize("leader_mps", [0.0, 2.0])
+def test_who_enters_behind_a_slow_leader_can_stop_behind_it(leader_mps: float) -> None:
+    """Krauss 1998: after τ, it brakes at b and stops minGap behind the leader that brakes at b.
+
+    v τ + v²/(2 b) is then the gap plus the leader's v_l²/(2 b).
+    """
+    tau_s, min_gap_m, room_m, step = 1.5, 2.5, 14.0, 7
+    tree = {
+        "ego": {"initial_speed_mps": 8.0, "max_deceleration_mps2": 4.0},
+        "traffic": {"tau_s": tau_s, "min_gap_m": min_gap_m},
+    }
+    scenario = validate(tree, "test")
+    rules, traffic = constants_of(scenario), scenario.known_traffic
+    # Of the leader's front, at the step's end: its length, minGap and the room beyond the entry.
+    ahead_m = rules.vehicle.length_m + min_gap_m + room_m - leader_mps * rules.step_s
+    entered: list[float] = []
+    road: Any = SimpleNamespace(
+        lanes=[SimpleNamespace(entry_x_m=lambda *_: -100.0)],
+        name_of=str,
+        distance_of=lambda _: ahead_m,
+        speed_of=lambda _: leader_mps,
+        add=lambda _name, _lane, _x, speed, **_: entered.append(speed),
+    )
+    leader = SimpleNamespace(name="leader", insert_x_m=-100.0, vehicle=rules.vehicle)
+    lane: Any = SimpleNamespace(number=0, due=deque(), coming=deque([leader]), driven=[])
+    lane.next_scheduled = Scheduled(0, lanes_of(scenario)[0], step, 1.0)
+    lane.plan_next = lambda: setattr(lane, "next_scheduled", None)
+    strategy: Any = None
+    entrance = Entrance(road, rules, traffic, lambda _: (False, "sumo_driver", strategy))
+    assert entrance.let_in(lane, step - 1, 100) is None
+    assert entrance.let_in(lane, step, 100) is not None
+    (speed,) = entered
+    stopping_m = speed * tau_s + speed**2 / (2 * 4.0)
+    assert stopping_m == pytest.approx(room_m + leader_mps**2 / (2 * 4.0))
