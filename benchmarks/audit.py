@@ -49,6 +49,12 @@ BANDED = (5, 20)
 UNTIL = (("soft", Precision("mu", 0.0135)), ("constant", Precision("kappa", 0.0226)))
 UNTIL_PAIRS = 4_000
 
+NOT_AUDITED = (
+    *("serious_", "fatal_"),
+    *("acceleration_rms", "max_deceleration_p95", "jerk_rms", "max_jerk"),
+)
+"""Intervals of numbers whose truth ``known_truth`` does not compute: injuries and comfort."""
+
 Cells = Mapping[str, pa.Table]
 Draw = Callable[[int, int], Cells]
 """The ``episodes`` of every cell in an experiment of so many pairs from a root seed."""
@@ -58,7 +64,11 @@ def of_a_cell(name: str, episodes: pa.Table, seed: int) -> Iterator[Named]:
     """Everything printed of a cell with an interval: summary, conflicts, running mean."""
     scenario = known_truth.scenario_of(CELLS[name], seed)
     summary = summarise_cell(episodes, Cell(0, {}, scenario), CONFIDENCE)
-    yield from ((f"{name}: {key}", getattr(summary, key)) for key in names_with_intervals())
+    yield from (
+        (f"{name}: {key}", getattr(summary, key))
+        for key in names_with_intervals()
+        if not key.startswith(NOT_AUDITED)
+    )
     tau = known_truth.tau_of(episodes)
     tau = tau[~np.isnan(tau)]
     mean, half = running_mean(tau)

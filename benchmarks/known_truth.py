@@ -161,10 +161,14 @@ def columns_of(episodes: pa.Table) -> tuple[Columns, Columns]:
         rows = episodes.take(np.arange(first, episodes.num_rows, 2))
         numbers = {name: np.array(rows[name].to_pylist(), dtype=float) for name in names}
         crashed = np.array(rows["ending"].to_pylist()) == "crashed"
-        avoidable = np.array([bool(value) for value in rows["avoidable"].to_pylist()])
+        avoidable, attentive = (
+            np.array([bool(value) for value in rows[name].to_pylist()])
+            for name in ("avoidable", "avoidable_attentive")
+        )
         front = np.array(rows["contact"].to_pylist()) == "front"
-        marks = {"crashed": crashed, "avoidable": crashed & avoidable, "front": crashed & front}
-        found.append({**numbers, **marks})
+        marks = {"avoidable": avoidable, "attentive": attentive, "front": front}
+        crashes = {name: crashed & mark for name, mark in marks.items()}
+        found.append({**numbers, "crashed": crashed, **crashes})
     return found[0], found[1]
 
 
@@ -181,6 +185,7 @@ def truth_of_cell(episodes: pa.Table) -> dict[str, float]:
         crashed = arm["crashed"]
         truth[f"kappa{end}"] = float(crashed.mean())
         truth[f"kappa_avoidable{end}"] = float(arm["avoidable"].mean())
+        truth[f"kappa_avoidable_attentive{end}"] = float(arm["attentive"].mean())
         truth[f"delay{end}_s"] = float(np.nanmean(arm["pass_time_s"])) - FREE_S
         truth[f"pedestrian_delay{end}_s"] = float(arm["pedestrian_delay_s"].mean())
         # The one pedestrian steps off in every pair.
@@ -192,7 +197,8 @@ def truth_of_cell(episodes: pa.Table) -> dict[str, float]:
             ("pet", arm["pet_s"] < 1.5),
             ("drac", arm["max_drac_mps2"] > 3.35),
         ):
-            truth[f"{name}{end}"] = float((conflict | crashed).mean())
+            share = float((conflict | crashed).mean())
+            truth[f"conflict_{name}{end}"] = truth[f"conflict_{name}_met_someone{end}"] = share
     return truth
 
 
@@ -230,6 +236,8 @@ def _ratios(av: Columns, human: Columns, timeout_s: float) -> dict[str, float]:
     av_worst = np.where(alive, times[0], timeout_s)
     return {
         "time_ratio": float(times[0][alive].sum() / times[1][alive].sum()),
+        "time_s": float(times[0][alive].mean()),
+        "time_human_s": float(times[1][alive].mean()),
         "time_ratio_worst": float(av_worst.sum() / np.where(never, FREE_S, times[1]).sum()),
     }
 
