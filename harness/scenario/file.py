@@ -6,6 +6,7 @@ defaults.  Users name a key by its dotted path (``pedestrians.flow_per_hour``).
 
 import copy
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -217,7 +218,9 @@ def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
         branch = {}
     # Comments and texts of several lines are refused, although they are valid TOML.
     if len(branch) != 1 or "\n" in key:
-        raise InputError(f"{setting.source} {key}", "not a dotted key", _how_written(key)) from None
+        raise InputError(
+            f"{setting.source} {key}", "not a dotted key", _how_written(setting)
+        ) from None
     node = tree
     while True:
         (name,) = branch
@@ -243,13 +246,16 @@ def as_plain(value: Any) -> Any:
     return value
 
 
-def _how_written(key: str) -> str:
-    """The correct form of a key from which the shell may have removed the quotes."""
-    table, _, parameter = key.rpartition(".")
+def _how_written(setting: Setting) -> str:
+    """The correct form of a key that lacks quotes; on a command line the shell may remove them."""
+    table, _, parameter = setting.key.rpartition(".")
     name = table.removeprefix("strategies.")
     if name == table or '"' in name or "'" in name:
         return "e.g. ego.initial_speed_mps"
-    return "quotes that the shell keeps: " + f"""'strategies."{name}".{parameter}=…'"""
+    quoted = f'strategies."{name}".{parameter}'
+    if not setting.source.startswith("--"):
+        return f"quotes around the name: {quoted}"
+    return f"quotes that the shell keeps: '{quoted}=…'"
 
 
 _TOML_WORDS = {
@@ -264,12 +270,18 @@ _NUMBER, _NUMBERS = "constrained-float", "tuple[constrained-float, ...]"
 """A key may be a number or a list of numbers; pydantic reports an error for each of the two."""
 
 
+_BARE = re.compile(r"[\w-]+")
+"""A part of a key that needs no quotes in TOML."""
+
+
 def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]) -> InputError:
     first, *others = error.errors(include_url=False)
     if _NUMBER in first["loc"] and isinstance(first["input"], list | tuple):
         first = others[0]
     path = [str(part) for part in first["loc"] if part not in (_NUMBER, _NUMBERS)]
-    key = ".".join(path)
+    if path[:1] == ["strategies"]:
+        path = path[:3]  # the rest is the type of a parameter's value
+    key = ".".join(part if _BARE.fullmatch(part) else f'"{part}"' for part in path)
     # A misspelt table is reported at the option that set one of its keys.
     named = [full for full in key_sources if full.startswith(f"{key}.")]
     by = _set_by(key, key_sources)

@@ -50,7 +50,9 @@ def find_strategy(name: str, where: str) -> StrategyFactory:
         return load_own(name, where)
     names = sorted({*STRATEGIES, *installed()})
     allowed = ", ".join([*names, "or your own as package.module:Class or exec:./PROGRAM"])
-    raise InputError(where, f"unknown strategy {name!r}", allowed, nearest_name(name, names))
+    is_module = Path(f"{name.replace('.', '/')}.py").is_file()
+    nearest = f"{name}:Class" if is_module else nearest_name(name, names)
+    raise InputError(where, f"unknown strategy {name!r}", allowed, nearest)
 
 
 def available() -> dict[str, StrategyFactory | InputError]:

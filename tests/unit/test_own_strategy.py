@@ -136,6 +136,7 @@ def test_modules_in_the_working_directory_and_annotations_for_type_checkers(writ
          "Steady; did you mean 'Steady'?"),
         ("mine_c:Steady", "arms.av: there is no module 'mine_c'"),
         ("mine_c:Steady", "did you mean 'mine_b'?"),
+        ("mine_b", "did you mean 'mine_b:Class'?"),
         ("pack_b.min:Steady", "there is no module 'pack_b.min'"),
         ("pack_b.min:Steady", "did you mean 'pack_b.mine'?"),
         ("mine_b:NoStrategy", "'mine_b:NoStrategy' is not a strategy; allowed: a class"),

@@ -125,6 +125,18 @@ def test_an_event_of_the_first_look_alone_is_counted_in_the_bound() -> None:
     assert f"1 of the {findings.first_look.draws:,} episodes of the first look and" in words
 
 
+def test_an_estimate_by_brute_force_after_an_exploration_without_events_says_so() -> None:
+    def evaluate(z: np.ndarray, what: str, *_options: object) -> Outcomes:
+        score = np.full((len(z), 1), np.inf)
+        score[: what == "estimating"] = -1.0
+        return outcomes(score)
+
+    findings = estimated(evaluate, 1)
+    assert (findings.weighted, findings.estimate.events > 0) == (False, True)
+    words = [note.text for note in findings.notes]
+    assert words == ["The estimate uses brute force: the exploration found no event."]
+
+
 def test_the_bound_on_other_ways_rests_on_every_nominal_draw() -> None:
     findings = estimated(half_space(1e-4)[0], 5)
     nominal = findings.estimate.nominal

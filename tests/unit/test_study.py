@@ -270,6 +270,20 @@ def test_parameters_of_a_strategy_that_drives_nowhere_are_refused(tmp_path: Path
     assert with_settings(path).cells
 
 
+def test_a_wrong_value_of_a_strategy_is_reported_at_its_setting() -> None:
+    key = 'strategies."my_module:Mine".margin_s'
+    refused = refusal_of(lambda: with_settings("cctc", f"{key}=nan"))
+    assert (refused.where, refused.problem) == (f"--set {key}", "nan is not accepted")
+    refused = refusal_of(lambda: with_settings("cctc", "strategies.gap_yield.critical_gap_s=inf"))
+    assert refused.where == "--set strategies.gap_yield.critical_gap_s"
+
+
+def test_a_key_without_quotes_in_python_is_not_about_the_shell() -> None:
+    settings = {"strategies.my_module:Mine.margin_s": 1}
+    refused = refusal_of(lambda: read_scenario_file("cctc", settings).scenario())
+    assert refused.allowed == 'quotes around the name: strategies."my_module:Mine".margin_s'
+
+
 @pytest.mark.parametrize(
     ("key", "words"),
     [

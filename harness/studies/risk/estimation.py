@@ -139,7 +139,9 @@ def _estimate(
             f"{pilot.draws:,} episodes of the first look and {before - pilot.events:,} of the "
             "exploration did: more draws are needed."
         )
-    if before > pilot.events and share is None and not weighted:
+    if share is None and not weighted and before == pilot.events and estimate.events:
+        notes.append("The estimate uses brute force: the exploration found no event.")
+    if share is None and not weighted and before > pilot.events:
         notes.append(
             "The estimate uses brute force: weighted draws around the explored events would have "
             "needed as many episodes, or contained too few events."
