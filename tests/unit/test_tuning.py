@@ -249,6 +249,20 @@ def test_no_limit_is_satisfied_if_the_av_failed_on_fresh_pairs(tmp_path) -> None
     assert replace(whole, findings=none).verdicts[0].shown is Shown.SATISFIED
 
 
+def test_trials_that_tie_with_the_best_are_counted_with_their_ranges(tmp_path) -> None:
+    tied = [trial(number, x, 1.0, 0.0) for number, x in enumerate((1.0, 1.55, 0.18))]
+    others = [trial(3, 3.0, 1.5, 0.0), trial(4, 0.1, 1.0, 0.2), replace(tied[0], failed_av=1)]
+    names = ("delay_s", "kappa", "failed", "failed_av", "timed_out_av")
+    findings = dict.fromkeys(names, Finding(0, n=4, events=0))
+
+    def screen(trials: list[Trial]) -> str:
+        return shown(made(), Judged(tmp_path, 4, tuple(trials), (), tied[0], findings, None, GOAL))
+
+    words = f"3 trials tie, with the same delay_s: {GAP.key} from 0.18 to 1.55"
+    assert words in screen([*tied, *others])
+    assert "trials tie" not in screen([tied[0], *others])
+
+
 def test_an_interrupted_search_goes_on_to_the_same_trials(tmp_path) -> None:
     def run(folder, stops_after: int | None = None):
         def progress(done: int, _planned: int, _what: str) -> None:

@@ -48,7 +48,7 @@ def judged_words(each: JudgedLimit) -> str:
     >>> from harness.statistics import Finding
     >>> from harness.statistics.limits import Limit, judged
     >>> judged_words(judged(Limit("kappa", 0.01, above=False), Finding(0.0, 0.0, 0.03)))
-    'kappa<0.01 not shown (bound 0.03, 200 % beyond the limit; too few pairs)'
+    'kappa<0.01 not shown (bound 0.03, 200 % above the limit; too few pairs)'
     """
     parts = [*([_bound(each)] if each.bound is not None else []), each.reason]
     more = "; ".join(filter(None, parts))
@@ -59,7 +59,7 @@ def _bound(each: JudgedLimit) -> str:
     text, margin = f"bound {each.bound:.3g}", each.margin
     if margin is None:
         return text
-    side, percent = "inside" if margin > 0 else "beyond", 100 * abs(margin)
+    side, percent = "above" if (margin > 0) is each.limit.above else "below", 100 * abs(margin)
     shown = f"{percent:,.0f}" if percent >= 1000 else f"{percent:.3g}"
     return f"{text}, {shown} % {side} the limit"
 

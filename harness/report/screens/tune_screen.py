@@ -1,7 +1,7 @@
 """The result of a search: the best candidate, the verdict on fresh pairs, and the Pareto front."""
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from harness.report.screens.limit_tables import judged_words
 from harness.report.screens.screen import KEPT, WIDEST, wrapped
@@ -40,6 +40,7 @@ def _texts(search: Search, judged: Judged) -> Iterator[str]:
             f"! Episodes failed in {counted(len(failed), 'trial')}, the first: "
             f"trial {failed[0].number}, {failed[0].failure}"
         )
+    if any(trial.failed_av for trial in judged.trials):
         yield "! A trial in which the AV failed cannot be the best, whatever its numbers are."
     if judged.best is None and goal.limits:
         yield "! No trial keeps every limit: there is no best candidate and no verdict."
@@ -70,7 +71,11 @@ def _front(judged: Judged) -> Iterator[str]:
 
 def _best(search: Search, judged: Judged, best: Trial) -> Iterator[str]:
     first, last = search.pairs, search.pairs + search.fresh - 1
+    cost = judged.goal.cost(best)
     yield f"Best: trial {best.number}, {_written(best)}"
+    tied = [t for t in judged.trials if judged.goal.keeps(t) and judged.goal.cost(t) == cost]
+    if len(tied) > 1:
+        yield f"{len(tied):,} trials tie, with the same {judged.goal.objective}: {_ranges(tied)}"
     yield f"On fresh pairs {first:,} to {last:,}, with one-sided 95 % bounds of each number:"
     thresholds = search.file.scenario().conflicts.model_dump()
     for name in search.goal.names:
@@ -111,6 +116,15 @@ def _best(search: Search, judged: Judged, best: Trial) -> Iterator[str]:
 def _written(trial: Trial) -> str:
     values = trial.candidate.items()
     return ", ".join(_whole(f"{key} = {as_written(value)}") for key, value in values)
+
+
+def _ranges(trials: Sequence[Trial]) -> str:
+    """The least and the greatest value of each parameter in these trials."""
+    values = {key: [trial.candidate[key] for trial in trials] for key in trials[0].candidate}
+    return ", ".join(
+        _whole(f"{key} from {as_written(min(found))} to {as_written(max(found))}")
+        for key, found in values.items()
+    )
 
 
 def _whole(text: str) -> str:

@@ -98,7 +98,7 @@ class Observed:
         self.call_began_s: float | None = None
         """Start of the call that has not returned; None between calls."""
 
-    def decide(self, observation: Observation, /) -> float:
+    def decide(self, observation: Observation, /) -> float | None:
         """Return the strategy's answer; ``changed`` records an observation that it changed."""
         before = repr(observation)
         self.observations.append(observation)
