@@ -116,6 +116,14 @@ def test_a_walk_over_the_crosswalk() -> None:
     assert walk.arrival.arrival_s == pytest.approx(-2.0)
 
 
+def test_who_steps_off_in_the_last_step_of_a_passage_sees_the_vehicle() -> None:
+    # The trace has records from 2.1 s, at −29.5 m, to 5.8 s, where the rear is past 2 m.
+    (walk,) = cut(steady(10.0, begin_m=-50.5), walker(5.75)).walks
+    assert walk.start_s == pytest.approx(3.65)
+    assert walk.range_m == pytest.approx(-7.0)
+    assert walk.vehicle_speed_mps == pytest.approx(10.0)
+
+
 def test_the_contact_of_a_person_and_a_vehicle() -> None:
     # At 10 m/s the bumper reaches 0.25 m before x = 0 at 4.975 s; they are at y = 2.25 m then.
     result = measure([cut(steady(10.0), walker(4.975 - 1.5))])[0]
@@ -184,6 +192,17 @@ def test_the_wait_at_the_kerb() -> None:
     assert walk.arrival.arrival_s == pytest.approx(0.4)
     assert walk.start_s == pytest.approx(2.0)
     assert measure([cut(steady(10.0), late)])[0].pedestrian_delay_s == pytest.approx(1.6)
+
+
+def test_a_walk_between_two_records_of_a_long_step() -> None:
+    """Records every 5 s at 2.16 m/s: at the kerb, and 10.8 m before and after it."""
+    time, ahead = np.array([-2.5, 2.5, 7.5]), np.array([-10.8, 0.0, 10.8])
+    places = np.array([WAY.frame.to_network(0.0, each) for each in ahead])
+    on = np.array([False, True, False])
+    (walk,) = cut(steady(10.0), PersonTrack("p", time, places[:, 0], places[:, 1], on)).walks
+    # They are at the kerb at 2.5 s; the trace begins when the bumper is at −30 m, after 2 s.
+    assert walk.start_s == pytest.approx(0.5)
+    assert walk.speed_mps == pytest.approx(2.16)
 
 
 def test_records_within_rounding_of_a_straight_walk_make_one_leg() -> None:
