@@ -115,7 +115,10 @@ LEAST = {
 
 def unreliable(name: str, interval: Interval, met: int) -> bool:
     """As ``Entry.finding`` judges, of intervals with another one-sided bound too."""
-    if not isinstance(interval, Resampled) or interval.low is None:
+    if interval.low is None:
+        # Few pairs give a quantile no interval (method.md), so nothing is claimed.
+        return "_p95_" in name
+    if not isinstance(interval, Resampled):
         return False
     return interval.informative < LEAST[name] if interval.informative else met < ALIKE_FROM
 
