@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from harness.core.errors import InputError, nearest_names
@@ -10,6 +10,15 @@ from harness.statistics.entries import Catalogue, Finding, Findings, Form
 
 ONE_SIDED = 0.90
 """Confidence of two-sided intervals whose ends are one-sided 95 % bounds."""
+
+COUNTING_FAILURES = {
+    "time_ratio_worst",
+    "mu_worst",
+    "delay_worst_s",
+    "kappa_worst",
+    "kappa_all",
+}
+"""The numbers that count a failure of the AV's strategy at its worst; others leave it out."""
 
 _NEAREST = 6
 """Number of names that the refusal of an unknown one has; a catalogue has over 100."""
@@ -102,6 +111,22 @@ def judged(limit: Limit, finding: Finding) -> JudgedLimit:
 def all_judged(limits: Sequence[Limit], findings: Findings) -> tuple[JudgedLimit, ...]:
     """Every limit with its verdict, in order."""
     return tuple(judged(limit, findings[limit.name]) for limit in limits)
+
+
+def unless_failed(limits: Sequence[JudgedLimit], failed: int) -> tuple[JudgedLimit, ...]:
+    """The verdicts on limits if vehicles failed in so many pairs: then none is satisfied.
+
+    A vehicle may fail exactly where it would crash.  The numbers of ``COUNTING_FAILURES`` stay.
+    """
+    if not failed:
+        return tuple(limits)
+    reason = f"failures in {failed:,} pair{'s' * (failed > 1)}"
+    return tuple(
+        replace(each, shown=Shown.NOT_SHOWN, reason=reason)
+        if each.shown is Shown.SATISFIED and each.limit.name not in COUNTING_FAILURES
+        else each
+        for each in limits
+    )
 
 
 def binding(limits: Sequence[JudgedLimit]) -> JudgedLimit | None:

@@ -19,13 +19,16 @@ from harness.statistics.limits import (
     judged,
     numbers_of,
     parse_limit,
+    unless_failed,
 )
 from harness.store.kinds import KINDS, limits_of
 from harness.store.reading import kind_of_folder
 from harness.store.run_folder import claim_folder
+from harness.studies.batch.experiment import run_study
 from harness.studies.batch.plan import plan_of
 from harness.studies.risk.asking import Settings, question_of
 from harness.studies.runs.opening import load_run
+from harness.studies.runs.under_limits import judged_limits
 from harness.studies.tuning import search as searching, tune as tuning
 from harness.studies.tuning.folder import NAMES, Judged, Search, read_judged, read_search
 from harness.studies.tuning.search import (
@@ -80,6 +83,16 @@ def test_what_is_not_known_is_not_shown() -> None:
         assert limit.judged(unknown)[0] is Shown.NOT_SHOWN
     # A value at the limit does not keep it.
     assert limit.excess(2.0) > 0
+
+
+def test_no_limit_is_satisfied_with_failures_unless_its_number_counts_them() -> None:
+    found = {name: Finding(0.0, 0.0, 0.01) for name in ("kappa", "kappa_worst", "kappa_all")}
+    limits = [Limit(name, 0.1, above=False) for name in found]
+    verdicts = [judged(limit, found[limit.name]) for limit in limits]
+    assert unless_failed(verdicts, 0) == tuple(verdicts)
+    kappa, *others = unless_failed(verdicts, 1)
+    assert (kappa.shown, kappa.reason) == (Shown.NOT_SHOWN, "failures in 1 pair")
+    assert others == verdicts[1:]
 
 
 def test_the_binding_limit_has_the_worst_verdict_and_then_the_least_margin() -> None:
@@ -184,6 +197,30 @@ def shown(search: Search, judged: Judged) -> str:
 FAILING = "tests.unit.test_tuning:FailsNearby"
 
 
+class FailsForSomebody:
+    def decide(self, observation):
+        if any(person.on_crossing for person in observation.pedestrians):
+            raise RuntimeError("not implemented")
+        return 0.0
+
+
+def test_a_run_with_failures_satisfies_no_limit(tmp_path) -> None:
+    limits = ["kappa<0.99", "kappa<1e-9"]
+    settings = {
+        "arms.av": "tests.unit.test_tuning:FailsForSomebody",
+        "experiment.pairs": 20,
+        "limits.subject_to": limits,
+    }
+    study = study_of(read_scenario_file("cctc_flow", settings))
+    options = Options(workers=0, engine="plain", audit=0.0)
+    run = run_study(study, options, out=tmp_path / "run")
+    (cell,) = run.study.cells
+    verdicts = judged_limits(run, cell, limits_of(cell.scenario))
+    assert 0 < len(run.failures) < 20
+    assert [each.shown for each in verdicts] == [Shown.NOT_SHOWN] * 2
+    assert verdicts[0].reason == f"failures in {len(run.failures)} pairs"
+
+
 def test_a_trial_in_which_the_av_failed_is_never_the_best_nor_on_the_front() -> None:
     failed = replace(trial(0, 0.5, 0.1, 0.0), failed_av=1, failure="pair 3 av: raised")
     worse = trial(1, 1.0, 2.0, 0.05)
@@ -240,7 +277,7 @@ def test_no_limit_is_satisfied_if_the_av_failed_on_fresh_pairs(tmp_path) -> None
         tmp_path, 100, (), (), trial(0, 1.0, 1.0, 0.0), findings, "pair 7 av: fell", search.goal
     )
     kept, missed = whole.verdicts
-    assert (kept.shown, kept.reason) == (Shown.NOT_SHOWN, "the AV failed in 2 of 100 fresh pairs")
+    assert (kept.shown, kept.reason) == (Shown.NOT_SHOWN, "failures in 2 pairs")
     assert missed.shown is Shown.VIOLATED
     screen = shown(search, whole)
     assert "2 fresh pairs failed and are left out. The first: pair 7 av: fell" in screen

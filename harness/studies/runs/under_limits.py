@@ -4,20 +4,31 @@ from collections.abc import Sequence
 
 from harness.scenario import Cell
 from harness.statistics import Finding, Judgement, Limits
-from harness.statistics.limits import JudgedLimit, Limit, all_judged, judged, one_sided
+from harness.statistics.limits import (
+    JudgedLimit,
+    Limit,
+    all_judged,
+    judged,
+    numbers_of,
+    one_sided,
+    unless_failed,
+)
 from harness.studies.runs.run_data import RunData
 
 
 def judged_limits(run: RunData, cell: Cell, limits: Sequence[Limit]) -> tuple[JudgedLimit, ...]:
     """Return each limit with its verdict on a cell; every bound holds alone.
 
-    With ``--until`` a bound holds for all looks together.
+    No limit is satisfied if the AV failed, or in hours and own simulations an arm; see
+    ``unless_failed``.  With ``--until`` a bound holds for all looks together.
     """
     if not limits:
         return ()
-    names = {limit.name for limit in limits}
+    failures = "failed_av" if "failed_av" in numbers_of(run.kind.catalogue) else "failed"
+    names = {limit.name for limit in limits} | {failures}
     rows, confidence = run.rows_of_cell(cell.number), one_sided(run.confidence)
-    return all_judged(limits, run.kind.findings(rows, cell, confidence, names))
+    findings = run.kind.findings(rows, cell, confidence, names)
+    return unless_failed(all_judged(limits, findings), findings[failures].count)
 
 
 def judged_together(judgement: Judgement, limits: Limits) -> tuple[JudgedLimit, ...]:

@@ -6,7 +6,7 @@ The folder has ``tune.json`` (what is searched), ``trials.jsonl`` (a line for ea
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from harness.core.documents import JsonObject, parse_json
@@ -20,10 +20,10 @@ from harness.statistics.entries import Entry
 from harness.statistics.limits import (
     JudgedLimit,
     Limit,
-    Shown,
     all_judged,
     binding,
     numbers_of,
+    unless_failed,
 )
 from harness.store.reading import TUNE
 from harness.strategies.registry import source_digests
@@ -112,22 +112,10 @@ class Judged:
 
     @property
     def verdicts(self) -> tuple[JudgedLimit, ...]:
-        """Each limit with its verdict; empty without a best trial.
-
-        No limit is satisfied if the AV failed, because it may fail exactly where it would crash.
-        """
+        """Each limit with its verdict; empty without a best trial."""
         if not self.findings:
             return ()
-        found = all_judged(self.goal.limits, self.findings)
-        if not self.failed_av:
-            return found
-        reason = f"the AV failed in {self.failed_av:,} of {self.fresh:,} fresh pairs"
-        return tuple(
-            replace(each, shown=Shown.NOT_SHOWN, reason=reason)
-            if each.shown is Shown.SATISFIED
-            else each
-            for each in found
-        )
+        return unless_failed(all_judged(self.goal.limits, self.findings), self.failed_av)
 
 
 def judged_of(
