@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -115,23 +116,43 @@ def _cuts(
 ) -> Iterator[Cut]:
     """The cuts of records without a gap."""
     edges = [lane.rpartition("_")[0] for lane in lanes]
+    positions_m = columns[1].tolist()
     last: int | None = None
     for number, edge in enumerate(edges):
         if edge.startswith(":"):
             continue
         if last is not None and edge != edges[last]:
-            driven = set(lanes[last : number + 1])
             by_crosswalk: dict[str, list[WayOver]] = defaultdict(list)
             for way in ways.get((edges[last], edge), ()):
                 by_crosswalk[way.crosswalk].append(way)
+            fit = partial(_fit, lanes[last : number + 1], positions_m[last : number + 1])
             for candidates in by_crosswalk.values():
-                way = max(
-                    candidates, key=lambda way: len(driven & {each.lane for each in way.lanes})
-                )
+                way = max(candidates, key=fit)
                 track = _track(way, number, edges, columns)
                 if track is not None:
                     yield Cut(way, name, track)
         last = number
+
+
+def _fit(lanes: Sequence[str], positions_m: Sequence[float], way: WayOver) -> tuple[bool, int]:
+    """How well a way fits a vehicle that may change lane at a junction.
+
+    Args:
+        lanes: the lane of each record, from the last one before the junction to the first beyond.
+        positions_m: the position on that lane of each record.
+        way: a way over a crosswalk of the junction.
+
+    Returns:
+        Whether the vehicle is on the way when its front comes to the crosswalk's centre line, and
+        the number of its lanes that belong to the way.
+    """
+    names = {each.lane for each in way.lanes}
+    at = lanes[0]
+    for lane, position_m in zip(lanes[:-1], positions_m[:-1], strict=True):
+        place_m = way.place_m(lane.rpartition("_")[0], position_m)
+        if place_m is not None and place_m < 0.0:
+            at = lane
+    return at in names, len(names.intersection(lanes))
 
 
 def _track(

@@ -53,6 +53,7 @@ class PassageLog:
         stood_s, with_people_s: time for which it has stood at the crosswalk without a break, and
             for which somebody who wants to cross has stood there as well.
         fallback: the strategy's ``fallback`` (``Strategy``).
+        astray: why it cannot be measured on the lane to which it has changed, or None.
         sensor, updates: the driver's sensor and its updates; None: the driver sees the truth.
         shown: what the driver was shown at each step, with a sensor.
     """
@@ -77,6 +78,7 @@ class PassageLog:
     stood_s: float = 0.0
     with_people_s: float = 0.0
     fallback: bool = False
+    astray: str | None = None
     sensor: Sensor | None = None
     updates: Updates | None = None
     shown: list[Views] | None = None
@@ -86,6 +88,12 @@ class PassageLog:
         self.time_s.append(time_s)
         self.x_m.append(x_m)
         self.speed_mps.append(speed_mps)
+
+    def move_to(self, driven_way: DrivenWay, shift_m: float) -> None:
+        """Measure the whole passage on another way, on which every x is greater by ``shift_m``."""
+        self.driven_way = driven_way
+        self.offset_m += shift_m
+        self.x_m = array("d", (x_m + shift_m for x_m in self.x_m))
 
     @property
     def rear_left_m(self) -> float:
