@@ -15,6 +15,13 @@ _EGO_KEYS = ("trigger_range_m", "detection_range_m", "resume_acceleration_mps2")
 
 _PEOPLE_KEYS = ("flow_per_hour", "behaviour")
 
+_SEEDS_APART = 1_000_003
+"""Distance of SUMO's seeds of two successive values of ``experiment.seed``; odd, so that the values
+do not repeat before all of SUMO's seeds are used."""
+
+_SEEDS = 2**31
+"""SUMO's seeds lie below this."""
+
 _MOST_NAMES = 20
 """Greatest number of names of types that an error lists."""
 
@@ -90,6 +97,17 @@ def setting_of(scenario: Scenario) -> Setting:
         problem = f"the files of {read.config} have changed (sha256 {setting.sha256[:12]}…)"
         raise InputError("simulation.config", problem, f"the files of sha256 {read.sha256}")
     return setting
+
+
+def sumo_seed(scenario: Scenario, config: SumoConfig, pair: int = 0) -> int:
+    """SUMO's seed of a pair: the configuration's plus the pair's number, for seed 1.
+
+    Another ``experiment.seed`` has other seeds for all pairs, below a million pairs.
+    """
+    seed = scenario.experiment.seed
+    if seed == 1:
+        return config.seed + pair
+    return (config.seed + pair + _SEEDS_APART * (seed - 1)) % _SEEDS
 
 
 def _refuse(scenario: Scenario, source: str) -> None:

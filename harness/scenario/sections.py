@@ -312,7 +312,8 @@ class ExperimentSection(Section):
     pairs: Annotated[int, Field(ge=1, le=10_000_000)] = 50
     """N, the number of pairs; with ``[traffic]`` each pair is an hour, simulated twice."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
-    """Seed from which every random number derives."""
+    """Seed from which every random number derives; another seed also has other SUMO seeds in own
+    simulations."""
     step_s: Annotated[float, Field(ge=0.001, le=1)] = 0.1
     """Simulation step; whole milliseconds."""
     timeout_s: Annotated[float, Field(gt=0, le=3600)] = 60.0

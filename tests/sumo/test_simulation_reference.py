@@ -70,3 +70,14 @@ def test_the_arm_has_her_seed_plus_the_pair(
     # 23423 is SUMO's default.
     assert seed is not None
     assert seed.attrib["value"] == "23427"
+
+
+def test_another_seed_is_another_hour(town: Path, model: InteractionModel, tmp_path: Path) -> None:
+    trips = []
+    for seed in (1, 2):
+        scenario = towns.scenario_of(town / "town.sumocfg", [":B1_c0"], experiment__seed=seed)
+        folder = tmp_path / str(seed)
+        towns.run_arm(scenario, model, folder, Arm.HUMAN)
+        subprocess.run([SUMO, "-c", "simulation.sumocfg"], cwd=folder, check=True)
+        trips.append(body(folder / "tripinfo.xml"))
+    assert trips[0] != trips[1]

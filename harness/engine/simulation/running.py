@@ -74,7 +74,7 @@ def _ours(seed: str, step_s: float | None) -> dict[str, str]:
 
 
 def changed_options(
-    config: SumoConfig, outputs: frozenset[str], step_s: float | None
+    config: SumoConfig, outputs: frozenset[str], first_seed: int, step_s: float | None
 ) -> dict[str, tuple[str | None, str | None]]:
     """Each option that an arm's configuration changes: the user's value and the arm's.
 
@@ -83,11 +83,12 @@ def changed_options(
     Args:
         config: the user's configuration.
         outputs: the outputs that are kept.
+        first_seed: SUMO's seed of pair 0.
         step_s: see ``write_config``.
     """
     hers = config.options
     ours = redirected_options(config, Kept(config.path.parent, outputs))
-    ours |= _ours(f"{config.seed} + the pair's number", step_s)
+    ours |= _ours(f"{first_seed} + the pair's number", step_s)
     return {
         name: (hers.get(name), ours.get(name))
         for name in sorted({*hers, *ours})

@@ -238,4 +238,5 @@ human = "sumo_driver"      # SUMO drives, untouched; human_yield drives at the c
 
 [experiment]
 pairs = 5                  # pair i has the configuration's seed + i, in both arms
+# seed = 2                 # other traffic: other SUMO seeds for all pairs
 """

@@ -30,7 +30,7 @@ from harness.episode.simulation.trips import Trip, read_trips
 from harness.measures import EpisodeRecord, measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
-from harness.scenario.own_simulation import setting_of
+from harness.scenario.own_simulation import setting_of, sumo_seed
 from harness.site.simulation import Setting
 from harness.strategies.perception.sensor import sensor_of
 from harness.strategies.perception.updates import Views
@@ -106,7 +106,7 @@ class SimulationRunner:
         """Simulate one arm of a pair; if a strategy fails in one vehicle, the whole arm fails."""
         scenario, setting = self._scenario, self._setting
         simulation = scenario.known_simulation
-        seed = setting.config.seed + pair
+        seed = sumo_seed(scenario, setting.config, pair)
         with self._get_folder(pair, arm) as folder:
             kept = Kept(folder, frozenset(simulation.outputs))
             added = write_people(folder, scenario, setting, pair)

@@ -17,7 +17,7 @@ from harness.episode.simulation.people import waited_s
 from harness.episode.simulation.trips import Trip
 from harness.episode.simulation.visits import BENDS, TURNS
 from harness.measures.ego import crossing_time
-from harness.scenario.own_simulation import setting_of
+from harness.scenario.own_simulation import setting_of, sumo_seed
 from harness.store.hour_tables import passage_counts, record_row
 from harness.store.schemas import CROSSWALK_FIELDS, SIMULATION_TABLES, TABLES
 from harness.store.tables import Row, Tables, table_of
@@ -151,7 +151,7 @@ def _groups(outcome: SimulationOutcome, trips: Sequence[Trip]) -> list[Row]:
 def _automated(outcome: SimulationOutcome) -> Callable[[Trip], bool]:
     """Whether a trip is an AV's; both arms have the same AVs, including AVs that never departed."""
     simulation = outcome.scenario.known_simulation
-    seed = setting_of(outcome.scenario).config.seed + outcome.pair
+    seed = sumo_seed(outcome.scenario, setting_of(outcome.scenario).config, outcome.pair)
     kinds = outcome.log.vehicles.values()
     classes = {kind.type_id: kind.vehicle_class for kind in kinds}
     names = set(simulation.av_types)

@@ -5,6 +5,7 @@ from pathlib import Path
 from harness.engine.simulation.outputs import output_options
 from harness.engine.simulation.running import ALWAYS, changed_options
 from harness.scenario import Scenario
+from harness.scenario.own_simulation import sumo_seed
 from harness.site.configuration import SumoConfig
 
 _Changes = dict[str, tuple[str | None, str | None]]
@@ -14,7 +15,8 @@ def changes_in_brief(scenario: Scenario) -> str:
     """Return the changes that matter to results, and the number of outputs that are not kept."""
     config, changes = _changes(scenario)
     written = output_options(config)
-    parts = ["the seed (yours + pair)"]
+    seed = scenario.experiment.seed
+    parts = [f"the seed ({'yours + pair' if seed == 1 else f'by yours, seed {seed} and pair'})"]
     if step := changes.get("step-length"):
         parts.append(f"the step ({float(step[1] or 0):g} s, yours {config.step_s:g} s)")
     other = [name for name in changes if name not in {*ALWAYS, *written, *_TOLD}]
@@ -44,4 +46,5 @@ def _changes(scenario: Scenario) -> tuple[SumoConfig, _Changes]:
     simulation = scenario.known_simulation
     assert simulation.read is not None
     config = SumoConfig(Path(simulation.config), simulation.read.options)
-    return config, changed_options(config, frozenset(simulation.outputs), simulation.step_s)
+    kept, first = frozenset(simulation.outputs), sumo_seed(scenario, config)
+    return config, changed_options(config, kept, first, simulation.step_s)
