@@ -1,5 +1,6 @@
 """An arm of a user's own simulation again: with SUMO's outputs, and in sumo-gui at the moment."""
 
+import shlex
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -9,10 +10,11 @@ import pytest
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
 from harness.scenario.own_simulation import setting_of
-from harness.studies.replay.moment import moments_of
+from harness.studies.replay.moment import _end_s, moments_of
 from harness.studies.replay.rerun import debug
 from harness.studies.replay.watch import watch
 from harness.studies.runs.stored import StoredCell
+from harness.studies.runs.worst import worst
 from tests.batches import one_cell, printed, refusal, run_inline
 from tests.own_scenario import CROSSING, own_study
 from tests.sumo.test_watch import PEDESTRIAN, needs_xvfb, pixels, watched
@@ -75,7 +77,8 @@ def test_the_moment_is_the_most_striking_passage_in_both_arms(run: Path) -> None
     for arm, row in ((Arm.AV, worst), (Arm.HUMAN, same)):
         assert moments[arm].begin_s == pytest.approx(row["trigger_s"] - 3)
         # A passage with a contact has no time at which it passed.
-        ends_s = row["trigger_s"] + 60 if pd.isna(row["passed_s"]) else row["passed_s"]
+        contact_s = row["trigger_s"] + row["contact_time_s"]
+        ends_s = contact_s if pd.isna(row["passed_s"]) else row["passed_s"]
         assert moments[arm].end_s == pytest.approx(ends_s + 3)
     # The middle of the window is the middle of the crosswalk, between its two kerbs.
     (crosswalk,) = setting_of(stored.cell.scenario).crosswalks
@@ -94,6 +97,21 @@ def test_another_vehicle_is_asked_for(run: Path) -> None:
         moments_of(stored, 1, [Arm.AV], "nobody")
     with pytest.raises(InputError, match="--crosswalk :x_c0: no such passage"):
         moments_of(stored, 1, [Arm.AV], None, ":x_c0")
+
+
+def test_the_command_of_a_bad_passage_shows_that_passage(run: Path) -> None:
+    for episode in worst(run, most=5):
+        words = shlex.split(episode.command)
+        options = dict(zip(words[3:-1:2], words[4:-1:2], strict=True))
+        pair, arm = int(options["--pair"]), Arm(options["--arm"])
+        asked = (options["--vehicle"], options["--crosswalk"])
+        moment = moments_of(StoredCell(run, 0, pair), pair, [arm], *asked)[arm]
+        assert moment.begin_s == episode.names["trigger_s"] - 3.0
+
+
+def test_the_moment_ends_after_a_contact() -> None:
+    assert _end_s({"trigger_s": 600.0, "passed_s": None, "contact_time_s": 4.5}) == 604.5
+    assert _end_s({"trigger_s": 600.0, "passed_s": 607.0, "contact_time_s": None}) == 607.0
 
 
 def test_the_options_are_refused_elsewhere(

@@ -78,11 +78,17 @@ def _passage(rows: pd.DataFrame, vehicle: str | None, crosswalk: str | None) -> 
 def _moment(scenario: Scenario, row: Row) -> "Moment":
     from harness.engine.traci import Moment
 
-    begin_s, passed_s = row["trigger_s"], row["passed_s"]
-    end_s: float = begin_s + _LONGEST_S if pd.isna(passed_s) else passed_s
     crosswalk = next(
         each for each in setting_of(scenario).crosswalks if each.id == row["crosswalk"]
     )
     way = crosswalk.ways[0]
     x_m, y_m = way.frame.to_network(0.0, way.crossing.length_m / 2)
-    return Moment(begin_s - _MARGIN_S, end_s + _MARGIN_S, x_m, y_m)
+    return Moment(row["trigger_s"] - _MARGIN_S, _end_s(row) + _MARGIN_S, x_m, y_m)
+
+
+def _end_s(row: Row) -> float:
+    """The time at which a passage ends: at its contact, or when the rear has left the crosswalk."""
+    begin_s: float = row["trigger_s"]
+    if not pd.isna(row["contact_time_s"]):
+        return begin_s + float(row["contact_time_s"])
+    return begin_s + _LONGEST_S if pd.isna(row["passed_s"]) else float(row["passed_s"])

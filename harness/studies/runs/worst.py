@@ -57,7 +57,13 @@ class WorstEpisode:
         """The shell command that shows the episode in sumo-gui."""
         cell = f" --cell {self.cell}" if self.cell else ""
         where = shlex.quote(str(self.run))
-        return f"harness replay {where}{cell} --pair {self.pair} --arm {self.arm.value} --gui"
+        passage = "".join(
+            f" --{name} {shlex.quote(str(self.names[name]))}"
+            for name in ("vehicle", "crosswalk")
+            if name in self.names
+        )
+        pair = f"--pair {self.pair} --arm {self.arm.value}"
+        return f"harness replay {where}{cell} {pair}{passage} --gui"
 
 
 def worst(
