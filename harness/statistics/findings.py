@@ -21,15 +21,17 @@ class Rank(IntEnum):
     FAILURES = 2
     TIME_OUTS = 3
     MISSED_TARGETS = 4
-    LEFT_OUT = 5
-    NEARNESS = 6
-    UNDEFINED = 7
-    SATURATION = 8
-    FALLBACK = 9
-    SPEEDING = 10
-    OUTSIDE_MODEL = 11
-    REFERENCE = 12
-    FEW_PAIRS = 13
+    VERY_FEW_PAIRS = 5
+    LEFT_OUT = 6
+    UNENDED = 7
+    NEARNESS = 8
+    UNDEFINED = 9
+    SATURATION = 10
+    FALLBACK = 11
+    SPEEDING = 12
+    OUTSIDE_MODEL = 13
+    REFERENCE = 14
+    FEW_PAIRS = 15
 
 
 @dataclass(frozen=True, slots=True, order=True)

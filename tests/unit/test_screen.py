@@ -183,7 +183,7 @@ All measures: --full. Page: harness report runs/cctc-1"""
     lines = screen_lines(screen)
     assert lines[:13] == screen_lines(replace(screen, most_lines=None))[:13]
     assert lines[13:] == [
-        "! More to know (--full): pairs left out, undefined numbers, the fallback, speeding, "
+        "! More to know (--full): what is left out, undefined numbers, the fallback, speeding, "
         "the model's",
         "  range, unreliable intervals (few pairs).",
         "All measures: --full. Page: harness report runs/cctc-1",

@@ -100,3 +100,16 @@ def test_cells_share_a_note_on_what_is_left_out_with_the_ranges_of_its_counts() 
     # Failures are said cell by cell.
     failed = [(cell, [Note(Rank.FAILURES, f"{cell + 1} of 5 pairs failed.")]) for cell in range(2)]
     assert [note.text[:7] for note in joined_notes(failed)] == ["Cell 0:", "Cell 1:"]
+
+
+def test_few_pairs_are_said_and_trips_that_did_not_end_are_no_pairs() -> None:
+    """It is said of 3 pairs however many notes there are; no pair is left out."""
+    many = {"unfinished": Finding(7), "teleports": Finding(3), "stuck": Finding(2)}
+    many |= {"sumo_collisions": Finding(4), "not_driven": Finding(5), "pairs": Finding(3)}
+    lines = lines_of(40, **many)
+    assert "! Few pairs: Each interval rests on 3" in lines
+    (more,) = (n for n, line in enumerate(lines) if line.startswith("! More to know"))
+    folded = " ".join(line.strip() for line in lines[more:])
+    assert "trips that did not end" in folded
+    assert "pairs left out" not in folded
+    assert "few pairs" not in folded

@@ -19,7 +19,7 @@ def joined_notes(cells: Sequence[tuple[int, Sequence[Note]]]) -> list[Note]:
     alike: dict[tuple[Rank, str], dict[str, list[int]]] = {}
     for cell, notes in cells:
         for note in notes:
-            ranged = note.rank is Rank.LEFT_OUT and "…" not in note.text
+            ranged = note.rank in (Rank.LEFT_OUT, Rank.UNENDED) and "…" not in note.text
             words = _COUNT.sub("", note.text) if ranged else note.text
             alike.setdefault((note.rank, words), {}).setdefault(note.text, []).append(cell)
     joined = []

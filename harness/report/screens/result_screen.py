@@ -154,7 +154,8 @@ def _met_nobody(cells: Sequence[CellFindings]) -> str:
 
 def left_out(cell: CellFindings) -> bool:
     """Return whether a pair of the cell failed, timed out, or counts only in some rows."""
-    return any(Rank.FAILURES <= note.rank <= Rank.LEFT_OUT for note in cell.notes)
+    ranks = {Rank.FAILURES, Rank.TIME_OUTS, Rank.MISSED_TARGETS, Rank.LEFT_OUT, Rank.UNENDED}
+    return any(note.rank in ranks for note in cell.notes)
 
 
 def worst_name(entry: Entry[Any]) -> str:

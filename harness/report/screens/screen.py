@@ -28,16 +28,18 @@ _LEAST_OF_NAMES = 12
 """Columns of names shrink to this width before an interval is wrapped."""
 
 _BREAKS = re.compile(r" |(?<=_)")
-_NEVER_MERGED = Rank.MISSED_TARGETS
+_NEVER_MERGED = Rank.VERY_FEW_PAIRS
 _KEPT_NAMES = {
     Rank.NOTHING_TESTED: "nothing was tested",
     Rank.OVER_MODEL: "the model's fit",
     Rank.FAILURES: "failures",
     Rank.TIME_OUTS: "time-outs",
     Rank.MISSED_TARGETS: "missed targets",
+    Rank.VERY_FEW_PAIRS: "few pairs",
 }
 _NAMES = {
-    Rank.LEFT_OUT: "pairs left out",
+    Rank.LEFT_OUT: "what is left out",
+    Rank.UNENDED: "trips that did not end",
     Rank.NEARNESS: "the reference",
     Rank.UNDEFINED: "undefined numbers",
     Rank.SATURATION: "saturation",

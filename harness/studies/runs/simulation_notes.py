@@ -53,7 +53,7 @@ def simulation_notes(
         note(Rank.REFERENCE, changes_in_brief(scenario))
     if 0 < (ran := pairs - failed) < FEW_HOURS:
         text = "One pair has no intervals." if ran == 1 else f"Each interval rests on {ran} pairs."
-        note(Rank.FEW_PAIRS, f"Few pairs: {text}")
+        note(Rank.VERY_FEW_PAIRS, f"Few pairs: {text}")
     return tuple(sorted(notes, key=lambda each: each.rank))
 
 
@@ -79,7 +79,7 @@ def _left_out(findings: Findings, note: Callable[[Rank, str], None]) -> None:
         note(Rank.LEFT_OUT, f"In the two arms no strategy may drive {counts} passages.")
     if counts := both("unfinished"):
         text = f"In the two arms {counts} trips did not end; they count until the end."
-        note(Rank.LEFT_OUT, text)
+        note(Rank.UNENDED, text)
     if counts := both("teleports"):
         note(Rank.SATURATION, f"SUMO teleported {counts} vehicles: their passages are not whole.")
     longest = " / ".join(f"{findings[name].number or 0:,.0f}" for name in _LONGEST)
