@@ -162,7 +162,7 @@ HOURS = pa.schema(
     ]
 )
 
-_GROUP_COUNTS = ("trips", "departed", "arrived")
+_GROUP_COUNTS = ("trips", "departed", "arrived", "contacts")
 _GROUP_MEANS = ("duration_s", "time_loss_s", "waiting_s", "stops")
 _GROUP_EMITTED = ("co2_g", "nox_mg", "pmx_mg", "fuel_g", "electricity_wh")
 GROUP_FIELDS = {

@@ -106,6 +106,24 @@ def test_traces_have_every_passage_and_everybody_at_it(traced: RunData) -> None:
         assert people["y_m"].between(-1e-6, scene["crossing_length_m"] + 1e-6).all()
 
 
+def test_contacts_are_split_by_the_group_of_the_vehicle(traced: RunData) -> None:
+    rows, groups = (
+        read_table(traced.path, name).to_pandas() for name in ("passages_over", "groups")
+    )
+    keys = ["pair", "arm"]
+    touched = rows[rows["ending"] == "crashed"]
+    for group, mine in (
+        ("AVs", touched[touched["automated"]]),
+        ("other vehicles", touched[~touched["automated"]]),
+        ("type car", touched[touched["type"] == "car"]),
+        ("people", touched),
+    ):
+        counts = mine.groupby(keys).size()
+        for row in groups[groups["group"] == group].to_dict("records"):
+            assert row["contacts"] == counts.get((row["pair"], row["arm"]), 0)
+    assert len(touched)
+
+
 def test_the_most_striking_passages_are_those_of_the_record(traced: RunData) -> None:
     rows, chosen = traced.passages_over, chosen_passages(traced)
     for arm, words in ((Arm.AV, "AV's arm"), (Arm.HUMAN, "reference's arm")):

@@ -16,6 +16,7 @@ _GROUPS = {
     "trips": "trips",
     "departed": "departed",
     "arrived": "arrived",
+    "contacts": "contacts",
 }
 _TRAFFIC = {
     "passages": "passages",
@@ -44,7 +45,7 @@ def group_and_crosswalk_tables(run: RunData) -> list[Table]:
         _table(
             run,
             "groups",
-            "Trips by group: sums over pairs",
+            "Trips by group, and contacts with people: sums over pairs",
             _GROUPS,
         ),
         _table(

@@ -1,11 +1,12 @@
 """The rows of the tables of users' own simulations.  The columns are described in docs/files.md."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 import pyarrow as pa
 
-from harness.core.encounter import Arm
+from harness.core.encounter import Arm, Ending
 from harness.episode.simulation.driving import PassageLog
 from harness.episode.simulation.log import uniform_of
 from harness.episode.simulation.pairing import (
@@ -87,7 +88,7 @@ def _numbers(
     """The row of an arm in ``simulations``."""
     log, scenario = outcome.log, outcome.scenario
     trips = [trip for trip in outcome.trips if counted[0] <= trip.due_s < counted[1]]
-    groups = _groups(outcome, trips)
+    groups = _groups(outcome, trips, passages)
     by_name = {group["group"]: group for group in groups}
     crosswalks = _crosswalks(outcome, passages, counted)
     waits = [wait for each in crosswalks for wait in each.pop("waits")]
@@ -133,8 +134,15 @@ def _numbers(
     }
 
 
-def _groups(outcome: SimulationOutcome, trips: Sequence[Trip]) -> list[Row]:
+def _groups(
+    outcome: SimulationOutcome, trips: Sequence[Trip], passages: Sequence[Row]
+) -> list[Row]:
     """The rows of ``groups``: AVs, other vehicles, all vehicles, people, and each vehicle type."""
+    touched = [row for row in passages if row["ending"] == Ending.CRASHED]
+    contacts = Counter(f"type {row['type']}" for row in touched)
+    contacts[AVS] = sum(row["automated"] for row in touched)
+    contacts[OTHERS] = len(touched) - contacts[AVS]
+    contacts[VEHICLES] = contacts[PEOPLE] = len(touched)
     vehicles = [trip for trip in trips if not trip.person]
     automated = _automated(outcome)
     groups: dict[str, list[Trip]] = {
@@ -145,7 +153,10 @@ def _groups(outcome: SimulationOutcome, trips: Sequence[Trip]) -> list[Row]:
     }
     for type_id in sorted({trip.type_id for trip in vehicles}):
         groups[f"type {type_id}"] = [trip for trip in vehicles if trip.type_id == type_id]
-    return [{"group": name} | _means(members) for name, members in groups.items()]
+    return [
+        {"group": name, "contacts": contacts[name]} | _means(members)
+        for name, members in groups.items()
+    ]
 
 
 def _automated(outcome: SimulationOutcome) -> Callable[[Trip], bool]:
