@@ -18,7 +18,10 @@ SHOWN = (*PAGES_BESIDE, "LICENSE", "CITATION.cff", "scenarios/*.toml", "examples
 """Files of the project that pages link to; the site has a copy of each."""
 
 IN_THE_SITE = {
-    "](../harness/scenario/sections.py)": "](reference/keys.md)",
+    **{
+        f"](../harness/scenario/{name}.py)": "](reference/keys.md)"
+        for name in ("sections", "people", "traffic", "simulation", "actuation")
+    },
     "](hooks/columns.toml)": "](reference/columns.md)",
 }
 """Links of the files in docs/, with the generated pages that replace them in the site."""

@@ -163,7 +163,7 @@ def _check_types(names: Iterable[str], config: SumoConfig, where: str) -> None:
         if not missing:
             return
     name = min(missing)
-    listed = sorted(classes) + sorted(types)[:_MOST_NAMES]
+    listed = sorted(classes) + sorted(types - classes)[:_MOST_NAMES]
     allowed = f"a class or a type that comes: {', '.join(listed) or 'there is none'}"
     nearest = nearest_name(name, classes | types)
     raise InputError(where, f"no vehicle of {name!r} comes", allowed, nearest)

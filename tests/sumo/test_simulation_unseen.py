@@ -170,6 +170,14 @@ def test_a_wrong_key_of_simulation(
     assert not (town.parent / "run").exists()
 
 
+def test_no_type_is_listed_twice(town: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A type may have its class's name."""
+    come = [("bus", "bus"), ("pkw", "passenger")]
+    monkeypatch.setattr("harness.scenario.own_simulation.types_that_come", lambda _config: come)
+    path = toml(town, av_types=["lkw"])
+    assert "comes: bus, passenger, pkw" in refusal("run", path, "--out", town.parent / "run")
+
+
 def test_a_crosswalk_with_a_light_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

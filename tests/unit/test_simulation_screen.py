@@ -80,7 +80,8 @@ def test_a_share_of_one_arm_has_one_interval_and_no_exponent() -> None:
 
 def test_one_note_says_what_is_left_out_of_both_arms() -> None:
     lines = lines_of()
-    assert "! In the two arms 52 / 50 vehicles turned or bent and are not measured." in lines
+    who = "In the two arms 52 / 50 vehicles"
+    assert f"! {who} turned there or drove on a bend; they are not measured." in lines
     assert all(len(screen) <= MOST_LINES for screen in (lines, lines_of(80)))
 
 

@@ -73,8 +73,8 @@ def _left_out(findings: Findings, note: Callable[[Rank, str], None]) -> None:
 
     # One note for each, so that the cells of a sweep share those that are equal.
     if counts := both("not_measured"):
-        text = f"In the two arms {counts} vehicles turned or bent and are not measured."
-        note(Rank.LEFT_OUT, text)
+        why = "turned there or drove on a bend; they are not measured."
+        note(Rank.LEFT_OUT, f"In the two arms {counts} vehicles {why}")
     if counts := both("not_driven"):
         note(Rank.LEFT_OUT, f"In the two arms no strategy may drive {counts} passages.")
     if counts := both("unfinished"):
