@@ -5,7 +5,9 @@ import math
 from dataclasses import replace
 
 import pytest
+import typer
 
+from harness.cli.tune import resume_search
 from harness.core.errors import InputError, InterruptedRunError
 from harness.report.pages.tune_page import write_tune_page
 from harness.report.screens.tune_screen import tune_lines
@@ -261,6 +263,9 @@ def test_a_search_in_which_every_episode_failed_says_why(tmp_path, limits) -> No
     assert ("No trial has delay_s without a failure" in screen) == (not limits)
     assert read_judged(tmp_path / "run", search) == judged
     assert reason in write_tune_page(search, judged).read_text(encoding="utf-8")
+    with pytest.raises(typer.Exit) as exited:
+        resume_search(tmp_path / "run", None, None, full=False, quiet=True, as_json=False)
+    assert exited.value.exit_code == 1
 
 
 def test_no_limit_is_satisfied_if_the_av_failed_on_fresh_pairs(tmp_path) -> None:
