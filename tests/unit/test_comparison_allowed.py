@@ -1,6 +1,7 @@
 """The allowed interval of aggressiveness: all three verdicts on data made by hand."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -112,6 +113,15 @@ def test_too_few_pairs_for_the_mean_and_the_larger_number_of_the_two() -> None:
     assert (alone, both) == (alone, max(alone, 368))
     strict = allowed_interval([value], Limits(0.86, 0.001), LEVEL).pairs_needed
     assert strict == math.ceil(math.log(0.025) / math.log(0.999))
+
+
+def test_the_bound_on_the_side_of_the_limit_has_to_reach_it() -> None:
+    # Bounds 0.01 below and 0.03 above μ = 0.85 from 100 pairs; their distances fall with 1/√N.
+    value = swept(spread(0.85, 100), 0, 1)
+    value = replace(value, mu=replace(value.mu, value=0.85, low=0.84, high=0.88))
+    for mu0, pairs in ((0.86, 100 * (0.03 / 0.01) ** 2), (0.845, 100 * (0.01 / 0.005) ** 2)):
+        found = allowed_interval([value], Limits(mu0, 0.5), LEVEL)
+        assert found.pairs_needed == pytest.approx(pairs, abs=1.1)
 
 
 def test_what_would_deny_all() -> None:

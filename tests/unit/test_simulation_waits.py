@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from harness.core.encounter import Crossing
+from harness.episode.simulation.arm import SimulationArm
 from harness.episode.simulation.log import SimulationLog
 from harness.episode.simulation.passages import PersonTrack
 from harness.episode.simulation.people import waited_s
@@ -74,3 +75,25 @@ def test_a_queue_ends_at_the_last_slow_vehicle_on_a_way_straight_on() -> None:
     log = SimulationLog()
     Standing(api, setting, log).sample((), {})
     assert log.queues_m == {"c": [4.0 + 5.0]}
+
+
+def test_a_collision_counts_at_the_chosen_crosswalk_nearest_to_the_front() -> None:
+    """The front is 1 m before one crosswalk and 21 m before the next one of the same lane."""
+
+    def crosswalk(name: str, x_m: float) -> Any:
+        lanes = [SimpleNamespace(lane="road_1", start_m=-x_m)]
+        return SimpleNamespace(id=name, ways=[SimpleNamespace(lanes=lanes, crossing=WAY.crossing)])
+
+    arm: Any = object.__new__(SimulationArm)
+    arm.setting = SimpleNamespace(
+        crosswalks=[crosswalk("next", 81.0), crosswalk("here", 61.0)], range_m=50.0
+    )
+    arm.hits, arm.log = set(), SimulationLog()
+    ways = [SimpleNamespace(way=SimpleNamespace(crosswalk=name)) for name in ("next", "here")]
+    passages = [SimpleNamespace(name="v", driven_way=way, collided=False) for way in ways]
+    arm.active = dict(enumerate(passages))
+    hit = SimpleNamespace(collider="v", victim="p", type="crossing", lane="road_1", pos=60.0)
+    for _ in range(2):  # SUMO reports it at several steps.
+        arm._note_collision(hit)
+    assert arm.log.person_collisions == {"here": 1}
+    assert [passage.collided for passage in passages] == [False, True]

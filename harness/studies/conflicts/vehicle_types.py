@@ -88,7 +88,7 @@ def read_types(files: Sequence[Path]) -> dict[str, VehicleType]:
             problem = f"cannot be read ({error.strerror or error})"
             raise InputError(f"--types {path}", problem) from None
         if not found:
-            allowed = "an additional or route file with vType elements"
+            allowed = "an additional or route file with vType elements, or no --types"
             raise InputError(f"--types {path}", "defines no vehicle type", allowed)
     return types
 

@@ -145,6 +145,8 @@ def _audit_scope(run: RunData) -> list[str]:
     if run.engine == "sumo":
         return []
     records = len(run.audited)
+    if not records:
+        return ["plain engine: no record was repeated in SUMO"]
     agree = records - len(run.disagreements) - len(run.ties)
     ties = f", {len(run.ties):,} differ by a tie" if run.ties else ""
     return [f"plain engine: {agree:,} of {records:,} records repeated in SUMO agree{ties}"]
