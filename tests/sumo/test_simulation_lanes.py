@@ -44,13 +44,16 @@ def lanes_of(fcd: Path, edge: str) -> dict[str, list[str]]:
     return {name: own["vehicle_lane"].tolist() for name, own in rows.groupby("vehicle_id")}
 
 
-@pytest.fixture(scope="module", params=["sumo_driver", "gap_yield"])
+@pytest.fixture(scope="module", params=[("sumo_driver", 1.0), ("gap_yield", 0.3)], ids=str)
 def arm(
     request: pytest.FixtureRequest,
     tmp_path_factory: pytest.TempPathFactory,
     model: InteractionModel,
 ) -> tuple[SimulationOutcome, Path]:
-    """An arm that SUMO drives, or that a strategy drives, with the folder of its FCD output."""
+    """An arm that SUMO drives, or a strategy in part, with the folder of its FCD output.
+
+    A vehicle changes no lane while a strategy drives it, so only the others change.
+    """
     folder = tmp_path_factory.mktemp("lanes")
     config = towns.main_road(folder, 10, **{"fcd-output": "fcd.csv", "precision": "6"})
     demand(folder)
@@ -58,7 +61,8 @@ def arm(
     scenario = towns.scenario_of(
         config,
         [CROSSWALK],
-        arms__av=request.param,
+        arms__av=request.param[0],
+        simulation__av_share=request.param[1],
         simulation__outputs=["fcd"],
         ego__trigger_range_m=50.0,
     )
