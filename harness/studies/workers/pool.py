@@ -69,7 +69,8 @@ class LocalPool:
             None means the working directory of this process.
         at_once: number of workers that start at once; None means all.  The others start if there is
             still work after ``LATER_S``, because a start takes as long as some hundred quick pairs.
-        imports: module of the functions to run, imported before the first job.
+        imports: modules of the functions to run, separated by commas.  A worker imports them before
+            its first job, while this process is still importing its own.
         environment: further environment variables of the workers.
     """
 
@@ -79,7 +80,7 @@ class LocalPool:
         folder: Path | None = None,
         *,
         at_once: int | None = None,
-        imports: str = "harness.engine.sumo",
+        imports: str = "harness.engine.sumo,harness.studies.kinds.table",
         environment: Mapping[str, str] | None = None,
     ) -> None:
         self.workers = workers

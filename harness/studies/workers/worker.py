@@ -7,16 +7,17 @@ from multiprocessing.connection import Connection
 from harness.core.errors import in_one_line
 
 
-def serve(connection: Connection, module: str) -> None:
+def serve(connection: Connection, modules: str) -> None:
     """Answer calls from a pipe until the pipe is closed or the parent process ends.
 
-    The first message is None if all imports, including ``module``, succeeded; otherwise it is the
+    The first message is None if all imports, including ``modules``, succeeded; otherwise it is the
     error.  The answer to a call is (True, result) or (False, reason why there is no result).
     """
     # A broken pipe is not an error, because it means that the parent has ended.
     with suppress(EOFError, OSError):
         try:
-            importlib.import_module(module)
+            for module in modules.split(","):
+                importlib.import_module(module)
         except Exception as error:
             connection.send(in_one_line(error))
             return
