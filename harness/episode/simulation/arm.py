@@ -1,6 +1,5 @@
 """One arm of a pair in a user's simulation: SUMO step by step, its log out."""
 
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -9,6 +8,7 @@ from harness.core.errors import EngineError
 from harness.engine.simulation.running import Function, OwnSimulation
 from harness.episode.deciding import ROUNDING_M
 from harness.episode.simulation.driving import Control, PassageLog
+from harness.episode.simulation.lane_changes import LaneChanges
 from harness.episode.simulation.log import SimulationLog, VehicleKind
 from harness.episode.simulation.looking import Lookout, WatchedLane
 from harness.episode.simulation.people import PeopleAtCrosswalk
@@ -82,14 +82,11 @@ class SimulationArm:
         )
         self._distance_of = function("vehicle", "getDistance")
         self._speed_of = function("vehicle", "getSpeed")
-        self._lane_of = function("vehicle", "getLaneID")
-        self._place_of = function("vehicle", "getLanePosition")
         self._departed = function("simulation", "getDepartedIDList")
         self._gone = function("simulation", "getArrivedIDList")
         self._teleported = function("simulation", "getStartingTeleportIDList")
         self._collisions = function("simulation", "getCollisions")
-        self._ways_on = setting.lanes()
-        self._several_lanes = _with_several_lanes(setting)
+        self._lane_changes = LaneChanges(setting, function)
         self.judged: dict[str, dict[str, int]] = {}
         self.active: dict[tuple[str, str], PassageLog] = {}
         set_speed = function("vehicle", "setSpeed")
@@ -225,7 +222,7 @@ class SimulationArm:
                     continue
             driven_m, speed_mps = states[name]
             if passage.offset_m + driven_m < 0.0:
-                self._keep_to_lane(passage, driven_m)
+                self._lane_changes.follow(passage, driven_m)
             x_m = passage.offset_m + driven_m
             passage.note(time_s, x_m, speed_mps)
             if passage.strategy is not None and name not in checked:
@@ -236,35 +233,6 @@ class SimulationArm:
                     # It was rerouted on its way here.
                     passage.astray = TURNS
                 self._end(key, "passed", exists=True)
-
-    def _keep_to_lane(self, passage: PassageLog, driven_m: float) -> None:
-        """Measure a vehicle that has changed lane before the crosswalk on the way of its new lane.
-
-        Args:
-            passage: a passage whose front has not reached the crosswalk's centre line.
-            driven_m: SUMO's odometer.
-        """
-        way = passage.driven_way.way
-        if (way.crosswalk, way.from_edge) not in self._several_lanes:
-            return
-        lane = self._lane_of(passage.name)
-        passage.astray = None
-        if lane in {part.lane for part in way.lanes}:
-            return
-        for each in self._ways_on.get(lane, ()):
-            other = each.way
-            if (other.crosswalk, other.from_edge) != (way.crosswalk, way.from_edge):
-                continue
-            if other.to_edge != way.to_edge:
-                continue
-            if not other.is_straight(passage.vehicle.length_m):
-                passage.astray = BENDS
-                return
-            start_m = next(part.start_m for part in other.lanes if part.lane == lane)
-            x_m = start_m + self._place_of(passage.name)
-            passage.move_to(each, x_m - passage.offset_m - driven_m)
-            return
-        passage.astray = TURNS
 
     def _end(self, key: tuple[str, str], why: str, *, exists: bool) -> None:
         passage = self.active.pop(key)
@@ -377,11 +345,3 @@ class SimulationArm:
             if self.sight is not None:
                 self.sight.begin(passage)
             self.control.take(passage)
-
-
-def _with_several_lanes(setting: Setting) -> frozenset[tuple[str, str]]:
-    """Crosswalk and edge before it, where more than one lane of the edge leads over it."""
-    lanes: dict[tuple[str, str], set[str]] = defaultdict(set)
-    for way in (way for crosswalk in setting.crosswalks for way in crosswalk.ways):
-        lanes[way.crosswalk, way.from_edge].add(way.approach)
-    return frozenset(each for each, approaches in lanes.items() if len(approaches) > 1)
