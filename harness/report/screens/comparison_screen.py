@@ -5,11 +5,11 @@ from collections.abc import Mapping
 
 from harness.report.screens.comparison_sentences import allowed_lines, best_lines
 from harness.report.screens.comparison_tables import cell_numbers, comparison_notes
-from harness.report.screens.result_screen import with_limits
-from harness.report.screens.screen import Screen
+from harness.report.screens.result_screen import with_limits, zero_lines
+from harness.report.screens.screen import KEPT, Screen
 from harness.report.screens.tables import counted, entry_value, named_values
 from harness.scenario import as_written
-from harness.statistics import ENTRIES, Place
+from harness.statistics import ENTRIES, Place, Rank
 from harness.statistics.entries import Finding
 from harness.studies.runs.comparisons import GroupResult, RunComparison
 from harness.studies.runs.notes import av_label
@@ -20,6 +20,7 @@ _MOST_CELLS = 6
 
 _MOST_SENTENCES = 3
 _NAMED = 3
+_CRASHES = ENTRIES["kappa"]
 _PLACES = {Place.FRONT: "yes", Place.UNDECIDED: "undecided", Place.DOMINATED: "no"}
 
 
@@ -31,19 +32,30 @@ def comparison_screen(result: RunComparison) -> Screen:
     several = len(result.groups) > 1
     shared = ", ".join(key.split(".")[-1] for key in result.groups[0].group.shared)
     scenarios = [member.cell.scenario for group in result.groups for member in group.group.cells]
+    summaries = [summary for group in result.groups for summary in group.summaries]
     cells = len(scenarios)
     hidden = cells - len(rows)
+    notes = comparison_notes(result)
+    tested = all(note.rank is not Rank.NOTHING_TESTED for note in notes)
+    crashes = [summary.findings["kappa"] for summary in summaries if tested]
+    zeros = zero_lines(_CRASHES, crashes, result.confidence)
+    counts = [summary.findings["pairs"].count for summary in summaries]
+    pairs = " … ".join(f"{count:,}" for count in sorted({min(counts), max(counts)}))
+    met_nobody = sum(summary.findings["met_nobody"].count for summary in summaries)
+    nobody = f" ({met_nobody:,} of {sum(counts):,} met nobody)" if met_nobody else ""
+    error = 1 - result.confidence
+    seeds = ", ".join(map(str, sorted({scenario.experiment.seed for scenario in scenarios})))
     footer = "All cells, differences and tests: --full. Page: harness report "
     footer += shlex.quote(str(result.folders[0]))
-    better = ["less time than", "fewer crashes or time-outs than"]
+    better = ["less time than", f"fewer{KEPT}crashes or{KEPT}time-outs than"]
     headings = ["cell", "AV", "ratio of times", "worst case", "crashes", "front", *better]
     return Screen(
         title=f"{result.name}: {counted(cells, 'cell')} compared pair by pair",
-        scope=f"significant if p (Holm) < {1 - result.confidence:.2g}",
+        scope=f"{pairs} pairs each{nobody}, seed {seeds}, significant if p (Holm) < {error:.2g}",
         headings=(*([shared] if several else []), *headings),
         rows=tuple(row if several else row[1:] for row in rows),
-        conclusions=tuple(_sentences(result, hidden)),
-        notes=comparison_notes(result),
+        conclusions=tuple(_sentences(result, [*_hidden(result, hidden), *zeros])),
+        notes=notes,
         footer=footer,
         site=site_words(scenarios),
         always=6 + several,
@@ -67,7 +79,7 @@ def _group_rows(group: GroupResult, most: int) -> list[tuple[str, ...]]:
                 av_label(cells[at].label, findings),
                 with_limits(ENTRIES["time_ratio"], findings["time_ratio"]),
                 _worst_case(findings),
-                entry_value(ENTRIES["kappa"], findings["kappa"]),
+                entry_value(_CRASHES, findings["kappa"]),
                 _PLACES[standings[at].place],
                 *(_numbers(group, group.beaten_by(at, by)) for by in (0, 1)),
             )
@@ -93,8 +105,8 @@ def _numbers(group: GroupResult, positions: list[int]) -> str:
     return cell_numbers(positions, group, _NAMED)
 
 
-def _sentences(result: RunComparison, hidden: int) -> list[str]:
-    """Return sentences about the allowed cells that fit on the screen, and about hidden cells."""
+def _sentences(result: RunComparison, first: list[str]) -> list[str]:
+    """Return the first sentences as one line, and those about the allowed cells that fit."""
     best = [line for group in result.groups for line in best_lines(group)]
     allowed = [
         line
@@ -106,7 +118,7 @@ def _sentences(result: RunComparison, hidden: int) -> list[str]:
     if len(lines) > _MOST_SENTENCES:
         lines = best if best and len(best) <= _MOST_SENTENCES else lines[: _MOST_SENTENCES - 1]
         lines = [*lines, "More on what the limits allow: --full."]
-    return [*_hidden(result, hidden), *lines]
+    return [*([" ".join(first)] if first else []), *lines]
 
 
 def _hidden(result: RunComparison, hidden: int) -> list[str]:

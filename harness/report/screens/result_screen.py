@@ -117,7 +117,7 @@ def _both(
     """Return both arms' intervals of a share, or the one-sided bound if neither has an event."""
     if av is None or reference is None or entry.form not in (Form.EVENTS, Form.SHARE):
         return ""
-    if any(note.rank is Rank.NOTHING_TESTED for note in cell.notes):
+    if not _tested(cell):
         return ""
     limits = [entry_limits(entry, finding) or DASH for finding in (av, reference)]
     if limits == [DASH, DASH]:
@@ -133,6 +133,21 @@ def _both(
         pairs = f" ({counted(cell.pairs, 'pair')})" if bound > 1.5 * alone else ""
         return f"each below {per_cent(bound, 1)} %{pairs}"
     return f"{limits[0]} / {limits[1]} %"
+
+
+def _tested(cell: CellFindings) -> bool:
+    return all(note.rank is not Rank.NOTHING_TESTED for note in cell.notes)
+
+
+def zero_lines(entry: Entry[Any], found: Sequence[Finding], confidence: float) -> list[str]:
+    """Return a sentence about the rate that 0 events of a table leave open; empty without a 0."""
+    bounds = [zero_bound(each.high, confidence) for each in found if each.events == 0 and each.high]
+    if not bounds:
+        return []
+    return [
+        f"Where {short_name(entry)} are 0, their rate is below {per_cent(max(bounds), 1)} % "
+        f"({level(confidence)} confidence)."
+    ]
 
 
 def _has_something(entry: Entry[Any], cell: CellFindings) -> bool:
@@ -221,6 +236,13 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
         if len(headings) == always and worst:
             headings.append("worst case")
             columns.append([_first_worst(run, cell) for cell in shown])
+    confidence = shown[0].findings["confidence"].number or CONFIDENCE
+    zeros = [
+        line
+        for entry in entries
+        if entry.crashes
+        for line in zero_lines(entry, _arms_of(entry, [*filter(_tested, shown)]), confidence)
+    ]
     total, some = len(run.cells), len(shown)
     avs, references = ({getattr(cell, arm) for cell in shown} for arm in ("av", "reference"))
     first = f", the first {some:,} here" if some < total else ""
@@ -238,7 +260,7 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
         ),
         footer=footer,
         site=run.site,
-        conclusions=tuple(limit_lines(run)),
+        conclusions=(*zeros, *limit_lines(run)),
         always=always,
         most_lines=None,
     )
@@ -281,9 +303,13 @@ def _sweep_text(entry: Entry[Any], cell: CellFindings, both: str | None, limits:
 
 def _trials(entry: Entry[Any], cells: Sequence[CellFindings]) -> str:
     """Return the trials of a column of events (" of 50"), or their range over cells and arms."""
-    names = [name for name in entry.names[:2] if name is not None]
-    trials = {cell.findings[name].n or 0 for cell in cells for name in names}
+    trials = {finding.n or 0 for finding in _arms_of(entry, cells)}
     return f" of {' … '.join(dict.fromkeys(f'{n:,}' for n in (min(trials), max(trials))))}"
+
+
+def _arms_of(entry: Entry[Any], cells: Sequence[CellFindings]) -> list[Finding]:
+    names = [name for name in entry.names[:2] if name is not None]
+    return [cell.findings[name] for cell in cells for name in names]
 
 
 def _first_worst(run: RunFindings, cell: CellFindings) -> str:
