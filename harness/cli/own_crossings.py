@@ -53,17 +53,18 @@ def _list(scenario: "OwnScenario", folder: Path, *, as_json: bool) -> None:
 
     config = scenario.config
     with progress_bar("simulated s", as_json) as advance:
-        rows = crosswalk_rows(scenario, folder, advance)
+        rows, simulated_s = crosswalk_rows(scenario, folder, advance)
     if not rows:
         say(f"note: {_NO_CROSSWALK}")
     if not as_json:
-        print_crosswalks(config.path, rows)
+        print_crosswalks(config.path, rows, simulated_s)
         return
     print_json(
         {
             "config": str(config.path),
             "begin_s": config.begin_s,
             "end_s": config.end_s,
+            "simulated_s": simulated_s,
             "crossings": [{**asdict(row), "usable": row.usable} for row in rows],
         }
     )

@@ -82,7 +82,9 @@ def test_counts_by_hand(scenario: Path) -> None:
 
 def test_the_table(scenario: Path) -> None:
     done = printed("crossings", scenario)
-    assert re.search(r"town\.sumocfg: \d+ crosswalks, \d+ usable", done)
+    assert re.search(
+        r"town\.sumocfg: \d+ crosswalks, \d+ usable, counted for 1,800 s", " ".join(done.split())
+    )
     (line,) = (line for line in done.splitlines() if line.strip().startswith(":B1_c1"))
     assert line.rstrip().endswith("yes")
 

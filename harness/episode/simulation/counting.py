@@ -33,8 +33,8 @@ def count(
     crosswalks: Sequence[Crosswalk],
     folder: Path,
     progress: Callable[[float, float | None], None] = lambda _time_s, _end_s: None,
-) -> dict[str, CrosswalkCount]:
-    """Simulate a scenario once, untouched, and count at every crosswalk.
+) -> tuple[dict[str, CrosswalkCount], float]:
+    """Simulate a scenario once, untouched; return every crosswalk's count and the simulated s.
 
     Args:
         config: the scenario; it is simulated with its own step.
@@ -68,7 +68,8 @@ def count(
                 progress(time_s, config.end_s)
     finally:
         simulation.close()
-    hours = max(simulation.time_s - begin_s, 1e-9) / 3600.0
+    simulated_s = simulation.time_s - begin_s
+    hours = max(simulated_s, 1e-9) / 3600.0
     moves = Counter(_moves(folder / ROUTES_FILE))
     counts = {}
     for crosswalk in crosswalks:
@@ -79,7 +80,7 @@ def count(
             sum(moves[way] for way in straight) / hours,
             len(people[crosswalk.id]) / hours,
         )
-    return counts
+    return counts, simulated_s
 
 
 def _moves(file: Path) -> Iterator[tuple[str, str]]:

@@ -95,8 +95,8 @@ def crosswalk_rows(
     scenario: OwnScenario,
     folder: Path,
     progress: Callable[[float, float | None], None],
-) -> list[CrosswalkRow]:
-    """Every crosswalk with vehicles and people per hour, in one untouched run.
+) -> tuple[list[CrosswalkRow], float]:
+    """Every crosswalk with vehicles and people per hour, in one untouched run, and its length in s.
 
     Usable crosswalks come first.  They are sorted by the product of vehicles straight on and people
     per hour, largest first.
@@ -109,11 +109,11 @@ def crosswalk_rows(
     Raises:
         EngineError: SUMO lost the simulation.
     """
-    counts = count(scenario.config, scenario.crosswalks, folder, progress)
+    counts, simulated_s = count(scenario.config, scenario.crosswalks, folder, progress)
     rows = [
         _row(scenario.network, crosswalk, counts[crosswalk.id]) for crosswalk in scenario.crosswalks
     ]
-    return sorted(rows, key=_rank)
+    return sorted(rows, key=_rank), simulated_s
 
 
 def _rank(row: CrosswalkRow) -> tuple[bool, float, float, str]:

@@ -9,10 +9,11 @@ from harness.report.screens.console import make_console, print_table
 from harness.report.screens.tables import DASH, Table, TableCell, counted, number
 
 
-def print_crosswalks(config: Path, rows: Sequence[CrosswalkRow]) -> None:
-    """Print one row per crosswalk."""
+def print_crosswalks(config: Path, rows: Sequence[CrosswalkRow], simulated_s: float) -> None:
+    """Print one row per crosswalk; the caption has the time that was counted."""
     usable = sum(row.usable for row in rows)
     caption = f"{config}: {counted(len(rows), 'crosswalk')}, {usable} usable"
+    caption += f", counted for {simulated_s:,.0f} s"
     console = make_console()
     if rows:
         print_table(console, crosswalk_table(caption, rows))
