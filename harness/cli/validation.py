@@ -32,7 +32,7 @@ def validate(
         ),
     ],
     format_: Annotated[
-        str | None, typer.Option("--format", help="Data format: vci or mobileye.")
+        str | None, typer.Option("--format", help="Format of the tracks, e.g. vci.")
     ] = None,
     drivers: Annotated[
         str | None,
@@ -110,8 +110,10 @@ def validate(
     needed = {"behaviour": behaviour, "trials": trials, "hours": hours, "seed": seed}
     refuse_without(PEOPLE, False, **needed, workers=workers, **{"without-zebra": without_zebra})
     if format_ is None or names is None:
+        from harness.model.trajectories import FORMATS
+
         missing, allowed = (
-            ("--format", "vci or mobileye")
+            ("--format", " or ".join(name for name, each in FORMATS.items() if each.clips))
             if format_ is None
             else ("--drivers", "e.g. human_gmm,human_yield")
         )

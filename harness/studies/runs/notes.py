@@ -153,9 +153,11 @@ def _crashes_left_out(scenario: Scenario, findings: Findings) -> list[Note]:
     if with_time == defined:
         uses = f"The ratio of times, μ and c_v use {with_time:,} of {pairs}"
     text = f"{uses} (crashes: AV {av:,}, {scenario.arms.human} {human:,})."
+    notes = [Note(Rank.LEFT_OUT, text)]
     if human:
-        text += f" The difference of delays counts a crashed {scenario.arms.human} as driving on."
-    return [Note(Rank.LEFT_OUT, text)]
+        text = f"The difference of delays counts a crashed {scenario.arms.human} as driving on."
+        notes.append(Note(Rank.LEFT_OUT, text))
+    return notes
 
 
 def _direction(scenario: Scenario, findings: Findings) -> list[Note]:
