@@ -169,7 +169,10 @@ def rows_of(legs: Legs, ego: EgoStates, step_s: float) -> Rows:
     first += (first + 1) * step_s <= legs.begin_s
     # A pedestrian who stepped off before the trace began is present from its first step on.
     first = np.maximum(first, 0)
-    last = np.minimum(np.ceil(legs.end_s / step_s).astype(np.int64), ego.steps[legs.trace])
+    last = np.ceil(legs.end_s / step_s).astype(np.int64)
+    # A leg that ends with a step may be assigned to the step after it.
+    last -= (last - 1) * step_s >= legs.end_s
+    last = np.minimum(last, ego.steps[legs.trace])
     counts = np.maximum(last - first, 0)
     leg = np.repeat(np.arange(len(counts)), counts)
     within = np.arange(len(leg)) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -217,6 +217,22 @@ def test_records_within_rounding_of_a_straight_walk_make_one_leg() -> None:
     assert walk.legs[0].y_mps == pytest.approx(1.5, abs=0.005)
 
 
+def test_when_a_passage_is_recorded_does_not_change_what_is_measured() -> None:
+    # They walk at 1 and 2 m/s in turn, so the time to collision depends on the step that counts.
+    steps = np.arange(400)
+    ahead = np.concatenate(([-0.5] * 40, -0.45 + 0.05 * np.cumsum(np.resize([2, 4], 360))))
+    places = np.array([WAY.frame.to_network(0.0, each) for each in ahead])
+    on = (ahead >= 0) & (ahead <= 9)
+    found = set()
+    for later in range(0, 3000, 37):
+        time = (steps + later) * 0.1
+        driven = VehicleTrack(time, -60.0 + 8.0 * 0.1 * steps, np.full(400, 8.0))
+        ttc = measure([cut(driven, PersonTrack("p", time, places[:, 0], places[:, 1], on))])
+        assert ttc[0].min_ttc_s is not None
+        found.add(round(ttc[0].min_ttc_s, 6))
+    assert len(found) == 1
+
+
 def test_someone_whose_records_end_in_the_road_is_gone_then() -> None:
     person = walker(1.0)
     gone = PersonTrack(

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.core.errors import InputError, one_line, unknown_name
+from harness.core.errors import InputError, nearest_name, one_line
 from harness.site.configuration import SumoConfig, option_sections, option_types
 
 NOWHERE = "/dev/null"
@@ -246,4 +246,6 @@ def check_outputs(config: SumoConfig, names: Iterable[str], where: str) -> None:
     known = {"all", "detectors", "devices", "tripinfo", *map(short_name, output_options(config))}
     for name in names:
         if name not in known:
-            raise unknown_name(where, "output", name, known)
+            problem = f"{config.path} writes no output {name!r}"
+            allowed = ", ".join(sorted(known))
+            raise InputError(where, problem, allowed, nearest_name(name, known))

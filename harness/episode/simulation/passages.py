@@ -97,7 +97,8 @@ def passage(
     for index, person in enumerate(people):
         if person.time_s[-1] <= begin_s or person.time_s[0] >= begin_s + length_s:
             continue
-        walk = _walk(index, person, way, begin_s, rounding_m)
+        time_s = _in_steps(person.time_s - begin_s, base.step_s)
+        walk = _walk(index, person, way, time_s, rounding_m)
         if walk is None or walk.legs is None or walk.legs[-1].time_s <= 0.0:
             continue
         if walk.arrival.arrival_s < length_s:
@@ -151,14 +152,15 @@ def _seen(walk: Walk, trace: Trace, length_s: float) -> Walk:
 
 
 def _walk(
-    index: int, person: PersonTrack, way: WayOver, begin_s: float, rounding_m: float
+    index: int, person: PersonTrack, way: WayOver, time_s: FloatArray, rounding_m: float
 ) -> Walk | None:
     """The walk of a person from kerb to kerb, in the passage's time and the way's frame.
 
-    It is None if no part of a way over the crosswalk is recorded.  A person whose records end
-    between the kerbs is gone afterwards.
+    ``time_s`` has the times of the records in the passage's time.  The walk is None if no part of a
+    way over the crosswalk is recorded.  A person whose records end between the kerbs is gone
+    afterwards.
     """
-    crossing, time_s = way.crossing, person.time_s - begin_s
+    crossing = way.crossing
     x_m, y_m = way.frame.to_road(person.x_m, person.y_m)
     on = np.flatnonzero(person.on_crossing)
     if not len(on):
@@ -179,6 +181,15 @@ def _walk(
         speed_mps=max(walked_m / (end_s - start_s), 1e-3),
         legs=_legs(points, side, crossing),
     )
+
+
+def _in_steps(time_s: FloatArray, step_s: float) -> FloatArray:
+    """Times with those at the beginning of a step free of rounding errors.
+
+    Otherwise a leg that begins with a step may count in the step before, with its velocity.
+    """
+    whole = np.round(time_s / step_s) * step_s
+    return np.where(np.abs(time_s - whole) < 1e-6 * step_s, whole, time_s)
 
 
 def _goes_up(y_m: FloatArray, on: np.ndarray, crossing: Crossing) -> bool:
