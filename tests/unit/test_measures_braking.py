@@ -6,6 +6,7 @@ The scene is that of ``test_measures``: body between y = 1.35 m and 3.15 m, 5 m 
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -145,6 +146,18 @@ def test_avoidable_by_stopping_short() -> None:
         result = cruise((start, Side.NEAR, 1.0))
         assert result.contact == "side"
         assert result.avoidable is expected, start
+
+
+def test_an_ego_that_obeys_late_stays_where_it_stopped() -> None:
+    # 0.2 s at 5 m/s, then 25/9 m at 4.5 m/s²: the ego stands 1.31 s after they step off.  They come
+    # into its way later, after 1.1 m/0.73 m/s = 1.51 s, and touch its corner if the bumper stands
+    # beyond −0.25 m.
+    for short_m, expected in ((0.255, True), (0.245, False)):
+        start = (30 - short_m - 0.2 * 5 - 25 / 9) / 5
+        trace = drive([0.0] * 76, [(start, Side.NEAR, 0.73)])
+        late = replace(trace, vehicle=replace(trace.vehicle, dead_time_s=0.2))
+        (result,) = measure([late])
+        assert (result.contact, result.avoidable) == ("side", expected)
 
 
 def test_avoidable_by_letting_him_leave() -> None:

@@ -34,6 +34,13 @@ def test_places_speeds_and_the_end_of_a_walk_of_legs() -> None:
     # 2 m in 2 s, 1.5 s standing, 7 m in 3.5 s.
     assert cleared_s(STOPS, CROSSING) == pytest.approx(8.0)
     assert cleared_s(walk(*STOPS.legs[:2]), CROSSING) is None
+    # 8.5 m at 1 m/s until 9.5 s, then 1.5 s standing: the last 0.5 m end at 11.5 s, not at 10 s.
+    late = walk(
+        Leg(1.0, 0.0, 0.0, 0.0, 1.0, 0.0),
+        Leg(9.5, 0.0, 8.5, 0.0, 0.0, 0.0),
+        Leg(11.0, 0.0, 8.5, 0.0, 1.0, 0.0),
+    )
+    assert cleared_s(late, CROSSING) == pytest.approx(11.5)
     x, y, speed, gain = states_at(STOPS, CROSSING, np.array([1.0, 2.5, 3.0, 4.0, 4.5, 6.0]))
     np.testing.assert_allclose(y, [0.0, 1.5, 2.0, 2.0, 2.0, 5.0])
     np.testing.assert_allclose(speed, [1.0, 1.0, 0.0, 0.0, 2.0, 2.0])
@@ -105,6 +112,19 @@ def test_first_contact_is_that_of_a_fine_sampling() -> None:
             assert away.min() < RADIUS_M + 1e-5
     assert touched > 50
     assert missed > 50
+
+
+@pytest.mark.parametrize("x_m", [0.15, -5.15])
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_every_corner_is_touched_where_the_discs_circle_meets_it(
+    x_m: float, direction: float
+) -> None:
+    """0.15 m before or behind a standing car the disc is 0.2 m beside its corner at the contact."""
+    body = (5.0, -1.0, 1.0)
+    found = first_contact_in_step(
+        Motion(0.0, 0.0), Motion(x_m, 0.0), Motion(-3.0 * direction, direction), STEP_S, body
+    )
+    assert found == pytest.approx(3.0 - 1.0 - 0.2, abs=1e-9)
 
 
 def test_who_turns_at_the_very_edge_touches_it() -> None:
