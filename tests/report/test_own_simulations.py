@@ -124,6 +124,19 @@ def test_contacts_are_split_by_the_group_of_the_vehicle(traced: RunData) -> None
     assert len(touched)
 
 
+def test_driven_passages_that_met_nobody_are_no_trials_of_the_fallback(traced: RunData) -> None:
+    """The counts of an arm follow from its passages: driven is what got commands."""
+    rows, arms = (
+        read_table(traced.path, name).to_pandas() for name in ("passages_over", "simulations")
+    )
+    driven = rows[(rows["strategy"] == "gap_yield") & (rows["commands"] > 0)]
+    met = driven[driven["pedestrians"] > 0]
+    assert 0 < len(met) < len(driven)
+    for row in arms[arms["arm"] == "av"].to_dict("records"):
+        assert row["driven"] == (driven["pair"] == row["pair"]).sum()
+        assert row["met_driven"] == (met["pair"] == row["pair"]).sum()
+
+
 def test_the_most_striking_passages_are_those_of_the_record(traced: RunData) -> None:
     rows, chosen = traced.passages_over, chosen_passages(traced)
     for arm, words in ((Arm.AV, "AV's arm"), (Arm.HUMAN, "reference's arm")):
