@@ -114,3 +114,17 @@ def test_each_av_is_judged_under_limits_in_its_own_run_not_against_the_other_av(
 def test_one_cell_has_nothing_to_be_compared_with() -> None:
     with pytest.raises(InputError, match="no two cells that differ only in the AV's strategy"):
         compare_arms([run_of("gap_yield", [[11.0, 13.0]])])
+
+
+def test_a_refusal_of_runs_names_the_keys_that_differ() -> None:
+    one = run_of("gap_yield", [[11.0, 13.0]])
+    other = run_of("hard_yield", [[10.0, 10.0]], **{"traffic.duration_s": 1800.0})
+    with pytest.raises(InputError) as refused:
+        compare_arms([one, other])
+    assert str(refused.value) == (
+        "hard_yield: differs from gap_yield in more than the AV's strategy: "
+        "traffic.duration_s 1800 instead of 3600; "
+        "allowed: the same seed, pedestrians, ego and reference"
+    )
+    with pytest.raises(InputError, match="gap_yield: is named twice; allowed: different runs"):
+        compare_arms([one, run_of("gap_yield", [[11.0, 13.0]])])

@@ -1,12 +1,14 @@
 """Which cells of a study are comparable, and which sweep one parameter."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from harness.scenario import Cell, Setting, Study
-from harness.studies.runs.strategy_groups import parameter_sweeps, strategy_groups
+from harness.studies.runs.strategy_groups import groups_over, parameter_sweeps, strategy_groups
 from tests.batches import one_cell, scenario_file, sweep
+from tests.own_scenario import own_study
 
 
 def numbers(study: Study) -> list[list[int]]:
@@ -127,3 +129,9 @@ def test_perception_of_the_av_stays_within_a_group() -> None:
     # The human's arm changes with it where it is shared.
     shared = sweep("cctc", {"perception.human": True}, "perception.latency_s=0,0.3")
     assert numbers(shared) == [[0], [1]]
+
+
+def test_the_outputs_that_a_run_keeps_set_no_cells_apart(tmp_path: Path) -> None:
+    none, kept = (own_study(tmp_path, simulation__outputs=names) for names in ([], ["tripinfo"]))
+    (group,) = groups_over([none, kept], ["none", "kept"])
+    assert [member.label for member in group.cells] == ["gap_yield (none)", "gap_yield (kept)"]

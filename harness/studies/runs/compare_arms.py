@@ -22,7 +22,7 @@ from harness.store.kinds import limits_of
 from harness.studies.runs.hour_notes import FEW_HOURS
 from harness.studies.runs.notes import counted
 from harness.studies.runs.run_data import RunData
-from harness.studies.runs.same_pairs import names_of
+from harness.studies.runs.same_pairs import check_same_scenario, names_of
 from harness.studies.runs.site_words import site_words
 from harness.studies.runs.strategy_groups import StrategyCell, StrategyGroup, groups_over
 from harness.studies.runs.under_limits import judged_limits
@@ -41,10 +41,13 @@ def compare_arms(runs: Sequence[RunData]) -> RunFindings:
         each AV in its own run; those bounds hold alone.
 
     Raises:
-        InputError: no two cells can be compared, or their reference arms differ.
+        InputError: no two cells can be compared, or their reference arms differ; see also
+            ``check_same_scenario``.
     """
     names = names_of(runs) if len(runs) > 1 else [""]
     groups = groups_over([run.study for run in runs], names)
+    if len(runs) > 1:
+        check_same_scenario(runs, groups)
     couples = [couple for group in groups for couple in combinations(group.cells, 2)]
     if not couples:
         raise InputError(

@@ -25,15 +25,37 @@ def names_of(runs: Sequence[RunData]) -> list[str]:
 
 
 def check_same_pairs(runs: Sequence[RunData], groups: Sequence[StrategyGroup]) -> None:
-    """Refuse runs that cannot be compared pair by pair.
+    """Refuse runs of encounters that cannot be compared pair by pair.
 
     Args:
         runs: two or more finished runs.
         groups: the groups of all their cells together.
 
     Raises:
-        InputError: a run is given twice, differs in more than the AV's strategy (the message names
-            the keys), used another model, or has other results in its reference arm.
+        InputError: see ``check_same_scenario``; or a run used another model, or has other results
+            in its reference arm.
+    """
+    check_same_scenario(runs, groups)
+    _refuse_other_models(runs)
+    for group in groups:
+        first = group.cells[0]
+        for member in group.cells[1:]:
+            if member.run != first.run:
+                _refuse_other_humans(
+                    (runs[first.run], first.cell.number), (runs[member.run], member.cell.number)
+                )
+
+
+def check_same_scenario(runs: Sequence[RunData], groups: Sequence[StrategyGroup]) -> None:
+    """Refuse runs whose scenarios cannot be compared pair by pair.
+
+    Args:
+        runs: two or more finished runs of any kind.
+        groups: the groups of all their cells together.
+
+    Raises:
+        InputError: a run is given twice, or differs in more than the AV's strategy (the message
+            names the keys).
     """
     for number, run in enumerate(runs):
         if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:
@@ -43,14 +65,6 @@ def check_same_pairs(runs: Sequence[RunData], groups: Sequence[StrategyGroup]) -
         together = {m.run for group in groups if _has(group, number) for m in group.cells}
         if together == {number}:
             _refuse_other_scenario(runs[0 if number else 1], runs[number])
-    _refuse_other_models(runs)
-    for group in groups:
-        first = group.cells[0]
-        for member in group.cells[1:]:
-            if member.run != first.run:
-                _refuse_other_humans(
-                    (runs[first.run], first.cell.number), (runs[member.run], member.cell.number)
-                )
 
 
 def _has(group: StrategyGroup, run: int) -> bool:

@@ -191,7 +191,11 @@ def _group(cells: list[_Numbered], names: Sequence[str]) -> StrategyGroup:
     return StrategyGroup(shared, tuple(members), len(cells) - len(members))
 
 
-_SAYS_NO_MORE = (("experiment", "pairs"), ("experiment", "decide_limit_s"))
+_SAYS_NO_MORE = (
+    ("experiment", "pairs"),
+    ("experiment", "decide_limit_s"),
+    ("simulation", "outputs"),
+)
 """Keys that do not affect a pair; ``conflicts`` and ``limits`` do not either."""
 
 
@@ -201,7 +205,8 @@ def all_but_the_strategy(scenario: Scenario) -> Parameters:
     human = tree["arms"]["human"]
     del tree["arms"]["av"], tree["conflicts"], tree["limits"]
     for section, key in _SAYS_NO_MORE:
-        del tree[section][key]
+        if tree[section] is not None:
+            del tree[section][key]
     for prefix in _EQUIPMENT:
         if not _equipment(scenario, prefix)["human"]:
             del tree[prefix.removesuffix(".")]
