@@ -48,6 +48,8 @@ def run(
 
     file = read_scenario_file(scenario, settings_of(settings, pairs, seed, over_model))
     study = study_of(file, [parse_variation(text) for text in vary or []])
+    if vary and file.sweep is not None:
+        say(f"note: --vary replaces the [sweep] of {file.source}")
     notes = [line for cell in study.cells for line in remarks(cell.scenario)]
     for remark in dict.fromkeys([study.remark, *notes]):
         if remark is not None:

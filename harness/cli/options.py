@@ -36,7 +36,8 @@ VaryOption = Annotated[
     typer.Option(
         "--vary",
         help="Vary a key over values or a range, e.g. --vary pedestrians.flow_per_hour=50,100 "
-        "--vary strategies.soft_yield.p1=0:0.1:0.02. Repeatable: cells form the full grid.",
+        "--vary strategies.soft_yield.p1=0:0.1:0.02. Repeatable: cells form the full grid. "
+        "It replaces the [sweep] of the scenario file.",
         metavar="KEY=V1,V2,…",
     ),
 ]

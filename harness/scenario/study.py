@@ -78,7 +78,7 @@ class Study:
 
 
 def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
-    """The cells of a run, from ``variations`` or the file's ``[sweep]`` table; otherwise one cell.
+    """The cells of a run, from ``variations``, or else the file's ``[sweep]``; otherwise one cell.
 
     A key to which a setting gives a value is left out of the file's sweep.  Cells that are then
     equal are merged; parameters of strategies that do not drive are ignored in this comparison.
@@ -87,7 +87,7 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
         InputError: a key or value is not accepted, a key varies twice or is also set, two cells are
             equal, or parameters are given to a strategy that drives in no cell.
     """
-    source = "--vary" if file.sweep is None else f"{file.source}: sweep"
+    source = "--vary" if variations or file.sweep is None else f"{file.source}: sweep"
     planned = planned_cells(file, variations, source)
     given = _given(file, planned, source)
     if given and variations:

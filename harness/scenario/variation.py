@@ -21,22 +21,18 @@ Variation = tuple[str, list[Any]]
 def planned_cells(
     file: ScenarioFile, variations: Sequence[Variation], source: str
 ) -> list[dict[str, Any]]:
-    """The values that each cell changes, by key, from a file's ``[sweep]`` or ``variations``.
+    """The values that each cell changes, by key, from ``variations`` or a file's ``[sweep]``.
 
     Args:
         file: the scenario file.
-        variations: keys with their values; must be empty if the file has a ``[sweep]`` table.
+        variations: keys with their values; if there are any, they replace the ``[sweep]`` table.
         source: name of the variations in messages.
 
     Raises:
-        InputError: both are given, a key varies twice, or a key has no list of values.
+        InputError: a key varies twice, or a key has no list of values.
     """
-    if file.sweep is None:
+    if variations or file.sweep is None:
         return _grid([(key, as_plain(values)) for key, values in variations], source)
-    if variations:
-        raise InputError(
-            "--vary", f"cannot be combined with the [sweep] of {file.source}", "one of the two"
-        )
     return _points_of_table(file.sweep, file.source)
 
 

@@ -84,6 +84,20 @@ def test_the_last_key_changes_fastest(tmp_path: Path) -> None:
         assert cell.scenario.arms.av == av
 
 
+def test_vary_replaces_the_table_of_the_file(tmp_path: Path) -> None:
+    table = "[sweep]\npedestrians.flow_per_hour = [50, 100]\narms.av = ['soft_yield', 'gap_yield']"
+    found = study(tmp_path, table, "ego.length_m=4,5,6")
+    assert [cell.varied for cell in found.cells] == [{"ego.length_m": x} for x in (4, 5, 6)]
+    # A key of the table that nothing sets has its value of the scenario, not one of the table.
+    alone = study(tmp_path, "", "ego.length_m=4,5,6")
+    assert found.cells == alone.cells
+    path = tmp_path / "mine.toml"
+    path.write_text(table)
+    options = ("--pairs", 1, "--engine", "plain", "--audit", 0, "-q", "--out", tmp_path / "run")
+    done = here("run", path, "--vary", "ego.length_m=4,5", *options)
+    assert done.stderr.splitlines() == ["note: --vary replaces the [sweep] of mine.toml"]
+
+
 def test_table_and_option_give_the_same_cells(tmp_path: Path) -> None:
     table = """
         [sweep]
@@ -128,9 +142,6 @@ def test_studies_come_back_from_a_manifest_and_cells_reach_a_worker(tmp_path) ->
         assert pickle.loads(pickle.dumps(cell)) == cell
 
 
-TABLE = "[sweep]\nego.length_m = [5.0]"
-
-
 @pytest.mark.parametrize(
     ("text", "vary", "words"),
     [
@@ -151,7 +162,6 @@ TABLE = "[sweep]\nego.length_m = [5.0]"
         ("[sweep]\ncells = []", [], ["nothing to vary"]),
         ("[[sweep.cells]]\nego.lenght_m = 5.0", [], ["lenght_m", "'length_m'"]),
         ("[sweep]\narms.av = ['hard_yield']\n[[sweep.cells]]\nego.length_m = 5.0", [], ["arms"]),
-        (TABLE, ["ego.length_m=4,5"], ["--vary"]),
     ],
 )
 def test_refused_sweeps_name_the_key(tmp_path: Path, text: str, vary, words: list[str]) -> None:
