@@ -1,6 +1,7 @@
 """Aligned columns of pairs in; estimates, intervals, tests and findings out."""
 
 from harness.statistics.allowed import (
+    MU_BOUND_FROM,
     AllowedInterval,
     Judgement,
     Limits,
@@ -18,7 +19,7 @@ from harness.statistics.bootstrap import (
 )
 from harness.statistics.catalogue import ENCOUNTERS, ENTRIES, anything_left_out
 from harness.statistics.conflicts import CONFLICTS, Conflict
-from harness.statistics.differences import DIFFERENCES, MU_BOUND_FROM, ComparedColumns
+from harness.statistics.differences import DIFFERENCES, ComparedColumns
 from harness.statistics.encounter_columns import EncounterColumns, count
 from harness.statistics.entries import (
     Catalogue,

@@ -8,6 +8,8 @@ not allowed.
 
 All bounds of a sweep hold simultaneously: m values have 2 m upper bounds, each one-sided at
 1 − level / 2m (Bonferroni), and 2 m lower bounds.
+
+An unreliable bound of μ allows nothing and denies nothing.  The bounds of κ are exact.
 """
 
 import math
@@ -19,19 +21,24 @@ import numpy as np
 
 from harness.core.encounter import FloatArray
 from harness.statistics.bootstrap import Resampled, bootstrap_mean
+from harness.statistics.entries import Finding, with_reliability
 from harness.statistics.intervals import Proportion, clopper_pearson, proportion
 
 MOST_PAIRS = 10**9
 """Larger numbers of pairs are not reported."""
 
 
+MU_BOUND_FROM = 2_000
+"""From this number of informative pairs on, the bound of μ at a swept value is reliable."""
+
+
 class Verdict(StrEnum):
     """The verdict on one value of the parameter."""
 
     ALLOWED = "allowed"
-    """The upper bounds of μ and κ lie below μ0 and κ0."""
+    """The upper bounds of μ and κ lie below μ0 and κ0, and the bound of μ is reliable."""
     DENIED = "denied"
-    """The lower bound of μ or κ is not below its limit."""
+    """The lower bound of κ, or a reliable one of μ, is not below its limit."""
     UNDECIDED = "undecided"
 
 
@@ -55,13 +62,25 @@ class Limits:
 class SweptValue:
     """μ and κ at one value; the limits of their intervals are one-sided bounds over the sweep.
 
-    ``defined_pairs`` is the number of ``pairs`` that have a τ.
+    ``alike`` is the number of the ``pairs`` that met someone and have a τ.
     """
 
     mu: Resampled
     kappa: Proportion
     pairs: int
-    defined_pairs: int
+    alike: int
+
+    @property
+    def mu_found(self) -> Finding:
+        """μ with its bounds, and with the reason if they are unreliable."""
+        mu = self.mu
+        found = Finding(mu.value, mu.low, mu.high, mu.informative)
+        return with_reliability(found, MU_BOUND_FROM, self.alike)
+
+    @property
+    def unreliable(self) -> bool:
+        """Whether the bounds of μ are unreliable."""
+        return self.mu_found.reliable is False
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +90,11 @@ class Judgement:
     swept: SweptValue
     verdict: Verdict
     pairs_needed: int | None
+
+    @property
+    def unreliable(self) -> bool:
+        """Whether the value is undecided and the bounds of μ are unreliable."""
+        return self.verdict is Verdict.UNDECIDED and self.swept.unreliable
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +116,7 @@ def swept_value(
     tau: FloatArray,
     missed: np.ndarray,
     tried: np.ndarray,
+    alike: int,
     rng: np.random.Generator,
     values: int,
     level: float,
@@ -102,17 +127,17 @@ def swept_value(
         tau: ``tau_all`` of each pair, NaN where undefined.
         missed: whether the AV crashed, timed out, or failed because of its strategy.
         tried: whether the AV's episode ran, or failed because of its strategy.
+        alike: number of pairs that met someone and have a τ.
         rng: draws the resamples.
         values: m, the number of swept values.
         level: probability that any upper (or any lower) bound is wrong.
     """
     confidence = 1 - 2 * _tail(values, level)
-    defined = tau[~np.isnan(tau)]
     return SweptValue(
-        bootstrap_mean(defined, rng, confidence),
+        bootstrap_mean(tau[~np.isnan(tau)], rng, confidence),
         proportion(int((missed & tried).sum()), int(tried.sum()), confidence),
         len(tau),
-        len(defined),
+        alike,
     )
 
 
@@ -146,12 +171,12 @@ def _tail(values: int, level: float) -> float:
 
 
 def _judge(swept: SweptValue, limits: Limits, tail: float) -> Judgement:
-    mu, kappa = swept.mu, swept.kappa
+    mu, kappa, known = swept.mu, swept.kappa, not swept.unreliable
     below = (_is(mu.high, limits.mu0, below=True), _is(kappa.high, limits.kappa0, below=True))
-    if all(below):
+    if known and all(below):
         return Judgement(swept, Verdict.ALLOWED, None)
-    beyond = (_is(mu.low, limits.mu0, below=False), _is(kappa.low, limits.kappa0, below=False))
-    if any(beyond):
+    too_slow = known and _is(mu.low, limits.mu0, below=False)
+    if too_slow or _is(kappa.low, limits.kappa0, below=False):
         return Judgement(swept, Verdict.DENIED, None)
     return Judgement(swept, Verdict.UNDECIDED, _pairs_needed(swept, limits, tail))
 
@@ -185,12 +210,20 @@ def _within(swept: SweptValue, limits: Limits) -> bool:
 
 
 def _pairs_for_mu(swept: SweptValue, limit: float) -> int | None:
-    """Pairs at which the bound would reach the limit; its distance from μ falls with 1/√N."""
+    """Pairs at which the bound would be reliable and reach the limit.
+
+    Its distance from μ falls with 1/√N; the share of informative pairs stays the same.
+    """
     mu = swept.mu
     if mu.value is None or mu.low is None or mu.high is None or mu.value == limit:
         return None
     distance = mu.high - mu.value if mu.value < limit else mu.value - mu.low
-    return _reported(swept.pairs * (distance / (limit - mu.value)) ** 2)
+    pairs = swept.pairs * (distance / (limit - mu.value)) ** 2
+    if swept.unreliable:
+        if not mu.informative:
+            return None
+        pairs = max(pairs, swept.pairs * MU_BOUND_FROM / mu.informative)
+    return _reported(pairs)
 
 
 def _pairs_for_kappa(swept: SweptValue, limit: float, tail: float) -> int | None:

@@ -119,6 +119,3 @@ DIFFERENCES: tuple[Entry[ComparedColumns], ...] = (
     ),
 )
 """The catalogue of a comparison: cell A minus cell B."""
-
-MU_BOUND_FROM = 2_000
-"""From this number of informative pairs on, the bound of μ at a swept value is reliable."""

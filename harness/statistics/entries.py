@@ -252,17 +252,30 @@ class Entry(Generic[Source]):
         if finding.value is None:
             return replace(finding, reliable=None, reason=self.undefined or None)
         least = self.least(name)
-        if self.interval is not Resampled or least is None or finding.low is None:
+        if self.interval is not Resampled or least is None:
             return finding
-        if finding.n:
-            few = f"unreliable below {least:,} informative pairs (has {finding.n:,})"
-            return replace(finding, reliable=False, reason=few) if finding.n < least else finding
-        # All values are equal, and the interval is a point.
-        few = (
-            f"unreliable: all values are equal, and only {alike:,} are of pairs that met someone "
-            f"and crossed (below {ALIKE_FROM})"
-        )
-        return replace(finding, reliable=False, reason=few) if alike < ALIKE_FROM else finding
+        return with_reliability(finding, least, alike)
+
+
+def with_reliability(finding: Finding, least: int, alike: int) -> Finding:
+    """A finding with a bootstrap interval, with the reason if its interval is unreliable.
+
+    Args:
+        finding: the finding; ``n`` is its number of informative pairs.
+        least: the least number of informative pairs for a reliable interval.
+        alike: the cell's value of the count that ``ALIKE_COUNT`` names.
+    """
+    if finding.low is None:
+        return finding
+    if finding.n:
+        few = f"unreliable below {least:,} informative pairs (has {finding.n:,})"
+        return replace(finding, reliable=False, reason=few) if finding.n < least else finding
+    # All values are equal, and the interval is a point.
+    few = (
+        f"unreliable: all values are equal, and only {alike:,} are of pairs that met someone "
+        f"and crossed (below {ALIKE_FROM})"
+    )
+    return replace(finding, reliable=False, reason=few) if alike < ALIKE_FROM else finding
 
 
 Catalogue = Sequence[Entry[Any]]

@@ -222,7 +222,7 @@ def test_a_grid_ends_with_its_best_allowed_cell(tmp_path: Path) -> None:
     assert (untold.a, untold.b, kept.untold_from(5)) == (4, 5, [4])
     assert "Not shown to differ from it: cell 4." in best_lines(kept)[0]
     assert "allowed by bounds of all 6 cells together, 95 %." in said
-    assert "none is allowed" in printed("compare", run, "--mu0", 0.5, "--kappa0", 0.05)
+    assert "none is shown to be allowed" in printed("compare", run, "--mu0", 0.5, "--kappa0", 0.05)
     (group,) = json.loads(printed("compare", run, "--mu0", 1, "--kappa0", 0.05, "--json"))["groups"]
     assert (group["best_allowed"], group["allowed_together"]) == (5, [4, 5])
     # Cell 2, p1 = 0.1, takes 0.75 where it does not crash, and 50 of 200 crash.  Cell 3 is faster
@@ -266,7 +266,7 @@ def test_other_limits_say_which_cells_keep_them_and_which_one_binds(tmp_path: Pa
     # No cell keeps a limit of a number that no pair can show.
     none = margins(tmp_path / "none", {"limits.subject_to": ["kappa<1e-3"]}, bolder_with_less)
     text = " ".join(printed("compare", none).split())
-    assert "none is allowed, under kappa<0.001" in text
+    assert "none is shown to be allowed, under kappa<0.001" in text
     assert "Binding: kappa<0.001 in cells 0, 1, 2." in text
 
 
@@ -320,8 +320,8 @@ def test_tables(run: Path) -> None:
     [
         (
             (1.0, 0.05),
-            "Allowed: p1 = 0.2: μ below 1 and κ below 0.05. The confidence is not known: the "
-            "bounds of μ are unreliable, with too few informative pairs.",
+            "Allowed: p1 = 0.2: μ below 1 and κ below 0.05, with 95 % confidence for all 3 values "
+            "together.",
         ),
         ((0.8, 0.05), "No value is allowed"),
         (
@@ -334,6 +334,26 @@ def test_verdicts_in_words(tmp_path: Path, limits: tuple[float, float], said: st
     run = margins(tmp_path / "run", {}, bolder_with_less)
     text = printed("compare", run, "--mu0", limits[0], "--kappa0", limits[1])
     assert said in " ".join(text.split())
+
+
+def test_an_unreliable_bound_of_mu_is_said_wherever_it_decides(tmp_path: Path) -> None:
+    """The AV takes from 5 to 9 s, the human 10 s: τ has five values, each in 40 of 200 pairs."""
+    run = margins(tmp_path / "run", {}, lambda _task, pair: 5.0 + pair % 5)
+    options = ("compare", run, "--mu0", 0.9, "--kappa0", 0.05)
+    text = " ".join(printed(*options).split())
+    assert "Too few pairs to tell: p1 = 0.1, 0.2, 0.3 undecided." in text
+    why = "unreliable: too few informative pairs"
+    assert f"The bound of μ at p1 = 0.1, 0.2, 0.3 is {why}." in text
+    # 160 of 200 pairs differ from the most common value: 2,000 of them need 2,500 pairs.
+    assert "about 2,500 pairs would show that one of them is allowed" in text
+    assert "none is shown to be allowed, by bounds of all 3 cells together, 95 %" in text
+    assert printed(*options, "--full").count("undecided (unreliable: too few") == 3
+    (group,) = json.loads(printed(*options, "--json"))["groups"]
+    assert (group["best_allowed"], group["allowed_together"]) == (None, [])
+    for cell in group["cells"]:
+        verdicts = {each["limit"]: (each["verdict"], each["reason"]) for each in cell["limits"]}
+        few = "unreliable below 2,000 informative pairs (has 160)"
+        assert verdicts == {"mu_all<0.9": ("not shown", few), "kappa_all<0.05": ("satisfied", "")}
 
 
 def test_the_first_screen_says_who_is_better_in_what(run: Path) -> None:

@@ -24,7 +24,8 @@ def swept(tau: np.ndarray, crashes: int, values: int, runs: int | None = None) -
     count = len(tau)
     ran = np.arange(count) < (count if runs is None else runs)
     crashed = np.arange(count) < crashes
-    return swept_value(tau, crashed, ran, np.random.default_rng(0), values, LEVEL)
+    met = int(np.isfinite(tau).sum())
+    return swept_value(tau, crashed, ran, met, np.random.default_rng(0), values, LEVEL)
 
 
 def spread(mean: float, count: int) -> np.ndarray:
@@ -43,15 +44,15 @@ def test_bounds_are_one_sided_and_shared_by_the_sweep() -> None:
     assert 0.7 - value.mu.low == pytest.approx(reach, rel=0.07)
     tau = np.where(np.arange(400) < 100, np.nan, spread(0.7, 400))
     value = swept(tau, 100, 5)
-    assert (value.pairs, value.defined_pairs, value.kappa.trials) == (400, 300, 400)
+    assert (value.pairs, value.mu.informative, value.kappa.trials) == (400, 300, 400)
 
 
 def test_some_values_are_allowed() -> None:
-    # Upper bounds of 0 of 1,000 at 1 − 0.05/6: 0.0048.
+    # Upper bound of 0 of 2,000 at 1 − 0.05/6: 0.0024.
     sweep = [
         swept(np.full(1_000, 0.8), 40, 3),  # too many crashes: lower bound 0.025
-        swept(spread(0.85, 1_000), 0, 3),  # fine
-        swept(spread(0.95, 1_000), 0, 3),  # too slow
+        swept(spread(0.85, 2_000), 0, 3),  # fine
+        swept(spread(0.95, 2_000), 0, 3),  # too slow
     ]
     found = allowed_interval(sweep, Limits(0.9, 0.01), LEVEL)
     assert found.verdict is SweepVerdict.SOME
@@ -65,7 +66,7 @@ def test_some_values_are_allowed() -> None:
     ("sweep", "limits"),
     [
         # Each is denied by one of the two alone.
-        ([swept(np.full(1_000, 0.8), 40, 2), swept(spread(0.95, 1_000), 0, 2)], Limits(0.9, 0.01)),
+        ([swept(np.full(1_000, 0.8), 40, 2), swept(spread(0.95, 2_000), 0, 2)], Limits(0.9, 0.01)),
         # On the limit: below is asked for; without spread nothing is undecided.
         ([swept(np.full(400, 0.75), 0, 1)], Limits(0.75, 0.5)),
         # μ is undefined, the crashes deny.
@@ -99,27 +100,56 @@ def test_too_few_pairs_for_the_crash_rate() -> None:
 
 
 def test_too_few_pairs_for_the_mean_and_the_larger_number_of_the_two() -> None:
-    value = swept(spread(0.85, 100), 0, 1)
-    found = allowed_interval([value], Limits(0.86, 0.5), LEVEL)
+    value = swept(spread(0.85, 2_000), 0, 1)
+    found = allowed_interval([value], Limits(0.853, 0.5), LEVEL)
     assert found.verdict is SweepVerdict.TOO_FEW_PAIRS
-    # Distance of the bound 1.96 · 0.1 / √N = 0.01 at N = 384.
-    assert found.pairs_needed == pytest.approx((1.96 * 0.1 / 0.01) ** 2, rel=0.1)
+    # Distance of the bound 1.96 · 0.1 / √N = 0.003 at N = 4,268.
+    assert found.pairs_needed == pytest.approx((1.96 * 0.1 / 0.003) ** 2, rel=0.1)
     pairs = math.ceil(1.1 * found.pairs_needed)
-    enough = allowed_interval([swept(spread(0.85, pairs), 0, 1)], Limits(0.86, 0.5), LEVEL)
+    enough = allowed_interval([swept(spread(0.85, pairs), 0, 1)], Limits(0.853, 0.5), LEVEL)
     assert enough.verdict is SweepVerdict.SOME
-    alone = allowed_interval([value], Limits(0.86, 0.5), LEVEL).pairs_needed
-    both = allowed_interval([value], Limits(0.86, 0.01), LEVEL).pairs_needed
-    # ln 0.025 / ln 0.99 = 367.04; the mean needs about 384.
-    assert (alone, both) == (alone, max(alone, 368))
-    strict = allowed_interval([value], Limits(0.86, 0.001), LEVEL).pairs_needed
-    assert strict == math.ceil(math.log(0.025) / math.log(0.999))
+    alone = allowed_interval([value], Limits(0.853, 0.5), LEVEL).pairs_needed
+    both = allowed_interval([value], Limits(0.853, 0.001), LEVEL).pairs_needed
+    # ln 0.025 / ln 0.999 = 3,687; the mean needs about 4,268.
+    assert (alone, both) == (alone, max(alone, 3_688))
+    strict = allowed_interval([value], Limits(0.853, 1e-4), LEVEL).pairs_needed
+    assert strict == math.ceil(math.log(0.025) / math.log(0.9999))
+
+
+@pytest.mark.parametrize(
+    ("mean", "crashes", "verdict", "pairs"),
+    [
+        # The bound lies far from μ0 = 0.9 on either side, but 200 of 800 pairs are informative:
+        # 2,000 of them need 8,000 pairs.
+        (0.7, 0, Verdict.UNDECIDED, 8_000),
+        (1.3, 0, Verdict.UNDECIDED, 8_000),
+        # 80 of 800 crash against κ0 = 0.05: the exact bound of κ denies.
+        (0.7, 80, Verdict.DENIED, None),
+        # 34 of 800 are below κ0 = 0.05.  The bound of κ would show it at
+        # N ≈ 1.96² · 0.0425 · 0.9575 / 0.0075² = 2,779, which is less than 8,000.
+        (0.7, 34, Verdict.UNDECIDED, 8_000),
+    ],
+)
+def test_an_unreliable_bound_of_mu_allows_nothing_and_denies_nothing(
+    mean: float, crashes: int, verdict: Verdict, pairs: int | None
+) -> None:
+    tau = np.append(np.full(600, mean), spread(mean, 200))
+    found = allowed_interval([swept(tau, crashes, 1)], Limits(0.9, 0.05), LEVEL)
+    (judgement,) = found.judgements
+    assert judgement.swept.unreliable
+    assert (judgement.verdict, judgement.pairs_needed) == (verdict, pairs)
+    assert judgement.unreliable == (verdict is Verdict.UNDECIDED)
+    # With 2,000 informative pairs the bound decides.
+    tau = np.append(np.full(6_000, mean), spread(mean, 2_000))
+    (more,) = allowed_interval([swept(tau, 0, 1)], Limits(0.9, 0.05), LEVEL).judgements
+    assert more.verdict is (Verdict.ALLOWED if mean < 0.9 else Verdict.DENIED)
 
 
 def test_the_bound_on_the_side_of_the_limit_has_to_reach_it() -> None:
-    # Bounds 0.01 below and 0.03 above μ = 0.85 from 100 pairs; their distances fall with 1/√N.
-    value = swept(spread(0.85, 100), 0, 1)
+    # Bounds 0.01 below and 0.03 above μ = 0.85 from 2,000 pairs; the distances fall with 1/√N.
+    value = swept(spread(0.85, 2_000), 0, 1)
     value = replace(value, mu=replace(value.mu, value=0.85, low=0.84, high=0.88))
-    for mu0, pairs in ((0.86, 100 * (0.03 / 0.01) ** 2), (0.845, 100 * (0.01 / 0.005) ** 2)):
+    for mu0, pairs in ((0.86, 2_000 * 3**2), (0.845, 2_000 * 2**2)):
         found = allowed_interval([value], Limits(mu0, 0.5), LEVEL)
         assert found.pairs_needed == pytest.approx(pairs, abs=1.1)
 
@@ -142,17 +172,17 @@ def test_what_would_deny_all() -> None:
 
 
 def test_the_quicker_way_to_deny_and_the_first_that_could_be_allowed_count() -> None:
-    quick = swept(spread(0.95, 50), 0, 2)  # μ beyond by two standard errors and more
-    slow = swept(np.full(50, 0.8), 1, 2)  # κ beyond, 1 of 50 against 0.01
-    limits = Limits(0.93, 0.01)
+    quick = swept(spread(0.95, 2_500), 0, 2)  # μ beyond by 1.5 standard errors
+    slow = swept(np.full(2_500, 0.8), 30, 2)  # κ beyond, 30 of 2,500 against 0.01
+    limits = Limits(0.947, 0.01)
     each = [allowed_interval([value, value], limits, LEVEL).pairs_needed for value in (quick, slow)]
     assert None not in each
     assert each[0] < each[1]
     assert allowed_interval([quick, slow], limits, LEVEL).pairs_needed == each[1]
-    near, far = swept(spread(0.89, 50), 0, 2), swept(spread(0.87, 50), 0, 2)
+    near, far = swept(spread(0.899, 2_500), 0, 2), swept(spread(0.897, 2_500), 0, 2)
     found = allowed_interval([near, far], Limits(0.9, 0.2), LEVEL)
     assert found.verdict is SweepVerdict.TOO_FEW_PAIRS
-    # Distances to the limit of 0.01 and 0.03: nine times the pairs.
+    # Distances to the limit of 0.001 and 0.003: nine times the pairs.
     needed = [judgement.pairs_needed for judgement in found.judgements]
     assert needed[0] == pytest.approx(9 * needed[1], rel=0.1)
     assert found.pairs_needed == needed[1]
@@ -163,6 +193,7 @@ def test_the_quicker_way_to_deny_and_the_first_that_could_be_allowed_count() -> 
     [
         (np.full(50, np.nan), 0, Limits(0.9, 0.2)),  # τ undefined in every pair
         (np.append(np.full(49, np.nan), 0.8), 0, Limits(0.9, 0.2)),  # no interval from one
+        (np.append(np.full(31, np.nan), np.full(19, 0.8)), 0, Limits(0.9, 0.2)),  # 19 equal ones
         (np.full(50, 0.8), 1, Limits(0.9, 0.02)),  # the estimate lies on the limit
     ],
 )

@@ -166,7 +166,7 @@ def _sweep_document(result: SweepResult, group: GroupResult) -> Document:
                 **judgement.swept.kappa.columns("kappa_all", "bound"),
                 "failed_engine": group.summaries[sweep.cells[position]].failed_engine,
                 "confidence": 1 - group.level / (2 * len(sweep.values)),
-                "indicative": ["mu_bound"] if result.indicative[position] else [],
+                "indicative": ["mu_bound"] if judgement.swept.unreliable else [],
             }
             for position, judgement in enumerate(found.judgements)
         ],

@@ -7,10 +7,6 @@ from harness.scenario import as_written
 from harness.statistics import ENTRIES, Findings, SweepVerdict, Verdict
 from harness.studies.runs.comparisons import GroupResult, RunComparison, SweepResult
 
-_UNSURE = (
-    "The confidence is not known: the bounds of μ are unreliable, with too few informative pairs."
-)
-
 
 def allowed_lines(result: SweepResult, error: float) -> list[str]:
     """Return sentences about the allowed values.
@@ -21,19 +17,19 @@ def allowed_lines(result: SweepResult, error: float) -> list[str]:
     """
     sweep, found = result.sweep, result.found
     together = f", with {level(1 - error)} confidence for all {len(sweep.values)} values together."
-    if any(result.indicative):
-        together = f". {_UNSURE}"
     within = f"μ below {result.limits.mu0:g} and κ below {result.limits.kappa0:g}"
     if found.verdict is SweepVerdict.SOME:
         allowed = _values(result, Verdict.ALLOWED)
         lines = [f"Allowed: {sweep.parameter} = {allowed}: {within}{together}"]
         if Verdict.UNDECIDED in {judgement.verdict for judgement in found.judgements}:
-            lines.append(f"Undecided: {sweep.parameter} = {_values(result, Verdict.UNDECIDED)}.")
+            undecided = f"{sweep.parameter} = {_values(result, Verdict.UNDECIDED)}"
+            lines.append(f"Undecided: {undecided}.{_unreliable(result)}")
         return lines
     if found.verdict is SweepVerdict.NONE:
         return [f"No value is allowed: none has {within}{together}"]
     undecided = _values(result, Verdict.UNDECIDED)
     line = f"Too few pairs to tell: {sweep.parameter} = {undecided} undecided."
+    line += _unreliable(result)
     if found.pairs_needed is None:
         return [f"{line} The present estimates do not show how many pairs would be enough."]
     what = (
@@ -55,7 +51,7 @@ def best_lines(result: GroupResult) -> list[str]:
     where = "Best allowed cell" + (f" at {shared}" if shared else "")
     sure = _sure(result)
     if best is None:
-        return [f"{where}: none is allowed, {sure}. {binding_words(result)}"]
+        return [f"{where}: none is shown to be allowed, {sure}. {binding_words(result)}"]
     findings, alike = result.summaries[best].findings, result.untold_from(best)
     times = findings["time_ratio"]
     few = f"; {times.reason}" if times.reason else ""
@@ -74,7 +70,7 @@ def _sure(result: GroupResult) -> str:
     """Return by which bounds cells are allowed: those of all cells together, own ones, or both."""
     parts = []
     if result.together:
-        sure = "unreliable" if result.unreliable_bounds else level(1 - result.level)
+        sure = level(1 - result.level)
         parts.append(f"by bounds of all {len(result.limits)} cells together, {sure}")
     if own := [str(each.limit) for each in result.limits[0][2 * result.together :]]:
         parts.append(f"under {', '.join(own)}, {OWN_BOUND}")
@@ -119,7 +115,12 @@ def comparison_lines(result: RunComparison) -> list[str]:
         for finding in summary.findings.values()
     )
     few = few or any(item.indicative for group in result.groups for item in group.comparisons)
-    few = few or any(any(s.indicative) for group in result.groups for s in group.sweeps)
+    few = few or any(
+        judgement.swept.unreliable
+        for group in result.groups
+        for sweep in group.sweeps
+        for judgement in sweep.found.judgements
+    )
     if few:
         notes.append("* unreliable: too few informative pairs.")
     repeats = sum(group.group.repeats for group in result.groups)
@@ -137,3 +138,14 @@ def _values(result: SweepResult, verdict: Verdict) -> str:
     return ", ".join(
         as_written(value) for value, judgement in judged if judgement.verdict is verdict
     )
+
+
+def _unreliable(result: SweepResult) -> str:
+    """Return a sentence on the undecided values at which the bound of μ is unreliable."""
+    values = ", ".join(
+        as_written(value)
+        for value, judgement in zip(result.sweep.values, result.found.judgements, strict=True)
+        if judgement.unreliable
+    )
+    at = f"{result.sweep.parameter} = {values}"
+    return f" The bound of μ at {at} is unreliable: too few informative pairs." if values else ""

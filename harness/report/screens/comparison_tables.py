@@ -187,10 +187,9 @@ def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
 def _sweep_table(result: SweepResult, group: GroupResult, name: str) -> Table:
     sweep, allowed = result.sweep, result.limits
     fixed = "".join(f", {name} = {as_written(value)}" for name, value in sweep.fixed.items())
-    bold = sweep.aggressiveness
+    bold, few = sweep.aggressiveness, " (unreliable: too few informative pairs)"
     rows = []
     for position, judgement in enumerate(result.found.judgements):
-        star = "*" if result.indicative[position] else ""
         needed, cell = judgement.pairs_needed, sweep.cells[position]
         summary = group.summaries[cell]
         rows.append(
@@ -199,11 +198,11 @@ def _sweep_table(result: SweepResult, group: GroupResult, name: str) -> Table:
                 *([value_cell(bold[position])] if bold else []),
                 count_cell(group.group.cells[cell].number),
                 count_cell(judgement.swept.pairs),
-                interval_cell(judgement.swept.mu, 4, star),
+                interval_cell(judgement.swept.mu, 4, "*" * judgement.swept.unreliable),
                 interval_cell(summary.mu_worst, 4),
                 share_cell(judgement.swept.kappa),
                 count_cell(summary.failed_engine),
-                TableCell(judgement.verdict.value),
+                TableCell(judgement.verdict.value + few * judgement.unreliable),
                 TableCell("") if needed is None else count_cell(needed),
             )
         )

@@ -8,7 +8,6 @@ import pandas as pd
 
 from harness.statistics import (
     DIFFERENCES,
-    MU_BOUND_FROM,
     AllowedInterval,
     CrashTest,
     Difference,
@@ -78,13 +77,6 @@ class SweepResult:
     limits: Limits
     found: AllowedInterval
 
-    @property
-    def indicative(self) -> tuple[bool, ...]:
-        """Whether the bound of μ at each value is unreliable, with too few informative pairs."""
-        return tuple(
-            judgement.swept.mu.informative < MU_BOUND_FROM for judgement in self.found.judgements
-        )
-
 
 @dataclass(frozen=True)
 class GroupResult:
@@ -111,12 +103,6 @@ class GroupResult:
             for position, limits in enumerate(self.limits)
             if all(each.shown is Shown.SATISFIED for each in limits)
         ]
-
-    @property
-    def unreliable_bounds(self) -> bool:
-        """Whether the bound of μ of an allowed cell rests on too few informative pairs."""
-        found = [self.summaries[position].findings["mu_all"].n or 0 for position in self.allowed]
-        return self.together and any(0 < informative < MU_BOUND_FROM for informative in found)
 
     @property
     def best_allowed(self) -> int | None:

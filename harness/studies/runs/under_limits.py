@@ -36,8 +36,11 @@ def judged_together(judgement: Judgement, limits: Limits) -> tuple[JudgedLimit, 
 
     Both are satisfied if the cell is allowed, and one is violated if it is denied.
     """
-    pairs = (
-        (Limit("mu_all", limits.mu0, above=False), judgement.swept.mu),
-        (Limit("kappa_all", limits.kappa0, above=False), judgement.swept.kappa),
+    swept, kappa = judgement.swept, judgement.swept.kappa
+    return (
+        judged(Limit("mu_all", limits.mu0, above=False), swept.mu_found),
+        judged(
+            Limit("kappa_all", limits.kappa0, above=False),
+            Finding(kappa.value, kappa.low, kappa.high),
+        ),
     )
-    return tuple(judged(limit, Finding(of.value, of.low, of.high)) for limit, of in pairs)
