@@ -3,12 +3,15 @@
 import json
 import shlex
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
-from harness.studies.runs.worst import got_worse, worst
+from harness.report.screens.worst_tables import worst_tables
+from harness.store.kinds import HourKind
+from harness.studies.runs.worst import _episodes, got_worse, worst
 from tests.batches import one_cell, printed, refusal, sweep
 from tests.made_up import Fate, made_up
 
@@ -97,6 +100,36 @@ def test_one_cell_named_by_its_keys(tmp_path: Path) -> None:
     assert json.loads(printed("worst", run, "--json"))["episodes"][0]["varied"] == first.varied
     # Nothing is known of a strategy that always failed: that is not "no episode to look at".
     assert "cell 1: all 2 episodes of av failed, e.g. " in refusal("worst", run, "--cell", 1)
+
+
+def test_who_drove_and_how_a_contact_was(runs: tuple[Path, Path]) -> None:
+    first, second, third, _ = worst(runs[0])
+    assert [(each.contact, each.contact_speed_mps) for each in (first, second, third)] == [
+        ("front", 6.0),
+        ("front", 2.0),
+        (None, None),
+    ]
+    document = json.loads(printed("worst", runs[0], "-n", 1, "--json"))["episodes"][0]
+    assert (document["driver"], document["contact"]) == ("soft_yield", "front")
+    table = worst_tables([first, third], "pet_s")
+    assert table.headings == ("cell", "pair", "driver", "contact", "contact_speed_mps", "pet_s")
+    assert [[cell.text for cell in row[2:]] for row in table.rows] == [
+        ["soft_yield", "front", "6.00", "none"],
+        ["soft_yield", "–", "–", "0.500"],
+    ]
+    by_speed = worst_tables([first], "contact_speed_mps")
+    assert by_speed.headings[2:] == ("driver", "contact", "contact_speed_mps")
+    assert len(by_speed.rows[0]) == len(by_speed.headings)
+
+
+def test_of_hours_it_says_where_to_look() -> None:
+    hours = SimpleNamespace(path=Path("hours"), kind=HourKind())
+    with pytest.raises(InputError) as refused:
+        _episodes(hours, "pet_s", Arm.AV)  # type: ignore[arg-type]
+    assert str(refused.value) == (
+        "hours: is a run of hours of traffic, which has no episodes to list; "
+        "allowed: passages.parquet of the run, or `harness replay RUN --pair 0 --arm av --gui`"
+    )
 
 
 def test_in_the_shell(runs: tuple[Path, Path]) -> None:

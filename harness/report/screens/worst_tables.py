@@ -4,9 +4,12 @@ from collections.abc import Mapping, Sequence
 
 from harness.core.encounter import Ending
 from harness.core.errors import one_line
-from harness.report.screens.tables import Table, TableCell, count_cell, number, sort_key
+from harness.report.screens.tables import DASH, Table, TableCell, count_cell, number, sort_key
 from harness.scenario import as_written
 from harness.studies.runs.worst import WorstEpisode
+
+_SPEED = "contact_speed_mps"
+"""Column of the vehicle's speed at the contact."""
 
 
 def worst_tables(episodes: Sequence[WorstEpisode], by: str) -> Table:
@@ -21,13 +24,18 @@ def worst_tables(episodes: Sequence[WorstEpisode], by: str) -> Table:
             *(TableCell(as_written(episode.varied[key])) for key in keys),
             count_cell(episode.pair),
             *(_name_cell(episode.names[name]) for name in names),
+            TableCell(episode.driver),
+            TableCell(episode.contact or DASH),
+            *([] if by == _SPEED else [_speed(episode.contact_speed_mps)]),
             *([_outcome(episode.before, episode.ending_before)] if compared else []),
             _outcome(episode.value, episode.ending),
         )
         for episode in episodes
     ]
     words = "got worse" if compared else "worst"
-    headings = ("cell", *keys, "pair", *names, *([f"{by} before"] if compared else []), by)
+    contact = ("contact", *([] if by == _SPEED else [_SPEED]))
+    values = [f"{by} before", by] if compared else [by]
+    headings = ("cell", *keys, "pair", *names, "driver", *contact, *values)
     if not episodes:
         return Table("worst", f"no episode to look at, by {by}", headings, ())
     caption = f"{words} by {by}: {episodes[0].run}, {episodes[0].arm.value}"
@@ -45,7 +53,10 @@ def worst_document(episodes: Sequence[WorstEpisode], by: str) -> Mapping[str, ob
                 "pair": episode.pair,
                 "arm": episode.arm.value,
                 **episode.names,
+                "driver": episode.driver,
                 "ending": episode.ending.value,
+                "contact": episode.contact,
+                _SPEED: episode.contact_speed_mps,
                 by: episode.value,
                 "before": episode.before,
                 "ending_before": episode.ending_before,
@@ -61,6 +72,11 @@ def _name_cell(value: str | float) -> TableCell:
     if isinstance(value, str):
         return TableCell(one_line(value))
     return TableCell(number(value, 1), sort=sort_key(value))
+
+
+def _speed(value: float | None) -> TableCell:
+    """Return the vehicle's speed at the contact, or a dash without a contact."""
+    return TableCell(DASH if value is None else number(value, 2), sort=sort_key(value))
 
 
 def _outcome(value: float | None, ending: Ending | None) -> TableCell:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from harness.core.encounter import Arm, Ending
+from harness.core.encounter import Arm, Contact, Ending
 from harness.core.errors import InputError, unknown_name
 from harness.measures.agreement import TOLERANCE
 from harness.measures.catalogue import COLUMNS, MEASURES
@@ -36,6 +36,9 @@ class WorstEpisode:
     """An episode with the value that ranks it.
 
     ``value`` is the value of the measure; None if it is undefined, and ``ending`` explains why.
+    ``driver`` is the strategy that drove; ``sumo`` if none may drive the passage.  ``contact`` is
+    the side of the vehicle that touched a pedestrian, and ``contact_speed_mps`` its speed then in
+    m/s; None without a contact.
     ``before`` and ``ending_before`` are value and ending in the earlier run; None if there is no
     earlier run.  ``varied`` has the cell's varied keys.  ``names`` identifies a passage within its
     arm by crosswalk, vehicle and time of R0; it is empty for an episode.
@@ -47,6 +50,9 @@ class WorstEpisode:
     arm: Arm
     ending: Ending
     value: float | None
+    driver: str
+    contact: Contact | None
+    contact_speed_mps: float | None
     before: float | None = None
     ending_before: Ending | None = None
     varied: Mapping[str, Any] = field(default_factory=dict)
@@ -181,6 +187,10 @@ def _matches(cells: tuple[StrategyCell, ...]) -> list[tuple[StrategyCell, Strate
 
 def _episodes(run: RunData, by: str, arm: Arm, cell: int | None = None) -> pd.DataFrame:
     """Return the arm's completed episodes with a column ``badness``: larger is worse."""
+    if run.kind.ranked[0] not in run.kind.records:
+        problem = f"is a run of {run.kind.name}, which has no episodes to list"
+        allowed = "passages.parquet of the run, or `harness replay RUN --pair 0 --arm av --gui`"
+        raise InputError(str(run.path), problem, allowed)
     episodes, cells = run.ranked, len(run.study.cells)
     if by not in episodes:
         raise InputError(str(run.path), f"has no {by}", "a run that has it: harness score RUN")
@@ -236,6 +246,9 @@ def _episode(run: RunData, row: "pd.Series[Any]", by: str, arm: Arm) -> WorstEpi
         arm,
         Ending(row["ending"]),
         known(row[by]),
+        row["strategy"],
+        None if pd.isna(row["contact"]) else Contact(row["contact"]),
+        known(row["contact_speed_mps"]),
         known(row[f"{by}{_BEFORE}"]) if compared else None,
         Ending(row[f"ending{_BEFORE}"]) if compared else None,
         run.study.cells[int(row["cell"])].varied,
