@@ -36,10 +36,12 @@ def of_configuration(file: Path, write: Path | None, edges: list[str], *, as_jso
         if write is None:
             _list(scenario, Path(folder), as_json=as_json)
             return
-        text, added = simulation_text(scenario, edges, seen_from(file, write.parent))
+        text, added, bends = simulation_text(scenario, edges, seen_from(file, write.parent))
         write_new(write, text)
     for name in added:
         say(f"note: {name} lies within R0 of a chosen crosswalk and is chosen with it")
+    for sentence in bends:
+        say(f"note: {sentence}")
     if as_json:
         print_json({"written": str(write), "crossings": list(edges), "added": list(added)})
     else:

@@ -6,7 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from harness.model.interaction import InteractionModel
 from harness.scenario import load_scenario
+from harness.store.simulations.simulation_catalogue import AVS_NOT_DRIVEN
+from harness.store.simulations.simulation_tables import simulation_rows
 from tests import towns
 from tests.batches import here, printed
 
@@ -164,3 +167,60 @@ def test_a_light_is_the_reason(scenario: Path) -> None:
     done = here("crossings", config, "--write", folder / "no.toml", "--edge", ":B1_c1")
     assert (done.returncode, "a traffic light controls it" in done.stderr) == (2, True)
     assert not (folder / "no.toml").exists()
+
+
+def bent(folder: Path, crossed: str = "w_x x_w", *more: str) -> Path:
+    """A road with a crosswalk at x = 200 m, whose eastern approach bends by 10.6° at 240 m."""
+    (folder / "n.nod.xml").write_text(
+        '<nodes><node id="w" x="0" y="0"/><node id="x" x="200" y="0" type="priority"/>'
+        '<node id="e" x="400" y="30"/></nodes>'
+    )
+    edge = '<edge id="{}" from="{}" to="{}" numLanes="1" speed="13.89" sidewalkWidth="2" {}/>'
+    edges = [("w_x", "w", "x", ""), ("x_w", "x", "w", "")]
+    edges += [("x_e", "x", "e", 'shape="200,0 240,0 400,30"')]
+    edges += [("e_x", "e", "x", 'shape="400,30 240,0 200,0"')]
+    text = "".join(edge.format(*each) for each in edges)
+    (folder / "e.edg.xml").write_text(f"<edges>{text}</edges>")
+    (folder / "c.con.xml").write_text(
+        f'<connections><crossing node="x" edges="{crossed}" width="4"/></connections>'
+    )
+    files = ("-n", "n.nod.xml", "-e", "e.edg.xml", "-x", "c.con.xml", "-o", "net.net.xml")
+    towns.call(folder, "netconvert", *files, "--no-turnarounds", *more)
+    vehicles = '<vehicle id="{0}" depart="0"><route edges="{0} {1}"/></vehicle>'
+    for name, ways in (("one", [("w_x", "x_e")]), ("both", [("w_x", "x_e"), ("e_x", "x_w")])):
+        routes = "".join(vehicles.format(*way) for way in ways)
+        (folder / f"{name}.rou.xml").write_text(f"<routes>{routes}</routes>")
+        options = {"net-file": "net.net.xml", "route-files": f"{name}.rou.xml", "end": "100"}
+        towns.write_config(folder, options, f"{name}.sumocfg")
+    return folder
+
+
+def test_the_shortest_straight_approach_of_those_with_vehicles_is_listed(tmp_path: Path) -> None:
+    folder = bent(tmp_path)
+    # From the west 200 m up to the node, at whose centre the crosswalk lies; from the east 40 m.
+    one, both = (listed(folder / f"{name}.sumocfg")[":x_c0"] for name in ("one", "both"))
+    assert one["straight_m"] == pytest.approx(200.0, abs=1.0)
+    assert both["straight_m"] == pytest.approx(40.0, abs=1.0)
+
+
+def test_a_written_file_says_which_approach_bends_within_its_range(tmp_path: Path) -> None:
+    config = bent(tmp_path) / "both.sumocfg"
+    done = here("crossings", config, "--write", tmp_path / "town.toml", "--edge", ":x_c0")
+    assert done.returncode == 0, done.stderr
+    found = re.search(r"note: :x_c0: (\S+) is straight for (\S+) m only; .* R0 = 50 m", done.stderr)
+    assert found is not None
+    assert found[1].startswith("e_x_")
+    assert float(found[2]) == pytest.approx(40.0, abs=1.0)
+
+
+def test_avs_that_are_not_driven_are_counted_by_reason(
+    model: InteractionModel, tmp_path: Path
+) -> None:
+    """The car from the west is driven from 50 m on; the eastern way bends 40 m before."""
+    config = bent(tmp_path) / "both.sumocfg"
+    keys = {"arms__av": "hard_yield", "simulation__step_s": 0.1, "ego__trigger_range_m": 50.0}
+    scenario = towns.scenario_of(config, [":x_c0"], pedestrians__flow_per_hour=1.0, **keys)
+    outcome = towns.run_arm(scenario, model, tmp_path / "arm")
+    (row,) = simulation_rows(0, [outcome])["simulations"].to_pylist()
+    assert (row["av_passages"], row["avs_bend"], row["avs_uncommanded"]) == (2, 1, 0)
+    assert sum(row[column] for column in AVS_NOT_DRIVEN) == 1

@@ -37,6 +37,7 @@ def findings(**changes: Finding) -> dict[str, Finding]:
         "automated": Finding(120),
         "automated_human": Finding(120),
         "driven": Finding(100),
+        "av_passages": Finding(120),
         "passages": Finding(124),
         "passages_human": Finding(124),
         "not_measured": Finding(52),
@@ -81,8 +82,19 @@ def test_a_share_of_one_arm_has_one_interval_and_no_exponent() -> None:
 def test_one_note_says_what_is_left_out_of_both_arms() -> None:
     lines = lines_of()
     who = "In the two arms 52 / 50 vehicles"
-    assert f"! {who} turned there or drove on a bend; they are not measured." in lines
+    assert f"! {who} turned at a crosswalk or met it on a bend: not measured." in lines
     assert all(len(screen) <= MOST_LINES for screen in (lines, lines_of(80)))
+
+
+def test_passages_of_avs_that_the_strategy_did_not_drive_are_named_with_the_reasons() -> None:
+    assert not any("passages of AVs" in line for line in lines_of())
+    # 120 passages of AVs: 120 − 70 − 4 = 46.
+    lines = lines_of(avs_bend=Finding(70), avs_uncommanded=Finding(4))
+    words = "soft_yield drove 46 of 120 passages of AVs; the others: 70 bend within R0, 4 got no"
+    assert words in " ".join(line.strip() for line in lines)
+    lines = lines_of(avs_inside=Finding(120))
+    words = "! soft_yield drove 0 of 120 passages of AVs; the others: 120 came onto the approach"
+    assert any(line.startswith(words) for line in lines)
 
 
 def test_driving_of_sumo_is_not_credited_to_the_strategy() -> None:
@@ -106,7 +118,7 @@ def test_cells_share_a_note_on_what_is_left_out_with_the_ranges_of_its_counts() 
 def test_few_pairs_are_said_and_trips_that_did_not_end_are_no_pairs() -> None:
     """It is said of 3 pairs however many notes there are; no pair is left out."""
     many = {"unfinished": Finding(7), "teleports": Finding(3), "stuck": Finding(2)}
-    many |= {"sumo_collisions": Finding(4), "not_driven": Finding(5), "pairs": Finding(3)}
+    many |= {"sumo_collisions": Finding(4), "avs_stop": Finding(5), "pairs": Finding(3)}
     lines = lines_of(40, **many)
     assert "! Few pairs: Each interval rests on 3" in lines
     (more,) = (n for n, line in enumerate(lines) if line.startswith("! More to know"))

@@ -21,11 +21,14 @@ class CrosswalkCount:
 
     ``vehicles`` and ``people`` are per hour; ``straight`` is the number of vehicles per hour that
     went straight on.  A vehicle that passes twice counts twice; a person counts once.
+    ``straight_m`` is the straight length of the approach, of those from which a vehicle went
+    straight on, that has the shortest; None if no vehicle did.
     """
 
     vehicles: float
     straight: float
     people: float
+    straight_m: float | None
 
 
 def count(
@@ -75,10 +78,12 @@ def count(
     for crosswalk in crosswalks:
         ways = {(way.from_edge, way.to_edge) for way in crosswalk.ways}
         straight = {(way.from_edge, way.to_edge) for way in crosswalk.straight_ways}
+        used = [way for way in crosswalk.straight_ways if moves[way.from_edge, way.to_edge]]
         counts[crosswalk.id] = CrosswalkCount(
             sum(moves[way] for way in ways) / hours,
             sum(moves[way] for way in straight) / hours,
             len(people[crosswalk.id]) / hours,
+            min((way.straight_before_m for way in used), default=None),
         )
     return counts, simulated_s
 

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,7 +39,8 @@ class CrosswalkRow:
         problem: why it cannot be chosen, or None.
         length_m: distance from kerb to kerb.
         speed_limit_mps: highest limit of the lanes straight over it; None without such a lane.
-        straight_m: longest straight part of these lanes before the crosswalk.
+        straight_m: shortest straight part before the crosswalk of the lanes on which vehicles came
+            straight on; None if nobody did.
         vehicles_per_hour: vehicles that passed it; None if nothing was simulated.
         straight_per_hour: vehicles that passed it straight on.
         people_per_hour: people who walked over it.
@@ -129,7 +130,7 @@ def _row(network: RoadNetwork, crosswalk: Crosswalk, counted: CrosswalkCount) ->
         problem=crosswalk.problem,
         length_m=crosswalk.length_m,
         speed_limit_mps=max((way.crossing.speed_limit_mps or 0.0 for way in ways), default=None),
-        straight_m=max((way.straight_before_m for way in ways), default=None),
+        straight_m=counted.straight_m,
         vehicles_per_hour=counted.vehicles,
         straight_per_hour=counted.straight,
         people_per_hour=counted.people,
@@ -143,8 +144,11 @@ def _streets(network: RoadNetwork, crosswalk: Crosswalk) -> tuple[str, ...]:
 
 def simulation_text(
     scenario: OwnScenario, edges: Sequence[str], config: Path
-) -> tuple[str, tuple[str, ...]]:
-    """A commented scenario file for some crosswalks, and the crosswalks that are chosen with them.
+) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+    """A commented scenario file for some crosswalks, what else is chosen, and what is not driven.
+
+    The second value has the crosswalks that are chosen with them.  The third one has a sentence
+    for each crosswalk with an approach that bends within the R0 of the file.
 
     Args:
         scenario: the scenario.
@@ -174,7 +178,19 @@ def simulation_text(
         range=f"{range_m:.1f}",
         people="" if people_come(scenario.config) else _PEOPLE,
     )
-    return text, setting.added
+    return text, setting.added, tuple(_bends(setting.crosswalks, range_m))
+
+
+def _bends(crosswalks: Iterable[Crosswalk], range_m: float) -> Iterator[str]:
+    """A sentence for each crosswalk with an approach whose straight part is shorter than R0."""
+    for crosswalk in crosswalks:
+        ways = [way for way in crosswalk.straight_ways if not way.oblique]
+        way = min(ways, key=lambda way: way.straight_before_m, default=None)
+        if way is not None and way.straight_before_m < range_m:
+            yield (
+                f"{crosswalk.id}: {way.approach} is straight for {way.straight_before_m:.1f} m "
+                f"only; no strategy drives there, because R0 = {range_m:g} m"
+            )
 
 
 def _check(edge: str, known: dict[str, Crosswalk]) -> None:

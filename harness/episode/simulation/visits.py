@@ -7,12 +7,16 @@ from typing import Any
 from harness.core.encounter import Vehicle
 from harness.site import WayOver
 
-TURNS = "turns at the junction"
 INSIDE = "came onto the approach within R0"
-BENDS = "its way bends within R0 or before its rear has left"
+BENDS_WITHIN = "its way bends within R0"
+TURNS_SOON = "turns before its rear has left"
 STOPS = "stops before its rear has left"
 ARRIVES = "arrives before its rear has left"
 LIGHT = "a traffic light controls its way"
+
+TURNS = "turns at the junction"
+BENDS = "its way bends at the crosswalk"
+"""It bends within 10 m before the crosswalk or before the rear has left: it is not measured."""
 
 _STOPS_AHEAD = 3
 """Number of stops ahead that are read."""
@@ -75,7 +79,7 @@ def why_not(
         ahead: the edges of its route from the crosswalk on.
     """
     if way.straight_before_m < vehicle.trigger_range_m - 1e-6:
-        return BENDS
+        return BENDS_WITHIN
     rear_m = vehicle.length_m + way.crossing.width_m / 2
     for light in api.vehicle.getNextTLS(name):
         if x_m + light[2] < rear_m:
@@ -96,7 +100,7 @@ def _ends(way: WayOver, rear_m: float, ahead: Sequence[str]) -> str | None:
         if number >= len(ahead):
             return ARRIVES
         if ahead[number] != lane.edge:
-            return BENDS
+            return TURNS_SOON
         if lane.end_m >= rear_m:
             return None
     return None

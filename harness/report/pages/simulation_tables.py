@@ -52,7 +52,8 @@ def group_and_crosswalk_tables(run: RunData) -> list[Table]:
             run,
             "crosswalks",
             "Crosswalks: passages straight on, those of AVs, and those that no strategy may drive "
-            "(SUMO's); vehicles that turn or whose way bends are not measured. Sums over pairs",
+            "(SUMO's); vehicles that turn, or whose way bends within 10 m before the crosswalk or "
+            "before the rear has left it, are not measured. Sums over pairs",
             _TRAFFIC,
             "crosswalk-traffic",
         ),

@@ -1,5 +1,13 @@
 """Every number that a run of a user's own simulation reports, each defined once."""
 
+from harness.episode.simulation.visits import (
+    ARRIVES,
+    BENDS_WITHIN,
+    INSIDE,
+    LIGHT,
+    STOPS,
+    TURNS_SOON,
+)
 from harness.statistics import CONFLICTS, Conflict, Entry, Form, Interval, Proportion
 from harness.store.arm_columns import ArmColumns, scaled
 from harness.store.severity import severity_entries
@@ -9,6 +17,16 @@ _NOBODY = "nobody crossed"
 _NO_PASSAGE = "no vehicle passed a chosen crosswalk straight on"
 _NOT_REACHED = "no vehicle reached a chosen crosswalk"
 _NO_COMMAND = "no strategy drove"
+
+AVS_NOT_DRIVEN = {
+    "avs_bend": (BENDS_WITHIN, "bend within R0"),
+    "avs_turn": (TURNS_SOON, "turn before their rear has left"),
+    "avs_inside": (INSIDE, "came onto the approach within R0"),
+    "avs_stop": (STOPS, "stop before their rear has left"),
+    "avs_arrive": (ARRIVES, "arrive before their rear has left"),
+    "avs_light": (LIGHT, "have a traffic light on their way"),
+}
+"""Columns of passages of AVs that no strategy may drive: the reason, and the words of a note."""
 
 
 def _mean(
@@ -165,13 +183,27 @@ SIMULATIONS: tuple[Entry[ArmColumns], ...] = (
     _total(
         "not_driven",
         "passages that no strategy may drive",
-        "Passages that SUMO drove because the vehicle came onto the approach within R0, stops or "
-        "arrives there.",
+        "Passages that SUMO drove, for the reasons below.",
+    ),
+    _total(
+        "av_passages",
+        "passages of AVs",
+        "Passages of AVs; in the reference's arm of the same vehicles.",
+    ),
+    *(
+        _total(column, f"of these, {words}", f"No strategy may drive: {why}.")
+        for column, (why, words) in AVS_NOT_DRIVEN.items()
+    ),
+    _total(
+        "avs_uncommanded",
+        "of these, got no command",
+        "A strategy may drive them, but gave no command: SUMO drove.",
     ),
     _total(
         "not_measured",
         "vehicles not measured",
-        "Vehicles that turned at the crosswalk's junction or whose way bends there.",
+        "Vehicles that turned at the crosswalk's junction, or whose way bends within 10 m before "
+        "the crosswalk or before the rear has left it.",
     ),
     _total("unfinished", "trips that did not end", "They count with the time until the end."),
     _total("not_departed", "vehicles that never departed", "They count with their wait."),

@@ -21,6 +21,7 @@ from harness.measures.ego import crossing_time
 from harness.scenario.own_simulation import setting_of, sumo_seed
 from harness.store.hour_tables import passage_counts, record_row
 from harness.store.schemas import CROSSWALK_FIELDS, SIMULATION_TABLES, TABLES
+from harness.store.simulations.simulation_catalogue import AVS_NOT_DRIVEN
 from harness.store.tables import Row, Tables, table_of
 
 AVS, OTHERS, VEHICLES, PEOPLE = "AVs", "other vehicles", "all vehicles", "people"
@@ -96,6 +97,7 @@ def _numbers(
     driver = Arm.AV if outcome.arm is Arm.AV else Arm.HUMAN
     name = scenario.arms.driver(driver)
     driven = [row for row in passages if row["strategy"] == name and row["commands"]]
+    of_avs = [row for row in passages if row["automated"]]
     delays = [row["least_delay_s"] for row in passages]
     return passage_counts(passages, scenario.conflicts) | {
         "vehicles": by_name[VEHICLES]["trips"],
@@ -115,6 +117,12 @@ def _numbers(
         "met_driven": sum(row["pedestrians"] > 0 for row in driven),
         "driven": len(driven),
         "not_driven": sum(row["not_driven"] is not None for row in passages),
+        "av_passages": len(of_avs),
+        **{
+            column: sum(row["not_driven"] == why for row in of_avs)
+            for column, (why, _) in AVS_NOT_DRIVEN.items()
+        },
+        "avs_uncommanded": sum(row["not_driven"] is None and not row["commands"] for row in of_avs),
         "not_measured": sum(
             number for (_, why), number in log.not_measured.items() if why in (TURNS, BENDS)
         ),

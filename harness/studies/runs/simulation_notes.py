@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from harness.scenario import Scenario
 from harness.statistics import Catalogue, Findings, Note, Rank
+from harness.store.simulations.simulation_catalogue import AVS_NOT_DRIVEN
 from harness.studies.runs.changed_options import changes_in_brief
 from harness.studies.runs.hour_notes import FEW_HOURS
 from harness.studies.runs.notes import counted, undefined_notes
@@ -31,8 +32,8 @@ def simulation_notes(
         )
     if findings["automated"].count == 0:
         note(Rank.NOTHING_TESTED, "No vehicle was an AV: check simulation.av_types and av_share.")
-    elif findings["driven"].count == 0 and scenario.arms.av != "sumo_driver":
-        note(Rank.NOTHING_TESTED, f"{scenario.arms.av} drove no passage.")
+    elif scenario.arms.av != "sumo_driver":
+        _not_driven(scenario.arms.av, findings, note)
     read = scenario.known_simulation.read
     if read is not None and read.bent:
         where = f"{', '.join(read.bent)}: every lane bends within R0 before or just beyond"
@@ -63,6 +64,22 @@ def _added(scenario: Scenario) -> list[str]:
     return [name for name in chosen if name not in simulation.crossings]
 
 
+def _not_driven(strategy: str, findings: Findings, note: Callable[[Rank, str], None]) -> None:
+    """Note how many passages of AVs the strategy did not drive, and why."""
+    words = {column: each for column, (_, each) in AVS_NOT_DRIVEN.items()}
+    words["avs_uncommanded"] = "got no command"
+    others = {column: count for column in words if (count := findings[column].count)}
+    passages = findings["av_passages"].count or 0
+    driven = passages - sum(others.values())
+    if driven and not others:
+        return
+    text = f"{strategy} drove {driven:,} of {counted(passages, 'passage')} of AVs"
+    if others:
+        whys = ", ".join(f"{count:,} {words[column]}" for column, count in others.items())
+        text += f"; the others: {whys}"
+    note(Rank.LEFT_OUT if driven else Rank.NOTHING_TESTED, f"{text}.")
+
+
 def _left_out(findings: Findings, note: Callable[[Rank, str], None]) -> None:
     """Note what the numbers leave out, and what SUMO reports; the AV's count comes first."""
 
@@ -73,10 +90,8 @@ def _left_out(findings: Findings, note: Callable[[Rank, str], None]) -> None:
 
     # One note for each, so that the cells of a sweep share those that are equal.
     if counts := both("not_measured"):
-        why = "turned there or drove on a bend; they are not measured."
+        why = "turned at a crosswalk or met it on a bend: not measured."
         note(Rank.LEFT_OUT, f"In the two arms {counts} vehicles {why}")
-    if counts := both("not_driven"):
-        note(Rank.LEFT_OUT, f"In the two arms no strategy may drive {counts} passages.")
     if counts := both("unfinished"):
         text = f"In the two arms {counts} trips did not end; they count until the end."
         note(Rank.UNENDED, text)
