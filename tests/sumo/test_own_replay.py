@@ -2,6 +2,7 @@
 
 import shlex
 import xml.etree.ElementTree as ET
+from itertools import pairwise
 from pathlib import Path
 
 import pandas as pd
@@ -51,6 +52,23 @@ def test_outputs_of_both_arms_and_the_same_record(run: Path, tmp_path: Path) -> 
         assert {each for each in positions if each and each.startswith("p")}
     # Only the driver differs: the reference's arm has the record of plain SUMO.
     assert (out / "av" / "fcd.xml").read_bytes() != (out / "human" / "fcd.xml").read_bytes()
+
+
+def test_positions_have_the_decimals_that_conflicts_need(run: Path, tmp_path: Path) -> None:
+    printed("replay", run, "--pair", "1", "--arm", "av", "--out", tmp_path / "av")
+    ways: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for each in ET.parse(tmp_path / "av" / "fcd.xml").iter("vehicle"):
+        state = float(each.attrib["pos"]), float(each.attrib["speed"])
+        ways.setdefault((each.attrib["id"], each.attrib["lane"]), []).append(state)
+    steps = [(a, b) for way in ways.values() for a, b in pairwise(way)]
+    assert len(steps) > 500
+    # Euler's rule: a vehicle drives the whole step of 0.1 s at its speed at the end. With four
+    # decimals positions are off by up to 0.5e-4 m each, and speeds by 0.5e-4 m/s.
+    for (before_m, _), (after_m, speed_mps) in steps:
+        assert after_m - before_m == pytest.approx(0.1 * speed_mps, abs=1.05e-4)
+    # The other files keep the precision of the scenario: two decimals, SUMO's default.
+    trip = next(ET.parse(tmp_path / "av" / "tripinfo.xml").iter("tripinfo"))
+    assert len(trip.attrib["timeLoss"].partition(".")[2]) == 2
 
 
 def test_a_relative_folder_is_one_of_the_working_directory(

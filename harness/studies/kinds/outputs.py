@@ -14,10 +14,13 @@ SUMO_FILES = {
     "--collision-output": "collisions.xml",
 }
 
+PRECISION = "6"
+"""Number of decimals in the outputs."""
+
 _FURTHER_OPTIONS = {
     "--fcd-output.acceleration": "true",
     "--tripinfo-output.write-unfinished": "true",
-    "--precision": "6",
+    "--precision": PRECISION,
     # The harness places the pedestrians, so SUMO's records of their walks would be meaningless.
     "--personinfo-output": os.devnull,
 }

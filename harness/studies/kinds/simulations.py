@@ -19,6 +19,7 @@ from harness.scenario import Scenario
 from harness.scenario.own_simulation import setting_of
 from harness.store.simulations.simulation_tables import simulation_rows
 from harness.store.simulations.simulation_traces import simulation_trace_rows
+from harness.studies.kinds.outputs import PRECISION
 from harness.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation
 from harness.studies.kinds.tasks import Task, TaskResult
 from harness.studies.kinds.watchdog import Watch, watchdog
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
     from harness.engine.traci import Gui
 
 
-_FILES = {"fcd-output": "fcd.xml", "collision-output": "collisions.xml"}
+_FCD = "fcd.xml"
+_COLLISIONS = {"collision-output": "collisions.xml"}
 """Further outputs of an arm that runs again, which a run itself does not keep."""
 
 
@@ -101,12 +103,22 @@ def _in_this_process(arm: ArmOfPair) -> ArmRows:
     return _rows(arm, runner)
 
 
-def _with_outputs(arm: ArmOfPair, folder: Path, _watch: Watch) -> ArmRows:
+def _with_outputs(arm: ArmOfPair, folder: Path, watch: Watch) -> ArmRows:
+    """Run an arm, and run it again for FCD.
+
+    SUMO has one precision for all files, and the record is made of trips in that of the scenario.
+    """
     close_engine()
-    runner = SimulationRunner(
-        arm.scenario, arm.model, lambda _pair, _arm: _kept(folder), more=_FILES
+    rows = _rows(
+        arm,
+        SimulationRunner(
+            arm.scenario, arm.model, lambda _pair, _arm: _kept(folder), more=_COLLISIONS
+        ),
     )
-    return _rows(arm, runner)
+    watch.alive()
+    fcd = {"fcd-output": str(folder.absolute() / _FCD), "precision": PRECISION}
+    _rows(arm, SimulationRunner(arm.scenario, arm.model, lambda _pair, _arm: _scratch(), more=fcd))
+    return rows
 
 
 def _in_gui(arm: ArmOfPair, gui: "Gui") -> ArmRows:
