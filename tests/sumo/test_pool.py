@@ -40,6 +40,22 @@ def test_a_death_costs_its_own_call_alone_and_between_two_calls_none(
     assert pool.submit(abs, -2).result() == 2
 
 
+def test_what_a_worker_started_dies_with_it(request: pytest.FixtureRequest) -> None:
+    pool = LocalPool(1)
+    request.addfinalizer(pool.stop)
+    for end in (lambda: pool.submit(os._exit, 7).exception(), pool.stop):
+        # The shell ends at once; what it started goes on.
+        words = "sleep 300 >/dev/null 2>&1 & echo $!"
+        started = Path("/proc", pool.submit(subprocess.getoutput, words).result(), "status")
+        assert started.exists()
+        end()
+        wait_for(
+            lambda status=started: not status.exists() or "zombie" in status.read_text("utf-8"),
+            "the end of what the worker started",
+            10.0,
+        )
+
+
 def test_workers_that_never_get_ready_blame_no_pair(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:

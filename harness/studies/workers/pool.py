@@ -6,10 +6,12 @@ a worker that is killed in the middle of a message affects no other worker and h
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from queue import SimpleQueue
@@ -112,7 +114,7 @@ class LocalPool:
         with self._lock:
             self._stopped.set()
             for process in self._alive:
-                process.kill()
+                _kill(process)
         for _ in self._threads:
             self._queue.put(None)
         for thread in self._threads:
@@ -136,7 +138,7 @@ class LocalPool:
             elif not self._survives(worker, job):
                 worker = self._ready()
         if worker is not None:
-            worker.process.kill()
+            _kill(worker.process)
             self._bury(worker)
 
     def _survives(self, worker: _Worker, job: _Job) -> bool:
@@ -210,10 +212,10 @@ class LocalPool:
     def _bury(self, worker: _Worker) -> int:
         """Clean up after a dead or dying worker and return its exit code."""
         worker.connection.close()
-        try:
+        with suppress(subprocess.TimeoutExpired):
             worker.process.wait(timeout=10)
-        except subprocess.TimeoutExpired:
-            worker.process.kill()
+        # A strategy's program that hangs would outlive its worker.
+        _kill(worker.process)
         with self._lock:
             self._alive.discard(worker.process)
         # This also closes the worker's standard input.
@@ -222,6 +224,12 @@ class LocalPool:
         for folder in Path(gettempdir()).glob(f"{scratch_prefix(worker.process.pid)}*"):
             shutil.rmtree(folder, ignore_errors=True)
         return worker.process.returncode
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """Kill a worker with everything that it has started."""
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def default_workers() -> int:
