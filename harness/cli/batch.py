@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from harness.scenario import Options, Precision, Study
     from harness.studies.runs.run_data import RunData
     from harness.studies.workers.cluster import DaskCluster
+    from harness.studies.workers.executor import Executor
 
 
 def run(
@@ -72,16 +73,35 @@ def run(
     # Local workers import modules at the same time as this process.  A wrong address is refused
     # before a run folder exists.
     executor = executor_for(study, choices, dask)
+
+    def begin(_workers: int) -> "Executor":
+        # All input is checked by now, and a refusal has one line only.
+        if (planned := _planned_hours(study)) is not None:
+            say(f"note: {planned}")
+        return executor
+
     try:
         from harness.studies.batch.experiment import run_study
 
         with progress_bar("pairs", quiet or as_json) as advance, unwinding():
-            finished = run_study(
-                study, choices, out=out, progress=advance, make_executor=lambda _: executor
-            )
+            finished = run_study(study, choices, out=out, progress=advance, make_executor=begin)
     finally:
         executor.stop()
     _report(finished, full, quiet, as_json)
+
+
+def _planned_hours(study: "Study") -> str | None:
+    """Return how many hours of traffic a run counts; None if they are at most one."""
+    from harness.studies.runs.notes import counted
+
+    if study.hours <= 1:
+        return None
+    # Cells that differ in the reference may share the AV's arm.
+    most = "at most " if "arms.human" in study.varied_keys else ""
+    cells = counted(len(study.cells), "cell")
+    pairs = counted(study.base.experiment.pairs, "pair")
+    hours = f"{most}{study.hours:,.4g} hours of traffic in each arm"
+    return f"{cells} × {pairs}: {hours}, without the warm-ups"
 
 
 def _settled(study: "Study", choices: "Options", quiet: bool) -> "Study":
