@@ -207,6 +207,12 @@ class PedestriansSection(Section):
         return by_quarter(self.flow_per_hour)
 
     @property
+    def anyone_comes(self) -> bool:
+        """Whether anybody comes apart from timed and drawn pedestrians."""
+        flows = max(self.flows_per_hour) > 0
+        return (flows or self.first_at_trigger) and self.max_count != 0
+
+    @property
     def walking_classes(self) -> tuple[WalkingClassSection, ...]:
         """The classes of walking speeds."""
         return () if self.walking_speed is None else self.walking_speed.classes

@@ -67,11 +67,9 @@ class Scenario(Section):
     @property
     def walks_by_model(self) -> bool:
         """Whether any walking speed is drawn from the interaction model."""
-        people = self.pedestrians
-        flows = max(people.flows_per_hour) > 0
-        comes = (flows or people.first_at_trigger) and people.max_count != 0
         # In a user's own simulation SUMO walks everybody.
-        return comes and people.walking_speed is None and self.simulation is None
+        no_speeds = self.pedestrians.walking_speed is None
+        return self.pedestrians.anyone_comes and no_speeds and self.simulation is None
 
     @property
     def av_drives_alone(self) -> bool:

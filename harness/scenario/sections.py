@@ -231,6 +231,12 @@ class PerceptionSection(Section):
     human: bool = False
     """Whether human drivers have the same errors."""
 
+    @property
+    def draws(self) -> bool:
+        """Whether any error is drawn at random."""
+        shares = self.detection_probability < 1 or self.dropout_probability > 0
+        return shares or self.position_sd_m > 0 or self.speed_sd_mps > 0
+
     def is_perfect(self, step_s: float) -> bool:
         """Whether the strategy sees the ground truth at every step, apart from what is hidden."""
         no_faults = {"update_s": None, "correlation_s": 1.0, "occlusion": True, "human": False}

@@ -120,6 +120,8 @@ def swept_value(
     rng: np.random.Generator,
     values: int,
     level: float,
+    *,
+    repeated: bool,
 ) -> SweptValue:
     """μ and κ of one cell with bounds that hold over all values of the sweep.
 
@@ -131,11 +133,12 @@ def swept_value(
         rng: draws the resamples.
         values: m, the number of swept values.
         level: probability that any upper (or any lower) bound is wrong.
+        repeated: whether all episodes of the AV repeat the same one; κ then has no bounds.
     """
     confidence = 1 - 2 * _tail(values, level)
     return SweptValue(
         bootstrap_mean(tau[~np.isnan(tau)], rng, confidence),
-        proportion(int((missed & tried).sum()), int(tried.sum()), confidence),
+        proportion(int((missed & tried).sum()), int(tried.sum()), confidence, repeated=repeated),
         len(tau),
         alike,
     )
@@ -229,7 +232,7 @@ def _pairs_for_mu(swept: SweptValue, limit: float) -> int | None:
 def _pairs_for_kappa(swept: SweptValue, limit: float, tail: float) -> int | None:
     """Pairs at which the Clopper–Pearson bound would pass the limit if the share stays the same."""
     rate, trials = swept.kappa.value, swept.kappa.trials
-    if rate is None or rate == limit:
+    if rate is None or swept.kappa.high is None or rate == limit:
         return None
     if rate < limit:
         passes: Callable[[int], bool] = lambda n: _bounds(rate, n, tail)[1] < limit  # noqa: E731

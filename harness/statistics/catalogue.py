@@ -180,7 +180,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         "κ if time-outs and failures of the AV's strategy count as crashes. Failures of the "
         "engine are left out.",
         form=Form.SHARE,
-        of_arm=lambda c, _: c.share(c.pairs.av_missed, c.pairs.av_tried),
+        of_arm=lambda c, arm: c.share(c.pairs.av_missed, c.pairs.av_tried, arm),
         interval=Proportion,
         keys=("kappa_all", "", ""),
         undefined=ALL_FAILED,

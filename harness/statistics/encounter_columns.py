@@ -29,6 +29,7 @@ class EncounterColumns:
             would be resampled have no interval.
         confidence: two-sided confidence of each interval.
         conflicts: which episodes had a conflict of each kind, by the kind's name.
+        repeated: whether all episodes of each arm repeat the same one: nothing in them is random.
     """
 
     pairs: PairColumns
@@ -37,6 +38,7 @@ class EncounterColumns:
     rng: np.random.Generator | None
     confidence: float = CONFIDENCE
     conflicts: Mapping[str, BothArms] = field(default_factory=dict)
+    repeated: tuple[bool, bool] = (False, False)
 
     @cached_property
     def met(self) -> "EncounterColumns":
@@ -76,7 +78,7 @@ class EncounterColumns:
 
     def rate(self, marked: BothArms, arm: int) -> Proportion:
         """The share of marked episodes among the episodes of an arm that did not fail."""
-        return self.share(marked[arm] & self.ran(arm), self.ran(arm))
+        return self.share(marked[arm] & self.ran(arm), self.ran(arm), arm)
 
     def conflict_rate(self, name: str, arm: int) -> Proportion:
         """The share of an arm's episodes with a conflict of a kind; undefined if none is stored."""
@@ -87,11 +89,13 @@ class EncounterColumns:
         """The share of all pairs in which an arm crashed, failed or timed out."""
         pairs = self.pairs
         missing = pairs.crashed[arm] | pairs.failed[arm] | pairs.timed_out[arm]
-        return self.share(missing, np.ones_like(missing))
+        return self.share(missing, np.ones_like(missing), arm)
 
-    def share(self, marked: np.ndarray, trials: np.ndarray) -> Proportion:
-        """The share of marked pairs among the pairs of the mask ``trials``."""
-        return proportion(count(marked), count(trials), self.confidence)
+    def share(self, marked: np.ndarray, trials: np.ndarray, arm: int) -> Proportion:
+        """The share of an arm's marked episodes among those of the mask ``trials``."""
+        return proportion(
+            count(marked), count(trials), self.confidence, repeated=self.repeated[arm]
+        )
 
     def walking_delay(self, arm: int) -> Resampled:
         """Sum of waits at the kerb / people who arrived, over the episodes that ran."""

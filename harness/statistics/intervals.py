@@ -117,13 +117,19 @@ def student_ratio(
     return Interval(value, (linear - root) / square, (linear + root) / square)
 
 
-def proportion(successes: int, trials: int, confidence: float = CONFIDENCE) -> Proportion:
-    """A proportion with its Clopper–Pearson interval; undefined if there are no trials."""
+def proportion(
+    successes: int, trials: int, confidence: float = CONFIDENCE, *, repeated: bool = False
+) -> Proportion:
+    """A proportion with its Clopper–Pearson interval; undefined if there are no trials.
+
+    Trials that all repeat the same one (``repeated``) are no sample and have no interval.
+    """
     if trials == 0:
         return UNKNOWN_PROPORTION
-    return Proportion(
-        successes / trials, *clopper_pearson(successes, trials, confidence), successes, trials
-    )
+    share = successes / trials
+    if repeated:
+        return Proportion(share, None, None, successes, trials)
+    return Proportion(share, *clopper_pearson(successes, trials, confidence), successes, trials)
 
 
 def quantile(values: FloatArray, share: float, confidence: float = CONFIDENCE) -> Interval:

@@ -72,6 +72,14 @@ class PairColumns:
             **{field.name: kept(getattr(self, field.name)) for field in fields(self)}
         )
 
+    def same(self, arm: int) -> bool:
+        """Whether there are several pairs, and all episodes of an arm have the same columns."""
+        both = (getattr(self, column.name) for column in fields(self))
+        columns = [column[arm] for column in both if isinstance(column, tuple)]
+        return len(self.tau) > 1 and all(
+            np.array_equal(column[1:], column[:-1], equal_nan=True) for column in columns
+        )
+
     @property
     def tau(self) -> FloatArray:
         """AV time / human time of each pair, NaN where either arm did not cross."""

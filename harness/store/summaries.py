@@ -8,7 +8,7 @@ import pyarrow as pa
 from harness.core.encounter import Arm, Contact, Ending
 from harness.core.errors import InputError
 from harness.core.seeding import resampling
-from harness.scenario import Cell, ConflictsSection, Options, Study
+from harness.scenario import Cell, ConflictsSection, Options, Scenario, Study
 from harness.statistics import (
     CONFIDENCE,
     CONFLICTS,
@@ -19,6 +19,8 @@ from harness.statistics import (
     Summary,
     summarise,
 )
+from harness.strategies.parameters import needs
+from harness.strategies.registry import STRATEGIES
 
 FIRST_LOOK = 1_000
 """Number of pairs at the first look of ``--until``; it doubles from look to look."""
@@ -52,15 +54,38 @@ def columns_of_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Encoun
     The stream of the resampling depends only on the scenario's seed, so the same episodes give the
     same intervals.  With ``confidence`` 0 nothing is resampled.
     """
-    scenario = cell.scenario
+    scenario, pairs = cell.scenario, pair_columns(episodes)
     return EncounterColumns(
-        pairs=pair_columns(episodes),
+        pairs=pairs,
         timeout_s=scenario.experiment.timeout_s,
         free_pass_s=scenario.vehicle().free_pass_time_s(scenario.crosswalk()),
         rng=resampling(scenario.experiment.seed, "summary") if confidence else None,
         confidence=confidence,
         conflicts=conflict_marks(episodes, scenario.conflicts),
+        repeated=repeated(pairs, scenario),
     )
+
+
+def repeated(pairs: PairColumns, scenario: Scenario) -> tuple[bool, bool]:
+    """Whether all episodes of the AV, and all of the reference, repeat the same one.
+
+    They do if the people are fixed, the driver draws nothing at random, and no two episodes
+    differ.  A pair that met nobody is no such repetition.
+    """
+    people = scenario.pedestrians
+    if people.anyone_comes or people.drawn or not pairs.met_someone.any():
+        return False, False
+    errors, arms = scenario.perception.draws, scenario.arms
+    av, human = (_draws(name) for name in (arms.av, arms.human))
+    return (
+        not (errors or av) and pairs.same(0),
+        not ((errors and scenario.perception.human) or human) and pairs.same(1),
+    )
+
+
+def _draws(name: str) -> bool:
+    """Whether a built-in strategy is given random numbers."""
+    return name in STRATEGIES and "rng" in needs(STRATEGIES[name])
 
 
 def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary:

@@ -25,7 +25,8 @@ def swept(tau: np.ndarray, crashes: int, values: int, runs: int | None = None) -
     ran = np.arange(count) < (count if runs is None else runs)
     crashed = np.arange(count) < crashes
     met = int(np.isfinite(tau).sum())
-    return swept_value(tau, crashed, ran, met, np.random.default_rng(0), values, LEVEL)
+    rng = np.random.default_rng(0)
+    return swept_value(tau, crashed, ran, met, rng, values, LEVEL, repeated=False)
 
 
 def spread(mean: float, count: int) -> np.ndarray:

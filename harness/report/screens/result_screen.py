@@ -124,7 +124,7 @@ def _both(
         return ""
     if entry.may_be_absent and None in (av.value, reference.value):
         return f"{next(text for text in limits if text != DASH)} %"
-    if av.events == reference.events == 0:
+    if av.events == reference.events == 0 and DASH not in limits:
         high = max(av.high or 0.0, reference.high or 0.0)
         confidence = cell.findings["confidence"].number or CONFIDENCE
         bound = zero_bound(high, confidence)

@@ -29,6 +29,7 @@ from harness.statistics import (
 from harness.statistics.limits import JudgedLimit, Limit
 from harness.store.kinds import limits_of
 from harness.store.over_model import refits_of
+from harness.store.summaries import repeated
 from harness.studies.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
 from harness.studies.runs.opening import finished_run
 from harness.studies.runs.run_data import RunData
@@ -107,9 +108,8 @@ def allowed_values(run: RunData, group: StrategyGroup, limits: Limits) -> tuple[
         limits: μ0 and κ0.
     """
     columns = _columns_of([run], group)
-    seed = group.cells[0].cell.scenario.experiment.seed
     level = 1 - run.confidence
-    return tuple(_judge(sweep, columns, limits, seed, level) for sweep in parameter_sweeps(group))
+    return tuple(_judge(sweep, group, columns, limits, level) for sweep in parameter_sweeps(group))
 
 
 def _columns_of(runs: Sequence[RunData], group: StrategyGroup) -> list[PairColumns]:
@@ -187,7 +187,7 @@ def _compare_group(
         level,
         tuple(summaries[member.run][member.cell.number] for member in group.cells),
         tuple(comparisons),
-        tuple(_judge(sweep, columns, limits, seed, level) for sweep in sweeps if limits),
+        tuple(_judge(sweep, group, columns, limits, level) for sweep in sweeps if limits),
         _under_limits(runs, group, columns, limits, others) if limits or others else (),
         limits is not None,
     )
@@ -203,9 +203,8 @@ def _under_limits(
     """Judge each cell of a group under μ0 and κ0, and under its other limits."""
     together: list[tuple[JudgedLimit, ...]] = [()] * len(columns)
     if limits is not None:
-        seed = group.cells[0].cell.scenario.experiment.seed
         level = 1 - max(run.confidence for run in runs)
-        found = _judged(range(len(columns)), columns, limits, seed, level)
+        found = _judged(range(len(columns)), group, columns, limits, level)
         together = [judged_together(each, limits) for each in found.judgements]
     return tuple(
         (*first, *judged_limits(runs[member.run], member.cell, others))
@@ -268,15 +267,24 @@ def _compare(
 
 
 def _judge(
-    sweep: ParameterSweep, columns: list[PairColumns], limits: Limits, seed: int, level: float
+    sweep: ParameterSweep,
+    group: StrategyGroup,
+    columns: list[PairColumns],
+    limits: Limits,
+    level: float,
 ) -> SweepResult:
-    return SweepResult(sweep, limits, _judged(sweep.cells, columns, limits, seed, level))
+    return SweepResult(sweep, limits, _judged(sweep.cells, group, columns, limits, level))
 
 
 def _judged(
-    cells: Sequence[int], columns: list[PairColumns], limits: Limits, seed: int, level: float
+    cells: Sequence[int],
+    group: StrategyGroup,
+    columns: list[PairColumns],
+    limits: Limits,
+    level: float,
 ) -> AllowedInterval:
-    """Judge cells with bounds that hold for all of them simultaneously."""
+    """Judge cells of a group with bounds that hold for all of them simultaneously."""
+    seed = group.cells[0].cell.scenario.experiment.seed
     swept = [
         swept_value(
             columns[cell].tau_all,
@@ -286,6 +294,7 @@ def _judged(
             resampling(seed, "comparison"),
             len(cells),
             level,
+            repeated=repeated(columns[cell], group.cells[cell].cell.scenario)[0],
         )
         for cell in cells
     ]

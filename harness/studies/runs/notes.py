@@ -87,6 +87,7 @@ def encounter_notes(
     """Return the notes of a cell of encounters, sorted by rank."""
     notes = [
         *_nothing_tested(scenario, findings),
+        *_all_the_same(scenario, findings),
         *_failures(scenario, findings),
         *_time_outs(scenario, findings),
         *_crashes_left_out(scenario, findings),
@@ -96,7 +97,7 @@ def encounter_notes(
         *_speeding(scenario, findings),
         *_outside_the_model(scenario, findings),
         *_reference(scenario, findings),
-        *few_pairs_notes(findings, catalogue),
+        *([] if len(_repeated(scenario, findings)) == 2 else few_pairs_notes(findings, catalogue)),
     ]
     return tuple(sorted(notes, key=lambda note: note.rank))
 
@@ -114,6 +115,22 @@ def _nothing_tested(scenario: Scenario, findings: Findings) -> list[Note]:
     elif findings["met_nobody"].count == pairs:
         notes.append("Neither driver met a pedestrian: nothing was tested.")
     return [Note(Rank.NOTHING_TESTED, text) for text in notes]
+
+
+def _repeated(scenario: Scenario, findings: Findings) -> list[str]:
+    """Return the arms whose episodes repeat the same one: their shares have no interval."""
+    arms = zip(("the AV", scenario.arms.human), ENDS, strict=True)
+    crashes = [(who, findings[f"kappa{end}"]) for who, end in arms]
+    return [who for who, found in crashes if found.value is not None and found.low is None]
+
+
+def _all_the_same(scenario: Scenario, findings: Findings) -> list[Note]:
+    names, pairs = _repeated(scenario, findings), findings["pairs"].count
+    text = (
+        f"All {pairs:,} episodes of {' and of '.join(names)} are the same: more pairs add nothing"
+    )
+    text += " about it." if len(names) == 1 else "."
+    return [Note(Rank.VERY_FEW_PAIRS, text)] if names else []
 
 
 def _failures(scenario: Scenario, findings: Findings) -> list[Note]:
