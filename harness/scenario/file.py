@@ -22,7 +22,7 @@ from harness.scenario.consistency import check_consistency, check_time_out
 from harness.scenario.own_network import with_own_network
 from harness.scenario.own_simulation import with_own_simulation
 from harness.scenario.scenario import Scenario
-from harness.scenario.units import in_si
+from harness.scenario.units import in_si, unit_of
 
 
 class Setting(NamedTuple):
@@ -263,6 +263,7 @@ _TOML_WORDS = {
     "dict_type": "a table",
     "tuple_type": "an array",
     "bool_type": "true or false",
+    "float_type": "a number",
 }
 """TOML's names for types that pydantic calls by Python's names."""
 
@@ -294,6 +295,8 @@ def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]
         return unknown_name(where, "key", path[-1], _keys_of(path[:-1]))
     message = first["msg"].removeprefix("Input should be ")
     allowed = _TOML_WORDS.get(first["type"], message[0].lower() + message[1:])
+    if first["type"] == "float_type" and (named_unit := unit_of(path[-1])) is not None:
+        allowed += f", in {named_unit[1]}"
     return InputError(where, f"{shortened(first['input'])} is not accepted", allowed)
 
 

@@ -1,4 +1,4 @@
-"""Speeds with a unit: a key that ends in ``_mps`` accepts "50 km/h" or a number in m/s."""
+"""Units by the ending of a key; one that ends in ``_mps`` accepts "50 km/h" or a number in m/s."""
 
 import math
 import re
@@ -16,7 +16,18 @@ UNITS = {
 }
 """Units of speed as (metres, seconds); they are exact by definition."""
 
+_ENDINGS = {"_mps3": "m/s³", "_mps2": "m/s²", "_mps": "m/s", "_m": "m", "_s": "s", "_deg": "°"}
+
 _FORM = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S+)\s*")
+
+
+def unit_of(name: str) -> tuple[str, str] | None:
+    """The ending of a key that says its unit, and the unit; None if the name says none.
+
+    >>> unit_of("max_deceleration_mps2"), unit_of("friction")
+    (('_mps2', 'm/s²'), None)
+    """
+    return next((each for each in _ENDINGS.items() if name.endswith(each[0])), None)
 
 
 def in_metres_per_second(text: str) -> float | None:

@@ -234,6 +234,23 @@ def test_what_is_said_of_wrong_settings(setting: str, parts: list[str]) -> None:
     refusal_of(lambda: load_scenario("cctc", [parse_setting(setting)]), *parts)
 
 
+@pytest.mark.parametrize(
+    ("key", "text", "allowed"),
+    [
+        ("ego.length_m", "50 km", "a number, in m"),
+        ("conflicts.ttc_s", "2 s", "a number, in s"),
+        ("crossing.bearing_deg", "N", "a number, in °"),
+        ("ego.max_deceleration_mps2", "1 g", "a number, in m/s²"),
+        ("crossing.grade", "5 %", "a number"),  # the name says no unit
+        ("experiment.pairs", "many", "a valid integer"),
+    ],
+)
+def test_a_text_for_a_number_is_answered_with_the_unit(key: str, text: str, allowed: str) -> None:
+    refused = refusal_of(lambda: load_scenario("cctc", [parse_setting(f"{key}={text}")]))
+    assert (refused.where, refused.problem) == (f"--set {key}", f"'{text}' is not accepted")
+    assert refused.allowed == allowed
+
+
 def test_files_that_are_no_scenario(tmp_path: Path) -> None:
     broken = tmp_path / "broken.toml"
     broken.write_text("[ego\n")

@@ -10,6 +10,7 @@ from harness.report.drawing.style import Picture
 from harness.report.screens.comparison_sentences import allowed_lines
 from harness.report.screens.tables import level as words_of_level
 from harness.scenario import as_written
+from harness.scenario.units import unit_of
 from harness.statistics import Limits, Verdict
 from harness.studies.runs.compare import allowed_values
 from harness.studies.runs.comparisons import SweepResult
@@ -65,10 +66,9 @@ def axis_label(key: str) -> str:
         return "pedestrian flow λ (per hour)"
     *section, name = key.split(".")
     owner = f"{section[1]}: " if section[:1] == ["strategies"] and len(section) > 1 else ""
-    for ending, unit in (("_mps2", "m/s²"), ("_mps", "m/s"), ("_m", "m"), ("_s", "s")):
-        if name.endswith(ending):
-            return f"{owner}{name.removesuffix(ending).replace('_', ' ')} ({unit})"
-    return owner + name.replace("_", " ")
+    ending, unit = unit_of(name) or ("", "")
+    words = owner + name.removesuffix(ending).replace("_", " ")
+    return f"{words} ({unit})" if unit else words
 
 
 def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) -> Iterator[Picture]:
