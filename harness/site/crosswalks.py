@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from harness.core.encounter import Crossing
 from harness.core.errors import InputError
-from harness.site.locate import MAX_OBLIQUE_DEG, ends_of, links_onto
+from harness.site.locate import MAX_OBLIQUE_DEG, ends_of, footpaths_of, links_onto
 from harness.site.road_network import RoadNetwork, line_of
 from harness.site.site import RoadFrame
 from harness.site.ways import Path, extended, paths_over, straight
@@ -52,6 +52,8 @@ class WayOver:
         turn_deg: angle between the lanes before and beyond the junction, 0 to 180.
         straight_before_m: length of the way before the centre line that is straight within 1°.
         straight_after_m: the same beyond the centre line.
+        ends_before: why the straight part begins there.
+        ends_after: why it ends there.
         signalled: whether a traffic light controls the vehicles or the people there.
     """
 
@@ -66,6 +68,8 @@ class WayOver:
     turn_deg: float
     straight_before_m: float
     straight_after_m: float
+    ends_before: str
+    ends_after: str
     signalled: bool
 
     @property
@@ -77,6 +81,14 @@ class WayOver:
         """Whether a vehicle of that length keeps straight on over the crosswalk."""
         rear_m = length_m + self.crossing.width_m / 2
         return self.straight_before_m >= STRAIGHT_BEFORE_M and self.straight_after_m >= rear_m
+
+    @property
+    def bend(self) -> str:
+        """For a way that is not straight over the crosswalk: up to where it is, and why."""
+        where, length_m, why = "before", self.straight_before_m, self.ends_before
+        if length_m >= STRAIGHT_BEFORE_M:
+            where, length_m, why = "beyond", self.straight_after_m, self.ends_after
+        return f"the way from {self.approach} is straight for {length_m:.1f} m {where} it and {why}"
 
     def place_m(self, edge: str, position_m: float) -> float | None:
         """x of a position on any lane of an edge; None if the way does not lead over that edge."""
@@ -98,6 +110,7 @@ class Crosswalk:
         areas: ids of the walking areas at its ends.
         ways: one for each connection of lanes that leads over it.
         refused: why nothing can be measured there, or None.
+        unreached: why nobody can walk over it, or None.
     """
 
     id: str
@@ -106,7 +119,8 @@ class Crosswalk:
     signalled: bool
     areas: frozenset[str]
     ways: tuple[WayOver, ...]
-    refused: str | None = None
+    refused: str | None
+    unreached: str | None
 
     @property
     def problem(self) -> str | None:
@@ -116,11 +130,12 @@ class Crosswalk:
         if self.refused is not None:
             return self.refused
         if not (ways := self.straight_ways):
-            return "no lane leads straight over it"
+            bends = [way.bend for way in sorted(self.ways, key=lambda way: way.turn_deg)[:1]]
+            return ": ".join(["no lane leads straight over it", *bends])
         if all(way.oblique for way in ways):
             angle_deg = max(way.angle_deg for way in ways)
             return f"vehicles meet it at {angle_deg:.0f}°, not within {MAX_OBLIQUE_DEG:.0f}° of 90°"
-        return None
+        return self.unreached
 
     @property
     def straight_ways(self) -> tuple[WayOver, ...]:
@@ -144,7 +159,7 @@ def _crosswalk(network: RoadNetwork, crossing: "Edge") -> Crosswalk:
     ]
     signalled = any(link.getTLSID() for link in links)
     ways: tuple[WayOver, ...] = ()
-    length_m, refused = lane.getLength(), None
+    length_m, refused, unreached = lane.getLength(), None, None
     try:
         ends = ends_of(crossing)
         length_m = abs(ends[1] - ends[0])
@@ -154,6 +169,10 @@ def _crosswalk(network: RoadNetwork, crossing: "Edge") -> Crosswalk:
         refused = error.problem
     except (LookupError, ValueError, ZeroDivisionError, StopIteration) as error:
         refused = f"the network is damaged there ({error})"
+    try:
+        footpaths_of(crossing, over_refuge=True)
+    except InputError as error:
+        unreached = error.problem
     return Crosswalk(
         id=crossing.getID(),
         length_m=length_m,
@@ -162,6 +181,7 @@ def _crosswalk(network: RoadNetwork, crossing: "Edge") -> Crosswalk:
         areas=frozenset(area.getEdge().getID() for area in areas),
         ways=ways,
         refused=refused,
+        unreached=unreached,
     )
 
 
@@ -227,5 +247,7 @@ def _way(
         turn_deg=abs(math.degrees(cmath.phase(turn))),
         straight_before_m=road.before_m,
         straight_after_m=road.after_m,
+        ends_before=road.ends_before,
+        ends_after=road.ends_after,
         signalled=signalled or any(link.getTLSID() for link in links),
     )

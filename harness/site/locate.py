@@ -239,21 +239,31 @@ def links_onto(crossing: "Edge") -> list["Connection"]:
     return connections
 
 
-def footpaths_of(crossing: "Edge", *, reverse: bool = False) -> tuple[Footpath, Footpath]:
-    """The near and the far footpath; with ``reverse`` the crossing's edge ends at the near kerb."""
+def footpaths_of(
+    crossing: "Edge", *, reverse: bool = False, over_refuge: bool = False
+) -> tuple[Footpath, Footpath]:
+    """The near and the far footpath.
+
+    Args:
+        crossing: the crossing's edge.
+        reverse: whether it ends at the near kerb.
+        over_refuge: whether an end without a footpath, a refuge, has the nearest one beyond other
+            crossings.
+
+    Raises:
+        InputError: no footpath leads to an end.
+    """
     start = [link.getFromLane() for link in links_onto(crossing)]
     end = [link.getToLane() for link in crossing.getLane(0).getOutgoing()]
     sides = []
     for side, areas in zip(Side, (end, start) if reverse else (start, end), strict=True):
-        footpaths: list[tuple[float, str, bool, str]] = [
-            (leads.getLength(), leads.getEdge().getID(), at_end, area.getEdge().getID())
-            for area in areas
-            for leads, at_end in [
-                *((link.getFromLane(), True) for link in area.getIncomingConnections()),
-                *((link.getToLane(), False) for link in area.getOutgoing()),
-            ]
-            if not leads.getEdge().isSpecial() and allows(leads, "pedestrian")
-        ]
+        footpaths = _footpaths_at(areas)
+        seen, lanes = {crossing.getLane(0), *start, *end}, areas
+        while over_refuge and lanes and not footpaths:
+            beside = [lane for each in lanes for lane, _ in _beside(each)]
+            lanes = [lane for lane in beside if lane.getEdge().isSpecial() and lane not in seen]
+            seen.update(lanes)
+            footpaths = _footpaths_at(lanes)
         if not footpaths:
             problem = f"no footpath leads to its {side} end"
             allowed = "a lane for pedestrians at each end (netconvert --sidewalks.guess adds them)"
@@ -263,6 +273,24 @@ def footpaths_of(crossing: "Edge", *, reverse: bool = False) -> tuple[Footpath, 
         end_m, inside_m = (length, length - inside) if at_end else (0.0, inside)
         sides.append(Footpath(edge, end_m, inside_m, area))
     return sides[0], sides[1]
+
+
+def _beside(area: "Lane") -> list[tuple["Lane", bool]]:
+    """The lanes that meet a walking area or a crossing, each with whether it ends there."""
+    return [
+        *((link.getFromLane(), True) for link in area.getIncomingConnections()),
+        *((link.getToLane(), False) for link in area.getOutgoing()),
+    ]
+
+
+def _footpaths_at(areas: list["Lane"]) -> list[tuple[float, str, bool, str]]:
+    """The footpaths at walking areas: length, edge, whether it ends there, and the area."""
+    return [
+        (leads.getLength(), leads.getEdge().getID(), at_end, area.getEdge().getID())
+        for area in areas
+        for leads, at_end in _beside(area)
+        if not leads.getEdge().isSpecial() and allows(leads, "pedestrian")
+    ]
 
 
 def _signal(crossing: "Edge", approach: "Lane") -> Signal | None:

@@ -131,7 +131,7 @@ def _setting_at(
         for way in crosswalk.ways
         if way.to_edge and not way.oblique
     )
-    paths = {name: footpaths_of(network.crossings[name]) for name in crossings}
+    paths = {name: footpaths_of(network.crossings[name], over_refuge=True) for name in crossings}
     step_s = step_s or config.step_s
     return Setting(config, _sha256_of(config), step_s, range_m, chosen, added, ways, paths)
 

@@ -8,6 +8,7 @@ import pytest
 
 from harness.model.interaction import InteractionModel
 from harness.scenario import load_scenario
+from harness.scenario.own_simulation import setting_of
 from harness.store.simulations.simulation_catalogue import AVS_NOT_DRIVEN
 from harness.store.simulations.simulation_tables import simulation_rows
 from tests import towns
@@ -169,23 +170,22 @@ def test_a_light_is_the_reason(scenario: Path) -> None:
     assert not (folder / "no.toml").exists()
 
 
-def bent(folder: Path, crossed: str = "w_x x_w", *more: str) -> Path:
-    """A road with a crosswalk at x = 200 m, whose eastern approach bends by 10.6° at 240 m."""
+def bent(folder: Path, *crossed: str, bend_m: float = 40.0) -> Path:
+    """A road with a crosswalk at x = 200 m, whose eastern approach bends so far before it."""
     (folder / "n.nod.xml").write_text(
         '<nodes><node id="w" x="0" y="0"/><node id="x" x="200" y="0" type="priority"/>'
         '<node id="e" x="400" y="30"/></nodes>'
     )
     edge = '<edge id="{}" from="{}" to="{}" numLanes="1" speed="13.89" sidewalkWidth="2" {}/>'
     edges = [("w_x", "w", "x", ""), ("x_w", "x", "w", "")]
-    edges += [("x_e", "x", "e", 'shape="200,0 240,0 400,30"')]
-    edges += [("e_x", "e", "x", 'shape="400,30 240,0 200,0"')]
+    edges += [("x_e", "x", "e", f'shape="200,0 {200 + bend_m},0 400,30"')]
+    edges += [("e_x", "e", "x", f'shape="400,30 {200 + bend_m},0 200,0"')]
     text = "".join(edge.format(*each) for each in edges)
     (folder / "e.edg.xml").write_text(f"<edges>{text}</edges>")
-    (folder / "c.con.xml").write_text(
-        f'<connections><crossing node="x" edges="{crossed}" width="4"/></connections>'
-    )
+    lines = [f'<crossing node="x" edges="{each}" width="4"/>' for each in crossed or ["w_x x_w"]]
+    (folder / "c.con.xml").write_text(f"<connections>{''.join(lines)}</connections>")
     files = ("-n", "n.nod.xml", "-e", "e.edg.xml", "-x", "c.con.xml", "-o", "net.net.xml")
-    towns.call(folder, "netconvert", *files, "--no-turnarounds", *more)
+    towns.call(folder, "netconvert", *files, "--no-turnarounds")
     vehicles = '<vehicle id="{0}" depart="0"><route edges="{0} {1}"/></vehicle>'
     for name, ways in (("one", [("w_x", "x_e")]), ("both", [("w_x", "x_e"), ("e_x", "x_w")])):
         routes = "".join(vehicles.format(*way) for way in ways)
@@ -224,3 +224,37 @@ def test_avs_that_are_not_driven_are_counted_by_reason(
     (row,) = simulation_rows(0, [outcome])["simulations"].to_pylist()
     assert (row["av_passages"], row["avs_bend"], row["avs_uncommanded"]) == (2, 1, 0)
     assert sum(row[column] for column in AVS_NOT_DRIVEN) == 1
+
+
+def test_a_crosswalk_that_ends_on_a_refuge_has_the_footpath_beyond_the_refuge(
+    model: InteractionModel, tmp_path: Path
+) -> None:
+    config = bent(tmp_path, "w_x", "x_w") / "one.sumocfg"
+    halves = (":x_c0", ":x_c1")
+    rows = listed(config)
+    assert [rows[half]["usable"] for half in halves] == [True, True]
+    keys = {"simulation__step_s": 0.1, "pedestrians__flow_per_hour": 3600.0}
+    scenario = towns.scenario_of(config, halves, **keys)
+    setting = setting_of(scenario)
+    sides = [{"w_x", "x_e"}, {"x_w", "e_x"}]
+    near, far = ({path.edge} for path in setting.footpaths[halves[0]])
+    assert (near <= sides[0] and far <= sides[1]) or (near <= sides[1] and far <= sides[0])
+    # Whoever is added walks over both halves.
+    outcome = towns.run_arm(scenario, model, tmp_path / "arm")
+    over = [
+        {track.id for track in outcome.log.people[half] if track.on_crossing.any()}
+        for half in halves
+    ]
+    assert len(over[0] & over[1]) > 10
+
+
+def test_a_way_that_bends_at_once_is_the_reason(tmp_path: Path) -> None:
+    """Only e_x leads over x_w; it bends by atan(30 / 195) = 8.7° 5 m before the crosswalk."""
+    config = bent(tmp_path, "w_x", "x_w", bend_m=5.0) / "both.sumocfg"
+    (problem,) = (
+        str(row["problem"]) for row in listed(config).values() if row["streets"] == ["x_w"]
+    )
+    words = r"no lane leads straight over it: the way from e_x_1 is straight for (\S+) m before it "
+    found = re.fullmatch(words + r"and bends by 8\.7° (\S+) m before the crosswalk", problem)
+    assert found is not None, problem
+    assert [float(each) for each in found.groups()] == pytest.approx([5.0, 5.0], abs=0.6)
