@@ -27,7 +27,7 @@ from harness.studies.validation import (
 )
 from harness.studies.validation.bootstrap import few_vehicles
 from harness.studies.validation.drivers import DRAWS, FoldModels, outcomes_of
-from harness.studies.validation.figures import pass_time_score
+from harness.studies.validation.figures import Drives, findings_of, pass_time_score
 from tests.batches import printed
 from tests.recordings import DRIVERS, LENGTH_M, RATE_HZ, SCENES, held, write_set
 from tests.scenes import refuses
@@ -210,9 +210,26 @@ def test_what_few_vehicles_mean_for_an_interval_and_the_score_of_a_random_model(
     assert pass_time_score(draws, 0.3) == pytest.approx(0.3**3 / 3 + 0.7**3 / 3, abs=1e-3)
 
 
+def test_passages_without_a_pet_are_counted_and_so_are_the_contacts_among_them() -> None:
+    # Five passages of two draws.  Passage 0 has contacts in both draws, passage 1 in one; passage 2
+    # has no PET without a contact.  In passages 3 and 4 the PET is 2 s; the recorded one is 3 s.
+    ones, nan = np.ones(5), np.nan
+    pet_s = np.array([[nan, nan, 3], [nan, 2, 3], [nan, nan, 3], [2, 2, 3], [2, 2, 3]])
+    columns = dict.fromkeys(Drives.__dataclass_fields__, ones)
+    columns |= {name: np.ones((5, 3)) for name in ("least_speed_mps", "time_advantage_s")}
+    columns |= {"error_s": np.ones((5, 2)), "squared_m2": np.ones((5, 3)), "pet_s": pet_s}
+    columns |= {"contact": np.array([1, 0.5, 0, 0, 0])}
+    found = findings_of(Drives(**columns), [], None)
+    assert (found["pet_distance_s"].value, found["pet_distance_s"].n) == (1.0, 2)
+    assert found["pet_contacts"].value == 2
+    assert found["position_rmse_4s_m"].n == 5
+
+
 def test_every_number_of_a_validation_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     values = dict.fromkeys((entry.key for entry in ENTRIES), Finding(0.5, 0.25, 0.75))
     first = values | {"pass_time_score_s": Finding(2.51, 1.68, 3.41), "contacts": Finding(11.6)}
+    # 12 of 34 passages are contacts and have no PET.
+    first |= {"pet_distance_s": Finding(0.5, 0.25, 0.75, n=22), "pet_contacts": Finding(12.0)}
     second = values | {"pass_time_score_s": Finding(None)}
     told = ("human_gmm", "human_recorded")
     counts = {"passages": 34, "vehicles": 26, "encounters": 497, "contacts_recorded": 2}

@@ -102,7 +102,8 @@ def validation_tables(findings: ValidationFindings) -> list[Table]:
         ),
         Table(
             "validation-further",
-            "Root mean square errors of position; Wasserstein distances of distributions",
+            "Root mean square errors of position; Wasserstein distances of distributions; in "
+            f"brackets the passages used, of {findings.passages:,}",
             ("driver", *names[1]),
             tuple(further),
             sortable=True,
@@ -112,9 +113,12 @@ def validation_tables(findings: ValidationFindings) -> list[Table]:
 
 
 def _cells(driver: DriverFindings, entries: Iterable[Entry[Any]]) -> list[TableCell]:
+    """Return each number above its limits, with the passages used if it may leave some out."""
     return [
         TableCell(
-            entry_value(entry, finding), entry_limits(entry, finding), sort_key(finding.number)
+            entry_value(entry, finding) + (f" ({finding.n:,})" if finding.n is not None else ""),
+            entry_limits(entry, finding),
+            sort_key(finding.number),
         )
         for entry in entries
         for finding in [driver.findings[entry.key]]

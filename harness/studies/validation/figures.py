@@ -219,6 +219,15 @@ ENTRIES: tuple[Entry[Drives], ...] = (
         undefined=_NEVER,
     ),
     Entry(
+        "pet_contacts",
+        "no PET: contact",
+        "Passages that the PET leaves out because the driver touched someone.",
+        Form.COUNT,
+        paired=lambda drives: float(
+            (np.isnan(drives.pet_s[:, :-1]).any(axis=1) & (drives.contact > 0)).sum()
+        ),
+    ),
+    Entry(
         "time_advantage_distance_s",
         "time advantage",
         "Wasserstein distance of the smallest time advantages.",
