@@ -47,7 +47,8 @@ def test_a_queue_ends_at_the_last_slow_vehicle_on_a_way_straight_on() -> None:
     """A car that stands inside the junction before the crosswalk counts.
 
     The other cars do not: one has its front beyond the crosswalk, one drives, and one waits for
-    right of way in a side street, from where it turns over the crosswalk.
+    right of way in a side street, from where it turns over the crosswalk.  Nor does a bus count
+    that is at its stop 70 m before the crosswalk.
     """
     lane = SimpleNamespace
     road = [lane(lane="road", start_m=-100.0), lane(lane=":J_0", start_m=-12.0)]
@@ -58,7 +59,7 @@ def test_a_queue_ends_at_the_last_slow_vehicle_on_a_way_straight_on() -> None:
     crosswalk = SimpleNamespace(id="c", straight_ways=(straight,), ways=(straight, turning))
     # By lane: the cars' positions and speeds.
     cars = {
-        "road": {"drives": (70.0, 9.0)},
+        "road": {"drives": (70.0, 9.0), "bus": (30.0, 0.0)},
         ":J_0": {"beyond": (13.0, 0.0), "stands": (8.0, 1.0)},
         "side": {"waits": (50.0, 0.0)},
     }
@@ -69,6 +70,7 @@ def test_a_queue_ends_at_the_last_slow_vehicle_on_a_way_straight_on() -> None:
             getLanePosition=lambda name: states[name][0],
             getSpeed=lambda name: states[name][1],
             getLength=lambda _name: 5.0,
+            isStopped=lambda name: name == "bus",
         ),
     )
     setting: Any = SimpleNamespace(config=SimpleNamespace(end_s=100.0), crosswalks=(crosswalk,))

@@ -63,7 +63,8 @@ class Standing:
         vehicle, longest_m = self._vehicle, 0.0
         for lane, start_m in lanes:
             for name in self._on_lane(lane):
-                if vehicle.getSpeed(name) < QUEUED_MPS:
+                # A vehicle at its scheduled stop, such as a bus, is not held up.
+                if vehicle.getSpeed(name) < QUEUED_MPS and not vehicle.isStopped(name):
                     front_m = start_m + vehicle.getLanePosition(name)
                     # A vehicle that has passed the centre line does not queue before it.
                     if front_m <= 0.0:

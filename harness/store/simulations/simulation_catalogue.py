@@ -116,7 +116,8 @@ SIMULATIONS: tuple[Entry[ArmColumns], ...] = (
         "queue_p95_m",
         "queue, 95 %",
         "95 % quantile, over seconds and chosen crosswalks, of the distance from the crosswalk to "
-        "the rear of the last queued vehicle on a lane that leads straight over it.",
+        "the rear of the last queued vehicle on a lane that leads straight over it. A vehicle at "
+        "its scheduled stop is not queued.",
         _NO_PASSAGE,
         unit="m",
     ),
