@@ -214,6 +214,16 @@ def summary_of(pairs: PairColumns):
     return summarise(EncounterColumns(pairs, 60.0, 7.4, rng()))
 
 
+def test_mean_times_are_over_the_pairs_of_their_ratio() -> None:
+    """Pairs 0, 1, 2, 5, 6 and 8 count: nobody failed, the AV did not crash; a time-out is 60 s."""
+    findings = summary_of(columns()).findings
+    assert findings["time_s"].value == pytest.approx((6 + 9 + 12 + 60 + 15 + 20) / 6)
+    # The human timed out in pair 6 and crashed in pair 8, where 8 s is the time of driving on.
+    assert findings["time_human_s"].value == pytest.approx((10 + 10 + 8 + 30 + 60 + 8) / 6)
+    # The delay is over the episodes of each arm that crossed; the human has six of them.
+    assert findings["delay_human_s"].value == pytest.approx((10 + 10 + 8 + 9 + 9 + 30) / 6 - 7.4)
+
+
 def test_comfort_counts_steps_and_whoever_met_someone() -> None:
     pairs = columns()
     count = int((pairs.met_someone & ~pairs.failed[0]).sum())
