@@ -147,3 +147,15 @@ def test_examples(module: str) -> None:
     found = doctest.testmod(importlib.import_module(module), optionflags=doctest.ELLIPSIS)
     assert found.attempted > 0
     assert found.failed == 0
+
+
+def test_an_unknown_model_is_refused_with_the_call_that_loads_a_file() -> None:
+    with pytest.raises(harness.InputError) as caught:
+        harness.load_model("m1.json")
+    assert str(caught.value) == (
+        "model.name: unknown model 'm1.json'; allowed: dut, dut-k10; a file: model.path, in Python "
+        "load_model(name, path)"
+    )
+    shipped = Path(harness.__file__).parent / "model" / "shipped" / "dut-k10.json"
+    # The paper's K.
+    assert harness.load_model("any name", str(shipped)).mixture.weights.size == 10

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from harness.core.documents import check_form, parse_json
-from harness.core.errors import InputError, unknown_name
+from harness.core.errors import InputError, nearest_name
 from harness.core.files import read_file, write_file
 from harness.model.interaction.model import (
     INVERSE_RANGE,
@@ -47,8 +47,8 @@ def load_model(name: str, path: str | None = None, over_refits: bool = False) ->
     """A shipped model by name, or a model file by path.
 
     Args:
-        name: name of a shipped model.
-        path: path of a model file, instead of a name.
+        name: name of a shipped model; it is not used with ``path``.
+        path: path of a model file.
         over_refits: whether to load its refits too, so that pairs are spread over them.
 
     Raises:
@@ -61,7 +61,10 @@ def load_model(name: str, path: str | None = None, over_refits: bool = False) ->
         files = (*SHIPPED.glob("*.json"),)
         shipped = {file.stem: file for file in files if not is_refit_file(file)}
         if name not in shipped:
-            raise unknown_name("model.name", "model", name, shipped)
+            names = ", ".join(sorted(shipped))
+            allowed = f"{names}; a file: model.path, in Python load_model(name, path)"
+            nearest = nearest_name(name, shipped)
+            raise InputError("model.name", f"unknown model {name!r}", allowed, nearest)
         file = shipped[name]
     model = read_model(file)
     if over_refits:
