@@ -55,8 +55,8 @@ class Finding:
 
     ``n`` is the number of informative pairs behind an interval, or the number of trials behind a
     share; ``events`` is the number of events among these trials.  ``reliable`` is None if the
-    value is undefined.  ``reason`` says why the value is undefined or why the interval is
-    unreliable; it is None if neither is the case.
+    value is undefined or has no interval.  ``reason`` says why the value is undefined or why the
+    interval is unreliable; it is None if neither is the case.
     """
 
     value: Plain
@@ -251,6 +251,8 @@ class Entry(Generic[Source]):
         """The finding with the reason why it is undefined or its interval is unreliable."""
         if finding.value is None:
             return replace(finding, reliable=None, reason=self.undefined or None)
+        if finding.low is None:
+            return replace(finding, reliable=None)
         least = self.least(name)
         if self.interval is not Resampled or least is None:
             return finding
@@ -265,8 +267,6 @@ def with_reliability(finding: Finding, least: int, alike: int) -> Finding:
         least: the least number of informative pairs for a reliable interval.
         alike: the cell's value of the count that ``ALIKE_COUNT`` names.
     """
-    if finding.low is None:
-        return finding
     if finding.n:
         few = f"unreliable below {least:,} informative pairs (has {finding.n:,})"
         return replace(finding, reliable=False, reason=few) if finding.n < least else finding

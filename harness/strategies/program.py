@@ -127,11 +127,13 @@ class _Running:
                 raise ChildProcessError(self._why_gone())
             self._rest += part
             if len(self._rest) > _LONGEST_ANSWER:
-                raise ValueError("the program answered a line with more than one number")
+                raise ValueError(
+                    f"the program answered a line of more than {_LONGEST_ANSWER} bytes"
+                )
         line, _, self._rest = self._rest.partition(_NEWLINE)
         if self._rest:
             # The rest would be taken for the answer to the next observation.
-            raise ValueError("the program answered a line with more than one number")
+            raise ValueError("the program answered more than one line")
         return line
 
     def end(self) -> None:

@@ -479,7 +479,7 @@ def test_few_pairs_are_said_to_be_few(name: str) -> None:
     assert (few.reliable, few.reason, few.n) == (False, words, least - 1)
     assert entry.finding(name, Resampled(1.0, 0.9, 1.1, least), 50).reliable
     # Where there is no interval, there is nothing to be called narrow.
-    assert entry.finding(name, Resampled(1.0, None, None, 1), 50).reliable
+    assert entry.finding(name, Resampled(1.0, None, None, 1), 50).reliable is None
 
 
 def test_what_a_summary_says_of_its_reliability_and_keeps_when_written() -> None:

@@ -167,9 +167,9 @@ worst case                 ratio of times 1.70, crashes 9 of 50, μ 1.900, delay
 ! 3 of 50 pairs failed (AV 2, own:Driver 1; strategy 2, engine 1); only the worst case counts them.
 ! 4 of 50 pairs timed out (AV 4, own:Driver 0): only the ratio of times uses them, as 60 s.
 ! The ratio of times uses 45 of 50 pairs, μ and c_v use 40 (crashes: AV 2, own:Driver 1).
-! The difference of delays counts a crashed own:Driver as driving on.
 ! μ makes the AV look faster than it is: over all pairs μ is 0.900 (0.820 … 1.000), if own:Driver
   counts as driving on after a crash.
+! The difference of delays counts a crashed own:Driver as driving on.
 ! Undefined: people's wait (nobody arrived).
 ! hard_yield drove 30 of 50 passages (60 % of those that met someone), for which soft_yield has no
   valid plan.

@@ -105,7 +105,7 @@ def with_limits(entry: Entry[Any], both: Finding) -> str:
     """Return a number of both arms with its interval."""
     value = entry_value(entry, both, entry.paired_digits)
     limits = entry_limits(entry, both, entry.paired_digits)
-    if both.reliable or both.low != both.high:
+    if both.reliable is not False or both.low != both.high:
         return f"{value} ({limits})" if limits else value
     # Too few equal pairs have no spread, but that does not make the number certain.
     return DASH if entry.form is Form.SHARE else value

@@ -92,6 +92,7 @@ def encounter_notes(
         *_time_outs(scenario, findings),
         *_crashes_left_out(scenario, findings),
         *_direction(scenario, findings),
+        *_delays_of_crashed(scenario, findings),
         *undefined_notes(findings, catalogue),
         *_fallback(scenario, findings),
         *_speeding(scenario, findings),
@@ -170,11 +171,7 @@ def _crashes_left_out(scenario: Scenario, findings: Findings) -> list[Note]:
     if with_time == defined:
         uses = f"The ratio of times, μ and c_v use {with_time:,} of {pairs}"
     text = f"{uses} (crashes: AV {av:,}, {scenario.arms.human} {human:,})."
-    notes = [Note(Rank.LEFT_OUT, text)]
-    if human:
-        text = f"The difference of delays counts a crashed {scenario.arms.human} as driving on."
-        notes.append(Note(Rank.LEFT_OUT, text))
-    return notes
+    return [Note(Rank.LEFT_OUT, text)]
 
 
 def _direction(scenario: Scenario, findings: Findings) -> list[Note]:
@@ -190,6 +187,13 @@ def _direction(scenario: Scenario, findings: Findings) -> list[Note]:
         f"({over_all.low:.3f} … {over_all.high:.3f}), if {scenario.arms.human} counts as driving "
         "on after a crash."
     )
+    return [Note(Rank.LEFT_OUT, text)]
+
+
+def _delays_of_crashed(scenario: Scenario, findings: Findings) -> list[Note]:
+    if not findings["kappa_human"].events:
+        return []
+    text = f"The difference of delays counts a crashed {scenario.arms.human} as driving on."
     return [Note(Rank.LEFT_OUT, text)]
 
 

@@ -20,12 +20,13 @@ def site_words(scenarios: Sequence[Scenario]) -> str:
         texts = {words(scenario) for scenario in scenarios}
         return texts.pop() if len(texts) == 1 else f"{name} varied"
 
-    cars = [common(_actuation, "actuation"), common(_perception, "perception")]
+    words = ((_actuation, "actuation"), (_perception, "perception"), (_hiding, "hiding"))
+    cars = [common(*each) for each in words]
     if scenarios[0].kind == "own simulations":
-        words = [common(*each) for each in VEHICLE_WORDS["own simulations"]]
-        return f"Site: {'; '.join(filter(None, [*words, *cars]))}."
+        own = [common(*each) for each in VEHICLE_WORDS["own simulations"]]
+        return f"Site: {'; '.join(filter(None, [*own, *cars]))}."
     parts = [common(_road, "road"), common(_speed, "v0"), common(_people, "people")]
-    parts[2:2] = [common(*words) for words in VEHICLE_WORDS[scenarios[0].kind]]
+    parts[2:2] = [common(*each) for each in VEHICLE_WORDS[scenarios[0].kind]]
     parts += [common(_behaviour, "behaviour"), *cars]
     return f"Site: {'; '.join(filter(None, parts))}."
 
@@ -98,6 +99,12 @@ def _perception(scenario: Scenario) -> str:
         "errors of {} m/s": perception.speed_sd_mps,
     }
     return f"{'sensors of both arms' if perception.human else 'sensor of the AV'}: {_set(words)}"
+
+
+def _hiding(scenario: Scenario) -> str:
+    """Whether vehicles hide people; among encounters there are no other vehicles."""
+    hides = scenario.perception.vehicles_hide and scenario.kind != "encounters"
+    return "vehicles hide people from both arms" if hides else ""
 
 
 def _set(words: Mapping[str, float | None]) -> str:
