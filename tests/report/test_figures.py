@@ -29,9 +29,12 @@ from harness.report.drawing.style import Picture
 from harness.report.pages.pictures import pictures_of
 from harness.report.pages.sweep_pictures import sweep_pictures
 from harness.site import read_network, read_site
+from harness.studies.kinds.tasks import Task
+from harness.studies.runs.opening import load_run
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import shown_pairs
-from tests.batches import run_inline, sweep
+from tests.batches import sweep
+from tests.made_up import made_up
 
 
 @pytest.fixture
@@ -344,9 +347,13 @@ def test_the_delay_of_pedestrians_is_drawn_for_both_arms(
 
 
 def test_a_swept_parameter_has_its_limits_and_what_they_allow(tmp_path: Path) -> None:
-    changes = {"experiment.pairs": 8, "limits.mu0": 5.0, "limits.kappa0": 0.99}
-    study = sweep("cctc", changes, "strategies.soft_yield.time_margin_s=0,1,2")
-    run = run_inline(study, tmp_path / "margin")
+    def fates(task: Task, _pair: int) -> float:
+        return 8.0 + task.scenario.strategies["soft_yield"]["time_margin_s"]
+
+    # 20 equal values of τ show μ, so few pairs decide.
+    changes = {"experiment.pairs": 20, "limits.mu0": 5.0, "limits.kappa0": 0.99}
+    study = sweep("cctc", changes, "strategies.soft_yield.time_margin_s=0.0,1.0,2.0")
+    run = load_run(made_up(tmp_path / "margin", study, fates))
     with style.styled():
         found = list(sweep_pictures(run))
     names = ["aggressiveness", "sweep-time-ratio", "sweep-delay", "sweep-pedestrian-delay"]
