@@ -126,3 +126,19 @@ def test_few_pairs_are_said_and_trips_that_did_not_end_are_no_pairs() -> None:
     assert "trips that did not end" in folded
     assert "pairs left out" not in folded
     assert "few pairs" not in folded
+
+
+def test_a_difference_that_is_equal_in_all_pairs_says_that_it_has_no_spread() -> None:
+    """A queue of 0 m against one of 21 m in both pairs; one pair alone cannot show a spread."""
+    queue = {
+        "queue_p95_m": Finding(0.0),
+        "queue_p95_m_human": Finding(21.0),
+        "queue_p95_m_difference": Finding(-21.0),
+    }
+    (row,) = (line for line in lines_of(**queue) if line.startswith("queue, 95 %"))
+    assert row.rstrip().endswith("−21.0 (no spread)")
+    one = lines_of(**queue, failed=Finding(1))
+    (row,) = (line for line in one if line.startswith("queue, 95 %"))
+    assert row.rstrip().endswith("−21.0")
+    (row,) = (line for line in lines_of() if line.startswith("time loss of AVs"))
+    assert row.rstrip().endswith("−1.1 (−4.9 … 4.5)")

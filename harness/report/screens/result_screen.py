@@ -18,7 +18,7 @@ from harness.report.screens.tables import (
     per_cent,
 )
 from harness.scenario import as_written
-from harness.statistics import CONFIDENCE, zero_bound
+from harness.statistics import CONFIDENCE, Interval, zero_bound
 from harness.statistics.entries import Entry, Finding, Form
 from harness.statistics.findings import CellFindings, Rank, RunFindings
 from harness.statistics.over_model import OverModel
@@ -73,9 +73,19 @@ def _entry_row(entry: Entry[Any], cell: CellFindings, paper: bool) -> tuple[str,
         entry_heading(entry, cell.thresholds),
         entry_value(entry, av),
         entry_value(entry, reference),
-        _both(entry, av, reference, cell) if both is None else with_limits(entry, both),
+        _both(entry, av, reference, cell)
+        if both is None
+        else f"{with_limits(entry, both)}{_no_spread(entry, both, cell)}",
         over_model_limits(entry, cell) if cell.over_model else entry.paper if paper else "",
     )
+
+
+def _no_spread(entry: Entry[Any], both: Finding, cell: CellFindings) -> str:
+    """Return why a difference has no interval: all pairs are equal, or only one defines it."""
+    if entry.interval is not Interval or entry.of_arm is None or both.number is None:
+        return ""
+    several = cell.pairs - cell.findings["failed"].count > 1
+    return " (no spread)" if several and both.low is None else ""
 
 
 def over_model_limits(entry: Entry[Any], cell: CellFindings) -> str:
