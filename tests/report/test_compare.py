@@ -365,9 +365,9 @@ def test_the_first_screen_says_who_is_better_in_what(run: Path) -> None:
         for name in ("soft_yield", "constant_speed")
     )
     said = [[text.strip() for text in row.split("  ") if text.strip()] for row in (soft, constant)]
-    assert said[0][4:] == ["0 of 40", "yes", "2", "4"]
+    assert said[0][4:] == ["0 of 40", "yes", "4", "2"]
     # In the worst case the ten count with 300 s, the human with 10 s: (30 · 7 + 10 · 300) / 400.
-    assert said[1][4:] == ["8.03", "10 of 40", "yes", "all", "–"]
+    assert said[1][4:] == ["8.03", "10 of 40", "yes", "–", "all"]
     # 1 − 0.05^(1/40) is the rate at which 40 passages are free of crashes in 5 %.
     assert "Where crashes are 0, their rate is below 7.2 % (95 % confidence)." in "\n".join(lines)
     assert "40 pairs each, seed 1" in lines[0]
