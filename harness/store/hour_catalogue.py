@@ -38,7 +38,9 @@ def _mean(
     )
 
 
-def _per_1000(events: str, heading: str, meaning: str) -> Entry[HourColumns]:
+def _per_1000(
+    events: str, heading: str, meaning: str, first_screen: bool = False
+) -> Entry[HourColumns]:
     """Events per 1,000 vehicles that reached the crosswalk."""
     return Entry(
         f"{events}_per_1000",
@@ -48,6 +50,7 @@ def _per_1000(events: str, heading: str, meaning: str) -> Entry[HourColumns]:
         paired=lambda c: scaled(c.share_difference(events, "reached"), 1_000.0),
         interval=Interval,
         undefined=_NOT_REACHED,
+        first_screen=first_screen,
     )
 
 
@@ -118,7 +121,6 @@ HOURS: tuple[Entry[HourColumns], ...] = (
         form=Form.WORD,
         of_arm=lambda c, arm: c.los_pedestrians(arm),
         undefined=_NOBODY,
-        first_screen=True,
     ),
     _per_1000("crashes", "crashes", "Crashes"),
     Entry(
@@ -188,6 +190,7 @@ HOURS: tuple[Entry[HourColumns], ...] = (
             f"conflicts_{conflict.name}",
             conflict.heading,
             f"Conflicts, by the threshold `conflicts.{conflict.threshold}`,",
+            first_screen=conflict.name == "pet",
         )
         for conflict in CONFLICTS
     ),

@@ -73,7 +73,7 @@ CROWDS = "in crowds (DUT): order right for 62 %."
         ("euro_ncap_vru", {}, f"human_yield {NOT_HELD}; {CROWDS}"),
         ("traffic", {"strategies.human_yield.reaction_time_s": 1.2},
          f"human_yield with these settings {NOT_HELD}; with its defaults at 12 measured "
-         "site-periods: pedestrians' waits are off by +4.2 s, R² −5.66."),
+         "site-periods: pedestrians' waits are off by +4.2 s, R² −5.66 (1: exact, 0: a constant)."),
     ],
 )  # fmt: skip
 def test_what_was_not_measured_is_said(name: str, settings: dict[str, object], line: str) -> None:

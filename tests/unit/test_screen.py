@@ -629,7 +629,8 @@ def hour_with(settings: dict[str, Any], **changes: Finding) -> CellFindings:
     scenario = load_scenario("penetration", {"traffic.av_share": 0.3, **settings})
     findings = nothing(HOURS) | HOUR | changes
     notes = hour_notes(scenario, findings, HOURS)
-    return CellFindings(0, {}, "hard_yield", "human_yield", 5, {}, findings, notes)
+    thresholds = scenario.conflicts.model_dump()
+    return CellFindings(0, {}, "hard_yield", "human_yield", 5, thresholds, findings, notes)
 
 
 def hours_of(*cells: CellFindings, path: str = "runs/h") -> RunFindings:

@@ -165,7 +165,7 @@ def _at_sites(behaviour: str, driver: str) -> str:
         return ""
     return (
         "at 12 measured site-periods: pedestrians' waits are off by "
-        f"{_signed(off.mean_s, '+.1f')} s, R² {_signed(off.r2, '.2f')}"
+        f"{_signed(off.mean_s, '+.1f')} s, R² {_signed(off.r2, '.2f')} (1: exact, 0: a constant)"
     )
 
 
