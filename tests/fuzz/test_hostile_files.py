@@ -23,6 +23,7 @@ from harness.studies.batch import experiment
 from tests.batches import here
 from tests.conftest import close_all
 from tests.fuzz.hostile import cases, hostile
+from tests.towns import call
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 EXAMPLES = DATA.parents[1] / "examples"
@@ -44,6 +45,9 @@ experiment = {pairs = 2}
 
 FIT = "fit {file} --components 1 --starts 1 --folds 0 --workers 1 --out out/model.json"
 RUN = "run"
+TUNE = "tune cctc --parameter strategies.soft_yield.time_margin_s=-1:1 --minimise time_ratio"
+TUNE += " --trials 2 --pairs 2 --fresh 2 --engine plain --workers 1 --out tuned"
+FCD = ("--fcd-output", "../fcd/fcd.xml")
 ONE = "--pair 0 --arm av --out out"
 KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
     "scenario": (10_000, ("run {file} --out out", "run {file} --vary experiment.seed=1,2")),
@@ -69,6 +73,16 @@ KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
     ),
     "map": (1_000, ("crossings {file} --out out/site",)),
     "hours": (600, ("report hours --out out/page.html", "score hours --out out/scored")),
+    "town": (
+        1_000,
+        (
+            "crossings town/town.sumocfg",
+            "crossings town/town.sumocfg --write out/town.toml --edge :J7_c0",
+            "run town/own.toml --out out",
+        ),
+    ),
+    "fcd": (1_000, ("conflicts fcd/fcd.xml --net town/town.net.xml --out out/conflicts",)),
+    "tuned": (400, ("report tuned --out out/page.html", TUNE)),
     "risk": (2_500, ("report risk --out out/page.html", "run risk/critical.toml --out out/again")),
 }
 """Cases of each kind of file in full, and the commands that read it; those that draw take long."""
@@ -86,6 +100,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     pd.read_csv(DATA / "rows_made_up.csv").to_parquet(folder / "rows_made_up.parquet")
     shutil.copy(shipped_directory("networks") / "cctc" / "cctc.net.xml", folder)
     shutil.copy(EXAMPLES / "maps" / "zebra.osm", folder)
+    shutil.copytree(EXAMPLES / "own_simulation", folder / "town")
     (folder / "hours.toml").write_text(HOURS, encoding="utf-8")
     (folder / "site.toml").write_text(SITE, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
@@ -96,6 +111,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         assert done_or_refused("run", "hours.toml", "--traces", "--out", "hours")
         risk = "risk cctc --set arms.av=constant_speed --most-episodes 100 --out risk"
         assert done_or_refused(*risk.split())
+        assert done_or_refused(*TUNE.split())
+        own = "crossings town/town.sumocfg --write town/own.toml --edge :J7_c0"
+        assert done_or_refused(*own.split())
+        (folder / "fcd").mkdir()
+        call(folder / "town", "sumo", "-c", "town.sumocfg", "--end", "40", *FCD)
         yield folder
     close_engine()
 
@@ -117,6 +137,9 @@ def files_of(folder: Path, kind: str) -> list[Path]:
         "map": "*.osm",
         "hours": "hours/*",
         "risk": "risk/*",
+        "town": "town/*",
+        "fcd": "fcd/*",
+        "tuned": "tuned/*",
     }
     found = folder.glob(named.get(kind, f"encounter/{kind}/**/*"))
     return sorted(path for path in found if path.is_file())
