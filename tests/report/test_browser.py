@@ -353,8 +353,10 @@ def test_the_curves_are_the_trace_and_a_click_moves_the_cursor(page: Any, run: R
     assert page.locator("#player-charts svg").count() == 3
     path = page.locator("#player-charts svg").first.locator("path.human").get_attribute("d")
     assert path.count("L") == len(ego) - 1
-    box = page.locator("#player-charts svg").nth(1).bounding_box()
-    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    # ``click`` waits until the chart no longer moves; its box may change while the page loads.
+    chart = page.locator("#player-charts svg").nth(1)
+    box = chart.bounding_box()
+    chart.click(position={"x": box["width"] / 2, "y": box["height"] / 2})
     half = float(page.locator("#player-time").get_attribute("max")) / 2
     assert shown_time(page) == pytest.approx(half, rel=0.05)
     cursor = page.locator("#player-charts .cursor").first.get_attribute("x1")
