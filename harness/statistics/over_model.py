@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize, special
+from scipy import special
 
 from harness.core.encounter import FloatArray
 from harness.statistics.entries import Finding
@@ -117,6 +117,8 @@ def _model_quantile(
     The likelihood of B is that of the χ² of ``total``: (B + within)^(−(R − 1)/2) exp(−(R − 1)
     total / (2 (B + within))).
     """
+    from scipy import optimize  # a tenth of a second, which only runs over refits need
+
     farthest = _FARTHEST * np.sqrt(total)
     # Half steps, so that B = 0 has no weight of its own.
     roots: FloatArray = (np.arange(_STEPS) + 0.5) * (farthest / _STEPS)
