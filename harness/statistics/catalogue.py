@@ -132,7 +132,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
     ),
     *(
         entry
-        for conflict in (CONFLICTS[2], *CONFLICTS[:2], CONFLICTS[3])
+        for conflict in (CONFLICTS[2], *CONFLICTS[:2], *CONFLICTS[3:])
         for entry in conflict_entries(conflict)
     ),
     Entry(
