@@ -46,11 +46,12 @@ def run(
     """
     from harness.scenario import Options, parse_variation, read_scenario_file, remarks, study_of
     from harness.scenario.options import AUDIT_SHARE
+    from harness.scenario.variation import flatten
 
     file = read_scenario_file(scenario, settings_of(settings, pairs, seed, over_model))
     study = study_of(file, [parse_variation(text) for text in vary or []])
     if vary and file.sweep is not None:
-        say(f"note: --vary replaces the [sweep] of {file.source}")
+        say(f"note: --vary replaces the [sweep] of {file.source}: {', '.join(flatten(file.sweep))}")
     notes = [line for cell in study.cells for line in remarks(cell.scenario)]
     for remark in dict.fromkeys([study.remark, *notes]):
         if remark is not None:

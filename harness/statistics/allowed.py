@@ -14,7 +14,7 @@ An unreliable bound of μ allows nothing and denies nothing.  The bounds of κ a
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -75,6 +75,8 @@ class SweptValue:
         """μ with its bounds, and with the reason if they are unreliable."""
         mu = self.mu
         found = Finding(mu.value, mu.low, mu.high, mu.informative)
+        if mu.low is None:
+            return replace(found, reliable=None)
         return with_reliability(found, MU_BOUND_FROM, self.alike)
 
     @property

@@ -84,8 +84,8 @@ def repeated(pairs: PairColumns, scenario: Scenario) -> tuple[bool, bool]:
 
 
 def _draws(name: str) -> bool:
-    """Whether a built-in strategy is given random numbers."""
-    return name in STRATEGIES and "rng" in needs(STRATEGIES[name])
+    """Whether a strategy may be given random numbers; nobody knows what your own draws."""
+    return name not in STRATEGIES or "rng" in needs(STRATEGIES[name])
 
 
 def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary:

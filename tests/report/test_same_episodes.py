@@ -16,7 +16,7 @@ from tests.made_up import Fate, made_up
 BOUND = 1 - 0.025 ** (1 / 30)
 """Clopper and Pearson's upper bound of 0 of 30; that of 30 of 30 is the lower one, 1 − BOUND."""
 
-ONE_SIDED = "Where crashes are 0, their rate is below 9.5 %"
+ONE_SIDED = "Where crashes of a tested cell are 0, their rate is below 9.5 %"
 """1 − 0.05^(1/30) = 0.095."""
 
 

@@ -212,7 +212,7 @@ cell  av              ratio of times      of 50    case   μ      c_v   delay, s
 0     soft_yield      0.75 (0.71 … 0.80)  0 / 0           0.755  21 %  1.5 / 4.5  0.0 / 0.0
 1     constant_speed  0.75 (0.71 … 0.80)  5 / 0    3.40   0.755  21 %  1.5 / 4.5  0.0 / 0.0
 Not shown here: PET below 1.5 s.
-Where crashes are 0, their rate is below 5.8 % (95 % confidence).
+Where crashes of a tested cell are 0, their rate is below 5.8 % (95 % confidence).
 ! 2 of 9 records differ.
 ! Cell 1: The ratio of times, μ and c_v use 45 of 50 pairs (crashes: AV 5, human_gmm 0).
 ! Cell 0: Against human_recorded soft_yield is slower: the result depends on the reference

@@ -37,8 +37,12 @@ def comparison_screen(result: RunComparison) -> Screen:
     hidden = cells - len(rows)
     notes = comparison_notes(result)
     tested = all(note.rank is not Rank.NOTHING_TESTED for note in notes)
-    crashes = [summary.findings["kappa"] for summary in summaries if tested]
-    zeros = zero_lines(_CRASHES, crashes, result.confidence)
+    crashes = [
+        (summary.findings["kappa"], summary.findings["confidence"].number or result.confidence)
+        for summary in summaries
+        if tested
+    ]
+    zeros = zero_lines(_CRASHES, crashes)
     counts = [summary.findings["pairs"].count for summary in summaries]
     pairs = " … ".join(f"{count:,}" for count in sorted({min(counts), max(counts)}))
     met_nobody = sum(summary.findings["met_nobody"].count for summary in summaries)

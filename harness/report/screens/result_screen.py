@@ -149,14 +149,23 @@ def _tested(cell: CellFindings) -> bool:
     return all(note.rank is not Rank.NOTHING_TESTED for note in cell.notes)
 
 
-def zero_lines(entry: Entry[Any], found: Sequence[Finding], confidence: float) -> list[str]:
-    """Return a sentence about the rate that 0 events of a table leave open; empty without a 0."""
-    bounds = [zero_bound(each.high, confidence) for each in found if each.events == 0 and each.high]
+def zero_lines(entry: Entry[Any], found: Sequence[tuple[Finding, float]]) -> list[str]:
+    """Return a sentence about the rate that 0 events of several trials leave open.
+
+    Args:
+        entry: the entry of the events.
+        found: each tested cell's finding of one arm, with the confidence of its interval.
+    """
+    bounds = [
+        zero_bound(each.high, confidence)
+        for each, confidence in found
+        if each.events == 0 and each.high and each.n != 1
+    ]
     if not bounds:
         return []
     return [
-        f"Where {short_name(entry)} are 0, their rate is below {per_cent(max(bounds), 1)} % "
-        f"({level(confidence)} confidence)."
+        f"Where {short_name(entry)} of a tested cell are 0, their rate is below "
+        f"{per_cent(max(bounds), 1)} % ({level(CONFIDENCE)} confidence)."
     ]
 
 
@@ -246,12 +255,18 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
         if len(headings) == always and worst:
             headings.append("worst case")
             columns.append([_first_worst(run, cell) for cell in shown])
-    confidence = shown[0].findings["confidence"].number or CONFIDENCE
     zeros = [
         line
         for entry in entries
         if entry.crashes
-        for line in zero_lines(entry, _arms_of(entry, [*filter(_tested, shown)]), confidence)
+        for line in zero_lines(
+            entry,
+            [
+                (finding, cell.findings["confidence"].number or CONFIDENCE)
+                for cell in filter(_tested, shown)
+                for finding in _arms_of(entry, [cell])
+            ],
+        )
     ]
     total, some = len(run.cells), len(shown)
     avs, references = ({getattr(cell, arm) for cell in shown} for arm in ("av", "reference"))

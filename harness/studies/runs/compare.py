@@ -290,7 +290,7 @@ def _judged(
             columns[cell].tau_all,
             columns[cell].av_missed,
             columns[cell].av_tried,
-            _count(columns[cell].tau[columns[cell].met_someone]),
+            _count(columns[cell].tau_all[columns[cell].met_someone]),
             resampling(seed, "comparison"),
             len(cells),
             level,

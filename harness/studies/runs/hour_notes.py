@@ -24,7 +24,7 @@ def hour_notes(scenario: Scenario, findings: Findings, catalogue: Catalogue) -> 
     if traffic.saturated:
         text = "The queue was permanent: the throughput is the capacity, and delays are undefined."
         notes.append(Note(Rank.SATURATION, text))
-    notes += undefined_notes(findings, catalogue)
+    notes += undefined_notes(findings, catalogue, scenario)
     if findings["pairs"].count - failed == 1:
         text = "One pair of hours has no intervals: it does not show how much hours differ."
         notes.append(Note(Rank.FEW_PAIRS, text))

@@ -93,7 +93,7 @@ def encounter_notes(
         *_crashes_left_out(scenario, findings),
         *_direction(scenario, findings),
         *_delays_of_crashed(scenario, findings),
-        *undefined_notes(findings, catalogue),
+        *undefined_notes(findings, catalogue, scenario),
         *_fallback(scenario, findings),
         *_speeding(scenario, findings),
         *_outside_the_model(scenario, findings),
@@ -197,7 +197,7 @@ def _delays_of_crashed(scenario: Scenario, findings: Findings) -> list[Note]:
     return [Note(Rank.LEFT_OUT, text)]
 
 
-def undefined_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
+def undefined_notes(findings: Findings, catalogue: Catalogue, scenario: Scenario) -> list[Note]:
     """Return notes with the reasons for undefined numbers on the first screen."""
     reasons: dict[str, list[str]] = {}
     for entry in catalogue:
@@ -206,7 +206,8 @@ def undefined_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
         for name in filter(None, entry.names):
             finding = findings[name]
             if finding.value is None and finding.reason:
-                reasons.setdefault(finding.reason, []).append(short_name(entry))
+                named = short_name(entry).format(**scenario.conflicts.model_dump())
+                reasons.setdefault(finding.reason, []).append(named)
     parts = [f"{_listed(names)} ({reason})" for reason, names in reasons.items()]
     return [Note(Rank.UNDEFINED, f"Undefined: {', '.join(parts)}.")] if parts else []
 

@@ -30,7 +30,9 @@ def simulation_notes(
             Rank.FAILURES,
             f"{failed:,} of {counted(pairs, 'pair')} failed; no row counts them.",
         )
-    if findings["automated"].count == 0:
+    if failed == pairs:
+        note(Rank.NOTHING_TESTED, "Every pair failed: nothing was tested.")
+    elif findings["automated"].count == 0:
         note(Rank.NOTHING_TESTED, "No vehicle was an AV: check simulation.av_types and av_share.")
     elif scenario.arms.av != "sumo_driver":
         _not_driven(scenario.arms.av, findings, note)
@@ -45,7 +47,7 @@ def simulation_notes(
             f"SUMO cut {100 * cut:.0f} % of {scenario.arms.av}'s commands: that driving is SUMO's.",
         )
     _left_out(findings, note)
-    notes += undefined_notes(findings, catalogue)
+    notes += undefined_notes(findings, catalogue, scenario)
     if added := _added(scenario):
         verb = "lie" if len(added) > 1 else "lies"
         text = f"{', '.join(added)} {verb} within R0 of a chosen crosswalk: also chosen."

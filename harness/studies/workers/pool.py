@@ -228,7 +228,7 @@ class LocalPool:
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
     """Kill a worker with everything that it has started."""
-    with suppress(ProcessLookupError):
+    with suppress(ProcessLookupError, PermissionError):  # the latter of a dead one on macOS
         os.killpg(process.pid, signal.SIGKILL)
 
 
