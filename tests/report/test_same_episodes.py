@@ -16,7 +16,7 @@ from tests.made_up import Fate, made_up
 BOUND = 1 - 0.025 ** (1 / 30)
 """Clopper and Pearson's upper bound of 0 of 30; that of 30 of 30 is the lower one, 1 − BOUND."""
 
-ONE_SIDED = "Where crashes of a tested cell are 0, their rate is below 9.5 %"
+ONE_SIDED = "0 crashes in a tested cell: the rate is below 9.5 %"
 """1 − 0.05^(1/30) = 0.095."""
 
 
@@ -44,6 +44,8 @@ def screen(run: RunData) -> str:
         ({}, 8.5, True),
         ({"arms.av": "human_yield"}, 8.0, True),
         ({"perception.detection_probability": 0.999}, 8.0, True),
+        # Nobody knows what a user's own strategy draws.
+        ({"arms.av": "tests.planner:Planner"}, 8.0, True),
     ],
 )
 def test_repetitions_of_one_episode_have_no_interval(

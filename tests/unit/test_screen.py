@@ -14,11 +14,13 @@ from harness.report.screens import run_document, terminal
 from harness.report.screens.console import print_table
 from harness.report.screens.result_screen import screen_of
 from harness.report.screens.result_tables import _remark
+from harness.report.screens.result_texts import zero_lines
 from harness.report.screens.screen import Screen, screen_lines, wrapped
 from harness.report.screens.tables import Table, TableCell, entry_limits, per_cent
 from harness.scenario import load_scenario, parse_setting
 from harness.statistics import (
     ENCOUNTERS,
+    ENTRIES,
     CellFindings,
     Entry,
     Finding,
@@ -191,6 +193,18 @@ All measures: --full. Page: harness report runs/cctc-1"""
     ]
 
 
+def test_the_rate_that_0_events_leave_open() -> None:
+    # Each interval has its own confidence; the bound is the one-sided one of 95 %, 1 − 0.05^(1/n).
+    wide = Finding(0.0, 0.0, 1 - 0.0125 ** (1 / 1_500), 1_500, 0), 0.975
+    usual = Finding(0.0, 0.0, 1 - 0.025 ** (1 / 1_000), 1_000, 0), 0.95
+    single, some = Finding(0.0, 0.0, 0.975, 1, 0), Finding(0.1, 0.0, 0.4, 10, 1)
+    crashes = ENTRIES["kappa"]
+    words = "0 crashes in a tested cell: the rate is below {} % (95 % confidence)."
+    assert zero_lines(crashes, [wide]) == [words.format("0.20")]
+    assert zero_lines(crashes, [wide, usual]) == [words.format("0.30")]
+    assert zero_lines(crashes, [(single, 0.95), (some, 0.95)]) == []
+
+
 def test_a_sweep_has_a_row_for_each_cell() -> None:
     crashed = cell_with(
         1,
@@ -212,7 +226,7 @@ cell  av              ratio of times      of 50    case   μ      c_v   delay, s
 0     soft_yield      0.75 (0.71 … 0.80)  0 / 0           0.755  21 %  1.5 / 4.5  0.0 / 0.0
 1     constant_speed  0.75 (0.71 … 0.80)  5 / 0    3.40   0.755  21 %  1.5 / 4.5  0.0 / 0.0
 Not shown here: PET below 1.5 s.
-Where crashes of a tested cell are 0, their rate is below 5.8 % (95 % confidence).
+0 crashes in a tested cell: the rate is below 5.8 % (95 % confidence).
 ! 2 of 9 records differ.
 ! Cell 1: The ratio of times, μ and c_v use 45 of 50 pairs (crashes: AV 5, human_gmm 0).
 ! Cell 0: Against human_recorded soft_yield is slower: the result depends on the reference

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from harness.report.screens.comparison_sentences import allowed_lines, best_lines
 from harness.report.screens.comparison_tables import cell_numbers, comparison_notes
-from harness.report.screens.result_screen import with_limits, zero_lines
+from harness.report.screens.result_texts import with_limits, zero_lines
 from harness.report.screens.screen import KEPT, Screen
 from harness.report.screens.tables import counted, entry_value, named_values
 from harness.scenario import as_written

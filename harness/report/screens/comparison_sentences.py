@@ -1,7 +1,7 @@
 """The sentences below the tables of a comparison, for the terminal and the page."""
 
 from harness.report.screens.limit_tables import OWN_BOUND, binding_words
-from harness.report.screens.result_screen import with_limits
+from harness.report.screens.result_texts import with_limits
 from harness.report.screens.tables import counted, entry_value, level, named_values
 from harness.scenario import as_written
 from harness.statistics import ENTRIES, Findings, SweepVerdict, Verdict

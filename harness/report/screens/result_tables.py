@@ -9,8 +9,8 @@ from harness.report.screens.result_screen import (
     MOST_CELLS,
     cell_labels,
     cell_name,
-    over_model_limits,
 )
+from harness.report.screens.result_texts import over_model_limits
 from harness.report.screens.tables import (
     Table,
     TableCell,
