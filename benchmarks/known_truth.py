@@ -25,21 +25,16 @@ from harness.store.episode_tables import episode_rows
 
 SCENARIO = "cctc"
 
-MARGIN = "strategies.soft_yield.time_margin_s"
-
 CELLS: dict[str, dict[str, object]] = {
     "soft": {},
     "hard": {"arms.av": "hard_yield"},
     "constant": {"arms.av": "constant_speed"},
     "brake": {"arms.av": "emergency_brake", "strategies.emergency_brake.ttc_threshold_s": 0.6},
-    "bold": {MARGIN: -1.046},
+    "bold": {"strategies.soft_yield.time_margin_s": -1.046},
 }
 """AVs by a short name.  ``brake`` and ``bold`` crash equally often, but not in the same pairs."""
 
 COMPARED = (("soft", "hard"), ("soft", "constant"), ("brake", "bold"))
-
-SWEPT = {f"margin {margin:g}": {MARGIN: margin} for margin in (-1.5, -1.0, -0.5, 0.0, 0.5, 1.0)}
-"""Cells of a sweep of Soft-Yield's margin."""
 
 FREE_S = (30.0 + 2.0 + 5.0) / 5.0
 """Pass time of a car that never brakes: range, half the crosswalk and length at 5 m/s."""
@@ -261,7 +256,7 @@ def tau_of(episodes: pa.Table) -> FloatArray:
 def every_truth(
     cells: Mapping[str, pa.Table], compared: Iterable[tuple[str, str]]
 ) -> dict[str, float]:
-    """Truths by the names that ``benchmarks.audit`` gives the intervals."""
+    """Truths by cell, or by the two compared, and the name of the number."""
     found = {
         f"{cell}: {name}": value
         for cell, episodes in cells.items()

@@ -53,7 +53,7 @@ MISSED = 9.154e-6
 """What ``quadrature`` prints of ``missed``."""
 
 UNHINDERED = 0.2146
-"""κ of ``constant_speed`` in ``cctc``, by quadrature (docs/audits.md): a dead strategy's."""
+"""κ of ``constant_speed`` in ``cctc``, by quadrature: a dead strategy's."""
 
 BLIND = 5.422e-5
 """What ``quadrature`` prints of ``blind``."""

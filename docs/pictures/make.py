@@ -7,7 +7,6 @@
 ``own_simulation_gui`` need a desktop or ``xvfb-run``.
 """
 
-import csv
 import os
 import shutil
 import subprocess
@@ -16,7 +15,6 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import sumo
 from PIL import Image
 from playwright.sync_api import FloatRect, sync_playwright
@@ -218,37 +216,6 @@ def vehicles_of_both_colours(picture: Path) -> int:
     return min(counts.get(colour, 0) for colour in ((0, 114, 178), (255, 255, 0)))
 
 
-def surrogates() -> None:
-    """κ predicted from the tails of TTC and PET over κ, from the tables of the benchmark."""
-    data = ROOT / "benchmarks" / "data"
-    with (data / "surrogates_scenarios.csv").open(encoding="utf-8") as file:
-        kappa = {row["case"]: float(row["kappa"]) for row in csv.DictReader(file)}
-    with (data / "surrogates_tails.csv").open(encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(file) if row["crashes"] == "left out"]
-    fits = [row for row in rows if row["episodes"] == "100000" and row["ratio"]]
-    lowest = 1e-9
-    chart, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    axes.plot((1e-6, 0.03), (1e-6, 0.03), color="0.6", label="true")
-    for measure, words, marker, shift in (
-        ("min_ttc_s", "TTC", "o", 0.94),
-        ("pet_s", "PET", "s", 1.06),
-    ):
-        label = f"tail of {words}, 100,000 episodes"
-        for row in (row for row in fits if row["measure"] == measure):
-            of = kappa[row["case"]]
-            low, ratio, high = (float(row[key]) * of for key in ("low", "ratio", "high"))
-            place, colour = of * shift, "C0" if marker == "o" else "C1"
-            axes.plot((place, place), (max(low, lowest), max(high, lowest)), color=colour)
-            axes.plot(place, max(ratio, lowest), marker, color=colour, label=label)
-            label = ""
-    axes.set(xscale="log", yscale="log", ylim=(lowest / 2, 0.05))
-    axes.set(xlabel="κ", ylabel="predicted κ (1e-9: less, or none)")
-    axes.legend(loc="upper left", frameon=False)
-    chart.savefig("surrogates.png", dpi=110)
-    plt.close(chart)
-    save(Path("surrogates.png"), "surrogates")
-
-
 PICTURES: dict[str, Callable[[], None]] = {
     "report": report,
     "sweep": sweep,
@@ -259,7 +226,6 @@ PICTURES: dict[str, Callable[[], None]] = {
     "own_simulation": own_simulation,
     "own_simulation_gui": own_simulation_gui,
     "exported": exported,
-    "surrogates": surrogates,
 }
 """Every picture by its name."""
 

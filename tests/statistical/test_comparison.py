@@ -1,6 +1,7 @@
 """Whether intervals and tests hold what they say: by enumeration where possible, else simulated."""
 
 from functools import cache
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,6 @@ import pytest
 from scipy import stats
 
 from benchmarks.coverage import INTERVALS, holds, population, times_of
-from benchmarks.equal_cells import equal_cells, verdicts
 from harness.statistics import (
     DIFFERENCES,
     ENCOUNTERS,
@@ -20,6 +20,7 @@ from harness.statistics import (
     mcnemar,
     paired_difference,
     proportion,
+    ratio_difference,
     sign_flip_p,
 )
 from harness.statistics.entries import ALIKE_FROM
@@ -134,7 +135,7 @@ def test_intervals_hold_where_they_are_not_called_unreliable(scenario: str) -> N
         kinds = (kind(*columns, times, rng) for kind in INTERVALS.values())
         return [named for kind in kinds for named in kind]
 
-    # Pairs that are no episodes of a table have no conflicts; test_audit.py has their intervals.
+    # Pairs that are no episodes of a table have no conflicts: test_known_truth.py has those.
     truth = {name: of.value for name, of in intervals(*columns) if of.value is not None}
     for n in sorted({*LEAST.values()}):
         hits, trials = dict.fromkeys(truth, 0), dict.fromkeys(truth, 0)
@@ -151,14 +152,34 @@ def test_intervals_hold_where_they_are_not_called_unreliable(scenario: str) -> N
             assert hit >= least, f"N = {n}, {name}: {hit} of {trials[name]}"
 
 
+def told_apart(times: np.ndarray, missed: np.ndarray, rng: np.random.Generator) -> bool:
+    """Whether ``harness compare`` calls any of these cells faster or safer than another."""
+    both = list(combinations(range(len(times)), 2))
+    ran = np.ones(times.shape[1], dtype=bool)
+    tests = [mcnemar(missed[a], missed[b], ran, ran).p for a, b in both]
+    adjusted = holm([sign_flip_p(times[a] - times[b]) for a, b in both] + tests)
+    if min(adjusted[len(both) :]) < 0.05:
+        return True
+    found = (
+        ratio_difference(times[a], times[b], times[0], rng)
+        for p, (a, b) in zip(adjusted, both, strict=False)
+        if p < 0.05
+    )
+    return any(of.low is not None and not of.low <= 0.0 <= of.high for of in found)
+
+
 @pytest.mark.parametrize("cells", [2, 8])
 def test_equal_cells_are_not_told_apart(cells: int) -> None:
     """Poisson(5) of 2,000 pairs differ: any "better" in at most 5 % of the sweeps."""
     rng = np.random.default_rng(14)
-    sweeps = 600
-    wrong = sum(
-        verdicts(*equal_cells(rng, cells, 2_000, 5.0), rng)["better"] > 0 for _ in range(sweeps)
-    )
+    sweeps, pairs, wrong = 600, 2_000, 0
+    for _ in range(sweeps):
+        times, missed = np.full((cells, pairs), 7.4), np.zeros((cells, pairs), dtype=bool)
+        for cell in range(cells):
+            waits = rng.choice(pairs, min(pairs, rng.poisson(2.5)), replace=False)
+            times[cell, waits] += rng.lognormal(1.0, 1.0, len(waits))
+            missed[cell, rng.choice(pairs, rng.poisson(2.5), replace=False)] = True
+        wrong += told_apart(times, missed, rng)
     assert wrong <= stats.binom.ppf(0.999, sweeps, 0.05), f"{wrong} of {sweeps}"
 
 

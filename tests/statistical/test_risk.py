@@ -1,20 +1,32 @@
 """The interval of a risk holds the truth as often as it says, where the truth is known."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.risk import TRUTH, estimate
-from benchmarks.risk_table import LAYOUT as FAULTY, Tables
-from harness.core.encounter import Arm, Ending
+from benchmarks.risk import (
+    CHUNK,
+    DETECTION_PROBABILITY,
+    LOOKS,
+    TRUTH,
+    blind_quantiles,
+    estimate,
+    looks,
+    runner_of,
+    scenario_of,
+)
+from harness.core.encounter import Arm, Ending, FloatArray
+from harness.core.seeding import Given
 from harness.model.interaction import load_model
 from harness.scenario import Setting, load_scenario
 from harness.studies.risk.estimation import Estimation, _pilot
+from harness.studies.risk.event import parse_event
 from harness.studies.risk.interval import Tally
 from harness.studies.risk.layout import Layout
-from harness.studies.risk.outcomes import Evaluate
+from harness.studies.risk.outcomes import Evaluate, Outcomes
 from harness.studies.risk.space import space_of
 from tests.risks import CROWD, LAYOUT, crowd, estimated, fault, half_space, scored, union
 from tests.scenes import on_plain
@@ -22,7 +34,7 @@ from tests.scenes import on_plain
 REPETITIONS = 400
 
 KAPPA = 0.2146
-"""Of ``constant_speed`` in ``cctc``, by quadrature over the walking speeds (docs/audits.md)."""
+"""Of ``constant_speed`` in ``cctc``, by quadrature over the walking speeds."""
 
 
 def assert_covers(evaluate: Evaluate, layout: Layout, truth: float) -> None:
@@ -84,6 +96,96 @@ def test_what_is_said_holds_where_the_exploration_misses_a_fault(share: float, s
     assert said >= stats.binom.ppf(0.001, seeds, 0.95)
     # The interval alone is that of the ways found, and says no more.
     assert seeds < 100 or alone < 0.95 * seeds
+
+
+BINS = 100
+"""Of the quantiles of the walking speed."""
+
+FAULTY = Layout(5)
+"""Side, quantile, first detection, and what a strategy draws first."""
+
+_SIDES = (0.25, 0.75)
+
+
+class Tables:
+    """Scores of Hard-Yield (side, look, bin, grading), and of one that never brakes.
+
+    An episode of the cases of ``benchmarks.risk`` with a rare fault is a function of side, quantile
+    of the walking speed, look of the first detection and whether the fault strikes.  Simulated once
+    for each side, look and bin of quantiles, its scores are looked up: hundreds of risks in a
+    minute.  The truth is a sum over the table.
+    """
+
+    def __init__(self) -> None:
+        bins = ((np.arange(BINS) + 0.5) / BINS).tolist()
+        chances = looks()
+        self.seen = _scores(
+            "missed",
+            [
+                {"side": [side], "quantile": [quantile], "detection": [detection]}
+                for side in _SIDES
+                for detection, _ in chances
+                for quantile in bins
+            ],
+        ).reshape(2, LOOKS, BINS, -1)
+        self.dead = _scores(
+            "dead-3",
+            [
+                {"side": [side], "quantile": [quantile], "av_strategy": [1e-9]}
+                for side in _SIDES
+                for quantile in bins
+            ],
+        ).reshape(2, BINS, -1)
+        self._chance = np.array([chance for _, chance in chances])
+
+    def dying(self, share: float) -> tuple[Evaluate, float]:
+        """Hard-Yield that is dead in a share of all episodes: episodes, and κ."""
+        limit = stats.norm.ppf(share)
+        missed, dead = self._missed(), float((self.dead[..., 0] <= 0).mean())
+        return self._evaluate(lambda z: z[:, 3] < limit), share * dead + (1 - share) * missed
+
+    def blind(self) -> tuple[Evaluate, float]:
+        """Hard-Yield that does not see far-side walkers of 1.1 m/s: episodes, and κ."""
+        low, high = blind_quantiles()
+        place = int(BINS * (low + high) / 2)
+        hit = float(self.dead[1, place, 0] <= 0)
+        seen = float(self._chance @ (self.seen[1, :, place, 0] <= 0))
+        kappa = self._missed() + 0.5 * (high - low) * (hit - seen)
+        between = stats.norm.ppf(low), stats.norm.ppf(high)
+        return self._evaluate(
+            lambda z: (z[:, 0] > 0) & (z[:, 1] >= between[0]) & (z[:, 1] <= between[1])
+        ), kappa
+
+    def _missed(self) -> float:
+        crashed = (self.seen[..., 0] <= 0).mean(axis=(0, 2))
+        return float(self._chance @ crashed)
+
+    def _evaluate(self, struck: Callable[[FloatArray], np.ndarray]) -> Evaluate:
+        def evaluate(z: FloatArray, *_options: object) -> Outcomes:
+            side = (z[:, 0] > 0).astype(int)
+            place = np.minimum((BINS * stats.norm.cdf(z[:, 1])).astype(int), BINS - 1)
+            # 1 − u = Φ(−z), without rounding.
+            wait = np.ceil(np.log(stats.norm.cdf(-z[:, 2])) / np.log1p(-DETECTION_PROBABILITY))
+            look = np.clip(wait, 1, LOOKS).astype(int) - 1
+            faulty = struck(z)[:, None]
+            score = np.where(faulty, self.dead[side, place], self.seen[side, look, place])
+            never, nobody = np.full(len(z), np.nan), np.full(len(z), -1)
+            return Outcomes(score, np.arange(len(z)), never, never, nobody, score)
+
+        return evaluate
+
+
+def _scores(case: str, people: list[Given]) -> FloatArray:
+    """Scores of a case's episodes, shape (n, gradings)."""
+    runner, event = runner_of(scenario_of(case, 0)), parse_event("crashed")
+    pairs = [(0, given) for given in people]
+    return np.array(
+        [
+            event.scores(outcome.record)
+            for at in range(0, len(pairs), CHUNK)
+            for outcome in runner.run_arm_given(Arm.AV, pairs[at : at + CHUNK], lambda _: None)
+        ]
+    )
 
 
 @pytest.fixture(scope="module")
