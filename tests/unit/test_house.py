@@ -1,0 +1,157 @@
+"""How large the house may be, who may import whom in it, and what starting up costs.
+
+The limits only ever fall.
+"""
+
+import ast
+import io
+import subprocess
+import sys
+import tokenize
+import tomllib
+from functools import cache
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+CHECKOUT = Path(__file__).parents[2]
+CODE = {"harness": 40_666, "tests": 26_423, "benchmarks": 3_850, "docs": 600, "examples": 201}
+MODULES, DOORS, PAGES, WEB = 454, 14, 5_431, 690
+LINE, IGNORED, UNCOVERED, COVERED = 100, 5, 2, 96
+# The data's way, from below: a room imports its own level and those before it, never a later one.
+ORDER = (
+    "core | statistics site measures model | scenario | engine strategies | episode | store rl "
+    "| studies | report | cli __main__"
+)
+LEVELS = {name: n for n, names in enumerate(ORDER.split(" | ")) for name in names.split()}
+HEAVY = ("libsumo", "traci", "scipy", "pandas", "pyarrow", "matplotlib")
+ALONE = {"libsumo": "harness.engine.sumo", "traci": "harness.engine.traci"}
+_SILENT = "COMMENT NL NEWLINE INDENT DEDENT ENDMARKER"
+NO_CODE = {getattr(tokenize, name) for name in _SILENT.split()}
+
+
+def files_of(folder: str, *endings: str) -> list[Path]:
+    paths = sorted((CHECKOUT / folder).rglob("*"))
+    return [path for path in paths if path.suffix in endings and "__pycache__" not in path.parts]
+
+
+def code_lines(text: str) -> int:
+    """Lines with a token that is no comment, without docstrings."""
+    lines: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type not in NO_CODE:
+            lines.update(range(token.start[0], token.end[0] + 1))
+    for node in ast.walk(ast.parse(text)):
+        body = getattr(node, "body", None)
+        for part in body if isinstance(body, list) else []:
+            match part:
+                case ast.Expr(ast.Constant(str())):
+                    lines -= {*range(part.lineno, (part.end_lineno or 0) + 1)}
+    return len(lines)
+
+
+def test_what_counts_as_code() -> None:
+    text = '"""Said."""\n\n# why\ndef one(\n    two,\n):\n    """Said."""\n    return two\n'
+    assert code_lines(text) == 4
+
+
+@pytest.mark.parametrize("folder", CODE)
+def test_lines_of_code(folder: str) -> None:
+    total = sum(code_lines(path.read_text("utf-8")) for path in files_of(folder, ".py"))
+    assert total <= CODE[folder]
+
+
+def test_other_sizes() -> None:
+    assert len(files_of("harness", ".py")) <= MODULES
+    web = files_of("harness", ".html", ".js", ".css", ".toml")
+    assert sum(len(path.read_text("utf-8").splitlines()) for path in web) <= WEB
+    pages = (CHECKOUT / "docs").glob("*.md")
+    assert sum(len(path.read_text("utf-8").splitlines()) for path in pages) <= PAGES
+    inside = {path.name for path in (CHECKOUT / "harness").iterdir()}
+    face = {"__init__.py", "__init__.pyi", "__main__.py", "py.typed", "__pycache__"}
+    assert len(inside - face) <= DOORS
+
+
+def test_no_check_is_looser() -> None:
+    tools = tomllib.loads((CHECKOUT / "pyproject.toml").read_text("utf-8"))["tool"]
+    ruff, coverage = tools["ruff"], tools["coverage"]
+    assert ruff["line-length"] <= LINE
+    assert len(ruff["lint"]["ignore"]) <= IGNORED
+    assert "per-file-ignores" not in ruff["lint"]
+    assert "extend-per-file-ignores" not in ruff["lint"]
+    assert coverage["report"]["fail_under"] >= COVERED
+    assert len(coverage["report"]["exclude_also"]) <= UNCOVERED
+    assert "omit" not in coverage["run"] | coverage["report"]
+    assert coverage["run"]["source"] == ["harness"]
+    assert tools["mypy"]["strict"]
+
+
+def name_of(path: Path) -> str:
+    parts = path.relative_to(CHECKOUT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+PATHS = {name_of(path): path for path in files_of("harness", ".py")}
+
+
+@cache
+def imports_of(path: Path) -> set[str]:
+    """Everything a file imports, wherever in it; ``from a import b`` is a.b if that is a module."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            inside = {f"{node.module}.{alias.name}" for alias in node.names}
+            found |= inside & PATHS.keys()
+            found |= set() if inside <= PATHS.keys() else {str(node.module)}
+    return found
+
+
+def test_no_module_imports_a_higher_level() -> None:
+    levels = {name: LEVELS[name.split(".")[1]] for name in PATHS if name != "harness"}
+    upward = [
+        f"{name} imports {other}"
+        for name, level in levels.items()
+        for other in imports_of(PATHS[name]) & levels.keys()
+        if levels[other] > level
+    ]
+    assert upward == []
+
+
+@pytest.mark.parametrize("depth", [2, 3, 9], ids=["rooms", "folders", "modules"])
+def test_no_imports_in_a_circle(depth: int) -> None:
+    def cut(name: str) -> str:
+        return ".".join(name.split(".")[:depth])
+
+    graph: dict[str, set[str]] = {}
+    for name, path in PATHS.items():
+        inside = {cut(other) for other in imports_of(path) & PATHS.keys() - {"harness"}}
+        graph.setdefault(cut(name), set()).update(inside - {cut(name)})
+    TopologicalSorter(graph).prepare()
+
+
+@pytest.mark.parametrize("package", ALONE)
+def test_one_module_imports_each_of_sumos_interfaces(package: str) -> None:
+    importers = {
+        name
+        for name, path in PATHS.items()
+        if package in {imported.split(".")[0] for imported in imports_of(path)}
+    }
+    assert importers <= {ALONE[package]}
+
+
+def test_help_imports_nothing_heavy() -> None:
+    script = (
+        "import sys; sys.argv = ['harness', '--help']\n"
+        "from harness.cli.app import main\n"
+        "try:\n    main()\n"
+        "except SystemExit as end:\n    assert end.code == 0, end.code\n"
+        f"print([name for name in {HEAVY!r} if name in sys.modules], file=sys.stderr)\n"
+    )
+    command = [sys.executable, "-c", script]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert "run" in result.stdout
+    assert result.stderr.strip() == "[]"
