@@ -19,7 +19,6 @@ from harness.cli import (
     reporting,
     review,
     risk,
-    tune,
     validation,
 )
 from harness.cli.interruption import LINE, BrokenOffError, exit_code
@@ -30,7 +29,6 @@ COMMANDS = (
     batch.run,
     batch.resume,
     risk.risk,
-    tune.tune,
     reporting.report,
     review.replay,
     review.score,

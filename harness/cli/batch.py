@@ -124,12 +124,11 @@ def resume(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Continue an interrupted run, risk estimate or search."""
+    """Continue an interrupted run or risk estimate."""
     from harness.cli.risk import resume_risk
-    from harness.cli.tune import resume_search
     from harness.store.reading import kind_of_folder
 
-    resumes = {"run": _resume_run, "risk": resume_risk, "tune": resume_search}
+    resumes = {"run": _resume_run, "risk": resume_risk}
     resumes[kind_of_folder(run_folder)](run_folder, workers, dask, full, quiet, as_json)
 
 

@@ -27,7 +27,7 @@ def report(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write one HTML page for a run, a risk estimate or a search.
+    """Write one HTML page for a run or a risk estimate.
 
     The page contains results, figures and a player for episodes, and needs no network.
     """
@@ -36,10 +36,9 @@ def report(
     if out is not None and not out.parent.is_dir():
         raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a file to write")
     from harness.cli.risk import report_risk
-    from harness.cli.tune import report_search
     from harness.store.reading import kind_of_folder
 
-    reports = {"run": _report_run, "risk": report_risk, "tune": report_search}
+    reports = {"run": _report_run, "risk": report_risk}
     page = reports[kind_of_folder(run_folder)](run_folder, out, figures, quiet, as_json)
     if open_page:
         import webbrowser

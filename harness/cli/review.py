@@ -161,10 +161,10 @@ def compare(
         ),
     ],
     mu0: Annotated[
-        float | None, typer.Option(help="Upper limit for μ; default: limits.mu0 of the scenario.")
+        float | None, typer.Option(help="Upper limit for μ of swept values; needs --kappa0.")
     ] = None,
     kappa0: Annotated[
-        float | None, typer.Option(help="Upper limit for κ; default: limits.kappa0.")
+        float | None, typer.Option(help="Upper limit for κ of swept values; needs --mu0.")
     ] = None,
     out: Annotated[
         Path | None,
@@ -218,9 +218,7 @@ def _compare_arms(
 
     section = runs[0].kind.section
     if limit is not None:
-        raise InputError(
-            "--mu0, --kappa0", f"are not supported with {section}", "limits.subject_to"
-        )
+        raise InputError("--mu0, --kappa0", f"are not supported with {section}", "neither")
     findings = compare_arms(runs)
     if out is not None:
         write_csv(out, arms_rows(findings))

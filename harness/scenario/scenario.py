@@ -17,7 +17,6 @@ from harness.scenario.sections import (
     CrossingSection,
     EgoSection,
     ExperimentSection,
-    LimitsSection,
     ModelSection,
     ObstacleSection,
     PerceptionSection,
@@ -41,7 +40,6 @@ class Scenario(Section):
     """Parameters of each strategy, by the strategy's name."""
     conflicts: ConflictsSection = ConflictsSection()
     experiment: ExperimentSection = ExperimentSection()
-    limits: LimitsSection = LimitsSection()
     traffic: TrafficSection | None = None
     simulation: SimulationSection | None = None
 

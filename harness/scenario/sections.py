@@ -326,15 +326,3 @@ class ExperimentSection(Section):
     """An episode in which the ego has not passed by this time is timed out; whole steps."""
     decide_limit_s: Annotated[float, Field(ge=0.1, le=3600)] = 10.0
     """Wall time that a strategy may take for one decision."""
-
-
-class LimitsSection(Section):
-    """``[limits]``: limits under which strategies are judged; they do not affect the simulation."""
-
-    mu0: Positive | None = None
-    """Limit of μ in ``harness compare``; a strategy below both limits counts as allowed."""
-    kappa0: Annotated[float, Field(gt=0, le=1)] | None = None
-    """Limit of κ in ``harness compare``; give both or neither."""
-    subject_to: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    """Limits of numbers of ``summary.csv``, for example ``["kappa<1e-3", "max_jerk_p95_mps3<50"]``;
-    screens and pages say of each cell whether it keeps them, and which one binds."""

@@ -57,14 +57,6 @@ from harness.statistics.paired import (
     ratio_difference,
     sign_flip_p,
 )
-from harness.statistics.pareto import (
-    Place,
-    Relation,
-    Standing,
-    pareto_front,
-    relation_of_crashes,
-    relation_of_times,
-)
 from harness.statistics.severity import LOWEST_POINT, PER_MILLION
 from harness.statistics.summary import Summary, summarise
 
@@ -97,14 +89,11 @@ __all__ = [
     "Note",
     "OverModel",
     "PairColumns",
-    "Place",
     "Plain",
     "Proportion",
     "Rank",
-    "Relation",
     "Resampled",
     "RunFindings",
-    "Standing",
     "Summary",
     "SweepVerdict",
     "SweptValue",
@@ -123,12 +112,9 @@ __all__ = [
     "mcnemar",
     "over_model",
     "paired_difference",
-    "pareto_front",
     "proportion",
     "quantile",
     "ratio_difference",
-    "relation_of_crashes",
-    "relation_of_times",
     "row_of",
     "sign_flip_p",
     "student_mean",

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 from harness.statistics.entries import Catalogue, Findings, Plain
-from harness.statistics.limits import JudgedLimit
 from harness.statistics.over_model import OverModel
 
 
@@ -49,8 +48,7 @@ class CellFindings:
     ``over_model`` has the intervals over pairs and refits by name, if pairs are spread over refits.
     ``varied`` maps the keys that a sweep varies to the cell's values.  ``av`` and ``reference``
     are the drivers' names as screens show them.  ``thresholds`` are the thresholds of conflicts,
-    for ``Entry.title``.  ``notes`` are in the order of their ranks.  ``limits`` are the scenario's
-    limits with their verdicts.
+    for ``Entry.title``.  ``notes`` are in the order of their ranks.
     """
 
     cell: int
@@ -62,7 +60,6 @@ class CellFindings:
     findings: Findings
     notes: tuple[Note, ...]
     over_model: Mapping[str, OverModel] = field(default_factory=dict)
-    limits: tuple[JudgedLimit, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +69,7 @@ class RunFindings:
     ``catalogue`` is the catalogue of the run's kind.  ``scope`` describes the run apart from its
     pairs, for example its seed and its audit.  ``paper`` says whether the run's only cell is the
     paper's experiment.  ``site`` describes the place, the flows and the share of AVs.
-    ``between_avs`` is true of a comparison in which another AV takes the reference's place;
-    ``under_limits`` then has the limits of each compared AV by its name, judged in its own run.
+    ``between_avs`` is true of a comparison in which another AV takes the reference's place.
     """
 
     catalogue: Catalogue
@@ -86,4 +82,3 @@ class RunFindings:
     notes: tuple[Note, ...] = ()
     site: str = ""
     between_avs: bool = False
-    under_limits: Mapping[str, tuple[JudgedLimit, ...]] = field(default_factory=dict)

@@ -24,7 +24,6 @@ from harness.statistics import (
     Plain,
     findings_of,
 )
-from harness.statistics.limits import Limit, numbers_of, parse_limit
 from harness.store.arm_columns import arm_columns
 from harness.store.episode_tables import pair_rows
 from harness.store.hour_catalogue import HOURS
@@ -335,17 +334,6 @@ KINDS: Mapping[str, Kind] = {
 def kind_of(scenario: Scenario) -> Kind:
     """The kind of a run of this scenario."""
     return KINDS[scenario.kind]
-
-
-def limits_of(scenario: Scenario) -> tuple[Limit, ...]:
-    """The limits of ``limits.subject_to``.
-
-    Raises:
-        InputError: one has another form, or names no number of this kind of run.
-    """
-    names = numbers_of(kind_of(scenario).catalogue)
-    where = "limits.subject_to"
-    return tuple(parse_limit(text, names, where) for text in scenario.limits.subject_to)
 
 
 def kind_of_study(study: Study) -> Kind:

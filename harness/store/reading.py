@@ -26,12 +26,6 @@ RISK = "risk.json"
 CRITICAL = "critical.toml"
 """The scenario of the likeliest events, in the folder of a finished risk estimate."""
 
-TUNE = "tune.json"
-"""What is searched, in the folder of a search of ``harness tune``."""
-
-BEST = "best.toml"
-"""The scenario of the best candidate, in the folder of a finished search that found one."""
-
 _Width = Annotated[float, Field(gt=0, lt=1)]
 
 
@@ -72,11 +66,9 @@ class _Manifest(BaseModel):
     counts: dict[str, int] | None
 
 
-def kind_of_folder(folder: Path) -> Literal["run", "risk", "tune"]:
-    """The kind of a folder: a risk estimate, a search of ``harness tune``, or otherwise a run."""
-    if (folder / RISK).is_file():
-        return "risk"
-    return "tune" if (folder / TUNE).is_file() else "run"
+def kind_of_folder(folder: Path) -> Literal["run", "risk"]:
+    """The kind of a folder: a risk estimate, or otherwise a run."""
+    return "risk" if (folder / RISK).is_file() else "run"
 
 
 def read_manifest(folder: Path) -> JsonObject:
@@ -87,8 +79,8 @@ def read_manifest(folder: Path) -> JsonObject:
             damaged.
     """
     path = folder / MANIFEST
-    if (kind := kind_of_folder(folder)) != "run":
-        raise _is_a_risk(folder) if kind == "risk" else _is_a_search(folder)
+    if kind_of_folder(folder) == "risk":
+        raise _is_a_risk(folder)
     if not path.is_file():
         raise InputError(str(folder), "is not a run folder", f"a folder with {MANIFEST}")
     try:
@@ -124,16 +116,6 @@ def _is_a_risk(folder: Path) -> InputError:
         allowed = f"a run of its likeliest events: `harness run {shlex.quote(str(critical))}`"
     else:
         allowed = f"a run; {CRITICAL} is there when the estimate has ended and found events"
-    return InputError(str(folder), problem, allowed)
-
-
-def _is_a_search(folder: Path) -> InputError:
-    """The error about a search of ``harness tune`` where a run is needed."""
-    problem, best = "is a search of harness tune, not a run", folder / BEST
-    if best.is_file():
-        allowed = f"a run of its best candidate: `harness run {shlex.quote(str(best))}`"
-    else:
-        allowed = f"a run; {BEST} is there when the search has ended and a trial kept every limit"
     return InputError(str(folder), problem, allowed)
 
 

@@ -207,9 +207,8 @@ def _make(folder: Path, exist_ok: bool) -> None:
             raise InputError(
                 where, "already holds a run", f"a new or empty folder, or {resume_command(folder)}"
             )
-        if exist_ok and (kind := kind_of_folder(folder)) != "run":
-            held = "a risk estimate" if kind == "risk" else "a search of harness tune"
-            raise InputError(where, f"already contains {held}", "a new or empty folder")
+        if exist_ok and kind_of_folder(folder) == "risk":
+            raise InputError(where, "already contains a risk estimate", "a new or empty folder")
         folder.mkdir(parents=True, exist_ok=exist_ok)
         probe = folder / f".{os.getpid()}.probe"
         probe.touch()

@@ -28,9 +28,6 @@ SHORTER = {
     "fit": ["--components", "1..2", "--starts", "1", "--folds", "2", "--workers", "1"],
     "validate": ["--drivers", "constant_speed", "--folds", "0"],
     "people": ["--trials", "20", "--hours", "0"],
-    "tune": [
-        *("--trials", "2", "--pairs", "20", "--fresh", "20", "--engine", "plain", "--workers", "1"),
-    ],
     "examples.train_policy": ["--generations", "1", "--episodes", "2"],
 }
 """Options added to a command, by its second word or its first; the last one given counts."""

@@ -45,8 +45,6 @@ experiment = {pairs = 2}
 
 FIT = "fit {file} --components 1 --starts 1 --folds 0 --workers 1 --out out/model.json"
 RUN = "run"
-TUNE = "tune cctc --parameter strategies.soft_yield.time_margin_s=-1:1 --minimise time_ratio"
-TUNE += " --trials 2 --pairs 2 --fresh 2 --engine plain --workers 1 --out tuned"
 FCD = ("--fcd-output", "../fcd/fcd.xml")
 ONE = "--pair 0 --arm av --out out"
 KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
@@ -82,7 +80,6 @@ KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
         ),
     ),
     "fcd": (1_000, ("conflicts fcd/fcd.xml --net town/town.net.xml --out out/conflicts",)),
-    "tuned": (400, ("report tuned --out out/page.html", TUNE)),
     "risk": (2_500, ("report risk --out out/page.html", "run risk/critical.toml --out out/again")),
 }
 """Cases of each kind of file in full, and the commands that read it; those that draw take long."""
@@ -111,7 +108,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         assert done_or_refused("run", "hours.toml", "--traces", "--out", "hours")
         risk = "risk cctc --set arms.av=constant_speed --most-episodes 100 --out risk"
         assert done_or_refused(*risk.split())
-        assert done_or_refused(*TUNE.split())
         own = "crossings town/town.sumocfg --write town/own.toml --edge :J7_c0"
         assert done_or_refused(*own.split())
         (folder / "fcd").mkdir()

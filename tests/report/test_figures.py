@@ -258,24 +258,12 @@ def test_sweep_has_a_line_with_bars_for_each_strategy(axes: Axes) -> None:
     assert len(looks) == 2
 
 
-def test_aggressiveness_marks_limits_and_what_is_allowed(axes: Axes) -> None:
+def test_aggressiveness_has_its_line_and_band(axes: Axes) -> None:
     x = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
     curve = sweep_figures.Line("soft_yield", x, 1.1 - x / 10, 1.0 - x / 10, 1.2 - x / 10)
-    allowed = [0.0, 1.0, 3.0]
-    sweep_figures.draw_aggressiveness(axes, curve, "x", "μ", "n = 40", (1.0, "μ0"), allowed)
+    sweep_figures.draw_aggressiveness(axes, curve, "x", "μ", "n = 40")
     assert list(line(axes, "soft_yield")[1]) == pytest.approx([1.1, 1.0, 0.9, 0.8, 0.7])
-    assert list(line(axes, "μ0 = 1")[1]) == [1.0, 1.0]
-    assert labels(axes).count("allowed") == 1
-    # Neighbours together, a value alone widened to be seen; each has its ground and its hatch.
-    shaded = [(patch.get_x(), patch.get_width()) for patch in axes.patches]  # type: ignore[attr-defined]
-    assert shaded[::2] == shaded[1::2]
-    assert shaded[0] == (0.0, 1.0)
-    low, width = shaded[2]
-    assert low < 3.0 < low + width < 3.2
-    assert len(shaded) == 4
-    bare = Figure().subplots()
-    sweep_figures.draw_aggressiveness(bare, curve, "x", "μ", "n = 40")
-    assert not bare.patches
+    assert "95 % interval" in labels(axes)
 
 
 def test_site_shows_every_lane_and_the_ego_at_its_range(axes: Axes, single: str) -> None:
@@ -346,12 +334,11 @@ def test_the_delay_of_pedestrians_is_drawn_for_both_arms(
         assert list(drawn[label]) == pytest.approx([delay_s[cell, arm] for cell in cells])
 
 
-def test_a_swept_parameter_has_its_limits_and_what_they_allow(tmp_path: Path) -> None:
+def test_a_swept_parameter_has_its_picture(tmp_path: Path) -> None:
     def fates(task: Task, _pair: int) -> float:
         return 8.0 + task.scenario.strategies["soft_yield"]["time_margin_s"]
 
-    # 20 equal values of τ show μ, so few pairs decide.
-    changes = {"experiment.pairs": 20, "limits.mu0": 5.0, "limits.kappa0": 0.99}
+    changes = {"experiment.pairs": 20}
     study = sweep("cctc", changes, "strategies.soft_yield.time_margin_s=0.0,1.0,2.0")
     run = load_run(made_up(tmp_path / "margin", study, fates))
     with style.styled():
@@ -359,15 +346,11 @@ def test_a_swept_parameter_has_its_limits_and_what_they_allow(tmp_path: Path) ->
     names = ["aggressiveness", "sweep-time-ratio", "sweep-delay", "sweep-pedestrian-delay"]
     assert [picture.name for picture in found] == names
     upper, lower = found[0].figure.axes
-    for axes, limit in ((upper, "μ0 = 5"), (lower, "κ0 = 0.99")):
-        # Bolder to the right: −2, −1, 0 s of margin, all of them within such limits.
+    for axes in (upper, lower):
+        # Bolder to the right: −2, −1, 0 s of margin.
         assert list(line(axes, "soft_yield")[0]) == [-2, -1, 0]
-        assert limit in labels(axes)
-        (allowed,) = (patch for patch in axes.patches if patch.get_label() == "allowed")
-        assert (allowed.get_x(), allowed.get_width()) == (-2, 2)  # type: ignore[attr-defined]
     values = run.summary.set_index("strategies.soft_yield.time_margin_s")["mu"]
     assert list(line(upper, "soft_yield")[1]) == pytest.approx([values[2], values[1], values[0]])
-    assert "Allowed: time_margin_s = 0, 1, 2" in found[0].caption
 
 
 def test_every_caption_counts_and_every_axis_has_a_unit(

@@ -32,11 +32,6 @@ CALLS = {
     "compare": ["SWEEP", "--out", "NEW.csv"],
     "export": ["COPY", "--csv"],
     "network": ["cctc", "--out", "NEW"],
-    "tune": [
-        *("cctc_flow", "--set", "arms.av=gap_yield", "--minimise", "delay_s", "--trials", "2"),
-        *("--parameter", "strategies.gap_yield.critical_gap_s=0:4", "--subject-to", "kappa<0.1"),
-        *("--pairs", "3", "--fresh", "3", "--engine", "plain", "--workers", "1", "--out", "NEW"),
-    ],
     "strategies": [],
     "doctor": [],
 }

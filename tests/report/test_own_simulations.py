@@ -1,7 +1,6 @@
 """The page of a run of a user's own simulation: figures, tables, and the passages to watch."""
 
 import json
-import math
 import shutil
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -19,7 +18,6 @@ from harness.report.pages.player import run_player
 from harness.report.pages.simulation_pictures import simulation_pictures
 from harness.report.pages.simulation_tables import group_and_crosswalk_tables
 from harness.scenario import parse_variation, read_scenario_file, study_of
-from harness.statistics.limits import Limit, Shown
 from harness.store.reading import read_table
 from harness.store.simulations.simulation_traces import has_passages, only_passages
 from harness.store.walk_rows import stored_walk
@@ -35,7 +33,6 @@ from harness.studies.runs.simulation_choice import (
     most_striking,
     numbers_of,
 )
-from harness.studies.runs.under_limits import judged_limits
 from tests.batches import one_process, printed, refusal, run_inline
 from tests.own_scenario import CROSSING, own_study, write_scenario
 from tests.report.test_page import Page
@@ -65,18 +62,6 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> RunData:
     path = write_scenario(folder)
     varied = [parse_variation("simulation.av_share=0.3,1")]
     return run_inline(study_of(read_scenario_file(str(path)), varied), folder / "run")
-
-
-def test_limits_of_own_simulations_are_judged_by_one_sided_bounds(plain: RunData) -> None:
-    """Two pairs: Student's t with one degree of freedom is tan(π (p − 1/2)), 6.314 and 12.706."""
-    name = "people_duration_s_difference"
-    (result,) = plain.results
-    usual = result.findings[name]
-    (each,) = judged_limits(plain, result.cell, [Limit(name, 1e6, above=False)])
-    assert usual.half_width is not None
-    half_width = usual.half_width * math.tan(math.pi * 0.45) / math.tan(math.pi * 0.475)
-    assert each.bound == pytest.approx(usual.number + half_width, rel=1e-9)
-    assert each.shown is Shown.SATISFIED
 
 
 def test_traces_have_every_passage_and_everybody_at_it(traced: RunData) -> None:

@@ -74,7 +74,7 @@ def test_the_reference_is_driven_once_for_everything_it_does_not_depend_on() -> 
             {"actuation.dead_time_s": 0.2, "actuation.lag_s": 0.3, "actuation.max_jerk_mps3": 20.0},
         ):
             assert driven(same, range(4)) == 0, same
-        assert driven({"conflicts.pet_s": 2.0, "limits.mu0": 1.0}, range(2, 6)) == 2
+        assert driven({"conflicts.pet_s": 2.0}, range(2, 6)) == 2
         for other in (
             {"experiment.seed": 2},
             {"arms.human": "human_yield"},
@@ -149,7 +149,6 @@ def test_hours_are_refused() -> None:
     [
         ({"strategies.gap_yield.critical_gap": 1}, "did you mean 'critical_gap_s'"),
         ({"arms.av": "sumo_driver", "actuation.lag_s": 0.3}, "SUMO drives it"),
-        ({"limits.subject_to": ["kapa<1"]}, "did you mean 'kappa'"),
         ({GAP: float("nan")}, "finite number"),
         ({1: 2}, "dotted keys"),
         ({"experiment.seed": 5}, "who meet the same people"),

@@ -1,6 +1,5 @@
 """The AV's arms of hours compared with each other, from rows made by hand."""
 
-import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,9 +8,6 @@ import pyarrow.compute as pc
 import pytest
 
 from harness.core.errors import InputError
-from harness.report.screens.result_screen import screen_of
-from harness.report.screens.result_tables import run_limits
-from harness.report.screens.run_document import arms_document
 from harness.scenario import read_scenario_file, study_of
 from harness.scenario.variation import parse_variation
 from harness.store.kinds import HourKind
@@ -80,35 +76,6 @@ def test_runs_need_the_same_reference_arm() -> None:
     assert compare_arms([one, same]).cells[0].findings["pairs"].count == 2
     with pytest.raises(InputError, match="its reference arm has another automated_delay_s"):
         compare_arms([one, run_of("hard_yield", [[10.0, 10.0]], reference=8.0)])
-
-
-def test_each_av_is_judged_under_limits_in_its_own_run_not_against_the_other_av() -> None:
-    limits = ["automated_delay_s<18", "automated_delay_s_difference<12"]
-    delays = [[11.0, 13.0], [9.0, 10.0]]
-    run = run_of("gap_yield,hard_yield", delays, **{"limits.subject_to": limits})
-    findings = compare_arms([run])
-    bounds = {av: [each.bound for each in of] for av, of in findings.under_limits.items()}
-    # Mean + t(95 %, 1 degree of freedom) * standard error; the reference's delay is 9 in each hour.
-    t_quantile = 6.313751514675043
-    assert bounds["gap_yield"] == pytest.approx([12 + t_quantile, 3 + t_quantile])
-    assert bounds["hard_yield"] == pytest.approx([9.5 + t_quantile / 2, 0.5 + t_quantile / 2])
-    shown = {av: [each.shown.value for each in of] for av, of in findings.under_limits.items()}
-    assert shown == {"gap_yield": ["not shown", "satisfied"], "hard_yield": ["satisfied"] * 2}
-    (line,) = screen_of(findings).conclusions
-    assert "not shown in gap_yield" in line
-    assert "all satisfied in hard_yield" in line
-    assert "Binding: automated_delay_s<18 in gap_yield" in line
-    assert [row[0].text for row in run_limits(findings)[0].rows] == [
-        "gap_yield",
-        "gap_yield",
-        "hard_yield",
-        "hard_yield",
-    ]
-    document = json.loads(json.dumps(arms_document(findings)))
-    assert [each["av"] for each in document["under_limits"]] == [*shown]
-    assert "under_limits" not in arms_document(
-        compare_arms([run_of("gap_yield,hard_yield", delays)])
-    )
 
 
 def test_one_cell_has_nothing_to_be_compared_with() -> None:

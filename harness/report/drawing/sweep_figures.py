@@ -13,7 +13,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from harness.core.encounter import FloatArray
 from harness.report.drawing import style
-from harness.report.drawing.style import AV, GREEN, MUTED, VERMILLION, figure_text, finish
+from harness.report.drawing.style import AV, MUTED, figure_text, finish
 
 _WIDE = 12.0
 """The axis is logarithmic if values differ by more than this factor."""
@@ -85,11 +85,9 @@ def draw_aggressiveness(
     across: str,
     up: str,
     count: str,
-    limit: tuple[float, str] | None = None,
-    allowed: Sequence[float] = (),
     band: str = "95 % interval",
 ) -> None:
-    """Draw a measure over a strategy's aggressiveness, with its limit and the allowed values.
+    """Draw a measure over a strategy's aggressiveness.
 
     The figure follows the paper's figure of the influence of aggressiveness.
 
@@ -97,8 +95,6 @@ def draw_aggressiveness(
         line: values with intervals, drawn as a band.
         across, up: labels with units.
         count: the number of pairs per point.
-        limit: μ0 or κ0, and its name.
-        allowed: the allowed values, which are shaded; neighbours share an area.
         band: the label of the line's intervals.
     """
     order = np.argsort(line.x)
@@ -106,20 +102,6 @@ def draw_aggressiveness(
     low, high = line.low[order], line.high[order]
     axes.fill_between(x, low, high, color=AV.colour, alpha=0.18, lw=0, label=band)
     axes.plot(x, value, color=AV.colour, marker="o", ms=4.5, lw=1.7, label=figure_text(line.label))
-    if limit is not None:
-        words = f"{limit[1]} = {limit[0]:g}"
-        axes.axhline(limit[0], color=VERMILLION, ls="--", lw=1.3, label=words)
-    narrow = 0.01 * float(np.ptp(x)) if len(x) > 1 else 0.5
-    inside = np.flatnonzero(np.isin(x, np.asarray(allowed, dtype=float)))
-    areas = np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if len(inside) else []
-    for number, neighbours in enumerate(areas):
-        begin, end = x[neighbours[0]], x[neighbours[-1]]
-        if begin == end:  # a single value is widened to be visible
-            begin, end = begin - narrow, end + narrow
-        label = None if number else "allowed"
-        axes.axvspan(begin, end, fc=GREEN, alpha=0.14, lw=0, label=label)
-        # The hatch is drawn separately, because in SVG a pattern takes its background's opacity.
-        axes.axvspan(begin, end, fc="none", ec=GREEN, hatch="//", lw=0)
     _tick(axes, x)
     finish(axes, figure_text(across), up, count)
 

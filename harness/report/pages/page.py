@@ -17,7 +17,7 @@ from harness.report.pages.template import Failures, Page, drawn, flat, page_in, 
 from harness.report.screens.comparison_sentences import comparison_lines
 from harness.report.screens.comparison_tables import comparison_tables
 from harness.report.screens.result_screen import screen_of
-from harness.report.screens.result_tables import cells_table, full_tables, run_limits
+from harness.report.screens.result_tables import cells_table, full_tables
 from harness.report.screens.screen import screen_lines
 from harness.report.screens.tables import Table, counted
 from harness.scenario import as_written, remarks
@@ -130,7 +130,7 @@ def _results(run: RunData) -> tuple[list[str], list[Table]]:
         tables = [cells_table(findings), *full_tables(findings)[:_MOST_TABLES]]
     else:
         tables = full_tables(findings)
-    return screen, [*run_limits(findings), *tables, *parts_of(run).tables(run)]
+    return screen, [*tables, *parts_of(run).tables(run)]
 
 
 def _unfinished(run: RunData) -> str:

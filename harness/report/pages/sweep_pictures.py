@@ -7,13 +7,9 @@ import pandas as pd
 
 from harness.report.drawing import style, sweep_figures as draw
 from harness.report.drawing.style import Picture
-from harness.report.screens.comparison_sentences import allowed_lines
 from harness.report.screens.tables import level as words_of_level
 from harness.scenario import as_written
 from harness.scenario.units import unit_of
-from harness.statistics import Limits, Verdict
-from harness.studies.runs.compare import allowed_values
-from harness.studies.runs.comparisons import SweepResult
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.strategy_groups import (
     ParameterSweep,
@@ -120,56 +116,29 @@ def _parameters(run: RunData) -> list[tuple[StrategyGroup, ParameterSweep]]:
 def _aggressiveness(
     run: RunData, group: StrategyGroup, parameter: ParameterSweep, number: int | None
 ) -> Picture:
-    """Draw μ and κ over one parameter of a strategy, with the limits and the allowed values."""
-    judged = _judged(run, group, parameter)
+    """Draw μ and κ over one parameter of a strategy."""
     bold = parameter.aggressiveness
     x = np.array(bold or parameter.values)
     label = f"aggressiveness: −{parameter.parameter}" if bold else axis_label(parameter.key)
     cells = [group.cells[position].cell.number for position in parameter.cells]
     rows = run.summary.set_index("cell").reindex(cells)
     counted = f"n = {_range_of(rows['pairs'].dropna())} pairs per point"
-    judgements = [] if judged is None else judged.found.judgements
-    allowed = [
-        float(place)
-        for place, judgement in zip(x, judgements, strict=False)
-        if judgement.verdict is Verdict.ALLOWED
-    ]
     figure, panels = style.new_figure(2, 1, height=6.4)
     for panel, (measure, up, _) in zip(panels, _MEASURES[1:3], strict=True):
-        if judged is None:
-            drivers = [parameter.strategy] * len(x)
-            (line,) = draw.lines_of(rows, x.tolist(), drivers, f"{measure}_all")
-            limit, band = None, f"{words_of_level(run.confidence)} interval"
-        else:
-            swept = [getattr(judgement.swept, measure) for judgement in judgements]
-            values = np.array([[each.value, each.low, each.high] for each in swept], dtype=float)
-            line = draw.Line(parameter.strategy, x, *values.T)
-            limits, band = judged.limits, "bounds for all values together"
-            limit = (limits.mu0, "μ0") if measure == "mu" else (limits.kappa0, "κ0")
-        draw.draw_aggressiveness(panel, line, label, up, counted, limit, allowed, band)
+        drivers = [parameter.strategy] * len(x)
+        (line,) = draw.lines_of(rows, x.tolist(), drivers, f"{measure}_all")
+        band = f"{words_of_level(run.confidence)} interval"
+        draw.draw_aggressiveness(panel, line, label, up, counted, band)
     where = "".join(f", {key} = {as_written(value)}" for key, value in group.shared.items())
-    result = "the scenario has no limits μ0 and κ0, so no values are marked as allowed"
-    if judged is not None:
-        result = " ".join(allowed_lines(judged, 1 - run.confidence)).rstrip(".")
     name = "aggressiveness" if number is None else f"aggressiveness-{number}"
     return Picture(
         name,
         f"μ and κ over {parameter.key}",
         f"Influence of {'the aggressiveness' if bold else parameter.parameter} of "
-        f"{parameter.strategy}{where}: {result}; {counted}. In μ a human who crashed counts as if "
+        f"{parameter.strategy}{where}; {counted}. In μ a human who crashed counts as if "
         "they had driven on; in κ time-outs and failures count as crashes.",
         figure,
     )
-
-
-def _judged(run: RunData, group: StrategyGroup, parameter: ParameterSweep) -> SweepResult | None:
-    """Return the allowed values of a finished sweep whose scenario has both limits."""
-    given = group.cells[0].cell.scenario.limits
-    if not run.finished or given.mu0 is None or given.kappa0 is None:
-        return None
-    limits = Limits(given.mu0, given.kappa0)
-    results = allowed_values(run, group, limits)
-    return next(result for result in results if result.sweep == parameter)
 
 
 def _range_of(values: "pd.Series[int]") -> str:

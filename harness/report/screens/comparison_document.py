@@ -1,10 +1,8 @@
 """The JSON document and the CSV rows of ``harness compare``."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-from harness.report.screens.limit_tables import limits_document
-from harness.statistics import ENCOUNTERS, Standing, Summary, row_of
-from harness.statistics.limits import JudgedLimit, binding
+from harness.statistics import ENCOUNTERS, Summary, row_of
 from harness.studies.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
 from harness.studies.runs.notes import av_label, encounter_notes
 from harness.studies.runs.strategy_groups import StrategyCell
@@ -21,36 +19,15 @@ def comparison_document(result: RunComparison) -> Document:
             {
                 "shared": group.group.shared,
                 "cells": [
-                    _cell_document(*of, group, result)
-                    for of in zip(
-                        group.group.cells,
-                        group.summaries,
-                        group.standings(),
-                        group.limits or [()] * len(group.summaries),
-                        strict=True,
-                    )
+                    _cell_document(*of, result)
+                    for of in zip(group.group.cells, group.summaries, strict=True)
                 ],
                 "comparisons": [_row(item, group) for item in group.comparisons],
                 "allowed": [_sweep_document(sweep, group) for sweep in group.sweeps],
-                "allowed_together": [group.group.cells[at].number for at in group.allowed],
-                "best_allowed": _number_of(group.best_allowed, group),
-                "binding": _binding(group),
             }
             for group in result.groups
         ],
     }
-
-
-def _number_of(position: int | None, group: GroupResult) -> int | None:
-    return None if position is None else group.group.cells[position].number
-
-
-def _binding(group: GroupResult) -> Document | None:
-    """Return the limit that binds the choice of the best cell, and the cell that it keeps out."""
-    if group.stopped is None:
-        return None
-    binds = binding(group.limits[group.stopped])
-    return {"limit": str(binds and binds.limit), "keeps_out": _number_of(group.stopped, group)}
 
 
 def comparison_rows(result: RunComparison) -> list[Document]:
@@ -116,14 +93,8 @@ def _over_model(item: Comparison) -> Document:
 def _cell_document(
     cell: StrategyCell,
     summary: Summary,
-    standing: Standing,
-    limits: Sequence[JudgedLimit],
-    group: GroupResult,
     result: RunComparison,
 ) -> Document:
-    def numbers(positions: tuple[int, ...]) -> list[int]:
-        return [group.group.cells[position].number for position in positions]
-
     return {
         "cell": cell.number,
         "folder": str(result.folders[cell.run]),
@@ -135,10 +106,6 @@ def _cell_document(
             note.text for note in encounter_notes(cell.cell.scenario, summary.findings, ENCOUNTERS)
         ],
         **row_of(ENCOUNTERS, summary.findings),
-        **limits_document(limits),
-        "place": standing.place.value,
-        "dominated_by": numbers(standing.dominated_by),
-        "undecided_against": numbers(standing.open_against),
     }
 
 

@@ -1,15 +1,15 @@
-"""The first screen of a comparison: the better cells, the Pareto front, and the allowed cells."""
+"""The first screen of a comparison: the better cells, and the allowed values."""
 
 import shlex
 from collections.abc import Mapping
 
-from harness.report.screens.comparison_sentences import allowed_lines, best_lines
+from harness.report.screens.comparison_sentences import allowed_lines
 from harness.report.screens.comparison_tables import cell_numbers, comparison_notes
 from harness.report.screens.result_texts import with_limits, zero_lines
 from harness.report.screens.screen import KEPT, Screen
 from harness.report.screens.tables import counted, entry_value, named_values
 from harness.scenario import as_written
-from harness.statistics import ENTRIES, Place, Rank
+from harness.statistics import ENTRIES, Rank
 from harness.statistics.entries import Finding
 from harness.studies.runs.comparisons import GroupResult, RunComparison
 from harness.studies.runs.notes import av_label
@@ -21,11 +21,10 @@ _MOST_CELLS = 6
 _MOST_SENTENCES = 3
 _NAMED = 3
 _CRASHES = ENTRIES["kappa"]
-_PLACES = {Place.FRONT: "yes", Place.UNDECIDED: "undecided", Place.DOMINATED: "no"}
 
 
 def comparison_screen(result: RunComparison) -> Screen:
-    """Return the first cells of each group, the front first and then by the ratio of times."""
+    """Return the first cells of each group, by the ratio of times."""
     each = max(1, _MOST_CELLS // len(result.groups))
     groups = result.groups[:_MOST_CELLS]
     rows = [row for group in groups for row in _group_rows(group, each)]
@@ -53,7 +52,7 @@ def comparison_screen(result: RunComparison) -> Screen:
     footer += shlex.quote(str(result.folders[0]))
     # On a narrow terminal the last column is left out, and a time without crashes would flatter.
     better = [f"fewer{KEPT}crashes or{KEPT}time-outs than", "less time than"]
-    headings = ["cell", "AV", "ratio of times", "worst case", "crashes", "front", *better]
+    headings = ["cell", "AV", "ratio of times", "worst case", "crashes", *better]
     return Screen(
         title=f"{result.name}: {counted(cells, 'cell')} compared pair by pair",
         scope=f"{pairs} pairs each{nobody}, seed {seeds}, significant if p (Holm) < {error:.2g}",
@@ -63,16 +62,16 @@ def comparison_screen(result: RunComparison) -> Screen:
         notes=notes,
         footer=footer,
         site=site_words(scenarios),
-        always=6 + several,
+        always=5 + several,
     )
 
 
 def _group_rows(group: GroupResult, most: int) -> list[tuple[str, ...]]:
-    standings, cells = group.standings(), group.group.cells
+    cells = group.group.cells
     times = [summary.findings["time_ratio"].number for summary in group.summaries]
 
-    def rank(at: int) -> tuple[int, bool, float]:
-        return [*_PLACES].index(standings[at].place), times[at] is None, times[at] or 0.0
+    def rank(at: int) -> tuple[bool, float]:
+        return times[at] is None, times[at] or 0.0
 
     rows = []
     for at in sorted(range(len(cells)), key=rank)[:most]:
@@ -85,7 +84,6 @@ def _group_rows(group: GroupResult, most: int) -> list[tuple[str, ...]]:
                 with_limits(ENTRIES["time_ratio"], findings["time_ratio"]),
                 _worst_case(findings),
                 entry_value(_CRASHES, findings["kappa"]),
-                _PLACES[standings[at].place],
                 *(_numbers(group, group.beaten_by(at, by)) for by in (1, 0)),
             )
         )
@@ -111,18 +109,15 @@ def _numbers(group: GroupResult, positions: list[int]) -> str:
 
 
 def _sentences(result: RunComparison, first: list[str]) -> list[str]:
-    """Return the first sentences as one line, and those about the allowed cells that fit."""
-    best = [line for group in result.groups for line in best_lines(group)]
-    allowed = [
+    """Return the first sentences as one line, and those about the allowed values that fit."""
+    lines = [
         line
         for group in result.groups
         for sweep in group.sweeps
         for line in allowed_lines(sweep, group.level)
     ]
-    lines = [*allowed, *best]
     if len(lines) > _MOST_SENTENCES:
-        lines = best if best and len(best) <= _MOST_SENTENCES else lines[: _MOST_SENTENCES - 1]
-        lines = [*lines, "More on what the limits allow: --full."]
+        lines = [*lines[: _MOST_SENTENCES - 1], "More on what the limits allow: --full."]
     return [*([" ".join(first)] if first else []), *lines]
 
 

@@ -1,11 +1,9 @@
 """The sentences below the tables of a comparison, for the terminal and the page."""
 
-from harness.report.screens.limit_tables import OWN_BOUND, binding_words
-from harness.report.screens.result_texts import with_limits
-from harness.report.screens.tables import counted, entry_value, level, named_values
+from harness.report.screens.tables import level
 from harness.scenario import as_written
-from harness.statistics import ENTRIES, Findings, SweepVerdict, Verdict
-from harness.studies.runs.comparisons import GroupResult, RunComparison, SweepResult
+from harness.statistics import SweepVerdict, Verdict
+from harness.studies.runs.comparisons import RunComparison, SweepResult
 
 
 def allowed_lines(result: SweepResult, error: float) -> list[str]:
@@ -42,51 +40,6 @@ def allowed_lines(result: SweepResult, error: float) -> list[str]:
     ]
 
 
-def best_lines(result: GroupResult) -> list[str]:
-    """Return sentences about a group's best allowed cell; empty if no cell is judged."""
-    if not result.limits:
-        return []
-    cells, best = result.group.cells, result.best_allowed
-    shared = named_values(result.group.shared)
-    where = "Best allowed cell" + (f" at {shared}" if shared else "")
-    sure = _sure(result)
-    if best is None:
-        return [f"{where}: none is shown to be allowed, {sure}. {binding_words(result)}"]
-    findings, alike = result.summaries[best].findings, result.untold_from(best)
-    times = findings["time_ratio"]
-    few = f"; {times.reason}" if times.reason else ""
-    text = (
-        f"{where}: {cells[best].number} ({cells[best].label}), ratio of times "
-        f"{with_limits(ENTRIES['time_ratio'], times)}{few}; {_left_out(findings)}. It is the "
-        f"smallest ratio of {counted(len(result.allowed), 'cell')} allowed {sure}."
-    )
-    if alike:
-        names = ", ".join(str(cells[at].number) for at in alike)
-        text += f" Not shown to differ from it: cell{'s' * (len(alike) > 1)} {names}."
-    return [f"{text} {binding_words(result)}"]
-
-
-def _sure(result: GroupResult) -> str:
-    """Return by which bounds cells are allowed: those of all cells together, own ones, or both."""
-    parts = []
-    if result.together:
-        sure = level(1 - result.level)
-        parts.append(f"by bounds of all {len(result.limits)} cells together, {sure}")
-    if own := [str(each.limit) for each in result.limits[0][2 * result.together :]]:
-        parts.append(f"under {', '.join(own)}, {OWN_BOUND}")
-    return ", and ".join(parts)
-
-
-def _left_out(findings: Findings) -> str:
-    """Return how many pairs the ratio of times leaves out, with reason and worst case."""
-    count = findings["pairs"].count - findings["time_ratio_pairs"].count
-    if not count:
-        return "no pair left out"
-    worst = entry_value(ENTRIES["time_ratio_worst"], findings["time_ratio_worst"])
-    why = "as the AV crashed or an arm failed"
-    return f"{counted(count, 'pair')} left out, {why}: worst case {worst}"
-
-
 def comparison_lines(result: RunComparison) -> list[str]:
     """Return sentences about the tables' findings, and how to read the tables."""
     tests = sum(len(group.comparisons) for group in result.groups)
@@ -104,9 +57,9 @@ def comparison_lines(result: RunComparison) -> list[str]:
         "Ratio of times: sum of the AV's times / sum of the reference's, over the pairs in which "
         "nobody failed and the AV did not crash. Missed: crashed, timed out or strategy failed; "
         "κ with time-outs counts all three.",
-        "Front: by ratio of times and κ with time-outs. Two cells differ if p (Holm) of either is "
-        f"below {error}, corrected for all {2 * tests} tests of both. A single interval may "
-        "contradict that. Two cells are alike if they differ in no pair.",
+        "Less time, fewer crashes or time-outs: p (Holm) of the ratio of times, or of κ with "
+        f"time-outs, is below {error}, corrected for all {2 * tests} tests of both. A single "
+        "interval may contradict that.",
     ]
     few = any(
         finding.reliable is False
@@ -129,7 +82,6 @@ def comparison_lines(result: RunComparison) -> list[str]:
             f"{repeats} cells are left out: each repeats the strategy and parameters of another "
             "cell."
         )
-    notes += [line for group in result.groups for line in best_lines(group)]
     return notes
 
 

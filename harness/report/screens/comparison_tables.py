@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from harness.report.screens.joined_notes import joined_notes
-from harness.report.screens.limit_tables import limits_table
 from harness.report.screens.result_screen import MODEL_HEADING
 from harness.report.screens.tables import (
     Table,
@@ -24,19 +23,14 @@ from harness.statistics import (
     ENTRIES,
     Interval,
     Note,
-    Place,
     Rank,
-    Standing,
 )
 from harness.studies.runs.comparisons import GroupResult, RunComparison, SweepResult
 from harness.studies.runs.notes import av_label, encounter_notes
 
-_NAMED = 4
-"""Maximum number of cells that a text names; the JSON document has all."""
-
 
 def comparison_tables(result: RunComparison) -> list[Table]:
-    """Return tables of every group's cells and front, the differences, and the allowed values."""
+    """Return tables of every group's cells, the differences, and the allowed values."""
     tables = []
     for place, group in enumerate(result.groups):
         shared = named_values(group.group.shared)
@@ -48,10 +42,6 @@ def comparison_tables(result: RunComparison) -> list[Table]:
             _sweep_table(sweep, group, f"allowed-{place}-{position}")
             for position, sweep in enumerate(group.sweeps)
         ]
-        judged = list(
-            zip([str(cell.number) for cell in group.group.cells], group.limits, strict=False)
-        )
-        tables += limits_table(judged, f"under-limits-{place}", f"{name}: limits{_together(group)}")
     return tables
 
 
@@ -110,9 +100,7 @@ _ON_PAGE = ("mu_worst", "delay_worst_s", "timed_out_av", "defined_pairs")
 def _cell_table(result: GroupResult, name: str, caption: str) -> Table:
     thresholds = result.group.cells[0].cell.scenario.conflicts.model_dump()
     rows = []
-    for cell, summary, standing in zip(
-        result.group.cells, result.summaries, result.standings(), strict=True
-    ):
+    for cell, summary in zip(result.group.cells, result.summaries, strict=True):
         findings = summary.findings
         shown, on_page = (
             [entry_cell(ENTRIES[of], findings, of) for of in names] for names in (_SHOWN, _ON_PAGE)
@@ -123,14 +111,13 @@ def _cell_table(result: GroupResult, name: str, caption: str) -> Table:
                 TableCell(av_label(cell.label, findings)),
                 count_cell(findings["pairs"].count),
                 *shown,
-                TableCell(_words(standing, result)),
                 *on_page,
             )
         )
     headings = [
         [ENTRIES[of].title_of(of, thresholds) for of in names] for names in (_SHOWN, _ON_PAGE)
     ]
-    front = ("cell", "AV", "pairs", *headings[0], "front")
+    front = ("cell", "AV", "pairs", *headings[0])
     return Table(
         name,
         f"{caption}: strategies",
@@ -221,24 +208,11 @@ def _sweep_table(result: SweepResult, group: GroupResult, name: str) -> Table:
     return Table(name, caption, headings, tuple(rows))
 
 
-def _together(group: GroupResult) -> str:
-    cells = len(group.limits)
-    return f", those of μ and κ by bounds of all {cells} cells together" if group.together else ""
-
-
 def _p_cell(p: float) -> TableCell:
     return TableCell(f"{p:.2g}", sort=repr(p))
 
 
-def _words(standing: Standing, result: GroupResult) -> str:
-    if standing.place is Place.DOMINATED:
-        return f"dominated by {cell_numbers(standing.dominated_by, result)}"
-    if standing.place is Place.UNDECIDED:
-        return f"undecided against {cell_numbers(standing.open_against, result)}"
-    return standing.place.value
-
-
-def cell_numbers(positions: Sequence[int], result: GroupResult, most: int = _NAMED) -> str:
+def cell_numbers(positions: Sequence[int], result: GroupResult, most: int) -> str:
     """Return the numbers of the first few of these cells."""
     more = f" and {len(positions) - most} more" if len(positions) > most else ""
     return ", ".join(str(result.group.cells[at].number) for at in positions[:most]) + more

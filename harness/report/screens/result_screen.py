@@ -5,7 +5,6 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from harness.report.screens.joined_notes import joined_notes
-from harness.report.screens.limit_tables import limit_lines
 from harness.report.screens.result_texts import (
     both_arms,
     no_spread,
@@ -66,7 +65,6 @@ def _one_cell(run: RunFindings, cell: CellFindings, footer: str) -> Screen:
         notes=tuple(sorted((*run.notes, *cell.notes), key=lambda note: note.rank)),
         footer=footer,
         site=run.site,
-        conclusions=tuple(limit_lines(run)),
         aside=True,
     )
 
@@ -206,7 +204,7 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
         ),
         footer=footer,
         site=run.site,
-        conclusions=(*zeros, *limit_lines(run)),
+        conclusions=tuple(zeros),
         always=always,
         most_lines=None,
     )

@@ -3,7 +3,6 @@
 import re
 
 from harness.measures import MEASURES
-from harness.report.screens.limit_tables import OWN_BOUND, judged_cells, limits_table
 from harness.report.screens.result_screen import (
     MODEL_HEADING,
     MOST_CELLS,
@@ -32,12 +31,6 @@ STAR = "; * unreliable: too few informative pairs (n)"
 def full_tables(run: RunFindings) -> list[Table]:
     """Return a table of every entry for each cell."""
     return [_every_entry(run, cell) for cell in run.cells[:MOST_CELLS]]
-
-
-def run_limits(run: RunFindings) -> list[Table]:
-    """Return a table of the limits of every cell or compared AV; no table without limits."""
-    heading = "AV" if run.between_avs else "cell"
-    return limits_table(judged_cells(run)[:MOST_CELLS], "limits", f"Limits, {OWN_BOUND}", heading)
 
 
 def _every_entry(run: RunFindings, cell: CellFindings) -> Table:

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
-from harness.report.screens.limit_tables import limits_document
 from harness.statistics import Catalogue, CellFindings, Plain, RunFindings, row_of
 from harness.studies.kinds.tasks import Failure
 from harness.studies.runs.reported import reported
@@ -36,15 +35,7 @@ def arms_document(findings: RunFindings) -> Document:
         "comparisons": [
             {"second": cell.reference, **_cell(findings.catalogue, cell)} for cell in findings.cells
         ],
-        **_under_limits(findings),
     }
-
-
-def _under_limits(findings: RunFindings) -> Document:
-    """Return the limits of each compared AV; empty without limits."""
-    judged = findings.under_limits.items()
-    found = [{"av": av, **limits_document(limits)} for av, limits in judged]
-    return {"under_limits": found} if found else {}
 
 
 def arms_rows(findings: RunFindings) -> list[dict[str, Plain]]:
@@ -72,7 +63,6 @@ def _cell(catalogue: Catalogue, cell: CellFindings) -> Document:
         "summary": row_of(catalogue, cell.findings),
         "findings": {name: asdict(finding) for name, finding in cell.findings.items()},
         **_over_model(cell),
-        **limits_document(cell.limits),
         "indicative": [name for name, of in cell.findings.items() if of.reliable is False],
     }
 

@@ -10,7 +10,7 @@ from harness.report.screens.comparison_tables import comparison_tables
 from harness.report.screens.console import make_console, print_table
 from harness.report.screens.paired_tables import paired_tables
 from harness.report.screens.result_screen import screen_of
-from harness.report.screens.result_tables import full_tables, run_limits
+from harness.report.screens.result_tables import full_tables
 from harness.report.screens.screen import Screen, screen_lines
 from harness.statistics import RunFindings
 from harness.studies.runs.comparisons import RunComparison
@@ -26,7 +26,7 @@ def print_run(run: RunData, full: bool = False) -> None:
     screen = screen_of(findings)
     print_screen(console, replace(screen, most_lines=None) if full else screen)
     if full:
-        for table in (*run_limits(findings), *full_tables(findings), *paired_tables(run)):
+        for table in (*full_tables(findings), *paired_tables(run)):
             print_table(console, table)
         for line in remarks(run):
             console.print(line)
@@ -37,7 +37,7 @@ def print_arms(findings: RunFindings, full: bool = False) -> None:
     console = make_console()
     screen = replace(screen_of(findings), footer="All measures: --full.")
     print_screen(console, replace(screen, most_lines=None) if full else screen)
-    for table in (*run_limits(findings), *full_tables(findings)) if full else ():
+    for table in full_tables(findings) if full else ():
         print_table(console, table)
 
 

@@ -8,7 +8,7 @@ from harness.core.errors import InputError
 from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Options, Scenario, Study, study_from
-from harness.store.kinds import Kind, kind_of, kind_of_study, limits_of
+from harness.store.kinds import Kind, kind_of, kind_of_study
 from harness.store.manifest import manifest_of, options_of, origin_of
 from harness.store.reading import MANIFEST
 from harness.strategies.parameters import knows_the_model
@@ -88,7 +88,6 @@ def plan_of(study: Study, options: Options) -> Plan:
     for cell in study.cells:
         models[cell.number] = load(*cell.scenario.model.file_and_refits)
         check_arms(cell.scenario, models[cell.number])
-        limits_of(cell.scenario)
         _check_refits(cell.scenario, models[cell.number])
         simulation_of(cell.scenario).check(cell.scenario)
     if len({model.refits.sha256 for model in models.values() if model.refits is not None}) > 1:

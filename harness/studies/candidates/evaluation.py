@@ -15,7 +15,7 @@ from harness.scenario import Cell, EngineName, Scenario, ScenarioFile, Setting, 
 from harness.scenario.file import apply_setting, as_plain
 from harness.scenario.options import whole_number
 from harness.statistics import CONFIDENCE, ENCOUNTERS, Findings, row_of
-from harness.store.kinds import kind_of, limits_of
+from harness.store.kinds import kind_of
 from harness.studies.candidates.session import Session
 
 if TYPE_CHECKING:
@@ -156,7 +156,6 @@ def scenario_of(file: ScenarioFile, settings: Sequence[Setting], pairs: range) -
         InputError: it is refused, is not a scenario of encounters, or lacks a pair.
     """
     scenario = file.scenario(settings)
-    limits_of(scenario)
     if section := kind_of(scenario).section:
         raise InputError(file.source, f"has {section}", "a scenario of encounters")
     if (drawn := len(scenario.pedestrians.drawn)) and pairs.stop > drawn:

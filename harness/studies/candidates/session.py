@@ -228,7 +228,7 @@ def _reference_key(part: _Part, engine: EngineName) -> str:
     scenario, model = part.scenario, part.model
     name = scenario.arms.human
     tree = scenario.model_dump()
-    for key in ("arms", "strategies", "perception", "actuation", "conflicts", "limits"):
+    for key in ("arms", "strategies", "perception", "actuation", "conflicts"):
         del tree[key]
     del tree["experiment"]["pairs"]
     parameters = scenario.strategies.get(name, {})

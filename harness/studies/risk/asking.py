@@ -12,7 +12,6 @@ from harness.engine.installation import check_packages
 from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario, validate
-from harness.store.kinds import limits_of
 from harness.strategies.registry import source_digests
 from harness.studies.risk.event import Event, parse_event
 from harness.studies.risk.space import Space, space_of
@@ -115,6 +114,5 @@ def question_of(settings: Settings) -> Question:
         )
     model = load_model(scenario.model.name, scenario.model.path)
     check_arms(scenario, model)
-    limits_of(scenario)
     event, space = parse_event(settings.event), space_of(scenario, settings.arm)
     return Question(scenario, model, settings.arm, event, space, settings.in_sumo)

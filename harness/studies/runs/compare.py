@@ -17,7 +17,6 @@ from harness.core.encounter import FloatArray
 from harness.core.errors import InputError
 from harness.core.seeding import resampling
 from harness.statistics import (
-    AllowedInterval,
     ComparedColumns,
     Limits,
     PairColumns,
@@ -26,8 +25,6 @@ from harness.statistics import (
     mcnemar,
     swept_value,
 )
-from harness.statistics.limits import JudgedLimit, Limit
-from harness.store.kinds import limits_of
 from harness.store.over_model import refits_of
 from harness.store.summaries import repeated
 from harness.studies.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
@@ -40,7 +37,6 @@ from harness.studies.runs.strategy_groups import (
     groups_over,
     parameter_sweeps,
 )
-from harness.studies.runs.under_limits import judged_limits, judged_together
 
 Progress = Callable[[int, int], None]
 """Receives the numbers of done and planned steps."""
@@ -54,14 +50,13 @@ def compare(
 ) -> RunComparison:
     """Compare every two cells that differ only in the AV's strategy, in one run or in several.
 
-    Separate runs are compared over the pairs that they have in common.  The first scenario's
-    ``limits.subject_to`` applies to all cells.
+    Separate runs are compared over the pairs that they have in common.
 
     Args:
         runs: finished runs or their folders: one run with several cells, or several runs with the
             same seed, pedestrians, ego and reference.
-        mu0: limit of μ; default: the first scenario's ``limits.mu0``.
-        kappa0: limit of κ; default: the first scenario's ``limits.kappa0``.
+        mu0: limit of μ, under which values of a swept parameter are allowed; give both or neither.
+        kappa0: limit of κ.
         progress: called with the numbers of done and planned comparisons.
 
     Raises:
@@ -88,28 +83,13 @@ def compare(
             "a sweep over arms.av or over parameters of its strategy, or a second run",
         )
     confidence = max(run.confidence for run in opened)
-    limits = [_limits(group, mu0, kappa0) for group in groups]
-    others = [limits_of(group.cells[0].cell.scenario) for group in groups]
+    limits = _limits(mu0, kappa0)
+    if limits is not None and not any(map(parameter_sweeps, groups)):
+        raise InputError("--mu0, --kappa0", "no parameter is swept", "a sweep over a parameter")
     steps = _Steps(sum(math.comb(len(group.cells), 2) for group in groups), progress)
-    results = [
-        _compare_group(opened, group, limit, more, confidence, steps)
-        for group, limit, more in zip(groups, limits, others, strict=True)
-    ]
+    results = [_compare_group(opened, group, limits, confidence, steps) for group in groups]
     paths = tuple(run.path for run in opened)
     return RunComparison(paths, opened[0].name, confidence, _as_one_family(results))
-
-
-def allowed_values(run: RunData, group: StrategyGroup, limits: Limits) -> tuple[SweepResult, ...]:
-    """Return the allowed values of every parameter that a group sweeps.
-
-    Args:
-        run: a finished run.
-        group: a group of its cells.
-        limits: μ0 and κ0.
-    """
-    columns = _columns_of([run], group)
-    level = 1 - run.confidence
-    return tuple(_judge(sweep, group, columns, limits, level) for sweep in parameter_sweeps(group))
 
 
 def _columns_of(runs: Sequence[RunData], group: StrategyGroup) -> list[PairColumns]:
@@ -117,20 +97,16 @@ def _columns_of(runs: Sequence[RunData], group: StrategyGroup) -> list[PairColum
     return [runs[member.run].pair_columns_of(member.cell.number) for member in group.cells]
 
 
-def _limits(group: StrategyGroup, mu0: float | None, kappa0: float | None) -> Limits | None:
-    defaults = group.cells[0].cell.scenario.limits
+def _limits(mu0: float | None, kappa0: float | None) -> Limits | None:
     if mu0 is not None and not 0 < mu0 < math.inf:
         raise InputError("--mu0", f"{mu0:g} is not accepted", "above 0")
     if kappa0 is not None and not 0 < kappa0 <= 1:
         raise InputError("--kappa0", f"{kappa0:g} is not accepted", "above 0, at most 1")
-    mu0, kappa0 = mu0 or defaults.mu0, kappa0 or defaults.kappa0
     if mu0 is None and kappa0 is None:
         return None
     if mu0 is None or kappa0 is None:
-        missing = "mu0" if mu0 is None else "kappa0"
-        raise InputError(
-            f"limits.{missing}", "is missing", f"both limits: --{missing}, or in the scenario"
-        )
+        missing = "--mu0" if mu0 is None else "--kappa0"
+        raise InputError(missing, "is missing", "both limits or neither")
     return Limits(mu0, kappa0)
 
 
@@ -146,15 +122,15 @@ class _Steps:
 
 
 def _as_one_family(results: list[GroupResult]) -> tuple[GroupResult, ...]:
-    """Adjust the p values by Holm, in one family for the crashes and one for the front."""
+    """Adjust the p values by Holm, in one family for the crashes and one for times and misses."""
     items = [item for result in results for item in result.comparisons]
     crashes = holm([item.crashes.p for item in items])
     times = [item.time_ratio_difference.p for item in items]
-    front = holm([*times, *(item.misses.p for item in items)])
+    both = holm([*times, *(item.misses.p for item in items)])
     adjusted = iter(
         replace(item, p_holm=p, time_ratio_p_holm=time, misses_p_holm=missed)
         for item, p, time, missed in zip(
-            items, crashes, front[: len(items)], front[len(items) :], strict=True
+            items, crashes, both[: len(items)], both[len(items) :], strict=True
         )
     )
     return tuple(
@@ -167,7 +143,6 @@ def _compare_group(
     runs: Sequence[RunData],
     group: StrategyGroup,
     limits: Limits | None,
-    others: Sequence[Limit],
     confidence: float,
     steps: _Steps,
 ) -> GroupResult:
@@ -188,27 +163,6 @@ def _compare_group(
         tuple(summaries[member.run][member.cell.number] for member in group.cells),
         tuple(comparisons),
         tuple(_judge(sweep, group, columns, limits, level) for sweep in sweeps if limits),
-        _under_limits(runs, group, columns, limits, others) if limits or others else (),
-        limits is not None,
-    )
-
-
-def _under_limits(
-    runs: Sequence[RunData],
-    group: StrategyGroup,
-    columns: list[PairColumns],
-    limits: Limits | None,
-    others: Sequence[Limit],
-) -> tuple[tuple[JudgedLimit, ...], ...]:
-    """Judge each cell of a group under μ0 and κ0, and under its other limits."""
-    together: list[tuple[JudgedLimit, ...]] = [()] * len(columns)
-    if limits is not None:
-        level = 1 - max(run.confidence for run in runs)
-        found = _judged(range(len(columns)), group, columns, limits, level)
-        together = [judged_together(each, limits) for each in found.judgements]
-    return tuple(
-        (*first, *judged_limits(runs[member.run], member.cell, others))
-        for first, member in zip(together, group.cells, strict=True)
     )
 
 
@@ -273,17 +227,7 @@ def _judge(
     limits: Limits,
     level: float,
 ) -> SweepResult:
-    return SweepResult(sweep, limits, _judged(sweep.cells, group, columns, limits, level))
-
-
-def _judged(
-    cells: Sequence[int],
-    group: StrategyGroup,
-    columns: list[PairColumns],
-    limits: Limits,
-    level: float,
-) -> AllowedInterval:
-    """Judge cells of a group with bounds that hold for all of them simultaneously."""
+    """Judge a parameter's values with bounds that hold for all of them simultaneously."""
     seed = group.cells[0].cell.scenario.experiment.seed
     swept = [
         swept_value(
@@ -292,13 +236,13 @@ def _judged(
             columns[cell].av_tried,
             _count(columns[cell].tau_all[columns[cell].met_someone]),
             resampling(seed, "comparison"),
-            len(cells),
+            len(sweep.cells),
             level,
             repeated=repeated(columns[cell], group.cells[cell].cell.scenario)[0],
         )
-        for cell in cells
+        for cell in sweep.cells
     ]
-    return allowed_interval(swept, limits, level)
+    return SweepResult(sweep, limits, allowed_interval(swept, limits, level))
 
 
 def _count(values: FloatArray) -> int:

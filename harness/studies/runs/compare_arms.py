@@ -15,17 +15,13 @@ import pyarrow.compute as pc
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
 from harness.measures.agreement import TOLERANCE
-from harness.scenario import as_written
 from harness.statistics import CellFindings, Note, Rank, RunFindings
-from harness.statistics.limits import JudgedLimit
-from harness.store.kinds import limits_of
 from harness.studies.runs.hour_notes import FEW_HOURS
 from harness.studies.runs.notes import counted
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.same_pairs import check_same_scenario, names_of
 from harness.studies.runs.site_words import site_words
-from harness.studies.runs.strategy_groups import StrategyCell, StrategyGroup, groups_over
-from harness.studies.runs.under_limits import judged_limits
+from harness.studies.runs.strategy_groups import StrategyCell, groups_over
 
 
 def compare_arms(runs: Sequence[RunData]) -> RunFindings:
@@ -37,8 +33,7 @@ def compare_arms(runs: Sequence[RunData]) -> RunFindings:
     Returns:
         The findings of each comparison in the form of a cell's findings.  The first cell's AV is
         the AV, and the second cell's AV is the reference.  All intervals hold simultaneously with
-        the run's confidence (Bonferroni).  The first scenario's ``limits.subject_to`` applies to
-        each AV in its own run; those bounds hold alone.
+        the run's confidence (Bonferroni).
 
     Raises:
         InputError: no two cells can be compared, or their reference arms differ; see also
@@ -74,22 +69,7 @@ def compare_arms(runs: Sequence[RunData]) -> RunFindings:
         notes=(Note(Rank.REFERENCE, together),) if len(cells) > 1 else (),
         site=site_words([member.cell.scenario for couple in couples for member in couple]),
         between_avs=True,
-        under_limits=_under_limits(runs, groups),
     )
-
-
-def _under_limits(
-    runs: Sequence[RunData], groups: Sequence[StrategyGroup]
-) -> dict[str, tuple[JudgedLimit, ...]]:
-    """Judge each compared AV against its run's reference, under the limits of its group's first."""
-    found = {}
-    for group in groups:
-        limits = limits_of(group.cells[0].cell.scenario) if len(group.cells) > 1 else ()
-        shared = ", ".join(f"{key} {as_written(value)}" for key, value in group.shared.items())
-        for member in group.cells if limits else ():
-            verdicts = judged_limits(runs[member.run], member.cell, limits)
-            found[f"{member.label} ({shared})" if shared else member.label] = verdicts
-    return found
 
 
 def _compared(

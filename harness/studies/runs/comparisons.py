@@ -13,14 +13,8 @@ from harness.statistics import (
     Difference,
     Limits,
     OverModel,
-    Relation,
-    Standing,
     Summary,
-    pareto_front,
-    relation_of_crashes,
-    relation_of_times,
 )
-from harness.statistics.limits import JudgedLimit, Shown
 from harness.studies.runs.notebook import intervals_html, table_html
 from harness.studies.runs.strategy_groups import ParameterSweep, StrategyGroup
 
@@ -35,7 +29,7 @@ class Comparison:
     ``mu_worst_difference`` and ``delay_worst_difference_s`` cover all pairs.  ``crashes`` tests κ;
     ``misses`` tests κ with time-outs and failures of the strategy.  ``p_holm`` is the p value of
     ``crashes``, adjusted over all such tests of the run.  ``time_ratio_p_holm`` (sign-flip test)
-    and ``misses_p_holm`` decide the front and are adjusted over both kinds of test.
+    and ``misses_p_holm`` are adjusted over both kinds of test.
     ``over_model`` has the first screen's differences with their intervals over pairs and refits, if
     pairs are spread over refits of the model.
     """
@@ -83,8 +77,7 @@ class GroupResult:
     """A group of cells that differ only in the AV's strategy.
 
     ``level`` is the significance level of the tests; ``summaries`` are the summaries of the
-    group's cells, in order.  ``limits`` has the limits of each cell with their verdicts: first μ0
-    and κ0 if ``together``, by bounds of all cells together, then the other limits, each by its own.
+    group's cells, in order.
     """
 
     group: StrategyGroup
@@ -92,78 +85,26 @@ class GroupResult:
     summaries: tuple[Summary, ...]
     comparisons: tuple[Comparison, ...]
     sweeps: tuple[SweepResult, ...]
-    limits: tuple[tuple[JudgedLimit, ...], ...] = ()
-    together: bool = False
-
-    @property
-    def allowed(self) -> list[int]:
-        """Positions of the cells that satisfy every limit; empty without limits."""
-        return [
-            position
-            for position, limits in enumerate(self.limits)
-            if all(each.shown is Shown.SATISFIED for each in limits)
-        ]
-
-    @property
-    def best_allowed(self) -> int | None:
-        """The allowed cell with the smallest ratio of times; None if no cell is allowed."""
-        allowed = self.allowed
-        return next((position for position in self._by_times() if position in allowed), None)
-
-    @property
-    def stopped(self) -> int | None:
-        """The cell with the next smaller ratio of times than ``best_allowed``; None if none has.
-
-        The limit that binds there keeps the best allowed cell from being a faster one.
-        """
-        best, ordered = self.best_allowed, self._by_times()
-        faster = [] if best is None else ordered[: ordered.index(best)]
-        return faster[-1] if faster else None
-
-    def _by_times(self) -> list[int]:
-        """Positions of the cells with a ratio of times, the smallest first."""
-        times = [summary.time_ratio.value for summary in self.summaries]
-        defined = [position for position, value in enumerate(times) if value is not None]
-        return sorted(defined, key=lambda position: (times[position], position))
-
-    def untold_from(self, best: int) -> list[int]:
-        """Return the allowed cells whose times do not differ significantly from ``best``."""
-        significant = (Relation.BETTER, Relation.WORSE)
-        return [
-            item.a + item.b - best
-            for item in self.comparisons
-            if best in (item.a, item.b)
-            and {item.a, item.b} <= {*self.allowed}
-            and self._times(item) not in significant
-        ]
-
-    def _times(self, item: Comparison) -> Relation:
-        return relation_of_times(
-            item.time_ratio_difference, item.counted_in_one, item.time_ratio_p_holm, self.level
-        )
-
-    def standings(self) -> list[Standing]:
-        """The standing of every cell on the front of (ratio of times, κ with time-outs)."""
-        return pareto_front(len(self.summaries), self._relations())
 
     def beaten_by(self, cell: int, by: int) -> list[int]:
-        """Return the positions of the cells that ``cell`` beats, in times (``by`` 0) or κ (1)."""
-        beaten = [
-            b if cell == a else a
-            for (a, b), relations in self._relations().items()
-            if (cell, relations[by]) in ((a, Relation.BETTER), (b, Relation.WORSE))
-        ]
-        return sorted(beaten)
+        """Return the positions of the cells that ``cell`` beats, in times (``by`` 0) or κ (1).
 
-    def _relations(self) -> dict[tuple[int, int], tuple[Relation, Relation]]:
-        """The relations of cells a and b in the ratio of times and in κ with time-outs."""
-        return {
-            (item.a, item.b): (
-                self._times(item),
-                relation_of_crashes(item.misses, item.misses_p_holm, self.level),
-            )
-            for item in self.comparisons
-        }
+        Times count if the interval of their difference excludes 0 and the adjusted test rejects.
+        """
+        beaten = []
+        for item in self.comparisons:
+            if cell not in (item.a, item.b):
+                continue
+            if by:
+                sign = float(item.misses.only_a - item.misses.only_b)
+                better = item.misses_p_holm < self.level
+            else:
+                sign = item.time_ratio_difference.low or 0.0
+                excludes_0 = sign * (item.time_ratio_difference.high or 0.0) > 0
+                better = excludes_0 and item.time_ratio_p_holm < self.level
+            if better and (sign < 0) is (cell == item.a):
+                beaten.append(item.a + item.b - cell)
+        return sorted(beaten)
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,7 @@ def _studied_as(scenario: Scenario) -> str | None:
 
 def _but_for_arms(scenario: Scenario) -> Scenario:
     experiment = scenario.experiment.model_copy(update={"pairs": 1, "seed": 0})
-    free = {"arms": None, "conflicts": None, "limits": None, "experiment": experiment}
+    free = {"arms": None, "conflicts": None, "experiment": experiment}
     return scenario.model_copy(update=free)
 
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 from harness.core.errors import resume_command
 from harness.scenario import Scenario
 from harness.statistics import ENCOUNTERS, CellFindings, Finding, Note, Rank, RunFindings
-from harness.store.kinds import limits_of
 from harness.store.over_model import refits_of
 from harness.studies.kinds.tasks import Failure
 from harness.studies.runs.cell_result import CellResult
@@ -17,7 +16,6 @@ from harness.studies.runs.references import agreement, keeps_its_defaults, refer
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.site_words import site_words
 from harness.studies.runs.targets import missed_targets
-from harness.studies.runs.under_limits import judged_limits
 from harness.studies.runs.views import view_of
 
 PAPER_REMARK = (
@@ -64,7 +62,6 @@ def _cell_findings(run: RunData, result: CellResult) -> CellFindings:
         findings=findings,
         notes=tuple(sorted((*notes, *doubt), key=lambda note: note.rank)),
         over_model=over,
-        limits=judged_limits(run, cell, limits_of(scenario)),
     )
 
 

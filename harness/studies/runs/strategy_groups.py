@@ -196,14 +196,14 @@ _SAYS_NO_MORE = (
     ("experiment", "decide_limit_s"),
     ("simulation", "outputs"),
 )
-"""Keys that do not affect a pair; ``conflicts`` and ``limits`` do not either."""
+"""Keys that do not affect a pair; ``conflicts`` does not either."""
 
 
 def all_but_the_strategy(scenario: Scenario) -> Parameters:
     """Return the nested tables that two cells must share to be compared pair by pair."""
     tree = scenario.model_dump()
     human = tree["arms"]["human"]
-    del tree["arms"]["av"], tree["conflicts"], tree["limits"]
+    del tree["arms"]["av"], tree["conflicts"]
     for section, key in _SAYS_NO_MORE:
         if tree[section] is not None:
             del tree[section][key]
