@@ -1,21 +1,11 @@
 """How near a reference is to measured drivers: the kind of scene decides, the table is shipped."""
 
-import math
-
-import numpy as np
 import pytest
 
 from harness.report.screens.screen import Screen, screen_lines
-from harness.scenario import Setting, load_scenario
+from harness.scenario import load_scenario
 from harness.statistics import Note, Rank
-from harness.studies.runs.nearness import (
-    FIRST_OFF,
-    RESPONDING,
-    WAITS_OFF,
-    nearness,
-    scene_kind,
-)
-from harness.studies.validation.people import validate_people
+from harness.studies.runs.nearness import nearness, scene_kind
 
 YIELDS = {"arms.human": "human_yield"}
 
@@ -99,45 +89,3 @@ def test_only_what_was_left_out_comes_before_the_line() -> None:
     lines = screen_lines(screen)
     assert lines.index("! Left out.") + 1 == lines.index("! NEARNESS 1.")
     assert "! REFERENCE 1." not in lines
-
-
-@pytest.mark.slow
-def test_the_shipped_table_is_what_the_command_gives() -> None:
-    for behaviour, drivers in FIRST_OFF.items():
-        trials = 100 if behaviour == "sumo" else 500
-        findings = validate_people(behaviour, list(drivers), trials=trials, hours=0)
-        given = {
-            held.driver: round(held.scores.mean_absolute_error, 3)
-            for held in findings.held
-            if held.driver and held.scores is not None
-        }
-        assert given == drivers
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("behaviour", WAITS_OFF)
-def test_the_shipped_waits_are_met_again_by_other_people_and_vehicles(behaviour: str) -> None:
-    """Within three standard errors: of both numbers for the mean error, of these hours for R².
-
-    With standard errors s of the sites' means, that of the mean error is √Σ s²/12; to first order
-    that of R² is 2 √Σ (error s)²/Σ (measured − mean)².
-    """
-    for driver, shipped in WAITS_OFF[behaviour].items():
-        name, *responds = driver.split(", ")
-        settings = [
-            Setting(f"strategies.{name}.{key}", value, "test")
-            for key, value in RESPONDING.items()
-            if responds
-        ]
-        findings = validate_people(behaviour, [name], settings, trials=1, hours=2, seed=2)
-        (held,) = (held for held in findings.held if held.experiment.key == "waits")
-        assert held.scores is not None
-        measured = np.array([row.measured for row in held.rows], dtype=float)
-        errors = np.array([row.simulated for row in held.rows], dtype=float) - measured
-        spread = np.array([row.standard_error for row in held.rows], dtype=float)
-        mean_error_s = math.hypot(np.linalg.norm(spread) / len(spread), shipped.mean_error_s)
-        assert held.scores.mean_error == pytest.approx(shipped.mean_s, abs=3 * mean_error_s)
-        r2_error = 2 * np.linalg.norm(errors * spread) / ((measured - measured.mean()) ** 2).sum()
-        assert held.scores.r2 == pytest.approx(
-            shipped.r2, abs=3 * math.hypot(r2_error, shipped.r2_error)
-        )

@@ -10,13 +10,6 @@ SceneKind = Literal["crowd", "one pedestrian", "flow", "own simulation", "timed"
 CROWD_PER_HOUR = 1_000.0
 """From this flow on, two or more people are on a road of 9 m at once: a crowd, as in DUT."""
 
-RESPONDING = {
-    "reaction_time_s": 1.0,
-    "reaction_time_sigma": 0.4,
-    "comfortable_deceleration_sigma": 0.28,
-}
-"""Measured reactions and decelerations (Gates et al. 2007), which the shipped hours name."""
-
 
 class WaitError(NamedTuple):
     """Error of the waits at twelve measured site-periods: mean and R², with standard errors."""
@@ -61,15 +54,14 @@ FIRST_OFF = {
     "sumo": {"human_yield": 0.088, "sumo_driver": 0.100},
 }
 """Mean absolute error of the share in which the pedestrian goes first at a zebra, by behaviour and
-driver (`harness validate people --trials 500`, 100 with ``sumo``, seed 1; docs/validation.md)."""
+driver (500 trials, 100 with ``sumo``, seed 1; docs/validation.md)."""
 
 WAITS_OFF = {
     "threshold": {"human_yield": WaitError(4.25, 0.14, -5.66, 0.43)},
     "gap_acceptance": {"human_yield": WaitError(-1.38, 0.06, -0.38, 0.07)},
     "constant": {"human_yield": WaitError(-2.74, 0.04, -2.22, 0.08)},
 }
-"""The errors of waits, by behaviour and driver, seed 1 (docs/validation.md).  Drivers who are
-"responding" have the measured reactions of ``RESPONDING``."""
+"""The errors of waits, by behaviour and driver, seed 1 (docs/validation.md)."""
 
 
 _DECIDES_BY = {"gap_acceptance": ("gap_acceptance",), "threshold": ("threshold", "kerb_wait_s")}
@@ -133,8 +125,6 @@ def _at_sites_driver(scenario: Scenario) -> str:
     given = dict(scenario.strategies.get(name, {}))
     if name == "human_yield":
         given = {key: given[key] for key in given.keys() - {"yield_rate", "treatment"}}
-    if given == RESPONDING:
-        return f"{name}, responding"
     plain = scenario.model_copy(update={"strategies": {name: given}})
     return name if is_measured(plain) else ""
 
