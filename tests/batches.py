@@ -146,13 +146,12 @@ def one_process() -> Iterator[None]:
     from harness.studies.batch import showing
     from harness.studies.calibration import jobs
     from harness.studies.replay import rerun, sumo_outputs
-    from harness.studies.validation.people import running
     from harness.studies.workers import executors
     from tests.conftest import close_all
 
     close_all()
     with pytest.MonkeyPatch.context() as patch:
-        for module in (executors, jobs, rerun, running, sumo_outputs, showing):
+        for module in (executors, jobs, rerun, sumo_outputs, showing):
             patch.setattr(module, "LocalPool", lambda workers, *_, **__: Inline(workers))
         yield
     close_engine()
