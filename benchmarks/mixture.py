@@ -150,22 +150,6 @@ def conditionals(known: TruncatedGaussianMixture) -> None:
     line("one inverse given nothing", each(lambda i: marginal.ppf(u[i : i + 1], nothing)))
 
 
-def curves(name: str, n: int = 2_000) -> None:
-    """The reading `curve` at rows of a shipped model, L with a random sign of T_adv."""
-    model, rng = load_model(name), np.random.default_rng(4)
-    rows = model.mixture.sample(n, rng)
-    range_m, speed, advantage = 1 / rows[:, 0], rows[:, 1], 1 / rows[:, 3]
-    arrival = range_m / speed
-    sign = np.where((advantage < arrival) & (rng.random(n) < 0.5), 1.0, -1.0)
-    state = np.stack((rng.random(n), range_m, rows[:, 2] * (arrival - sign * advantage), speed))
-    taken = seconds(lambda: model.walking_speed_on_curve(*state), 5, time.process_time)
-    what = f"draws on the curve, {name}, by CPU time"
-    line(what, f"{n / taken / 1e3:.0f} thousand/s", ">= 10 thousand/s")
-    at = iter(range(n))
-    alone = seconds(lambda: model.walking_speed_on_curve(*state[:, [next(at)]]), 500)
-    line("one draw on the curve", f"{alone * 1e6:.0f} us")
-
-
 def main() -> None:
     """Print the table."""
     from threadpoolctl import threadpool_limits
@@ -178,8 +162,6 @@ def main() -> None:
         line("product of two arrays of ten numbers (the machine's pace)", f"{unit * 1e3:.2f} us")
         known = truth()
         conditionals(known)
-        curves("dut")
-        curves("dut-k10")
         for n, goal in ((2_973, "<= 2x"), (30_000, "<= 0.5x"), (300_000, "<= 0.2x")):
             iterations(known, n, goal)
         whole_fits(known, 2_973, 8, "<= 1.5x")

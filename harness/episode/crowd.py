@@ -221,9 +221,9 @@ class Crowd:
         person = leader or walker.arrival
         vehicle = self._first_on_way(walker, -math.inf, elapsed_s)
         if vehicle is None:
-            return self._choose_speed(person, -1.0, 0.0, None), (None, None)
-        range_m, speed, across, _ = vehicle
-        return self._choose_speed(person, range_m, speed, across), (range_m, speed)
+            return self._choose_speed(person, -1.0, 0.0), (None, None)
+        range_m, speed, *_ = vehicle
+        return self._choose_speed(person, range_m, speed), (range_m, speed)
 
     def _look_again(self, walker: Walker, elapsed_s: float) -> None:
         if walker.start_s is None and walker.arrival.latency_s is not None:

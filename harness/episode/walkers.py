@@ -30,18 +30,8 @@ SeenState = tuple[float, float] | tuple[None, None]
 class ChooseSpeed(Protocol):
     """Chooses the walking speed of a pedestrian from what they see."""
 
-    def __call__(
-        self,
-        arrival: Arrival,
-        range_m: float,
-        speed_mps: float,
-        lateral_m: float | None = None,
-        /,
-    ) -> float:
-        """Walking speed in m/s, > 0.
-
-        ``lateral_m`` is L, the distance to the centre of the vehicle's lane; None if there is none.
-        """
+    def __call__(self, arrival: Arrival, range_m: float, speed_mps: float, /) -> float:
+        """Walking speed in m/s, > 0."""
         ...
 
 
@@ -223,8 +213,7 @@ class ReactiveWalker(Walker):
             self.look_s = math.inf
             return
         to_lane = self._to_lane if to_lane_m is None else to_lane_m
-        lateral = to_lane - self._progress
-        speed = self._choose(self.arrival, range_m, vehicle_speed_mps, lateral)
+        speed = self._choose(self.arrival, range_m, vehicle_speed_mps)
         if self._must_stop(speed, range_m, vehicle_speed_mps, to_lane):
             speed = 0.0
         if speed == self._speed:

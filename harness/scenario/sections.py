@@ -252,7 +252,7 @@ class ModelSection(Section):
     """Name of a shipped interaction model."""
     path: str | None = None
     """Path of a model file of your own; replaces ``name``."""
-    pedestrian_reading: Literal["marginal", "curve", "unconditional"] = "marginal"
+    pedestrian_reading: Literal["marginal", "unconditional"] = "marginal"
     """Which conditional distribution walking speeds are drawn from (docs/method.md)."""
     extrapolate: bool = False
     """Clamp a v0 or R0 that lies outside the model's data; otherwise it is refused."""

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from harness.core.encounter import Arrival, Contact, Ending, Side, Walk
-from harness.episode.walking_speeds import WalkingSpeeds
 from harness.measures import measure
-from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, validate
 from harness.store.episode_tables import pedestrian_rows, trace_rows
 from tests.scenes import Recorder, episode, on_plain, outcome_of
@@ -26,8 +24,8 @@ class Speeds:
         self._speeds = list(speeds)
         self.asked: list[tuple[float, ...]] = []
 
-    def __call__(self, _who, range_m, speed_mps, lateral_m=None) -> float:
-        self.asked.append((range_m, speed_mps, lateral_m))
+    def __call__(self, _who, range_m, speed_mps) -> float:
+        self.asked.append((range_m, speed_mps))
         return self._speeds[min(len(self.asked), len(self._speeds)) - 1]
 
 
@@ -45,12 +43,10 @@ def test_looks_every_second_from_the_moment_he_stepped_off() -> None:
     trace, walk = play(speeds, Recorder(lambda _: -0.6), arrival_s=0.234, **FAR_AWAY)
     # Steps off at 0.234 s and looks 1, 2, 3 … s later, at the ego as it is at that very moment.
     # 1 m, 2 m, 0.5 m, then 1.5 m/s: 8 of 9 m at 6.234 s, the last look before 6.9 s.
-    for number, (range_m, speed_mps, lateral_m) in enumerate(speeds.asked):
+    for number, (range_m, speed_mps) in enumerate(speeds.asked):
         at = 0.234 + number
         assert range_m == pytest.approx(300 - 20 * at + 0.3 * at**2, abs=1e-9)
         assert speed_mps == pytest.approx(20 - 0.6 * at, abs=1e-9)
-        walked = [0.0, 1.0, 3.0, 3.5, 5.0, 6.5, 8.0][number]
-        assert lateral_m == pytest.approx(2.25 - walked)
     assert len(speeds.asked) == 7
     assert walk.legs is not None
     assert [leg.time_s for leg in walk.legs] == pytest.approx([0.234, 1.234, 2.234, 3.234])
@@ -188,16 +184,3 @@ def test_the_same_bits_alone_or_among_others(model) -> None:
     together = [(repr(o.trace.walks), repr(o.record)) for o in runner.run(range(6))]
     alone = [(repr(o.trace.walks), repr(o.record)) for pair in (5, 2) for o in runner.run([pair])]
     assert alone == together[10:12] + together[4:6]
-
-
-def test_with_the_curve_the_place_counts_until_the_centre_of_the_lane(
-    model: InteractionModel,
-) -> None:
-    """f(v_p | R, v, L) needs L > 0; from the centre of the lane on it is f(v_p | 1/R, v)."""
-    curve = WalkingSpeeds(scene(model={"pedestrian_reading": "curve"}), model)
-    marginal = WalkingSpeeds(scene(model={"pedestrian_reading": "marginal"}), model)
-    person = Arrival(0, 0.0, Side.NEAR, 0.5)
-    for lateral_m in (0.0, -0.5):
-        assert curve(person, 20.0, 5.0, lateral_m) == marginal(person, 20.0, 5.0)
-    before = [curve(person, 20.0, 5.0, lateral_m) for lateral_m in (1.0, 2.25)]
-    assert len({*before, marginal(person, 20.0, 5.0)}) == 3

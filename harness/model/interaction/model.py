@@ -4,20 +4,17 @@ Only this module knows the order of the variables: 1/R, v, v_p, 1/T_adv (paper, 
 model answers two questions: how fast a pedestrian walks in front of a vehicle, and how fast a
 driver drives towards a pedestrian.
 
-T_adv = |R/v − L/v_p| depends on v_p, so "v_p given (R, v, T_adv)" has three readings.  T_adv is
-integrated out (``marginal``), given as in the paper's figures (``given_time_advantage``), or a
-function of v_p and the pedestrian's L (``curve``).
+T_adv = |R/v − L/v_p| depends on v_p, so "v_p given (R, v, T_adv)" has two readings.  T_adv is
+integrated out (``marginal``), or given as in the paper's figures (``given_time_advantage``).
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
 from harness.core.encounter import FloatArray
-from harness.model.interaction.curve import CurveReading
 from harness.model.mixture import Conditional, TruncatedGaussianMixture
 
 VARIABLES = (
@@ -117,26 +114,6 @@ class InteractionModel:
         speeds = np.asarray(speed_mps, dtype=float)
         return self._conditional(PEDESTRIAN_SPEED).pdf(speeds, np.empty((len(speeds), 0)))
 
-    def walking_speed_on_curve(
-        self,
-        quantile: FloatArray,
-        range_m: FloatArray,
-        lateral_m: FloatArray,
-        vehicle_speed_mps: FloatArray,
-    ) -> FloatArray:
-        """v_p at a quantile of f(v_p | R, v, L) (reading ``curve``, see ``CurveReading``).
-
-        Args:
-            quantile: (n,) in [0, 1].
-            range_m, vehicle_speed_mps: (n,), clamped; T_adv is computed from the clamped values.
-            lateral_m: L > 0, (n,).
-
-        Returns:
-            Walking speeds in m/s, (n,).  *Undefined* (NaN) where no v_p of the box gives a T_adv
-            of the box.
-        """
-        return self._curve.ppf(quantile, *self._curve_state(range_m, lateral_m, vehicle_speed_mps))
-
     def walking_speed_density(
         self,
         speed_mps: FloatArray,
@@ -144,7 +121,6 @@ class InteractionModel:
         vehicle_speed_mps: FloatArray,
         *,
         inverse_time_advantage_per_s: FloatArray | None = None,
-        lateral_m: FloatArray | None = None,
     ) -> FloatArray:
         """Density of v_p in s/m, (n,): 0 outside the box.
 
@@ -152,9 +128,9 @@ class InteractionModel:
             speed_mps: v_p, (n,).
             range_m, vehicle_speed_mps: (n,) or one value, clamped.
             inverse_time_advantage_per_s: 1/T_adv, for the reading ``given_time_advantage``.
-            lateral_m: L, for the reading ``curve``. Without either, the reading is ``marginal``.
+                Without it, the reading is ``marginal``.
         """
-        state = (range_m, vehicle_speed_mps, inverse_time_advantage_per_s, lateral_m)
+        state = (range_m, vehicle_speed_mps, inverse_time_advantage_per_s)
         return self._walking("pdf", speed_mps, *state)
 
     def walking_speed_cdf(
@@ -164,10 +140,9 @@ class InteractionModel:
         vehicle_speed_mps: FloatArray,
         *,
         inverse_time_advantage_per_s: FloatArray | None = None,
-        lateral_m: FloatArray | None = None,
     ) -> FloatArray:
         """Distribution function of v_p, (n,) in [0, 1]; see ``walking_speed_density``."""
-        state = (range_m, vehicle_speed_mps, inverse_time_advantage_per_s, lateral_m)
+        state = (range_m, vehicle_speed_mps, inverse_time_advantage_per_s)
         return self._walking("cdf", speed_mps, *state)
 
     def driver_speed_density(
@@ -217,29 +192,17 @@ class InteractionModel:
         range_m: FloatArray,
         vehicle_speed_mps: FloatArray,
         inverse_time: FloatArray | None,
-        lateral_m: FloatArray | None,
     ) -> FloatArray:
         """Evaluate a function of v_p under the reading that the given variables imply."""
         speeds = np.asarray(speed_mps, dtype=float)
-        result: FloatArray
-        if lateral_m is not None:
-            state = self._curve_state(range_m, lateral_m, vehicle_speed_mps)
-            result = getattr(self._curve, function)(speeds, *state)
-            return result
         columns = [_inverse(range_m), vehicle_speed_mps]
         if inverse_time is not None:
             columns.append(inverse_time)
         conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[: len(columns)])
-        result = getattr(conditional, function)(speeds, self._clamped(conditional, *columns))
+        result: FloatArray = getattr(conditional, function)(
+            speeds, self._clamped(conditional, *columns)
+        )
         return result
-
-    def _curve_state(
-        self, range_m: FloatArray, lateral_m: FloatArray, vehicle_speed_mps: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """R, L and v of each pedestrian; R and v are clamped."""
-        conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
-        given = self._clamped(conditional, _inverse(range_m), vehicle_speed_mps)
-        return 1 / given[:, 0], np.asarray(lateral_m), given[:, 1]
 
     def _conditional(self, target: int, *given: int) -> Conditional:
         key = (target, *given)
@@ -260,11 +223,6 @@ class InteractionModel:
         return np.array(
             [min(max(x, low), high) for x, (low, high) in zip(values, limits, strict=True)]
         )
-
-    @cached_property
-    def _curve(self) -> CurveReading:
-        order = (INVERSE_RANGE, VEHICLE_SPEED, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
-        return CurveReading(self.mixture, order)
 
 
 def _inverse(range_m: FloatArray) -> FloatArray:

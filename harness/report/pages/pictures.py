@@ -6,7 +6,7 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
-from harness.core.encounter import Arm, Ending, FloatArray, Side
+from harness.core.encounter import Arm, Ending, FloatArray
 from harness.episode.arrivals import planned_arrivals
 from harness.model.interaction import InteractionModel
 from harness.report import figures as draw
@@ -218,26 +218,17 @@ def _mean_density(
     """Return the mean of f(v_p | state seen by the walker), over a sample if there are many."""
     rows = np.linspace(0, len(walkers) - 1, min(len(walkers), _MOST_CONDITIONS)).astype(int)
     sample = walkers.iloc[rows]
-    crossing = scenario.crosswalk()
-    on_curve = scenario.model.pedestrian_reading == "curve"
     if scenario.model.pedestrian_reading == "unconditional":
         return model.walking_speed_density_unconditional(grid)
     total = np.zeros_like(grid)
-    seen = sample.groupby(["range_m", "vehicle_speed_mps", "side"], sort=False).size()
+    seen = sample.groupby(["range_m", "vehicle_speed_mps"], sort=False).size()
     for condition, count in seen.items():
-        range_m, speed, side = cast("tuple[float, float, str]", condition)
+        range_m, speed = cast("tuple[float, float]", condition)
         if range_m <= 0:
             total += count * model.walking_speed_density_unconditional(grid)
             continue
         state = (np.full_like(grid, range_m), np.full_like(grid, speed))
-        density = np.full_like(grid, np.nan)
-        if on_curve:
-            away = np.full_like(grid, crossing.to_lane_m(Side(side)))
-            density = model.walking_speed_density(grid, *state, lateral_m=away)
-        if not np.isfinite(density).all():
-            # As in a run, L is ignored if no walking speed fits the box.
-            density = model.walking_speed_density(grid, *state)
-        total += count * density
+        total += count * model.walking_speed_density(grid, *state)
     return total / len(sample)
 
 
