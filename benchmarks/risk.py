@@ -233,7 +233,7 @@ def quadrature_of_the_blind(missed: float) -> float:
 
 
 def estimate(case: str, seed: int, target_cv: float) -> dict[str, Any]:
-    """What ``harness risk`` says with a seed; what it does not run are the audits in SUMO."""
+    """What ``harness risk`` says with a seed."""
     scenario = scenario_of(case, seed)
     question = question_of(Settings(case, scenario, target_cv=target_cv))
     rng = resampling(seed, "risk")

@@ -34,7 +34,6 @@ def run(
     traces: options.TracesOption = False,
     sumo_outputs: options.SumoOutputsOption = None,
     engine: options.EngineOption = "sumo",
-    audit: options.AuditOption = None,
     dask: options.DaskOption = None,
     full: options.FullOption = False,
     quiet: options.QuietOption = False,
@@ -45,7 +44,6 @@ def run(
     With --vary, the command runs every cell of the sweep.
     """
     from harness.scenario import Options, parse_variation, read_scenario_file, remarks, study_of
-    from harness.scenario.options import AUDIT_SHARE
     from harness.scenario.variation import flatten
 
     file = read_scenario_file(scenario, settings_of(settings, pairs, seed, over_model))
@@ -56,8 +54,6 @@ def run(
     for remark in dict.fromkeys([study.remark, *notes]):
         if remark is not None:
             say(f"harness: {remark}")
-    if engine == "sumo" and audit is not None:
-        raise InputError("--audit", "needs --engine plain", "--engine plain")
     _refuse_workers_with_dask(workers, dask)
     choices = Options(
         traces,
@@ -65,7 +61,6 @@ def run(
         workers,
         sumo_outputs=sumo_outputs,
         engine=engine,
-        audit=AUDIT_SHARE if audit is None else audit,
     )
     if settle:
         study = _settled(study, choices, quiet or as_json)
@@ -182,7 +177,6 @@ def _report(finished: "RunData", full: bool, quiet: bool, as_json: bool) -> None
     problems = {
         "episodes failed": finished.failures,
         outputs: finished.output_failures,
-        "records of the plain engine disagree with SUMO's": finished.disagreements,
     }
     for problem, failures in problems.items():
         if failures:

@@ -79,18 +79,7 @@ SumoOutputsOption = Annotated[
 EngineOption = Annotated[
     Literal["sumo", "plain"],
     typer.Option(
-        help="plain: the same kinematics, faster, without SUMO's collision check and outputs; "
-        "some episodes are repeated in SUMO (--audit)."
-    ),
-]
-AuditOption = Annotated[
-    float | None,
-    typer.Option(
-        help="With --engine plain: share of pairs repeated in SUMO, in addition to every crash; "
-        "default 0.01.",
-        metavar="SHARE",
-        min=0.0,
-        max=1.0,
+        help="plain: the same kinematics, faster, without SUMO's collision check and outputs."
     ),
 ]
 SettleOption = Annotated[

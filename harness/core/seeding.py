@@ -33,7 +33,6 @@ Purpose = Literal[
     "latency",
     "group_size",
     "walking_class",
-    "search",
 ]
 
 Given = Mapping[Purpose, Sequence[float]]
@@ -62,11 +61,10 @@ _PURPOSES: dict[Purpose, int] = {
     "latency": 18,
     "group_size": 19,
     "walking_class": 20,
-    "search": 21,
 }
 
 
-Resampling = Literal["summary", "comparison", "validation", "risk", "audit", "refits"]
+Resampling = Literal["summary", "comparison", "validation", "risk", "refits"]
 
 # These seeds have another form than those of the streams above, so no two coincide.
 _RESAMPLINGS: dict[Resampling, int] = {
@@ -74,7 +72,6 @@ _RESAMPLINGS: dict[Resampling, int] = {
     "comparison": 6,
     "validation": 7,
     "risk": 8,
-    "audit": 9,
     "refits": 10,
 }
 
@@ -167,6 +164,6 @@ def resampling(root_seed: int, purpose: Resampling) -> np.random.Generator:
     Args:
         root_seed: the experiment's seed, ≥ 0.
         purpose: the bootstrap of a summary, comparison or validation, the points of a risk, the
-            choice of the pairs that an audit repeats, or the vehicles of refits.
+            or the vehicles of refits.
     """
     return np.random.default_rng((root_seed, _RESAMPLINGS[purpose]))

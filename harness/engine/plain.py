@@ -1,6 +1,6 @@
 """The plain engine: SUMO's kinematics in a few lines of Python.
 
-It tests strategies, episodes and measures in milliseconds, and the audit compares SUMO with it.
+It tests strategies, episodes and measures in milliseconds, and tests compare SUMO with it.
 It has no driver of its own and detects no collisions.
 """
 

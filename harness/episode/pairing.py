@@ -17,7 +17,6 @@ from harness.episode.arms import check_arms, draws, draws_from, draws_of, named_
 from harness.episode.arrivals import already_walking, planned_arrivals
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import Episode, drive, failed_episode
-from harness.episode.ties import Decision, RecordingStrategy
 from harness.episode.timing import TimedStrategy
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.measures import Outcome, measure
@@ -148,9 +147,6 @@ class PairRunner:
         pair: int,
         arm: Arm,
         begins: Begins = lambda _pair, _arm, _episode: None,
-        *,
-        given: Given | None = None,
-        decisions: list[Decision] | None = None,
     ) -> Outcome:
         """Simulate one arm of a pair, exactly as in ``run``.
 
@@ -158,11 +154,9 @@ class PairRunner:
             pair: index of the pair.
             arm: the arm.
             begins: called with the episode before its strategy drives.
-            given: given uniforms, as in ``run_arm_given``.
-            decisions: list to which every observation and command of the strategy is added.
         """
         self._engine = None
-        trace = self._run_arm(arm, pair, self._people(pair, given), begins, decisions)
+        trace = self._run_arm(arm, pair, self._people(pair), begins)
         name = self._scenario.arms.driver(arm)
         return Outcome(pair, arm, name, measure([trace])[0], trace)
 
@@ -182,7 +176,6 @@ class PairRunner:
         pair: int,
         people: "_People",
         begins: Begins = lambda _pair, _arm, _episode: None,
-        decisions: list[Decision] | None = None,
         rng: np.random.Generator | None = None,
     ) -> Trace:
         if self._engine is None:
@@ -203,9 +196,8 @@ class PairRunner:
         speeds.model_use.begin()
         episode = Episode(self._engine, people.arrivals, speeds, self._rules[arm], perception)
         begins(pair, arm, episode)
-        driver = strategy if decisions is None else RecordingStrategy(strategy, decisions)
-        if self.decisions_s is not None:
-            driver = TimedStrategy(driver, self.decisions_s)
+        timed_s = self.decisions_s
+        driver = strategy if timed_s is None else TimedStrategy(strategy, timed_s)
         trace = drive(episode, driver)
         conditionings = speeds.model_use.counts
         if isinstance(strategy, HumanDriver):

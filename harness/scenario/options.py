@@ -26,9 +26,6 @@ def engine_named(name: str, where: str = "engine") -> EngineName:
     raise unknown_name(where, "engine", str(name), get_args(EngineName))
 
 
-AUDIT_SHARE = 0.01
-"""Share of the pairs of a run on the plain engine that are repeated in SUMO."""
-
 TASK_PAIRS = 50
 """Number of pairs in a task."""
 
@@ -65,8 +62,7 @@ class Options:
     """Options of a run apart from its study.
 
     ``workers``: None uses all cores; 0 uses this process alone, without time limits.
-    ``sumo_outputs`` selects the episodes whose SUMO outputs are written.  With the plain
-    ``engine``, a share ``audit`` of the pairs and every crash are repeated in SUMO.
+    ``sumo_outputs`` selects the episodes whose SUMO outputs are written.
 
     Raises:
         InputError: a value is not accepted.
@@ -79,7 +75,6 @@ class Options:
     task_pairs: int = TASK_PAIRS
     sumo_outputs: Literal["all", "crashed"] | None = None
     engine: EngineName = "sumo"
-    audit: float = AUDIT_SHARE
 
     def __post_init__(self) -> None:
         """Check the values before anything runs, and convert NumPy's numbers to Python's."""
@@ -95,7 +90,6 @@ class Options:
             "engine": engine_named(self.engine),
             "task_pairs": whole_number("task_pairs", self.task_pairs, 1),
             "hang_after_s": number_in("hang_after_s", self.hang_after_s, 0.0, math.inf),
-            "audit": number_in("audit", self.audit, 0.0, 1.0),
         }
         if self.workers is not None:
             kept["workers"] = whole_number("workers", self.workers, 0)

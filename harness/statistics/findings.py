@@ -67,7 +67,7 @@ class RunFindings:
     """The findings of a run: its cells, and the notes about the run as a whole.
 
     ``catalogue`` is the catalogue of the run's kind.  ``scope`` describes the run apart from its
-    pairs, for example its seed and its audit.  ``paper`` says whether the run's only cell is the
+    pairs, for example its seed and its engine.  ``paper`` says whether the run's only cell is the
     paper's experiment.  ``site`` describes the place, the flows and the share of AVs.
     ``between_avs`` is true of a comparison in which another AV takes the reference's place.
     """

@@ -36,7 +36,6 @@ _ALWAYS: Mapping[str, tuple[str, ...]] = {
     "walks": (*_WHO, "index", "arrival_s", "side"),
     "pairs": ("cell", "pair"),
     "traces": (*_WHO, "time_s", "object", "x_m", "y_m", "speed_mps"),
-    "audit": _WHO,
     "simulations": _WHO,
     "passages_over": (*_WHO, "crosswalk", "vehicle", "type", "automated", "strategy", "trigger_s"),
     "scenes_over": (*_WHO, "passage", "crosswalk", "vehicle", "begin_s", "step_s"),

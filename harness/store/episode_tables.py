@@ -47,24 +47,6 @@ def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> pa.Table:
     )
 
 
-def audit_rows(
-    cell: int, audited: Iterable[tuple[Outcome, tuple[str | None, float | None]]]
-) -> pa.Table:
-    """The table ``audit``: every episode that was repeated in SUMO, and its differences.
-
-    Args:
-        cell: number of the cell.
-        audited: the episodes, each with its difference and the time of the tie that caused it.
-    """
-    return table_of(
-        "audit",
-        (
-            _keys(cell, outcome) | {"difference": difference, "tie_s": tie_s}
-            for outcome, (difference, tie_s) in audited
-        ),
-    )
-
-
 def pair_rows(cell: int, episodes: pa.Table) -> pa.Table:
     """The table ``pairs`` from the episodes of one cell."""
     times: dict[int, dict[str, float | None]] = {}

@@ -93,7 +93,7 @@ class Kind(Protocol):
     @property
     def rows(self) -> str: ...
 
-    def tables(self, *, traces: bool, audit: bool) -> list[str]:
+    def tables(self, *, traces: bool) -> list[str]:
         """The tables that the tasks of such a run return, and its shards hold."""
         ...
 
@@ -156,9 +156,9 @@ class EncounterKind:
     rows: str = "episodes"
     derived: Mapping[str, Derive] = field(default_factory=lambda: {"pairs": pair_rows})
 
-    def tables(self, *, traces: bool, audit: bool) -> list[str]:
+    def tables(self, *, traces: bool) -> list[str]:
         """See ``Kind``."""
-        return encounter_tables(traces=traces, audit=audit)
+        return encounter_tables(traces=traces)
 
     def findings(
         self,
@@ -226,7 +226,7 @@ class HourKind:
     rows: str = "hours"
     derived: Mapping[str, Derive] = field(default_factory=dict)
 
-    def tables(self, *, traces: bool, audit: bool) -> list[str]:  # noqa: ARG002
+    def tables(self, *, traces: bool) -> list[str]:
         """See ``Kind``."""
         return hour_tables(traces=traces)
 
@@ -292,7 +292,7 @@ class SimulationKind(HourKind):
         default_factory=lambda: {"groups": groups_of, "crosswalks": crosswalks_of_cell}
     )
 
-    def tables(self, *, traces: bool, audit: bool) -> list[str]:  # noqa: ARG002
+    def tables(self, *, traces: bool) -> list[str]:
         """See ``Kind``."""
         return [*SIMULATION_TABLES, *(SIMULATION_TRACES if traces else ())]
 

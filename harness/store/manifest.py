@@ -8,7 +8,6 @@ from harness.core.errors import InputError
 from harness.core.versions import versions_of_runs
 from harness.model.interaction import InteractionModel
 from harness.scenario import Options, Precision, Scenario, Study
-from harness.scenario.options import AUDIT_SHARE
 from harness.store.schemas import SCHEMA
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
@@ -79,7 +78,6 @@ def manifest_of(
         "traces": options.traces,
         "sumo_outputs": options.sumo_outputs,
         "engine": options.engine,
-        "audit": options.audit if options.engine == "plain" else None,
         "until": None if until is None else {until.measure: until.half_width},
         "seed": study.base.experiment.seed,
         **origin,
@@ -96,7 +94,6 @@ def options_of(document: Mapping[str, Any], workers: int | None = None) -> Optio
         workers=workers,
         sumo_outputs=document["sumo_outputs"],
         engine=document["engine"],
-        audit=AUDIT_SHARE if document["audit"] is None else document["audit"],
     )
 
 

@@ -57,7 +57,6 @@ class _Manifest(BaseModel):
     traces: bool
     sumo_outputs: Literal["all", "crashed"] | None
     engine: EngineName
-    audit: Annotated[float, Field(ge=0, le=1)] | None
     until: Annotated[dict[Literal["mu", "kappa"], _Width], Field(min_length=1, max_length=1)] | None
     seed: int
     know_the_model: list[str]

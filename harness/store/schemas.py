@@ -92,8 +92,6 @@ TRACES = pa.schema(
     ]
 )
 
-AUDIT = pa.schema([*_KEYS, ("difference", pa.string()), ("tie_s", pa.float64())])
-
 _WHERE = [("direction", pa.string()), ("lane", pa.int32())]
 
 _PASSED = ("scheduled_s", "inserted_s", "trigger_s", "edge_s", "passed_s")
@@ -282,7 +280,6 @@ TABLES = {
     "pairs": PAIRS,
     "traces": TRACES,
     "walks": PEDESTRIANS,
-    "audit": AUDIT,
     "simulations": SIMULATIONS,
     "passages_over": PASSAGES_OVER,
     "scenes_over": SCENES_OVER,
@@ -292,9 +289,9 @@ TABLES = {
 """Every table with a fixed schema, by name; ``cells`` depends on what a study varies."""
 
 
-def encounter_tables(*, traces: bool, audit: bool) -> list[str]:
+def encounter_tables(*, traces: bool) -> list[str]:
     """The tables that the tasks of a run of encounters return, and its shards hold."""
-    return ["episodes", "pedestrians", *["traces"] * traces, *["audit"] * audit]
+    return ["episodes", "pedestrians", *["traces"] * traces]
 
 
 ROWS_BY_PAIR = ("hours", "episodes", "simulations")

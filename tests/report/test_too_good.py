@@ -36,7 +36,7 @@ FASTEST_MPS = 247**0.5
 def test_speeding_is_said(tmp_path: Path, limit: dict[str, object], said: str) -> None:
     keys = {"arms.av": f"{__name__}:FullThrottle", "experiment.pairs": 4, **limit}
     study = one_cell("cctc", {**keys, "pedestrians.flow_per_hour": 0.0})
-    (result,) = run_inline(study, tmp_path / "run", engine="plain", audit=0.0).results
+    (result,) = run_inline(study, tmp_path / "run", engine="plain").results
     assert result.summary.max_speed_mps == pytest.approx(FASTEST_MPS, rel=1e-9)
     assert result.summary.max_speed_human_mps == pytest.approx(5.0, rel=1e-9)
     notes = encounter_notes(result.cell.scenario, result.findings, ENCOUNTERS)
@@ -72,7 +72,7 @@ NAME = f"{__name__}:NeverRestarts"
 def of(folder: Path, *vary: str, **changes: object) -> RunData:
     wanted = {"experiment.pairs": 200, "experiment.timeout_s": 60.0, **changes}
     study = sweep("cctc_flow", wanted, *vary)
-    return run_inline(study, folder, engine="plain", audit=0.0)
+    return run_inline(study, folder, engine="plain")
 
 
 def test_it_never_crashes_and_is_not_better(tmp_path: Path) -> None:

@@ -191,7 +191,7 @@ def test_finished_pairs_do_not_run_again(tmp_path: Path) -> None:
 def test_tasks_are_cut_by_the_time_they_take(tmp_path: Path, pair_s: float) -> None:
     """Two workers then end within a small task of each other, and neither is busy for minutes."""
     timed = Timed(pair_s, workers=2)
-    options = {"workers": 2, "task_pairs": 20, "engine": "plain", "audit": 0.0}
+    options = {"workers": 2, "task_pairs": 20, "engine": "plain"}
     run_inline(quick(120), tmp_path / "run", lambda _: timed, **options)
     sizes = [task.count for task in timed.tasks]
     assert sum(sizes) == 120

@@ -32,7 +32,7 @@ def test_the_numbers_are_those_of_a_run_of_the_same_pairs(tmp_path, engine) -> N
     frame = evaluate(
         chosen, "cctc_flow", 30, settings=YIELDS, intervals=True, workers=0, engine=engine
     )
-    options = harness.Options(workers=0, engine=engine, audit=0.0)
+    options = harness.Options(workers=0, engine=engine)
     for number, candidate in enumerate(chosen):
         file = harness.read_scenario_file("cctc_flow", YIELDS | candidate)
         run = harness.run_study(harness.study_of(file), options, out=tmp_path / str(number))

@@ -150,19 +150,6 @@ def test_where_both_strategies_hang_both_arms_are_given_up(tmp_path: Path) -> No
     assert [row["ending"] for pair in (0, 2) for row in found[pair]].count("engine_failed") == 0
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("no_simulation")
-def test_an_audit_does_not_ask_again_who_hung(tmp_path: Path) -> None:
-    """Every pair is repeated in SUMO; the arm that did not hang keeps its result, audited."""
-    changes = {**CHANGES, **struck({"hangs": 1}), "experiment.pairs": 2}
-    study = one_cell("cctc", changes | {"experiment.decide_limit_s": 0.5})
-    options = Options(workers=1, engine="plain", audit=1.0)
-    run_study(study, options, out=tmp_path / "run")
-    av, human = rows(tmp_path / "run", "episodes")[1]
-    assert [arm["ending"] == "engine_failed" for arm in (av, human)] == [True, False]
-    assert [row["arm"] for row in rows(tmp_path / "run", "audit")[1]] == ["human"]
-
-
 def test_summary_counts_the_failed_apart_and_score_keeps_them(batch: Path) -> None:
     head, line = (batch / "faulty" / "summary.csv").read_text(encoding="utf-8").splitlines()
     summary = dict(zip(head.split(","), line.split(","), strict=True))

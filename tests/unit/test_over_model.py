@@ -205,7 +205,7 @@ CHANGES = {"experiment.pairs": 40, "model.over_refits": True}
 
 def test_a_run_over_refits_is_kept_resumed_scored_and_named(tmp_path):
     study = one_cell("cctc", CHANGES)
-    run = run_inline(study, tmp_path / "a", engine="plain", audit=0.0, traces=True)
+    run = run_inline(study, tmp_path / "a", engine="plain", traces=True)
     rows = (tmp_path / "a" / "over_model.csv").read_text().splitlines()
     ratio = run.over_model[0]["time_ratio"]
     usual = run.results[0].findings["time_ratio"]
@@ -214,7 +214,7 @@ def test_a_run_over_refits_is_kept_resumed_scored_and_named(tmp_path):
     refits = run.manifest["simulated_with"]["models"][0]["refits"]
     assert refits["count"] == 20
     assert refits["sha256"] == load_model("dut", None, True).refits.sha256
-    run_stopped(study, tmp_path / "b", 2, engine="plain", audit=0.0, traces=True)
+    run_stopped(study, tmp_path / "b", 2, engine="plain", traces=True)
     resume(tmp_path / "b", workers=0)
     for name in ("episodes.parquet", "over_model.csv", "manifest.json"):
         assert (tmp_path / "b" / name).read_bytes() == (tmp_path / "a" / name).read_bytes()
@@ -222,7 +222,7 @@ def test_a_run_over_refits_is_kept_resumed_scored_and_named(tmp_path):
     assert (tmp_path / "c" / "over_model.csv").read_text().splitlines() == rows
     # Off, nothing of it is there.
     two = one_cell("cctc", {"experiment.pairs": 2})
-    plain = run_inline(two, tmp_path / "d", engine="plain", audit=0.0)
+    plain = run_inline(two, tmp_path / "d", engine="plain")
     assert not (tmp_path / "d" / "over_model.csv").exists()
     assert "refits" not in plain.manifest["simulated_with"]["models"][0]
     assert pq.read_schema(tmp_path / "d" / "summary.parquet").names == (
@@ -232,7 +232,7 @@ def test_a_run_over_refits_is_kept_resumed_scored_and_named(tmp_path):
 
 def test_strategies_are_compared_over_pairs_and_refits(tmp_path):
     study = sweep("cctc", CHANGES, "arms.av=soft_yield,gap_yield")
-    run = run_inline(study, tmp_path / "a", engine="plain", audit=0.0)
+    run = run_inline(study, tmp_path / "a", engine="plain")
     (item,) = compare(run).groups[0].comparisons
     times = [run.episodes.query(f"cell == {cell} and arm == 'av'").delay_s for cell in (0, 1)]
     difference = times[0].to_numpy() - times[1].to_numpy()
@@ -273,7 +273,7 @@ def test_a_number_per_1000_keeps_its_name_below_the_rows():
 
 def test_agreement_of_references_includes_the_model(tmp_path):
     study = sweep("cctc", CHANGES, "arms.human=human_gmm,human_yield")
-    run = run_inline(study, tmp_path / "a", engine="plain", audit=0.0)
+    run = run_inline(study, tmp_path / "a", engine="plain")
     (text,) = [note.text for note in reported(run).notes if "ratio of times human_gmm" in note.text]
     for cell, name in enumerate(("human_gmm", "human_yield")):
         ratio = run.over_model[cell]["time_ratio"]

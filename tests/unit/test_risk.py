@@ -183,7 +183,7 @@ def test_the_culprit_of_an_episode_is_whom_the_ego_hits(tmp_path: Path) -> None:
     evaluation = Evaluation(question, tmp_path, ThisProcess(), lambda *_: None)
     z = question.space.layout.draw(60, np.random.default_rng(2))
     numbers = np.arange(60)
-    evaluation.compare(z, numbers)
+    evaluation.tell(z, numbers)
     runner, later = on_plain(scenario, question.model), 0
     for number, state, culprit in zip(
         numbers.tolist(), z, evaluation.events["culprit_index"].to_pylist(), strict=True

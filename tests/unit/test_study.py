@@ -94,7 +94,7 @@ def test_vary_replaces_the_table_of_the_file(tmp_path: Path) -> None:
     assert found.cells == alone.cells
     path = tmp_path / "mine.toml"
     path.write_text(table)
-    options = ("--pairs", 1, "--engine", "plain", "--audit", 0, "-q", "--out", tmp_path / "run")
+    options = ("--pairs", 1, "--engine", "plain", "-q", "--out", tmp_path / "run")
     done = here("run", path, "--vary", "ego.length_m=4,5", *options)
     assert done.stderr.splitlines() == [
         "note: --vary replaces the [sweep] of mine.toml: pedestrians.flow_per_hour, arms.av"
@@ -254,7 +254,7 @@ def test_what_is_set_does_not_vary(options: list[str], where: str, tmp_path: Pat
 def test_one_line_says_what_was_left_out(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('[sweep]\narms.av = ["soft_yield", "gap_yield"]\nego.length_m = [4.0, 5.0]')
-    options = ("--set", "arms.av=hard_yield", "--pairs", 1, "--engine", "plain", "--audit", 0, "-q")
+    options = ("--set", "arms.av=hard_yield", "--pairs", 1, "--engine", "plain", "-q")
     done = here("run", path, *options, "--out", tmp_path / "run")
     assert done.returncode == 0
     words = "harness: arms.av is set: the sweep over it is left out; 4 cells became 2"

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from harness.report.pages.player import Player, run_player
-from harness.report.pages.template import Failures, Page, flat, page_in, write_page
+from harness.report.pages.template import Page, flat, page_in, write_page
 from harness.report.screens.risk_terminal import heading, risk_screen, risk_tables
 from harness.report.screens.screen import screen_lines
 from harness.scenario import as_written
@@ -44,7 +44,6 @@ def write_risk_page(folder: Path, out: Path | None = None, missing: str = "") ->
     run = _shown_run(folder, page)
     critical = shlex.quote(str(folder / CRITICAL))
     to_run = f"To run strategies on the likeliest events: harness run {critical}."
-    differing = [*findings.differences, *findings.ties]
     content = Page(
         kind="risk",
         title=f"{heading(findings)}, risk",
@@ -57,9 +56,6 @@ def write_risk_page(folder: Path, out: Path | None = None, missing: str = "") ->
             _BY_BRUTE_FORCE if findings.by_brute_force else _BY_WEIGHTS,
             *([to_run] if findings.ways else []),
         ],
-        failures=Failures("The first episodes in which the two engines differ:", differing)
-        if differing
-        else None,
         player=None if run is None else _player(run),
         no_player=missing or "The likeliest events have not been simulated again.",
         figure_remarks=["A risk has no figures."],
@@ -93,7 +89,7 @@ def _facts(settings: SettingsDocument) -> Iterator[tuple[str, str]]:
     yield "scenario", settings.name
     yield "arm", settings.arm.value
     yield "event", settings.event
-    yield "engine", "SUMO" if settings.in_sumo else "plain, checked in SUMO"
+    yield "engine", "SUMO" if settings.in_sumo else "plain"
     yield "wanted coefficient of variation", as_written(settings.target_cv)
     yield "seed", str(settings.seed)
     yield "interaction model", f"{settings.model['name']}, sha256 {settings.model['sha256'][:16]}…"

@@ -91,8 +91,6 @@ def _rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
     if findings.failed or findings.timed_out:
         worst = number(findings.probability_worst)
         yield ("worst case", f"{worst} (failed episodes count as events)")
-    if findings.compared_with_other_engine:
-        yield ("episodes run in both engines", agreement(findings))
     yield from _severity_rows(findings)
     for way in findings.ways:
         culprits = [person for person in way.pedestrians if person.culprit]
@@ -119,14 +117,6 @@ def _severity_rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
     if findings.side_share:
         share = f"{per_cent(findings.side_share, 0)} % of the contacts"
         yield ("contacts with the side, left out", share)
-
-
-def agreement(findings: RiskFindings) -> str:
-    """Return how many episodes both engines ran, and in how many the engines differ."""
-    words = f"{findings.compared_with_other_engine:,}, "
-    words += f"{findings.differing:,} differ" if findings.differing else "all equal"
-    ties = findings.differing_by_a_tie
-    return f"{words} but for {ties:,} that differ by a tie of the strategy" if ties else words
 
 
 def nominal_words(findings: RiskFindings) -> str:

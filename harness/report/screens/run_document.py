@@ -21,7 +21,6 @@ def run_document(run: RunData) -> Document:
         "schema": SCHEMA,
         "folder": str(run.path),
         "engine": run.engine,
-        "audit": _audit(run),
         "cells": _cells(run),
         "missed_targets": [asdict(missed) for missed in missed_targets(run)],
         "failures": _records(run.failures, "reason"),
@@ -71,18 +70,6 @@ def _over_model(cell: CellFindings) -> Document:
     """Return the intervals over pairs and refits, if pairs are spread over refits."""
     intervals = {name: asdict(found) for name, found in cell.over_model.items()}
     return {"over_model": intervals} if intervals else {}
-
-
-def _audit(run: RunData) -> Document | None:
-    """Return the audit of a plain engine's run; None for a run in SUMO."""
-    if run.engine == "sumo":
-        return None
-    return {
-        "share": run.manifest["audit"],
-        "records": len(run.audited),
-        "differ": _records(run.disagreements, "difference"),
-        "ties": _records(run.ties, "difference"),
-    }
 
 
 def _records(records: Sequence[Failure], last: str) -> list[Document]:

@@ -262,6 +262,5 @@ class _Work:
             hang_after_s=hang_limit_s(options.hang_after_s, cell.scenario),
             stack_file=self.folder.stack_file(f"{cell.number}-{first}-{count}"),
             engine=options.engine,
-            audit=self.plan.audits.get(cell.number),
             outputs=self.folder.outputs_of(cell.scenario),
         )

@@ -1,7 +1,7 @@
 """The plan of a run: its checked study with the loaded models."""
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 
 from harness.core.documents import JsonObject
 from harness.core.errors import InputError
@@ -15,7 +15,6 @@ from harness.strategies.parameters import knows_the_model
 from harness.strategies.program import is_program
 from harness.strategies.registry import STRATEGIES, find_strategy
 from harness.strategies.sumo_driver import SumoDriver
-from harness.studies.kinds.audit import Audit, audit_of
 from harness.studies.kinds.table import simulation_of
 
 
@@ -39,17 +38,7 @@ class Plan:
     @property
     def shard_tables(self) -> list[str]:
         """The tables that the tasks return."""
-        audit = self.options.engine == "plain"
-        return self.kind.tables(traces=self.options.traces, audit=audit)
-
-    @cached_property
-    def audits(self) -> dict[int, Audit]:
-        """The audit of each cell in SUMO, by number; empty if the whole run uses SUMO."""
-        if self.options.engine == "sumo":
-            return {}
-        return {
-            cell.number: audit_of(self.options.audit, cell.scenario) for cell in self.study.cells
-        }
+        return self.kind.tables(traces=self.options.traces)
 
     @property
     def planned(self) -> dict[int, int]:

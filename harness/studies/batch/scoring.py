@@ -84,8 +84,7 @@ def _score_encounters(
     run: Path, cell: Cell, traced: bool
 ) -> Iterator[tuple[int, int, dict[str, pa.Table]]]:
     """Yield first pair, number of pairs and tables, part by part."""
-    audited = (run / "audit.parquet").is_file()
-    names = encounter_tables(traces=traced, audit=audited)
+    names = encounter_tables(traces=traced)
     # Older runs may lack columns, but the measures are recomputed anyway.
     optional = COLUMNS if traced else ()
     tables = {name: read_table(run, name, cell.number, optional=optional) for name in names}

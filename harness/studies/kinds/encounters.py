@@ -1,6 +1,6 @@
 """Simulates encounters one after another in the one SUMO of the process."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
@@ -13,10 +13,9 @@ from harness.engine.protocol import Engine
 from harness.engine.shared import engine_for, open_engine
 from harness.episode.pairing import Begins, EpisodeKey, PairRunner
 from harness.measures import Outcome
-from harness.scenario import EngineName, Scenario
-from harness.store.episode_tables import audit_rows, episode_rows, pedestrian_rows, trace_rows
+from harness.scenario import Scenario
+from harness.store.episode_tables import episode_rows, pedestrian_rows, trace_rows
 from harness.store.tables import Tables
-from harness.studies.kinds.audit import Finding, repeated_in_sumo
 from harness.studies.kinds.outputs import outputs_in, with_speed_limit
 from harness.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation
 from harness.studies.kinds.tasks import LoggedFailure, Task, TaskResult
@@ -25,9 +24,8 @@ from harness.studies.kinds.watchdog import Watch, watchdog
 if TYPE_CHECKING:
     from harness.engine.traci import Gui
 
-_cell = ""
-_runners: dict[EngineName, PairRunner] = {}
-"""The runners of the current cell, by engine."""
+_current: tuple[str, PairRunner] | None = None
+"""The runner of the current cell, after what it depends on."""
 
 _UNWATCHED: Begins = lambda _pair, _arm, _episode: None  # noqa: E731
 
@@ -94,47 +92,22 @@ def _tables(cell: int, outcomes: list[Outcome]) -> Tables:
 
 def _run_encounters(task: Task) -> Iterator[TaskResult]:
     known: dict[EpisodeKey, Outcome] = {}
-    repeated: dict[EpisodeKey, Finding] = {}
-    hung: set[EpisodeKey] = set()
     limit_s = task.scenario.experiment.decide_limit_s
     with watchdog(task.hang_after_s, task.stack_file, limit_s) as watch:
         for each in task.each:
-            runner = _runner_for(each, each.engine)
+            runner = _runner_for(each)
             if each.hung is not None:
                 arm, reason = each.hung
-                key = runner.key(arm, each.first_pair)
-                known[key] = runner.hung(arm, each.first_pair, reason)
-                hung.add(key)
+                known[runner.key(arm, each.first_pair)] = runner.hung(arm, each.first_pair, reason)
             arms = tuple(Arm) if each.only is None else (each.only,)
             runner.decisions_s = [] if each.timed else None
             outcomes = list(runner.run(each.pairs, watch.begins, watch.alive, known, arms))
             known |= {runner.key(outcome.arm, outcome.pair): outcome for outcome in outcomes}
-            # An episode that hung would hang in SUMO too and stop the other arm.
-            ended = [
-                outcome for outcome in outcomes if runner.key(outcome.arm, outcome.pair) not in hung
-            ]
-            result = _result_of(each, outcomes, list(_audited(each, ended, watch, repeated)))
-            yield replace(result, decisions_s=tuple(runner.decisions_s or ()))
-
-
-def _audited(
-    task: Task, outcomes: list[Outcome], watch: Watch, repeated: dict[EpisodeKey, Finding]
-) -> Iterable[tuple[Outcome, Finding]]:
-    if task.audit is None:
-        return ()
-    runners = _runner_for(task, "sumo"), _runner_for(task, task.engine)
-    return repeated_in_sumo(outcomes, task.audit, *runners, watch, repeated)
-
-
-def _result_of(
-    task: Task, outcomes: list[Outcome], audited: list[tuple[Outcome, Finding]]
-) -> TaskResult:
-    tables = _tables(task.cell, outcomes)
-    if task.traces:
-        tables["traces"] = trace_rows(task.cell, outcomes)
-    if task.audit is not None:
-        tables["audit"] = audit_rows(task.cell, audited)
-    return TaskResult(tables, tuple(_failures(task.cell, outcomes)))
+            tables = _tables(each.cell, outcomes)
+            if each.traces:
+                tables["traces"] = trace_rows(each.cell, outcomes)
+            failures = tuple(_failures(each.cell, outcomes))
+            yield TaskResult(tables, failures, decisions_s=tuple(runner.decisions_s or ()))
 
 
 def _failures(cell: int, outcomes: list[Outcome]) -> Iterator[LoggedFailure]:
@@ -150,17 +123,15 @@ def _failures(cell: int, outcomes: list[Outcome]) -> Iterator[LoggedFailure]:
             }
 
 
-def _runner_for(task: Task, engine: EngineName) -> PairRunner:
-    """Return the runner of a cell on an engine.  It is made again only when the cell changes."""
-    global _cell
-    scenario = task.scenario
-    cell = repr((scenario, task.model.sha256))
-    if cell != _cell:
-        _runners.clear()
-        _cell = cell
-    if engine not in _runners:
-        _runners[engine] = PairRunner(scenario, task.model, lambda: open_engine(scenario, engine))
-    return _runners[engine]
+def _runner_for(task: Task) -> PairRunner:
+    """Return the runner of a cell.  It is made again only when the cell changes."""
+    global _current
+    scenario, engine = task.scenario, task.engine
+    cell = repr((scenario, task.model.sha256, engine))
+    if _current is None or _current[0] != cell:
+        runner = PairRunner(scenario, task.model, lambda: open_engine(scenario, engine))
+        _current = cell, runner
+    return _current[1]
 
 
 ENCOUNTER_SIMULATION = Simulation(

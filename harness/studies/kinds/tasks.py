@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from harness.model.interaction import InteractionModel
     from harness.scenario import EngineName, Scenario
     from harness.store.tables import Tables
-    from harness.studies.kinds.audit import Audit
 
 Failure = tuple[int, int, str, str]
 """Cell, pair, arm and reason of an episode that has no result."""
@@ -24,8 +23,7 @@ class Task:
     """Some pairs of one cell.
 
     ``twins`` are tasks of the same pairs in cells that differ only in their arms.  Episodes that
-    they share are simulated once.  ``engine`` simulates the egos.  With an ``audit`` some episodes
-    are repeated in SUMO.
+    they share are simulated once.  ``engine`` simulates the egos.
 
     ``hung`` is set only for a task of one pair.  It holds the arm whose strategy gave no answer,
     and the reason.  Only the other arm is then simulated.
@@ -49,7 +47,6 @@ class Task:
     stack_file: Path | None
     outputs: Path | None = None
     engine: "EngineName" = "sumo"
-    audit: "Audit | None" = None
     twins: "tuple[Task, ...]" = ()
     hung: "tuple[Arm, str] | None" = None
     only: "Arm | None" = None

@@ -7,28 +7,25 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.core.encounter import Contact, Ending, FloatArray, Trace
-from harness.core.seeding import Given, has_drawn_more
+from harness.core.seeding import has_drawn_more
 from harness.engine.shared import open_engine
 from harness.episode.arms import draws_of
 from harness.episode.pairing import PairRunner
-from harness.episode.ties import Decision, tie_s
 from harness.measures import Outcome, measure
-from harness.measures.agreement import difference
 from harness.scenario import EngineName
 from harness.studies.kinds.watchdog import watchdog
 from harness.studies.risk.asking import Question
 from harness.studies.risk.event import GRADINGS, Event
 
-_scene = ""
-_runners: dict[bool, PairRunner] = {}
+_current: tuple[str, PairRunner] | None = None
+"""The runner of the current scenario, after what it depends on."""
 
 
 @dataclass(frozen=True)
 class Episodes:
     """Consecutive episodes of a batch from index ``first`` on; states have shape (n, width).
 
-    ``asked`` is as for ``Evaluate``.  With ``compare`` the other engine runs them too, and
-    differences are reported.
+    ``asked`` is as for ``Evaluate``.  ``in_full`` asks for everything that a score has.
     """
 
     question: Question
@@ -36,7 +33,7 @@ class Episodes:
     numbers: tuple[int, ...]
     z: FloatArray
     asked: tuple[int, ...] | None
-    compare: bool
+    in_full: bool
     hang_after_s: float
 
 
@@ -51,11 +48,9 @@ class Score(NamedTuple):
         reason: reason of a failure; else None.
         culprit: place of the pedestrian to whom the event is due; −1 if there is none in the crowd.
         own: the scores with the asked pedestrians alone.
-        difference: the difference between the two engines' records; None if they are equal.
-        by_a_tie: whether a tie of the strategy caused the difference.
         drew_more: whether the strategy drew more random numbers than the sampled ones.
 
-    The others are known of compared episodes alone:
+    The others are known of tasks ``in_full`` alone:
         speeds_mps: walking speed of each pedestrian by index; None if they did not walk.
         culprit_index: index of the pedestrian to whom the event is due; None if there is none.
         contact: what of the vehicle touched someone; None without a contact.
@@ -67,8 +62,6 @@ class Score(NamedTuple):
     passed_mps: float
     timed_out: bool = False
     reason: str | None = None
-    difference: str | None = None
-    by_a_tie: bool = False
     drew_more: bool = False
     culprit: int = -1
     own: tuple[float, ...] = (math.inf,) * GRADINGS
@@ -100,7 +93,7 @@ def run_episodes(task: Episodes) -> list[Score]:
             unused = draws_of(question.scenario, question.arm, number, given=uniforms)
             drew_more.append(rng is not None and has_drawn_more(rng, unused))
 
-        runner = _runner_of(question, question.in_sumo)
+        runner = _runner_of(question)
         outcomes = list(runner.run_arm_given(question.arm, inputs, ended))
         scores = [
             Score(
@@ -122,38 +115,18 @@ def run_episodes(task: Episodes) -> list[Score]:
         if task.asked is not None:
             own = _own(question, task.z, task.asked, outcomes)
             scores = [score._replace(own=each) for score, each in zip(scores, own, strict=True)]
-        if task.compare:
-            runner = _runner_of(question, not question.in_sumo)
-            others = runner.run_arm_given(question.arm, inputs, lambda _: watch.alive())
-            for place, other in enumerate(others):
-                record = outcomes[place].record
-                scores[place] = scores[place]._replace(
-                    speeds_mps=_speeds_mps(outcomes[place].trace),
-                    culprit_index=_culprit(question.event, outcomes[place]),
-                    contact=record.contact,
-                    injury_risk=record.injury_risk,
-                    fatality_risk=record.fatality_risk,
+        if task.in_full:
+            scores = [
+                score._replace(
+                    speeds_mps=_speeds_mps(outcome.trace),
+                    culprit_index=_culprit(question.event, outcome),
+                    contact=outcome.record.contact,
+                    injury_risk=outcome.record.injury_risk,
+                    fatality_risk=outcome.record.fatality_risk,
                 )
-                words = difference(record, other.record)
-                if words is not None:
-                    tie = _tie_s(question, *inputs[place])
-                    watch.alive()
-                    when = "" if tie is None else f"tie at {tie:.3f} s, "
-                    scores[place] = scores[place]._replace(
-                        difference=f"episode {task.numbers[place]}: {when}{words}",
-                        by_a_tie=tie is not None,
-                    )
+                for score, outcome in zip(scores, outcomes, strict=True)
+            ]
     return scores
-
-
-def _tie_s(question: Question, number: int, given: Given) -> float | None:
-    """Return the time of the tie that caused the engines' difference; None without a tie."""
-    decisions: tuple[list[Decision], list[Decision]] = ([], [])
-    for engine_decisions, in_sumo in zip(decisions, (False, True), strict=True):
-        _runner_of(question, in_sumo).run_arm(
-            number, question.arm, given=given, decisions=engine_decisions
-        )
-    return tie_s(*decisions)
 
 
 def _speeds_mps(trace: Trace) -> tuple[float | None, ...]:
@@ -221,17 +194,13 @@ def _own(
     return own
 
 
-def _runner_of(question: Question, in_sumo: bool) -> PairRunner:
+def _runner_of(question: Question) -> PairRunner:
     """Return the runner of a scenario; a new one is made only if the scenario changes."""
-    global _scene
+    global _current
     scenario = question.scenario
-    scene = repr((scenario, question.model.sha256))
-    if scene != _scene:
-        _runners.clear()
-        _scene = scene
-    if in_sumo not in _runners:
-        name: EngineName = "sumo" if in_sumo else "plain"
-        _runners[in_sumo] = PairRunner(
-            scenario, question.model, lambda: open_engine(scenario, name)
-        )
-    return _runners[in_sumo]
+    scene = repr((scenario, question.model.sha256, question.in_sumo))
+    if _current is None or _current[0] != scene:
+        name: EngineName = "sumo" if question.in_sumo else "plain"
+        runner = PairRunner(scenario, question.model, lambda: open_engine(scenario, name))
+        _current = scene, runner
+    return _current[1]

@@ -121,11 +121,6 @@ class RiskFindings(Document):
     probability_worst: Share | None
     failed: Count
     timed_out: Count
-    compared_with_other_engine: Count
-    differing: Count
-    differences: tuple[str, ...]
-    differing_by_a_tie: Count
-    ties: tuple[str, ...]
     levels: tuple[tuple[Number, ...], ...]
     ways: tuple[Way, ...]
     serious: Severity

@@ -150,7 +150,7 @@ def _carry_out(
         estimation = estimate_probability(
             evaluation, layout, rng, settings.target_cv, settings.most_episodes
         )
-        evaluation.compare(estimation.z, estimation.numbers)
+        evaluation.tell(estimation.z, estimation.numbers)
     finally:
         executor.stop()
     write_findings(folder, settings, estimation, evaluation, rng)

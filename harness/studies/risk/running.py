@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from pathlib import Path
 from time import monotonic
-from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -31,9 +30,6 @@ from harness.studies.workers.executor import Executor, ExecutorLostError
 FIRST_NUMBER = 2**40
 """Number of the first episode; its random streams differ from those of a run's pairs."""
 
-CHECKED_EVERY = 100
-"""The other engine repeats every n-th episode, with n this number."""
-
 KEPT_EVERY_S = 20.0
 """Time in s between two writes of finished episodes, which limits what a killed process loses."""
 
@@ -48,8 +44,6 @@ _SCORES = pa.schema(
         "passed_mps": pa.float64(),
         "timed_out": pa.bool_(),
         "reason": pa.string(),
-        "difference": pa.string(),
-        "by_a_tie": pa.bool_(),
         "drew_more": pa.bool_(),
         "culprit": pa.int64(),
         "own": pa.list_(pa.float64(), GRADINGS),
@@ -66,17 +60,6 @@ Progress = Callable[[int, int, str], None]
 """Receives the numbers of finished and planned episodes, and their purpose."""
 
 
-class Compared(NamedTuple):
-    """The number of episodes that both engines ran, and descriptions of their differences.
-
-    ``ties`` are the differences that a tie of the strategy caused; ``differs`` are all others.
-    """
-
-    episodes: int
-    differs: list[str]
-    ties: list[str]
-
-
 class Evaluation:
     """Runs batches on an executor.
 
@@ -87,17 +70,16 @@ class Evaluation:
         progress: called with the progress of a batch.
 
     ``episodes``, ``timed_out``, ``drew_more`` and ``reasons`` (of failures) count over all batches
-    so far.  ``compared`` is the result of ``compare``; ``events`` are the scores of its states.
+    so far.  ``events`` are the scores that ``tell`` found.
     """
 
     def __init__(
         self, question: Question, folder: Path, executor: Executor, progress: Progress
     ) -> None:
         self.question, self._folder = question, folder
-        self.compared, self.events = Compared(0, [], []), _SCORES.empty_table()
+        self.events = _SCORES.empty_table()
         self._executor, self._progress = executor, progress
         self._batches = 0
-        self._sampled: list[tuple[FloatArray, int]] = []
         self.episodes, self.timed_out, self.drew_more = 0, 0, 0
         self.reasons: list[str] = []
 
@@ -111,9 +93,7 @@ class Evaluation:
         """Run a batch; see ``Evaluate``."""
         if numbers is None:
             numbers = FIRST_NUMBER + self.episodes + np.arange(len(z))
-        table = self._scores(z, numbers, asked, what, compare=False)
-        first = -self.episodes % CHECKED_EVERY
-        self._sampled += zip(z[first::CHECKED_EVERY], numbers[first::CHECKED_EVERY], strict=True)
+        table = self._scores(z, numbers, asked, what, in_full=False)
         self.episodes += len(z)
         self.timed_out += pc.sum(table["timed_out"], min_count=0).as_py()
         self.drew_more += pc.sum(table["drew_more"], min_count=0).as_py()
@@ -127,17 +107,9 @@ class Evaluation:
         )
         return Outcomes(score, numbers, passed_s, passed_mps, culprit, own)
 
-    def compare(self, z: FloatArray, numbers: NDArray[np.int64]) -> None:
-        """Compare both engines on these and on every ``CHECKED_EVERY``-th episode so far."""
-        chosen = [*self._sampled, *zip(z, numbers, strict=True)]
-        states, keys = (np.array(column) for column in zip(*chosen, strict=True))
-        table = self._scores(states, keys, None, "checks in SUMO", compare=True)
-        differs, ties = (
-            table.filter(pc.equal(table["by_a_tie"], tie))["difference"].drop_null().to_pylist()
-            for tie in (False, True)
-        )
-        self.compared = Compared(len(chosen), differs, ties)
-        self.events = table.slice(len(self._sampled))
+    def tell(self, z: FloatArray, numbers: NDArray[np.int64]) -> None:
+        """Run the events of the estimate once more, for all that a ``Score`` can have."""
+        self.events = self._scores(z, numbers, None, "events", in_full=True)
 
     def _scores(
         self,
@@ -146,7 +118,7 @@ class Evaluation:
         asked: NDArray[np.int64] | None,
         what: str,
         *,
-        compare: bool,
+        in_full: bool,
     ) -> pa.Table:
         """Return the scores of a batch in order.  Episodes without a stored score are run."""
         form = f"batch-{self._batches}-{{}}.parquet"
@@ -169,7 +141,7 @@ class Evaluation:
         kept_at = monotonic()
         try:
             for task, scores in self._finished(
-                z[left], numbers[left], asked if asked is None else asked[left], compare
+                z[left], numbers[left], asked if asked is None else asked[left], in_full
             ):
                 places = left[task.first : task.first + len(scores)].tolist()
                 new_rows += [
@@ -189,7 +161,7 @@ class Evaluation:
         z: FloatArray,
         numbers: NDArray[np.int64],
         asked: NDArray[np.int64] | None,
-        compare: bool,
+        in_full: bool,
     ) -> Iterator[tuple[Episodes, list[Score]]]:
         """Yield the tasks of some episodes as they finish."""
         question = self.question
@@ -203,7 +175,7 @@ class Evaluation:
                 keys[i : i + _CHUNK],
                 z[i : i + _CHUNK],
                 None if places is None else places[i : i + _CHUNK],
-                compare,
+                in_full,
                 hang_s,
             )
             for i in reversed(range(0, len(z), _CHUNK))

@@ -26,7 +26,6 @@ from harness.studies.risk.ways import Cluster, drawn_of, people_of, ways_of
 RESULT = "result.json"
 
 _CRITICAL_OF_EACH_WAY = 20
-_DIFFERENCES_KEPT = 10
 
 
 def write_findings(
@@ -42,7 +41,7 @@ def write_findings(
         folder: folder of the risk estimate.
         settings: the user's settings.
         estimation: the result of the sampling.
-        evaluation: counts of episodes, and the comparison of the engines.
+        evaluation: counts of episodes, and what is known of the events.
         rng: seeds the clusters of events.
     """
     question = evaluation.question
@@ -70,7 +69,6 @@ def findings_of(
     settings: Settings, estimation: Estimation, evaluation: Evaluation, ways: tuple[Way, ...]
 ) -> RiskFindings:
     """Return the findings.  See ``write_findings`` for the arguments."""
-    compared = evaluation.compared
     estimate, failed = estimation.estimate, len(evaluation.reasons)
     p, cv = estimate.probability, estimate.coefficient_of_variation
     nothing_known = failed == evaluation.episodes
@@ -101,11 +99,6 @@ def findings_of(
         probability_worst=worst if failed or p else None,
         failed=failed,
         timed_out=evaluation.timed_out,
-        compared_with_other_engine=compared.episodes,
-        differing=len(compared.differs),
-        differences=tuple(compared.differs[:_DIFFERENCES_KEPT]),
-        differing_by_a_tie=len(compared.ties),
-        ties=tuple(compared.ties[:_DIFFERENCES_KEPT]),
         levels=tuple(exploration.levels for exploration in estimation.explorations),
         ways=ways,
         serious=severity_of(estimation.weights, evaluation.events, "injury_risk"),
@@ -116,7 +109,7 @@ def findings_of(
 
 
 def _notes(estimation: Estimation, evaluation: Evaluation, worst: float) -> list[Note]:
-    notes, compared = list(estimation.notes), evaluation.compared
+    notes = list(estimation.notes)
     failures, episodes = evaluation.reasons, f"{evaluation.episodes:,} episodes"
 
     def note(rank: Rank, text: str) -> None:
@@ -131,12 +124,6 @@ def _notes(estimation: Estimation, evaluation: Evaluation, worst: float) -> list
             Rank.FAILURES,
             f"{len(failures):,} of {episodes} failed and do not count as events. If all of them "
             f"were events, the probability would be {worst:.3g}. The first failure: {failures[0]}",
-        )
-    if compared.differs:
-        note(
-            Rank.FAILURES,
-            f"The plain engine and SUMO disagree in {len(compared.differs):,} of "
-            f"{compared.episodes:,} episodes.",
         )
     if evaluation.timed_out:
         words = f"{evaluation.timed_out:,} of {episodes} timed out and do not count as events."

@@ -14,12 +14,11 @@ import pyarrow.compute as pc
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
-from harness.measures.agreement import TOLERANCE
 from harness.statistics import CellFindings, Note, Rank, RunFindings
 from harness.studies.runs.hour_notes import FEW_HOURS
 from harness.studies.runs.notes import counted
 from harness.studies.runs.run_data import RunData
-from harness.studies.runs.same_pairs import check_same_scenario, names_of
+from harness.studies.runs.same_pairs import TOLERANCE, check_same_scenario, names_of
 from harness.studies.runs.site_words import site_words
 from harness.studies.runs.strategy_groups import StrategyCell, groups_over
 

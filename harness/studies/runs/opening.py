@@ -35,9 +35,8 @@ def load_run(path: str | Path) -> RunData:
             return load_run(folder)
         return RunData(folder, document, study, finished=False, shards=shards)
     expected = {"cells": len(study.cells), **counts}
-    traces, audit = document["traces"], document["engine"] == "plain"
     kind = kind_of_study(study)
-    names = [*kind.derived, *kind.tables(traces=traces, audit=audit)]
+    names = [*kind.derived, *kind.tables(traces=document["traces"])]
     for name in ("cells", *names):
         count = count_rows(folder, name)
         rows = expected.get(name, count)

@@ -6,7 +6,6 @@ from harness.core.errors import resume_command
 from harness.scenario import Scenario
 from harness.statistics import ENCOUNTERS, CellFindings, Finding, Note, Rank, RunFindings
 from harness.store.over_model import refits_of
-from harness.studies.kinds.tasks import Failure
 from harness.studies.runs.cell_result import CellResult
 from harness.studies.runs.changed_options import changes_in_full
 from harness.studies.runs.model_use import given_the_model
@@ -27,9 +26,6 @@ PAPER_REMARK = (
 
 PAPER_MU = float(next(entry.paper for entry in ENCOUNTERS if entry.key == "mu"))
 
-_NAMED = 8
-"""Number of records that the remarks list."""
-
 
 def reported(run: RunData) -> RunFindings:
     """Return the findings of a finished or unfinished run."""
@@ -37,7 +33,7 @@ def reported(run: RunData) -> RunFindings:
         catalogue=run.kind.catalogue,
         name=run.name,
         folder=str(run.path),
-        scope=", ".join([f"seed {run.manifest['seed']}", *_refits_scope(run), *_audit_scope(run)]),
+        scope=", ".join([f"seed {run.manifest['seed']}", *_refits_scope(run), *_engine_scope(run)]),
         confidence=run.confidence,
         paper=_has_paper_values(run),
         cells=tuple(_cell_findings(run, result) for result in run.results),
@@ -96,12 +92,6 @@ def _run_notes(run: RunData) -> list[Note]:
             f"{resume_command(run.path)} continues it."
         )
         notes.append(Note(Rank.UNFINISHED, text))
-    if run.disagreements:
-        text = (
-            f"{len(run.disagreements):,} of {len(run.audited):,} records of the plain engine that "
-            "were repeated in SUMO differ (audit.parquet): do not rely on the other records."
-        )
-        notes.append(Note(Rank.FAILURES, text))
     if tuple(run.varied_keys) == ("arms.human",):
         ratios = [
             (result.cell.scenario.arms.human, _time_ratio(run, result))
@@ -137,51 +127,21 @@ def _refits_scope(run: RunData) -> list[str]:
     )
 
 
-def _audit_scope(run: RunData) -> list[str]:
-    """Count the records of the plain engine that agree with SUMO's; empty for a run in SUMO."""
-    if run.engine == "sumo":
-        return []
-    records = len(run.audited)
-    if not records:
-        return ["plain engine: no record was repeated in SUMO"]
-    agree = records - len(run.disagreements) - len(run.ties)
-    ties = f", {len(run.ties):,} differ by a tie" if run.ties else ""
-    return [f"plain engine: {agree:,} of {records:,} records repeated in SUMO agree{ties}"]
+def _engine_scope(run: RunData) -> list[str]:
+    """Name the plain engine; empty for a run in SUMO."""
+    return ["plain engine"] if run.engine == "plain" else []
 
 
 def remarks(run: RunData) -> list[str]:
-    """Return the remarks for ``--full`` and the page: on paper, references, audit, options …"""
+    """Return the remarks for ``--full`` and the page: on paper, references, options …"""
     scenarios = [cell.scenario for cell in run.study.cells]
     return [
         *([PAPER_REMARK] if _has_paper_values(run) else []),
         *reference_lines(scenarios),
-        *audit_lines(run),
         *knowledge_lines(run),
         *walker_lines(scenarios),
         *dict.fromkeys(changes_in_full(each) for each in scenarios if each.simulation is not None),
     ]
-
-
-def audit_lines(run: RunData) -> list[str]:
-    """List the records of the plain engine that differ from SUMO's; empty for a run in SUMO."""
-    if run.engine == "sumo":
-        return []
-    tie = (
-        "In a tie, the strategy's command differs although all its observations up to then agreed "
-        "within 1e-9."
-    )
-    lines = [f"{text[0].upper()}{text[1:]}." for text in _audit_scope(run)]
-    return [*lines, *_named(run.disagreements), *_named(run.ties), *([tie] if run.ties else [])]
-
-
-def _named(records: tuple[Failure, ...]) -> list[str]:
-    """List the first differing records and the number of further ones."""
-    named = [
-        f"Cell {cell} pair {pair} {arm}: {difference} (plain engine and SUMO)."
-        for cell, pair, arm, difference in records[:_NAMED]
-    ]
-    more = len(records) - _NAMED
-    return [*named, f"{more} more in audit.parquet."] if more > 0 else named
 
 
 def knowledge_lines(run: RunData) -> list[str]:

@@ -30,7 +30,6 @@ from harness.store.summaries import confidence_of, pair_columns
 from harness.store.summary_table import read_summary
 from harness.store.tables import Row
 from harness.studies.kinds.tasks import Failure
-from harness.studies.runs.audited import disagreements, shared_once, ties
 from harness.studies.runs.cell_result import CellResult
 from harness.studies.runs.notebook import run_html
 from harness.studies.runs.run_tables import RunTables
@@ -289,36 +288,9 @@ class RunData:
 
     @property
     def engine(self) -> EngineName:
-        """The engine of the run: ``sumo``, or ``plain`` with an audit in SUMO."""
+        """The engine of the run: ``sumo`` or ``plain``."""
         engine: EngineName = self.manifest["engine"]
         return engine
-
-    @cached_property
-    def audit(self) -> pd.DataFrame:
-        """One row per cell and episode of the plain engine that was repeated in SUMO.
-
-        ``cell, pair, arm, difference, tie_s``.  ``difference`` is missing if the records agree.
-        ``tie_s`` is missing unless a tie of the strategy caused the difference (docs/batches.md).
-        An episode that several cells share has a row in each of them.
-        """
-        if self.engine == "sumo":
-            return _frame(TABLES["audit"].empty_table())
-        return _frame(self._tables.read("audit"))
-
-    @cached_property
-    def audited(self) -> pd.DataFrame:
-        """The rows of ``audit``; if cells share an episode, only the first cell lists it."""
-        return shared_once(self.audit, self.study)
-
-    @property
-    def disagreements(self) -> tuple[Failure, ...]:
-        """(cell, pair, arm, difference) of each record that differs in SUMO, without ``ties``."""
-        return disagreements(self.audited)
-
-    @property
-    def ties(self) -> tuple[Failure, ...]:
-        """(cell, pair, arm, time and difference) of each record that differs by a tie."""
-        return ties(self.audited)
 
     @cached_property
     def failures(self) -> tuple[Failure, ...]:

@@ -6,10 +6,13 @@ from typing import Any
 import numpy as np
 
 from harness.core.errors import InputError
-from harness.measures.agreement import TOLERANCE
 from harness.scenario import as_written, flatten
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.strategy_groups import StrategyGroup, all_but_the_strategy
+
+TOLERANCE = 1e-6
+"""Numbers of two engines or versions are equal if they differ by at most this, absolutely or
+relatively."""
 
 _NAMED = 5
 """Number of keys that a refusal lists."""

@@ -8,7 +8,6 @@ import pyarrow as pa
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
-from harness.measures.agreement import TOLERANCE
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Cell, EngineName, study_from
 from harness.store.kinds import kind_of
@@ -16,6 +15,7 @@ from harness.store.manifest import explained
 from harness.store.reading import MANIFEST, read_finished_manifest, read_table
 from harness.store.tables import Row, Tables
 from harness.studies.kinds.simulation import ArmOfPair, ArmRows
+from harness.studies.runs.same_pairs import TOLERANCE
 
 Rows = dict[str, list[Row]]
 """Rows by the name of their table."""

@@ -11,12 +11,11 @@ import pandas as pd
 
 from harness.core.encounter import Arm, Contact, Ending
 from harness.core.errors import InputError, unknown_name
-from harness.measures.agreement import TOLERANCE
 from harness.measures.catalogue import COLUMNS, MEASURES
 from harness.store.summaries import known
 from harness.studies.runs.opening import finished_run
 from harness.studies.runs.run_data import RunData
-from harness.studies.runs.same_pairs import check_same_pairs, names_of
+from harness.studies.runs.same_pairs import TOLERANCE, check_same_pairs, names_of
 from harness.studies.runs.strategy_groups import StrategyCell, groups_over
 
 RANKED = {measure.column: measure for measure in MEASURES if measure.worse is not None}

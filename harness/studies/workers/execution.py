@@ -185,6 +185,6 @@ def _given_up(task: Task, reason: str, failed_in: FailedIn = "engine") -> TaskRe
     failed = kind.given_up(task.scenario, reason, failed_in)
     driven = [row for row in failed if task.only in (None, row["arm"])]
     known = {kind.rows: [{**which, **row} for row in driven]}
-    names = kind.tables(traces=task.traces, audit=task.audit is not None)
+    names = kind.tables(traces=task.traces)
     tables = {name: table_of(name, known.get(name, ())) for name in names}
     return TaskResult(tables, took_s=task.hang_after_s)
