@@ -32,7 +32,8 @@ def test_the_records_are_those_of_a_run(tmp_path: Path) -> None:
     plain = harness.run_pair("cctc_flow", 3, settings=settings, engine="plain")
     one, other = found.av.record, plain.av.record
     assert (one.ending, one.contact) == (other.ending, other.contact)
-    assert one.values == pytest.approx(other.values, rel=1e-6, abs=1e-6)
+    for value, of_plain in zip(one.values, other.values, strict=True):
+        assert value == of_plain or value == pytest.approx(of_plain, rel=1e-6, abs=1e-6)
     assert found.tau == pytest.approx(rows["pass_time_s"][0] / rows["pass_time_s"][1])
 
 
