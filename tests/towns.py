@@ -13,7 +13,6 @@ from pathlib import Path
 import sumo
 
 from harness.core.encounter import Arm
-from harness.engine.network.osm import convert
 from harness.engine.shared import close_engine
 from harness.episode.simulation.pairing import SimulationOutcome, SimulationRunner
 from harness.model.interaction import InteractionModel
@@ -105,11 +104,31 @@ def main_road(folder: Path, end_s: int = 300, **options: str) -> Path:
     return with_demand(folder, end_s, 1.5, 2.0, **options)
 
 
+def of_map(name: str, zebras: Sequence[str], none: Sequence[str], folder: Path) -> None:
+    """Convert a map to ``net.net.xml``, with zebras and without some guessed crosswalks.
+
+    Each is given by its node and edges.  netconvert guesses two crosswalks at a node within a
+    street, none of them a zebra.
+    """
+    changes = [(zebras, 'priority="true" width="4"'), (none, 'discard="true"')]
+    lines = "".join(
+        f'<crossing node="{node}" edges="{edges}" {how}/>'
+        for crossings, how in changes
+        for node, _, edges in (each.partition(" ") for each in crossings)
+    )
+    (folder / "zebras.con.xml").write_text(f"<connections>{lines}</connections>")
+    osm = str(Path(__file__).parent / f"data/town/{name}.osm")
+    words = ("--osm.sidewalks", "--osm.crossings", "--sidewalks.guess", "--crossings.guess")
+    finely = ("--output.street-names", "--precision", "6")
+    call(folder, "netconvert", "--osm-files", osm, *words, *finely, "-o", "guessed.net.xml")
+    patch = ("-x", "zebras.con.xml", *finely, "-o", "net.net.xml")
+    call(folder, "netconvert", "-s", "guessed.net.xml", *patch)
+
+
 @_built_once
 def bus_street(folder: Path, end_s: int = 300, **options: str) -> Path:
     """A street as OpenStreetMap has it, with a zebra crossing, bus stops and a bus line."""
-    converted = convert(Path(__file__).parent / "data/town/street.osm", folder)
-    converted.net.rename(folder / "net.net.xml")
+    of_map("street", ["6 10#2 -10#2"], ["6 -10#1 10#1"], folder)
     config = with_demand(folder, end_s, 2.0, 2.5, **options)
     # Buses every 30 s, and trucks among the cars.
     (folder / "buses.add.xml").write_text(

@@ -3,7 +3,7 @@
     python docs/pictures/make.py              # all of them
     python docs/pictures/make.py report sweep # some of them
 
-``report`` and ``own_simulation`` need Chromium; ``sumo-gui``, ``zebra`` and
+``report`` and ``own_simulation`` need Chromium; ``sumo-gui`` and
 ``own_simulation_gui`` need a desktop or ``xvfb-run``.
 """
 
@@ -95,13 +95,6 @@ def time_space() -> None:
     figure("hour", "time-space", "time-space")
 
 
-def zebra_run() -> None:
-    """A run at the crosswalk of the shipped map."""
-    harness("crossings", ROOT / "examples" / "maps" / "zebra.osm", "--out", "zebra")
-    harness("crossings", "zebra/zebra.net.xml", "--write", "zebra.toml", "--edge", ":2_c0")
-    harness("run", "zebra.toml", "--traces", "--pairs", 20, "--quiet", "--out", "zebra-run")
-
-
 def site() -> None:
     """The paper's crosswalk, drawn from its network."""
     harness("run", "cctc", "--pairs", 2, "--quiet", "--out", "two")
@@ -127,12 +120,6 @@ def sumo_gui() -> None:
     chosen = [word for setting in settings for word in ("--set", setting)]
     harness("run", "cctc_flow", "--pairs", 2, *chosen, "--quiet", "--out", "flow")
     save(frame("flow", 0, 9.0), "sumo-gui", (360, 210, 920, 650))
-
-
-def zebra() -> None:
-    """The crosswalk of the map in sumo-gui while a pedestrian crosses."""
-    zebra_run()
-    save(frame("zebra-run", 0, 4.1), "zebra", (240, 320, 1040, 540))
 
 
 def town() -> None:
@@ -222,7 +209,6 @@ PICTURES: dict[str, Callable[[], None]] = {
     "site": site,
     "time-space": time_space,
     "sumo-gui": sumo_gui,
-    "zebra": zebra,
     "own_simulation": own_simulation,
     "own_simulation_gui": own_simulation_gui,
     "exported": exported,

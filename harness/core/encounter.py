@@ -105,7 +105,7 @@ class Crossing:
     ``length_m`` is the distance from kerb to kerb (L0) over all lanes; ``width_m`` is the extent
     along the road.  ``lane`` is the number of the ego's lane, counted from 0 at the near kerb, and
     ``lane_centre_m`` is y of its centre.  ``speed_limit_mps`` is the road's speed limit; it is None
-    if the network defines it.
+    if it is not known.
     """
 
     length_m: float

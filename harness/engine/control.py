@@ -14,7 +14,6 @@ from harness.core.errors import EngineError
 from harness.engine.people import HeldPeople
 from harness.engine.shown import Shown
 from harness.site import Site
-from harness.site.site import Signal
 
 SPEED_MODE_EXTERNAL = 32
 """SUMO neither brakes for pedestrians nor limits accelerations; only the strategy drives."""
@@ -27,13 +26,6 @@ COLLISION_REACH_M = 5.0
 
 SUMO reports a hit only while the front is on the junction, which begins a few metres upstream.
 """
-
-
-def set_green(api: Any, signal: Signal) -> None:
-    """Switch a traffic light to green for pedestrians and to permissive green for vehicles."""
-    links = range(len(api.trafficlight.getRedYellowGreenState(signal.id)))
-    state = "".join("G" if link in signal.crossing_links else "g" for link in links)
-    api.trafficlight.setRedYellowGreenState(signal.id, state)
 
 
 def limit_speed(api: Any, road: Sequence[str], limit_mps: float) -> None:
@@ -118,8 +110,6 @@ class SumoEngine:
         api.route.add("drive", departure.edges)
         if crossing.speed_limit_mps is not None:
             limit_speed(api, departure.edges, crossing.speed_limit_mps)
-        if site.signal is not None:
-            set_green(api, site.signal)
 
     def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
         """See ``Engine.begin``."""

@@ -9,10 +9,10 @@ from typing import Any
 
 from harness.core.encounter import Arrival, Crossing, Vehicle
 from harness.core.errors import EngineError
-from harness.engine.control import SPEED_MODE_OWN, limit_speed, set_green
+from harness.engine.control import SPEED_MODE_OWN, limit_speed
 from harness.engine.people import WALKER, HeldPeople
 from harness.engine.shown import Shown
-from harness.site import Site, streams_of
+from harness.site import Site
 
 SPEED_MODE_FOLLOWING = 33
 """SUMO keeps a safe gap to the leader only; it does not react to pedestrians."""
@@ -49,7 +49,7 @@ class SumoRoad:
         self._types = [(f"vehicle{ending}", f"av{ending}") for ending in endings]
         self._site, self._crossing = site, crossing
         self.closed = self.lost = False
-        self.lanes = streams_of(site)
+        self.lanes = site.ways
         self._lost: tuple[type[Exception], ...] = (api.TraCIException, api.FatalTraCIError)
         self._everyone = [HeldPeople(api, site, crossing)]
         self._people = self._everyone
@@ -64,8 +64,6 @@ class SumoRoad:
         self._routes: set[str] = set()
         edges = {stretch.edge for lane in self.lanes for stretch in lane.stretches}
         limit_speed(api, sorted(edges), limit_mps)
-        if site.signal is not None:
-            set_green(api, site.signal)
 
     @contextmanager
     def watched(self) -> Iterator[None]:
@@ -120,11 +118,10 @@ class SumoRoad:
         It has this position and speed at the end of the next step.
         """
         road = self.lanes[lane]
-        number = road.number_at(x_m)
-        first, last = road.stretches[number], road.stretches[-1]
-        route = f"lane-{lane}-{number}"
+        first, last = road.stretches
+        route = f"lane-{lane}"
         if route not in self._routes:
-            self._api.route.add(route, [stretch.edge for stretch in road.stretches[number:]])
+            self._api.route.add(route, [first.edge, last.edge])
             self._routes.add(route)
         self._api.vehicle.add(
             name,

@@ -74,7 +74,7 @@ def site_and_types(
 ) -> tuple[Site, float, str]:
     """A crosswalk's site, the road's speed limit in m/s, and the vehicle types as XML."""
     site = read_site(place)
-    limit_mps = crossing.speed_limit_mps or site.ego.speed_limit_mps
+    limit_mps = crossing.speed_limit_mps or vehicle.initial_speed_mps
     return site, limit_mps, vehicle_types(vehicle, limit_mps, following)
 
 

@@ -25,7 +25,7 @@ from harness.engine.starting import (
     start_command,
     write_additional,
 )
-from harness.site import Place, streams_of
+from harness.site import Place
 
 _COMPILED = Calls(
     _libsumo.simulation_step,
@@ -95,7 +95,7 @@ def libsumo_road(
     """
     site, limit_mps, added = site_and_types(place, vehicle, crossing, following)
     if detectors is not None:
-        approaches = (lane.approach for lane in streams_of(site))
+        approaches = (way.stretches[0] for way in site.ways)
         lanes = (f"{stretch.edge}_{stretch.lane}" for stretch in approaches)
         # SUMO resolves a relative path from the folder of the additional file.
         added += e2_detectors(lanes, detectors.absolute())

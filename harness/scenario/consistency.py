@@ -9,7 +9,6 @@ from harness.scenario.scenario import Scenario
 from harness.scenario.sections import ROUNDING_M
 from harness.scenario.sight import check_sight, check_steps, remarks_on_sight
 from harness.scenario.traffic import TrafficSection, by_quarter
-from harness.site.site import Passed
 
 SUMO_DRIVER = "sumo_driver"
 """The strategy that lets SUMO's own driver drive."""
@@ -59,59 +58,25 @@ def check_consistency(scenario: Scenario, source: str) -> None:
 def remarks(scenario: Scenario) -> list[str]:
     """Remarks on values that are allowed but may be mistakes, one line each."""
     crossing, lines = scenario.crossing, remarks_on_sight(scenario)
-    if crossing.ignore_signal:
-        lines.append(
-            f"the traffic light at {crossing.edge} stays green for vehicles and pedestrians"
-        )
-    elif crossing.width_of_lane_m > WIDEST_USUAL_LANE_M and crossing.net is None:
+    if crossing.width_of_lane_m > WIDEST_USUAL_LANE_M:
         lanes = f"crossing.lanes = {crossing.lanes} and oncoming_lanes = {crossing.oncoming_lanes}"
         lines.append(
             f"each lane is {crossing.width_of_lane_m:g} m wide: {lanes} share crossing.length_m = "
             f"{crossing.length_m:g} m; to change it, set the lanes or crossing.lane_width_m"
         )
-    lines += [
-        f"the ego passes the {landmark}: strategies do not see it, and nobody crosses there"
-        for landmark in passed_by(scenario)
-    ]
-    if scenario.traffic is not None:
-        ways = (("the ego's", False, crossing.lanes), ("the other", True, crossing.oncoming_lanes))
-        for which, oncoming, count in ways:
-            used = len(scenario.crosswalk_from_lanes(oncoming=oncoming))
-            if used < count and scenario.traffic.has_vehicles(oncoming=oncoming):
-                lines.append(
-                    f"traffic uses {used} of the {count} lanes of {which} direction: "
-                    "only those that lead straight over the crosswalk"
-                )
     return lines
-
-
-def passed_by(scenario: Scenario) -> list[Passed]:
-    """The traffic lights and other crosswalks that the ego, or the vehicles of an hour, pass."""
-    read, ego = scenario.crossing.read, scenario.ego
-    landmarks = (
-        [Passed(landmark.kind, landmark.id, landmark.x_m) for landmark in read.passed]
-        if read
-        else []
-    )
-    last_m = scenario.longest_vehicle_m + scenario.crossing.width_m / 2
-    on_all = scenario.traffic is not None
-    return [
-        landmark
-        for landmark in landmarks
-        if on_all or -ego.trigger_range_m <= landmark.x_m <= last_m
-    ]
 
 
 def _check_lanes(scenario: Scenario, source: str) -> None:
     ego, crossing = scenario.ego, scenario.crossing
     count, width = crossing.lanes + crossing.oncoming_lanes, crossing.width_of_lane_m
-    if crossing.read is None and count * width > crossing.length_m + ROUNDING_M:
+    if count * width > crossing.length_m + ROUNDING_M:
         raise InputError(
             f"{source}: crossing.lane_width_m",
             f"{count} lanes of {width:g} m are wider than the road",
             f"at most crossing.length_m / {count} = {crossing.length_m / count:g} m",
         )
-    if crossing.read is None and ego.lane >= crossing.lanes:
+    if ego.lane >= crossing.lanes:
         raise InputError(
             f"{source}: ego.lane",
             f"there is no lane {ego.lane}; lanes are counted from 0 at the near kerb",

@@ -19,7 +19,6 @@ from harness.core.documents import parse_toml, shortened
 from harness.core.errors import InputError, nearest_name, unknown_name
 from harness.core.resources import shipped_directory
 from harness.scenario.consistency import check_consistency, check_time_out
-from harness.scenario.own_network import with_own_network
 from harness.scenario.own_simulation import with_own_simulation
 from harness.scenario.scenario import Scenario
 from harness.scenario.units import in_si, unit_of
@@ -57,7 +56,7 @@ class ScenarioFile:
         sources = {}
         for setting in (*self.settings, *more):
             apply_setting(tree, setting)
-            if setting.key in ("model.path", "crossing.net"):
+            if setting.key == "model.path":
                 # An option's path is relative to the shell's folder, a file's to the file's.
                 in_file = setting.source.startswith(f"{self.source}:")
                 _anchor_paths(tree, self.folder if in_file else Path.cwd())
@@ -153,7 +152,7 @@ def validate(
     try:
         whole = in_si(dict(tree), source, key_sources or {})
         scenario = Scenario.model_validate(whole)
-        read = with_own_simulation(with_own_network(whole, scenario, source), scenario, source)
+        read = with_own_simulation(whole, scenario, source)
         if read is not whole:
             scenario = Scenario.model_validate(read)
         check_consistency(scenario, source)
@@ -197,7 +196,7 @@ def _find(name_or_path: str | Path) -> Path:
 
 
 def _anchor_paths(tree: dict[str, Any], folder: Path) -> None:
-    for name, key in (("model", "path"), ("crossing", "net"), ("simulation", "config")):
+    for name, key in (("model", "path"), ("simulation", "config")):
         section = tree.get(name)
         if isinstance(section, dict) and isinstance(section.get(key), str):
             section[key] = os.path.normpath(folder.absolute() / section[key])

@@ -136,43 +136,28 @@ class Scenario(Section):
 
     def crosswalk(self) -> Crossing:
         """The crosswalk's constants for the ego's lane."""
-        crossing, number = self.crossing, self.ego.lane
-        centre_m = crossing.lane_centre_m(number)
-        if crossing.read is not None:
-            centre_m = crossing.read.lane_centre_m
-        return self._seen_from(number, centre_m, crossing.width_of_lane_m)
+        return self._seen_from(self.ego.lane)
 
     def crosswalk_from_lanes(self, *, oncoming: bool) -> tuple[Crossing, ...]:
         """The crosswalk's constants for each lane of a direction, counted from its near kerb."""
         crossing = self.crossing
-        if crossing.read is None:
-            count = crossing.oncoming_lanes if oncoming else crossing.lanes
-            lanes = [(crossing.lane_centre_m(n), crossing.width_of_lane_m) for n in range(count)]
-        else:
-            far_m = crossing.length_m
-            lanes = [
-                (far_m - way.centre_m if oncoming else way.centre_m, way.width_m)
-                for way in crossing.read.ways
-                if way.oncoming is oncoming
-            ]
-        return tuple(self._seen_from(number, *lane) for number, lane in enumerate(lanes))
+        count = crossing.oncoming_lanes if oncoming else crossing.lanes
+        return tuple(map(self._seen_from, range(count)))
 
     @property
     def speed_limit_mps(self) -> float:
         """The road's speed limit, or v0 if none is given."""
         return self.crossing.road_speed_limit_mps or self.ego.initial_speed_mps
 
-    def _seen_from(self, lane: int, centre_m: float, width_m: float) -> Crossing:
-        crossing, limit_mps = self.crossing, None
-        if crossing.read is None:
-            limit_mps = self.speed_limit_mps
+    def _seen_from(self, lane: int) -> Crossing:
+        crossing = self.crossing
         return Crossing(
             length_m=crossing.length_m,
             width_m=crossing.width_m,
-            lane_centre_m=centre_m,
-            lane_width_m=width_m,
+            lane_centre_m=crossing.lane_centre_m(lane),
+            lane_width_m=crossing.width_of_lane_m,
             lane=lane,
-            speed_limit_mps=limit_mps,
+            speed_limit_mps=self.speed_limit_mps,
         )
 
     def least_headway_s(self) -> float:

@@ -57,67 +57,9 @@ class ObstacleSection(Section):
         return self.y_m - self.width_m / 2, self.y_m + self.width_m / 2
 
 
-class ReadLaneSection(Section):
-    """``[[crossing.read.ways]]``: a car lane over the crosswalk, in either direction."""
-
-    oncoming: bool
-    """Whether it leads towards the ego."""
-    centre_m: float
-    """Distance from the ego's near kerb to the lane's centre."""
-    width_m: float
-    """Width of the lane."""
-
-
-class ReadPassedSection(Section):
-    """``[[crossing.read.passed]]``: a traffic light or other crosswalk that the ego drives past."""
-
-    kind: Literal["traffic light", "crosswalk"]
-    """A traffic light, or another crosswalk."""
-    id: str
-    """The light's or the crossing's id in the network."""
-    x_m: float
-    """Its position along the ego's path; 0 at the crosswalk's centre line."""
-
-
-class ReadSection(Section):
-    """``[crossing.read]``: facts read from a network of your own; the harness writes them.
-
-    They are valid only for the network with this ``sha256`` and for this ``edge`` and ``approach``.
-    """
-
-    net: str
-    """The network's file."""
-    sha256: str
-    """Hash of that file."""
-    edge: str
-    """The crossing's id."""
-    approach: str | None
-    """The lane's id."""
-    lane: int
-    """Number of the lane, counted from the near kerb."""
-    lane_centre_m: float
-    """Distance from the near kerb to the lane's centre."""
-    angle_deg: float
-    """Angle between road and crosswalk."""
-    ways: Annotated[tuple[ReadLaneSection, ...], Field(strict=False)] = ()
-    """Every lane that leads straight over the crosswalk, in each direction from its near kerb."""
-    passed: Annotated[tuple[ReadPassedSection, ...], Field(strict=False)] = ()
-    """Traffic lights and other crosswalks on the ego's path; strategies do not see them."""
-
-
 class CrossingSection(Section):
-    """``[crossing]``: position and geometry of the crosswalk, or the network that defines them."""
+    """``[crossing]``: position and geometry of the crosswalk."""
 
-    net: str | None = None
-    """A SUMO network of your own; it then defines length, width, lanes, bearing and position."""
-    edge: str | None = None
-    """Id of the crossing in ``net``."""
-    approach: str | None = None
-    """Id of the ego's lane in ``net``; if not given, the outermost car lane that leads there."""
-    ignore_signal: bool = False
-    """Keep a traffic light that controls the crossing in ``net`` green."""
-    read: ReadSection | None = None
-    """Facts that the harness read from ``net``; it writes them itself."""
     latitude_deg: Annotated[float, Field(ge=-80, le=84)] | None = None
     """Latitude of the crosswalk's centre; if not given, the network has no geographic position."""
     longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = None

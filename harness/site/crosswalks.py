@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from harness.core.encounter import Crossing
 from harness.core.errors import InputError
-from harness.site.locate import MAX_OBLIQUE_DEG, ends_of, footpaths_of, links_onto
+from harness.site.locate import ends_of, footpaths_of, links_onto
 from harness.site.road_network import RoadNetwork, line_of
 from harness.site.site import RoadFrame
 from harness.site.ways import Path, extended, paths_over, straight
@@ -16,6 +16,9 @@ from harness.site.ways import Path, extended, paths_over, straight
 if TYPE_CHECKING:
     from sumolib.net.edge import Edge
     from sumolib.net.lane import Lane
+
+MAX_OBLIQUE_DEG = 20.0
+"""Largest deviation of the angle between road and crosswalk from 90°."""
 
 STRAIGHT_BEFORE_M = 10.0
 """A way whose straight part before the crosswalk is shorter than this counts as turning."""

@@ -62,14 +62,6 @@ class RoadNetwork:
         except (LookupError, ValueError, pyproj.exceptions.ProjError):
             return None
 
-    def on_the_ground(self, x_m: float, y_m: float) -> tuple[float, float] | None:
-        """Longitude and latitude of a point; None if PROJ does not know the projection."""
-        if self._projection is None:
-            return None
-        projection, east_m, north_m = self._projection
-        longitude, latitude = projection(x_m - east_m, y_m - north_m, inverse=True)
-        return float(longitude), float(latitude)
-
     def from_the_ground(
         self, longitude_deg: FloatArray, latitude_deg: FloatArray
     ) -> tuple[FloatArray, FloatArray] | None:
@@ -79,11 +71,6 @@ class RoadNetwork:
         projection, east_m, north_m = self._projection
         x_m, y_m = projection(longitude_deg, latitude_deg)
         return np.asarray(x_m) + east_m, np.asarray(y_m) + north_m
-
-
-def junction_of(edge: "Edge") -> str:
-    """The id of the junction at which an edge ends; a crossing ends at its own junction."""
-    return str(edge.getToNode().getID())
 
 
 def line_of(lane: "Lane") -> tuple[complex, ...]:

@@ -1,4 +1,4 @@
-"""A lane in; its path over a crosswalk out, with its straight part and traffic lights."""
+"""A lane in; its path over a crosswalk out, with its straight part."""
 
 import cmath
 import math
@@ -9,18 +9,14 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from harness.site.road_network import RoadNetwork, allows, drawn_m, line_of
-from harness.site.site import Passed
+from harness.site.site import REACH_AFTER_M, REACH_BEFORE_M
 
 if TYPE_CHECKING:
     from sumolib.net.connection import Connection
-    from sumolib.net.edge import Edge
     from sumolib.net.lane import Lane
 
 STRAIGHT_DEG = 1.0
 """Largest bend of a straight road."""
-REACH_BEFORE_M = 300.0
-REACH_AFTER_M = 120.0
-"""Length of a path on each side of the crosswalk: the longest trigger range."""
 
 _TURNAROUND_DEG = 150.0
 """A link that turns by more than this is a turnaround."""
@@ -48,13 +44,6 @@ class Path:
     def pieces(self) -> Iterator[tuple["Lane", float]]:
         """Each lane with the position of its beginning."""
         return zip(self.lanes, self.start_m, strict=True)
-
-
-def path_over(
-    network: RoadNetwork, lane: "Lane", crosswalk: tuple[complex, complex]
-) -> Path | None:
-    """The straightest path from a lane through its junction over a crosswalk; None without one."""
-    return next(paths_over(network, lane, crosswalk), None)
 
 
 def paths_over(
@@ -222,36 +211,6 @@ def _straightest(network: RoadNetwork, lane: "Lane", *, backward: bool) -> list[
         if best is None or (turn, name) < best[:2]:
             best = (turn, name, ways)
     return None if best is None else best[2]
-
-
-def passed_on(path: Path, road: Straight, crossing: "Edge") -> tuple[Passed, ...]:
-    """The traffic lights and other crosswalks on the straight part of a path, in travel order.
-
-    Args:
-        path: the path.
-        road: its straight part.
-        crossing: the crosswalk that is simulated; its own light is ``Site.signal``.
-    """
-    passed = []
-    for (lane, start_m), (after, _) in pairwise(path.pieces()):
-        if lane.getEdge().getToNode() is crossing.getToNode():
-            continue
-        for link in lane.getOutgoing():
-            if link.getTLSID() and after.getID() in (link.getViaLaneID(), link.getToLane().getID()):
-                passed.append(Passed("traffic light", link.getTLSID(), start_m + lane.getLength()))
-    for lane, start_m in path.pieces():
-        road_edge = lane.getEdge()
-        ends = ((road_edge.getFromNode(), 0.0), (road_edge.getToNode(), lane.getLength()))
-        passed += [
-            Passed("crosswalk", other.getID(), start_m + at_m)
-            for node, at_m in ends
-            for other in node.getIncoming()
-            if other is not crossing and road_edge in other.getCrossingEdges()
-        ]
-    inside = [landmark for landmark in passed if -road.before_m <= landmark.x_m <= road.after_m]
-    # A crosswalk may cross the road on both sides of its junction, so it may be listed twice.
-    by_id = {landmark.id: landmark for landmark in inside}
-    return tuple(sorted(by_id.values(), key=lambda landmark: landmark.x_m))
 
 
 def _leaving(lane: "Lane") -> complex:

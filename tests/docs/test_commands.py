@@ -79,7 +79,10 @@ def left_out(words: list[str]) -> bool:
 
 
 def run_page(page: Path, trajectories: Path, skipped: set[str]) -> None:
-    """Run a page's commands in the working directory."""
+    """Run a page's commands in the working directory, with the scenario files that it shows."""
+    text = page.read_text("utf-8")
+    for name, shown in re.findall(r"^```toml\n# (\w+\.toml)\n(.*?)^```$", text, re.M | re.S):
+        Path(name).write_text(shown, "utf-8")
     for command in commands(page):
         words = shlex.split(command, comments=True)
         if left_out(words) or skipped & {*words}:

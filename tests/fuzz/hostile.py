@@ -46,7 +46,6 @@ def hostile(content: bytes, suffix: str) -> st.SearchStrategy[bytes]:
         ".parquet": _parquet,
         ".csv": _csv,
         ".xml": _xml,
-        ".osm": _xml,
     }
     spoilt = cut_and_flipped(content)
     return st.one_of(by_kind[suffix](content), spoilt) if suffix in by_kind else spoilt

@@ -36,13 +36,6 @@ ego = {initial_speed_mps = 8.0}
 traffic = {flow_per_hour = 300, duration_s = 60, warm_up_s = 20}
 experiment = {pairs = 2}
 """
-SITE = """
-crossing = {net = "cctc.net.xml", edge = ":crosswalk_c0"}
-arms = {av = "gap_yield", human = "human_yield"}
-pedestrians = {walking_speed = {mean_mps = 1.3}}
-experiment = {pairs = 2}
-"""
-
 FIT = "fit {file} --components 1 --starts 1 --folds 0 --workers 1 --out out/model.json"
 RUN = "run"
 FCD = ("--fcd-output", "../fcd/fcd.xml")
@@ -65,11 +58,9 @@ KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
         5_000,
         (
             "crossings {file}",
-            "crossings {file} --write out/site.toml --edge :crosswalk_c0",
-            "run site.toml --out out",
+            "crossings {file} --json",
         ),
     ),
-    "map": (1_000, ("crossings {file} --out out/site",)),
     "hours": (600, ("report hours --out out/page.html", "score hours --out out/scored")),
     "town": (
         1_000,
@@ -96,10 +87,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     shutil.copy(DATA / "rows_made_up.csv", folder)
     pd.read_csv(DATA / "rows_made_up.csv").to_parquet(folder / "rows_made_up.parquet")
     shutil.copy(shipped_directory("networks") / "cctc" / "cctc.net.xml", folder)
-    shutil.copy(EXAMPLES / "maps" / "zebra.osm", folder)
     shutil.copytree(EXAMPLES / "own_simulation", folder / "town")
     (folder / "hours.toml").write_text(HOURS, encoding="utf-8")
-    (folder / "site.toml").write_text(SITE, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         sweep = "run cctc_flow --vary arms.av=soft_yield,gap_yield --pairs 2 --traces"
@@ -130,7 +119,6 @@ def files_of(folder: Path, kind: str) -> list[Path]:
         "run": f"{RUN}/*",
         "rows": "rows*",
         "network": "*.net.xml",
-        "map": "*.osm",
         "hours": "hours/*",
         "risk": "risk/*",
         "town": "town/*",
@@ -235,7 +223,6 @@ UNUSUAL = {
     "exponent.json": b'{"schema": 1e999999999}',
     "huge.csv": b"range_m\n1" + b"0" * 400 + b"\n",
     "encoding.net.xml": b'<?xml version="1.0" encoding="None"?><net/>',
-    "encoding.osm": b'<?xml version="1.0" encoding="utf-7"?><osm/>',
 }
 
 
@@ -243,7 +230,7 @@ UNUSUAL = {
 @pytest.mark.usefixtures("_nothing_runs")
 def test_unusual_files_are_refused(folder: Path, name: str) -> None:
     command = {".toml": "run {}", ".json": "model show {}", ".csv": FIT.replace("{file}", "{}")}
-    command |= {".xml": "crossings {}", ".osm": "crossings {} --out out/site"}
+    command |= {".xml": "crossings {}"}
     (folder / name).write_bytes(UNUSUAL[name])
     assert not done_or_refused(*command[Path(name).suffix].format(name).split())
     (folder / name).unlink()

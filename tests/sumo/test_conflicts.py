@@ -13,15 +13,16 @@ import pytest
 import sumo as sumo_package
 
 from harness.core.encounter import Arm
-from harness.engine.network.osm import convert
 from harness.measures.catalogue import COLUMNS
 from harness.studies.conflicts import ConflictFindings, find_conflicts
 from harness.studies.conflicts.vehicle_types import CLASSES
 from harness.studies.replay.rerun import replay
-from tests.batches import CHECKOUT, one_cell, one_process, printed, refusal, run_inline
+from tests import towns
+from tests.batches import one_cell, one_process, printed, refusal, run_inline
 
 HOME = Path(sumo_package.SUMO_HOME)
-MAP = CHECKOUT / "examples" / "maps" / "four_arms.osm"
+ZEBRAS = ("6 10#1 -10#1", "9 -11#2 11#2")
+GUESSED = ("6 -10#0 10#0", "7 -10#2 10#2", "8 -11#0 11#0", "8 11#1 -11#1", "9 11#3 -11#3")
 
 pytestmark = pytest.mark.usefixtures("no_simulation")
 
@@ -35,8 +36,8 @@ def tool(*words: object) -> None:
 def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four arms with vehicles and people by randomTrips, as a folder with ``simulate``'s files."""
     folder = tmp_path_factory.mktemp("town")
-    net = convert(MAP, folder / "map").net
-    net.rename(folder / "town.net.xml")
+    towns.of_map("four_arms", ZEBRAS, GUESSED, folder)
+    (folder / "net.net.xml").rename(folder / "town.net.xml")
     for name, seed, options in (
         ("cars", 1, ["--fringe-factor", 10]),
         ("people", 2, ["--pedestrians"]),

@@ -1,28 +1,22 @@
 """What ``harness export`` writes of encounters, read back as another tool would.
 
-Positions are compared with the run's own traces, lanes with the exported road, and the place on the
-ground with the map's coordinates, through pyproj.
+Positions are compared with the run's own traces, and lanes with the exported road.
 """
 
-import cmath
 import math
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
 import pytest
-from pyproj import Proj
 
 from harness.core.encounter import Arm
-from harness.engine.network.build import run_netconvert
-from harness.engine.network.osm import convert
-from harness.engine.network.place import place_of
+from harness.engine.network import place_of
 from harness.scenario import Options, Scenario, ScenarioFile, study_of
-from harness.site import Place, read_network, read_site
+from harness.site import read_site
 from harness.studies.batch.experiment import run_study
 from harness.studies.runs.opening import load_run
-from tests.batches import CHECKOUT, Inline, printed, refusal
+from tests.batches import Inline, printed, refusal
 from tests.exported import Read, checked, front, lanes_in, off_centre_m, places, read
 
 pytest.importorskip("scenariogeneration")
@@ -148,70 +142,6 @@ def test_the_same_pair_gives_the_same_bytes_simulated_again_or_not(
     assert names == ["road.xodr", "scenario.xosc"]
     for name in names:
         assert (one / name).read_bytes() == (other / name).read_bytes()
-
-
-def skewed(net: Path, folder: Path) -> Path:
-    """A network whose first crosswalk meets its road at 75 degrees."""
-    network = read_network(net)
-    (edge,) = network.crossings
-    crossing = network.crossings[edge]
-    site = read_site(Place(net, edge))
-    frame, half = site.frame, site.length_m / 2
-    slope = half / math.tan(math.radians(75.0))
-    ends = [frame.to_network(slope * side, half + half * side) for side in (-1.0, 1.0)]
-    edges = " ".join(each.getID() for each in crossing.getCrossingEdges())
-    shape = " ".join(f"{x:.6f},{y:.6f}" for x, y in ends)
-    node = f'node="{crossing.getToNode().getID()}" edges="{edges}"'
-    for number, what in enumerate(('discard="true"', f'width="4" priority="true" shape="{shape}"')):
-        table = folder / f"{number}.con.xml"
-        table.write_text(f"<connections><crossing {node} {what}/></connections>")
-        target = folder / f"skew-{number}.net.xml"
-        words = ["-s", str(net.absolute()), "-x", table.name, "-o", target.name]
-        run_netconvert([*words, "--precision", "6"], folder)
-        net = target
-    return net
-
-
-def test_a_skewed_crosswalk_of_a_map_on_the_ground(tmp_path: Path) -> None:
-    net = skewed(convert(CHECKOUT / "examples/maps/zebra.osm", tmp_path).net, tmp_path)
-    (edge,) = read_network(net).crossings
-    box = {"x_m": -8.0, "y_m": -1.5, "length_m": 4.0, "width_m": 2.0}
-    tree = {
-        "crossing": {"net": str(net), "edge": edge, "obstacles": [box]},
-        "experiment": {"pairs": 1},
-        "pedestrians": PEOPLE,
-    }
-    run = ran(tree, tmp_path / "run")
-    path = exported(run, tmp_path / "out", "--pair", 0)
-    scenario, back = load_run(run).scenario_of(0), read(path)
-    read_section = scenario.crossing.read
-    assert read_section is not None
-    assert read_section.angle_deg == pytest.approx(75.0, abs=0.01)
-    assert assert_as_stored(back, scenario, stored(run, 0)) > 0
-    lanes = lanes_in(path.parent / "road.xodr")
-    for _, x, y, h in back.states["ego"]:
-        assert off_centre_m(lanes, complex(x, y), h) < 0.01
-    along = cmath.rect(1, back.states["ego"][0, 3])
-    walked = back.states["pedestrian-0"]
-    across = complex(*(walked[-1] - walked[0])[1:3]) / along
-    assert abs(abs(math.degrees(cmath.phase(across))) - 90) == pytest.approx(15.0, abs=0.05)
-    assert cmath.rect(1, walked[0, 3]) == pytest.approx(across * along / abs(across), abs=1e-6)
-    # The obstacle stands on the near side: on the right of the ego's lane, before the crosswalk.
-    obstacle = complex(*back.states["obstacle-0"][0, 1:3])
-    ego = complex(*front(back)[0, 1:3])
-    assert ((obstacle - ego) / along).imag < -2
-    assert "0 checker(s) are skipped" in checked(path)
-    # The header's offset leads from the file's coordinates to the map's: node 2 at 42.3, -83.7.
-    header = ElementTree.parse(path.parent / "road.xodr").getroot().find("header")
-    assert header is not None
-    offset, projection = header.find("offset"), header.find("geoReference")
-    assert offset is not None
-    assert projection is not None
-    assert projection.text is not None
-    middle = read_site(place_of(scenario)).frame.to_network(0.0, scenario.crossing.length_m / 2)
-    x, y = (float(offset.get(k, "nan")) + at for k, at in zip("xy", middle, strict=True))
-    lon, lat = Proj(projection.text.strip())(x, y, inverse=True)
-    assert (lat, lon) == pytest.approx((42.3, -83.7), abs=1e-6)  # 0.1 m
 
 
 def test_trajectories_as_a_table(flow: Path, tmp_path: Path) -> None:

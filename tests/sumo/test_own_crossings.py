@@ -125,8 +125,6 @@ def test_a_fine_step_stays(scenario: Path, tmp_path: Path) -> None:
         ("--write {new} --edge :B1_c9", "no crossing ':B1_c9'"),
         ("--write {new}", "--write: needs --edge"),
         ("--edge :B1_c1", "--edge: needs --write"),
-        ("--out {new}", "--out: is of networks and maps"),
-        ("--ignore-signal", "--ignore-signal: is of networks and maps"),
         ("--write {new}/deeper.toml --edge :B1_c1", "cannot be written"),
     ],
 )

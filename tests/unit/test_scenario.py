@@ -80,7 +80,6 @@ def test_shipped_scenarios_load_and_cctc_explains_every_key() -> None:
         ("pedestrians", "walking_speed"),
         ("perception", "update_s"),
         ("actuation", "max_jerk_mps3"),
-        *(("crossing", key) for key in ("net", "edge", "approach", "ignore_signal", "read")),
         ("crossing", "lane_width_m"),
         ("crossing", "friction"),
         ("crossing", "road_speed_limit_mps"),

@@ -11,7 +11,9 @@ from importlib import metadata
 from pathlib import Path
 
 from harness.core.errors import EngineError, InputError
+from harness.core.resources import shipped_directory
 from harness.engine.network.sources import APPROACH_M, plain_sources
+from harness.scenario import Scenario
 from harness.scenario.sections import CrossingSection
 from harness.site import Place, read_site
 from harness.site.site import TOLERANCE_M
@@ -101,6 +103,16 @@ def network_for(crossing: CrossingSection, shipped: Path) -> Path:
     return build_network(crossing, directory, "site").net
 
 
+def network_of(scenario: Scenario) -> Path:
+    """The SUMO network of a scenario: a shipped one, or one in the cache."""
+    return network_for(scenario.crossing, shipped_directory("networks"))
+
+
+def place_of(scenario: Scenario) -> Place:
+    """The crosswalk of a scenario in its SUMO network."""
+    return Place(network_of(scenario), scenario.ego.lane)
+
+
 def run_netconvert(arguments: Sequence[str], directory: Path) -> None:
     """Run netconvert in a process of its own, with a folder as its working directory.
 
@@ -153,7 +165,7 @@ def _netconvert_version() -> str:
 def _check(net: Path, crossing: CrossingSection) -> None:
     """Raise unless the network has the crosswalk's geometry."""
     try:
-        sites = [read_site(Place(net, lane=lane)) for lane in range(crossing.lanes)]
+        sites = [read_site(Place(net, lane)) for lane in range(crossing.lanes)]
     except InputError as error:  # not the user's fault, because netconvert wrote this file
         raise EngineError(f"netconvert: {error.problem} for {crossing!r}") from error
     site = sites[0]
@@ -166,7 +178,7 @@ def _check(net: Path, crossing: CrossingSection) -> None:
             for lane, each in enumerate(sites)
         ),
         "bearing_deg": abs(turn) / _TOLERANCE_DEG,
-        "max_range_m": abs(site.ego.straight_before_m - APPROACH_M) / TOLERANCE_M,
+        "max_range_m": abs(site.ego.stretches[0].start_m + APPROACH_M) / TOLERANCE_M,
     }
     wrong = [what for what, error in errors.items() if not error <= 1.0]
     if wrong:

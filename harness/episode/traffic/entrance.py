@@ -19,7 +19,7 @@ MakeStrategy = Callable[[Scheduled], tuple[bool, str, Strategy]]
 class Entrance:
     """Inserts the vehicles of an hour, lane by lane.
 
-    ``x_m`` has each lane's position of entry (``Stream.entry_x_m``); None if there is none.
+    ``x_m`` has each lane's position of entry.
     """
 
     def __init__(
@@ -49,7 +49,6 @@ class Entrance:
                 break
             automated, name, strategy = self._make(planned)
             x_m = self.x_m[lane.number]
-            assert x_m is not None
             kind, sumo_name = planned.kind, self._road.name_of(planned.number)
             lane.due.append(
                 HourVehicle(

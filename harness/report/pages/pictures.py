@@ -16,7 +16,7 @@ from harness.report.pages.sweep_pictures import sweep_pictures
 from harness.report.screens.tables import counted, level
 from harness.report.screens.words import pair_name
 from harness.scenario import Scenario
-from harness.site import Place, read_network, site_at
+from harness.site import Place, read_network, read_site
 from harness.studies.runs.model_use import model_cells
 from harness.studies.runs.reported import PAPER_MU, is_the_papers
 from harness.studies.runs.run_data import RunData
@@ -157,7 +157,7 @@ def _site(run: RunData, place: Place) -> Picture:
     scenario = run.scenario_of(0)
     network = read_network(place.net)
     figure, (axes,) = style.new_figure(height=5.2)
-    site = site_at(network, place.edge, place.approach, lane=place.lane)
+    site = read_site(place)
     draw.draw_site(axes, network, site, scenario.vehicle(), scenario.crosswalk())
     crossing = scenario.crossing
     where = "at unknown coordinates"

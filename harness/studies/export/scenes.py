@@ -13,7 +13,7 @@ from harness.engine.network import network_of, place_of
 from harness.episode.traffic.lanes import Lane, lanes_of
 from harness.scenario import Scenario
 from harness.scenario.own_simulation import setting_of
-from harness.site.reading import read_site
+from harness.site import read_site
 from harness.store.simulations.simulation_traces import scene_parts
 from harness.store.tables import Row
 from harness.store.walk_rows import stored_walk
@@ -104,7 +104,7 @@ def _encounter(stored: Stored, wanted: Wanted) -> Scene:
 
 
 def _hour(stored: Stored, wanted: Wanted) -> Scene:
-    """The passages within the time of the named one, where their lane is straight."""
+    """The passages within the time of the named one."""
     scenario = stored.scenario
     if (reason := stored.rows("hours")[0]["reason"]) is not None:
         raise _failed(wanted, reason)
@@ -118,8 +118,6 @@ def _hour(stored: Stored, wanted: Wanted) -> Scene:
     last_s = inf if passed_s is None else passed_s + scenario.experiment.step_s
     own = own[(own > begin_s - _ROUNDING_S) & (own < last_s - _ROUNDING_S)]
     begin_s, end_s = float(own[0]), float(own[-1])
-    site = read_site(place_of(scenario))
-    ways = {(way.oncoming, way.index): way for way in site.ways}
     lanes = {(lane.direction.value, lane.index): lane for lane in lanes_of(scenario)}
     vehicles = []
     for number, row in passages.items():
@@ -127,12 +125,8 @@ def _hour(stored: Stored, wanted: Wanted) -> Scene:
             continue
         lane: Lane = lanes[row["direction"], row["lane"]]
         sign = lane.direction.sign
-        way = ways[sign < 0, lane.index]
-        columns = _within(columns, begin_s, end_s)
-        forward = sign * columns[1]
-        kept = (forward >= -way.straight_before_m) & (forward <= way.straight_after_m)
-        if kept.any():
-            t, x, y, v = (column[kept] for column in columns)
+        t, x, y, v = _within(columns, begin_s, end_s)
+        if len(t):
             name = "ego" if number == wanted.vehicle else f"vehicle-{number}"
             mover = _driven(name, scenario, (t - begin_s, x, y, v), row["type"], sign)
             leaves_s = float(mover.time_s[-1]) if t[-1] < end_s else None
@@ -146,7 +140,7 @@ def _hour(stored: Stored, wanted: Wanted) -> Scene:
     return Scene(
         title=f"{stored.title}, vehicle {wanted.vehicle} from {begin_s:g} s",
         net=network_of(scenario),
-        frame=site.frame,
+        frame=read_site(place_of(scenario)).frame,
         movers=(*sorted(vehicles, key=lambda each: each.name != "ego"), *people),
         crossing=crossing,
         end_s=length_s,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from harness.core.encounter import Arm, Ending
 from harness.engine.control import SumoEngine
-from harness.engine.network import check_network, network_of, place_of
+from harness.engine.network import network_of, place_of
 from harness.engine.protocol import Engine
 from harness.engine.shared import engine_for, open_engine
 from harness.episode.pairing import Begins, EpisodeKey, PairRunner
@@ -16,7 +16,7 @@ from harness.measures import Outcome
 from harness.scenario import Scenario
 from harness.store.episode_tables import episode_rows, pedestrian_rows, trace_rows
 from harness.store.tables import Tables
-from harness.studies.kinds.outputs import outputs_in, with_speed_limit
+from harness.studies.kinds.outputs import outputs_in
 from harness.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation
 from harness.studies.kinds.tasks import LoggedFailure, Task, TaskResult
 from harness.studies.kinds.watchdog import Watch, watchdog
@@ -49,7 +49,7 @@ def _with_outputs(arm: ArmOfPair, folder: Path, watch: Watch) -> ArmRows:
     from harness.engine.sumo import libsumo_engine
 
     scenario = arm.scenario
-    place = place_of(scenario), scenario.vehicle(), with_speed_limit(scenario)
+    place = place_of(scenario), scenario.vehicle(), scenario.crosswalk()
     step_s = scenario.experiment.step_s
     engine = libsumo_engine(*place, step_s, outputs=outputs_in(folder))
     return _run_once(arm, engine, watch.begins)
@@ -140,6 +140,6 @@ ENCOUNTER_SIMULATION = Simulation(
     in_this_process=_in_this_process,
     with_outputs=_with_outputs,
     in_gui=_in_gui,
-    check=check_network,
+    check=network_of,
     network=network_of,
 )

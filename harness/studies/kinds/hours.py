@@ -6,14 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.engine.network import check_network, network_of, place_of
+from harness.engine.network import network_of, place_of
 from harness.engine.road import SumoRoad
 from harness.engine.shared import following_of, road_for
 from harness.episode.traffic.pairing import ArmKey, HourOutcome, HourRunner
 from harness.scenario import Scenario
 from harness.store.hour_tables import hour_rows
 from harness.store.hour_traces import hour_trace_rows
-from harness.studies.kinds.outputs import SUMO_FILES, outputs_in, with_speed_limit
+from harness.studies.kinds.outputs import SUMO_FILES, outputs_in
 from harness.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation
 from harness.studies.kinds.tasks import Task, TaskResult
 from harness.studies.kinds.watchdog import Watch, watchdog
@@ -80,7 +80,7 @@ def _with_outputs(arm: ArmOfPair, folder: Path, _watch: Watch) -> ArmRows:
     from harness.engine.sumo import libsumo_road
 
     scenario = arm.scenario
-    place = place_of(scenario), scenario.vehicle(), with_speed_limit(scenario)
+    place = place_of(scenario), scenario.vehicle(), scenario.crosswalk()
     road = libsumo_road(
         *place,
         scenario.experiment.step_s,
@@ -121,6 +121,6 @@ HOUR_SIMULATION = Simulation(
     in_this_process=_in_this_process,
     with_outputs=_with_outputs,
     in_gui=_in_gui,
-    check=check_network,
+    check=network_of,
     network=network_of,
 )

@@ -60,7 +60,7 @@ class Simulation:
         with_outputs: runs an arm in a fresh SUMO that writes its outputs into a folder.
         in_gui: runs an arm in sumo-gui.
         check: refuses a scenario that cannot be simulated, before anything is written.
-        network: returns the network's file; raises if it is missing or has changed.
+        network: returns the network's file.
     """
 
     run: Callable[[Task], tuple[TaskResult, ...]]
@@ -68,5 +68,5 @@ class Simulation:
     in_this_process: Callable[[ArmOfPair], ArmRows]
     with_outputs: Callable[[ArmOfPair, Path, Watch], ArmRows]
     in_gui: "Callable[[ArmOfPair, Gui], ArmRows]"
-    check: Callable[[Scenario], None]
+    check: Callable[[Scenario], object]
     network: Callable[[Scenario], Path]

@@ -33,8 +33,6 @@ def site_words(scenarios: Sequence[Scenario]) -> str:
 
 def _road(scenario: Scenario) -> str:
     crossing = scenario.crossing
-    if crossing.net is not None:
-        return f"crosswalk {crossing.edge} of {Path(crossing.net).name}"
     lanes = f"{crossing.lanes} + {crossing.oncoming_lanes} lanes"
     return f"road {as_written(crossing.length_m)} m wide, {lanes}"
 
