@@ -52,7 +52,10 @@ def validate(
     as_json: JsonOption = False,
     full: FullOption = False,
 ) -> None:
-    """Compare drivers with recordings: each driver replaces the recorded driver."""
+    """Compare drivers with recordings.
+
+    Each driver replaces the recorded driver.
+    """
     if format_ is None or drivers is None:
         from harness.model.trajectories import FORMATS
 

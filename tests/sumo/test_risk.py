@@ -53,7 +53,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_interval_holds_the_quadrature(finished: Path, tmp_path: Path) -> None:
     """Its critical episodes crash again in SUMO."""
     result = json.loads((finished / RESULT).read_text())
-    # docs/audits.md: κ of constant_speed by quadrature.
+    # docs/method.md: κ of constant_speed by quadrature.
     assert result["ci_low"] <= 0.2146 <= result["ci_high"]
     assert result["failed"] == 0
     # It does not brake: Tefft's curve is linear up to 10 % at 17.1 mph, so at 5 m/s it is 6.54 %.

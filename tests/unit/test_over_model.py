@@ -251,7 +251,7 @@ def test_strategies_are_compared_over_pairs_and_refits(tmp_path):
 
 def test_sentences_are_as_sure_as_the_interval_with_the_model():
     # Of 2,000 experiments in which the model had no part, 39 % had a share above one half
-    # (docs/audits.md): only the share's interval shows that more pairs will not help.
+    # (docs/method.md): only the share's interval shows that more pairs will not help.
     findings = {"time_ratio": Finding(1.15, 1.06, 1.28)}
 
     def told(low: float, high: float, *share: float) -> str:

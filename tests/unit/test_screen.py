@@ -112,7 +112,7 @@ delay, s                   1.5      4.5        −3.0 (−3.5 … −2.2)
 people's wait, s           0.0      0.0
 PET below 1.5 s            30 %     4.0 %      18 … 45 / 0.50 … 14 %
 ! hard_yield drove 5 of 50 passages, for which soft_yield has no valid plan.
-! Against human_recorded soft_yield is slower: the result depends on the reference (docs/study.md).
+! Against human_recorded soft_yield is slower: the result depends on the reference.
 ! Few pairs: intervals are unreliable below 1,000 informative pairs (ratio of times and μ), 4,000
   (c_v).
 All measures: --full. Page: harness report runs/cctc-1"""
@@ -229,8 +229,7 @@ Not shown here: PET below 1.5 s.
 0 crashes in a tested cell: the rate is below 5.8 % (95 % confidence).
 ! 2 of 9 records differ.
 ! Cell 1: The ratio of times, μ and c_v use 45 of 50 pairs (crashes: AV 5, human_gmm 0).
-! Cell 0: Against human_recorded soft_yield is slower: the result depends on the reference
-  (docs/study.md).
+! Cell 0: Against human_recorded soft_yield is slower: the result depends on the reference.
 ! Few pairs: intervals are unreliable below 1,000 informative pairs (ratio of times and μ), 4,000
   (c_v).
 All measures: --full. Page: harness report runs/cctc-1"""
@@ -501,7 +500,7 @@ def test_an_arm_that_never_ran_takes_no_bound_from_the_other() -> None:
          Rank.SPEEDING, "human_gmm drove at up to 14.2 m/s, above the road's limit of 13.9 m/s"),
         ({"time_ratio": Finding(1.02, 0.97, 1.08, 2_000)}, {}, Rank.FEW_PAIRS,
          "The interval of the ratio of times includes 1: neither is shown to be faster."),
-        # docs/study.md, cctc: Gap-Yield takes less time than human_gmm, more than human_recorded.
+        # docs/strategies.md, cctc: Gap-Yield takes less time than human_gmm, more than human_recorded.
         ({"time_ratio": Finding(1.1, 1.05, 1.15, 2_000)},
          {"arms.av": "gap_yield", "arms.human": "human_recorded"}, Rank.REFERENCE,
          "Against human_gmm gap_yield is faster: the result depends on the reference"),
@@ -586,7 +585,7 @@ def test_where_another_reference_says_the_opposite_is_known_of_the_study_alone()
     gap = ("gap_yield", "human_gmm", 0.9)
     thousand = {"pedestrians.flow_per_hour": 1000.0, "experiment.seed": 7}
     assert words(*gap, "cctc_flow", **thousand).startswith(slower)
-    # docs/study.md has these alone: at another site, or with other parameters, nothing is known.
+    # docs/strategies.md has these alone: at another site, or with other parameters, nothing is known.
     assert words("hard_yield", "human_recorded", 1.2, "cctc_flow") == ""
     for other in (
         {"crossing.length_m": 12.0},

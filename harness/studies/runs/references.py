@@ -51,7 +51,7 @@ MEASURED = {
 """Order of passing, median error of the pass time, passages with contact (docs/validation.md)."""
 
 _STUDIED = ("soft_yield", "hard_yield", "gap_yield", "emergency_brake")
-"""Strategies that docs/study.md compares with three references, in ``_STUDIES``."""
+"""Strategies that docs/strategies.md compares with three references, in ``_STUDIES``."""
 
 _STUDIES = {
     "cctc": ("cctc", {}),
@@ -105,7 +105,7 @@ def reference_lines(scenarios: Iterable[Scenario]) -> list[str]:
 def disagreement(scenario: Scenario, time_ratio: float) -> str:
     """Return a sentence if another shipped reference is known to give the opposite result.
 
-    In docs/study.md each strategy of ``_STUDIED`` took more time than ``human_recorded`` in every
+    In docs/strategies.md each strategy of ``_STUDIED`` took more time than ``human_recorded`` in every
     scenario, and less time than ``human_gmm`` in ``cctc``.  For other sites or parameters the
     result is unknown and the sentence is empty.
 
@@ -121,7 +121,7 @@ def disagreement(scenario: Scenario, time_ratio: float) -> str:
     place = _studied_as(scenario)
     if place is None or (way == "faster" and place != "cctc"):
         return ""
-    return f"Against {other} {av} is {way}: the result depends on the reference (docs/study.md)."
+    return f"Against {other} {av} is {way}: the result depends on the reference."
 
 
 def _studied_as(scenario: Scenario) -> str | None:
