@@ -252,6 +252,15 @@ def test_free_vehicles_are_not_late_and_a_minute_without_warm_up_is_not_saturate
     assert [passage.delay_s for passage in passages] == [0.0, 0.0, 0.0]
 
 
+def test_vehicles_that_find_the_road_full_are_in_the_queue() -> None:
+    """Somebody takes 225 s to cross; 60 cars come within 60 s, and need 7 m each."""
+    scenario = scenario_of({"duration_s": 240.0})
+    person, come = Arrival(0, 5.0, Side.NEAR, 0.5, None), [[*range(0, 600, 10)], []]
+    _, log, passages = hour_of(scenario, come, [person], "hard_yield", walking_mps=0.04)
+    assert -passages[0].vehicle.insert_x_m < 60 * 7.0
+    assert max(queued for queued, _ in log.queues) == 60
+
+
 @pytest.mark.parametrize(
     ("flow", "saturated"), [(120.0, False), pytest.param(600.0, True, marks=pytest.mark.slow)]
 )

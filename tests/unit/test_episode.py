@@ -247,7 +247,7 @@ def failed(at: str, *arrivals: Arrival) -> Trace:
 def test_an_engine_that_fails_ends_its_episode_with_a_reason(at: str) -> None:
     arrivals = [Arrival(0, 0.0, Side.NEAR, 0.5), Arrival(1, 2.04, Side.FAR, 0.5)]
     trace = failed(at, *arrivals)
-    assert trace.ending is Ending.ENGINE_FAILED
+    assert (trace.ending, trace.failed_in) == (Ending.ENGINE_FAILED, "engine")
     assert trace.reason in {"no ego", "lost ego", "lost pedestrian 0", "no end"}
     (record,) = measure([trace])
     assert record.ending == "engine_failed"

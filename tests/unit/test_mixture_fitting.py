@@ -92,6 +92,17 @@ def test_penalised_likelihood_ends_at_the_reported_one(rows, fitted):
     assert fitted.bic == pytest.approx(-2.0 * plain + 44 * np.log(1500), rel=1e-10)
 
 
+def test_at_the_maximum_a_step_of_em_stays_where_it_is(rows, fitted):
+    """There the rows have the moments of the truncated components: docstring of `Problem.step`."""
+    found = fitted.mixture
+    problem = Problem(rows, np.ones(len(rows)), found.lower, found.upper, 1.0, 0.0)
+    at = Parameters(found.weights, found.locations, found.scale_matrices)
+    step = problem.step(problem.evaluate(at))
+    np.testing.assert_allclose(step.weights, at.weights, atol=1e-5)
+    np.testing.assert_allclose(step.locations, at.locations, atol=1e-5)
+    np.testing.assert_allclose(step.scales, at.scales, atol=1e-5)
+
+
 def test_gradient_the_steps_follow_is_the_slope_of_the_density(rows):
     """Away from the optimum and the reference, against differences of log f and log α."""
     box = truth()
