@@ -500,7 +500,7 @@ def test_an_arm_that_never_ran_takes_no_bound_from_the_other() -> None:
          Rank.SPEEDING, "human_gmm drove at up to 14.2 m/s, above the road's limit of 13.9 m/s"),
         ({"time_ratio": Finding(1.02, 0.97, 1.08, 2_000)}, {}, Rank.FEW_PAIRS,
          "The interval of the ratio of times includes 1: neither is shown to be faster."),
-        # docs/strategies.md, cctc: Gap-Yield takes less time than human_gmm, more than human_recorded.
+        # docs/strategies.md, cctc: Gap-Yield is faster than human_gmm, slower than human_recorded.
         ({"time_ratio": Finding(1.1, 1.05, 1.15, 2_000)},
          {"arms.av": "gap_yield", "arms.human": "human_recorded"}, Rank.REFERENCE,
          "Against human_gmm gap_yield is faster: the result depends on the reference"),
@@ -585,7 +585,7 @@ def test_where_another_reference_says_the_opposite_is_known_of_the_study_alone()
     gap = ("gap_yield", "human_gmm", 0.9)
     thousand = {"pedestrians.flow_per_hour": 1000.0, "experiment.seed": 7}
     assert words(*gap, "cctc_flow", **thousand).startswith(slower)
-    # docs/strategies.md has these alone: at another site, or with other parameters, nothing is known.
+    # docs/strategies.md has these alone: elsewhere, or with other parameters, nothing is known.
     assert words("hard_yield", "human_recorded", 1.2, "cctc_flow") == ""
     for other in (
         {"crossing.length_m": 12.0},

@@ -76,11 +76,6 @@ def per_cent(share: float, decimals: int) -> str:
     return f"{value:.{decimals}f}"
 
 
-def percentage(share: float | None) -> str:
-    """Format a share in per cent with two decimals and the sign %."""
-    return "undefined" if share is None else f"{per_cent(share, 2)} %"
-
-
 def level(confidence: float) -> str:
     """Format the confidence level of an interval.
 

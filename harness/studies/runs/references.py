@@ -105,8 +105,8 @@ def reference_lines(scenarios: Iterable[Scenario]) -> list[str]:
 def disagreement(scenario: Scenario, time_ratio: float) -> str:
     """Return a sentence if another shipped reference is known to give the opposite result.
 
-    In docs/strategies.md each strategy of ``_STUDIED`` took more time than ``human_recorded`` in every
-    scenario, and less time than ``human_gmm`` in ``cctc``.  For other sites or parameters the
+    In docs/strategies.md each strategy of ``_STUDIED`` took more time than ``human_recorded`` in
+    every scenario, and less time than ``human_gmm`` in ``cctc``.  For other sites or parameters the
     result is unknown and the sentence is empty.
 
     >>> disagreement(load_scenario("cctc", {"arms.av": "gap_yield"}), 0.7)[:43]
