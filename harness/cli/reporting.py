@@ -12,9 +12,7 @@ from harness.core.errors import InputError, one_line
 
 
 def report(
-    run_folder: Annotated[
-        Path, typer.Argument(metavar="RUN", help="A run folder, finished or not.")
-    ],
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
     out: Annotated[
         Path | None,
         typer.Option(help="File for the page; default RUN/report.html.", metavar="FILE"),
@@ -51,27 +49,20 @@ def _report_run(
     run_folder: Path, out: Path | None, figures: Path | None, quiet: bool, as_json: bool
 ) -> Path:
     from harness.report.pages.page import write_report
-    from harness.report.screens.tables import counted
     from harness.studies.batch.showing import write_shown
     from harness.studies.runs.opening import load_run
 
     run = load_run(run_folder)
     with unwinding():
         written = write_report(run, out, figures, write_shown(run, out))
-    pairs = run.finished_pairs
     document = {
         "page": str(written.page),
         "figures": [str(path) for path in written.figures],
-        "finished": run.finished,
-        "pairs": pairs,
         "differing": list(written.differing),
     }
 
     def show() -> None:
         print_line(f"Report: {written.page}")
-        if not run.finished:
-            planned = counted(run.planned_pairs, "pair")
-            print_line(f"The run is not finished: {pairs} of {planned} are done.")
         if written.figures:
             print_line(f"Figures: {len(written.figures)} files in {figures}")
 

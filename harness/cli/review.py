@@ -181,14 +181,14 @@ def compare(
     from harness.report.screens.comparison_document import comparison_document, comparison_rows
     from harness.report.screens.terminal import print_comparison
     from harness.studies.runs.compare import compare as compare_runs
-    from harness.studies.runs.opening import finished_run
+    from harness.studies.runs.opening import load_run
 
     if out is not None:
         if out.exists():
             raise InputError(f"--out {out}", "exists already", "a new file")
         if not out.parent.is_dir():
             raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a new file")
-    opened = [finished_run(folder) for folder in run_folders]
+    opened = [load_run(folder) for folder in run_folders]
     if not any(run.kind.compared for run in opened):
         _compare_arms(opened, mu0 or kappa0, out, full, quiet, as_json)
         return

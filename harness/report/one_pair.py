@@ -1,34 +1,25 @@
-"""Runs one pair in this process, for a notebook, a plot or a debugger.
+"""Runs one pair in this process, for a notebook or a debugger.
 
 There is no watchdog and no time limit, so ``breakpoint()`` works in a strategy.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
-from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
-from harness.core.encounter import Arm, Ending, Trace
+from harness.core.encounter import Arm, Trace
 from harness.core.errors import InputError
 from harness.engine.installation import check_packages
 from harness.engine.shared import close_engine, open_engine
 from harness.episode.pairing import PairRunner
 from harness.measures import EpisodeRecord, Outcome
-from harness.measures.catalogue import MEASURES
 from harness.model.interaction import load_model
 from harness.scenario import EngineName, Scenario, engine_named, scenario_of_encounters
 from harness.store.episode_tables import trace_rows
-from harness.studies.runs.notebook import figure_html, table_html
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-_SHOWN = ("pass_time_s", "delay_s", "pet_s", "min_ttc_s", "max_drac_mps2", "contact_speed_mps")
-"""Measures that a notebook's table shows; ``record`` has all measures."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +53,6 @@ class EpisodeOutcome:
         """Return a short text for a debugger, without the trace."""
         return f"<EpisodeOutcome pair {self.outcome.pair}, {self.arm.value}: {self.record.ending}>"
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return _html(f"pair {self.outcome.pair}, {self.arm.value}", [self])
-
 
 @dataclass(frozen=True)
 class PairOutcome:
@@ -87,29 +74,16 @@ class PairOutcome:
         """The rows of ``EpisodeOutcome.rows`` of both arms."""
         return pd.concat([self.av.rows, self.human.rows], ignore_index=True)
 
-    def plot(self, axes: "Axes | None" = None) -> "Axes":
-        """Draw both egos' speed over the distance to the crosswalk, by default in a new figure."""
-        from matplotlib import pyplot as plt
-
-        from harness.report.drawing.episode_figures import draw_speed_over_distance
-
-        drawn = plt.subplots()[1] if axes is None else axes
-        traces = {f"pair {self.pair}": self.traces}
-        draw_speed_over_distance(drawn, traces, self.scenario.crosswalk().width_m)
-        return drawn
-
     def __repr__(self) -> str:
         """What a debugger shows."""
-        return f"<PairOutcome {self._title}: {self.av!r}, {self.human!r}>"
-
-    @property
-    def _title(self) -> str:
         tau = "undefined" if self.tau is None else f"{self.tau:.3f}"
-        return f"pair {self.pair}: τ = {tau}"
+        return f"<PairOutcome pair {self.pair}: τ = {tau}: {self.av!r}, {self.human!r}>"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return _html(self._title, [self.av, self.human])
+        """Return both records as HTML for a notebook."""
+        records = {each.arm.value: asdict(each.record) for each in (self.av, self.human)}
+        html: str = pd.DataFrame(records).to_html()
+        return html
 
 
 def run_pair(
@@ -149,26 +123,3 @@ def run_pair(
         if engine == "sumo":
             close_engine()
     return PairOutcome(chosen, pair, av, human)
-
-
-def _html(title: str, episodes: list[EpisodeOutcome]) -> str:
-    """Return HTML with the episodes' measures, their speeds over the distance, and tracebacks."""
-    from harness.report.drawing.episode_figures import draw_speed_over_distance
-    from harness.report.drawing.style import new_figure
-
-    units = {measure.column: measure.unit for measure in MEASURES}
-    measures = (f"{name.removesuffix('_s')} ({units[name]})" for name in _SHOWN)
-    table = pd.DataFrame({"": ["strategy", "ending", *measures]})
-    for episode in episodes:
-        values = [getattr(episode.record, name) for name in _SHOWN]
-        written = ("none" if value is None else f"{value:.3g}" for value in values)
-        table[episode.arm.value] = [episode.outcome.strategy, episode.record.ending, *written]
-    figure, (axes,) = new_figure()
-    rows = pd.concat([episode.rows for episode in episodes])
-    draw_speed_over_distance(axes, {title: rows}, episodes[0].trace.crossing.width_m)
-    html = table_html(title, table) + figure_html(figure)
-    for episode in episodes:
-        if episode.record.ending is Ending.ENGINE_FAILED:
-            why = episode.trace.traceback or episode.record.reason or ""
-            html += f"<pre>{escape(f'{episode.arm.value} failed: {why}')}</pre>"
-    return html

@@ -20,7 +20,6 @@ from harness.episode.loop import Episode, Steps
 from harness.episode.pairing import PairRunner
 from harness.measures import EpisodeRecord, has_contact, measure
 from harness.model.interaction import load_model
-from harness.rl.picture import Picture, top_view
 from harness.rl.reward import Reward, Transition, check_reward, time_speeding_and_crash
 from harness.scenario import EngineName, Scenario, engine_named, scenario_of_encounters
 from harness.scenario.options import number_in, whole_number
@@ -162,7 +161,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         reward = number_in("reward", given, -_LARGEST, _LARGEST)
         return vector, reward, crossed or crashed, final and not (crossed or crashed), info
 
-    def render(self) -> Picture | None:
+    def render(self) -> NDArray[np.uint8] | None:
         """The crosswalk from above with ``render_mode="rgb_array"``; otherwise None.
 
         Raises:
@@ -172,6 +171,8 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
             return None
         if self._shown is None:
             raise EngineError("there is nothing to draw yet: call reset first")
+        from harness.report.drawing.episode_figures import top_view
+
         crossing = self._crossing
         views = [(walker.x_m, walker.view()) for walker in self._shown.crowd.walkers]
         people = [(x, crossing.place_of(view.side, view.remaining_m)) for x, view in views]

@@ -14,7 +14,6 @@ from harness.statistics.over_model import OverModel
 class Rank(IntEnum):
     """The subject of a note; notes are shown in this order."""
 
-    UNFINISHED = -1
     NOTHING_TESTED = 0
     OVER_MODEL = 1
     FAILURES = 2

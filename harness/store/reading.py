@@ -96,6 +96,15 @@ def read_manifest(folder: Path) -> JsonObject:
     return checked
 
 
+def is_finished(folder: Path) -> bool:
+    """Whether a folder holds a finished run.
+
+    Raises:
+        InputError: see ``read_manifest``; a folder without a run is not refused.
+    """
+    return (folder / MANIFEST).is_file() and read_manifest(folder)["counts"] is not None
+
+
 def read_finished_manifest(folder: Path) -> JsonObject:
     """The manifest of a run that is finished.
 
@@ -104,7 +113,8 @@ def read_finished_manifest(folder: Path) -> JsonObject:
     """
     document = read_manifest(folder)
     if document["counts"] is None:
-        raise unfinished(folder)
+        problem = f"`{resume_command(folder)}` finishes it"
+        raise InputError(str(folder), "is not finished", problem)
     return document
 
 
@@ -116,11 +126,6 @@ def _is_a_risk(folder: Path) -> InputError:
     else:
         allowed = f"a run; {CRITICAL} is there when the estimate has ended and found events"
     return InputError(str(folder), problem, allowed)
-
-
-def unfinished(folder: Path) -> InputError:
-    """The error about a run that was interrupted or is still running."""
-    return InputError(str(folder), "is not finished", f"`{resume_command(folder)}` finishes it")
 
 
 def read_table(

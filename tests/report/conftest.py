@@ -10,9 +10,8 @@ import pytest
 
 import harness
 from harness.report.pages.page import Written, write_report
-from harness.studies.batch import experiment
 from harness.studies.batch.showing import write_shown
-from tests.batches import one_cell, one_process, run_inline, run_stopped, sweep
+from tests.batches import one_cell, one_process, run_inline, sweep
 
 
 def report(folder: Path, out: Path | None = None) -> Written:
@@ -42,17 +41,6 @@ def swept(runs: Path) -> Path:
     changes = {"experiment.pairs": 8, "experiment.timeout_s": 40.0}
     vary = ("pedestrians.flow_per_hour=300,900", "arms.av=soft_yield,constant_speed")
     return run_inline(sweep("cctc_flow", changes, *vary), runs / "swept").path
-
-
-@pytest.fixture(scope="session")
-def unfinished(runs: Path) -> Path:
-    """Stopped after 8 of 12 pairs, with traces."""
-    study = one_cell("cctc", {"experiment.pairs": 12})
-    with pytest.MonkeyPatch.context() as patch:
-        # Tasks are cut by the time that pairs take; here each has four.
-        patch.setattr(experiment._Work, "_size", lambda *_: 4)
-        run_stopped(study, runs / "unfinished", 2, traces=True, workers=1)
-    return runs / "unfinished"
 
 
 HOSTILE = '<script>document.title = "owned"</script><img src=x onerror=alert(1)> & "$\\frac{1}$'

@@ -25,7 +25,7 @@ from harness.scenario import Cell, Study, validate
 from harness.studies.batch import showing
 from harness.studies.runs.shown import SHOWN, choose_pairs, shown_pairs
 from harness.studies.runs.views import TIME_ADVANTAGE
-from tests.batches import here, one_cell, printed, refusal, run_inline, sweep
+from tests.batches import one_cell, printed, refusal, run_inline, sweep
 from tests.report.conftest import HOSTILE, report
 
 VOID = {"meta", "link", "input", "img", "br", "hr"}
@@ -328,22 +328,6 @@ def test_report_writes_page_and_figures(
     assert {path.name for path in figures.iterdir()} == {"tau-mean.pdf", "tau-mean.png"}
     assert (figures / "tau-mean.pdf").read_bytes().startswith(b"%PDF")
     assert (figures / "tau-mean.png").read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.usefixtures("no_pictures")
-def test_an_unfinished_run_says_so_on_its_page_and_quiet_prints_the_path(
-    unfinished: Path, tmp_path: Path
-) -> None:
-    done = here("report", unfinished, "--quiet")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == f"{unfinished / 'report.html'}\n"
-    found = Page(unfinished / "report.html")
-    found.has("This run is not finished.", "This page has 8 of 12 planned pairs")
-    (unfinished / "report.html").unlink()
-    # A run without a finished pair has no page.
-    shutil.copytree(unfinished, begun := tmp_path / "begun")
-    shutil.rmtree(begun / "shards")
-    assert "no pair is finished yet" in refusal("report", begun)
 
 
 @pytest.mark.parametrize(

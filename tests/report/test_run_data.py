@@ -14,12 +14,11 @@ from pandas.testing import assert_frame_equal
 
 import harness
 from harness.core.errors import InputError
-from harness.store.run_folder import RunFolder
 from harness.store.schemas import SCHEMA
 from harness.store.summaries import summarise_cell
 from harness.studies.runs.reported import reported
 from harness.studies.runs.run_data import RunData
-from tests.batches import here, one_cell, run_inline
+from tests.batches import one_cell, run_stopped
 from tests.made_up import made_up
 
 Spoil = Callable[[Path], object]
@@ -28,7 +27,7 @@ NAN, INF = float("nan"), float("inf")
 
 def test_tables_are_what_the_files_hold(single: Path) -> None:
     run = harness.load_run(single)
-    assert (run.finished, run.name, run.kept_traces) == (True, "cctc", True)
+    assert (run.name, run.kept_traces) == ("cctc", True)
     assert run.scenario.ego.trigger_range_m == 30
     for name in ("cells", "episodes", "pedestrians", "pairs", "traces"):
         stored = pq.read_table(single / f"{name}.parquet")
@@ -70,39 +69,12 @@ def test_varied_keys_of_a_sweep(swept: Path, tmp_path: Path) -> None:
     assert list(harness.load_run(folder).summary["model.name"]) == ["nan"] * 4
 
 
-def test_an_unfinished_run_gives_what_is_finished(unfinished: Path, tmp_path: Path) -> None:
-    """The same 8 pairs as a run of their own."""
-    study = one_cell("cctc", {"experiment.pairs": 8})
-    run, expected = harness.load_run(unfinished), run_inline(study, tmp_path / "8", traces=True)
-    assert (run.finished, run.planned_pairs) == (False, 12)
-    for name in ("episodes", "pedestrians", "pairs", "traces", "summary", "cells"):
-        frame: pd.DataFrame = getattr(run, name)
-        assert_frame_equal(frame, getattr(expected, name), check_dtype=False)
-    assert_frame_equal(run.traces_of(0, 5), expected.traces_of(0, 5))
-
-
-def test_what_an_unfinished_run_allows(unfinished: Path, tmp_path: Path) -> None:
-    """It is read while another process holds it, without a damaged shard, and not compared."""
-    lock = RunFolder(unfinished)
-    try:
-        run = harness.load_run(unfinished)
-        assert len(run.pairs) == 8
-    finally:
-        lock.close()
-    for use in (harness.compare, harness.worst):
+def test_an_unfinished_run_is_to_be_resumed_first(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    run_stopped(one_cell("cctc", {"experiment.pairs": 12}), folder, 1, workers=1)
+    for use in (harness.load_run, harness.compare, harness.worst):
         with pytest.raises(InputError, match="is not finished; allowed: `harness resume"):
-            use(run)
-    folder = copy(unfinished, tmp_path)
-    shard = folder / "shards" / "0-4-4.arrows"
-    content = bytearray(shard.read_bytes())
-    content[len(content) // 2] ^= 1
-    shard.write_bytes(bytes(content))
-    assert list(harness.load_run(folder).pairs["pair"]) == [0, 1, 2, 3]
-    # It was finished after it was opened.
-    run = harness.load_run(folder)
-    shutil.rmtree(folder / "shards")
-    with pytest.raises(InputError, match="load it again"):
-        _ = run.episodes
+            use(folder)
 
 
 def copy(folder: Path, to: Path) -> Path:
@@ -262,7 +234,7 @@ def test_a_flipped_bit_of_a_table_gives_no_other_numbers(single: Path, tmp_path:
     assert refused > 5
 
 
-def test_results_are_what_the_run_reported(swept: Path, unfinished: Path) -> None:
+def test_results_are_what_the_run_reported(swept: Path) -> None:
     """Read back from ``summary.parquet``, as the statistics had it when the run ended."""
     run = harness.load_run(swept)
     assert len(run.results) == 4
@@ -270,7 +242,6 @@ def test_results_are_what_the_run_reported(swept: Path, unfinished: Path) -> Non
         own = pq.read_table(swept / "episodes.parquet", filters=[("cell", "=", result.cell.number)])
         assert result.findings == summarise_cell(own, result.cell, 0.95).findings
     assert any(result.findings["kappa"].events for result in run.results)
-    assert harness.load_run(unfinished).results[0].findings["pairs"].value == 8
 
 
 def test_one_pair_has_a_mean_and_no_spread(tmp_path: Path) -> None:

@@ -109,12 +109,8 @@ def test_a_debugger_stops_in_decide_and_goes_on(
 
 def test_what_a_notebook_and_a_debugger_show() -> None:
     found = harness.run_pair("cctc", 2, settings={"arms.av": "hard_yield"}, engine="plain")
-    for shown in (found._repr_html_(), found.av._repr_html_()):
-        document = ET.fromstring(f"<div>{shown}</div>")
-        assert document.find(".//table/caption") is not None
-        (picture,) = document.findall("{http://www.w3.org/2000/svg}svg")
-        assert len(picture.findall(".//*[@id='legend_1']")) == 1
-    assert "hard_yield" in shown
+    shown = ET.fromstring(found._repr_html_())
+    assert [cell.text for cell in shown.findall("./thead/tr/th")][1:] == ["av", "human"]
     assert {*found.traces["arm"]} == {"av", "human"}
     # What a debugger shows is a line.
     assert repr(found.av) == "<EpisodeOutcome pair 2, av: crossed>"

@@ -21,7 +21,6 @@ from harness.core.errors import EngineError, InputError  # noqa: E402
 from harness.core.resources import shipped_directory  # noqa: E402
 from harness.model.interaction import load_model  # noqa: E402
 from harness.rl import time_speeding_and_crash  # noqa: E402
-from harness.rl.picture import EGO, PERSON  # noqa: E402
 from harness.scenario import Setting, load_scenario  # noqa: E402
 from harness.strategies.registry import STRATEGIES  # noqa: E402
 from harness.strategies.vector import observation_vector  # noqa: E402
@@ -250,11 +249,11 @@ def test_a_picture_shows_the_ego_and_everybody_where_they_are():
     picture = env.render()
     assert (picture.dtype, picture.shape[2]) == (np.uint8, 3)
     # 0.1 m to the pixel; x from 35 m before the crosswalk, y from 2 m beyond the far kerb.
-    rows, columns = np.nonzero((picture == EGO).all(axis=2))
+    rows, columns = np.nonzero((picture == (0, 0x72, 0xB2)).all(axis=2))
     assert (columns.max() + 1) * 0.1 - 35.0 == pytest.approx(episode.x_m[-1], abs=0.11)
     assert np.ptp(columns) * 0.1 == pytest.approx(5.0, abs=0.11)
     assert 11.0 - rows.mean() * 0.1 == pytest.approx(2.25, abs=0.11)
-    people = (picture == PERSON).all(axis=2)
+    people = (picture == (0xB7, 0x7F, 0)).all(axis=2)
     walking = [y for _, y in episode.places if 0.5 < y < 8.5]
     assert len(walking) > 1
     for y in walking:

@@ -34,7 +34,7 @@ from harness.store.kinds import HourKind
 from harness.studies.runs.hour_notes import hour_notes
 from harness.studies.runs.notes import av_label, encounter_notes
 from harness.studies.runs.references import agreement, disagreement, reference_lines
-from harness.studies.runs.reported import _run_notes, is_the_papers, walker_lines
+from harness.studies.runs.reported import is_the_papers, walker_lines
 from harness.studies.runs.site_words import site_words
 from tests.batches import printed
 
@@ -250,31 +250,6 @@ All measures: --full. Page: harness report runs/cctc-1"""
     table = [line.split() for line in narrow]
     assert ["cell", "av", "pairs", "times", "of", "50"] in table
     assert ["0", "soft_", "50", "0.75", "0", "/", "0"] in table
-
-
-def test_the_site_and_an_unfinished_run_stand_before_everything_else() -> None:
-    cell = cell_with(failed=Finding(1), time_ratio_pairs=Finding(49))
-    one = SimpleNamespace(scenario=load_scenario("cctc"))
-    run: Any = SimpleNamespace(
-        finished=False,
-        results=[SimpleNamespace(findings={"pairs": Finding(50)}, cell=one)],
-        planned_pairs=80,
-        path="runs/c",
-        disagreements=(),
-        varied_keys=(),
-    )
-    monkeypatched = pytest.MonkeyPatch()
-    monkeypatched.setattr("harness.studies.runs.reported.missed_targets", lambda _: [])
-    notes = tuple(_run_notes(run))
-    monkeypatched.undo()
-    site = site_words([load_scenario("cctc")])
-    findings = RunFindings(ENCOUNTERS, "c", "runs/c", "seed 1", 0.95, False, (cell,), notes, site)
-    lines = screen_lines(screen_of(findings))
-    assert lines[1] == "Site: road 9 m wide, 1 + 1 lanes; v0 5 m/s; one pedestrian, at the trigger."
-    first = next(line for line in lines if line.startswith("!"))
-    assert first == (
-        "! The run is not finished: 50 of 80 pairs are done; harness resume runs/c continues it."
-    )
 
 
 def test_a_site_names_its_flows_and_what_is_varied() -> None:

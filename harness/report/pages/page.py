@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from harness.core.encounter import Arm
-from harness.core.errors import InputError, resume_command
 from harness.report.drawing import style
 from harness.report.drawing.plots import save
 from harness.report.pages.inputs import models_of, strategies_of
@@ -55,17 +54,15 @@ def write_report(
     Nothing is simulated.  If a run kept no traces, the page shows the pairs of ``write_shown``.
 
     Args:
-        run: a finished or unfinished run with at least one finished pair.
+        run: a run.
         out: the file; default ``report.html`` in the run folder.
         figures: a folder for the figures, made if missing.
         missing: the reason if there are no episodes to show.
 
     Raises:
-        InputError: no pair is finished, tables are damaged, or a file cannot be written.
+        InputError: tables are damaged, or a file cannot be written.
     """
     page = page_in(run.path, out)
-    if not run.finished_pairs:
-        raise InputError(str(run.path), "no pair is finished yet", "a run with results")
     # Damaged tables raise before anything is written.
     content = _content(run)
     shown = shown_pairs(run, page)
@@ -101,7 +98,6 @@ def _content(run: RunData) -> Page:
         title=f"{heading}, run report",
         heading=heading,
         folder=str(run.path),
-        unfinished=_unfinished(run),
         opening=[parts_of(run).opening(run)],
         screen=screen,
         tables=[*compared_tables, *results],
@@ -133,19 +129,9 @@ def _results(run: RunData) -> tuple[list[str], list[Table]]:
     return screen, [*tables, *parts_of(run).tables(run)]
 
 
-def _unfinished(run: RunData) -> str:
-    if run.finished:
-        return ""
-    return (
-        f"This page has {run.finished_pairs:,} of {run.planned_pairs:,} planned pairs. The run "
-        "was still running, or had been interrupted, when the page was made; "
-        f"{resume_command(run.path)} continues it."
-    )
-
-
 def _compared(run: RunData) -> tuple[list[Table], list[str]]:
     """Return the comparison of a sweep's strategies, or its command if it takes too long here."""
-    groups = strategy_groups(run.study) if run.finished else []
+    groups = strategy_groups(run.study)
     comparisons = sum(math.comb(len(group.cells), 2) for group in groups)
     if comparisons == 0:
         return [], []

@@ -10,7 +10,7 @@ from harness.report.pages.template import Page, flat, page_in, write_page
 from harness.report.screens.risk_terminal import heading, risk_screen, risk_tables
 from harness.report.screens.screen import screen_lines
 from harness.scenario import as_written
-from harness.store.reading import CRITICAL, MANIFEST
+from harness.store.reading import CRITICAL, is_finished
 from harness.studies.risk.asking import SettingsDocument
 from harness.studies.risk.folder import read_risk, read_settings
 from harness.studies.runs.opening import load_run
@@ -71,7 +71,7 @@ def write_risk_page(folder: Path, out: Path | None = None, missing: str = "") ->
 def _shown_run(folder: Path, page: Path) -> RunData | None:
     """Return the run of the likeliest events; None if they were not simulated again."""
     for shown in shown_folders(folder, page):
-        if (shown / MANIFEST).is_file():
+        if is_finished(shown):
             return load_run(shown)
     return None
 

@@ -91,7 +91,7 @@ def _defined(line: Line) -> Line:
 
 def _groups(run: RunData) -> Picture:
     """Draw the time loss of each group of trips in both arms."""
-    rows = run.derived("groups").to_pandas()
+    rows = run.table("groups").to_pandas()
     names = [name for name in dict.fromkeys(rows["group"]) if _any(rows, "group", name)]
     names = names[:_MOST_CROSSWALKS]
     figure, (axes,) = style.new_figure(height=1.6 + _ROW_INCH * len(names))
@@ -112,7 +112,7 @@ def _any(rows: pd.DataFrame, column: str, name: str) -> bool:
 
 def _crosswalks(run: RunData) -> Picture:
     """Draw delay, wait and queue at each chosen crosswalk in both arms."""
-    rows = run.derived("crosswalks").to_pandas()
+    rows = run.table("crosswalks").to_pandas()
     names = _busiest(rows)[:_MOST_CROSSWALKS]
     height = len(_AT_CROSSWALKS) * (1.3 + 0.75 * _ROW_INCH * len(names))
     figure, panels = style.new_figure(len(_AT_CROSSWALKS), height=height)
@@ -161,7 +161,7 @@ def _safety(run: RunData) -> Iterator[Picture]:
     met = run.passages_over[run.passages_over["pedestrians"] > 0]
     names = [
         name
-        for name in _busiest(run.derived("crosswalks").to_pandas())
+        for name in _busiest(run.table("crosswalks").to_pandas())
         if (met["crosswalk"] == name).any()
     ]
     human = run.scenario.arms.human

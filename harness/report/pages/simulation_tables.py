@@ -74,7 +74,7 @@ def _table(
     """Return a table of sums over pairs, with a row for each cell, value of the key, and arm."""
     key = source.removesuffix("s")
     groups: dict[tuple[int, str, str], list[Row]] = {}
-    for row in run.derived(source).to_pylist():
+    for row in run.table(source).to_pylist():
         groups.setdefault((row["cell"], row[key], row["arm"]), []).append(row)
     # The rows of a crosswalk's two arms are adjacent.
     order = {where: place for place, where in enumerate(dict.fromkeys(w[:2] for w in groups))}

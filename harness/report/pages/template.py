@@ -52,7 +52,6 @@ class Page:
     heading: str
     where: str
     folder: str
-    unfinished: str = ""
     screen: Sequence[str]
     opening: Sequence[str] = ()
     tables: Sequence[Table]

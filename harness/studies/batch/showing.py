@@ -11,13 +11,12 @@ from harness.core.errors import HarnessError, InputError
 from harness.core.files import cannot_write, write_file
 from harness.scenario import Options, hang_limit_s, read_scenario_file, study_of
 from harness.scenario.options import HANG_AFTER_S
-from harness.store.reading import CRITICAL, MANIFEST
+from harness.store.reading import CRITICAL, MANIFEST, is_finished
 from harness.store.shards import encode_shard, shard_name
 from harness.store.simulations.simulation_traces import only_passages
 from harness.studies.batch.experiment import resume, run_study
 from harness.studies.kinds.table import simulation_of
 from harness.studies.kinds.tasks import Task, TaskResult
-from harness.studies.runs.opening import load_run
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import MARGIN_S, differences_in, missing_pairs, shown_folders
 from harness.studies.runs.simulation_choice import Key
@@ -75,7 +74,7 @@ def write_shown_risk(folder: Path, page: Path | None = None) -> str:
     folders = shown_folders(folder, page)
     shown = next((each for each in folders if os.access(each.parent, os.W_OK)), folders[0])
     try:
-        if any((each / MANIFEST).is_file() and load_run(each).finished for each in folders):
+        if any(map(is_finished, folders)):
             return ""
         if (shown / MANIFEST).is_file():
             resume(shown, workers=_WORKERS)

@@ -13,7 +13,7 @@ from harness.studies.export.scenes import Stored, Wanted, scene_of
 from harness.studies.export.trajectories import trajectories
 from harness.studies.replay.rerun import refuse_in_use
 from harness.studies.risk.folder import read_risk
-from harness.studies.runs.opening import finished_run
+from harness.studies.runs.opening import opened_run
 from harness.studies.runs.shown import shown_folders
 
 Format = Literal["openscenario", "trajectories"]
@@ -56,7 +56,7 @@ def export_pair(
         if missing := write_shown_risk(run):
             raise InputError(str(run), "has no pairs to export", missing)
         run = shown_folders(run, None)[0]
-    data = finished_run(run)
+    data = opened_run(run)
     tables, differences = traced_pair(data, cell, pair, wanted.arm)
     where = f"{data.name}, pair {pair}" + (f" of cell {cell}" if data.varied_keys else "")
     title = f"{where}, {wanted.arm.value}'s arm"

@@ -28,7 +28,7 @@ from harness.statistics import (
 from harness.store.over_model import refits_of
 from harness.store.summaries import repeated
 from harness.studies.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
-from harness.studies.runs.opening import finished_run
+from harness.studies.runs.opening import opened_run
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.same_pairs import check_same_pairs, names_of
 from harness.studies.runs.strategy_groups import (
@@ -65,7 +65,7 @@ def compare(
     """
     if not runs:
         raise InputError("compare", "no run given", "one run or several")
-    opened = [finished_run(run) for run in runs]
+    opened = [opened_run(run) for run in runs]
     for run in opened:
         if not run.kind.compared:
             problem = f"is a run of {run.kind.name}, which has no pairs of episodes to compare"

@@ -5,7 +5,7 @@ from pathlib import Path
 from harness.core.files import write_file
 from harness.store.reading import read_table
 from harness.store.summary_table import SUMMARY
-from harness.studies.runs.opening import finished_run
+from harness.studies.runs.opening import load_run
 
 
 def export_csv(folder: Path) -> list[Path]:
@@ -14,7 +14,7 @@ def export_csv(folder: Path) -> list[Path]:
     Raises:
         InputError: the run is not finished, or a table is missing or cannot be read.
     """
-    finished_run(folder)
+    load_run(folder)
     written = []
     try:
         # A run writes summary.csv itself.

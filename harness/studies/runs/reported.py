@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from harness.core.errors import resume_command
 from harness.scenario import Scenario
 from harness.statistics import ENCOUNTERS, CellFindings, Finding, Note, Rank, RunFindings
 from harness.store.over_model import refits_of
@@ -28,7 +27,7 @@ PAPER_MU = float(next(entry.paper for entry in ENCOUNTERS if entry.key == "mu"))
 
 
 def reported(run: RunData) -> RunFindings:
-    """Return the findings of a finished or unfinished run."""
+    """Return the findings of a run."""
     return RunFindings(
         catalogue=run.kind.catalogue,
         name=run.name,
@@ -85,13 +84,6 @@ def is_the_papers(scenario: Scenario) -> bool:
 def _run_notes(run: RunData) -> list[Note]:
     """Return the notes about the run as a whole, such as its engine and its missed targets."""
     notes = []
-    if not run.finished:
-        done = sum(result.findings["pairs"].count for result in run.results)
-        text = (
-            f"The run is not finished: {done:,} of {run.planned_pairs:,} pairs are done; "
-            f"{resume_command(run.path)} continues it."
-        )
-        notes.append(Note(Rank.UNFINISHED, text))
     if tuple(run.varied_keys) == ("arms.human",):
         ratios = [
             (result.cell.scenario.arms.human, _time_ratio(run, result))

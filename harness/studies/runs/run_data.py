@@ -1,10 +1,10 @@
-"""A run folder in Python, finished or unfinished.
+"""A finished run folder in Python.
 
 run = harness.load_run("runs/cctc-1")
 run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean()
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -18,41 +18,34 @@ from harness.core.errors import InputError
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Cell, EngineName, Scenario, Study
 from harness.statistics import OverModel, PairColumns, columns_of, row_of
-from harness.store.episode_tables import pair_rows
 from harness.store.hour_summaries import HoursSummary, hours_summary
 from harness.store.kinds import Kind, kind_of_study
 from harness.store.manifest import model_entry, options_of
 from harness.store.measure_tables import measure_rows
 from harness.store.over_model import findings_over_model
+from harness.store.reading import read_table
 from harness.store.schemas import TABLES
-from harness.store.shards import Shard
 from harness.store.summaries import confidence_of, pair_columns
 from harness.store.summary_table import read_summary
 from harness.store.tables import Row
 from harness.studies.kinds.tasks import Failure
 from harness.studies.runs.cell_result import CellResult
-from harness.studies.runs.notebook import run_html
-from harness.studies.runs.run_tables import RunTables
 
 
 @dataclass(frozen=True)
 class RunData:
     """The content of a run folder.  Tables are read on first use and kept; do not change them.
 
-    A missing value is NaN or None.  The tables of an unfinished run, and the ``summary`` computed
-    from them, contain the pairs that were finished when it was loaded.
+    A missing value is NaN or None.
     """
 
     path: Path
     manifest: Mapping[str, Any]
     """``manifest.json``: scenario, versions, models, counts (docs/files.md)."""
     study: Study
-    finished: bool
-    """False while the run continues or after an interruption."""
-    shards: tuple[Shard, ...] = ()
-    """Finished work of an unfinished run."""
     output_failures: tuple[Failure, ...] = ()
     """Episodes whose SUMO outputs this call requested but could not write."""
+    _kept: dict[str, pa.Table] = field(default_factory=dict)
     _models: dict[tuple[str, str | None, bool], InteractionModel] = field(default_factory=dict)
 
     @property
@@ -79,18 +72,10 @@ class RunData:
         """Whether the run kept every step (``--traces``)."""
         return bool(self.manifest["traces"])
 
-    @property
-    def planned_pairs(self) -> int:
-        """Number of planned pairs of all cells; ``--until`` may end with fewer."""
-        return sum(cell.scenario.experiment.pairs for cell in self.study.cells)
-
     @cached_property
     def cells(self) -> pd.DataFrame:
         """One row per cell: ``cell`` and the varied keys."""
-        if self.finished:
-            return _frame(self._tables.read("cells"))
-        rows = [{"cell": cell.number, **cell.varied} for cell in self.study.cells]
-        return pd.DataFrame(rows)
+        return _frame(self.table("cells"))
 
     @cached_property
     def episodes(self) -> pd.DataFrame:
@@ -100,12 +85,12 @@ class RunData:
         sumo_collision, fallback, steps, pedestrians`` and a column for each of
         ``harness.measures.MEASURES`` (``pass_time_s, delay_s, min_ttc_s …``).
         """
-        return _frame(self._tables.read("episodes"))
+        return _frame(self.table("episodes"))
 
     @cached_property
     def ranked(self) -> pd.DataFrame:
         """The rows that ``harness worst`` ranks: episodes, or a user's simulation's passages."""
-        return _frame(self._tables.read(self.kind.ranked[0]))
+        return _frame(self.table(self.kind.ranked[0]))
 
     @cached_property
     def pedestrians(self) -> pd.DataFrame:
@@ -115,51 +100,42 @@ class RunData:
         vehicle_speed_mps, cleared_s``.  Range and speeds are missing for pedestrians who never
         stepped off.
         """
-        return _frame(self._tables.read("pedestrians"))
+        return _frame(self.table("pedestrians"))
 
     @property
     def kind(self) -> Kind:
         """The kind of the run, which determines its tables and its findings."""
         return kind_of_study(self.study)
 
-    @property
-    def finished_pairs(self) -> int:
-        """Number of finished pairs of all cells."""
-        return len(self._tables.read(self.kind.rows)) // 2
-
     @cached_property
     def hours(self) -> pd.DataFrame:
         """One row per cell × pair × arm of a run in traffic; the summary is computed from it."""
-        return _frame(self._tables.read("hours"))
+        return _frame(self.table("hours"))
 
     @cached_property
     def passages(self) -> pd.DataFrame:
         """One row per vehicle × arm of a run in traffic, with a column for each measure."""
-        return _frame(self._tables.read("passages"))
+        return _frame(self.table("passages"))
 
     @cached_property
     def passages_over(self) -> pd.DataFrame:
         """One row per passage × arm of a run of a user's own simulation."""
-        return _frame(self._tables.read("passages_over"))
+        return _frame(self.table("passages_over"))
 
     @cached_property
     def queues(self) -> pd.DataFrame:
         """One row per minute, lane and arm of a run in traffic."""
-        return _frame(self._tables.read("queues"))
+        return _frame(self.table("queues"))
 
     @property
     def hour_results(self) -> tuple[tuple[Cell, HoursSummary], ...]:
-        """The summary of every cell of a run in traffic that has a finished pair."""
+        """The summary of every cell of a run in traffic."""
         return tuple((result.cell, hours_summary(result.findings)) for result in self.results)
 
     @cached_property
     def pairs(self) -> pd.DataFrame:
         """One row per cell × pair: ``cell, pair, av_time_s, human_time_s, tau``."""
-        if self.finished:
-            return _frame(self._tables.read("pairs"))
-        cells = self._tables.by_cell(self.kind.rows)
-        parts = [pair_rows(cell.number, rows) for cell, rows in cells]
-        return _frame(pa.concat_tables([TABLES["pairs"].empty_table(), *parts]))
+        return _frame(self.table("pairs"))
 
     @cached_property
     def summary(self) -> pd.DataFrame:
@@ -167,7 +143,7 @@ class RunData:
 
         ``pairs, defined_pairs, mu, mu_ci_low, mu_ci_high, cv …, kappa …`` (docs/files.md).  It is
         computed from the episodes if ``summary.parquet`` does not exist yet or lacks a newer
-        column.  Cells without a finished pair are left out.
+        column.
         """
         rows = [
             {
@@ -184,14 +160,14 @@ class RunData:
 
     @cached_property
     def results(self) -> tuple[CellResult, ...]:
-        """The findings of every cell with a finished pair."""
+        """The findings of every cell."""
         kind, cells = self.kind, self.study.cells
-        stored = read_summary(self.path, kind.catalogue, cells) if self.finished else None
+        stored = read_summary(self.path, kind.catalogue, cells)
         if stored is not None:
             return tuple(CellResult(cell, stored[cell.number]) for cell in cells)
         return tuple(
             CellResult(cell, kind.findings(rows, cell, self.confidence))
-            for cell, rows in self._tables.by_cell(self.kind.rows)
+            for cell, rows in self._by_cell(self.kind.rows)
         )
 
     @cached_property
@@ -218,7 +194,7 @@ class RunData:
         return pd.DataFrame(
             [
                 {"cell": cell.number, **cell.varied, **row}
-                for cell, rows in self._tables.by_cell(self.kind.rows)
+                for cell, rows in self._by_cell(self.kind.rows)
                 for row in measure_rows(rows)
             ]
         )
@@ -250,7 +226,8 @@ class RunData:
         Raises:
             InputError: the run kept no traces.
         """
-        return _frame(self._traced.read("traces"))
+        self._refuse_without_traces()
+        return _frame(self._checked("traces"))
 
     def traces_of(self, cell: int, pair: int) -> pd.DataFrame:
         """Return the rows of ``traces`` of both arms of one pair.
@@ -258,31 +235,28 @@ class RunData:
         Raises:
             InputError: the run kept no traces.
         """
-        return _frame(self._traced.rows_of("traces", cell, pair))
+        self._refuse_without_traces()
+        return _frame(self.rows_of("traces", cell, pair))
 
     def rows_of(self, name: str, cell: int, pair: int) -> pa.Table:
         """Return the stored rows of one pair in ``episodes``, ``pedestrians`` or ``traces``."""
-        return self._tables.rows_of(name, cell, pair)
+        if name == "traces":
+            return read_table(self.path, name, cell, pair)
+        table = self.table(name)
+        selected = pc.and_(pc.equal(table["cell"], cell), pc.equal(table["pair"], pair))
+        return table.filter(selected)
 
     def rows_of_cell(self, cell: int) -> pa.Table:
         """Return the rows of a cell from which its findings are computed, by pair."""
-        table = self._tables.read(self.kind.rows)
+        table = self.table(self.kind.rows)
         return table.filter(pc.equal(table["cell"], cell))
-
-    def derived(self, name: str) -> pa.Table:
-        """Return a table of all cells that is computed from the stored rows."""
-        if self.finished:
-            return self._tables.read(name)
-        derive = self.kind.derived[name]
-        parts = [derive(cell.number, rows) for cell, rows in self._tables.by_cell(self.kind.rows)]
-        return pa.concat_tables([TABLES[name].empty_table(), *parts])
 
     def statistics(self, name: str) -> list[Row]:
         """Return the rows of all cells in ``<name>.csv``, with ``cell``; empty if there is none."""
         findings = {result.cell.number: result.findings for result in self.results}
         return [
             {"cell": cell.number, **row}
-            for cell, rows in self._tables.by_cell(self.kind.rows)
+            for cell, rows in self._by_cell(self.kind.rows)
             for row in self.kind.statistics(rows, cell, findings[cell.number]).get(name, ())
         ]
 
@@ -295,13 +269,13 @@ class RunData:
     @cached_property
     def failures(self) -> tuple[Failure, ...]:
         """(cell, pair, arm, reason) of every episode in which the engine or the strategy failed."""
-        failed = self.kind.failed(self._tables.read(self.kind.rows))
+        failed = self.kind.failed(self.table(self.kind.rows))
         columns = (failed[name].to_pylist() for name in ("cell", "pair", "arm", "reason"))
         return tuple((*where, reason or "") for *where, reason in zip(*columns, strict=True))
 
     def pair_columns_of(self, cell: int) -> PairColumns:
         """Return the columns from which a cell's summary is computed, one entry for each pair."""
-        episodes = self._tables.read("episodes")
+        episodes = self.table("episodes")
         return pair_columns(episodes.filter(pc.equal(episodes["cell"], cell)))
 
     def model_of(self, cell: int) -> InteractionModel:
@@ -330,17 +304,41 @@ class RunData:
 
     def _repr_html_(self) -> str:
         """Return the summary as HTML for a notebook."""
-        return run_html(self.name, self.varied_keys, self.summary, self.finished)
+        html: str = self.summary.to_html(index=False)
+        return html
 
-    @cached_property
-    def _tables(self) -> RunTables:
-        return RunTables(self.path, self.finished, self.shards, self.study.cells)
+    def table(self, name: str) -> pa.Table:
+        """Return all rows of a table other than ``traces``; it is read once and kept.
 
-    @property
-    def _traced(self) -> RunTables:
+        Raises:
+            InputError: the table is missing or damaged.
+        """
+        if name not in self._kept:
+            self._kept[name] = self._checked(name)
+        return self._kept[name]
+
+    def _checked(self, name: str) -> pa.Table:
+        table, cells = read_table(self.path, name), len(self.study.cells)
+        if name in TABLES and (pc.max(table["cell"]).as_py() or 0) >= cells:
+            where = str(self.path / f"{name}.parquet")
+            problem = "names a cell that does not exist"
+            raise InputError(f"{where}: cell", problem, f"0 to {cells - 1}")
+        return table
+
+    def _by_cell(self, name: str) -> Iterator[tuple[Cell, pa.Table]]:
+        """Yield every cell that has rows, with its rows."""
+        table = self.table(name)
+        numbers = table["cell"].to_numpy()
+        for cell in self.study.cells:
+            of_cell = numbers == cell.number
+            # The rows of a single cell may be large, so they are not copied.
+            rows = table if of_cell.all() else table.filter(pa.array(of_cell))
+            if rows.num_rows:
+                yield cell, rows
+
+    def _refuse_without_traces(self) -> None:
         if not self.kept_traces:
             raise InputError(str(self.path), "kept no traces", "a run with --traces")
-        return self._tables
 
 
 def _frame(table: pa.Table) -> pd.DataFrame:

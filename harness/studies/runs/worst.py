@@ -13,7 +13,7 @@ from harness.core.encounter import Arm, Contact, Ending
 from harness.core.errors import InputError, unknown_name
 from harness.measures.catalogue import COLUMNS, MEASURES
 from harness.store.summaries import known
-from harness.studies.runs.opening import finished_run
+from harness.studies.runs.opening import opened_run
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.same_pairs import TOLERANCE, check_same_pairs, names_of
 from harness.studies.runs.strategy_groups import StrategyCell, groups_over
@@ -95,7 +95,7 @@ def worst(
             exist, ``most`` is less than 1, or every episode failed.
     """
     arm = _check(by, most, arm)
-    data = finished_run(run)
+    data = opened_run(run)
     rows = _episodes(data, by, arm, cell)
     bad = rows[rows["badness"] > least(by)].nlargest(most, "badness", keep="all")
     return _ranked(data, bad, "badness", by, arm)[:most]
@@ -128,7 +128,7 @@ def got_worse(
         InputError: see ``worst``; or the runs cannot be compared pair by pair.
     """
     arm = _check(by, most, arm)
-    now, then = finished_run(run), finished_run(since)
+    now, then = opened_run(run), opened_run(since)
     for data in (now, then):
         if not data.kind.compared:
             problem = f"is a run of {data.kind.name}, whose passages differ between runs"
