@@ -14,7 +14,7 @@ from harness.cli.output import emit, progress_bar, say
 from harness.core.errors import InputError, one_line
 
 if TYPE_CHECKING:
-    from harness.scenario import Options, Precision, Study
+    from harness.scenario import Precision, Study
     from harness.studies.runs.run_data import RunData
     from harness.studies.workers.cluster import DaskCluster
     from harness.studies.workers.executor import Executor
@@ -28,11 +28,9 @@ def run(
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
     until: options.UntilOption = None,
-    settle: options.SettleOption = False,
     over_model: options.OverModelOption = False,
     workers: options.WorkersOption = None,
     traces: options.TracesOption = False,
-    sumo_outputs: options.SumoOutputsOption = None,
     engine: options.EngineOption = "sumo",
     dask: options.DaskOption = None,
     full: options.FullOption = False,
@@ -59,11 +57,8 @@ def run(
         traces,
         _precision(until),
         workers,
-        sumo_outputs=sumo_outputs,
         engine=engine,
     )
-    if settle:
-        study = _settled(study, choices, quiet or as_json)
     from harness.studies.workers.executors import executor_for
 
     # Local workers import modules at the same time as this process.  A wrong address is refused
@@ -98,17 +93,6 @@ def _planned_hours(study: "Study") -> str | None:
     pairs = counted(study.base.experiment.pairs, "pair")
     hours = f"{most}{study.hours:,.4g} hours of traffic in each arm"
     return f"{cells} × {pairs}: {hours}, without the warm-ups"
-
-
-def _settled(study: "Study", choices: "Options", quiet: bool) -> "Study":
-    from harness.studies.batch.settling import settled
-
-    with progress_bar("pilots", quiet) as advance, unwinding():
-        study = settled(study, choices, advance)
-    warm_ups = sorted({cell.scenario.known_traffic.warm_up_s for cell in study.cells})
-    span = " to ".join(f"{seconds:g}" for seconds in dict.fromkeys([warm_ups[0], warm_ups[-1]]))
-    say(f"harness: traffic.warm_up_s = {span}, set by a pilot of each cell")
-    return study
 
 
 def resume(
@@ -173,10 +157,8 @@ def _report(finished: "RunData", full: bool, quiet: bool, as_json: bool) -> None
 
     show = partial(print_run, finished, full)
     emit(quiet, as_json, partial(run_document, finished), [finished.path], show)
-    outputs = "episodes have no SUMO outputs, or outputs that disagree with the record"
     problems = {
         "episodes failed": finished.failures,
-        outputs: finished.output_failures,
     }
     for problem, failures in problems.items():
         if failures:

@@ -69,25 +69,10 @@ DaskOption = Annotated[
         metavar="ADDRESS",
     ),
 ]
-SumoOutputsOption = Annotated[
-    Literal["all", "crashed"] | None,
-    typer.Option(
-        help="Repeat episodes one by one and write SUMO's own outputs into RUN/sumo. "
-        "Slower: each episode starts its own SUMO.",
-    ),
-]
 EngineOption = Annotated[
     Literal["sumo", "plain"],
     typer.Option(
         help="plain: the same kinematics, faster, without SUMO's collision check and outputs."
-    ),
-]
-SettleOption = Annotated[
-    bool,
-    typer.Option(
-        "--settle",
-        help="For hours of traffic: a pilot sets the warm-up of each cell to the longest time that "
-        "a queue takes to clear, at most the counted time.",
     ),
 ]
 TracesOption = Annotated[

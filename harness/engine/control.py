@@ -9,17 +9,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
-from harness.core.encounter import Arrival, Crossing, Side, Vehicle
+from harness.core.encounter import Arrival, Crossing, Vehicle
 from harness.core.errors import EngineError
 from harness.engine.people import HeldPeople
-from harness.engine.shown import Shown
 from harness.site import Site
 
 SPEED_MODE_EXTERNAL = 32
 """SUMO neither brakes for pedestrians nor limits accelerations; only the strategy drives."""
-
-SPEED_MODE_OWN = 31
-"""SUMO's own driver, with its checks of safe speed, acceleration, deceleration and right of way."""
 
 COLLISION_REACH_M = 5.0
 """SUMO's collisions are read only when the ego's front is this near to the crosswalk.
@@ -58,9 +54,7 @@ class SumoEngine:
 
     ``setSpeed`` sets the ego's speed under ballistic steps, so SUMO's state follows constant
     accelerations in closed form.  ``moveToXY`` sets the positions of all pedestrians at every step,
-    because SUMO's own pedestrians would stop for the vehicle and hide crashes.  Without a speed,
-    SUMO's own driver drives: at most at v0, and with accelerations from −b, the vehicle's maximum
-    deceleration, to a0.
+    because SUMO's own pedestrians would stop for the vehicle and hide crashes.
 
     Args:
         api: the module ``libsumo`` or ``traci``, connected to a simulation that was
@@ -102,11 +96,8 @@ class SumoEngine:
         self._episode = 0
         self._ego = ""
         self._set_mps: float | None = None
-        """The speed that was last set; None while SUMO's own driver drives."""
+        """The speed that was last set."""
         self.people = HeldPeople(api, site, crossing, move=calls.move)
-        self._to_road = site.frame.to_road
-        self._shown = Shown(crossing.lane_centre_m, crossing.length_m, site.crossing_from)
-        self._way_in_m = {side: site.footpath(side).end_m for side in Side}
         api.route.add("drive", departure.edges)
         if crossing.speed_limit_mps is not None:
             limit_speed(api, departure.edges, crossing.speed_limit_mps)
@@ -115,10 +106,9 @@ class SumoEngine:
         """See ``Engine.begin``."""
         self._steps = 0
         self._collided = False
-        self._own_driver, self._set_mps = False, None
+        self._set_mps = None
         self._ego = f"ego-{self._episode}"
         people = self.people
-        people.shown = None
         people.begin(arrivals, self._episode)
         with self._watched("could not set up the episode"):
             # Persons exist only after a step, so they are inserted a step before the ego.
@@ -131,17 +121,11 @@ class SumoEngine:
             self._commanded = self._get_speed(self._ego)
             return self._start_x_m + self._get_distance(self._ego), self._commanded
 
-    def step(
-        self, speed_mps: float | None, pedestrians: Sequence[tuple[int, float]]
-    ) -> tuple[float, float]:
+    def step(self, speed_mps: float, pedestrians: Sequence[tuple[int, float]]) -> float:
         """See ``Engine.step``."""
         people = self.people
         try:
-            if speed_mps is None:
-                self._hand_over()
-            elif speed_mps != self._set_mps:  # SUMO keeps the speed that was last set
-                if self._own_driver:
-                    self._take_back()
+            if speed_mps != self._set_mps:  # SUMO keeps the speed that was last set
                 self._set_speed(self._ego, speed_mps)
                 self._set_mps = speed_mps
             announced = people.before_step(pedestrians, (self._steps + 3) * self._step_s)
@@ -152,24 +136,11 @@ class SumoEngine:
             x = self._start_x_m + self._get_distance(self._ego)
             if x > self._collisions_from_m and people.ids:
                 self._note_collisions()
-            if speed_mps is None:
-                speed_mps = self._get_speed(self._ego)
             # A set speed is not read back at every step; ``end`` checks that SUMO kept it.
             self._commanded = speed_mps
-            return x, speed_mps
+            return x
         except self._lost as error:
             raise EngineError(f"SUMO failed during the episode: {error}") from None
-
-    def let_walk(self, index: int, side: Side, speed_mps: float) -> None:
-        """See ``Engine.let_walk``; they begin at the footpath's end, 1.5 m before the kerb."""
-        with self._watched(f"could not add pedestrian {index}"):
-            name = self.people.add(index, side, self._way_in_m[side])
-            self._api.person.setSpeed(name, speed_mps)
-
-    def place_of(self, index: int) -> tuple[float, float]:
-        """See ``Engine.place_of``."""
-        with self._watched(f"could not find pedestrian {index}"):
-            return self._to_road(*self._api.person.getPosition(self.people.ids[index]))
 
     def remove(self, index: int) -> None:
         """See ``Engine.remove``."""
@@ -213,23 +184,6 @@ class SumoEngine:
         )
         self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
         self._api.vehicle.setLaneChangeMode(self._ego, 0)
-
-    def _hand_over(self) -> None:
-        """Let SUMO's own driver drive."""
-        if self._own_driver:
-            return
-        vehicle = self._api.vehicle
-        vehicle.setType(self._ego, "av_driven" if self.automated else "driven")
-        vehicle.setSpeedMode(self._ego, SPEED_MODE_OWN)
-        vehicle.setSpeed(self._ego, -1)
-        self._set_mps, self._own_driver = None, True
-        self.people.shown = self._shown
-
-    def _take_back(self) -> None:
-        """Let the strategy drive again."""
-        self._api.vehicle.setType(self._ego, "av" if self.automated else "ego")
-        self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
-        self._own_driver, self.people.shown = False, None
 
     def _note_collisions(self) -> None:
         # SUMO also lists two persons who pass each other; only collisions of the ego count.

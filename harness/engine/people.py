@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from harness.core.encounter import Arrival, Crossing, Side
-from harness.engine.shown import Shown
 from harness.site import Site
 
 WALKER = "walker"
@@ -35,9 +34,6 @@ class HeldPeople:
         api: the module ``libsumo`` or ``traci``, connected to a simulation.
         site: the crosswalk.
         crossing: the crosswalk's constants.
-        copy: suffix of the type and of the ids, if there are several copies of each pedestrian.
-        shown: the positions at which SUMO's own driver sees them; None for their true positions.
-            It can be set at any time.
         move: the function that sets a position; None: ``moveToXY`` of ``api``.
     """
 
@@ -46,12 +42,9 @@ class HeldPeople:
         api: Any,
         site: Site,
         crossing: Crossing,
-        copy: str = "",
-        shown: Shown | None = None,
         move: Any = None,
     ) -> None:
         self._person, self._move = api.person, move or api.person.moveToXY
-        self._copy, self.shown = copy, shown
         self._footpaths = {side: site.footpath(side) for side in Side}
         self._to_network = site.frame.to_network
         # Network coordinates of (0, y) are origin + y · across.
@@ -65,7 +58,6 @@ class HeldPeople:
     def begin(self, arrivals: Sequence[Arrival], run: int) -> None:
         """Begin an episode or hour with these arrivals; their ids contain its number ``run``."""
         self._arrivals, self._run, self._announced = arrivals, run, 0
-        self._sides = {arrival.index: arrival.side for arrival in arrivals}
         self._next_s = arrivals[0].arrival_s if arrivals else math.inf
         self._waiting.clear()
         self._coming.clear()
@@ -85,7 +77,7 @@ class HeldPeople:
             self._announced += 1
             coming = self._announced < len(self._arrivals)
             self._next_s = self._arrivals[self._announced].arrival_s if coming else math.inf
-            self.add(arrival.index, arrival.side, self._footpaths[arrival.side].inside_m)
+            self._add(arrival.index, arrival.side)
             self._coming[arrival.index] = self._first_place(arrival)
         return True
 
@@ -94,14 +86,13 @@ class HeldPeople:
         self._waiting.update(self._coming)
         self._coming.clear()
 
-    def add(self, index: int, side: Side, start_m: float) -> str:
+    def _add(self, index: int, side: Side) -> None:
         """Insert a pedestrian on the footpath of their side, with a route to the other side."""
-        name = f"pedestrian{self._copy}-{self._run}-{index}"
+        name = f"pedestrian-{self._run}-{index}"
         origin, goal = self._footpaths[side], self._footpaths[side.other]
-        self._person.add(name, origin.edge, start_m, typeID=WALKER + self._copy)
+        self._person.add(name, origin.edge, origin.inside_m, typeID=WALKER)
         self._person.appendWalkingStage(name, [origin.edge, goal.edge], goal.inside_m)
         self.ids[index] = name
-        return name
 
     def remove(self, index: int) -> None:
         """Remove a pedestrian who has reached the other kerb."""
@@ -117,16 +108,12 @@ class HeldPeople:
         """Network coordinates at which a pedestrian is held until their first position is set."""
         if arrival.path is not None:
             return self._to_network(arrival.path[0].x_m, arrival.path[0].y_m)
-        shown, side = self.shown, arrival.side
-        return self._to_network(0.0, self._kerb_m[side] if shown is None else shown.coming_y(side))
+        return self._to_network(0.0, self._kerb_m[arrival.side])
 
     def _place(self, places: Sequence[tuple[int, float]]) -> None:
         """Move pedestrians to their positions; other announced pedestrians stay at their kerbs."""
         origin_x, origin_y, across_x, across_y = self._line
         move, ids, waiting = self._move, self.ids, self._waiting
-        if self.shown is not None:
-            sides, y_of = self._sides, self.shown.y_of
-            places = [(index, y_of(sides[index], y)) for index, y in places]
         for index, y in places:
             x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
             move(ids[index], "", x_net, y_net, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)

@@ -1,17 +1,12 @@
 """The plain engine: SUMO's kinematics in a few lines of Python.
 
 It tests strategies, episodes and measures in milliseconds, and tests compare SUMO with it.
-It has no driver of its own and detects no collisions.
+It detects no collisions.
 """
 
 from collections.abc import Sequence
 
-from harness.core.encounter import Arrival, Side, Vehicle
-from harness.core.errors import EngineError
-
-_NO_PEDESTRIANS = (
-    'the plain engine has no pedestrians of its own: pedestrians.behaviour = "sumo" needs SUMO'
-)
+from harness.core.encounter import Arrival, Vehicle
 
 
 class PlainEngine:
@@ -34,23 +29,13 @@ class PlainEngine:
 
     def step(
         self,
-        speed_mps: float | None,
+        speed_mps: float,
         pedestrians: Sequence[tuple[int, float]],  # noqa: ARG002
-    ) -> tuple[float, float]:
+    ) -> float:
         """See ``Engine.step``."""
-        if speed_mps is None:
-            raise EngineError("the plain engine has no driver of its own: this strategy needs SUMO")
         self._x += (self._speed + speed_mps) / 2 * self._step_s
         self._speed = speed_mps
-        return self._x, self._speed
-
-    def let_walk(self, index: int, side: Side, speed_mps: float) -> None:  # noqa: ARG002
-        """Refused; see ``Engine.let_walk``."""
-        raise EngineError(_NO_PEDESTRIANS)
-
-    def place_of(self, index: int) -> tuple[float, float]:  # noqa: ARG002
-        """Refused; see ``Engine.place_of``."""
-        raise EngineError(_NO_PEDESTRIANS)
+        return self._x
 
     def remove(self, index: int) -> None:
         """See ``Engine.remove``; this engine keeps no pedestrians."""

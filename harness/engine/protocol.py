@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from harness.core.encounter import Arrival, Side
+from harness.core.encounter import Arrival
 
 
 class Engine(Protocol):
@@ -17,43 +17,24 @@ class Engine(Protocol):
         """Insert the ego at the trigger.
 
         Args:
-            arrivals: all pedestrians who may arrive during the episode and whose positions are
-                set, by arrival time.
+            arrivals: all pedestrians who may arrive during the episode, by arrival time.
 
         Returns:
             The ego's state (x of the front bumper in m, speed in m/s) at t = 0.
         """
         ...
 
-    def step(
-        self, speed_mps: float | None, pedestrians: Sequence[tuple[int, float]]
-    ) -> tuple[float, float]:
+    def step(self, speed_mps: float, pedestrians: Sequence[tuple[int, float]]) -> float:
         """Advance one step under constant acceleration.
 
         Args:
-            speed_mps: the ego's speed at the end of the step; None lets the engine's own driver
-                decide.
+            speed_mps: the ego's speed at the end of the step.
             pedestrians: (index, y in m at the end of the step) of all pedestrians who have arrived
                 and not left; waiting pedestrians are included.
 
         Returns:
-            The ego's state (x, speed) at the end of the step.
+            The ego's x at the end of the step.
         """
-        ...
-
-    def let_walk(self, index: int, side: Side, speed_mps: float) -> None:
-        """Let a pedestrian come from a side and walk by the engine's own model.
-
-        They walk from the next step on with that desired speed, and are not in ``arrivals`` of
-        ``begin``.
-
-        Raises:
-            EngineError: the engine has no pedestrians of its own.
-        """
-        ...
-
-    def place_of(self, index: int) -> tuple[float, float]:
-        """(x, y) in m of a pedestrian who walks by the engine's own model."""
         ...
 
     def remove(self, index: int) -> None:

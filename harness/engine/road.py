@@ -9,9 +9,8 @@ from typing import Any
 
 from harness.core.encounter import Arrival, Crossing, Vehicle
 from harness.core.errors import EngineError
-from harness.engine.control import SPEED_MODE_OWN, limit_speed
-from harness.engine.people import WALKER, HeldPeople
-from harness.engine.shown import Shown
+from harness.engine.control import limit_speed
+from harness.engine.people import HeldPeople
 from harness.site import Site
 
 SPEED_MODE_FOLLOWING = 33
@@ -47,13 +46,10 @@ class SumoRoad:
     ) -> None:
         self._api, self._close, self._step_s = api, close, step_s
         self._types = [(f"vehicle{ending}", f"av{ending}") for ending in endings]
-        self._site, self._crossing = site, crossing
         self.closed = self.lost = False
         self.lanes = site.ways
         self._lost: tuple[type[Exception], ...] = (api.TraCIException, api.FatalTraCIError)
-        self._everyone = [HeldPeople(api, site, crossing)]
-        self._people = self._everyone
-        self._ignored: list[str] = []
+        self._people = HeldPeople(api, site, crossing)
         self._advance, self._arrived = api.simulationStep, api.simulation.getArrivedIDList
         self._steps, self._hours = 0, 0
         self._names: set[str] = set()
@@ -74,30 +70,15 @@ class SumoRoad:
             self.lost = True
             raise EngineError(f"SUMO failed during the hour: {error}") from None
 
-    def begin(
-        self, arrivals: Sequence[Arrival], shown_lanes_m: Sequence[float] | None = None
-    ) -> None:
-        """Begin an hour.
-
-        Args:
-            arrivals: all pedestrians, by arrival time, with indices from 0.
-            shown_lanes_m: y of every lane's centre, if SUMO's own driver may drive a vehicle
-                (``hand_over``).  SUMO then has a copy of each pedestrian for each lane, at the
-                position that ``Shown`` gives for that lane's drivers.  None if SUMO's driver never
-                drives: each pedestrian exists once, at their true position.
-        """
+    def begin(self, arrivals: Sequence[Arrival]) -> None:
+        """Begin an hour with all pedestrians, by arrival time, with indices from 0."""
         self._hours += 1
         self._steps = 0
-        self._people, self._ignored = self._everyone, []
-        if shown_lanes_m is not None:
-            self._people = self._shown_people(shown_lanes_m)
-        for people in self._people:
-            people.begin(arrivals, self._hours)
-            # A person exists only after a step, so they are announced a step before they arrive.
-            people.before_step((), 2 * self._step_s)
+        self._people.begin(arrivals, self._hours)
+        # A person exists only after a step, so they are announced a step before they arrive.
+        self._people.before_step((), 2 * self._step_s)
         self._advance()
-        for people in self._people:
-            people.after_step()
+        self._people.after_step()
 
     def name_of(self, vehicle: int) -> str:
         """SUMO's id of a vehicle in this hour."""
@@ -137,8 +118,6 @@ class SumoRoad:
         )
         self._api.vehicle.setSpeedMode(name, SPEED_MODE_FOLLOWING)
         self._api.vehicle.setLaneChangeMode(name, 0)
-        if self._ignored:
-            self._api.vehicle.setParameter(name, "junctionModel.ignoreTypes", self._ignored[lane])
         self._names.add(name)
 
     def limit(self, name: str, vehicle: Vehicle) -> None:
@@ -158,23 +137,15 @@ class SumoRoad:
             The ids of the vehicles that have left the road.
         """
         until_s = (self._steps + 3) * self._step_s
-        announced = False
-        for people in self._people:
-            announced |= people.before_step(places, until_s)
+        announced = self._people.before_step(places, until_s)
         self._advance()
         self._steps += 1
         if announced:
-            for people in self._people:
-                people.after_step()
+            self._people.after_step()
         departed: Sequence[str] = self._arrived()
         if departed:
             self._names.difference_update(departed)
         return departed
-
-    def hand_over(self, name: str) -> None:
-        """Let SUMO's own driver drive a vehicle; it also yields to pedestrians."""
-        self._api.vehicle.setSpeedMode(name, SPEED_MODE_OWN)
-        self.drive(name, -1.0)
 
     def release(self, name: str) -> None:
         """Let SUMO's car following drive a vehicle; it ignores pedestrians."""
@@ -183,20 +154,18 @@ class SumoRoad:
 
     def collided(self) -> set[str]:
         """The vehicles for which SUMO detected a collision with a pedestrian in the last step."""
-        if not self._people[0].ids:
+        if not self._people.ids:
             return set()
         return {collision.collider for collision in self._api.simulation.getCollisions()}
 
     def remove(self, index: int) -> None:
         """Remove a pedestrian who has reached the other kerb."""
-        for people in self._people:
-            people.remove(index)
+        self._people.remove(index)
 
     def end(self) -> None:
         """Clear the road."""
         with self.watched():
-            for people in self._people:
-                people.clear()
+            self._people.clear()
             for name in self._names:
                 self._api.vehicle.remove(name)
             self._names.clear()
@@ -206,20 +175,3 @@ class SumoRoad:
         """End the simulation."""
         self.closed = True
         self._close()
-
-    def _shown_people(self, lanes_m: Sequence[float]) -> list[HeldPeople]:
-        """A copy of all pedestrians for each lane, of a type that other lanes' vehicles ignore."""
-        api, crossing, crossing_from = self._api, self._crossing, self._site.crossing_from
-        copies = [f"-{number}" for number in range(len(lanes_m))]
-        for copy in copies:
-            if WALKER + copy not in api.vehicletype.getIDList():
-                api.vehicletype.copy(WALKER, WALKER + copy)
-        self._ignored = [
-            " ".join(WALKER + other for other in copies if other != copy) for copy in copies
-        ]
-        return [
-            HeldPeople(
-                api, self._site, crossing, copy, Shown(y_m, crossing.length_m, crossing_from)
-            )
-            for copy, y_m in zip(copies, lanes_m, strict=True)
-        ]

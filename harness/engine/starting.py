@@ -79,33 +79,34 @@ def site_and_types(
 
 
 def vehicle_types(
-    vehicle: Vehicle, speed_limit_mps: float | None, following: Following | None = None
+    vehicle: Vehicle, speed_limit_mps: float, following: Following | None = None
 ) -> str:
     """SUMO's types of vehicles and pedestrians, as XML; no attribute is random.
 
-    The type of an AV differs only in name and colour.  The ego of an encounter has the type
-    ``driven`` while SUMO's own driver drives it.  Each type of a vehicle mix becomes two SUMO
+    The type of an AV differs only in name and colour.  Each type of a vehicle mix becomes two SUMO
     types, ``vehicle_NAME`` and ``av_NAME``.
 
     Args:
         vehicle: the ego, or each vehicle of an hour.
-        speed_limit_mps: the speed limit of the road; None if there is none.
+        speed_limit_mps: the speed limit of the road.
         following: the car following of an hour of traffic; None for an encounter.
     """
     types: dict[str, Mapping[str, Any]] = {"walker": _WALKER}
     if following is None:
-        base, driven = _attributes(vehicle, speed_limit_mps)
-        ego = base | {"accel": vehicle.max_acceleration_mps2, "minGap": 0, "maxSpeed": 100}
-        driven |= {"minGap": 0}
-        types |= {"ego": ego, "driven": driven}
-        types |= {"av": ego | AV_COLOUR, "av_driven": driven | AV_COLOUR}
+        ego = _attributes(vehicle, speed_limit_mps)
+        ego |= {"accel": vehicle.max_acceleration_mps2, "minGap": 0, "maxSpeed": 100}
+        types |= {"ego": ego, "av": ego | AV_COLOUR}
     else:
         min_gap_m = following.min_gap_m + _STANDS_NEARER_M.get(following.model, 0.0)
         vehicles = [each for _, each in following.types] or [vehicle]
         for ending, each in zip(following.endings, vehicles, strict=True):
-            _, driven = _attributes(each, speed_limit_mps)
-            car = driven | {"carFollowModel": following.model, "tau": following.tau_s}
-            car |= {"minGap": min_gap_m}
+            car = _attributes(each, speed_limit_mps) | {
+                "accel": each.resume_acceleration_mps2,
+                "maxSpeed": each.initial_speed_mps,
+                "carFollowModel": following.model,
+                "tau": following.tau_s,
+                "minGap": min_gap_m,
+            }
             types |= {f"vehicle{ending}": car, f"av{ending}": car | AV_COLOUR}
     return "".join(
         f"<vType {' '.join(f'{name}={quoteattr(str(value))}' for name, value in type_.items())}/>"
@@ -113,11 +114,9 @@ def vehicle_types(
     )
 
 
-def _attributes(
-    vehicle: Vehicle, speed_limit_mps: float | None
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The attributes of a vehicle's type: first for all drivers, then for SUMO's driver alone."""
-    base = {
+def _attributes(vehicle: Vehicle, speed_limit_mps: float) -> dict[str, Any]:
+    """The attributes that a vehicle's type has in encounters and hours."""
+    return {
         "vClass": "passenger",
         "length": vehicle.length_m,
         "width": vehicle.width_m,
@@ -128,16 +127,11 @@ def _attributes(
         "speedDev": 0,
         "sigma": 0,
     }
-    driven = base | {
-        "accel": vehicle.resume_acceleration_mps2,
-        "maxSpeed": vehicle.initial_speed_mps,
-    }
-    return base, driven
 
 
-def _speed_factor(vehicle: Vehicle, speed_limit_mps: float | None) -> float:
+def _speed_factor(vehicle: Vehicle, speed_limit_mps: float) -> float:
     """The speedFactor with which SUMO accepts a vehicle that is faster than the road's limit."""
-    if speed_limit_mps is None or vehicle.initial_speed_mps <= speed_limit_mps:
+    if vehicle.initial_speed_mps <= speed_limit_mps:
         return 1.0
     return vehicle.initial_speed_mps / speed_limit_mps * (1 + 1e-9)
 

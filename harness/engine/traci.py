@@ -182,9 +182,7 @@ class _ShownEngine(SumoEngine):
 
     gui: Gui
 
-    def step(
-        self, speed_mps: float | None, pedestrians: Sequence[tuple[int, float]]
-    ) -> tuple[float, float]:
+    def step(self, speed_mps: float, pedestrians: Sequence[tuple[int, float]]) -> float:
         """See ``Engine.step``."""
         _take(self.gui, self._steps, self._step_s, "07.3f")
         return super().step(speed_mps, pedestrians)

@@ -11,15 +11,11 @@ from harness.episode.deciding import keeps_waiting
 from harness.episode.threshold import Threat, blocking, threats
 from harness.episode.walkers import (
     ChooseSpeed,
-    NativeWalker,
     ReactiveWalker,
     SeenState,
     TimedWalker,
     Walker,
 )
-
-LetWalk = Callable[[int, Side, float], None]
-"""Gets index, kerb and desired speed of a pedestrian who walks by the engine's model."""
 
 VIEW = methodcaller("view")
 """A function that returns a walker's view."""
@@ -34,7 +30,6 @@ class Crowd:
         choose_speed: returns the walking speed of a pedestrian who steps off.
         rules: the cell's constants.
         leave: called with the index of each pedestrian who has reached the other kerb.
-        let_walk: called for each pedestrian who walks by the engine's own model.
         look_back: whether pedestrians also look at vehicles on lanes that they have crossed, as in
             encounters.
     """
@@ -46,7 +41,6 @@ class Crowd:
         choose_speed: ChooseSpeed,
         rules: CellConstants,
         leave: Callable[[int], None],
-        let_walk: LetWalk | None = None,
         *,
         look_back: bool = False,
     ) -> None:
@@ -58,7 +52,7 @@ class Crowd:
         """For each pedestrian who had to wait: whether they went before the first vehicle that
         blocked them."""
         self._arrivals, self._lanes, self._rules = arrivals, lanes, rules
-        self._choose_speed, self._leave, self._let_walk = choose_speed, leave, let_walk
+        self._choose_speed, self._leave = choose_speed, leave
         self._next_arrival_s = arrivals[0].arrival_s if arrivals else math.inf
         self._next_look_s = math.inf
         self.next_s = self._next_arrival_s
@@ -127,20 +121,14 @@ class Crowd:
         crossing, behaviour = self._rules.crossing, self._rules.behaviour
         if arrival.path is not None:
             return TimedWalker(arrival, crossing)
-        if behaviour == "sumo":
-            return NativeWalker(arrival, crossing)
         if behaviour == "reactive":
             return ReactiveWalker(arrival, crossing, self._rules.vehicle, self._choose_speed)
         return Walker(arrival, crossing)
 
     def _admit(self, walker: Walker, elapsed_s: float) -> None:
-        """Begin an arrival: they look for a gap, wait, or walk by the engine's model."""
+        """Begin an arrival: they look for a gap, or wait."""
         arrival = walker.arrival
-        if isinstance(walker, NativeWalker):
-            assert self._let_walk is not None
-            walker.wanted_mps, walker.seen = self._speed_before_traffic(walker, elapsed_s)
-            self._let_walk(arrival.index, arrival.side, walker.wanted_mps)
-        elif arrival.looks_from_s is not None:
+        if arrival.looks_from_s is not None:
             walker.due_s = arrival.looks_from_s
         elif not isinstance(walker, TimedWalker):
             blocker = None

@@ -14,8 +14,7 @@ def limited(answer: object, vehicle: Vehicle, time_s: float) -> float:
     """A strategy's command in m/s², within the vehicle's limits.
 
     Raises:
-        StrategyError: the command is not a finite number; SUMO cannot drive a vehicle that obeys
-            late.
+        StrategyError: the command is not a finite number.
     """
     wanted = answer if type(answer) is float else _as_float(answer)
     least, most = -vehicle.max_deceleration_mps2, vehicle.max_acceleration_mps2

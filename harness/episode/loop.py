@@ -28,7 +28,7 @@ from harness.engine.protocol import Engine
 from harness.episode.cell_constants import CellConstants
 from harness.episode.crowd import VIEW, Crowd
 from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
-from harness.episode.walkers import ChooseSpeed, NativeWalker
+from harness.episode.walkers import ChooseSpeed
 from harness.strategies.perception.perception import Perception
 
 Steps = Generator[Observation, float | None, Ending]
@@ -173,7 +173,6 @@ class Episode:
             choose_speed,
             rules,
             engine.remove,
-            engine.let_walk,
             look_back=True,
         )
         self.x_m: list[float] = []
@@ -211,12 +210,11 @@ class Episode:
     def steps(self) -> Steps:
         """Simulate step by step.
 
-        It yields the observation of each step, receives the commanded acceleration in m/s² (None:
-        the engine's own driver drives) and returns the ending.
+        It yields the observation of each step, receives the commanded acceleration in m/s² and
+        returns the ending.
 
         Raises:
-            EngineError: the engine failed, or the command is not a number (a vehicle that obeys
-                late needs one).
+            EngineError: the engine failed, or the command is not a number.
         """
         rules, engine = self.rules, self.engine
         vehicle, crossing, step = rules.vehicle, rules.crossing, rules.step_s
@@ -225,10 +223,10 @@ class Episode:
         steps = math.ceil(rules.timeout_s / step - 1e-9)
         note_x, note_speed = self.x_m.append, self.speed_mps.append
         crowd, ego, perception = self.crowd, self._ego, self.perception
-        walkers, natives = crowd.walkers, rules.behaviour == "sumo"
+        walkers = crowd.walkers
         most, least = vehicle.max_acceleration_mps2, -vehicle.max_deceleration_mps2
         acceleration = 0.0
-        x, speed = engine.begin(self._held())
+        x, speed = engine.begin(self._arrivals)
         note_x(x)
         note_speed(speed)
         ego.at(x, speed, 0.0)
@@ -250,57 +248,25 @@ class Episode:
                 seen = tuple(map(VIEW, walkers))
             view = quick_tuple(EgoView, (-x, speed, acceleration))
             wanted = yield quick_tuple(Observation, (now, step, view, vehicle, crossing, seen))
-            target = None
-            if wanted is None and actuator is None:
-                # The acceleration of the engine's driver is known only afterwards.  Until then the
-                # acceleration of the last step is assumed, but no speed below 0.
-                acceleration = max(acceleration, -speed / step)
+            if type(wanted) is not float or not least <= wanted <= most:
+                wanted = limited(wanted, vehicle, now)
+            if actuator is None:
+                target = speed + wanted * step
+                if target < 0:
+                    target = 0.0
             else:
-                if type(wanted) is not float or not least <= wanted <= most:
-                    wanted = limited(wanted, vehicle, now)
-                if actuator is None:
-                    target = speed + wanted * step
-                    if target < 0:
-                        target = 0.0
-                else:
-                    target = actuator.speed_after(wanted, speed)
-                acceleration = (target - speed) / step
+                target = actuator.speed_after(wanted, speed)
+            acceleration = (target - speed) / step
             # Pedestrians who arrive within this step see the ego's state at their arrival.
             if crowd.next_s <= then:
                 ego.at(x, speed, acceleration)
                 crowd.advance(now, then)
-            if natives:
-                x, after = self._step_with_natives(target, now, then)
-            else:
-                self.places = places = []
-                for walker in walkers:
-                    places.append((walker.index, walker.walk_until(then)))
-                x, after = engine.step(target, places)
-            if after != target:
-                acceleration = (after - speed) / step
-            speed = after
+            self.places = places = []
+            for walker in walkers:
+                places.append((walker.index, walker.walk_until(then)))
+            x, speed = engine.step(target, places), target
             note_x(x)
             note_speed(speed)
             if x >= passed_at:
                 return Ending.CROSSED
         return Ending.TIMED_OUT
-
-    def _held(self) -> Sequence[Arrival]:
-        """The arrivals whose positions the harness sets."""
-        if self.rules.behaviour == "sumo":
-            return [arrival for arrival in self._arrivals if arrival.path is not None]
-        return self._arrivals
-
-    def _step_with_natives(
-        self, target: float | None, now: float, then: float
-    ) -> tuple[float, float]:
-        """A step in which some pedestrians walk by the engine's own model."""
-        natives = [walker for walker in self.crowd.walkers if isinstance(walker, NativeWalker)]
-        held = [walker for walker in self.crowd.walkers if not isinstance(walker, NativeWalker)]
-        self.places = [(walker.index, walker.walk_until(then)) for walker in held]
-        state = self.engine.step(target, self.places)
-        for walker in natives:
-            x, y = self.engine.place_of(walker.index)
-            walker.note(now, then, x, y)
-            self.places.append((walker.index, y))
-        return state

@@ -1,4 +1,4 @@
-"""Pedestrians of a running episode: steady, timed, reactive, or moved by the engine's model."""
+"""Pedestrians of a running episode: steady, timed or reactive."""
 
 import math
 from typing import Protocol
@@ -162,7 +162,7 @@ class TimedWalker(Walker):
             walked_s = time_s - leg.time_s
             y = leg.y_m + leg.y_mps * walked_s + leg.y_mps2 * walked_s**2 / 2
             self._progress = min(self._along(y), self._length)
-            # A pedestrian who steps back is shown with speed 0, as in ``NativeWalker``.
+            # A pedestrian who steps back is shown with speed 0.
             self._speed = max(0.0, self._direction * (leg.y_mps + leg.y_mps2 * walked_s))
         return self._kerb + self._direction * self._progress
 
@@ -253,53 +253,3 @@ class ReactiveWalker(Walker):
             (self._vehicle.length_m, lane - half, lane + half),
         )
         return bool(np.isfinite(course[0]))
-
-
-class NativeWalker(Walker):
-    """A pedestrian whom the engine's own model moves; their position is recorded after every step.
-
-    They step off when they cross the line of their kerb; the time is interpolated within the step.
-    """
-
-    __slots__ = ("_place",)
-
-    def __init__(self, arrival: Arrival, crossing: Crossing) -> None:
-        super().__init__(arrival, crossing)
-        self.due_s = math.inf
-        self._place: tuple[float, float] | None = None
-
-    @property
-    def x_m(self) -> float:
-        """See ``Walker.x_m``; SUMO's pedestrians keep to the right of the centre line."""
-        return 0.0 if self._place is None else self._place[0]
-
-    def walk_until(self, time_s: float) -> float:  # noqa: ARG002
-        """The last recorded y; only the engine moves them."""
-        return self._kerb + self._direction * self._progress
-
-    def note(self, now: float, then: float, x_m: float, y_m: float) -> None:
-        """Record their position at ``then``, the end of the step that began at ``now``."""
-        before, self._place = self._place, (x_m, y_m)
-        progress = self._direction * (y_m - self._kerb)
-        if before is not None:
-            x_mps, y_mps = ((x_m - before[0]) / (then - now), (y_m - before[1]) / (then - now))
-            self._speed = max(0.0, self._direction * y_mps)
-            self._note_leg(Leg(now, *before, x_mps, y_mps, 0.0), progress)
-        self._progress = min(progress, self._length)
-        if progress >= self._length:
-            self.due_s = then
-
-    def view(self) -> PedestrianView:
-        """See ``Walker.view``; they are not on the crossing before they reach the kerb."""
-        return super().view()._replace(on_crossing=self.start_s is not None)
-
-    def _note_leg(self, leg: Leg, progress_m: float) -> None:
-        if self.legs is not None:
-            self.legs.append(leg)
-        elif progress_m >= 0:
-            ahead_s = (self._kerb - leg.y_m) / leg.y_mps if leg.y_mps else 0.0
-            self.start_s = leg.time_s + ahead_s
-            first = leg._replace(
-                time_s=self.start_s, x_m=leg.x_m + leg.x_mps * ahead_s, y_m=self._kerb
-            )
-            self.legs = [first]

@@ -11,7 +11,7 @@ from harness.scenario.sight import check_sight, check_steps, remarks_on_sight
 from harness.scenario.traffic import TrafficSection, by_quarter
 
 SUMO_DRIVER = "sumo_driver"
-"""The strategy that lets SUMO's own driver drive."""
+"""The strategy that leaves the driving to SUMO."""
 
 WIDEST_USUAL_LANE_M = 6.0
 """A wider lane gets a remark, because users may enter the width of two lanes as that of one."""
@@ -128,7 +128,12 @@ def _check_car(scenario: Scenario, source: str) -> None:
                     allowed = "a flatter road, or more crossing.friction"
                     raise InputError(f"{source}: crossing.grade", problem, allowed)
     for driver in Arm:
-        if scenario.arms.driver(driver) == SUMO_DRIVER and scenario.actuation.applies_to(driver):
+        if scenario.arms.driver(driver) != SUMO_DRIVER:
+            continue
+        if scenario.simulation is None:
+            problem = f"{SUMO_DRIVER} drives only with [simulation]"
+            raise InputError(f"{source}: arms.{driver}", problem, "another strategy")
+        if scenario.actuation.applies_to(driver):
             problem = f"is not supported with arms.{driver} = {SUMO_DRIVER}: SUMO drives it"
             raise InputError(f"{source}: actuation", problem, "another strategy")
 
@@ -159,9 +164,6 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection, source: str) -> 
     """Refuse flows above capacity, times that are not whole steps, and keys that need a trigger."""
     pedestrians, step_s = scenario.pedestrians, scenario.experiment.step_s
     people, where = f"{source}: pedestrians", f"{source}: traffic"
-    if pedestrians.behaviour == "sumo":
-        allowed = "constant, gap_acceptance, threshold or reactive"
-        raise InputError(f"{people}.behaviour", "'sumo' is not supported with [traffic]", allowed)
     keys = ("first_at_trigger", "timed", "drawn", "warm_up_s")
     for key in (key for key in keys if getattr(pedestrians, key)):
         raise InputError(

@@ -62,7 +62,6 @@ class Options:
     """Options of a run apart from its study.
 
     ``workers``: None uses all cores; 0 uses this process alone, without time limits.
-    ``sumo_outputs`` selects the episodes whose SUMO outputs are written.
 
     Raises:
         InputError: a value is not accepted.
@@ -73,7 +72,6 @@ class Options:
     workers: int | None = None
     hang_after_s: float = HANG_AFTER_S
     task_pairs: int = TASK_PAIRS
-    sumo_outputs: Literal["all", "crashed"] | None = None
     engine: EngineName = "sumo"
 
     def __post_init__(self) -> None:
@@ -82,9 +80,6 @@ class Options:
             raise InputError("until", f"{self.until!r}", "a Precision, or None")
         if self.traces not in (True, False):
             raise InputError("traces", f"{self.traces!r} is not accepted", "True or False")
-        if self.sumo_outputs not in (None, "all", "crashed"):
-            what = f"{self.sumo_outputs!r} is not accepted"
-            raise InputError("sumo_outputs", what, "all or crashed, or None")
         kept: dict[str, Any] = {
             "traces": bool(self.traces),
             "engine": engine_named(self.engine),

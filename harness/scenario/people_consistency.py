@@ -15,6 +15,9 @@ MAX_BEFORE_KERB_M = 8.0
 def check_pedestrians(scenario: Scenario, where: str) -> None:
     """Refuse keys of ``[pedestrians]`` that do not fit together or to the rest of the scenario."""
     pedestrians = scenario.pedestrians
+    if pedestrians.behaviour == "sumo" and scenario.simulation is None:
+        allowed = "constant, gap_acceptance, threshold or reactive"
+        raise InputError(f"{where}.behaviour", "'sumo' is only of [simulation]", allowed)
     check_quarters(pedestrians.flow_per_hour, scenario, f"{where}.flow_per_hour")
     _check_groups(scenario, f"{where}.group_size")
     total = math.fsum(kind.share for kind in pedestrians.walking_classes)
@@ -53,9 +56,6 @@ def _check_groups(scenario: Scenario, where: str) -> None:
         raise InputError(where, f"the shares sum to {total:.10g}", "shares that sum to 1")
     if len(pedestrians.group_size) == 1:
         return
-    if pedestrians.behaviour == "sumo":
-        problem = "is not supported with pedestrians.behaviour = 'sumo': members decide alone"
-        raise InputError(where, problem, "another behaviour, or no groups")
     if pedestrians.drawn:
         problem = "is not supported with pedestrians.drawn, whose pedestrians come one by one"
         raise InputError(where, problem, "none")

@@ -70,8 +70,6 @@ class CrossingSection(Section):
     """L0, from kerb to kerb; there must be at least 0.25 m between the ego and each kerb."""
     width_m: Annotated[float, Field(ge=1, le=20)] = 4.0
     """Extent of the crosswalk along the road."""
-    pedestrian_priority: bool = True
-    """Whether the crosswalk is marked; affects only SUMO's own driver and pedestrians."""
     lanes: Annotated[int, Field(ge=1, le=6)] = 1
     """Lanes in the ego's direction."""
     oncoming_lanes: Annotated[int, Field(ge=0, le=6)] = 1
@@ -80,7 +78,7 @@ class CrossingSection(Section):
     """Width of each lane; if not given, the lanes share ``length_m`` equally.  The unused width is
     a median, or on a one-way road a strip of half of it at each kerb."""
     road_speed_limit_mps: Annotated[float, Field(gt=0, le=100)] | None = None
-    """Speed limit for SUMO's own driver and for SUMO's outputs; if not given, v0."""
+    """Speed limit for SUMO's car following and for SUMO's outputs; if not given, v0."""
     obstacles: Annotated[tuple[ObstacleSection, ...], Field(strict=False)] = ()
     """Parked cars, hedges and the like that hide pedestrians."""
     grade: Annotated[float, Field(ge=-0.4, le=0.4)] = 0.0

@@ -5,9 +5,6 @@ from harness.core.errors import InputError, unknown_name
 from harness.scenario.scenario import Scenario
 from harness.scenario.sections import ROUNDING_M, ObstacleSection
 
-ENTRY_BEFORE_KERB_M = 1.5
-"""Distance before their kerb at which SUMO's own pedestrians enter."""
-
 
 def check_sight(scenario: Scenario, source: str) -> None:
     """Refuse times that are not whole steps, and obstacles in the way of the ego or pedestrians.
@@ -72,9 +69,7 @@ def _check_obstacle(obstacle: ObstacleSection, scenario: Scenario, where: str) -
         if _overlap(obstacle.y_bounds_m, (low, high)):
             allowed = f"y below {low:g} m or above {high:g} m"
             raise InputError(f"{where}.y_m", f"stands in {whose} path", allowed)
-    native = pedestrians.behaviour == "sumo"
-    reach_m = PEDESTRIAN_RADIUS_M + (crossing.width_m / 2 if native else 0.0)
-    before_m = dict.fromkeys(Side, ENTRY_BEFORE_KERB_M if native else 0.0)
+    before_m = dict.fromkeys(Side, 0.0)
     for timed in pedestrians.timed:
         side = Side(timed.side)
         start_m = timed.start_lateral_m - crossing.to_lane_m(side)
@@ -83,11 +78,13 @@ def _check_obstacle(obstacle: ObstacleSection, scenario: Scenario, where: str) -
         -before_m[Side.NEAR] - PEDESTRIAN_RADIUS_M,
         crossing.length_m + before_m[Side.FAR] + PEDESTRIAN_RADIUS_M,
     )
-    if _overlap(obstacle.x_bounds_m, (-reach_m, reach_m)) and _overlap(obstacle.y_bounds_m, way):
+    if _overlap(obstacle.x_bounds_m, (-PEDESTRIAN_RADIUS_M, PEDESTRIAN_RADIUS_M)) and _overlap(
+        obstacle.y_bounds_m, way
+    ):
         raise InputError(
             f"{where}.x_m",
             "a pedestrian would touch it",
-            f"x below {-reach_m:g} m or above {reach_m:g} m, where pedestrians walk",
+            f"x below {-PEDESTRIAN_RADIUS_M:g} m or above {PEDESTRIAN_RADIUS_M:g} m",
         )
 
 

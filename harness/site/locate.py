@@ -68,7 +68,6 @@ def read_site(place: Place) -> Site:
         ways=ways,
         length_m=abs(far - near),
         width_m=crossing.getLane(0).getWidth(),
-        crossing_from=Side.FAR if reverse else Side.NEAR,
         footpaths=footpaths_of(crossing, reverse=reverse),
     )
 

@@ -141,7 +141,6 @@ class Site:
         ways: the ways of all car lanes, the ego's direction first.
         length_m: distance from kerb to kerb, along the crosswalk.
         width_m: the crosswalk's extent along the road.
-        crossing_from: the side where that edge begins.
         footpaths: the near and the far footpath.
     """
 
@@ -150,7 +149,6 @@ class Site:
     ways: tuple[Way, ...]
     length_m: float
     width_m: float
-    crossing_from: Side
     footpaths: tuple[Footpath, Footpath]
 
     @property

@@ -39,7 +39,6 @@ _ALWAYS: Mapping[str, tuple[str, ...]] = {
     "simulations": _WHO,
     "passages_over": (*_WHO, "crosswalk", "vehicle", "type", "automated", "strategy", "trigger_s"),
     "scenes_over": (*_WHO, "passage", "crosswalk", "vehicle", "begin_s", "step_s"),
-    "groups": (*_WHO, "group", "trips"),
     "crosswalks": (*_WHO, "crosswalk", "passages"),
 }
 """Columns of each table that are never null."""

@@ -17,7 +17,6 @@ from harness.measures import EpisodeRecord
 from harness.measures.motion.walking import cleared_s
 from harness.scenario import ConflictsSection
 from harness.statistics import CONFLICTS, LOWEST_POINT
-from harness.store.hour_types import type_numbers
 from harness.store.schemas import HOUR_TABLES, PASSAGES
 from harness.store.tables import Row, Tables, table_of
 from harness.store.walk_rows import pedestrian_row
@@ -98,14 +97,6 @@ def _numbers(outcome: HourOutcome, counted: _Counted) -> Row:
         delays = [_at_least(passage, last_s, v0) for passage in counted.passages]
         numbers |= _delays(outcome, counted, delays) | _late(outcome, counted)
         numbers["person_delay_h"] = (traffic.occupancy * sum(delays) + sum(waits)) / 3600.0
-    if traffic.types:
-        numbers["types"] = type_numbers(
-            [kind.name for kind in traffic.types],
-            [passage.vehicle.plan.kind for passage in counted.passages],
-            [_automated(outcome, passage) for passage in counted.passages],
-            [passage.passed_s is not None for passage in counted.passages],
-            None if traffic.saturated else delays,
-        )
     return numbers
 
 

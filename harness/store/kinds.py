@@ -28,7 +28,6 @@ from harness.store.arm_columns import arm_columns
 from harness.store.episode_tables import pair_rows
 from harness.store.hour_catalogue import HOURS
 from harness.store.hour_columns import hour_columns
-from harness.store.hour_types import type_rows
 from harness.store.measure_tables import conflict_rows, measure_rows
 from harness.store.schemas import (
     HOUR_TABLES,
@@ -39,8 +38,8 @@ from harness.store.schemas import (
     hour_tables,
 )
 from harness.store.simulations.simulation_catalogue import SIMULATIONS
-from harness.store.simulations.simulation_statistics import crosswalk_rows, group_rows
-from harness.store.simulations.simulation_tables import crosswalks_of_cell, groups_of
+from harness.store.simulations.simulation_statistics import crosswalk_rows
+from harness.store.simulations.simulation_tables import crosswalks_of_cell
 from harness.store.summaries import columns_of_cell
 
 Rows = list[dict[str, Plain]]
@@ -58,7 +57,6 @@ class Kind(Protocol):
         compared: whether ``harness compare`` compares its cells pair by pair.
         ranked: the table whose rows ``harness worst`` ranks, and the columns that identify a row
             within its arm.  The table has the columns of the table ``episodes``.
-        settles: whether a pair begins with an empty road, so that ``--settle`` sets its warm-up.
         records: the tables with the results of a pair.
         shown: the tables with which a pair is shown: all states, and the people.
         catalogue: every number that such a run reports.
@@ -77,9 +75,6 @@ class Kind(Protocol):
 
     @property
     def ranked(self) -> tuple[str, tuple[str, ...]]: ...
-
-    @property
-    def settles(self) -> bool: ...
 
     @property
     def records(self) -> tuple[str, ...]: ...
@@ -132,10 +127,6 @@ class Kind(Protocol):
         """The rows of arms that failed."""
         ...
 
-    def ran(self, rows: pa.Table, *, crashed: bool) -> pa.Table:
-        """The rows of arms that did not fail; if ``crashed``, only those with a crash."""
-        ...
-
     def given_up(self, scenario: Scenario, reason: str, failed_in: FailedIn) -> Rows:
         """The two rows of a pair that no worker survived, without ``cell`` and ``pair``."""
         ...
@@ -149,7 +140,6 @@ class EncounterKind:
     section: str = ""
     compared: bool = True
     ranked: tuple[str, tuple[str, ...]] = ("episodes", ())
-    settles: bool = False
     records: tuple[str, ...] = ("episodes", "pedestrians")
     shown: tuple[str, str] = ("traces", "pedestrians")
     catalogue: Catalogue = ENCOUNTERS
@@ -188,12 +178,6 @@ class EncounterKind:
         """See ``Kind``."""
         return rows.filter(pc.equal(rows["ending"], Ending.ENGINE_FAILED.value))
 
-    def ran(self, rows: pa.Table, *, crashed: bool) -> pa.Table:
-        """See ``Kind``."""
-        if crashed:
-            return rows.filter(pc.equal(rows["ending"], Ending.CRASHED.value))
-        return rows.filter(pc.not_equal(rows["ending"], Ending.ENGINE_FAILED.value))
-
     def given_up(self, scenario: Scenario, reason: str, failed_in: FailedIn) -> Rows:
         """See ``Kind``."""
         return [
@@ -219,7 +203,6 @@ class HourKind:
     section: str = "[traffic]"
     compared: bool = False
     ranked: tuple[str, tuple[str, ...]] = ("episodes", ())
-    settles: bool = True
     records: tuple[str, ...] = HOUR_TABLES
     shown: tuple[str, str] = HOUR_TRACES
     catalogue: Catalogue = HOURS
@@ -240,18 +223,9 @@ class HourKind:
         """See ``Kind``."""
         return findings_of(self.catalogue, hour_columns(rows, cell.scenario, confidence), names)
 
-    def statistics(
-        self,
-        rows: pa.Table,
-        cell: Cell,
-        findings: Findings,
-    ) -> Mapping[str, Rows]:
-        """See ``Kind``; ``types`` is there if a cell has a vehicle mix."""
-        types = cell.scenario.known_traffic.types
-        if not types:
-            return {}
-        confidence = findings["confidence"].number or 0.0
-        return {"types": type_rows(rows, [kind.name for kind in types], confidence)}
+    def statistics(self, rows: pa.Table, cell: Cell, findings: Findings) -> Mapping[str, Rows]:  # noqa: ARG002
+        """See ``Kind``."""
+        return {}
 
     def conflicts(self, cell: Cell, findings: Findings) -> Mapping[str, Rows]:  # noqa: ARG002
         """See ``Kind``."""
@@ -266,11 +240,6 @@ class HourKind:
         """See ``Kind``."""
         return rows.filter(pc.is_valid(rows["reason"]))
 
-    def ran(self, rows: pa.Table, *, crashed: bool) -> pa.Table:
-        """See ``Kind``."""
-        ran = rows.filter(pc.is_null(rows["reason"]))
-        return ran.filter(pc.greater(ran["crashes"], 0)) if crashed else ran
-
     def given_up(self, scenario: Scenario, reason: str, failed_in: FailedIn) -> Rows:  # noqa: ARG002
         """See ``Kind``."""
         return [{"arm": arm.value, "reason": reason} for arm in Arm]
@@ -283,13 +252,12 @@ class SimulationKind(HourKind):
     name: str = "own simulations"
     section: str = "[simulation]"
     ranked: tuple[str, tuple[str, ...]] = ("passages_over", ("crosswalk", "vehicle", "trigger_s"))
-    settles: bool = False
     records: tuple[str, ...] = SIMULATION_TABLES
     shown: tuple[str, str] = SIMULATION_TRACES
     catalogue: Catalogue = SIMULATIONS
     rows: str = "simulations"
     derived: Mapping[str, Derive] = field(
-        default_factory=lambda: {"groups": groups_of, "crosswalks": crosswalks_of_cell}
+        default_factory=lambda: {"crosswalks": crosswalks_of_cell}
     )
 
     def tables(self, *, traces: bool) -> list[str]:
@@ -314,10 +282,7 @@ class SimulationKind(HourKind):
     ) -> Mapping[str, Rows]:
         """See ``Kind``."""
         confidence = float(findings["confidence"].number or CONFIDENCE)
-        return {
-            "group_means": group_rows(rows, confidence),
-            "crosswalk_means": crosswalk_rows(rows, confidence),
-        }
+        return {"crosswalk_means": crosswalk_rows(rows, confidence)}
 
     def counts(self, rows: pa.Table) -> dict[str, int]:
         """See ``Kind``."""

@@ -76,7 +76,6 @@ def manifest_of(
         "scenario": study.base.model_dump(),
         "cells": [dict(cell.varied) for cell in study.cells],
         "traces": options.traces,
-        "sumo_outputs": options.sumo_outputs,
         "engine": options.engine,
         "until": None if until is None else {until.measure: until.half_width},
         "seed": study.base.experiment.seed,
@@ -92,7 +91,6 @@ def options_of(document: Mapping[str, Any], workers: int | None = None) -> Optio
         traces=document["traces"],
         until=None if until is None else Precision(*next(iter(until.items()))),
         workers=workers,
-        sumo_outputs=document["sumo_outputs"],
         engine=document["engine"],
     )
 

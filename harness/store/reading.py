@@ -55,7 +55,6 @@ class _Manifest(BaseModel):
     scenario: JsonObject
     cells: Annotated[list[JsonObject], Field(min_length=1)]
     traces: bool
-    sumo_outputs: Literal["all", "crashed"] | None
     engine: EngineName
     until: Annotated[dict[Literal["mu", "kappa"], _Width], Field(min_length=1, max_length=1)] | None
     seed: int

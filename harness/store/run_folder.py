@@ -34,9 +34,6 @@ from harness.store.shards import (
 )
 from harness.store.tables import write_parquet
 
-SUMO_OUTPUTS = "sumo"
-"""The folder of SUMO's own outputs inside a run folder."""
-
 _LOCK = ".lock"
 _LOG = "log.jsonl"
 
@@ -87,7 +84,7 @@ class RunFolder:
         """The folder for SUMO's own outputs of a user's simulation; None if none are kept."""
         if scenario.simulation is None or not scenario.simulation.outputs:
             return None
-        return self.path.resolve() / SUMO_OUTPUTS
+        return self.path.resolve() / "sumo"
 
     def stack_file(self, task: str) -> Path:
         """The file to which a hung worker of that task writes its stack."""

@@ -145,30 +145,14 @@ _HOUR_NUMBERS = [
     *("pedestrian_delay_s", "walking_mps", "person_delay_h"),
     *_HARM_NUMBERS,
 ]
-_TYPE_FIELDS = {
-    "type": pa.string(),
-    **dict.fromkeys(("vehicles", "automated", "not_through"), pa.int64()),
-    "vehicle_delay_s": pa.float64(),
-}
 HOURS = pa.schema(
     [
         *_KEYS,
         ("reason", pa.string()),
         *((name, pa.int64()) for name in _HOUR_COUNTS),
         *((name, pa.float64()) for name in _HOUR_NUMBERS),
-        ("types", pa.list_(pa.struct([*_TYPE_FIELDS.items()]))),
     ]
 )
-
-_GROUP_COUNTS = ("trips", "departed", "arrived", "contacts")
-_GROUP_MEANS = ("duration_s", "time_loss_s", "waiting_s", "stops")
-_GROUP_EMITTED = ("co2_g", "nox_mg", "pmx_mg", "fuel_g", "electricity_wh")
-GROUP_FIELDS = {
-    "group": pa.string(),
-    **dict.fromkeys(_GROUP_COUNTS, pa.int64()),
-    **dict.fromkeys((*_GROUP_MEANS, *_GROUP_EMITTED), pa.float64()),
-}
-"""Columns of ``groups`` beside the keys."""
 
 _CONFLICT_COUNTS = ("conflicts_ttc", "conflicts_time_advantage", "conflicts_pet", "conflicts_drac")
 CROSSWALK_FIELDS = {
@@ -218,7 +202,6 @@ SIMULATIONS = pa.schema(
         ("reason", pa.string()),
         *((name, pa.int64()) for name in _SIMULATION_COUNTS),
         *((name, pa.float64()) for name in _SIMULATION_NUMBERS),
-        ("groups", pa.list_(pa.struct([*GROUP_FIELDS.items()]))),
         ("crosswalks", pa.list_(pa.struct([*CROSSWALK_FIELDS.items()]))),
     ]
 )
@@ -283,7 +266,6 @@ TABLES = {
     "simulations": SIMULATIONS,
     "passages_over": PASSAGES_OVER,
     "scenes_over": SCENES_OVER,
-    "groups": pa.schema([*_KEYS, *GROUP_FIELDS.items()]),
     "crosswalks": pa.schema([*_KEYS, *CROSSWALK_FIELDS.items()]),
 }
 """Every table with a fixed schema, by name; ``cells`` depends on what a study varies."""

@@ -81,7 +81,7 @@ class ProgramDriver:
         self._limit_s = answer_limit_s
 
     def decide(self, observation: Observation, /) -> Any:
-        """The program's answer: a number in m/s², or None (``null``) for SUMO's own driver."""
+        """The program's answer in m/s², or None (``null``), SUMO's own driver in a simulation."""
         program = _running_program(self.COMMAND)
         try:
             program.say(line_of(observation))

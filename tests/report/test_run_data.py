@@ -18,7 +18,7 @@ from harness.store.schemas import SCHEMA
 from harness.store.summaries import summarise_cell
 from harness.studies.runs.reported import reported
 from harness.studies.runs.run_data import RunData
-from tests.batches import one_cell, run_stopped
+from tests.batches import here, one_cell, run_stopped
 from tests.made_up import made_up
 
 Spoil = Callable[[Path], object]

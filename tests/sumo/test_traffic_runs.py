@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
+from harness.studies.batch.settling import settled
 
 import harness
 from harness.core.encounter import Arm
@@ -31,7 +32,6 @@ from harness.store.schemas import HOUR_TABLES
 from harness.studies.batch.experiment import resume, run_study
 from harness.studies.batch.plan import plan_of
 from harness.studies.batch.scoring import score
-from harness.studies.batch.settling import settled
 from harness.studies.batch.showing import write_shown
 from harness.studies.replay.rerun import replay
 from harness.studies.runs.reported import reported

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from harness.store.hour_types import type_rows
 
 from harness.core.errors import InputError
 from harness.engine.shared import following_of
@@ -17,7 +18,6 @@ from harness.episode.traffic.demand import Scheduled, scheduled_vehicle, schedul
 from harness.episode.traffic.entrance import Entrance
 from harness.episode.traffic.lanes import lanes_of
 from harness.scenario import Scenario, validate
-from harness.store.hour_types import type_rows
 from harness.store.tables import table_of
 
 CAR = {"name": "car", "share": 0.75}

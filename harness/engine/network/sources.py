@@ -52,12 +52,6 @@ def plain_sources(crossing: CrossingSection, name: str) -> dict[str, str]:
         "crossed": "approach oncoming_exit" if crossing.oncoming_lanes else "approach",
         "lane": repr(crossing.width_of_lane_m),
         "width": repr(crossing.width_m),
-        "right_of_way": (
-            "A marked crosswalk: vehicles yield."
-            if crossing.pedestrian_priority
-            else "An unmarked one: pedestrians yield."
-        ),
-        "priority": f'priority="{str(crossing.pedestrian_priority).lower()}"',
     }
     return {f"{name}.{kind}": text.format_map(values) for kind, text in _TEMPLATES.items()}
 
@@ -99,9 +93,9 @@ _TEMPLATES = {
 """,
     "con.xml": """<connections>
 {connections}
-    <!-- {right_of_way} It binds SUMO's own driver only; the pedestrians and
+    <!-- A marked crosswalk: vehicles yield. It binds SUMO's own driver only; the pedestrians and
          strategies of the harness follow their own rules. -->
-    <crossing node="crosswalk" edges="{crossed}" {priority} width="{width}"/>
+    <crossing node="crosswalk" edges="{crossed}" priority="true" width="{width}"/>
 </connections>
 """,
     # netconvert writes node coordinates to a micrometre at any precision; other shapes keep 1e-9 m.

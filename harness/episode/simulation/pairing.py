@@ -30,13 +30,11 @@ from harness.episode.simulation.trips import Trip, read_trips
 from harness.measures import EpisodeRecord, measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
+from harness.scenario.consistency import SUMO_DRIVER
 from harness.scenario.own_simulation import setting_of, sumo_seed
 from harness.site.simulation import Setting
 from harness.strategies.perception.sensor import sensor_of
 from harness.strategies.perception.updates import Views
-
-SUMO_DRIVER = "sumo_driver"
-"""The strategy that leaves the driving to SUMO."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,11 @@
 """Trips of vehicles and people from SUMO's ``tripinfo`` file."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.errors import EngineError
-
-EMISSIONS = ("CO_abs", "CO2_abs", "HC_abs", "PMx_abs", "NOx_abs", "fuel_abs", "electricity_abs")
-"""Values that SUMO's emission device computes for a whole trip, in mg (electricity in Wh)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +22,6 @@ class Trip:
         duration_s: from the time due until the arrival, or until the simulation's end.
         time_loss_s: time lost against the desired speed, with the wait for departure.  For a walk
             that has not ended, it is only the time standing.
-        waiting_s: time standing, with the wait for departure; for people, time standing on foot.
-        stops: number of times a vehicle stood; None for people.
-        emissions: by SUMO's names; empty if the scenario computes none.
     """
 
     name: str
@@ -38,9 +32,6 @@ class Trip:
     arrived: bool
     duration_s: float
     time_loss_s: float
-    waiting_s: float
-    stops: int | None
-    emissions: Mapping[str, float] = field(default_factory=dict)
 
 
 def read_trips(file: Path, end_s: float) -> list[Trip]:
@@ -78,7 +69,6 @@ def _vehicle(element: ET.Element, end_s: float) -> Trip:
     depart_s, delay_s = float(element.attrib["depart"]), float(element.attrib["departDelay"])
     departed, arrived = depart_s >= 0, float(element.attrib["arrival"]) >= 0
     due_s = depart_s - delay_s if departed else end_s - delay_s
-    emitted = element.find("emissions")
     return Trip(
         name=element.attrib["id"],
         type_id=element.get("vType", ""),
@@ -88,20 +78,12 @@ def _vehicle(element: ET.Element, end_s: float) -> Trip:
         arrived=arrived,
         duration_s=delay_s + float(element.attrib["duration"]),
         time_loss_s=delay_s + float(element.attrib["timeLoss"]),
-        waiting_s=delay_s + float(element.attrib["waitingTime"]),
-        stops=int(element.attrib["waitingCount"]),
-        emissions={} if emitted is None else _emissions(emitted),
     )
-
-
-def _emissions(element: ET.Element) -> dict[str, float]:
-    return {name: float(element.get(name, "nan")) for name in EMISSIONS if element.get(name)}
 
 
 def _person(element: ET.Element, end_s: float) -> Trip:
     depart_s, duration_s = float(element.attrib["depart"]), float(element.attrib["duration"])
     arrived = duration_s >= 0
-    walks = element.findall("walk")
     return Trip(
         name=element.attrib["id"],
         type_id=element.get("type", ""),
@@ -111,8 +93,6 @@ def _person(element: ET.Element, end_s: float) -> Trip:
         arrived=arrived,
         duration_s=duration_s if arrived else max(0.0, end_s - depart_s),
         time_loss_s=sum(_loss_s(stage) for stage in element),
-        waiting_s=sum(_number(stage, "waitingTime") for stage in walks),
-        stops=None,
     )
 
 

@@ -42,7 +42,6 @@ class Hour:
         make: makes the strategy of a vehicle.
         rules: the cell's constants.
         traffic: durations and car following.
-        sumo_drives: whether a strategy may let SUMO's own driver drive.
         sensors: the sensor of each driver; without any, all see the ground truth.
         pair: index of the pair, which keys the sensors' streams.
         paths: whether to record vehicles' positions outside of their passages.
@@ -58,13 +57,12 @@ class Hour:
         rules: CellConstants,
         traffic: TrafficSection,
         *,
-        sumo_drives: bool = False,
         sensors: Mapping[Arm, Sensor | None] = MappingProxyType({}),
         pair: int = 0,
         paths: bool = False,
     ) -> None:
         self.road, self.lanes, self.rules, self.traffic = road, lanes, rules, traffic
-        self.arrivals, self.sumo_drives, self.paths = arrivals, sumo_drives, paths
+        self.arrivals, self.paths = arrivals, paths
         vehicle, self.step_s = rules.vehicle, rules.step_s
         self.begin_step = round(traffic.warm_up_s / self.step_s)
         self.end_step = self.begin_step + round(traffic.duration_s / self.step_s)
@@ -91,9 +89,8 @@ class Hour:
         road = self.road
         last = self.end_step + round(clearing_s(self.traffic) / self.step_s)
         lanes = self.lanes
-        centres_m = [lane.centre_m for lane in lanes] if self.sumo_drives else None
         with road.watched():
-            road.begin(self.arrivals, centres_m)
+            road.begin(self.arrivals)
             for n in range(last):
                 if n >= self.end_step and not self.on_road and not any(lane.due for lane in lanes):
                     break
@@ -158,11 +155,6 @@ class Hour:
                 except (Exception, SystemExit) as error:
                     raise _in_vehicle(car, now, strategy_raised(error, time_s)) from error
                 actuator = car.actuator
-                if answer is None and self.sumo_drives and actuator is None:
-                    if not car.by_engine:
-                        self.road.hand_over(car.name)
-                        car.by_engine = True
-                    continue
                 try:
                     wanted = limited(answer, vehicle, time_s)
                 except StrategyError as error:
@@ -171,9 +163,6 @@ class Hour:
                     target = speed + wanted * step
                 else:
                     target = actuator.speed_after(wanted, speed)
-                if car.by_engine:
-                    self.road.release(car.name)
-                    car.by_engine = False
                 drive(car.name, target if target > 0 else 0.0)
 
     def _let_in(self, lane: LaneOnRoad, step: int) -> None:

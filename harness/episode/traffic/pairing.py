@@ -21,9 +21,6 @@ from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
 from harness.strategies.perception.sensor import sensor_of
 
-SUMO_DRIVER = "sumo_driver"
-"""The strategy that lets SUMO's own driver drive."""
-
 
 @dataclass(frozen=True, slots=True)
 class HourOutcome:
@@ -38,8 +35,8 @@ class HourOutcome:
     traceback: str | None = None
 
 
-ArmKey = tuple[Arm, tuple[str, ...], Purpose, bool, int]
-"""Identifies an arm: its drivers, their random stream, whether SUMO may drive, and its pair."""
+ArmKey = tuple[Arm, tuple[str, ...], Purpose, int]
+"""Identifies an arm: its drivers, their random stream, and its pair."""
 
 
 class HourRunner:
@@ -95,11 +92,7 @@ class HourRunner:
         arms = self._scenario.arms
         alone = arm is Arm.AV and self._scenario.av_drives_alone
         drivers = (arms.av,) if alone else (arms.av, arms.human)
-        return arm, drivers, draws_from(self._scenario, arm), self._sumo_drives, pair
-
-    @property
-    def _sumo_drives(self) -> bool:
-        return SUMO_DRIVER in (self._scenario.arms.av, self._scenario.arms.human)
+        return arm, drivers, draws_from(self._scenario, arm), pair
 
     def run_arm(self, pair: int, arm: Arm) -> HourOutcome:
         """Simulate one arm of a pair.
@@ -136,7 +129,6 @@ class HourRunner:
             make,
             rules,
             traffic,
-            sumo_drives=self._sumo_drives,
             sensors=self._sensors,
             pair=pair,
             paths=self._paths,

@@ -54,30 +54,6 @@ def least_late(due_s: FloatArray, left_s: FloatArray, begin_s: float, end_s: flo
     return int((late - np.searchsorted(np.sort(left_s), seconds, "right")).min())
 
 
-def longest_queue_s(due_s: FloatArray, left_s: FloatArray, end_s: float) -> float:
-    """The longest period during which there was always a late vehicle.
-
-    A queue that has cleared develops as if it began empty.  So this period shows how long earlier
-    events affect the queue (docs/method.md).
-
-    Args:
-        due_s: when each late vehicle was due to pass, in any order.
-        left_s: when each vehicle passed; infinite if it never did.
-        end_s: the end of the simulation.
-
-    >>> due_s, left_s = np.array([5.0, 0.0, 60.0]), np.array([25.0, 10.0, 90.0])
-    >>> longest_queue_s(due_s, left_s, 80.0)  # from 0 to 25 s, and from 60 to 80 s
-    25.0
-    """
-    order = np.argsort(due_s)
-    due, until = due_s[order], np.minimum(np.maximum.accumulate(left_s[order]), end_s)
-    if not len(due):
-        return 0.0
-    first = np.append(True, due[1:] > until[:-1])
-    last = np.append(first[1:], True)
-    return float((until[last] - due[first]).max())
-
-
 def growth_of(growths: FloatArray, arrivals: FloatArray, lanes: int) -> Growth:
     """The growth of late vehicles from the first half of the hours to the second.
 

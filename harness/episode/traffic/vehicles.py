@@ -53,7 +53,6 @@ class HourVehicle:
     actuator: Actuator | None = None
     trace_offset_s: float = 0.0
     passed: bool = False
-    by_engine: bool = False
     gone_step: int | None = None
     collided: bool = False
     stops: int = 0

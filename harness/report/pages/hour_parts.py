@@ -10,7 +10,6 @@ from harness.report.pages.hour_pictures import hour_pictures
 from harness.report.pages.inputs import strategies_of
 from harness.report.pages.parts import PageParts, pair_by_pair
 from harness.report.pages.traces import Encoded, pair_title, scene_of, short, shown_arm
-from harness.report.screens.paired_tables import paired_tables
 from harness.report.screens.tables import ARM_NAMES
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import ShownPair
@@ -88,7 +87,7 @@ def _episode(run: RunData, pair: ShownPair) -> Encoded:
 
 HOUR_PARTS = PageParts(
     opening=_opening,
-    tables=paired_tables,
+    tables=lambda _run: [],
     pictures=_pictures,
     player_words=_player_words,
     episodes=pair_by_pair(_scene, _episode),

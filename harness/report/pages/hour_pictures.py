@@ -43,10 +43,8 @@ def hour_pictures(run: RunData, hour: ShownPair | None) -> Iterator[Picture]:
 def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Picture]:
     """Draw a measure over the main varied key, by strategy and for the reference."""
     groups: dict[str, list[tuple[Cell, HoursSummary]]] = {}
-    # ``--settle`` sets the warm-up of each cell, so cells that differ only in it share a line.
-    same_line = (key, "traffic.warm_up_s")
     for cell, summary in run.hour_results:
-        others = [as_written(cell.varied[name]) for name in cell.varied if name not in same_line]
+        others = [as_written(cell.varied[name]) for name in cell.varied if name != key]
         groups.setdefault(", ".join(others) or cell.scenario.arms.av, []).append((cell, summary))
     lines = [_line(f"AV's arm: {label}", cells, key, name, 0) for label, cells in groups.items()]
     references = {cell.scenario.arms.human for cell, _ in run.hour_results}

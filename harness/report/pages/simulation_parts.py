@@ -13,7 +13,7 @@ from harness.report.pages.inputs import strategies_of
 from harness.report.pages.parts import PageParts, ShownEpisode
 from harness.report.pages.passages import measures_in_words, passage_arm, passage_scene
 from harness.report.pages.simulation_pictures import simulation_pictures
-from harness.report.pages.simulation_tables import group_and_crosswalk_tables
+from harness.report.pages.simulation_tables import crosswalk_tables
 from harness.report.pages.traces import Encoded, pair_title, short
 from harness.report.screens.tables import ARM_NAMES, counted
 from harness.store.simulations.simulation_traces import scene_parts
@@ -129,7 +129,7 @@ def _rows(traces: pd.DataFrame, arm: Arm, number: int, begin_s: float) -> pd.Dat
 
 SIMULATION_PARTS = PageParts(
     opening=_opening,
-    tables=group_and_crosswalk_tables,
+    tables=crosswalk_tables,
     pictures=_pictures,
     player_words=_player_words,
     episodes=_episodes,

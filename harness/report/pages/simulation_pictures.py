@@ -1,20 +1,18 @@
 """The figures of a run of a user's own simulation."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
 
 from harness.core.encounter import Arm
 from harness.report.drawing import style
-from harness.report.drawing.group_figures import draw_groups
 from harness.report.drawing.safety_figures import draw_shares
 from harness.report.drawing.style import Picture
 from harness.report.drawing.sweep_figures import Line, draw_over, lines_of
 from harness.report.pages.sweep_pictures import across_key, axis_label
 from harness.report.screens.tables import level
 from harness.scenario import as_written
-from harness.statistics import Interval, student_mean
 from harness.studies.runs.run_data import RunData
 
 _OVER = (
@@ -23,24 +21,15 @@ _OVER = (
     ("people_time_loss_s", "time loss of people"),
     ("queue_p95_m", "queue, 95 %"),
 )
-_AT_CROSSWALKS = (
-    ("vehicle_delay_s", "mean delay of vehicles (s)"),
-    ("pedestrian_wait_s", "mean wait of people (s)"),
-    ("queue_p95_m", "queue, 95 % (m)"),
-)
 _SAFETY = (("pet_s", "PET (s)", "PET"), ("min_ttc_s", "smallest TTC (s)", "TTC"))
 _UP_TO_S = 5.0
-_MOST_CROSSWALKS = 12
 _MOST_SAFETY = 3
 """Maximum number of crosswalks that have a panel each."""
-_ROW_INCH = 0.42
 
 
 def simulation_pictures(run: RunData) -> Iterator[Picture]:
     """Return the figures of a run with finished pairs.  Call this inside ``style.styled``."""
     if not run.varied_keys:
-        yield _groups(run)
-        yield _crosswalks(run)
         yield from _safety(run)
     elif (key := across_key(run)) is not None:
         for name, words in _OVER:
@@ -89,71 +78,10 @@ def _defined(line: Line) -> Line:
     return Line(line.label, x, value, low, high)
 
 
-def _groups(run: RunData) -> Picture:
-    """Draw the time loss of each group of trips in both arms."""
-    rows = run.table("groups").to_pandas()
-    names = [name for name in dict.fromkeys(rows["group"]) if _any(rows, "group", name)]
-    names = names[:_MOST_CROSSWALKS]
-    figure, (axes,) = style.new_figure(height=1.6 + _ROW_INCH * len(names))
-    draw_groups(axes, names, _means(run, rows, "group", names, "time_loss_s"), "time loss (s)")
-    return Picture(
-        "time-loss",
-        "Time loss by group",
-        f"Mean time loss of a trip, over pairs, with its {level(run.confidence)} interval "
-        "(Student's t); a wait for departure counts. In the reference's arm AVs are the vehicles "
-        "that are AVs in the other one.",
-        figure,
-    )
-
-
-def _any(rows: pd.DataFrame, column: str, name: str) -> bool:
-    return bool(rows.loc[rows[column] == name, "time_loss_s"].notna().any())
-
-
-def _crosswalks(run: RunData) -> Picture:
-    """Draw delay, wait and queue at each chosen crosswalk in both arms."""
-    rows = run.table("crosswalks").to_pandas()
-    names = _busiest(rows)[:_MOST_CROSSWALKS]
-    height = len(_AT_CROSSWALKS) * (1.3 + 0.75 * _ROW_INCH * len(names))
-    figure, panels = style.new_figure(len(_AT_CROSSWALKS), height=height)
-    for axes, (column, across) in zip(panels, _AT_CROSSWALKS, strict=True):
-        draw_groups(axes, names, _means(run, rows, "crosswalk", names, column), across)
-    left = rows["crosswalk"].nunique() - len(names)
-    more = f" Crosswalks with fewer people that are left out: {left}." if left else ""
-    return Picture(
-        "crosswalks",
-        "Delay, wait and queue at the crosswalks",
-        f"Means over pairs with their {level(run.confidence)} intervals (Student's t). The queue "
-        "is the 95 % quantile over seconds of the distance from the crosswalk to the rear of the "
-        f"last queued vehicle.{more}",
-        figure,
-    )
-
-
 def _busiest(rows: pd.DataFrame) -> list[str]:
     """Return the crosswalks, sorted by descending number of people."""
     people = rows.groupby("crosswalk", sort=False)["people"].sum()
     return [str(name) for name in people.sort_values(ascending=False, kind="stable").index]
-
-
-def _means(
-    run: RunData, rows: pd.DataFrame, key: str, names: Sequence[str], column: str
-) -> dict[Arm, list[Interval]]:
-    """Return a column's mean over pairs for each value of a key in each arm."""
-    both = rows.groupby(["cell", "pair", key])["arm"].transform("size") == len(Arm)
-    rows = rows[both]
-    return {
-        arm: [
-            student_mean(
-                rows.loc[(rows["arm"] == arm.value) & (rows[key] == name), column]
-                .dropna()
-                .to_numpy(dtype=float),
-                run.confidence,
-            ).within(least=0.0)
-            for name in names
-        ]
-        for arm in Arm
-    }
 
 
 def _safety(run: RunData) -> Iterator[Picture]:

@@ -1,4 +1,4 @@
-"""The tables of groups and of crosswalks on the page of a user's own simulation."""
+"""The tables of crosswalks on the page of a user's own simulation."""
 
 from collections.abc import Mapping
 
@@ -12,12 +12,6 @@ from harness.studies.runs.run_data import RunData
 _MOST_ROWS = 400
 """Maximum number of rows; the Parquet table has all rows."""
 
-_GROUPS = {
-    "trips": "trips",
-    "departed": "departed",
-    "arrived": "arrived",
-    "contacts": "contacts",
-}
 _TRAFFIC = {
     "passages": "passages",
     "automated": "of AVs",
@@ -38,19 +32,12 @@ _CONFLICTS = {
 }
 
 
-def group_and_crosswalk_tables(run: RunData) -> list[Table]:
-    """Return the tables of trips by group, and of traffic and conflicts by crosswalk."""
+def crosswalk_tables(run: RunData) -> list[Table]:
+    """Return the tables of traffic and conflicts by crosswalk."""
     return [
         *paired_tables(run),
         _table(
             run,
-            "groups",
-            "Trips by group, and contacts with people: sums over pairs",
-            _GROUPS,
-        ),
-        _table(
-            run,
-            "crosswalks",
             "Crosswalks: passages straight on, those of AVs, and those that no strategy may drive "
             "(SUMO's); vehicles that turn, or whose way bends within 10 m before the crosswalk or "
             "before the rear has left it, are not measured. Sums over pairs",
@@ -59,7 +46,6 @@ def group_and_crosswalk_tables(run: RunData) -> list[Table]:
         ),
         _table(
             run,
-            "crosswalks",
             "Conflicts at the crosswalks: vehicles that reached it, those with a conflict of each "
             "kind, with one before they reached it, and collisions by SUMO. Sums over pairs",
             _CONFLICTS,
@@ -68,14 +54,11 @@ def group_and_crosswalk_tables(run: RunData) -> list[Table]:
     ]
 
 
-def _table(
-    run: RunData, source: str, caption: str, headings: Mapping[str, str], name: str = ""
-) -> Table:
-    """Return a table of sums over pairs, with a row for each cell, value of the key, and arm."""
-    key = source.removesuffix("s")
+def _table(run: RunData, caption: str, headings: Mapping[str, str], name: str) -> Table:
+    """Return a table of sums over pairs, with a row for each cell, crosswalk and arm."""
     groups: dict[tuple[int, str, str], list[Row]] = {}
-    for row in run.table(source).to_pylist():
-        groups.setdefault((row["cell"], row[key], row["arm"]), []).append(row)
+    for row in run.table("crosswalks").to_pylist():
+        groups.setdefault((row["cell"], row["crosswalk"], row["arm"]), []).append(row)
     # The rows of a crosswalk's two arms are adjacent.
     order = {where: place for place, where in enumerate(dict.fromkeys(w[:2] for w in groups))}
     wheres = sorted(groups, key=lambda where: (order[where[:2]], [*Arm].index(Arm(where[2]))))
@@ -92,6 +75,6 @@ def _table(
             )
         )
     if len(wheres) > _MOST_ROWS:
-        caption += f"; {source}.parquet has {len(wheres) - _MOST_ROWS:,} more rows"
-    titles = (*run.varied_keys, key, "arm", *headings.values())
-    return Table(name or source, caption, titles, tuple(rows), sortable=True, folded=True)
+        caption += f"; crosswalks.parquet has {len(wheres) - _MOST_ROWS:,} more rows"
+    titles = (*run.varied_keys, "crosswalk", "arm", *headings.values())
+    return Table(name, caption, titles, tuple(rows), sortable=True, folded=True)

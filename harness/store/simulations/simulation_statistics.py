@@ -1,6 +1,6 @@
-"""Compares both arms of users' own simulations by group of trips and by crosswalk.
+"""Compares both arms of users' own simulations by crosswalk.
 
-Rows of ``group_means.csv`` and ``crosswalk_means.csv`` (docs/files.md).
+Rows of ``crosswalk_means.csv`` (docs/files.md).
 """
 
 from collections.abc import Iterable
@@ -10,58 +10,43 @@ import pyarrow as pa
 
 from harness.core.encounter import Arm
 from harness.statistics import Interval, Plain, student_mean
-from harness.store.schemas import CROSSWALK_FIELDS, GROUP_FIELDS
+from harness.store.schemas import CROSSWALK_FIELDS
 from harness.store.tables import Row
 
 _Numbers = dict[tuple[str, str], dict[int, dict[str, float | None]]]
-"""The numbers by pair, for each name of a group and arm."""
-
-
-def group_rows(rows: pa.Table, confidence: float) -> list[dict[str, Plain]]:
-    """The rows of a cell in ``group_means.csv``: one for each group and each of its numbers."""
-    return _compared(rows, "groups", "group", GROUP_FIELDS, confidence)
+"""The numbers by pair, for each crosswalk and arm."""
 
 
 def crosswalk_rows(rows: pa.Table, confidence: float) -> list[dict[str, Plain]]:
-    """The rows of a cell in ``crosswalk_means.csv``: one for each crosswalk and number."""
-    return _compared(rows, "crosswalks", "crosswalk", CROSSWALK_FIELDS, confidence)
-
-
-def _compared(
-    rows: pa.Table, column: str, key: str, fields: Iterable[str], confidence: float
-) -> list[dict[str, Plain]]:
-    """For each number, the mean over pairs in both arms and the mean paired difference.
+    """For each crosswalk and number, the mean over pairs in both arms and the mean difference.
 
     Args:
         rows: the table ``simulations`` of a cell, by pair.
-        column: the column with the structs.
-        key: the field that names a struct.
-        fields: its fields.
         confidence: confidence of each interval (Student's t).
 
     Returns:
-        ``<key>, number, pairs, av, av_ci_low, …, human, …, difference, …, confidence``.  A pair in
-        which an arm failed does not count.  A value is None if the number is defined in no pair.
+        ``crosswalk, number, pairs, av, av_ci_low, …, human, …, difference, …, confidence``.  A pair
+        in which an arm failed does not count.  A value is None if the number is defined in no pair.
     """
     whole = [row for row in rows.to_pylist() if row["reason"] is None]
     both = {row["pair"] for row in whole if row["arm"] == Arm.AV.value} & {
         row["pair"] for row in whole if row["arm"] == Arm.HUMAN.value
     }
-    numbers = _numbers([row for row in whole if row["pair"] in both], column, key)
+    numbers = _numbers([row for row in whole if row["pair"] in both])
     names = dict.fromkeys(name for name, _ in numbers)
-    quantities = [field for field in fields if field != key]
+    quantities = [field for field in CROSSWALK_FIELDS if field != "crosswalk"]
     return [
-        {key: name, "number": quantity, **_statistics(numbers, name, quantity, confidence)}
+        {"crosswalk": name, "number": quantity, **_statistics(numbers, name, quantity, confidence)}
         for name in names
         for quantity in quantities
     ]
 
 
-def _numbers(rows: Iterable[Row], column: str, key: str) -> _Numbers:
+def _numbers(rows: Iterable[Row]) -> _Numbers:
     numbers: _Numbers = {}
     for row in rows:
-        for struct in row[column] or ():
-            numbers.setdefault((struct[key], row["arm"]), {})[row["pair"]] = struct
+        for struct in row["crosswalks"] or ():
+            numbers.setdefault((struct["crosswalk"], row["arm"]), {})[row["pair"]] = struct
     return numbers
 
 

@@ -1,12 +1,11 @@
 """The rows of the tables of users' own simulations.  The columns are described in docs/files.md."""
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 import pyarrow as pa
 
-from harness.core.encounter import Arm, Ending
+from harness.core.encounter import Arm
 from harness.episode.simulation.driving import PassageLog
 from harness.episode.simulation.log import uniform_of
 from harness.episode.simulation.pairing import (
@@ -23,18 +22,6 @@ from harness.store.hour_tables import passage_counts, record_row
 from harness.store.schemas import CROSSWALK_FIELDS, SIMULATION_TABLES, TABLES
 from harness.store.simulations.simulation_catalogue import AVS_NOT_DRIVEN
 from harness.store.tables import Row, Tables, table_of
-
-AVS, OTHERS, VEHICLES, PEOPLE = "AVs", "other vehicles", "all vehicles", "people"
-"""The groups that every simulation has; further ones are its vehicle types."""
-
-_EMITTED = {
-    "co2_g": ("CO2_abs", 1e-3),
-    "nox_mg": ("NOx_abs", 1.0),
-    "pmx_mg": ("PMx_abs", 1.0),
-    "fuel_g": ("fuel_abs", 1e-3),
-    "electricity_wh": ("electricity_abs", 1.0),
-}
-"""Columns of emissions per trip: SUMO's name and the factor to the column's unit."""
 
 
 def simulation_rows(cell: int, outcomes: Iterable[SimulationOutcome]) -> Tables:
@@ -61,24 +48,14 @@ def counted_passages(outcome: SimulationOutcome) -> list[MeasuredPassage]:
     return [each for each in outcome.passages if begin_s <= each.log.time_s[0] < end_s]
 
 
-def groups_of(cell: int, rows: pa.Table) -> pa.Table:
-    """The table ``groups`` of a cell: a row for each group of trips."""
-    return _flat("groups", cell, rows)
-
-
 def crosswalks_of_cell(cell: int, rows: pa.Table) -> pa.Table:
     """The table ``crosswalks`` of a cell: a row for each chosen crosswalk."""
-    return _flat("crosswalks", cell, rows)
-
-
-def _flat(name: str, cell: int, rows: pa.Table) -> pa.Table:
-    """The structs of a column as rows with the keys."""
     flat = [
         {"cell": cell, "pair": row["pair"], "arm": row["arm"]} | each
-        for row in rows.select(["pair", "arm", name]).to_pylist()
-        for each in row[name] or ()
+        for row in rows.select(["pair", "arm", "crosswalks"]).to_pylist()
+        for each in row["crosswalks"] or ()
     ]
-    return pa.Table.from_pylist(flat, schema=TABLES[name])
+    return pa.Table.from_pylist(flat, schema=TABLES["crosswalks"])
 
 
 def _numbers(
@@ -89,8 +66,9 @@ def _numbers(
     """The row of an arm in ``simulations``."""
     log, scenario = outcome.log, outcome.scenario
     trips = [trip for trip in outcome.trips if counted[0] <= trip.due_s < counted[1]]
-    groups = _groups(outcome, trips, passages)
-    by_name = {group["group"]: group for group in groups}
+    vehicles, people = ([trip for trip in trips if trip.person is on] for on in (False, True))
+    automated = _automated(outcome)
+    avs, others = ([trip for trip in vehicles if automated(trip) is av] for av in (True, False))
     crosswalks = _crosswalks(outcome, passages, counted)
     waits = [wait for each in crosswalks for wait in each.pop("waits")]
     queues = np.array([q for each in log.queues_m.values() for q in each])
@@ -100,16 +78,16 @@ def _numbers(
     of_avs = [row for row in passages if row["automated"]]
     delays = [row["least_delay_s"] for row in passages]
     return passage_counts(passages, scenario.conflicts) | {
-        "vehicles": by_name[VEHICLES]["trips"],
-        "automated": by_name[AVS]["trips"],
-        "people": by_name[PEOPLE]["trips"],
+        "vehicles": len(vehicles),
+        "automated": len(avs),
+        "people": len(people),
         "unfinished": sum(not trip.arrived for trip in trips),
         "not_departed": sum(not trip.departed for trip in trips),
-        "av_time_loss_s": by_name[AVS]["time_loss_s"],
-        "other_time_loss_s": by_name[OTHERS]["time_loss_s"],
-        "vehicle_time_loss_s": by_name[VEHICLES]["time_loss_s"],
-        "people_time_loss_s": by_name[PEOPLE]["time_loss_s"],
-        "people_duration_s": by_name[PEOPLE]["duration_s"],
+        "av_time_loss_s": _mean([trip.time_loss_s for trip in avs]),
+        "other_time_loss_s": _mean([trip.time_loss_s for trip in others]),
+        "vehicle_time_loss_s": _mean([trip.time_loss_s for trip in vehicles]),
+        "people_time_loss_s": _mean([trip.time_loss_s for trip in people]),
+        "people_duration_s": _mean([trip.duration_s for trip in people]),
         "passages": len(passages),
         "crossed": sum(each["people"] for each in crosswalks),
         "met": sum(row["pedestrians"] > 0 for row in passages),
@@ -137,34 +115,8 @@ def _numbers(
         "stuck": len(log.stuck_s),
         "deadlocked": len(log.deadlocked),
         "stood_longest_s": max(log.stuck_s.values(), default=0.0),
-        "groups": groups,
         "crosswalks": crosswalks,
     }
-
-
-def _groups(
-    outcome: SimulationOutcome, trips: Sequence[Trip], passages: Sequence[Row]
-) -> list[Row]:
-    """The rows of ``groups``: AVs, other vehicles, all vehicles, people, and each vehicle type."""
-    touched = [row for row in passages if row["ending"] == Ending.CRASHED]
-    contacts = Counter(f"type {row['type']}" for row in touched)
-    contacts[AVS] = sum(row["automated"] for row in touched)
-    contacts[OTHERS] = len(touched) - contacts[AVS]
-    contacts[VEHICLES] = contacts[PEOPLE] = len(touched)
-    vehicles = [trip for trip in trips if not trip.person]
-    automated = _automated(outcome)
-    groups: dict[str, list[Trip]] = {
-        AVS: [trip for trip in vehicles if automated(trip)],
-        OTHERS: [trip for trip in vehicles if not automated(trip)],
-        VEHICLES: vehicles,
-        PEOPLE: [trip for trip in trips if trip.person],
-    }
-    for type_id in sorted({trip.type_id for trip in vehicles}):
-        groups[f"type {type_id}"] = [trip for trip in vehicles if trip.type_id == type_id]
-    return [
-        {"group": name, "contacts": contacts[name]} | _means(members)
-        for name, members in groups.items()
-    ]
 
 
 def _automated(outcome: SimulationOutcome) -> Callable[[Trip], bool]:
@@ -180,24 +132,6 @@ def _automated(outcome: SimulationOutcome) -> Callable[[Trip], bool]:
         return alike and uniform_of(seed, trip.name) < simulation.av_share
 
     return automated
-
-
-def _means(trips: Sequence[Trip]) -> Row:
-    """The columns of a group: counts, and means per trip."""
-    stops = [float(trip.stops) for trip in trips if trip.stops is not None]
-    means: Row = {
-        "trips": len(trips),
-        "departed": sum(trip.departed for trip in trips),
-        "arrived": sum(trip.arrived for trip in trips),
-        "duration_s": _mean([trip.duration_s for trip in trips]),
-        "time_loss_s": _mean([trip.time_loss_s for trip in trips]),
-        "waiting_s": _mean([trip.waiting_s for trip in trips]),
-        "stops": _mean(stops),
-    }
-    for column, (name, factor) in _EMITTED.items():
-        values = [factor * trip.emissions[name] for trip in trips if name in trip.emissions]
-        means[column] = _mean(values)
-    return means
 
 
 def _crosswalks(

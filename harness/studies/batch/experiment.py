@@ -16,7 +16,6 @@ from harness.studies.batch.finish import finish
 from harness.studies.batch.plan import Plan, plan_of, recall_plan
 from harness.studies.batch.until import reach_precision
 from harness.studies.kinds.tasks import Task
-from harness.studies.replay.sumo_outputs import write_outputs
 from harness.studies.runs.opening import load_run
 from harness.studies.runs.run_data import RunData
 from harness.studies.workers.execution import run_tasks
@@ -88,16 +87,12 @@ def resume(
     folder = RunFolder(path)
     with _held(folder):
         document = read_manifest(path)
-        finished = document["counts"] is not None
-        if finished:
+        if document["counts"] is not None:
             # An interruption may have left shards behind.
             folder.drop_shards()
-        if finished and document["sumo_outputs"] is None:
             return load_run(path)
         plan = recall_plan(document, workers)
         refuse_other_versions(document["simulated_with"], plan.origin["simulated_with"])
-        if finished:
-            return _with_outputs(load_run(path), folder, plan, progress)
         folder.note("resumed")
         return _carry_out(folder, plan, progress, make_executor)
 
@@ -129,18 +124,7 @@ def _carry_out(
     finally:
         work.stop()
     folder.note("simulated")
-    return _with_outputs(finish(folder, plan), folder, plan, progress)
-
-
-def _with_outputs(run: RunData, folder: RunFolder, plan: Plan, progress: Progress) -> RunData:
-    """Write the requested outputs of SUMO that are still missing."""
-    if plan.options.sumo_outputs is None:
-        return run
-    unit = "SUMO outputs (slow: a SUMO for each episode)"
-    failures = write_outputs(
-        folder, plan.study, plan.options, lambda done, planned: progress(done, planned, unit)
-    )
-    return replace(run, output_failures=failures)
+    return finish(folder, plan)
 
 
 class _Work:

@@ -8,13 +8,12 @@ from harness.core.errors import InputError
 from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Options, Scenario, Study, study_from
-from harness.store.kinds import Kind, kind_of, kind_of_study
+from harness.store.kinds import Kind, kind_of_study
 from harness.store.manifest import manifest_of, options_of, origin_of
 from harness.store.reading import MANIFEST
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.program import is_program
-from harness.strategies.registry import STRATEGIES, find_strategy
-from harness.strategies.sumo_driver import SumoDriver
+from harness.strategies.registry import find_strategy
 from harness.studies.kinds.table import simulation_of
 
 
@@ -56,18 +55,12 @@ def plan_of(study: Study, options: Options) -> Plan:
     Raises:
         InputError: a model, a strategy, a network or a limit is refused.
     """
-    if options.engine == "plain":
-        _refuse_for_plain(study, options)
     kind = kind_of_study(study)
+    if options.engine == "plain" and kind.section:
+        raise InputError("--engine plain", f"{kind.section} needs SUMO", "--engine sumo")
     if study.long_pairs and options.until:
         problem = f"is not supported with {kind.section}"
         raise InputError("--until", problem, "a scenario without it")
-    if options.sumo_outputs is not None and any(
-        cell.scenario.simulation is not None and cell.scenario.simulation.outputs
-        for cell in study.cells
-    ):
-        problem = "cannot be combined with simulation.outputs"
-        raise InputError("--sumo-outputs", problem, "one of them, or harness replay RUN --out")
     for cell in study.cells if study.long_pairs else ():
         for arm, name in cell.scenario.arms.model_dump().items():
             if is_program(name):
@@ -101,29 +94,6 @@ def _check_refits(scenario: Scenario, model: InteractionModel) -> None:
             f"{pairs} pairs for {refits} refits",
             f"at least {refits} pairs, one for each refit",
         )
-
-
-def _refuse_for_plain(study: Study, options: Options) -> None:
-    """Refuse options and scenarios that need SUMO, because this run uses the plain engine."""
-    if options.sumo_outputs is not None:
-        raise InputError(
-            "--sumo-outputs", "cannot be combined with --engine plain", "--engine sumo"
-        )
-    for scenario in (cell.scenario for cell in study.cells):
-        if (need := _need_of_sumo(scenario)) is not None:
-            raise InputError("--engine plain", f"{need} needs SUMO", "--engine sumo")
-
-
-def _need_of_sumo(scenario: Scenario) -> str | None:
-    """Return the part of a scenario that needs SUMO; None if the plain engine suffices."""
-    if section := kind_of(scenario).section:
-        return section
-    if scenario.pedestrians.behaviour == "sumo":
-        return 'pedestrians.behaviour = "sumo"'
-    for arm, name in scenario.arms.model_dump().items():
-        if STRATEGIES.get(name) is SumoDriver:
-            return f'arms.{arm} = "{name}"'
-    return None
 
 
 def recall_plan(document: JsonObject, workers: int | None = None) -> Plan:

@@ -1,7 +1,6 @@
 """Recomputes a run's measures and summary from its traces, without simulation."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +55,7 @@ def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
     # Model and strategies are not needed, because the traces contain their effects.
     origin = {name: document[name] for name in ("know_the_model", "simulated_with")}
     # SUMO's outputs belong to the simulated run.
-    options = replace(options_of(document), sumo_outputs=None)
+    options = options_of(document)
     plan = Plan(study, {}, options, {**origin, "scored_with": scored_now()})
     folder = RunFolder(claim_folder(out, plan.study.name))
     finished = False

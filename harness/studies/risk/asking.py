@@ -108,10 +108,6 @@ def question_of(settings: Settings) -> Question:
         raise InputError("--target-cv", f"{settings.target_cv:g}", "above 0, at most 1")
     if settings.most_episodes < 1:
         raise InputError("--most-episodes", f"{settings.most_episodes}", "at least 1")
-    if settings.driver == "sumo_driver" and not settings.in_sumo:
-        raise InputError(
-            f"arms.{settings.arm.value}", "sumo_driver drives only in SUMO", "--engine sumo"
-        )
     model = load_model(scenario.model.name, scenario.model.path)
     check_arms(scenario, model)
     event, space = parse_event(settings.event), space_of(scenario, settings.arm)

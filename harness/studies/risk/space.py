@@ -157,12 +157,6 @@ def _refuse_unsampled(scenario: Scenario) -> None:
     if section := kind_of(scenario).section:
         problem = "is not supported by a risk estimate"
         raise InputError(section.strip("[]"), problem, f"a scenario without {section}")
-    if pedestrians.behaviour == "sumo":
-        raise InputError(
-            "pedestrians.behaviour",
-            '"sumo" cannot be sampled, because SUMO moves these pedestrians',
-            '"constant", "gap_acceptance", "threshold" or "reactive"',
-        )
     if isinstance(pedestrians.flow_per_hour, tuple):
         problem = "a list is not supported by a risk estimate"
         raise InputError("pedestrians.flow_per_hour", problem, "one flow")

@@ -63,7 +63,7 @@ def _hour_notes_of_arm(
         note(Rank.LEFT_OUT, f"{counted(count, 'pedestrian')} never started to cross.")
     growth, bound = (findings[f"{name}{end}"].number for name in ("growth", "growth_bound"))
     rising = findings[f"rising_s{end}"]
-    why = "the flows change." if scenario.flows_change else "--settle finds a longer warm-up."
+    why = "the flows change." if scenario.flows_change else "traffic.warm_up_s may be too short."
     if findings[f"saturated{end}"].value and not scenario.known_traffic.saturated:
         note(
             Rank.SATURATION,

@@ -6,7 +6,6 @@ from harness.scenario import Scenario
 from harness.statistics import ENCOUNTERS, CellFindings, Finding, Note, Rank, RunFindings
 from harness.store.over_model import refits_of
 from harness.studies.runs.cell_result import CellResult
-from harness.studies.runs.changed_options import changes_in_full
 from harness.studies.runs.model_use import given_the_model
 from harness.studies.runs.nearness import nearness
 from harness.studies.runs.notes import av_label, model_notes
@@ -125,14 +124,13 @@ def _engine_scope(run: RunData) -> list[str]:
 
 
 def remarks(run: RunData) -> list[str]:
-    """Return the remarks for ``--full`` and the page: on paper, references, options …"""
+    """Return the remarks for ``--full`` and the page: on paper, references …"""
     scenarios = [cell.scenario for cell in run.study.cells]
     return [
         *([PAPER_REMARK] if _has_paper_values(run) else []),
         *reference_lines(scenarios),
         *knowledge_lines(run),
         *walker_lines(scenarios),
-        *dict.fromkeys(changes_in_full(each) for each in scenarios if each.simulation is not None),
     ]
 
 

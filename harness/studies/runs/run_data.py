@@ -43,8 +43,6 @@ class RunData:
     manifest: Mapping[str, Any]
     """``manifest.json``: scenario, versions, models, counts (docs/files.md)."""
     study: Study
-    output_failures: tuple[Failure, ...] = ()
-    """Episodes whose SUMO outputs this call requested but could not write."""
     _kept: dict[str, pa.Table] = field(default_factory=dict)
     _models: dict[tuple[str, str | None, bool], InteractionModel] = field(default_factory=dict)
 

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from harness.scenario import Scenario
 from harness.statistics import Catalogue, Findings, Note, Rank
 from harness.store.simulations.simulation_catalogue import AVS_NOT_DRIVEN
-from harness.studies.runs.changed_options import changes_in_brief
 from harness.studies.runs.hour_notes import FEW_HOURS
 from harness.studies.runs.notes import counted, undefined_notes
 
@@ -52,8 +51,6 @@ def simulation_notes(
         verb = "lie" if len(added) > 1 else "lies"
         text = f"{', '.join(added)} {verb} within R0 of a chosen crosswalk: also chosen."
         note(Rank.REFERENCE, text)
-    if read is not None:
-        note(Rank.REFERENCE, changes_in_brief(scenario))
     if 0 < (ran := pairs - failed) < FEW_HOURS:
         text = "One pair has no intervals." if ran == 1 else f"Each interval rests on {ran} pairs."
         note(Rank.VERY_FEW_PAIRS, f"Few pairs: {text}")

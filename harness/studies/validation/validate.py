@@ -206,7 +206,9 @@ def _check_drivers(drivers: Sequence[str], scenario: Scenario) -> None:
         if drivers.count(name) > 1:
             raise InputError("--drivers", f"names {name} twice", "every driver once")
         if name == "sumo_driver":
-            raise InputError("--drivers", "sumo_driver drives only in SUMO", "any other strategy")
+            raise InputError(
+                "--drivers", "sumo_driver drives only with [simulation]", "any other strategy"
+            )
         table = scenario.strategies.get(name, {})
         check_parameters(factory, table, table_key(name))
         check_complete(factory, table, table_key(name))
