@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from harness.episode.traffic.closed_forms import plain_priority_capacity_per_s
+from tests.closed_forms import plain_priority_capacity_per_s
 
 HEADWAY_S = 2.0
 BEHIND_S = 37.0

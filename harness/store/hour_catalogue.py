@@ -10,7 +10,6 @@ _NO_KIND = "there is no counted vehicle of this kind, or the queue is permanent"
 _NOBODY = "nobody arrived"
 _NOBODY_MET = "no passage met anyone"
 _NOT_REACHED = "no vehicle reached the crosswalk"
-_NO_HANDBOOK = "see the row 'why the handbooks do not apply'"
 
 
 def _mean(
@@ -270,41 +269,6 @@ HOURS: tuple[Entry[HourColumns], ...] = (
         of_arm=lambda c, arm: c.share("fallbacks", "met", arm),
         interval=Proportion,
         undefined=_NOBODY_MET,
-    ),
-    Entry(
-        "hcm_pedestrian_delay_s",
-        "people's wait by the HCM",
-        "Mean wait of pedestrians by the formula of the HCM 2010, with the drivers' declared yield "
-        "rates.",
-        unit="s",
-        of_arm=lambda c, arm: c.handbook(arm).hcm_s,
-        undefined=_NO_HANDBOOK,
-    ),
-    Entry(
-        "nchrp_pedestrian_delay_s",
-        "people's wait by NCHRP 17-87",
-        "Mean wait of pedestrians by the formula of NCHRP 17-87, with the drivers' declared yield "
-        "rates.",
-        unit="s",
-        of_arm=lambda c, arm: c.handbook(arm).nchrp_s,
-        undefined=_NO_HANDBOOK,
-    ),
-    Entry(
-        "yield_rate",
-        "declared yield rate",
-        "Mean of the yield rates that the arm's drivers declare, weighted by their shares of the "
-        "vehicles.",
-        form=Form.SHARE,
-        of_arm=lambda c, arm: c.handbook(arm).yield_rate,
-        undefined=_NO_HANDBOOK,
-    ),
-    Entry(
-        "no_handbook",
-        "why the handbooks do not apply",
-        "Reason why the handbooks give no wait.",
-        form=Form.WORD,
-        of_arm=lambda c, arm: c.handbook(arm).reason,
-        undefined="the handbooks apply",
     ),
     Entry(
         "confidence",

@@ -1,17 +1,22 @@
 """The columns from which the reported numbers of hours of traffic are computed."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import pyarrow as pa
 
-from harness.episode.traffic.closed_forms import PEDESTRIAN_LOS_S, VEHICLE_LOS_S, level_of_service
-from harness.episode.traffic.handbook import Handbook, handbook
 from harness.episode.traffic.lanes import Direction, lanes_of
 from harness.episode.traffic.saturation import Growth, growth_of
 from harness.scenario import Scenario
 from harness.statistics import Interval
 from harness.store.arm_columns import ArmColumns, arm_columns, scaled
+
+PEDESTRIAN_LOS_S = (5.0, 10.0, 20.0, 30.0, 45.0)
+"""Longest mean delays of pedestrians for the levels A to E (HCM 2010, exhibit 19-2)."""
+
+VEHICLE_LOS_S = (10.0, 15.0, 25.0, 35.0, 50.0)
+"""Longest mean control delays of vehicles for the levels A to E at an unsignalized place (HCM 2010,
+exhibit 19-1)."""
 
 
 @dataclass(frozen=True)
@@ -63,19 +68,6 @@ class HourColumns(ArmColumns):
         """Distance between the fronts of two queued vehicles without a vehicle mix."""
         return self.scenario.ego.length_m + self.scenario.known_traffic.min_gap_m
 
-    def handbook(self, arm: int) -> Handbook:
-        """The delay of pedestrians in an arm by the handbooks."""
-        traffic, columns = self.scenario.known_traffic, self.arms[arm]
-        seconds = traffic.duration_s * max(1, len(columns["vehicles"]))
-        walked = columns["walking_mps"][~np.isnan(columns["walking_mps"])]
-        return handbook(
-            self.scenario,
-            0.0 if arm else traffic.share_of_avs,
-            float(columns["vehicles"].sum()) / seconds,
-            float(columns["pedestrians"].sum()) / seconds,
-            float(walked.mean()) if len(walked) else None,
-        )
-
     def los_vehicles(self, arm: int) -> str | None:
         """The level of service by control delay; F if the road is saturated (HCM: above capacity).
 
@@ -102,3 +94,16 @@ def hour_columns(hours: pa.Table, scenario: Scenario, confidence: float) -> Hour
     """
     columns = arm_columns(hours, "hours", confidence)
     return HourColumns(columns.arms, columns.pairs, columns.failed, confidence, scenario)
+
+
+def level_of_service(delay_s: float, longest_s: Sequence[float]) -> str:
+    """The level A to F of a mean delay.
+
+    Args:
+        delay_s: mean delay of pedestrians or vehicles.
+        longest_s: ``PEDESTRIAN_LOS_S`` or ``VEHICLE_LOS_S``.
+
+    >>> level_of_service(12.0, PEDESTRIAN_LOS_S), level_of_service(12.0, VEHICLE_LOS_S)
+    ('C', 'B')
+    """
+    return "ABCDEF"[sum(delay_s > limit for limit in longest_s)]

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from harness.core.encounter import Arm
-from harness.episode.traffic.handbook import Handbook
 from harness.episode.traffic.saturation import Growth
 from harness.statistics import Findings, Interval, Proportion
 from harness.store.hour_catalogue import HOURS
@@ -25,7 +24,6 @@ class ArmOfHours:
     rising_s: Interval
     kappa: Proportion
     fallback: Proportion
-    handbook: Handbook
     los_vehicles: str | None
     los_pedestrians: str | None
 
@@ -74,12 +72,6 @@ def hours_summary(findings: Findings) -> HoursSummary:
             rising_s=interval(f"rising_s{end}"),
             kappa=share(f"kappa{end}"),
             fallback=share(f"fallback_share{end}"),
-            handbook=Handbook(
-                findings[f"yield_rate{end}"].number,
-                findings[f"hcm_pedestrian_delay_s{end}"].number,
-                findings[f"nchrp_pedestrian_delay_s{end}"].number,
-                word(f"no_handbook{end}"),
-            ),
             los_vehicles=word(f"los_vehicles{end}"),
             los_pedestrians=word(f"los_pedestrians{end}"),
         )

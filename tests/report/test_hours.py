@@ -9,7 +9,6 @@ import pytest
 from matplotlib import pyplot as plt
 
 from harness.core.encounter import Arm
-from harness.episode.traffic.handbook import Handbook
 from harness.episode.traffic.saturation import Growth
 from harness.report.drawing import style
 from harness.report.pages.hour_pictures import hour_pictures
@@ -28,7 +27,6 @@ CALM = ArmOfHours(
     rising_s=Interval(0.0, -1.0, 1.0),
     kappa=proportion(0, 1000),
     fallback=proportion(0, 1000),
-    handbook=Handbook(),
     los_vehicles="A",
     los_pedestrians="A",
 )

@@ -13,7 +13,6 @@ from harness.engine.shared import engine_for, road_for
 from harness.episode.arms import make_strategy
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
-from harness.episode.traffic.closed_forms import gap_wait_s, priority_capacity_per_s
 from harness.episode.traffic.demand import Scheduled, scheduled_vehicles
 from harness.episode.traffic.hour import Hour
 from harness.episode.traffic.lanes import lanes_of
@@ -26,6 +25,7 @@ from harness.model.interaction import load_model
 from harness.scenario import PedestriansSection, Scenario, Setting, load_scenario, validate
 from harness.store.hour_columns import HourColumns, hour_columns
 from harness.store.hour_tables import hour_rows
+from tests.closed_forms import gap_wait_s, priority_capacity_per_s
 
 MODEL = load_model("dut", None)
 pytestmark = pytest.mark.usefixtures("no_simulation")

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from harness.episode.traffic import closed_forms as forms
+from harness.store import hour_columns as columns
+from tests import closed_forms as forms
 
 
 def hcm_sum(v: float, t: float, lanes: int, rate: float, headway: float, events: int) -> float:
@@ -27,9 +28,11 @@ def test_published_examples_and_limits() -> None:
     assert forms.hcm_delay_s(v, 8.0, 2, 0.5) == pytest.approx(9.83, abs=0.005)
     assert math.isfinite(forms.revised_hcm_delay_s(1.0, 800.0, 2, 0.9))
     assert forms.revised_hcm_delay_s(1.0, 800.0, 2, 0.0) == math.inf
-    pedestrians = [forms.level_of_service(s, forms.PEDESTRIAN_LOS_S) for s in (0, 5, 5.1, 45, 46)]
+    pedestrians = [
+        columns.level_of_service(s, columns.PEDESTRIAN_LOS_S) for s in (0, 5, 5.1, 45, 46)
+    ]
     assert pedestrians == ["A", "A", "B", "E", "F"]
-    assert forms.level_of_service(50.1, forms.VEHICLE_LOS_S) == "F"
+    assert columns.level_of_service(50.1, columns.VEHICLE_LOS_S) == "F"
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.3, 0.9])

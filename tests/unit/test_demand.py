@@ -13,7 +13,6 @@ from scipy import stats
 from harness.core.encounter import Arm, Arrival, Side
 from harness.core.errors import InputError
 from harness.episode.arrivals import already_walking, planned_arrivals
-from harness.episode.traffic.handbook import handbook
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.scenario import Scenario, validate
 from harness.studies.risk.space import space_of
@@ -239,18 +238,6 @@ def test_what_has_one_flow_or_single_arrivals_refuses_the_others() -> None:
     for people, key in (({"flow_per_hour": [250.0]}, "flow_per_hour: a list"),
                         ({"group_size": SIZES}, "group_size: is not supported")):  # fmt: skip
         refuses(f"pedestrians.{key}", lambda people=people: space_of(scene(60, **people), Arm.AV))
-    assert handbook(hour({}), 1, 0.1, 0.1, 1.2).reason == "soft_yield declares no yield rate"
-    arms = {"av": "human_yield", "human": "human_yield"}
-    for people, traffic, reason in (
-        ({}, {}, None),
-        ({"flow_per_hour": [250.0] * 4}, {}, None),
-        ({"flow_per_hour": QUARTERS}, {}, "flows that change"),
-        ({}, {"flow_per_hour": [100.0, 100.0, 200.0, 100.0]}, "flows that change"),
-        ({"group_size": SIZES}, {}, "people come in groups"),
-        ({"group_size": [0.6, 0.4]}, {}, "people come in groups"),
-    ):
-        of = validate({"arms": arms, "pedestrians": people, "traffic": traffic}, "test")
-        assert handbook(of, 1.0, 0.1, 0.1, 1.2).reason == reason
 
 
 def test_the_first_screen_says_who_comes() -> None:

@@ -209,35 +209,6 @@ def test_fieller_by_hand() -> None:
     assert student_ratio(a, np.array([1.0, -1.0, 2.0, 0.1])).low is None
 
 
-@pytest.mark.parametrize(
-    ("share", "arms", "rate", "reason"),
-    [
-        (1.0, {}, None, "hard_yield declares no yield rate"),
-        (0.3, {}, None, "hard_yield declares no yield rate"),
-        (0.0, {}, 0.74, None),
-        (0.3, {"av": "human_yield"}, 0.74, None),
-        (1.0, {"av": "human_yield", "human": "gap_yield"}, 0.74, None),
-        (0.9, {"av": "human_yield", "human": "gap_yield"}, None, "gap_yield declares no yield"),
-    ],
-)
-def test_yield_rates_are_declared_not_observed(share, arms, rate, reason) -> None:
-    """M_y = share × the AV's + (1 − share) × the reference's, whatever was seen: nobody let go."""
-    own = {"let_go": 0, "had_to_wait": 30, "pedestrian_delay_s": 2.0}
-    row = row_of(CATALOGUE, summary_of(own, own, scenario(share, **arms)))
-    assert row["yield_rate"] == (rate if rate is None else pytest.approx(rate, abs=0.005))
-    assert (row["hcm_pedestrian_delay_s"] is None) == (rate is None)
-    assert str(row["no_handbook"]).startswith(str(reason))
-    if share == 0:
-        assert row["hcm_pedestrian_delay_s"] == row["hcm_pedestrian_delay_s_human"]
-
-
-def test_a_treatment_declares_its_rate() -> None:
-    row = {"let_go": 0, "had_to_wait": 30, "pedestrian_delay_s": 2.0}
-    arms = {"arms": AUTOMATED, "strategies": {"human_yield": {"treatment": "rrfb"}}}
-    scene = validate({**arms, "traffic": {"av_share": 0.0, "duration_s": 3600}}, "test")
-    assert row_of(CATALOGUE, summary_of(row, row, scene))["yield_rate"] == pytest.approx(0.79)
-
-
 def test_a_delay_that_still_grows() -> None:
     """By 10, 12 and 11 s in three hours; one hour alone cannot tell."""
     grows = {"first_third_delay_s": 5.0, "last_third_delay_s": [15.0, 17.0, 16.0]}

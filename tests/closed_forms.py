@@ -1,7 +1,6 @@
-"""Closed forms for an unsignalized crosswalk: delay, capacity, level of service.
+"""Closed forms for an unsignalized crosswalk: delay and capacity, to compare simulations with.
 
-Flows are per second, times in s, lengths in m.  Tests compare the simulation with these formulas,
-and the report shows the handbook's delay beside the simulated one.
+Flows are per second, times in s, lengths in m.
 """
 
 import math
@@ -12,13 +11,6 @@ ROW_WIDTH_M = 8 * 0.3048
 
 ROW_HEADWAY_S = 2.0
 """Headway between two rows of a waiting group when they start (HCM)."""
-
-PEDESTRIAN_LOS_S = (5.0, 10.0, 20.0, 30.0, 45.0)
-"""Longest mean delays of pedestrians for the levels A to E (HCM 2010, exhibit 19-2)."""
-
-VEHICLE_LOS_S = (10.0, 15.0, 25.0, 35.0, 50.0)
-"""Longest mean control delays of vehicles for the levels A to E at an unsignalized place (HCM 2010,
-exhibit 19-1)."""
 
 
 def gap_wait_s(flow_per_s: float, critical_gap_s: float) -> float:
@@ -168,19 +160,6 @@ def plain_priority_capacity_per_s(
         return 1 / saturation_headway_s
     through = rate * math.exp(-rate * (block_s + start_up_s))
     return through / -math.expm1(-rate * saturation_headway_s)
-
-
-def level_of_service(delay_s: float, longest_s: Sequence[float]) -> str:
-    """The level A to F of a mean delay.
-
-    Args:
-        delay_s: mean delay of pedestrians or vehicles.
-        longest_s: ``PEDESTRIAN_LOS_S`` or ``VEHICLE_LOS_S``.
-
-    >>> level_of_service(12.0, PEDESTRIAN_LOS_S), level_of_service(12.0, VEHICLE_LOS_S)
-    ('C', 'B')
-    """
-    return "ABCDEF"[sum(delay_s > limit for limit in longest_s)]
 
 
 def _delayed(
