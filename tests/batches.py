@@ -145,13 +145,13 @@ def one_process() -> Iterator[None]:
     from harness.engine.shared import close_engine
     from harness.studies.batch import showing
     from harness.studies.calibration import jobs
-    from harness.studies.replay import rerun, sumo_outputs
+    from harness.studies.replay import rerun
     from harness.studies.workers import executors
     from tests.conftest import close_all
 
     close_all()
     with pytest.MonkeyPatch.context() as patch:
-        for module in (executors, jobs, rerun, sumo_outputs, showing):
+        for module in (executors, jobs, rerun, showing):
             patch.setattr(module, "LocalPool", lambda workers, *_, **__: Inline(workers))
         yield
     close_engine()

@@ -96,11 +96,11 @@ def test_compare_needs_two_strategies(town: Path) -> None:
 
 def test_export(town: Path) -> None:
     run = town / "runs" / "town"
-    means = (run / "group_means.csv").read_bytes()
+    means = (run / "crosswalk_means.csv").read_bytes()
     printed("export", run, "--csv")
-    header = (run / "groups.csv").read_text("utf-8").splitlines()[0]
-    assert header.startswith("cell,pair,arm,group,trips")
-    assert (run / "group_means.csv").read_bytes() == means
+    header = (run / "crosswalks.csv").read_text("utf-8").splitlines()[0]
+    assert header.startswith("cell,pair,arm,crosswalk,passages")
+    assert (run / "crosswalk_means.csv").read_bytes() == means
 
 
 def test_conflicts_print_one_document_or_paths(town: Path) -> None:

@@ -16,7 +16,6 @@ from harness.report.drawing import style
 from harness.report.pages.page import write_report
 from harness.report.pages.player import run_player
 from harness.report.pages.simulation_pictures import simulation_pictures
-from harness.report.pages.simulation_tables import group_and_crosswalk_tables
 from harness.scenario import parse_variation, read_scenario_file, study_of
 from harness.store.reading import read_table
 from harness.store.simulations.simulation_traces import has_passages, only_passages
@@ -250,42 +249,6 @@ def test_shown_pairs_lack_passages_that_are_chosen_later(plain: RunData) -> None
         each == name or each.startswith(f"{name}-pedestrian")
         for each in part["traces"]["object"].to_pylist()
     )
-
-
-def test_tables_have_all_cells_and_no_names_of_columns(swept: RunData) -> None:
-    means, at_crosswalks, groups, traffic, conflicts = group_and_crosswalk_tables(swept)
-    for table in (means, at_crosswalks, groups, traffic, conflicts):
-        assert not [name for name in table.headings[1:] if "_s" in name or "_m" in name]
-        assert table.headings[0] == "simulation.av_share"
-        assert {row[0].text for row in table.rows} == {"0.3", "1"}
-        assert table.folded
-        assert table.sortable
-    by_row = {tuple(cell.text for cell in row[:3]): row for row in (*groups.rows, *means.rows)}
-    stored = read_table(swept.path, "groups").to_pandas()
-    for share, cell in (("0.3", 0), ("1", 1)):
-        losses = []
-        for arm, word in (("av", "AV"), ("human", "reference")):
-            mine = stored[
-                (stored["cell"] == cell) & (stored["arm"] == arm) & (stored["group"] == "AVs")
-            ]
-            row = by_row[share, "AVs", word]
-            assert row[groups.headings.index("trips")].text == str(mine["trips"].sum())
-            losses.append(mine["time_loss_s"].to_numpy())
-            mean = by_row[share, "AVs", "time loss (s)"][means.headings.index(word)]
-            assert mean.text == f"{losses[-1].mean():.2f}"
-        # Student's t with one degree of freedom has a 97.5 % quantile of 12.706.
-        off = losses[0] - losses[1]
-        half = 12.706 * off.std(ddof=1) / 2**0.5
-        low, high = (
-            by_row[share, "AVs", "time loss (s)"][means.headings.index("AV − reference")]
-            .small.replace("−", "-")
-            .split(" … ")
-        )
-        assert [float(low), float(high)] == pytest.approx(
-            [off.mean() - half, off.mean() + half], abs=6e-3
-        )
-    assert [cell.text for cell in traffic.rows[0][1:3]] == [CROSSING, "AV"]
-    assert [cell.text for cell in traffic.rows[1][1:3]] == [CROSSING, "reference"]
 
 
 def test_figures_of_a_sweep_are_over_its_key(swept: RunData) -> None:

@@ -14,10 +14,10 @@ import pytest
 import sumo as sumo_package
 
 from harness.core.encounter import Arm
-from harness.core.errors import InputError, InterruptedRunError
+from harness.core.errors import InputError
 from harness.scenario import Options
 from harness.site import Place, read_site
-from harness.studies.batch.experiment import resume, run_study
+from harness.studies.batch.experiment import run_study
 from harness.studies.kinds.outputs import SUMO_FILES
 from harness.studies.replay.rerun import replay
 from tests.batches import (
@@ -25,7 +25,6 @@ from tests.batches import (
     FLOW,
     HARNESS,
     QUICK,
-    Inline,
     here,
     one_cell,
     one_process,
@@ -33,7 +32,6 @@ from tests.batches import (
     printed,
     refusal,
     run_inline,
-    run_stopped,
     shell,
     sweep,
 )
@@ -51,18 +49,20 @@ pytestmark = pytest.mark.usefixtures("no_simulation")
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A sweep of two flows with traces and with SUMO's outputs of every episode."""
+    """A sweep of two flows with traces."""
     folder = tmp_path_factory.mktemp("replay") / "run"
     study = sweep("cctc_flow", {**FLOW, "experiment.pairs": PAIRS}, f"{FLOW_PER_HOUR}=200,1000")
     with one_process():
-        finished = run_study(study, Options(traces=True, sumo_outputs="all"), out=folder)
-    # Each record came out as it is stored.
-    assert finished.output_failures == ()
+        run_study(study, Options(traces=True), out=folder)
     return folder
 
 
 def outputs(run: Path, pair: int, arm: str, cell: int) -> Path:
-    return run / "sumo" / f"{cell}-{pair}-{arm}"
+    folder = run.parent / f"{cell}-{pair}-{arm}"
+    if not folder.exists():
+        (replayed,) = replay(run, pair, [Arm(arm)], cell, folder)
+        assert replayed.differences == ()
+    return folder
 
 
 def stored(run: Path, name: str, pair: int, arm: str, cell: int) -> list[dict[str, Any]]:
@@ -136,9 +136,7 @@ def test_fcd_agrees_with_the_trace(run: Path, arm: Arm) -> None:
     assert compared["pedestrian"] > 50
 
 
-def test_every_episode_has_whole_files_and_time_lost_is_the_delay(run: Path) -> None:
-    names = {f"{cell}-{pair}-{arm}" for cell in range(2) for pair in range(PAIRS) for arm in Arm}
-    assert set(inodes(run / "sumo")) == names
+def test_the_files_are_whole_and_time_lost_is_the_delay(run: Path) -> None:
     rows = pd.read_parquet(run / "episodes.parquet")
     rows = rows.query("cell == 1 and arm == 'av' and ending == 'crossed' and delay_s > 1")
     pair = int(rows["pair"].iloc[0])
@@ -192,27 +190,6 @@ def test_both_arms_from_the_command_line(run: Path, tmp_path: Path) -> None:
         assert {path.name for path in (tmp_path / "out" / arm).iterdir()} == names
 
 
-def test_outputs_of_the_crashed_episodes(tmp_path: Path) -> None:
-    changes = options_of({**QUICK, "experiment.pairs": 20})
-    folder = tmp_path / "run"
-    printed("run", "cctc", "--sumo-outputs", "crashed", "--out", folder, *changes)
-    crashed = crashed_in(folder)
-    assert set(inodes(folder / "sumo")) == set(crashed)
-    for name, row in crashed.items():
-        root = ET.parse(folder / "sumo" / name / "collisions.xml").getroot()
-        hits = [hit.get("collider") for hit in root.iter("collision")]
-        # SUMO's own verdict, which misses some contacts.
-        assert ("ego-0" in hits) == row["sumo_collision"]
-    refusal("run", "cctc", "--sumo-outputs", "some", "--out", tmp_path / "other")
-
-
-def crashed_in(run: Path) -> dict[str, dict[str, Any]]:
-    """The crashed episodes of one cell, of which there are some, by the names of their folders."""
-    rows = pq.read_table(run / "episodes.parquet", filters=[("ending", "=", "crashed")]).to_pylist()
-    assert rows
-    return {f"0-{row['pair']}-{row['arm']}": row for row in rows}
-
-
 def test_an_episode_that_kills_its_process_ends_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -240,58 +217,6 @@ def test_an_episode_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.Monk
     assert again.problem is not None
     assert "no pair finished within" in again.problem
     assert "in hang" in (tmp_path / "again" / "stack.txt").read_text(encoding="utf-8")
-
-
-def inodes(folder: Path) -> dict[str, int]:
-    return {path.name: path.stat().st_ino for path in folder.iterdir() if path.name[0] != "."}
-
-
-def test_outputs_that_were_interrupted_are_remembered(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    study = one_cell("cctc", {**QUICK, "experiment.pairs": 4})
-    options = Options(workers=2, sumo_outputs="all")
-
-    def stop(done: int, _planned: int, what: str) -> None:
-        if what != "pairs" and done == 3:
-            raise KeyboardInterrupt
-
-    with pytest.raises(InterruptedRunError, match="harness resume"):
-        run_study(study, options, out=tmp_path / "run", progress=stop, make_executor=Inline)
-    first, tables = inodes(tmp_path / "run" / "sumo"), tables_of(tmp_path / "run")
-    # Those under way may have ended with it.
-    assert 3 <= len(first) < 8
-    with one_process():
-        finished = resume(tmp_path / "run")
-    assert finished.output_failures == ()
-    second = inodes(tmp_path / "run" / "sumo")
-    assert set(second) == {f"0-{pair}-{arm}" for pair in range(4) for arm in Arm}
-    # None was done twice, and none is half done.
-    assert {name: second[name] for name in first} == first
-    assert not list((tmp_path / "run" / "sumo").glob(".*"))
-    for name in second:
-        for file in SUMO_FILES.values():
-            ET.parse(tmp_path / "run" / "sumo" / name / file)
-    assert tables_of(tmp_path / "run") == tables
-
-    def nobody(*_: object) -> None:
-        raise AssertionError("nothing is left to do")
-
-    monkeypatch.setattr("harness.studies.replay.sumo_outputs.LocalPool", nobody)
-    assert resume(tmp_path / "run").output_failures == ()
-
-
-def tables_of(run: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in run.glob("*.*") if path.name != "log.jsonl"}
-
-
-def test_outputs_of_an_interrupted_run_come_with_its_end(tmp_path: Path) -> None:
-    study = one_cell("cctc", {**QUICK, "experiment.pairs": 6})
-    run_stopped(study, tmp_path / "run", 2, sumo_outputs="crashed", task_pairs=2)
-    assert not (tmp_path / "run" / "sumo").exists()
-    with one_process():
-        resume(tmp_path / "run")
-    assert set(inodes(tmp_path / "run" / "sumo")) == set(crashed_in(tmp_path / "run"))
 
 
 RAISES = """

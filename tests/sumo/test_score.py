@@ -115,7 +115,7 @@ def test_a_score_says_what_simulated_and_what_scored(tmp_path: Path) -> None:
         patch.setattr(gone, "Strategy", ConstantSpeed, raising=False)
         patch.setattr(experiment, "write_outputs", lambda *_: ())
         human = {"arms.human": "gone:Strategy"}
-        quick(tmp_path / "run", 3, human, traces=True, sumo_outputs="all")
+        quick(tmp_path / "run", 3, human, traces=True)
     own.load_once.cache_clear()
     path = tmp_path / "run" / "manifest.json"
     document = json.loads(path.read_text())
@@ -152,7 +152,7 @@ TIMED = [{"name": "CPFA-50", "side": "far", "impact_share": 0.5, **RUNNER}]
 
 def test_walks_of_every_behaviour_are_scored_and_replayed(tmp_path: Path) -> None:
     changes = {**WITH_TIME_OUTS, "experiment.pairs": 2, "pedestrians.flow_per_hour": 900.0}
-    behaviours = "pedestrians.behaviour=constant,gap_acceptance,threshold,reactive,sumo"
+    behaviours = "pedestrians.behaviour=constant,gap_acceptance,threshold,reactive"
     study = sweep("cctc_flow", {**changes, "pedestrians.timed": TIMED}, behaviours)
     run_inline(study, tmp_path / "run", traces=True)
     pedestrians = pq.read_table(tmp_path / "run" / "pedestrians.parquet").to_pylist()

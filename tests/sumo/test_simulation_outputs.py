@@ -199,9 +199,8 @@ def test_an_arms_folder_may_be_named_from_the_working_folder(
     assert (tmp_path / "runs/arm/tripinfo.xml").is_file()
 
 
-@pytest.mark.parametrize("option", ["outputs", "--sumo-outputs"])
 def test_sumo_repeats_the_reference_arm_from_anywhere(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With the configuration that a run stored, after the run folder got another name."""
     (tmp_path / "town").mkdir()
@@ -212,7 +211,7 @@ def test_sumo_repeats_the_reference_arm_from_anywhere(
     routes.write_text(routes.read_text().replace("has.toc", "no.toc"))
     towns.scenario_of(config, [":B1_c0"])
     monkeypatch.chdir(tmp_path)
-    more = ["--set", 'simulation.outputs=["all"]'] if option == "outputs" else [option, "all"]
+    more = ["--set", 'simulation.outputs=["all"]']
     # At the limit of the roads here the model of human_gmm is outside its box.
     arms = ("--set", "arms.av=soft_yield", "--set", "arms.human=sumo_driver")
     setting = (*arms, "--pairs", "1", "--workers", "1", "--out", "run")

@@ -10,7 +10,6 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
-from harness.studies.batch.settling import settled
 
 import harness
 from harness.core.encounter import Arm
@@ -324,7 +323,7 @@ def test_sumos_trips_agree_with_the_passages_and_its_places_with_the_queues(
 def test_one_vehicle_that_fails_fails_its_arm(
     runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, does: str, said: str
 ) -> None:
-    """None, too: SUMO drives for sumo_driver alone, who is shown people as its drivers need it."""
+    """None, too: SUMO drives nobody in an hour."""
     module = f"faulty_{said.partition(' ')[0]}"  # a process imports a module once
     (tmp_path / f"{module}.py").write_text(FAULTY.replace("DOES", does), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
@@ -353,47 +352,6 @@ def test_an_hour_in_sumo_gui_is_the_stored_one(runs: list[Path], tmp_path: Path)
     assert pixels(pictures[0], AV) == 0
     assert max(pixels(picture, AV) for picture in pictures) > 150
     assert max(pixels(picture, PEDESTRIAN) for picture in pictures) > 10
-
-
-def test_a_pilot_gives_each_cell_its_warm_up(
-    runs: list[Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The longest of both arms and the scenario's own; one for each cell of several."""
-    looked_at = []
-
-    def longest_queue_s(due_s: Any, left_s: Any, end_s: float) -> float:
-        assert (left_s > due_s).all()
-        looked_at.append((len(due_s), end_s))
-        return [10.0, 50.0, 5.0, 0.0][len(looked_at) - 1]
-
-    monkeypatch.setattr("harness.studies.batch.settling.longest_queue_s", longest_queue_s)
-    monkeypatch.setattr("harness.studies.batch.settling.ROUND_S", 5.0)
-    study = study_again(runs, varied=[("arms.av", ["gap_yield", "hard_yield"])])
-    found = settled(study, Options(workers=0))
-    assert [cell.varied["traffic.warm_up_s"] for cell in found.cells] == [50.0, WARM_UP_S]
-    assert [cell.scenario.known_traffic.warm_up_s for cell in found.cells] == [50.0, WARM_UP_S]
-    # Twice as long as what counts; the reference is the same in both cells.
-    assert looked_at[1] == looked_at[3]
-    assert looked_at[0][1] == 140.0
-    assert looked_at[0][0] > 2
-    looked_at.clear()
-    (one,) = settled(study_again(runs), Options(workers=0)).cells
-    assert (one.varied, one.scenario.known_traffic.warm_up_s) == ({}, 50.0)
-    # All else is as it was, the seed too.
-    back = {"traffic": one.scenario.known_traffic.model_copy(update={"warm_up_s": WARM_UP_S})}
-    assert one.scenario.model_copy(update=back) == study_again(runs).cells[0].scenario
-
-
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ({"traffic.saturated": True}, "a permanent queue"),
-        ({"traffic.duration_s": 1800, "traffic.flow_per_hour": [1, 2]}, "flows that change"),
-    ],
-)
-def test_what_does_not_settle_is_refused(settings: dict[str, Any], said: str) -> None:
-    file = read_scenario_file("capacity", {"traffic.saturated": False, **settings})
-    refuses(said, lambda: settled(study_of(file), Options(workers=0)))
 
 
 @pytest.mark.parametrize(

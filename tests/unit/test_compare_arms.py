@@ -31,7 +31,7 @@ def run_of(
     for cell, values in enumerate(delays):
         for pair, delay_s in enumerate(values):
             for arm, own in (("av", delay_s), ("human", reference)):
-                row = dict.fromkeys(HOURS.names[4:], 0) | {"types": None, "walking_mps": 1.3}
+                row = dict.fromkeys(HOURS.names[4:], 0) | {"walking_mps": 1.3}
                 row |= {"cell": cell, "pair": pair, "arm": arm, "automated_delay_s": own}
                 rows.append(row | {"reason": None})
     table = table_of("hours", rows)

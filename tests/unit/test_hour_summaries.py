@@ -44,7 +44,7 @@ def summary_of(
     rows = []
     for pair in range(hours):
         for arm, own in ((Arm.AV, av), (Arm.HUMAN, human)):
-            row = dict.fromkeys(HOURS.names[4:], 0) | {"types": None} | common | own
+            row = dict.fromkeys(HOURS.names[4:], 0) | common | own
             values = {key: v[pair] if isinstance(v, list) else v for key, v in row.items()}
             rows.append({"cell": 0, "pair": pair, "arm": arm.value} | values)
     return HourKind().findings(table_of("hours", rows), Cell(0, {}, of), 0.95)

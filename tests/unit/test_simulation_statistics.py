@@ -1,10 +1,10 @@
-"""Groups of trips and crosswalks compared over pairs."""
+"""Crosswalks compared over pairs."""
 
 import pyarrow as pa
 import pytest
 
 from harness.store.schemas import TABLES
-from harness.store.simulations.simulation_statistics import crosswalk_rows, group_rows
+from harness.store.simulations.simulation_statistics import crosswalk_rows
 
 STUDENT_3 = 4.302652729911275 / 3**0.5
 """Half-width of a 95 % interval of three values with the standard deviation 1 (Student's t)."""
@@ -25,7 +25,6 @@ def rows_of(column: str, key: str, quantity: str, av: list, human: list) -> pa.T
 @pytest.mark.parametrize(
     ("compared", "column", "key", "quantity"),
     [
-        (group_rows, "groups", "group", "time_loss_s"),
         (crosswalk_rows, "crosswalks", "crosswalk", "pedestrian_wait_s"),
     ],
 )
@@ -42,9 +41,3 @@ def test_differences_are_means_over_the_pairs_in_which_no_arm_failed(
     assert (row["av"], row["human"]) == (12.0, 10.0)
     # Three equal values do not show their spread.
     assert row["human_ci_low"] is row["human_ci_high"] is None
-
-
-def test_a_number_that_is_defined_in_no_pair_has_no_value() -> None:
-    rows = group_rows(rows_of("groups", "group", "co2_g", [None], [None]), 0.95)
-    (row,) = [row for row in rows if row["number"] == "co2_g"]
-    assert (row["pairs"], row["difference"], row["av_ci_low"]) == (0, None, None)

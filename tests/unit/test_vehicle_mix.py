@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from harness.store.hour_types import type_rows
 
 from harness.core.errors import InputError
 from harness.engine.shared import following_of
@@ -18,7 +17,6 @@ from harness.episode.traffic.demand import Scheduled, scheduled_vehicle, schedul
 from harness.episode.traffic.entrance import Entrance
 from harness.episode.traffic.lanes import lanes_of
 from harness.scenario import Scenario, validate
-from harness.store.tables import table_of
 
 CAR = {"name": "car", "share": 0.75}
 TRUCK = {
@@ -161,28 +159,6 @@ def test_what_is_said_of_mistakes(
 def test_shares_may_miss_1_by_rounding() -> None:
     thirds = [{"name": f"type{i}", "share": 1 / 3} for i in range(3)]
     assert len(scenario_of(*thirds).vehicles()) == 3
-
-
-def test_results_by_type_are_means_over_the_hours_without_failures() -> None:
-    def row(pair: int, arm: str, delay_s: float | None, reason: str | None = None) -> Any:
-        numbers = {"type": "car", "vehicles": 10, "automated": 4, "not_through": pair}
-        types = None if reason else [{**numbers, "vehicle_delay_s": delay_s}]
-        return {"cell": 0, "pair": pair, "arm": arm, "reason": reason, "types": types}
-
-    hours = table_of(
-        "hours",
-        [
-            *(row(0, "av", 5.0), row(0, "human", 3.0)),
-            *(row(1, "av", 7.0), row(1, "human", 6.0)),
-            *(row(2, "av", None, "it failed"), row(2, "human", 60.0)),
-        ],
-    )
-    (car,) = type_rows(hours, ["car"], 0.95)
-    assert (car["vehicles"], car["automated"], car["not_through"]) == (20, 8, 1)
-    assert (car["vehicle_delay_s"], car["vehicle_delay_s_human"]) == (6.0, 4.5)
-    assert car["difference_s"] == 1.5
-    # Student's t with one degree of freedom: 12.706 standard errors of 0.5 s.
-    assert car["difference_s_ci_high"] == pytest.approx(1.5 + 12.706 * 0.5, abs=1e-3)
 
 
 @pytest.mark.parametrize("leader_mps", [0.0, 2.0])
