@@ -11,7 +11,7 @@ from operator import attrgetter
 from typing import Any, Literal, get_args
 
 from harness.core.encounter import FloatArray
-from harness.measures import avoidable as prevention, braking, conflicts, efficiency, harm
+from harness.measures import avoidable as prevention, braking, conflicts, efficiency
 from harness.measures.chunk import Chunk
 
 
@@ -229,26 +229,6 @@ class Measured:
         about="conflict",
         undefined_when="no contact",
         source="UN Regulation 157: the competent and careful human driver",
-    )
-    injury_risk: float | None = _measured(
-        harm.injury_risk,
-        "",
-        "risk of an injury of AIS 4 or more at the impact speed; the logit is linear between the "
-        "published points, beyond the last one with its slope; below 17.1 mph the risk is linear "
-        "to 0 at 0",
-        about="conflict",
-        undefined_when="no contact with the front",
-        worse="large",
-        source="Tefft 2013: people of 15 years and more, USA, front of cars and light trucks",
-    )
-    fatality_risk: float | None = _measured(
-        harm.fatality_risk,
-        "",
-        "risk of death at the impact speed, as `injury_risk`; linear below 24.1 mph",
-        about="conflict",
-        undefined_when="no contact with the front",
-        worse="large",
-        source="Tefft 2013: people of 15 years and more, USA, front of cars and light trucks",
     )
     rms_acceleration_mps2: float | None = _measured(
         braking.rms_acceleration_mps2,

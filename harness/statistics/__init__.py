@@ -57,7 +57,6 @@ from harness.statistics.paired import (
     ratio_difference,
     sign_flip_p,
 )
-from harness.statistics.severity import LOWEST_POINT, PER_MILLION
 from harness.statistics.summary import Summary, summarise
 
 __all__ = [
@@ -66,9 +65,7 @@ __all__ = [
     "DIFFERENCES",
     "ENCOUNTERS",
     "ENTRIES",
-    "LOWEST_POINT",
     "MU_BOUND_FROM",
-    "PER_MILLION",
     "UNDEFINED",
     "AllowedInterval",
     "BothArms",

@@ -11,7 +11,6 @@ from harness.statistics.counts import COUNTS
 from harness.statistics.encounter_columns import EncounterColumns, largest, mean_of
 from harness.statistics.entries import Entry, Findings, Form
 from harness.statistics.intervals import Proportion
-from harness.statistics.severity import severity_entries
 
 _REFERENCE_CRASHED = "A reference driver who crashed counts as if they had driven on."
 _WORST = "An AV that crashed, failed or timed out counts with `timeout_s`."
@@ -215,7 +214,6 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         interval=Proportion,
         undefined=ALL_FAILED,
     ),
-    *severity_entries(),
     Entry(
         "kappa_met_someone",
         "crashes, pairs that met someone",

@@ -20,8 +20,7 @@ class PairColumns:
     ``stopped_s`` are NaN where the arm failed. ``front`` marks contacts with the front,
     ``avoidable`` marks crashes that full braking would have prevented, ``avoidable_attentive``
     crashes that an attentive driver would have avoided, ``failed_strategy`` failures of the
-    strategy.  ``injury_risk`` and ``fatality_risk`` are those of contacts with the front; they are
-    0 in all other episodes.  ``met`` is the number of pedestrians who stepped off.  ``arrivals``
+    strategy.  ``met`` is the number of pedestrians who stepped off.  ``arrivals``
     is the number of pedestrians who arrived, and ``waited_s`` is the sum of their waits at the
     kerb.  ``conditionings`` is the number of uses of the interaction model.  ``clamped`` is the
     number of uses for an ego that was faster or farther away than the model's box.  The two
@@ -40,8 +39,6 @@ class PairColumns:
     front: BothArms
     avoidable: BothArms
     avoidable_attentive: BothArms
-    injury_risk: BothArms
-    fatality_risk: BothArms
     timed_out: BothArms
     failed: BothArms
     failed_strategy: BothArms

@@ -12,7 +12,6 @@ import pyarrow as pa
 
 from harness.core.encounter import FloatArray
 from harness.statistics import (
-    PER_MILLION,
     UNDEFINED,
     Interval,
     Proportion,
@@ -80,25 +79,6 @@ class ArmColumns:
         if reach is None or not (av or human):
             return Interval(difference, None, None)
         return Interval(difference, difference - reach, difference + reach).within(-1.0, 1.0)
-
-    def expected(self, risk: str, trials: str, arm: int) -> Interval:
-        """The sum of a column of risks per million trials; undefined if the sum is 0."""
-        columns = self.arms[arm]
-        if not columns[risk].any():
-            return UNDEFINED
-        ratio = student_ratio(columns[risk], columns[trials], self.confidence).within(least=0.0)
-        return scaled(ratio, PER_MILLION)
-
-    def expected_difference(self, risk: str, trials: str) -> Interval:
-        """The difference of the sums per million trials; undefined unless both are above 0."""
-        if not all(columns[risk].any() for columns in self.arms):
-            return UNDEFINED
-        return scaled(self.share_difference(risk, trials), PER_MILLION)
-
-    def below_curve(self, risk: str, arm: int) -> float | None:
-        """The share of a sum of risks that lies below the curve's lowest published point."""
-        total = float(self.arms[arm][risk].sum())
-        return float(self.arms[arm][f"{risk}_below_curve"].sum()) / total if total else None
 
     def total(self, name: str, arm: int) -> int:
         """The sum of a column of counts."""

@@ -3,7 +3,6 @@
 from harness.statistics import CONFLICTS, Entry, Form, Interval, Proportion
 from harness.store.arm_columns import scaled
 from harness.store.hour_columns import HourColumns
-from harness.store.severity import severity_entries
 
 _NO_VEHICLE = "there is no counted vehicle, or the queue is permanent"
 _NO_KIND = "there is no counted vehicle of this kind, or the queue is permanent"
@@ -135,7 +134,6 @@ HOURS: tuple[Entry[HourColumns], ...] = (
         first_screen=True,
         crashes=True,
     ),
-    *severity_entries("vehicles that reached the crosswalk or crashed before it"),
     Entry(
         "time_ratio",
         "ratio of travel times",

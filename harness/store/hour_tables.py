@@ -8,7 +8,7 @@ from itertools import compress
 
 import numpy as np
 
-from harness.core.encounter import Arm, Contact, Ending, Walk
+from harness.core.encounter import Arm, Ending, Walk
 from harness.episode.traffic.lanes import lanes_of
 from harness.episode.traffic.pairing import HourOutcome
 from harness.episode.traffic.passages import Passage
@@ -16,7 +16,7 @@ from harness.episode.traffic.saturation import least_late
 from harness.measures import EpisodeRecord
 from harness.measures.motion.walking import cleared_s
 from harness.scenario import ConflictsSection
-from harness.statistics import CONFLICTS, LOWEST_POINT
+from harness.statistics import CONFLICTS
 from harness.store.schemas import HOUR_TABLES, PASSAGES
 from harness.store.tables import Row, Tables, table_of
 from harness.store.walk_rows import pedestrian_row
@@ -86,7 +86,6 @@ def _numbers(outcome: HourOutcome, counted: _Counted) -> Row:
         "never_went": sum(walk.start_s is None for walk in walks),
         "pedestrian_delay_s": _mean(waits),
         "walking_mps": _mean([walk.speed_mps for walk in walks if walk.speed_mps is not None]),
-        "crossed": sum(walk.start_s is not None for walk in walks),
         "had_to_wait": len(let_go),
         "let_go": sum(let_go),
     }
@@ -179,7 +178,7 @@ def _automated(outcome: HourOutcome, passage: Passage) -> bool:
 
 
 def passage_counts(passages: Sequence[Row], limits: ConflictsSection) -> dict[str, float | None]:
-    """Columns of ``hours`` from its rows of ``passages``: stops, crashes, harm, conflicts.
+    """Columns of ``hours`` from its rows of ``passages``: stops, crashes, conflicts.
 
     ``reached`` counts the vehicles that reached the crosswalk's near edge or crashed before it.
     Only their crashes and conflicts count; ``conflicts_unreached`` has the other vehicles'
@@ -207,17 +206,7 @@ def passage_counts(passages: Sequence[Row], limits: ConflictsSection) -> dict[st
         }
         counts[f"conflicts_{conflict.name}"] = sum(reached[number] for number in marked)
         others |= {number for number in marked if not reached[number]}
-    return counts | {"conflicts_unreached": len(others)} | _harm(passages)
-
-
-def _harm(passages: Sequence[Row]) -> dict[str, float | None]:
-    """Sums of the risks of contacts with the front, and the number of contacts with the side."""
-    sums: dict[str, float | None] = {}
-    for name in ("injury_risk", "fatality_risk"):
-        risks = [row[name] for row in passages if row[name] is not None]
-        sums[name] = math.fsum(risks)
-        sums[f"{name}_below_curve"] = math.fsum(risk for risk in risks if risk < LOWEST_POINT)
-    return sums | {"side_contacts": sum(row["contact"] == Contact.SIDE for row in passages)}
+    return counts | {"conflicts_unreached": len(others)}
 
 
 def _passage_row(passage: Passage, begin_s: float, types: Sequence[str]) -> Row:

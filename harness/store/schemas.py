@@ -127,14 +127,10 @@ QUEUES = pa.schema(
     ]
 )
 
-_HARM_NUMBERS = (
-    *("injury_risk", "injury_risk_below_curve"),
-    *("fatality_risk", "fatality_risk_below_curve"),
-)
 _HOUR_COUNTS = [
     *("vehicles", "automated", "met", "fallbacks", "not_through", "reached"),
     *("late_first_half", "late_second_half", "due_through", "queue_longest"),
-    *("pedestrians", "never_went", "had_to_wait", "let_go", "crashes", "crossed", "side_contacts"),
+    *("pedestrians", "never_went", "had_to_wait", "let_go", "crashes"),
     *("conflicts_ttc", "conflicts_time_advantage", "conflicts_pet", "conflicts_drac"),
     "conflicts_unreached",
 ]
@@ -143,7 +139,6 @@ _HOUR_NUMBERS = [
     *("first_third_delay_s", "last_third_delay_s", "control_delay_s", "travel_time_s"),
     *("throughput_per_hour", "stops_per_vehicle", "queue_mean", "queue_p95", "queue_p95_m"),
     *("pedestrian_delay_s", "walking_mps", "person_delay_h"),
-    *_HARM_NUMBERS,
 ]
 HOURS = pa.schema(
     [
@@ -188,13 +183,11 @@ _SIMULATION_COUNTS = [
     ),
     *("reached", "crashes", *_CONFLICT_COUNTS, "conflicts_unreached"),
     *("sumo_collisions", "sumo_person_collisions", "teleports", "stuck", "deadlocked"),
-    *("crossed", "side_contacts"),
 ]
 _SIMULATION_NUMBERS = [
     *("av_time_loss_s", "other_time_loss_s", "vehicle_time_loss_s", "people_time_loss_s"),
     *("people_duration_s", "crosswalk_delay_s", "crosswalk_wait_s", "queue_p95_m"),
     *("stops_per_vehicle", "stood_longest_s"),
-    *_HARM_NUMBERS,
 ]
 SIMULATIONS = pa.schema(
     [

@@ -150,8 +150,6 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
         front=both(crashed & front),
         avoidable=both(marks("avoidable")),
         avoidable_attentive=both(marks("avoidable_attentive")),
-        injury_risk=both(np.nan_to_num(numbers("injury_risk"))),
-        fatality_risk=both(np.nan_to_num(numbers("fatality_risk"))),
         timed_out=both(ending == Ending.TIMED_OUT),
         failed=both(ending == Ending.ENGINE_FAILED),
         failed_strategy=both(failed_strategy),

@@ -56,11 +56,6 @@ def test_the_interval_holds_the_quadrature(finished: Path, tmp_path: Path) -> No
     # docs/method.md: κ of constant_speed by quadrature.
     assert result["ci_low"] <= 0.2146 <= result["ci_high"]
     assert result["failed"] == 0
-    # It does not brake: Tefft's curve is linear up to 10 % at 17.1 mph, so at 5 m/s it is 6.54 %.
-    assert result["serious"]["per_contact"] == pytest.approx(0.1 * 5 / (17.1 * 0.44704))
-    assert result["serious"]["below_curve"] == 1.0
-    assert result["serious"]["ci_low"] is None  # equal values do not show their spread
-    assert 0 < result["side_share"] < 1
     words = ("run", finished / "critical.toml", "--out", tmp_path / "run", "--quiet")
     printed(*words, cwd=CHECKOUT)
     episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pandas()

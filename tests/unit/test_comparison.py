@@ -188,8 +188,6 @@ def columns() -> PairColumns:
         front=endings("f"),
         avoidable=endings("f"),
         avoidable_attentive=endings("f"),
-        injury_risk=tuple(0.08 * each for each in endings("f")),
-        fatality_risk=tuple(0.03 * each for each in endings("f")),
         timed_out=endings("t"),
         failed=endings("s"),
         failed_strategy=endings("s"),
@@ -284,18 +282,6 @@ def test_summary_of_hand_counted_pairs() -> None:
     assert (summary.kappa_avoidable_human.successes, summary.kappa_avoidable_human.trials) == (0, 9)
     assert summary.kappa_avoidable_attentive.value == pytest.approx(1 / 8)
     assert summary.kappa_human.value == pytest.approx(2 / 9)
-    # One contact with the front, of risks 0.08 and 0.03, in 8 episodes and before 7 people; the
-    # reference had none with the front, so it has no number, and there is no difference.
-    assert summary.serious_per_million_passages.value == pytest.approx(1e6 * 0.08 / 8)
-    assert summary.fatal_per_million_passages.value == pytest.approx(1e6 * 0.03 / 8)
-    assert summary.serious_per_million_crossings.value == pytest.approx(1e6 * 0.08 / 7)
-    assert summary.findings["serious_per_million_crossings"].n == 1
-    assert summary.serious_below_curve == 1.0
-    for name in ("passages_human", "passages_difference", "crossings_human"):
-        finding = summary.findings[f"serious_per_million_{name}"]
-        assert (finding.value, finding.low, finding.high) == (None, None, None)
-        assert "no moving vehicle" in str(finding.reason)
-    assert (summary.side_contacts, summary.side_contacts_human) == (1, 2)
     assert summary.kappa.low == pytest.approx(stats.beta.ppf(0.025, 2, 7), abs=1e-10)
 
 

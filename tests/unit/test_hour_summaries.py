@@ -52,7 +52,6 @@ def summary_of(
 
 def passage(edge_s: float | None, ending: str = "crossed", **values: float) -> dict[str, Any]:
     row = dict.fromkeys((conflict.column for conflict in CONFLICTS), None)
-    row |= dict.fromkeys(("contact", "injury_risk", "fatality_risk"))
     return row | {"edge_s": edge_s, "ending": ending, "approach_stops": 0, "stops": 0} | values
 
 
@@ -71,37 +70,6 @@ def test_trials_are_vehicles_that_reached_the_crosswalk_or_crashed() -> None:
     assert findings["crashes_per_1000"].value == 50
     assert (findings["unreached"].value, findings["conflicts_unreached"].value) == (280, 6)
     assert findings["unreached_human"].value == 0
-
-
-def test_how_bad_contacts_are_by_hand() -> None:
-    front = [passage(5.0, "crashed", contact="front", injury_risk=risk, fatality_risk=risk / 2)
-             for risk in (0.05, 0.3)]  # fmt: skip
-    side = passage(5.0, "crashed", contact="side")
-    counts = passage_counts([*front, side, passage(6.0)], ConflictsSection())
-    sums = ("injury_risk", "injury_risk_below_curve", "fatality_risk", "fatality_risk_below_curve")
-    assert [counts[name] for name in sums] == pytest.approx([0.35, 0.05, 0.175, 0.025])
-    assert (counts["crashes"], counts["side_contacts"]) == (3, 1)
-    risks = {"injury_risk": [0.35, 0.0, 0.1], "injury_risk_below_curve": [0.05, 0.0, 0.0],
-             "crossed": 40, "side_contacts": [1, 0, 2]}  # fmt: skip
-    findings = summary_of(risks, {"crossed": 50, "side_contacts": 1}, scenario())
-    # 0.45 in 300 vehicles and in 120 people; equal hours have Student's interval, cut at 0.
-    passages = findings["serious_per_million_passages"]
-    hourly = student_mean(np.array([0.35, 0.0, 0.1]) / 100)
-    assert passages.value == pytest.approx(1e6 * 0.45 / 300)
-    assert (passages.low, passages.high) == (0.0, pytest.approx(1e6 * hourly.high))
-    assert findings["serious_per_million_crossings"].value == pytest.approx(1e6 * 0.45 / 120)
-    assert findings["serious_below_curve"].value == pytest.approx(0.05 / 0.45)
-    assert (findings["side_contacts"].value, findings["side_contacts_human"].value) == (3, 3)
-    # No contact in the reference's arm: no number, least of all 0, and no difference.
-    for name in ("serious_per_million_passages_human", "serious_per_million_passages_difference"):
-        assert (findings[name].value, findings[name].high) == (None, None)
-        assert "no moving vehicle" in str(findings[name].reason)
-    both = summary_of(risks, risks | {"injury_risk": [0.0, 0.15, 0.0]}, scenario())
-    difference = both["serious_per_million_passages_difference"]
-    paired = student_mean(np.array([0.35, -0.15, 0.1]) / 100)
-    found = (difference.value, difference.low, difference.high)
-    wanted = (paired.value, paired.low, paired.high)
-    assert found == pytest.approx([1e6 * each for each in wanted])
 
 
 def test_findings_are_read_back_as_they_were_written() -> None:

@@ -5,7 +5,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from scipy import stats
 
@@ -22,7 +21,7 @@ from harness.scenario import Scenario, load_scenario, validate
 from harness.statistics.findings import Note, Rank
 from harness.studies.risk.asking import Settings, SettingsDocument, question_of
 from harness.studies.risk.event import parse_event
-from harness.studies.risk.findings import RiskFindings, Severity
+from harness.studies.risk.findings import RiskFindings
 from harness.studies.risk.fitting import first_components, spread
 from harness.studies.risk.interval import Tally, estimate_of
 from harness.studies.risk.layout import Layout
@@ -31,7 +30,6 @@ from harness.studies.risk.outcomes import Outcomes
 from harness.studies.risk.placing import Placing
 from harness.studies.risk.proposal import NOMINAL_SHARE, nominal
 from harness.studies.risk.running import Evaluation
-from harness.studies.risk.severity import severity_of, side_share
 from harness.studies.risk.space import space_of
 from harness.studies.risk.ways import drawn_of, people_of
 from harness.studies.workers.this_process import ThisProcess
@@ -207,42 +205,6 @@ def test_an_estimate_that_is_doubted_is_not_reliable_and_says_why() -> None:
     assert findings_in("weighted").findings["probability"].reliable
     undefined = findings_in("no_way").findings["probability"]
     assert undefined.reason == "No draw of the estimate ended in the event."
-
-
-def severity(weights: list[float], *risks: float | None) -> Severity:
-    return severity_of(
-        np.array(weights), pa.table({"injury_risk": pa.array(risks, pa.float64())}), "injury_risk"
-    )
-
-
-def test_severity_is_a_weighted_mean_over_the_contacts_with_the_front() -> None:
-    # 1 · 0.04 + 3 · 0.4 over 4; 0.04 is below the curve's 10 %.  The side contact counts nothing.
-    found = severity([1.0, 3.0, 5.0], 0.04, 0.4, None)
-    assert found.per_contact == pytest.approx(0.31)
-    assert found.below_curve == pytest.approx(0.04 / 1.24)
-    assert (found.contacts, found.effective_contacts) == (2, pytest.approx(16 / 10))
-    assert (found.ci_low, found.ci_high) == (0.0, 1.0)
-    one = severity([2.0, 1.0], 0.3, None)
-    assert (one.per_contact, one.ci_low, one.ci_high) == (0.3, None, None)
-    assert severity([1.0], None).per_contact is None
-    # With equal weights it is Student's interval of the mean, but for n in place of n − 1.
-    risks = np.random.default_rng(1).beta(2, 5, 60)
-    found, error = severity([0.5] * 60, *risks.tolist()), risks.std() / math.sqrt(60)
-    expected = stats.t.interval(0.95, 59, risks.mean(), error)
-    assert (found.ci_low, found.ci_high) == pytest.approx(expected)
-    contacts = pa.table({"contact": ["front", "side", None, "side"]})
-    assert side_share(np.array([6.0, 1.0, 9.0, 1.0]), contacts) == pytest.approx(0.25)
-    assert side_share(np.ones(1), pa.table({"contact": pa.array([None], pa.string())})) is None
-
-
-def test_the_severity_of_few_contacts_is_not_reliable() -> None:
-    whole = findings_in("weighted")
-    assert whole.findings["serious_per_contact"].reliable
-    few = whole.serious.model_copy(update={"effective_contacts": 12.0})
-    finding = whole.model_copy(update={"serious": few}).findings["serious_per_contact"]
-    assert (finding.value, finding.reliable) == (0.31, False)
-    assert finding.reason == "unreliable: the effective number of contacts is 12"
-    assert "No event" in str(findings_in("no_way").findings["fatal_per_contact"].reason)
 
 
 def test_what_the_exploration_cannot_reach_or_simulate() -> None:

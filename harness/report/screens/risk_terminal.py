@@ -15,9 +15,6 @@ from harness.studies.runs.site_words import site_words
 _PEOPLE_SHOWN = 2
 """Maximum number of pedestrians of a way, if the event is not due to one of them."""
 
-_EXPLAINED = ("_per_contact", "_below_curve", "side_share")
-"""The tables say what these numbers are about."""
-
 
 def print_risk(findings: RiskFindings, folder: Path, full: bool = False) -> None:
     """Print the first screen, or every note and number with ``full``."""
@@ -91,7 +88,6 @@ def _rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
     if findings.failed or findings.timed_out:
         worst = number(findings.probability_worst)
         yield ("worst case", f"{worst} (failed episodes count as events)")
-    yield from _severity_rows(findings)
     for way in findings.ways:
         culprits = [person for person in way.pedestrians if person.culprit]
         shown = culprits or way.pedestrians[:_PEOPLE_SHOWN]
@@ -101,22 +97,6 @@ def _rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
             f"way with {per_cent(way.share, 0)} % of the probability",
             f"{people}; {more} more" if more > 0 else people,
         )
-
-
-def _severity_rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
-    """Yield how bad the contacts are, and what that leaves out; nothing without a contact."""
-    for name, heading in (("serious", "serious injury"), ("fatal", "death")):
-        finding = findings.findings[f"{name}_per_contact"]
-        if finding.value is None:
-            continue
-        words = [] if finding.low is None else [f"{number(finding.low)} … {number(finding.high)}"]
-        words += ["unreliable: few contacts"] if finding.reliable is False else []
-        below = findings.findings[f"{name}_below_curve"].number
-        words += [] if below is None else [f"{per_cent(below, 0)} % below the curve"]
-        yield (f"risk of {heading} per contact, front", number(finding.value), "; ".join(words))
-    if findings.side_share:
-        share = f"{per_cent(findings.side_share, 0)} % of the contacts"
-        yield ("contacts with the side, left out", share)
 
 
 def nominal_words(findings: RiskFindings) -> str:
@@ -165,7 +145,7 @@ def risk_tables(findings: RiskFindings) -> Iterator[Table]:
         value = TableCell(
             number(finding.value), limits, "" if finding.value is None else str(finding.value)
         )
-        remark = finding.reason or (entry.meaning if entry.key.endswith(_EXPLAINED) else "")
+        remark = finding.reason or ""
         rows.append((TableCell(entry.heading), value, TableCell(remark)))
     yield Table("estimate", "The estimate", ("number", "value", "remark"), tuple(rows))
     for place, way in enumerate(findings.ways, 1):

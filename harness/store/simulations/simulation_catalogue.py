@@ -10,7 +10,6 @@ from harness.episode.simulation.visits import (
 )
 from harness.statistics import CONFLICTS, Conflict, Entry, Form, Interval, Proportion
 from harness.store.arm_columns import ArmColumns, scaled
-from harness.store.severity import severity_entries
 
 _NO_TRIP = "no such trip counts"
 _NOBODY = "nobody crossed"
@@ -135,9 +134,6 @@ SIMULATIONS: tuple[Entry[ArmColumns], ...] = (
         crashes=True,
     ),
     *(_conflicts(conflict) for conflict in CONFLICTS),
-    *severity_entries(
-        "vehicles that reached a chosen crosswalk straight on or had a contact before it"
-    ),
     Entry(
         "cut_share",
         "commands cut by SUMO",

@@ -89,7 +89,6 @@ def _numbers(
         "people_time_loss_s": _mean([trip.time_loss_s for trip in people]),
         "people_duration_s": _mean([trip.duration_s for trip in people]),
         "passages": len(passages),
-        "crossed": sum(each["people"] for each in crosswalks),
         "met": sum(row["pedestrians"] > 0 for row in passages),
         "fallbacks": sum(row["fallback"] for row in driven if row["pedestrians"]),
         "met_driven": sum(row["pedestrians"] > 0 for row in driven),

@@ -54,7 +54,6 @@ class Score(NamedTuple):
         speeds_mps: walking speed of each pedestrian by index; None if they did not walk.
         culprit_index: index of the pedestrian to whom the event is due; None if there is none.
         contact: what of the vehicle touched someone; None without a contact.
-        injury_risk, fatality_risk: as the measures of these names.
     """
 
     score: tuple[float, ...]
@@ -68,8 +67,6 @@ class Score(NamedTuple):
     speeds_mps: tuple[float | None, ...] = ()
     culprit_index: int | None = None
     contact: Contact | None = None
-    injury_risk: float | None = None
-    fatality_risk: float | None = None
 
 
 def failed(reason: str) -> Score:
@@ -121,8 +118,6 @@ def run_episodes(task: Episodes) -> list[Score]:
                     speeds_mps=_speeds_mps(outcome.trace),
                     culprit_index=_culprit(question.event, outcome),
                     contact=outcome.record.contact,
-                    injury_risk=outcome.record.injury_risk,
-                    fatality_risk=outcome.record.fatality_risk,
                 )
                 for score, outcome in zip(scores, outcomes, strict=True)
             ]

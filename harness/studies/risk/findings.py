@@ -1,6 +1,5 @@
 """The findings of a risk estimate (``result.json``), which every view shows."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from operator import attrgetter
 from typing import Annotated, Self
@@ -11,15 +10,14 @@ from pydantic_core import PydanticCustomError
 from harness.core.encounter import Arm, Side
 from harness.statistics.entries import Entry, Finding, Form
 from harness.statistics.findings import Note, Rank
-from harness.statistics.intervals import Interval, Proportion
-from harness.statistics.severity import SEVERITIES, WHOM, below_meaning
+from harness.statistics.intervals import Proportion
 from harness.studies.risk.asking import Document
 
 SCHEMA = 3
 """Version of ``result.json`` and ``--json``.
 
 Version 1 had neither ``findings`` nor ``notes``.  Version 2 had quantiles and numbers of updates in
-place of ``walking_speed_mps`` and ``seen_after_s``, and no severity.
+place of ``walking_speed_mps`` and ``seen_after_s``.
 """
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -65,25 +63,6 @@ class Way(Document):
     critical_pairs: tuple[Count, Count]
 
 
-class Severity(Document):
-    """Mean risk of an injury per contact with the front, over the events of the estimate.
-
-    Attributes:
-        per_contact: Σ w r/Σ w; None if no event is such a contact.
-        ci_low, ci_high: its interval; None if all risks are equal.
-        below_curve: share of Σ w r from below the published points; None if the sum is 0.
-        contacts: number of contacts with the front among the draws.
-        effective_contacts: (Σw)²/Σw² of these draws.
-    """
-
-    per_contact: Share | None
-    ci_low: Share | None
-    ci_high: Share | None
-    below_curve: Share | None
-    contacts: Count
-    effective_contacts: Number
-
-
 class RiskFindings(Document):
     """The findings of a finished risk estimate.
 
@@ -91,9 +70,7 @@ class RiskFindings(Document):
     several episodes; ``episodes_to_estimate`` counts them.  ``probability`` is None if no
     draw ended in the event.  ``nominal_high`` is the upper bound from the nominal draws alone.
     ``probability_worst`` counts every failed episode as an event.  It is None if no episode failed
-    and ``probability`` is None.  ``serious`` and ``fatal`` are of the contacts with the front among
-    the events; ``side_share`` is the share of the contacts that are with the side, which they leave
-    out, by probability.  It is None without a contact.
+    and ``probability`` is None.
     """
 
     scenario: str
@@ -123,9 +100,6 @@ class RiskFindings(Document):
     timed_out: Count
     levels: tuple[tuple[Number, ...], ...]
     ways: tuple[Way, ...]
-    serious: Severity
-    fatal: Severity
-    side_share: Share | None
     notes: tuple[Note, ...]
 
     @model_validator(mode="after")
@@ -159,11 +133,6 @@ class RiskFindings(Document):
         estimate = values["probability"]
         if doubt is not None and estimate.value is not None:
             values["probability"] = replace(estimate, reliable=False, reason=doubt)
-        for name in ("serious", "fatal"):
-            key, size = f"{name}_per_contact", getattr(self, name).effective_contacts
-            if values[key].value is not None and size < SMALL_SAMPLE:
-                few = f"unreliable: the effective number of contacts is {size:.0f}"
-                values[key] = replace(values[key], reliable=False, reason=few)
         return values
 
 
@@ -174,32 +143,6 @@ def _number(
     return Entry(key, heading, meaning, form, paired=attrgetter(key), undefined=undefined)
 
 
-def _severity(name: str, _column: str, _heading: str, what: str) -> Iterator[Entry[RiskFindings]]:
-    """Yield the entries of a severity: its risk per contact, and its share below the curve."""
-
-    def severity(risk: RiskFindings) -> Severity:
-        found: Severity = getattr(risk, name)
-        return found
-
-    yield Entry(
-        f"{name}_per_contact",
-        f"risk of {what} per contact with the front",
-        f"The mean over the events, weighted by their probability. {WHOM}",
-        paired=lambda risk: Interval(
-            severity(risk).per_contact, severity(risk).ci_low, severity(risk).ci_high
-        ),
-        undefined=NO_FRONT,
-    )
-    yield Entry(
-        f"{name}_below_curve",
-        f"share of that risk below the published curve ({what})",
-        below_meaning(what),
-        paired=lambda risk: severity(risk).below_curve,
-        undefined=NO_FRONT,
-    )
-
-
-NO_FRONT = "No event of the estimate is a contact with the front of a moving vehicle."
 SMALL_SAMPLE = 30
 """An interval is unreliable below this effective sample size."""
 
@@ -239,13 +182,6 @@ ENTRIES: tuple[Entry[RiskFindings], ...] = (
         "effective_sample_size",
         "effective sample size",
         "The squared sum of the weights, divided by the sum of their squares.",
-    ),
-    *(entry for severity in SEVERITIES for entry in _severity(*severity)),
-    _number(
-        "side_share",
-        "share of the contacts that are with the side",
-        "By probability. The risks of injury leave these contacts out.",
-        undefined="No event is a contact.",
     ),
     _number("episodes", "episodes run", "All episodes, including the exploration.", Form.COUNT),
     _number(

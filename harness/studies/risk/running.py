@@ -50,8 +50,6 @@ _SCORES = pa.schema(
         "speeds_mps": pa.list_(pa.float64()),
         "culprit_index": pa.int64(),
         "contact": pa.string(),
-        "injury_risk": pa.float64(),
-        "fatality_risk": pa.float64(),
     }
 )
 """The fields of ``Score`` with the episode's position in the batch."""

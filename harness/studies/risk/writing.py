@@ -20,7 +20,6 @@ from harness.studies.risk.asking import Question, Settings
 from harness.studies.risk.estimation import Estimation
 from harness.studies.risk.findings import SCHEMA, RiskFindings, Way
 from harness.studies.risk.running import Evaluation
-from harness.studies.risk.severity import severity_of, side_share
 from harness.studies.risk.ways import Cluster, drawn_of, people_of, ways_of
 
 RESULT = "result.json"
@@ -101,9 +100,6 @@ def findings_of(
         timed_out=evaluation.timed_out,
         levels=tuple(exploration.levels for exploration in estimation.explorations),
         ways=ways,
-        serious=severity_of(estimation.weights, evaluation.events, "injury_risk"),
-        fatal=severity_of(estimation.weights, evaluation.events, "fatality_risk"),
-        side_share=side_share(estimation.weights, evaluation.events),
         notes=tuple(sorted(_notes(estimation, evaluation, worst))),
     )
 
