@@ -313,20 +313,11 @@ def test_gap_yield_is_safe_again_if_it_knows_how_late_its_car_is(model: Interact
     assert crashes(actuation=True) == 0
 
 
-def test_sumo_does_not_drive_a_car_that_obeys_late() -> None:
-    for arms in ({"av": "sumo_driver"}, {"human": "sumo_driver"}):
-        table = {"lag_s": 0.2, "human": True}
-        refuses(
-            "actuation: is not supported with arms",
-            lambda arms=arms, table=table: scenario(arms=arms, actuation=table),
-        )
-    scenario(arms={"human": "sumo_driver"}, actuation={"lag_s": 0.2})
+def test_a_strategy_that_answers_nothing_fails_with_actuation_too() -> None:
     scene = scenario(actuation={"lag_s": 0.2})
     rules = constants_of(scene, Arm.AV)
-    engine, driver = PlainEngine(scene.vehicle(), STEP_S), Recorder(lambda _: None)
-    trace = run_episode(engine, driver, (), lambda *_: 1.0, rules)
-    assert trace.ending is Ending.ENGINE_FAILED
-    assert "returned None at t = 0.000 s: with [actuation]" in (trace.reason or "")
-    engine, driver = PlainEngine(scene.vehicle(), STEP_S), Recorder(lambda _: math.nan)
-    failed = run_episode(engine, driver, (), lambda *_: 1.0, rules)
-    assert failed.reason == "the strategy returned nan at t = 0.000 s"
+    for answer, said in ((None, "None"), (math.nan, "nan")):
+        engine, driver = PlainEngine(scene.vehicle(), STEP_S), Recorder(lambda _, a=answer: a)
+        failed = run_episode(engine, driver, (), lambda *_: 1.0, rules)
+        assert failed.ending is Ending.ENGINE_FAILED
+        assert f"returned {said} at t = 0.000 s" in (failed.reason or "")

@@ -254,7 +254,7 @@ def test_the_first_screen_says_who_comes() -> None:
         ({"group_size": []}, "group_size: .. is not accepted"),
         ({"group_size": [0.5, 0.4]}, "group_size: the shares sum to 0.9; allowed: shares that sum"),
         ({"group_size": [0.0]}, "the shares sum to 0"),
-        ({"group_size": SIZES, "behaviour": "sumo"}, "group_size: is not supported with .*sumo"),
+        ({"behaviour": "sumo"}, "behaviour: 'sumo' is only of .simulation."),
         ({"group_size": SIZES, "drawn": [{"episode": 0}] * 50}, "with pedestrians.drawn"),
         ({"walking_speed": {"classes": CLASSES}}, "walking_speed.mean_mps"),
         ({"walking_speed": {"mean_mps": 1.4, "classes": CLASSES * 3}}, "the shares sum to 1.2"),

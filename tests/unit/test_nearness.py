@@ -54,7 +54,6 @@ CROWDS = "in crowds (DUT): order right for 62 %."
     ("name", "settings", "line"),
     [
         # Drivers and people with other settings, people who do not wait, people who do not decide.
-        ("cctc", {"arms.human": "sumo_driver"}, f"sumo_driver {NOT_HELD}."),
         ("cctc", {"strategies.human_yield.yield_rate": 0.5},
          f"human_yield with these settings {NOT_HELD}; with its defaults {CROWDS}"),
         ("cctc", {"pedestrians.threshold.factor": 0.5}, f"human_yield {NOT_HELD}; {CROWDS}"),
@@ -72,9 +71,9 @@ def test_what_was_not_measured_is_said(name: str, settings: dict[str, object], l
 
 
 def test_in_a_users_own_simulation_the_nearest_scene_has_sumos_pedestrians() -> None:
-    own = load_scenario("cctc", {"arms.human": "sumo_driver"}).model_copy(
-        update={"simulation": object()}
-    )
+    scene = load_scenario("cctc")
+    arms = scene.arms.model_copy(update={"human": "sumo_driver"})
+    own = scene.model_copy(update={"simulation": object(), "arms": arms})
     assert nearness(own) == (
         f"sumo_driver {NOT_HELD}; at a measured zebra: the share of pedestrians who go first is "
         "off by 0.10."

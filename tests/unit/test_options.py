@@ -16,7 +16,6 @@ from tests.scenes import refuses
     [
         ({"engine": "plan"}, "unknown engine 'plan'"),
         ({"until": "mu=0.01"}, "until: 'mu=0.01'; allowed: a Precision, or None"),
-        ({"sumo_outputs": "some"}, "sumo_outputs: 'some' is not accepted"),
         ({"traces": "x"}, "traces: 'x' is not accepted; allowed: True or False"),
         ({"workers": -1}, "workers: -1 is not accepted; allowed: a whole number, 0 or more"),
         ({"workers": 1.5}, "workers: 1.5"),

@@ -531,7 +531,7 @@ def test_only_what_was_validated_is_said_of_a_reference() -> None:
         for name, more in (
             ("human_recorded", {}),
             ("human_recorded", {"strategies.human_recorded.horizon_s": 1.0}),
-            ("sumo_driver", {}),
+            ("human_yield", {"strategies.human_yield.yield_rate": 0.5}),
         )
     )
     lines = reference_lines([as_validated, changed, other, as_validated])
@@ -540,7 +540,7 @@ def test_only_what_was_validated_is_said_of_a_reference() -> None:
     assert "hit somebody in 9 passages" in lines[0]
     assert lines[1:] == [
         f"{name} was not compared with recorded drivers (harness validate)."
-        for name in ("human_recorded with these settings", "sumo_driver")
+        for name in ("human_recorded with these settings", "human_yield with these settings")
     ]
 
 
@@ -556,7 +556,6 @@ def test_where_another_reference_says_the_opposite_is_known_of_the_study_alone()
     assert words("gap_yield", "human_gmm", 1.1) == words("gap_yield", "human_recorded", 0.7) == ""
     assert words("gap_yield", "own.driver", 0.72) == ""
     assert words("constant_speed", "human_gmm", 0.8) == ""
-    assert words("hard_yield", "sumo_driver", 0.8) == ""
     gap = ("gap_yield", "human_gmm", 0.9)
     thousand = {"pedestrians.flow_per_hour": 1000.0, "experiment.seed": 7}
     assert words(*gap, "cctc_flow", **thousand).startswith(slower)

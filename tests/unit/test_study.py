@@ -184,7 +184,7 @@ def with_settings(name: str | Path, *settings: str, vary: tuple[str, ...] = ()) 
          "arms.av and pedestrians.flow_per_hour are set: the sweep over them is left out; "
          "20 cells became 1"),
         ("strategies", ["arms.av=mine:S", "ego.length_m=4.5"], 4,
-         "arms.av is set: the sweep over it is left out; 28 cells became 4"),
+         "arms.av is set: the sweep over it is left out; 24 cells became 4"),
         ("aggressiveness", ["arms.av=hard_yield"], 1,
          "arms.av is set: the sweep over it is left out; 16 cells became 1"),
         ("aggressiveness", ["strategies.soft_yield.time_margin_s=1"], 9,

@@ -250,7 +250,7 @@ def test_unknown_drivers_and_sets_without_passages_are_refused(tmp_path) -> None
     folder = write_set(tmp_path, HardYield)
     refuses("hard_yield", lambda: held(folder, ["hard_yeild"]))
     refuses("twice", lambda: held(folder, ["hard_yield", "hard_yield"]))
-    refuses("SUMO", lambda: held(folder, ["sumo_driver"]))
+    refuses("sumo_driver", lambda: held(folder, ["sumo_driver"]))
     refuses("begins_too_near: 4", lambda: held(folder, ["hard_yield"], vehicle_length_m=60.0))
 
 
