@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,6 @@ from harness.store.simulations.simulation_traces import has_passages, only_passa
 from harness.store.walk_rows import stored_walk
 from harness.studies.batch.scoring import score
 from harness.studies.batch.showing import write_shown
-from harness.studies.runs.reported import remarks, reported
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import SHOWN, missing_pairs, shown_pairs
 from harness.studies.runs.simulation_choice import (
@@ -88,24 +86,6 @@ def test_traces_have_every_passage_and_everybody_at_it(traced: RunData) -> None:
         people = mine[mine["object"].str.startswith(f"{name}-pedestrian")]
         assert {*people["object"]} <= {f"{name}-pedestrian-{w.arrival.index}" for w in walked}
         assert people["y_m"].between(-1e-6, scene["crossing_length_m"] + 1e-6).all()
-
-
-def test_contacts_are_split_by_the_group_of_the_vehicle(traced: RunData) -> None:
-    rows, groups = (
-        read_table(traced.path, name).to_pandas() for name in ("passages_over", "groups")
-    )
-    keys = ["pair", "arm"]
-    touched = rows[rows["ending"] == "crashed"]
-    for group, mine in (
-        ("AVs", touched[touched["automated"]]),
-        ("other vehicles", touched[~touched["automated"]]),
-        ("type car", touched[touched["type"] == "car"]),
-        ("people", touched),
-    ):
-        counts = mine.groupby(keys).size()
-        for row in groups[groups["group"] == group].to_dict("records"):
-            assert row["contacts"] == counts.get((row["pair"], row["arm"]), 0)
-    assert len(touched)
 
 
 def test_driven_passages_that_met_nobody_are_no_trials_of_the_fallback(traced: RunData) -> None:
@@ -186,9 +166,7 @@ def test_a_page_shows_what_was_simulated_again(plain: RunData, traced: RunData) 
     assert written.differing == ()
     page = Page(written.page)
     page.has("All records are identical to the stored ones.", "most striking passages of 2 pairs")
-    page.has(
-        "Time loss by group", "Delay, wait and queue at the crosswalks", "PET at the crosswalks"
-    )
+    page.has("Delay, wait and queue at the crosswalks", "PET at the crosswalks")
     assert ":crosswalk_c0, vehicle v" in page.source
     # The same passages, state by state, as of the run that kept them.
     document = json.loads(run_player(plain, shown_pairs(plain)).json)
@@ -262,19 +240,6 @@ def test_figures_of_a_sweep_are_over_its_key(swept: RunData) -> None:
     assert drawn == pytest.approx(swept.summary["av_time_loss_s"].to_numpy())
 
 
-def test_figures_of_a_run_show_the_findings(traced: RunData) -> None:
-    with style.styled():
-        pictures = {picture.name: picture for picture in simulation_pictures(traced)}
-    (axes,) = pictures["time-loss"].figure.axes
-    names = [text.get_text() for text in axes.get_yticklabels()]
-    assert names == ["AVs", "other vehicles", "all vehicles", "people", "type car", "type lorry"]
-    row = traced.summary.iloc[0]
-    for container, end in zip(axes.containers, ("", "_human"), strict=True):
-        drawn = container.lines[0].get_xdata()[:2]  # type: ignore[attr-defined]
-        wanted = [row[f"av_time_loss_s{end}"], row[f"other_time_loss_s{end}"]]
-        assert drawn == pytest.approx(wanted)
-
-
 def test_a_run_with_traces_is_scored_and_shown_again(traced: RunData, tmp_path: Path) -> None:
     from harness.scenario import Setting
 
@@ -295,23 +260,6 @@ def test_a_folder_that_lost_its_scenes_is_refused(traced: RunData, tmp_path: Pat
     (folder / "scenes_over.parquet").unlink()
     with pytest.raises(harness.InputError, match="scenes_over"):
         harness.load_run(folder)
-
-
-def test_what_was_changed_in_sumos_options_is_said(plain: RunData, tmp_path: Path) -> None:
-    """Compared with the file with which SUMO ran, and with the user's."""
-    printed("replay", plain.path, "--pair", "0", "--arm", "human", "--out", tmp_path / "again")
-    ours, hers = (
-        {each.tag: each.get("value") for each in ET.parse(path).getroot()}
-        for path in (tmp_path / "again/simulation.sumocfg", plain.path.parent / "town.sumocfg")
-    )
-    again = ("collision-output", "fcd-output", "net-file", "route-files")
-    changed = {name for name in {*ours, *hers} - {*again} if ours.get(name) != hers.get(name)}
-    (line,) = (line for line in remarks(plain) if line.startswith("SUMO ran with the options"))
-    said = {part.split()[0]: part for part in line.rstrip(".").partition(": ")[2].split("; ")}
-    assert {*said} == changed
-    assert said["seed"] == "seed 23423 + the pair's number (not given)"
-    notes = [note.text for note in reported(plain).cells[0].notes]
-    assert "SUMO ran with your options but for the seed (yours + pair)." in notes
 
 
 def test_a_run_is_shown_after_its_scenario_has_changed(traced: RunData, tmp_path: Path) -> None:

@@ -17,11 +17,10 @@ import pytest
 
 import harness
 import harness.report.pages.encounter_parts as parts_module
-from harness.core.resources import shipped_directory
 from harness.report.pages import player, traces
 from harness.report.pages.page import write_report
 from harness.report.pages.player import run_player
-from harness.scenario import Cell, Study, validate
+from harness.scenario import validate
 from harness.studies.batch import showing
 from harness.studies.runs.shown import SHOWN, choose_pairs, shown_pairs
 from harness.studies.runs.views import TIME_ADVANTAGE
@@ -299,20 +298,6 @@ def test_without_its_model_a_run_is_still_reported(swept: Path, tmp_path: Path) 
     path.write_text(json.dumps(document))
     found = Page(report(folder).page)
     found.has("could not be simulated again", "Figures of the interaction model are left out")
-
-
-def test_a_run_whose_network_has_moved_is_still_reported(tmp_path: Path) -> None:
-    net = tmp_path / "my.net.xml"
-    shutil.copy(shipped_directory("networks") / "cctc" / "cctc.net.xml", net)
-    own = {"crossing": {"net": str(net), "edge": ":crosswalk_c0"}, "arms": {"human": "human_yield"}}
-    few = {"experiment": {"pairs": 2}}
-    cell = Cell(0, {}, validate({**own, **few}, "test"))
-    run = run_inline(Study("own", cell.scenario, (cell,)), tmp_path / "run")
-    net.rename(tmp_path / "elsewhere.net.xml")
-    found = Page(report(run.path).page)
-    found.has("The figure of the site is left out", "could not be simulated again")
-    found.has("my.net.xml: the network does not exist")
-    assert 'id="f-tau-mean"' in found.source or "Running mean of τ" in found.words
 
 
 def test_report_writes_page_and_figures(

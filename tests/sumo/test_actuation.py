@@ -186,4 +186,3 @@ def test_a_risk_of_a_late_vehicle_holds_its_quadrature(
     # On either side the crashes are an interval of u, with two ends.
     assert result["ci_low"] - 2 / parts <= truth <= result["ci_high"] + 2 / parts
     assert result["ci_low"] > 0.05  # 0.0225 by the same sum if the vehicle obeys at once
-    assert result["differences"] == []

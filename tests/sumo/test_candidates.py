@@ -148,7 +148,7 @@ def test_hours_are_refused() -> None:
     ("candidate", "words"),
     [
         ({"strategies.gap_yield.critical_gap": 1}, "did you mean 'critical_gap_s'"),
-        ({"arms.av": "sumo_driver", "actuation.lag_s": 0.3}, "SUMO drives it"),
+        ({"arms.av": "sumo_driver"}, "drives only with [simulation]"),
         ({GAP: float("nan")}, "finite number"),
         ({1: 2}, "dotted keys"),
         ({"experiment.seed": 5}, "who meet the same people"),

@@ -186,8 +186,7 @@ def test_draws_that_are_not_sampled_are_said(finished: Path, tmp_path: Path) -> 
         (["euro_ncap_vru"], "--set ego.initial_speed_mps=… --set pedestrians.timed_case=…"),
         (["euro_ncap_vru", "--set", "pedestrians.timed_case=CPNA-25"], "ego.initial_speed_mps=…"),
         (["cctc_flow", "--set", "traffic.flow_per_hour=300"], "without [traffic]"),
-        (["cctc", "--set", "arms.av=sumo_driver"], "--engine sumo"),
-        (["cctc_flow", "--set", 'pedestrians.behaviour="sumo"'], "cannot be sampled"),
+        (["cctc", "--set", "arms.av=sumo_driver"], "drives only with [simulation]"),
     ],
 )
 def test_bad_input_is_one_line(arguments: list[str], words: str, tmp_path: Path) -> None:

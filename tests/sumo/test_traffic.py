@@ -401,7 +401,7 @@ def random_hour(seed: int, duration_s: float) -> HourOutcome:
         ego={"initial_speed_mps": float(rng.uniform(4, 12)), "trigger_range_m": 60.0},
         model={"extrapolate": True},
         pedestrians={"flow_per_hour": float(rng.uniform(0, 900)), "kerb_wait_s": 2.0},
-        arms={"av": STRATEGIES[seed % 5]},
+        arms={"av": STRATEGIES[seed % 4]},
         experiment={"seed": seed},
     )
     return HourRunner(scenario, MODEL, lambda: road_for(scenario), paths=True).run_arm(0, Arm.AV)

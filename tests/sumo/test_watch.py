@@ -86,7 +86,7 @@ def test_bad_input_is_refused(run: Path, arguments: dict, told: str) -> None:
 
 
 def test_in_hours_a_colour_tells_avs_from_others() -> None:
-    written = vehicle_types(Scenario().vehicle(), None, Following("Krauss", 1.0, 2.0))
+    written = vehicle_types(Scenario().vehicle(), 5.0, Following("Krauss", 1.0, 2.0))
     types = ET.fromstring(f"<types>{written}</types>")
     attributes = {one.attrib.pop("id"): one.attrib for one in types}
     # Nothing but the colour differs: results cannot.

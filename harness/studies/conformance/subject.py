@@ -63,7 +63,7 @@ SCENES: dict[str, Scene] = {
 
 
 SURVIVES = "plays every scene to its end"
-IS_FINITE = "answers with a finite number or None"
+IS_FINITE = "answers with a finite number"
 """If a scene cannot be played to its end, the strategy broke one of these two rules."""
 
 
