@@ -20,11 +20,11 @@ from harness.studies.conformance import CHECKS, Subject, check_strategy
 DOCS = Path(__file__).parents[2] / "docs" / "strategies.md"
 
 
-@pytest.mark.parametrize("check", CHECKS)
 # SUMO drives in [simulation] alone.
 IN_ENCOUNTERS = [name for name in STRATEGIES if name != "sumo_driver"]
 
 
+@pytest.mark.parametrize("check", CHECKS)
 @pytest.mark.parametrize("strategy", IN_ENCOUNTERS)
 def test_keeps(strategy: str, check: str, model) -> None:
     CHECKS[check](Subject(strategy, Scenario(), model))

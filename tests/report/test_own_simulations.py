@@ -166,7 +166,7 @@ def test_a_page_shows_what_was_simulated_again(plain: RunData, traced: RunData) 
     assert written.differing == ()
     page = Page(written.page)
     page.has("All records are identical to the stored ones.", "most striking passages of 2 pairs")
-    page.has("Delay, wait and queue at the crosswalks", "PET at the crosswalks")
+    page.has("PET at the crosswalks")
     assert ":crosswalk_c0, vehicle v" in page.source
     # The same passages, state by state, as of the run that kept them.
     document = json.loads(run_player(plain, shown_pairs(plain)).json)

@@ -108,7 +108,7 @@ class Observed:
         if self.changed is None and repr(observation) != before:
             self.changed = observation
         self.answers.append(answer)
-        return 0.0 if answer is None and observation.vehicle.obeys_at_once else answer
+        return answer
 
 
 class Subject:
