@@ -8,18 +8,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from scipy import stats
 
 import harness
-from harness.core.encounter import Arrival, Crossing, Side
+from harness.core.encounter import Crossing
 from harness.engine.network import place_of
 from harness.report.drawing import (
     episode_figures,
     safety_figures,
-    site_figures,
     style,
     svg,
     sweep_figures,
@@ -28,7 +26,6 @@ from harness.report.drawing import (
 from harness.report.drawing.style import Picture
 from harness.report.pages.pictures import pictures_of
 from harness.report.pages.sweep_pictures import sweep_pictures
-from harness.site import read_network, read_site
 from harness.studies.kinds.tasks import Task
 from harness.studies.runs.opening import load_run
 from harness.studies.runs.run_data import RunData
@@ -74,26 +71,6 @@ def test_running_mean_is_the_mean_of_the_first_n() -> None:
         assert (mean[n - 1] - half[n - 1], mean[n - 1] + half[n - 1]) == pytest.approx((low, high))
 
 
-def test_running_mean_figure(axes: Axes) -> None:
-    """That of many pairs is thinned to its ends, and has no dot for each."""
-    tau_figures.draw_running_mean(axes, TAU, reference=0.7044)
-    x, y = line(axes, "mean of the first n")
-    assert (x[0], x[-1], len(x)) == (1, 6, 6)
-    assert y[-1] == pytest.approx(np.nanmean(TAU))
-    assert list(line(axes, "paper: 0.7044")[1]) == [0.7044, 0.7044]
-    assert right_title(axes) == "n = 6"
-    assert "τ" in axes.get_ylabel()
-    many, nothing = Figure().subplots(2)
-    tau = np.random.default_rng(1).normal(0.8, 0.1, 20_000)
-    tau_figures.draw_running_mean(many, tau)
-    x, y = line(many, "mean of the first n")
-    assert (x[0], x[-1], len(many.lines)) == (1, 20_000, 1)
-    assert len(x) <= 400
-    assert y[-1] == pytest.approx(tau.mean())
-    tau_figures.draw_running_mean(nothing, np.array([np.nan]))
-    assert right_title(nothing) == "n = 0"
-
-
 def test_distribution_counts_every_pair_once(axes: Axes) -> None:
     fallback = np.array([False, False, False, False, True, True, False])
     tau_figures.draw_tau_distribution(axes, TAU, fallback, (0.86, 0.7, 1.1))
@@ -103,43 +80,6 @@ def test_distribution_counts_every_pair_once(axes: Axes) -> None:
     assert heights == {"without fallback": 4, "the AV fell back": 2}
     assert set(line(axes, "μ = 0.8600")[0]) == {0.86}
     assert "its 95 % interval" in labels(axes)
-
-
-@pytest.mark.parametrize(
-    "tau", [np.ones(30), np.array([1.0]), np.array([]), np.append(np.ones(5_000), 1e6)]
-)
-def test_distribution_of_strange_values(axes: Axes, tau: np.ndarray) -> None:
-    """One value, none, no spread, one far away: bins stay few."""
-    tau_figures.draw_tau_distribution(axes, tau)
-    assert sum(bar.get_height() for bar in bars_of(axes)) == len(tau)
-    assert len(bars_of(axes)) <= 40
-
-
-def test_a_few_large_values_share_the_last_bar_and_a_spike_is_cut() -> None:
-    axes, spiked = Figure().subplots(2)
-    tau = np.concatenate((np.random.default_rng(1).uniform(0.6, 1.0, 998), [5.0, 9.0]))
-    tau_figures.draw_tau_distribution(axes, tau)
-    assert sum(bar.get_height() for bar in bars_of(axes)) == 1_000
-    assert max(bar.get_x() + bar.get_width() for bar in bars_of(axes)) < 1.1
-    far = np.count_nonzero(tau > np.quantile(tau, 0.995))
-    assert f"last bar: {far} pairs up to τ = 9" in labels(axes)
-    tau = np.concatenate((np.ones(7_000), np.linspace(0.5, 1.5, 800)))
-    tau_figures.draw_tau_distribution(spiked, tau)
-    highest = max(bar.get_height() for bar in bars_of(spiked))
-    assert spiked.get_ylim()[1] < highest
-    assert f"↑ {int(highest):,} pairs" in [text.get_text() for text in spiked.texts]
-
-
-def test_arrivals_by_side_and_beyond_the_limit(axes: Axes) -> None:
-    times_s = [(0.0, Side.FAR), (20.0, Side.NEAR), (50.0, Side.NEAR), (61.0, Side.NEAR)]
-    planned = [Arrival(number, *of, 0.5) for number, of in enumerate(times_s)]
-    episode_figures.draw_arrivals(axes, planned, 250.0, most=1)
-    assert [list(of) for of in line(axes, "from the other side")] == [[0.0], [1]]
-    hollow = line(axes, "from the ego's side, not simulated")
-    assert [list(of) for of in hollow] == [[20.0, 50.0], [2, 3]]
-    assert list(line(axes, "expected, λt")[1]) == pytest.approx([0, 250 / 60])
-    assert axes.get_xlim() == (0, 60)
-    assert right_title(axes) == "n = 3"
 
 
 def test_speed_profiles_are_the_traces(axes: Axes, single: str) -> None:
@@ -221,64 +161,11 @@ def test_shares_count_undefined_episodes_among_all(axes: Axes) -> None:
     assert list(line(nothing, "AV, defined in 0 of 1")[1]) == [0, 0]
 
 
-def test_walking_speeds_are_a_density(axes: Axes) -> None:
-    speeds = np.random.default_rng(1).normal(1.4, 0.2, 500)
-    grid = np.linspace(0.3, 3.0, 50)
-    safety_figures.draw_walking_speeds(axes, speeds, grid, stats.norm(1.4, 0.2).pdf(grid))
-    area = sum(bar.get_height() * bar.get_width() for bar in axes.patches)
-    assert area == pytest.approx(1)
-    assert right_title(axes) == "n = 500"
-
-
 SUMMARY = pd.DataFrame(
     [(1.0, 0.9, 1.2), (0.9, 0.8, 1.0), (1.2, 1.0, 1.5), (np.nan,) * 3],
     columns=["mu", "mu_ci_low", "mu_ci_high"],
 )
 NAMES = ["a", "a", "b", "b"]
-
-
-def test_sweep_has_a_line_with_bars_for_each_strategy(axes: Axes) -> None:
-    first, second = sweep_figures.lines_of(SUMMARY, [1000, 50, 50, 1000], NAMES, "mu")
-    assert (first.label, list(first.x), list(first.value)) == ("a", [50, 1000], [0.9, 1.0])
-    assert (second.label, float(second.low[0])) == ("b", 1.0)
-    lines = sweep_figures.lines_of(SUMMARY, [50, 1000, 50, 1000], NAMES, "mu")
-    sweep_figures.draw_over(axes, lines, "λ (per hour)", "μ", "n = 40 pairs per point", (1.0, "as"))
-    assert labels(axes) == ["as", "a", "b"]
-    assert axes.get_xscale() == "log"
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    assert (left < 50, right > 1000, low < 0.8, high > 1.5) == (True,) * 4
-    bars = list(axes.containers)
-    for bar, expected in zip(bars, lines, strict=True):
-        data, _, (reach,) = bar  # type: ignore[misc]
-        assert np.asarray(data.get_ydata()) == pytest.approx(expected.value, nan_ok=True)
-        assert list(data.get_xdata()) == list(expected.x)
-        ends = np.asarray(reach.get_segments()[0])[:, 1]
-        assert ends == pytest.approx([expected.low[0], expected.high[0]])
-    looks = {(to_hex(bar[0].get_color()), bar[0].get_marker()) for bar in bars}  # type: ignore[index]
-    assert len(looks) == 2
-
-
-def test_aggressiveness_has_its_line_and_band(axes: Axes) -> None:
-    x = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
-    curve = sweep_figures.Line("soft_yield", x, 1.1 - x / 10, 1.0 - x / 10, 1.2 - x / 10)
-    sweep_figures.draw_aggressiveness(axes, curve, "x", "μ", "n = 40")
-    assert list(line(axes, "soft_yield")[1]) == pytest.approx([1.1, 1.0, 0.9, 0.8, 0.7])
-    assert "95 % interval" in labels(axes)
-
-
-def test_site_shows_every_lane_and_the_ego_at_its_range(axes: Axes, single: str) -> None:
-    scenario = harness.load_run(single).scenario
-    place = place_of(scenario)
-    network, site = read_network(place.net), read_site(place)
-    site_figures.draw_site(axes, network, site, scenario.vehicle(), scenario.crosswalk())
-    shapes = [patch for patch in axes.patches if hasattr(patch, "get_xy")]
-    # 6 lanes, 2 inside the junction, 2 walking areas, 9 stripes, the ego, 2 legend entries.
-    assert len(shapes) == 6 + 2 + 2 + 9 + 1 + 2
-    (ego,) = (patch for patch in shapes if patch.get_label() == "ego at the trigger, R = 30 m")
-    corners = [site.frame.to_road(*corner) for corner in ego.get_xy()]  # type: ignore[attr-defined]
-    assert min(x for x, _ in corners) == pytest.approx(-35)
-    assert max(x for x, _ in corners) == pytest.approx(-30)
-    assert {round(y, 6) for _, y in corners} == {2.25 - 0.9, 2.25 + 0.9}
 
 
 def pictures(run: RunData) -> list[Picture]:
@@ -308,30 +195,6 @@ def test_the_papers_figures_come_first_and_those_of_a_sweep_over_the_flow(
     assert [picture.name for picture in of_sweep][:5] == [f"sweep-{name}" for name in measures]
     (axes,) = of_sweep[0].figure.axes
     assert labels(axes)[1:] == ["soft_yield", "constant_speed"]
-
-
-def test_the_delay_of_pedestrians_is_drawn_for_both_arms(
-    of_sweep: list[Picture], swept: Path
-) -> None:
-    (axes,) = of_sweep[4].figure.axes
-    drawn = {bars.get_label(): bars.lines[0].get_ydata() for bars in axes.containers}
-    assert list(drawn) == ["soft_yield", "constant_speed", "human_gmm (reference)"]
-    # Σ waits / Σ people, from the table of those who came; whoever still stood at the end of the
-    # record waited until then.
-    run = harness.load_run(swept)
-    keys = ["cell", "pair", "arm"]
-    ends = ["contact_time_s", "pass_time_ignoring_contact_s"]
-    came = run.pedestrians.merge(run.episodes[[*keys, *ends]])
-    until_s = came["start_s"].fillna(came[ends[0]]).fillna(came[ends[1]])
-    came["wait_s"] = until_s - came["arrival_s"]
-    of_cell = came.groupby(["cell", "arm"])["wait_s"].agg(["sum", "size"])
-    delay_s = of_cell["sum"] / of_cell["size"]
-    for label, cells, arm in (
-        ("soft_yield", (0, 2), "av"),
-        ("constant_speed", (1, 3), "av"),
-        ("human_gmm (reference)", (0, 2), "human"),
-    ):
-        assert list(drawn[label]) == pytest.approx([delay_s[cell, arm] for cell in cells])
 
 
 def test_a_swept_parameter_has_its_picture(tmp_path: Path) -> None:
