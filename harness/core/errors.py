@@ -140,21 +140,16 @@ def unknown_name(where: str, kind: str, name: str, valid: Iterable[str]) -> Inpu
 
 
 def nearest_name(name: str, valid: Iterable[str]) -> str | None:
-    """The valid name closest to a misspelt or shortened one; None if none is similar."""
-    return next(iter(nearest_names(name, valid, 1)), None)
+    """The valid name closest to a misspelt or shortened one; None if none is similar.
 
-
-def nearest_names(name: str, valid: Iterable[str], most: int) -> list[str]:
-    """The valid names closest to a misspelt or shortened one, the closest first.
-
-    >>> nearest_names("flow", ["speed", "flow_per_hour", "flow_mps"], 2)
-    ['flow_mps', 'flow_per_hour']
+    >>> nearest_name("flow", ["speed", "flow_per_hour"])
+    'flow_per_hour'
     """
     names = list(valid)
-    close = difflib.get_close_matches(name, names, n=most, cutoff=0.5)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     # ``flow`` is too short to be similar to ``flow_per_hour``.
     whole = [valid_name for valid_name in names if name in valid_name.split("_")]
-    return list(dict.fromkeys(close + whole))[:most]
+    return next(iter(close + whole), None)
 
 
 def place_of(error: BaseException) -> str | None:

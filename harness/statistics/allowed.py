@@ -14,7 +14,7 @@ An unreliable bound of μ allows nothing and denies nothing.  The bounds of κ a
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -71,18 +71,12 @@ class SweptValue:
     alike: int
 
     @property
-    def mu_found(self) -> Finding:
-        """μ with its bounds, and with the reason if they are unreliable."""
-        mu = self.mu
-        found = Finding(mu.value, mu.low, mu.high, mu.informative)
-        if mu.low is None:
-            return replace(found, reliable=None)
-        return with_reliability(found, MU_BOUND_FROM, self.alike)
-
-    @property
     def unreliable(self) -> bool:
         """Whether the bounds of μ are unreliable."""
-        return self.mu_found.reliable is False
+        mu = self.mu
+        found = Finding(mu.value, mu.low, mu.high, mu.informative)
+        judged = with_reliability(found, MU_BOUND_FROM, self.alike)
+        return mu.low is not None and judged.reliable is False
 
 
 @dataclass(frozen=True, slots=True)

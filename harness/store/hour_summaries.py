@@ -27,11 +27,6 @@ class ArmOfHours:
     los_vehicles: str | None
     los_pedestrians: str | None
 
-    @property
-    def still_rises(self) -> bool:
-        """Whether the delay still grows in the counted time, beyond chance."""
-        return self.rising_s.low is not None and self.rising_s.low > 0
-
 
 @dataclass(frozen=True, slots=True)
 class HoursSummary:

@@ -14,7 +14,6 @@ from harness.statistics import (
     CONFLICTS,
     BothArms,
     EncounterColumns,
-    Interval,
     PairColumns,
     Summary,
     summarise,
@@ -181,11 +180,6 @@ def check_pairs(rows: pa.Table, what: str) -> None:
     whole = count > 0 and arms == [Arm.AV.value, Arm.HUMAN.value] * count
     if not whole or pairs[::2] != pairs[1::2] or len({*pairs}) != count:
         raise InputError(what, "do not have both arms of each pair of a cell", f"one run's {what}")
-
-
-def interval_from(row: Any, name: str) -> Interval:
-    """The interval in three columns of a row of ``summary.csv``, a mapping or a pandas series."""
-    return Interval(*(known(row[f"{name}{end}"]) for end in ("", "_ci_low", "_ci_high")))
 
 
 def known(value: float | None) -> float | None:

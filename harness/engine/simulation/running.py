@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.core.errors import EngineError, InputError, one_line
-from harness.engine.simulation.outputs import Kept, final_options, redirected_options
+from harness.engine.simulation.outputs import Kept, final_options
 from harness.site.configuration import SumoConfig, first_error, option_types, sumo_program
 
 NO_OPTIONS: Mapping[str, str] = {}
@@ -71,29 +71,6 @@ def write_config(
 def _ours(seed: str, step_s: float | None) -> dict[str, str]:
     step = {} if step_s is None else {"step-length": f"{step_s:.3f}"}
     return {**ALWAYS, "seed": seed, "tripinfo-output": TRIPS_FILE, **step}
-
-
-def changed_options(
-    config: SumoConfig, outputs: frozenset[str], first_seed: int, step_s: float | None
-) -> dict[str, tuple[str | None, str | None]]:
-    """Each option that an arm's configuration changes: the user's value and the arm's.
-
-    None is a value that is not given.
-
-    Args:
-        config: the user's configuration.
-        outputs: the outputs that are kept.
-        first_seed: SUMO's seed of pair 0.
-        step_s: see ``write_config``.
-    """
-    hers = config.options
-    ours = redirected_options(config, Kept(config.path.parent, outputs))
-    ours |= _ours(f"{first_seed} + the pair's number", step_s)
-    return {
-        name: (hers.get(name), ours.get(name))
-        for name in sorted({*hers, *ours})
-        if hers.get(name) != ours.get(name)
-    }
 
 
 Start = Callable[[Sequence[str]], tuple[Any, Callable[[], None]]]
