@@ -22,7 +22,6 @@ from .report.one_pair import (
 from .rl import CrosswalkEnv as CrosswalkEnv, Transition as Transition
 from .scenario import (
     Options as Options,
-    Precision as Precision,
     Scenario as Scenario,
     ScenarioFile as ScenarioFile,
     Setting as Setting,

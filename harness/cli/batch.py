@@ -11,10 +11,10 @@ from harness.cli import options
 from harness.cli.interruption import unwinding
 from harness.cli.options import not_with, settings_of
 from harness.cli.output import emit, progress_bar, say
-from harness.core.errors import InputError, one_line
+from harness.core.errors import one_line
 
 if TYPE_CHECKING:
-    from harness.scenario import Precision, Study
+    from harness.scenario import Study
     from harness.studies.runs.run_data import RunData
     from harness.studies.workers.cluster import DaskCluster
     from harness.studies.workers.executor import Executor
@@ -27,7 +27,6 @@ def run(
     pairs: options.PairsOption = None,
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
-    until: options.UntilOption = None,
     over_model: options.OverModelOption = False,
     workers: options.WorkersOption = None,
     traces: options.TracesOption = False,
@@ -53,12 +52,7 @@ def run(
         if remark is not None:
             say(f"harness: {remark}")
     _refuse_workers_with_dask(workers, dask)
-    choices = Options(
-        traces,
-        _precision(until),
-        workers,
-        engine=engine,
-    )
+    choices = Options(traces, workers, engine=engine)
     from harness.studies.workers.executors import executor_for
 
     # Local workers import modules at the same time as this process.  A wrong address is refused
@@ -136,19 +130,6 @@ def _cluster(address: str) -> "DaskCluster":
     from harness.studies.workers.cluster import DaskCluster
 
     return DaskCluster(address)
-
-
-def _precision(text: str | None) -> "Precision | None":
-    if text is None:
-        return None
-    from harness.scenario import Precision
-
-    measure, _, number = text.partition("=")
-    try:
-        return Precision(measure, float(number))
-    except (ValueError, InputError):
-        allowed = "mu=WIDTH or kappa=WIDTH, 0 to 1"
-        raise InputError(f"--until {text}", "is not accepted", allowed) from None
 
 
 def _report(finished: "RunData", full: bool, quiet: bool, as_json: bool) -> None:

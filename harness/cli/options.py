@@ -49,15 +49,6 @@ PairsOption = Annotated[
     int | None, typer.Option(help="Number of pairs per cell, instead of the scenario's.")
 ]
 SeedOption = Annotated[int | None, typer.Option(help="Root seed, instead of the scenario's.")]
-UntilOption = Annotated[
-    str | None,
-    typer.Option(
-        help="Stop when the interval of every cell has at most this half-width, e.g. mu=0.01 or "
-        "kappa=0.005. The run checks this at 1,000 pairs and at each doubling, and stops at "
-        "--pairs at the latest.",
-        metavar="MEASURE=WIDTH",
-    ),
-]
 WorkersOption = Annotated[
     int | None, typer.Option(min=1, max=1024, help="Worker processes; default: all cores.")
 ]

@@ -13,7 +13,6 @@ from harness.scenario.file import (
 from harness.scenario.options import (
     EngineName,
     Options,
-    Precision,
     engine_named,
     hang_limit_s,
 )
@@ -50,7 +49,6 @@ __all__ = [
     "Options",
     "PedestriansSection",
     "PerceptionSection",
-    "Precision",
     "Scenario",
     "ScenarioFile",
     "Setting",

@@ -35,29 +35,6 @@ HANG_AFTER_S_PER_STEP = 0.002
 
 
 @dataclass(frozen=True)
-class Precision:
-    """``--until``: add pairs until every cell's interval has at most this half-width.
-
-    ``measure`` is ``mu`` or ``kappa``; ``half_width`` is between 0 and 1.
-
-    Raises:
-        InputError: ``measure`` or ``half_width`` has another value.
-    """
-
-    measure: str
-    half_width: float
-
-    def __post_init__(self) -> None:
-        """Check the values before anything runs."""
-        if self.measure not in ("mu", "kappa"):
-            raise unknown_name("until", "measure", str(self.measure), ("mu", "kappa"))
-        width = number_in("until", self.half_width, 0.0, 1.0)
-        if not 0 < width < 1:
-            raise InputError("until", f"a half-width of {width:g}", "above 0 and below 1")
-        object.__setattr__(self, "half_width", width)
-
-
-@dataclass(frozen=True)
 class Options:
     """Options of a run apart from its study.
 
@@ -68,7 +45,6 @@ class Options:
     """
 
     traces: bool = False
-    until: Precision | None = None
     workers: int | None = None
     hang_after_s: float = HANG_AFTER_S
     task_pairs: int = TASK_PAIRS
@@ -76,8 +52,6 @@ class Options:
 
     def __post_init__(self) -> None:
         """Check the values before anything runs, and convert NumPy's numbers to Python's."""
-        if self.until is not None and not isinstance(self.until, Precision):
-            raise InputError("until", f"{self.until!r}", "a Precision, or None")
         if self.traces not in (True, False):
             raise InputError("traces", f"{self.traces!r} is not accepted", "True or False")
         kept: dict[str, Any] = {

@@ -67,7 +67,6 @@ class Study:
         """Whether a pair takes long: an hour of traffic or an own simulation.
 
         A long pair is a task of its own, with the pairs of cells that share its AV's arm.
-        ``--until`` adds no long pairs.
         """
         return self.cells[0].scenario.kind != "encounters"
 

@@ -141,7 +141,7 @@ COUNTS: tuple[Entry[EncounterColumns], ...] = (
     Entry(
         "confidence",
         "confidence of each interval",
-        "Confidence of every interval: 0.95, or 1 − 0.05 / looks with `--until`.",
+        "Confidence of every interval.",
         form=Form.SHARE,
         paired=lambda c: c.confidence,
     ),

@@ -6,7 +6,6 @@ import numpy as np
 
 from harness.statistics.bootstrap import Resampled
 from harness.statistics.entries import Entry, Finding
-from harness.statistics.intervals import CONFIDENCE
 from harness.statistics.over_model import OverModel, over_model
 from harness.statistics.pair_columns import PairColumns
 from harness.statistics.paired import Difference, paired_difference, ratio_difference
@@ -24,7 +23,6 @@ class ComparedColumns:
     timeout_s: float
     free_pass_s: float
     rng: np.random.Generator | None
-    confidence: float = CONFIDENCE
 
     def over_model(
         self, key: str, usual: Difference, refits: int, effective_vehicles: float
@@ -38,13 +36,13 @@ class ComparedColumns:
         ]
         found = [entry.findings(part, 0)[key].number for part in parts]
         finding = Finding(usual.value, usual.low, usual.high, usual.informative)
-        return over_model(finding, found, effective_vehicles, self.confidence)
+        return over_model(finding, found, effective_vehicles)
 
     def time_ratio(self) -> Difference:
         """The difference of the ratio of times, over the pairs that count in both cells."""
         a, reference = self.first.times_counted(self.timeout_s)
         b, _ = self.second.times_counted(self.timeout_s)
-        return ratio_difference(a, b, reference, self.rng, self.confidence)
+        return ratio_difference(a, b, reference, self.rng)
 
     def mu(self) -> Difference:
         """The difference of μ."""
@@ -65,7 +63,7 @@ class ComparedColumns:
         return self._mean(self.first.times_worst(*times)[0], self.second.times_worst(*times)[0])
 
     def _mean(self, a: np.ndarray, b: np.ndarray) -> Difference:
-        return paired_difference(a, b, self.rng, self.confidence)
+        return paired_difference(a, b, self.rng)
 
 
 DIFFERENCES: tuple[Entry[ComparedColumns], ...] = (

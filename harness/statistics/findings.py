@@ -18,18 +18,17 @@ class Rank(IntEnum):
     OVER_MODEL = 1
     FAILURES = 2
     TIME_OUTS = 3
-    MISSED_TARGETS = 4
-    VERY_FEW_PAIRS = 5
-    LEFT_OUT = 6
-    UNENDED = 7
-    NEARNESS = 8
-    UNDEFINED = 9
-    SATURATION = 10
-    FALLBACK = 11
-    SPEEDING = 12
-    OUTSIDE_MODEL = 13
-    REFERENCE = 14
-    FEW_PAIRS = 15
+    VERY_FEW_PAIRS = 4
+    LEFT_OUT = 5
+    UNENDED = 6
+    NEARNESS = 7
+    UNDEFINED = 8
+    SATURATION = 9
+    FALLBACK = 10
+    SPEEDING = 11
+    OUTSIDE_MODEL = 12
+    REFERENCE = 13
+    FEW_PAIRS = 14
 
 
 @dataclass(frozen=True, slots=True, order=True)

@@ -7,7 +7,7 @@ from harness.core.documents import JsonObject
 from harness.core.errors import InputError
 from harness.core.versions import versions_of_runs
 from harness.model.interaction import InteractionModel
-from harness.scenario import Options, Precision, Scenario, Study
+from harness.scenario import Options, Scenario, Study
 from harness.store.schemas import SCHEMA
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
@@ -69,7 +69,6 @@ def manifest_of(
         options: the options of the run.
         counts: None until the tables are finished.
     """
-    until = options.until
     return {
         "schema": SCHEMA,
         "name": study.name,
@@ -77,7 +76,6 @@ def manifest_of(
         "cells": [dict(cell.varied) for cell in study.cells],
         "traces": options.traces,
         "engine": options.engine,
-        "until": None if until is None else {until.measure: until.half_width},
         "seed": study.base.experiment.seed,
         **origin,
         "counts": counts,
@@ -86,10 +84,8 @@ def manifest_of(
 
 def options_of(document: Mapping[str, Any], workers: int | None = None) -> Options:
     """The options of a run from its manifest as returned by ``read_manifest``."""
-    until = document["until"]
     return Options(
         traces=document["traces"],
-        until=None if until is None else Precision(*next(iter(until.items()))),
         workers=workers,
         engine=document["engine"],
     )

@@ -26,8 +26,6 @@ RISK = "risk.json"
 CRITICAL = "critical.toml"
 """The scenario of the likeliest events, in the folder of a finished risk estimate."""
 
-_Width = Annotated[float, Field(gt=0, lt=1)]
-
 
 class _ScoredWith(BaseModel):
     versions: dict[str, str]
@@ -56,7 +54,6 @@ class _Manifest(BaseModel):
     cells: Annotated[list[JsonObject], Field(min_length=1)]
     traces: bool
     engine: EngineName
-    until: Annotated[dict[Literal["mu", "kappa"], _Width], Field(min_length=1, max_length=1)] | None
     seed: int
     know_the_model: list[str]
     simulated_with: _SimulatedWith

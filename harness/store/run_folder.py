@@ -121,11 +121,6 @@ class RunFolder:
             done.setdefault(shard.cell, set()).update(shard.numbers)
         return done
 
-    def episodes_of(self, cell: int) -> pa.Table:
-        """The finished rows of ``episodes`` of a cell, by pair."""
-        shards = (shard for shard in shards_of(self.path) if shard.cell == cell)
-        return _rows("episodes", shards)
-
     def rows_by_cell(self, name: str) -> Iterator[tuple[int, pa.Table]]:
         """Yield the number of each cell and its rows of a table, in order."""
         for cell, shards in groupby(shards_of(self.path), key=lambda shard: shard.cell):

@@ -8,9 +8,8 @@ import pyarrow as pa
 from harness.core.encounter import Arm, Contact, Ending
 from harness.core.errors import InputError
 from harness.core.seeding import resampling
-from harness.scenario import Cell, ConflictsSection, Options, Scenario, Study
+from harness.scenario import Cell, ConflictsSection, Scenario
 from harness.statistics import (
-    CONFIDENCE,
     CONFLICTS,
     BothArms,
     EncounterColumns,
@@ -20,31 +19,6 @@ from harness.statistics import (
 )
 from harness.strategies.parameters import needs
 from harness.strategies.registry import STRATEGIES
-
-FIRST_LOOK = 1_000
-"""Number of pairs at the first look of ``--until``; it doubles from look to look."""
-
-
-def looks(pairs: int) -> list[int]:
-    """Numbers of pairs at which ``--until`` looks: 1,000, 2,000, 4,000 … and at last ``pairs``."""
-    numbers = []
-    look = FIRST_LOOK
-    while look < pairs:
-        numbers.append(look)
-        look *= 2
-    return [*numbers, pairs]
-
-
-def confidence_of(study: Study, options: Options) -> float:
-    """Confidence of each interval.
-
-    With ``--until`` a run may stop at any of L looks, which would make 95 % intervals invalid.
-    Each look therefore uses 1 − 0.05/L (Bonferroni), so that all looks hold together with 95 %.
-    """
-    if options.until is None:
-        return CONFIDENCE
-    most = max(cell.scenario.experiment.pairs for cell in study.cells)
-    return 1 - (1 - CONFIDENCE) / len(looks(most))
 
 
 def columns_of_cell(episodes: pa.Table, cell: Cell, confidence: float) -> EncounterColumns:

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from harness.core.errors import InputError
-from harness.scenario import Options, Precision, Study
+from harness.scenario import Study
 from harness.statistics import SweepVerdict, Verdict
-from harness.store import summaries
 from harness.studies.kinds.tasks import Task
 from harness.studies.runs.compare import compare
 from harness.studies.runs.comparisons import RunComparison
@@ -119,27 +118,6 @@ def test_a_comparison_does_not_depend_on_the_others_nor_on_the_run(tmp_path: Pat
     reach = 1.96 * 0.1 * 0.3 * np.sqrt(2 / 60)
     assert alone.mu_difference.high - alone.mu_difference.low == pytest.approx(2 * reach, rel=0.4)
     assert compare(*folders[2:]).groups[0].comparisons == (alone,)
-
-
-def test_cells_of_different_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # With --until a cell without spread ends at its first look, the other goes on.
-    monkeypatch.setattr(summaries, "FIRST_LOOK", 20)
-    study = over_strategies(40, "soft_yield", "hard_yield")
-
-    def uneven(task: Task, pair: int) -> Fate:
-        return 8.0 if task.scenario.arms.av == "soft_yield" else 9.0 + pair % 2
-
-    options = Options(until=Precision("mu", 1e-6))
-    result = compare(made_up(tmp_path / "run", study, uneven, options))
-    first, second = result.groups[0].summaries
-    assert (first.pairs, second.pairs) == (20, 40)
-    (item,) = result.groups[0].comparisons
-    assert (item.defined_in_both, item.crashes.pairs) == (20, 20)
-    # Two looks: what each of them says holds with 1 − 0.05/2.
-    assert result.confidence == pytest.approx(0.975)
-    assert result.groups[0].level == pytest.approx(0.025)
-    # κ too; of 0 in n, Clopper–Pearson ends at 1 − (half the error)^(1/n).
-    assert first.kappa.high == pytest.approx(1 - 0.0125 ** (1 / 20))
 
 
 def margins(folder: Path, fates: Fates) -> Path:

@@ -19,8 +19,7 @@ from harness.report.screens.result_screen import screen_of
 from harness.report.screens.run_document import run_document
 from harness.report.screens.screen import screen_lines
 from harness.report.screens.terminal import print_run
-from harness.scenario import Options, Precision
-from harness.store import summaries
+from harness.scenario import Options
 from harness.studies.kinds.tasks import Task
 from harness.studies.runs.reported import knowledge_lines, reported
 from harness.studies.runs.run_data import RunData
@@ -230,24 +229,6 @@ def test_a_time_out_shorter_than_a_free_pass_is_refused() -> None:
     assert one_cell("cctc", {"experiment.timeout_s": 7.4}).base.experiment.timeout_s == 7.4
     with pytest.raises(InputError, match=r"cctc.toml: experiment.timeout_s"):
         scenario_file("cctc", {"ego.initial_speed_mps": 0.5}).scenario()
-
-
-def test_a_missed_target_and_its_level_are_said(told: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(summaries, "FIRST_LOOK", 10)
-    options = Options(until=Precision("mu", 0.0001))
-    found = told(lambda _task, pair: 8.0 + 0.1 * (pair % 5), 40, options)
-    # Three looks, at 10, 20 and 40: each has 1 − 0.05/3.
-    assert found.number("confidence") == pytest.approx(1 - 0.05 / 3)
-    for text in (found.text, found.page):
-        assert "The target mu ± 0.0001 was missed" in text
-        assert "98.33 %" in text
-        assert "95 % interval" not in text
-    (missed,) = found.json["missed_targets"]
-    assert (missed["cell"], missed["pairs"]) == (0, 40)
-    width = found.number("mu_ci_high") - found.number("mu_ci_low")
-    assert missed["half_width"] == pytest.approx(width / 2)
-    run = harness.load_run(found.json["folder"])
-    assert set(run.conflicts["confidence"]) == {found.number("confidence")}
 
 
 def test_a_comparison_says_first_that_one_timed_out(tmp_path: Path) -> None:

@@ -20,8 +20,7 @@ from harness.core.errors import HarnessError, InputError
 from harness.episode import pairing
 from harness.episode.loop import Episode, drive
 from harness.episode.traffic.pairing import HourOutcome, HourRunner
-from harness.scenario import Precision, Study
-from harness.store import summaries
+from harness.scenario import Study
 from harness.store.reading import read_manifest
 from harness.store.run_folder import claim_folder
 from harness.studies.batch.experiment import resume
@@ -383,23 +382,6 @@ def test_a_damaged_shard_is_run_again(tmp_path: Path, damage: Any) -> None:
     shard.write_bytes(damage(shard.read_bytes()))
     resume(tmp_path / "run", make_executor=Inline)
     assert_alike(tmp_path / "run", tmp_path / "whole")
-
-
-def test_until_stops_at_the_look_that_is_narrow_enough(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(summaries, "FIRST_LOOK", 10)
-    nobody = {LAMBDA: 0.0, "pedestrians.max_count": 0, "experiment.pairs": 100}
-    study = one_cell("cctc", {**QUICK, **nobody})
-    # No pedestrian and no yielding: kappa = 0 of n, half-width (1 − (α/2)^(1/n)) / 2 with
-    # α = 0.05/5 for the looks at 10, 20, 40, 80 and 100: 0.206, 0.116, 0.062, 0.032, 0.026.
-    until = Precision("kappa", 0.07)
-    (result,) = run_inline(study, tmp_path / "run", until=until).results
-    assert result.summary.pairs == 40
-    assert result.summary.kappa.high == pytest.approx(1 - 0.005 ** (1 / 40), rel=1e-9)
-    run_stopped(study, tmp_path / "cut", 3, until=until, task_pairs=5)
-    resume(tmp_path / "cut", make_executor=Inline)
-    assert_alike(tmp_path / "cut", tmp_path / "run")
 
 
 def test_folders_of_runs_that_start_at_the_same_moment(

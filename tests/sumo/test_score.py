@@ -14,8 +14,7 @@ import pytest
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
 from harness.core.versions import versions_of_runs
-from harness.scenario import Precision, Study
-from harness.store import summaries
+from harness.scenario import Study
 from harness.strategies import own
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.studies.batch import experiment, scoring
@@ -82,15 +81,6 @@ def test_a_changed_trace_changes_the_measures(tmp_path: Path) -> None:
     pq.write_table(type(table).from_pandas(frame, schema=table.schema), path)
     score(tmp_path / "run", tmp_path / "scored")
     assert content(tmp_path / "scored") != content(tmp_path / "run")
-
-
-def test_a_run_that_stopped_early_is_scored_with_its_confidence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(summaries, "FIRST_LOOK", 10)
-    run = quick(tmp_path / "run", 80, traces=True, until=Precision("kappa", 0.3))
-    assert pq.read_metadata(run / "pairs.parquet").num_rows < 80
-    assert_scored_alike(run, tmp_path / "scored")
 
 
 def test_scoring_gives_a_run_the_measures_added_since(tmp_path: Path) -> None:

@@ -20,7 +20,6 @@ from harness.report.pages.page import write_report
 from harness.report.pages.player import run_player
 from harness.scenario import (
     Options,
-    Precision,
     Setting,
     Study,
     parse_setting,
@@ -29,7 +28,6 @@ from harness.scenario import (
 )
 from harness.store.schemas import HOUR_TABLES
 from harness.studies.batch.experiment import resume, run_study
-from harness.studies.batch.plan import plan_of
 from harness.studies.batch.scoring import score
 from harness.studies.batch.showing import write_shown
 from harness.studies.replay.rerun import replay
@@ -176,8 +174,6 @@ def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
         assert words in text
     assert written.differing == ()
     # What hours do not have is refused.
-    with pytest.raises(InputError, match="--until: is not supported with"):
-        plan_of(run.study, Options(until=Precision("mu", 0.1)))
     refuses("is a run of hours of traffic", lambda: harness.compare(runs[0]))
 
 

@@ -85,7 +85,6 @@ def draw_tau_distribution(
     tau: FloatArray,
     fallback: "np.ndarray | None" = None,
     mu: tuple[float, float, float] | None = None,
-    confidence: float = CONFIDENCE,
     driver: str = "reference",
 ) -> None:
     """Draw a histogram of τ, in which pairs with a fallback of the AV are hatched.
@@ -94,7 +93,6 @@ def draw_tau_distribution(
         tau: (n,) values; NaN (undefined) is left out.
         fallback: (n,) whether the AV fell back; None means no hatching.
         mu: mean with its interval, drawn as a line and a band; None means neither.
-        confidence: confidence level of that interval.
         driver: the name of the reference driver.
     """
     defined = ~np.isnan(tau)
@@ -121,7 +119,7 @@ def draw_tau_distribution(
         value, low, high = mu
         axes.axvline(value, color=GREEN, lw=1.8, ls="-.", label=f"μ = {value:.4f}")
         axes.axvspan(
-            low, high, color=GREEN, alpha=0.2, lw=0, label=f"its {level(confidence)} interval"
+            low, high, color=GREEN, alpha=0.2, lw=0, label=f"its {level(CONFIDENCE)} interval"
         )
     axes.axvline(1.0, color=MUTED, lw=1.0, ls=":", label=f"as fast as {driver}")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))

@@ -167,9 +167,6 @@ def _facts(run: RunData) -> Iterator[tuple[str, str]]:
     yield "step", f"{ran['experiment.step_s']} s, time-out {ran['experiment.timeout_s']} s"
     for key in run.varied_keys:
         yield f"varied: {key}", _listed(as_written(cell.varied[key]) for cell in run.study.cells)
-    if manifest["until"]:
-        (name, width) = next(iter(manifest["until"].items()))
-        yield "until", f"{name} within ± {width:g}; the intervals hold for all looks together"
     made, scored = manifest["simulated_with"], manifest["scored_with"]["versions"]
     yield "simulated with", _named(made["versions"])
     if scored != made["versions"]:

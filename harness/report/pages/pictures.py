@@ -17,6 +17,7 @@ from harness.report.screens.tables import counted, level
 from harness.report.screens.words import pair_name
 from harness.scenario import Scenario
 from harness.site import Place, read_network, read_site
+from harness.statistics import CONFIDENCE
 from harness.studies.runs.model_use import model_cells
 from harness.studies.runs.reported import PAPER_MU, is_the_papers
 from harness.studies.runs.run_data import RunData
@@ -84,11 +85,11 @@ def _tau_pictures(run: RunData) -> Iterator[Picture]:
     interval = float(row["mu"]), float(row["mu_ci_low"]), float(row["mu_ci_high"])
     mu = interval if np.isfinite(interval).all() else None
     fallback = _of_arm(run.episodes, Arm.AV)["fallback"].to_numpy(dtype=bool)
-    draw.draw_tau_distribution(axes, tau, fallback, mu, run.confidence, driver)
+    draw.draw_tau_distribution(axes, tau, fallback, mu, driver)
     yield Picture(
         "tau-distribution",
         "Distribution of τ",
-        f"Histogram of τ with μ and its {level(run.confidence)} interval; {count}, "
+        f"Histogram of τ with μ and its {level(CONFIDENCE)} interval; {count}, "
         f"{int(fallback.sum()):,} with a fallback of the AV.",
         figure,
     )

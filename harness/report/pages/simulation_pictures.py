@@ -13,6 +13,7 @@ from harness.report.drawing.sweep_figures import Line, draw_over, lines_of
 from harness.report.pages.sweep_pictures import across_key, axis_label
 from harness.report.screens.tables import level
 from harness.scenario import as_written
+from harness.statistics import CONFIDENCE
 from harness.studies.runs.run_data import RunData
 
 _OVER = (
@@ -64,7 +65,7 @@ def _over(run: RunData, key: str, name: str, words: str) -> Iterator[Picture]:
     yield Picture(
         f"over-{name.rsplit('_', 1)[0].replace('_', '-')}",
         f"{words[0].upper()}{words[1:]} over {axis_label(key)}",
-        f"Mean over pairs with its {level(run.confidence)} interval (Student's t). In the "
+        f"Mean over pairs with its {level(CONFIDENCE)} interval (Student's t). In the "
         f"reference's arm AVs are the vehicles that are AVs in the other one.{more}",
         figure,
     )

@@ -10,6 +10,7 @@ from harness.report.drawing.style import Picture
 from harness.report.screens.tables import level as words_of_level
 from harness.scenario import as_written
 from harness.scenario.units import unit_of
+from harness.statistics import CONFIDENCE
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.strategy_groups import (
     ParameterSweep,
@@ -94,7 +95,7 @@ def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) ->
         yield Picture(
             f"sweep-{measure.removesuffix('_s').replace('_', '-')}",
             f"{words} over {axis_label(key)}",
-            f"Over {key}: {words} with its {words_of_level(run.confidence)} interval, one line for "
+            f"Over {key}: {words} with its {words_of_level(CONFIDENCE)} interval, one line for "
             f"each {' and '.join(others) if others else 'strategy'}; {counted}. Points are drawn a "
             "little apart so that their bars do not overlap.",
             figure,
@@ -127,7 +128,7 @@ def _aggressiveness(
     for panel, (measure, up, _) in zip(panels, _MEASURES[1:3], strict=True):
         drivers = [parameter.strategy] * len(x)
         (line,) = draw.lines_of(rows, x.tolist(), drivers, f"{measure}_all")
-        band = f"{words_of_level(run.confidence)} interval"
+        band = f"{words_of_level(CONFIDENCE)} interval"
         draw.draw_aggressiveness(panel, line, label, up, counted, band)
     where = "".join(f", {key} = {as_written(value)}" for key, value in group.shared.items())
     name = "aggressiveness" if number is None else f"aggressiveness-{number}"

@@ -2,8 +2,14 @@
 
 from collections.abc import Mapping
 
-from harness.statistics import ENCOUNTERS, Summary, row_of
-from harness.studies.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
+from harness.statistics import CONFIDENCE, ENCOUNTERS, Summary, row_of
+from harness.studies.runs.comparisons import (
+    LEVEL,
+    Comparison,
+    GroupResult,
+    RunComparison,
+    SweepResult,
+)
 from harness.studies.runs.notes import av_label, encounter_notes
 from harness.studies.runs.strategy_groups import StrategyCell
 
@@ -14,7 +20,7 @@ def comparison_document(result: RunComparison) -> Document:
     """Return the document that ``--json`` prints."""
     return {
         "folders": [str(folder) for folder in result.folders],
-        "confidence": result.confidence,
+        "confidence": CONFIDENCE,
         "groups": [
             {
                 "shared": group.group.shared,
@@ -37,7 +43,7 @@ def comparison_rows(result: RunComparison) -> list[Document]:
             **group.group.shared,
             **_row(item, group),
             "indicative": " ".join(item.indicative),
-            "confidence": result.confidence,
+            "confidence": CONFIDENCE,
         }
         for group in result.groups
         for item in group.comparisons
@@ -132,7 +138,7 @@ def _sweep_document(result: SweepResult, group: GroupResult) -> Document:
                 **group.summaries[sweep.cells[position]].mu_worst.columns("mu_worst"),
                 **judgement.swept.kappa.columns("kappa_all", "bound"),
                 "failed_engine": group.summaries[sweep.cells[position]].failed_engine,
-                "confidence": 1 - group.level / (2 * len(sweep.values)),
+                "confidence": 1 - LEVEL / (2 * len(sweep.values)),
                 "indicative": ["mu_bound"] if judgement.swept.unreliable else [],
             }
             for position, judgement in enumerate(found.judgements)

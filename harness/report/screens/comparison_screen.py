@@ -9,9 +9,9 @@ from harness.report.screens.result_texts import with_limits, zero_lines
 from harness.report.screens.screen import KEPT, Screen
 from harness.report.screens.tables import counted, entry_value, named_values
 from harness.scenario import as_written
-from harness.statistics import ENTRIES, Rank
+from harness.statistics import CONFIDENCE, ENTRIES, Rank
 from harness.statistics.entries import Finding
-from harness.studies.runs.comparisons import GroupResult, RunComparison
+from harness.studies.runs.comparisons import LEVEL, GroupResult, RunComparison
 from harness.studies.runs.notes import av_label
 from harness.studies.runs.site_words import site_words
 
@@ -36,17 +36,12 @@ def comparison_screen(result: RunComparison) -> Screen:
     hidden = cells - len(rows)
     notes = comparison_notes(result)
     tested = all(note.rank is not Rank.NOTHING_TESTED for note in notes)
-    crashes = [
-        (summary.findings["kappa"], summary.findings["confidence"].number or result.confidence)
-        for summary in summaries
-        if tested
-    ]
+    crashes = [(summary.findings["kappa"], CONFIDENCE) for summary in summaries if tested]
     zeros = zero_lines(_CRASHES, crashes)
     counts = [summary.findings["pairs"].count for summary in summaries]
     pairs = " … ".join(f"{count:,}" for count in sorted({min(counts), max(counts)}))
     met_nobody = sum(summary.findings["met_nobody"].count for summary in summaries)
     nobody = f" ({met_nobody:,} of {sum(counts):,} met nobody)" if met_nobody else ""
-    error = 1 - result.confidence
     seeds = ", ".join(map(str, sorted({scenario.experiment.seed for scenario in scenarios})))
     footer = "All cells, differences and tests: --full. Page: harness report "
     footer += shlex.quote(str(result.folders[0]))
@@ -55,7 +50,7 @@ def comparison_screen(result: RunComparison) -> Screen:
     headings = ["cell", "AV", "ratio of times", "worst case", "crashes", *better]
     return Screen(
         title=f"{result.name}: {counted(cells, 'cell')} compared pair by pair",
-        scope=f"{pairs} pairs each{nobody}, seed {seeds}, significant if p (Holm) < {error:.2g}",
+        scope=f"{pairs} pairs each{nobody}, seed {seeds}, significant if p (Holm) < {LEVEL:.2g}",
         headings=(*([shared] if several else []), *headings),
         rows=tuple(row if several else row[1:] for row in rows),
         conclusions=tuple(_sentences(result, [*_hidden(result, hidden), *zeros])),
@@ -111,10 +106,7 @@ def _numbers(group: GroupResult, positions: list[int]) -> str:
 def _sentences(result: RunComparison, first: list[str]) -> list[str]:
     """Return the first sentences as one line, and those about the allowed values that fit."""
     lines = [
-        line
-        for group in result.groups
-        for sweep in group.sweeps
-        for line in allowed_lines(sweep, group.level)
+        line for group in result.groups for sweep in group.sweeps for line in allowed_lines(sweep)
     ]
     if len(lines) > _MOST_SENTENCES:
         lines = [*lines[: _MOST_SENTENCES - 1], "More on what the limits allow: --full."]

@@ -2,19 +2,14 @@
 
 from harness.report.screens.tables import level
 from harness.scenario import as_written
-from harness.statistics import SweepVerdict, Verdict
-from harness.studies.runs.comparisons import RunComparison, SweepResult
+from harness.statistics import CONFIDENCE, SweepVerdict, Verdict
+from harness.studies.runs.comparisons import LEVEL, RunComparison, SweepResult
 
 
-def allowed_lines(result: SweepResult, error: float) -> list[str]:
-    """Return sentences about the allowed values.
-
-    Args:
-        result: the judgement of each value of one parameter.
-        error: probability that any of the bounds is wrong.
-    """
+def allowed_lines(result: SweepResult) -> list[str]:
+    """Return sentences about the allowed values of one parameter."""
     sweep, found = result.sweep, result.found
-    together = f", with {level(1 - error)} confidence for all {len(sweep.values)} values together."
+    together = f", with {level(CONFIDENCE)} confidence for all {len(sweep.values)} values together."
     within = f"μ below {result.limits.mu0:g} and κ below {result.limits.kappa0:g}"
     if found.verdict is SweepVerdict.SOME:
         allowed = _values(result, Verdict.ALLOWED)
@@ -43,15 +38,12 @@ def allowed_lines(result: SweepResult, error: float) -> list[str]:
 def comparison_lines(result: RunComparison) -> list[str]:
     """Return sentences about the tables' findings, and how to read the tables."""
     tests = sum(len(group.comparisons) for group in result.groups)
-    error = f"{1 - result.confidence:.2g}"
+    error = f"{LEVEL:.2g}"
     notes = [
-        line
-        for group in result.groups
-        for sweep in group.sweeps
-        for line in allowed_lines(sweep, group.level)
+        line for group in result.groups for sweep in group.sweeps for line in allowed_lines(sweep)
     ]
     notes += [
-        f"Intervals: {level(result.confidence)} each. The interval of a difference excludes 0 only "
+        f"Intervals: {level(CONFIDENCE)} each. The interval of a difference excludes 0 only "
         "if the sign-flip test of the pairs rejects. p: exact McNemar test of the crash rates. "
         f"Holm: corrected for all {tests} tests of this comparison.",
         "Ratio of times: sum of the AV's times / sum of the reference's, over the pairs in which "

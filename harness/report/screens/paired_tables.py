@@ -2,7 +2,7 @@
 
 from harness.report.screens.tables import Table, TableCell, count_cell, interval_cell, level
 from harness.scenario import as_written
-from harness.statistics import Interval
+from harness.statistics import CONFIDENCE, Interval
 from harness.studies.runs.run_data import RunData
 
 _NUMBERS = {
@@ -44,6 +44,6 @@ def paired_tables(run: RunData) -> list[Table]:
     caption = "Means at the crosswalks"
     if len(rows) > _MOST_ROWS:
         caption += f" (crosswalk_means.csv has {len(rows) - _MOST_ROWS:,} more rows)"
-    caption += f" over pairs, and paired differences, with {level(run.confidence)} intervals"
+    caption += f" over pairs, and paired differences, with {level(CONFIDENCE)} intervals"
     shown = tuple(rows[:_MOST_ROWS])
     return [Table("crosswalk-means", caption, headings, shown, sortable=True, folded=True)]

@@ -83,7 +83,7 @@ def _entry_row(entry: Entry[Any], cell: CellFindings, paper: bool) -> tuple[str,
 
 
 def _level(cell: CellFindings) -> str:
-    """Return the level of the intervals if it is not the usual one: with ``--until`` it is not."""
+    """Return the level of the intervals if it is not the usual one, as in a comparison of AVs."""
     confidence = cell.findings["confidence"].number or CONFIDENCE
     return "" if confidence == CONFIDENCE else f", {level(confidence)} intervals"
 
@@ -107,7 +107,7 @@ def _met_nobody(cells: Sequence[CellFindings]) -> str:
 
 def left_out(cell: CellFindings) -> bool:
     """Return whether a pair of the cell failed, timed out, or counts only in some rows."""
-    ranks = {Rank.FAILURES, Rank.TIME_OUTS, Rank.MISSED_TARGETS, Rank.LEFT_OUT, Rank.UNENDED}
+    ranks = {Rank.FAILURES, Rank.TIME_OUTS, Rank.LEFT_OUT, Rank.UNENDED}
     return any(note.rank in ranks for note in cell.notes)
 
 

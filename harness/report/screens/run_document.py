@@ -7,7 +7,6 @@ from harness.statistics import Catalogue, CellFindings, Plain, RunFindings, row_
 from harness.studies.kinds.tasks import Failure
 from harness.studies.runs.reported import reported
 from harness.studies.runs.run_data import RunData
-from harness.studies.runs.targets import missed_targets
 
 SCHEMA = 2
 """Version of the document's layout; version 2 added ``findings``."""
@@ -22,7 +21,6 @@ def run_document(run: RunData) -> Document:
         "folder": str(run.path),
         "engine": run.engine,
         "cells": _cells(run),
-        "missed_targets": [asdict(missed) for missed in missed_targets(run)],
         "failures": _records(run.failures, "reason"),
     }
 

@@ -34,7 +34,6 @@ _KEPT_NAMES = {
     Rank.OVER_MODEL: "the model's fit",
     Rank.FAILURES: "failures",
     Rank.TIME_OUTS: "time-outs",
-    Rank.MISSED_TARGETS: "missed targets",
     Rank.VERY_FEW_PAIRS: "few pairs",
 }
 _NAMES = {

@@ -14,7 +14,6 @@ from harness.store.reading import MANIFEST, read_manifest
 from harness.store.run_folder import RunFolder, claim_folder
 from harness.studies.batch.finish import finish
 from harness.studies.batch.plan import Plan, plan_of, recall_plan
-from harness.studies.batch.until import reach_precision
 from harness.studies.kinds.tasks import Task
 from harness.studies.runs.opening import load_run
 from harness.studies.runs.run_data import RunData
@@ -117,10 +116,7 @@ def _carry_out(
 ) -> RunData:
     work = _Work(folder, plan, progress, make_executor)
     try:
-        if plan.options.until is None:
-            work.reach(plan.planned)
-        else:
-            reach_precision(plan, plan.options.until, work.reach, folder.episodes_of)
+        work.run()
     finally:
         work.stop()
     folder.note("simulated")
@@ -128,7 +124,7 @@ def _carry_out(
 
 
 class _Work:
-    """Runs cells up to a number of pairs and skips finished pairs."""
+    """Runs the pairs of all cells and skips finished pairs."""
 
     def __init__(
         self,
@@ -144,19 +140,20 @@ class _Work:
         self.executor: Executor | None = None
         self.pair_s: float | None = None
         """Duration of a pair in the task that finished last."""
-        self.done = folder.done_pairs(plan.planned, plan.shard_tables)
 
-    def reach(self, goals: dict[int, int]) -> None:
-        """Run the missing pairs, up to ``goals`` pairs of each cell."""
+    def run(self) -> None:
+        """Run the missing pairs of each cell."""
+        planned = self.plan.planned
+        done_pairs = self.folder.done_pairs(planned, self.plan.shard_tables)
         missing = {
-            cell: [pair for pair in range(goal) if pair not in self.done.get(cell, ())]
-            for cell, goal in goals.items()
+            cell: [pair for pair in range(count) if pair not in done_pairs.get(cell, ())]
+            for cell, count in planned.items()
         }
-        total, left = sum(goals.values()), sum(map(len, missing.values()))
+        total, left = sum(planned.values()), sum(map(len, missing.values()))
         if not left:
             return
         begin, done = time.perf_counter(), total - left
-        executor = self._executor()
+        executor = self.executor = self.make_executor(workers_for(total, self.plan.options))
         self.folder.note("started", pairs=left, workers=executor.workers)
         tasks = self._tasks(missing, left, executor.workers)
 
@@ -168,7 +165,6 @@ class _Work:
             for failure in result.failures:
                 self.folder.note("episode failed", **failure)
             self.pair_s = result.took_s / task.count
-            self.done.setdefault(task.cell, set()).update(task.pairs)
             done += task.count
             self.progress(done, total, "pairs")
         rate = left / (time.perf_counter() - begin)
@@ -178,13 +174,6 @@ class _Work:
         """Stop the executor if it exists."""
         if self.executor is not None:
             self.executor.stop()
-
-    def _executor(self) -> Executor:
-        """Return the executor.  All looks of ``--until`` use the same one."""
-        if self.executor is None:
-            planned = sum(self.plan.planned.values())
-            self.executor = self.make_executor(workers_for(planned, self.plan.options))
-        return self.executor
 
     def _tasks(self, missing: dict[int, list[int]], left: int, workers: int) -> Iterator[Task]:
         """Yield tasks of consecutive pairs.

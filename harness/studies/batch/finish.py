@@ -8,10 +8,9 @@ import pyarrow as pa
 
 from harness.core.files import write_csv
 from harness.scenario import Study
-from harness.statistics import Findings, Plain
+from harness.statistics import CONFIDENCE, Findings, Plain
 from harness.store.over_model import findings_over_model, over_model_rows
 from harness.store.run_folder import RunFolder
-from harness.store.summaries import confidence_of
 from harness.store.summary_table import write_summary
 from harness.store.tables import write_parquet
 from harness.studies.batch.plan import Plan
@@ -26,12 +25,11 @@ def finish(folder: RunFolder, plan: Plan) -> RunData:
     folder.finish_tables(plan.shard_tables)
     for name, derive in kind.derived.items():
         folder.finish_derived(name, kind.rows, derive)
-    confidence = confidence_of(plan.study, plan.options)
     findings: list[Findings] = []
     statistics: dict[str, list[Mapping[str, Plain]]] = {}
     counts: Counter[str] = Counter()
     for cell, (_, rows) in zip(cells, folder.rows_by_cell(kind.rows), strict=True):
-        findings.append(kind.findings(rows, cell, confidence))
+        findings.append(kind.findings(rows, cell, CONFIDENCE))
         keys = {"cell": cell.number, **cell.varied}
         over = findings_over_model(kind, rows, cell, findings[-1], plan.origin)
         parts = {**kind.statistics(rows, cell, findings[-1])}

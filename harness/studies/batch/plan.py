@@ -41,7 +41,7 @@ class Plan:
 
     @property
     def planned(self) -> dict[int, int]:
-        """Number of pairs of each cell, by cell number.  With ``--until`` it is the maximum."""
+        """Number of pairs of each cell, by cell number."""
         return {cell.number: cell.scenario.experiment.pairs for cell in self.study.cells}
 
     def manifest(self, counts: dict[str, int] | None = None) -> JsonObject:
@@ -58,9 +58,6 @@ def plan_of(study: Study, options: Options) -> Plan:
     kind = kind_of_study(study)
     if options.engine == "plain" and kind.section:
         raise InputError("--engine plain", f"{kind.section} needs SUMO", "--engine sumo")
-    if study.long_pairs and options.until:
-        problem = f"is not supported with {kind.section}"
-        raise InputError("--until", problem, "a scenario without it")
     for cell in study.cells if study.long_pairs else ():
         for arm, name in cell.scenario.arms.model_dump().items():
             if is_program(name):

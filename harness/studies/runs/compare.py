@@ -27,7 +27,13 @@ from harness.statistics import (
 )
 from harness.store.over_model import refits_of
 from harness.store.summaries import repeated
-from harness.studies.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
+from harness.studies.runs.comparisons import (
+    LEVEL,
+    Comparison,
+    GroupResult,
+    RunComparison,
+    SweepResult,
+)
 from harness.studies.runs.opening import opened_run
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.same_pairs import check_same_pairs, names_of
@@ -82,14 +88,13 @@ def compare(
             "has no two cells that differ only in the AV's strategy",
             "a sweep over arms.av or over parameters of its strategy, or a second run",
         )
-    confidence = max(run.confidence for run in opened)
     limits = _limits(mu0, kappa0)
     if limits is not None and not any(map(parameter_sweeps, groups)):
         raise InputError("--mu0, --kappa0", "no parameter is swept", "a sweep over a parameter")
     steps = _Steps(sum(math.comb(len(group.cells), 2) for group in groups), progress)
-    results = [_compare_group(opened, group, limits, confidence, steps) for group in groups]
+    results = [_compare_group(opened, group, limits, steps) for group in groups]
     paths = tuple(run.path for run in opened)
-    return RunComparison(paths, opened[0].name, confidence, _as_one_family(results))
+    return RunComparison(paths, opened[0].name, _as_one_family(results))
 
 
 def _columns_of(runs: Sequence[RunData], group: StrategyGroup) -> list[PairColumns]:
@@ -143,7 +148,6 @@ def _compare_group(
     runs: Sequence[RunData],
     group: StrategyGroup,
     limits: Limits | None,
-    confidence: float,
     steps: _Steps,
 ) -> GroupResult:
     seed = group.cells[0].cell.scenario.experiment.seed
@@ -152,17 +156,15 @@ def _compare_group(
     refits = refits_of(runs[group.cells[0].run].manifest) if over_refits else None
     comparisons = []
     for a, b in combinations(range(len(columns)), 2):
-        comparisons.append(_compare(a, b, group, columns, seed, confidence, refits))
+        comparisons.append(_compare(a, b, group, columns, seed, refits))
         steps.one_more()
-    level = 1 - confidence
     sweeps = [] if limits is None else parameter_sweeps(group)
     summaries = [{result.cell.number: result.summary for result in run.results} for run in runs]
     return GroupResult(
         group,
-        level,
         tuple(summaries[member.run][member.cell.number] for member in group.cells),
         tuple(comparisons),
-        tuple(_judge(sweep, group, columns, limits, level) for sweep in sweeps if limits),
+        tuple(_judge(sweep, group, columns, limits) for sweep in sweeps if limits),
     )
 
 
@@ -172,10 +174,9 @@ def _compare(
     group: StrategyGroup,
     columns: list[PairColumns],
     seed: int,
-    confidence: float,
     refits: JsonObject | None,
 ) -> Comparison:
-    # With --until, cells have different numbers of pairs; pair i is entry i in every cell.
+    # Runs may have different numbers of pairs; pair i is entry i in every cell.
     common = min(len(columns[a].tau), len(columns[b].tau))
     first, second = (columns[cell].where(slice(common)) for cell in (a, b))
     scenario = group.cells[a].cell.scenario
@@ -187,7 +188,6 @@ def _compare(
         scenario.vehicle().free_pass_time_s(scenario.crosswalk()),
         # Every comparison uses the same stream, so no result depends on the other comparisons.
         resampling(seed, "comparison"),
-        confidence,
     )
     times_a, times_b = (cell.times_counted(timeout_s)[0] for cell in (first, second))
     saved, mu, delay = compared.time_ratio(), compared.mu(), compared.delay()
@@ -225,7 +225,6 @@ def _judge(
     group: StrategyGroup,
     columns: list[PairColumns],
     limits: Limits,
-    level: float,
 ) -> SweepResult:
     """Judge a parameter's values with bounds that hold for all of them simultaneously."""
     seed = group.cells[0].cell.scenario.experiment.seed
@@ -237,12 +236,12 @@ def _judge(
             _count(columns[cell].tau_all[columns[cell].met_someone]),
             resampling(seed, "comparison"),
             len(sweep.cells),
-            level,
+            LEVEL,
             repeated=repeated(columns[cell], group.cells[cell].cell.scenario)[0],
         )
         for cell in sweep.cells
     ]
-    return SweepResult(sweep, limits, allowed_interval(swept, limits, level))
+    return SweepResult(sweep, limits, allowed_interval(swept, limits, LEVEL))
 
 
 def _count(values: FloatArray) -> int:

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
-from harness.statistics import CellFindings, Note, Rank, RunFindings
+from harness.statistics import CONFIDENCE, CellFindings, Note, Rank, RunFindings
 from harness.studies.runs.hour_notes import FEW_HOURS
 from harness.studies.runs.notes import counted
 from harness.studies.runs.run_data import RunData
@@ -32,7 +32,7 @@ def compare_arms(runs: Sequence[RunData]) -> RunFindings:
     Returns:
         The findings of each comparison in the form of a cell's findings.  The first cell's AV is
         the AV, and the second cell's AV is the reference.  All intervals hold simultaneously with
-        the run's confidence (Bonferroni).
+        95 % (Bonferroni).
 
     Raises:
         InputError: no two cells can be compared, or their reference arms differ; see also
@@ -49,14 +49,13 @@ def compare_arms(runs: Sequence[RunData]) -> RunFindings:
             "has no two cells that differ only in the AV's strategy",
             "a sweep over arms.av or over parameters of its strategy, or a second run",
         )
-    level = runs[0].confidence
-    confidence = 1 - (1 - level) / len(couples)
+    confidence = 1 - (1 - CONFIDENCE) / len(couples)
     cells = tuple(
         _compared(runs, first, second, number, confidence, several=len(couples) > 1)
         for number, (first, second) in enumerate(couples)
     )
     together = f"Each interval holds with {100 * confidence:.4g} %: all {len(cells)} comparisons "
-    together += f"hold together with {100 * level:.3g} % (Bonferroni)."
+    together += f"hold together with {100 * CONFIDENCE:.3g} % (Bonferroni)."
     return RunFindings(
         catalogue=runs[0].kind.catalogue,
         name=runs[0].name,

@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from harness.statistics import (
+    CONFIDENCE,
     DIFFERENCES,
     AllowedInterval,
     CrashTest,
@@ -16,6 +17,9 @@ from harness.statistics import (
     Summary,
 )
 from harness.studies.runs.strategy_groups import ParameterSweep, StrategyGroup
+
+LEVEL = 1 - CONFIDENCE
+"""Significance level of the tests."""
 
 
 @dataclass(frozen=True)
@@ -75,12 +79,11 @@ class SweepResult:
 class GroupResult:
     """A group of cells that differ only in the AV's strategy.
 
-    ``level`` is the significance level of the tests; ``summaries`` are the summaries of the
+    ``summaries`` are the summaries of the
     group's cells, in order.
     """
 
     group: StrategyGroup
-    level: float
     summaries: tuple[Summary, ...]
     comparisons: tuple[Comparison, ...]
     sweeps: tuple[SweepResult, ...]
@@ -96,11 +99,11 @@ class GroupResult:
                 continue
             if by:
                 sign = float(item.misses.only_a - item.misses.only_b)
-                better = item.misses_p_holm < self.level
+                better = item.misses_p_holm < LEVEL
             else:
                 sign = item.time_ratio_difference.low or 0.0
                 excludes_0 = sign * (item.time_ratio_difference.high or 0.0) > 0
-                better = excludes_0 and item.time_ratio_p_holm < self.level
+                better = excludes_0 and item.time_ratio_p_holm < LEVEL
             if better and (sign < 0) is (cell == item.a):
                 beaten.append(item.a + item.b - cell)
         return sorted(beaten)
@@ -110,12 +113,11 @@ class GroupResult:
 class RunComparison:
     """The comparison of the cells of one run or of several.
 
-    ``name`` is the name of the first run; ``confidence`` applies to each interval.
+    ``name`` is the name of the first run.
     """
 
     folders: tuple[Path, ...]
     name: str
-    confidence: float
     groups: tuple[GroupResult, ...]
 
     def __repr__(self) -> str:

@@ -3,7 +3,15 @@
 from dataclasses import replace
 
 from harness.scenario import Scenario
-from harness.statistics import ENCOUNTERS, CellFindings, Finding, Note, Rank, RunFindings
+from harness.statistics import (
+    CONFIDENCE,
+    ENCOUNTERS,
+    CellFindings,
+    Finding,
+    Note,
+    Rank,
+    RunFindings,
+)
 from harness.store.over_model import refits_of
 from harness.studies.runs.cell_result import CellResult
 from harness.studies.runs.model_use import given_the_model
@@ -12,7 +20,6 @@ from harness.studies.runs.notes import av_label, model_notes
 from harness.studies.runs.references import agreement, keeps_its_defaults, reference_lines
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.site_words import site_words
-from harness.studies.runs.targets import missed_targets
 from harness.studies.runs.views import view_of
 
 PAPER_REMARK = (
@@ -32,7 +39,7 @@ def reported(run: RunData) -> RunFindings:
         name=run.name,
         folder=str(run.path),
         scope=", ".join([f"seed {run.manifest['seed']}", *_refits_scope(run), *_engine_scope(run)]),
-        confidence=run.confidence,
+        confidence=CONFIDENCE,
         paper=_has_paper_values(run),
         cells=tuple(_cell_findings(run, result) for result in run.results),
         notes=tuple(_run_notes(run)),
@@ -81,7 +88,7 @@ def is_the_papers(scenario: Scenario) -> bool:
 
 
 def _run_notes(run: RunData) -> list[Note]:
-    """Return the notes about the run as a whole, such as its engine and its missed targets."""
+    """Return the notes about the run as a whole."""
     notes = []
     if tuple(run.varied_keys) == ("arms.human",):
         ratios = [
@@ -93,14 +100,6 @@ def _run_notes(run: RunData) -> list[Note]:
             notes.append(Note(Rank.REFERENCE, agreement(ratios)))
     lines = (nearness(result.cell.scenario) for result in run.results)
     notes += [Note(Rank.NEARNESS, line) for line in dict.fromkeys(lines)]
-    for missed in missed_targets(run):
-        where = f" in cell {missed.cell}" if run.varied_keys else ""
-        width = "undefined" if missed.half_width is None else f"± {missed.half_width:.4f}"
-        text = (
-            f"The target {missed.measure} ± {missed.target:g} was missed{where}: {width} after all "
-            f"{missed.pairs:,} pairs."
-        )
-        notes.append(Note(Rank.MISSED_TARGETS, text))
     return notes
 
 

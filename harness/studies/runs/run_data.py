@@ -17,15 +17,15 @@ import pyarrow.compute as pc
 from harness.core.errors import InputError
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Cell, EngineName, Scenario, Study
-from harness.statistics import OverModel, PairColumns, columns_of, row_of
+from harness.statistics import CONFIDENCE, OverModel, PairColumns, columns_of, row_of
 from harness.store.hour_summaries import HoursSummary, hours_summary
 from harness.store.kinds import Kind, kind_of_study
-from harness.store.manifest import model_entry, options_of
+from harness.store.manifest import model_entry
 from harness.store.measure_tables import measure_rows
 from harness.store.over_model import findings_over_model
 from harness.store.reading import read_table
 from harness.store.schemas import TABLES
-from harness.store.summaries import confidence_of, pair_columns
+from harness.store.summaries import pair_columns
 from harness.store.summary_table import read_summary
 from harness.store.tables import Row
 from harness.studies.kinds.tasks import Failure
@@ -164,7 +164,7 @@ class RunData:
         if stored is not None:
             return tuple(CellResult(cell, stored[cell.number]) for cell in cells)
         return tuple(
-            CellResult(cell, kind.findings(rows, cell, self.confidence))
+            CellResult(cell, kind.findings(rows, cell, CONFIDENCE))
             for cell, rows in self._by_cell(self.kind.rows)
         )
 
@@ -290,11 +290,6 @@ class RunData:
         if not any(model_entry(model).items() <= entry.items() for entry in used):
             raise InputError(f"model {model.name}", "has changed since the run", "the same file")
         return model
-
-    @property
-    def confidence(self) -> float:
-        """The confidence level of each interval of the run."""
-        return confidence_of(self.study, options_of(self.manifest))
 
     def __repr__(self) -> str:
         """Return the text that a debugger shows."""
