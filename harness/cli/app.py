@@ -31,7 +31,6 @@ COMMANDS = (
     risk.risk,
     reporting.report,
     review.replay,
-    review.score,
     review.compare,
     review.worst,
     export.export,

@@ -60,7 +60,7 @@ def conflicts(
     )
 
     check_new(out)
-    thresholds = set_thresholds({}, settings_of(settings), "conflicts")
+    thresholds = set_thresholds(settings_of(settings), "conflicts")
     files = [fcd] if person_fcd is None else [fcd, person_fcd]
     hidden = quiet or as_json or not sys.stderr.isatty()
     with progress_bar("bytes", hidden) as advance:

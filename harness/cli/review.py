@@ -1,4 +1,4 @@
-"""The commands ``replay``, ``score``, ``compare`` and ``worst`` for run folders."""
+"""The commands ``replay``, ``compare`` and ``worst`` for run folders."""
 
 from functools import partial
 from pathlib import Path
@@ -8,7 +8,7 @@ import typer
 
 from harness.cli import options
 from harness.cli.interruption import unwinding
-from harness.cli.options import not_with, refuse_without, settings_of
+from harness.cli.options import not_with, refuse_without
 from harness.cli.output import emit, print_line, progress_bar, say
 from harness.core.errors import InputError, one_line
 
@@ -133,23 +133,6 @@ def _report_replays(
     emit(quiet, as_json, document, [name for name, _ in shown], show)
     if problems or any(differences for _, differences in shown):
         raise typer.Exit(1)
-
-
-def score(
-    run_folder: Annotated[
-        Path, typer.Argument(metavar="RUN", help="A run with --traces; for --set any run.")
-    ],
-    out: Annotated[Path, typer.Option(help="A new folder for the recomputed run.")],
-    settings: options.ThresholdsOption = None,
-    quiet: options.QuietOption = False,
-    as_json: options.JsonOption = False,
-) -> None:
-    """Recompute measures, or conflicts with other thresholds."""
-    from harness.studies.batch.scoring import score as recompute
-
-    with unwinding():
-        folder = recompute(run_folder, out, settings_of(settings))
-    emit(quiet, as_json, {"folder": str(folder)}, [folder])
 
 
 def compare(

@@ -1,26 +1,24 @@
-"""Writes the motion of vehicles and people in an hour as rows, and makes traces from the rows.
+"""Writes the motion of vehicles and people in an hour as rows.
 
 The columns are described in docs/files.md.  Times count from the end of the warm-up.  x and y are
 in the axes of the forward direction, so oncoming vehicles drive towards smaller x.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 
 import numpy as np
 
-from harness.core.encounter import Arm, Ending, FloatArray, Trace, Walk
-from harness.episode.traffic.demand import scheduled_vehicle
-from harness.episode.traffic.lanes import Direction, Lane, lanes_of
+from harness.core.encounter import FloatArray
+from harness.episode.traffic.lanes import Direction
 from harness.episode.traffic.pairing import HourOutcome
-from harness.episode.traffic.passages import Passage, as_seen
+from harness.episode.traffic.passages import Passage
 from harness.episode.traffic.vehicles import HourVehicle
 from harness.measures.motion.walking import cleared_s, states_at
-from harness.scenario import Scenario
 from harness.store.hour_tables import walk_row
 from harness.store.tables import Motion, Row, Tables, table_of, traces_table
-from harness.store.walk_rows import shown_states, stored_walk
+from harness.store.walk_rows import shown_states
 
 _ROUNDING_S = 1e-9
 
@@ -108,83 +106,3 @@ def _vehicle(vehicle: HourVehicle, step_s: float, begin_s: float) -> Motion:
         [speed for _, _, speed in rows],
         accelerations,
     )
-
-
-def stored_traces(
-    scenario: Scenario,
-    passages: Sequence[Row],
-    walks: Sequence[Row],
-    states: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]],
-) -> Iterator[tuple[Row, Trace | None]]:
-    """The traces of one arm's passages, lane by lane.
-
-    Args:
-        scenario: the cell's scenario.
-        passages: the arm's rows of ``passages``.
-        walks: its rows of ``walks``.
-        states: time, x and speed of each object of ``traces``, by name.
-
-    Yields:
-        Each row with its trace; None for a vehicle that never reached R0.
-    """
-    everyone = [(_due_s(row), stored_walk(row)) for row in walks]
-    for lane in lanes_of(scenario):
-        for row in passages:
-            if (row["direction"], row["lane"]) == (lane.direction.value, lane.index):
-                yield row, _trace(scenario, lane, row, everyone, states)
-
-
-def _trace(
-    scenario: Scenario,
-    lane: Lane,
-    row: Row,
-    everyone: Sequence[tuple[float, Walk]],
-    states: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]],
-) -> Trace | None:
-    trigger_s = row["trigger_s"]
-    if trigger_s is None:
-        return None
-    step_s, crosswalk = scenario.experiment.step_s, scenario.crosswalk()
-    times, x, speed = states[f"vehicle-{row['vehicle']}"]
-    passed_s = math.inf if row["passed_s"] is None else row["passed_s"] + step_s - _ROUNDING_S
-    kept = (times > trigger_s - _ROUNDING_S) & (times < passed_s)
-    times, sign = times[kept], lane.direction.sign
-    until_s = float(times[-1]) + _ROUNDING_S
-    if row["passed_s"] is None:
-        until_s = math.inf
-    # People who left the crosswalk a step before the vehicle reached R0 are not in its trace.
-    met = [
-        as_seen(walk, lane, trigger_s, crosswalk)
-        for due_s, walk in everyone
-        if walk.arrival.arrival_s <= until_s and due_s > trigger_s - step_s + _ROUNDING_S
-    ]
-    return Trace(
-        vehicle=scenario.vehicle_of_type(
-            row["type"],
-            _driver(scenario, row),
-            oncoming=lane.direction is Direction.ONCOMING,
-        ),
-        crossing=lane.crossing,
-        step_s=step_s,
-        x_m=sign * x[kept],
-        speed_mps=speed[kept],
-        walks=tuple(met),
-        ending=Ending.TIMED_OUT if row["passed_s"] is None else Ending.CROSSED,
-        reason=row["reason"],
-        sumo_collision=row["sumo_collision"],
-        fallback=row["fallback"],
-        trace_offset_s=row["trace_offset_s"],
-    )
-
-
-def _driver(scenario: Scenario, row: Row) -> Arm:
-    """The driver of a passage's vehicle; it matters only if they differ in how late they obey."""
-    if scenario.actuation.is_off or row["arm"] == Arm.HUMAN.value:
-        return Arm.HUMAN
-    planned = scheduled_vehicle(scenario, row["pair"], row["vehicle"])
-    return Arm.AV if planned.uniform < scenario.known_traffic.av_share else Arm.HUMAN
-
-
-def _due_s(row: Row) -> float:
-    """The time at which a pedestrian leaves the crosswalk; infinite if they never do."""
-    return math.inf if row["cleared_s"] is None else row["cleared_s"]

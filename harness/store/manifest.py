@@ -19,7 +19,7 @@ def origin_of(study: Study, models: Iterable[InteractionModel]) -> JsonObject:
     return {
         "know_the_model": [name for name in driven if knows_the_model(find_strategy(name, "arms"))],
         "simulated_with": _simulated_now(driven, models),
-        "scored_with": scored_now(),
+        "scored_with": {"versions": versions_of_runs()},
     }
 
 
@@ -50,11 +50,6 @@ def model_entry(model: InteractionModel) -> JsonObject:
     return entry
 
 
-def scored_now() -> JsonObject:
-    """The part of the manifest about the versions with which traces are measured."""
-    return {"versions": versions_of_runs()}
-
-
 def manifest_of(
     study: Study,
     origin: Mapping[str, Any],
@@ -65,7 +60,7 @@ def manifest_of(
 
     Args:
         study: the study.
-        origin: see ``origin_of``; for a run that is scored again, the origin of its traces.
+        origin: see ``origin_of``.
         options: the options of the run.
         counts: None until the tables are finished.
     """

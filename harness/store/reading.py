@@ -1,7 +1,7 @@
 """Reads and checks the manifest and the tables of a run folder (docs/files.md)."""
 
 import shlex
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
@@ -129,7 +129,6 @@ def read_table(
     name: str,
     cell: int | None = None,
     pair: int | None = None,
-    optional: Collection[str] = (),
 ) -> pa.Table:
     """A table of a finished run: the whole table, the rows of a cell, or the rows of a pair.
 
@@ -138,7 +137,6 @@ def read_table(
         name: the table's name.
         cell: the number of a cell; None for all cells.
         pair: the number of a pair; None for all pairs.
-        optional: columns that may be missing.
 
     Returns:
         The table, with the types of ``TABLES``.
@@ -151,7 +149,7 @@ def read_table(
     with _reading(folder, name) as path:
         table = pq.read_table(path, filters=filters or None, page_checksum_verification=True)
         if name in TABLES:
-            table = with_schema(table, name, str(path), optional)
+            table = with_schema(table, name, str(path))
         table.validate(full=True)
     if name in TABLES:
         check_values(table, name, str(path))

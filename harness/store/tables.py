@@ -1,6 +1,6 @@
 """The tables of a run from rows, checked against their schemas, and as files."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,19 +50,17 @@ def traces_table(objects: Iterable[tuple[Mapping[str, object], str, Motion]]) ->
     return pa.concat_tables(parts).combine_chunks()
 
 
-def with_schema(table: pa.Table, name: str, where: str, optional: Collection[str] = ()) -> pa.Table:
+def with_schema(table: pa.Table, name: str, where: str) -> pa.Table:
     """A table of unknown origin with the columns and types of its schema.
 
     Raises:
-        InputError: a column that is not ``optional`` is missing; ``where`` names the file.
+        InputError: a column is missing; ``where`` names the file.
         ValueError: a value does not fit its column's type.
     """
-    missing = {*TABLES[name].names} - {*table.column_names}
-    for column in TABLES[name].names:
-        if column in missing and column not in optional:
-            wanted = "a run of this version, or `harness score` of a run that stored traces"
-            raise InputError(where, f"lacks {column}", wanted)
-    schema = pa.schema([field for field in TABLES[name] if field.name not in missing])
+    schema = TABLES[name]
+    for column in schema.names:
+        if column not in table.column_names:
+            raise InputError(where, f"lacks {column}", "a run of this version")
     return table.select(schema.names).cast(schema)
 
 

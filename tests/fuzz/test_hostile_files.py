@@ -45,7 +45,7 @@ KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
     "model": (10_000, ("model show {file}", "run cctc --set model.path={file} --out out")),
     "run": (
         10_000,
-        (f"compare {RUN}", f"export {RUN} --csv", f"score {RUN} --out out", f"resume {RUN}"),
+        (f"compare {RUN}", f"export {RUN} --csv", f"resume {RUN}"),
     ),
     "run, shown": (400, (f"report {RUN} --out out/page.html", f"replay {RUN} {ONE}")),
     "model, shown": (200, ("model show {file} --plots out",)),
@@ -61,7 +61,7 @@ KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
             "crossings {file} --json",
         ),
     ),
-    "hours": (600, ("report hours --out out/page.html", "score hours --out out/scored")),
+    "hours": (600, ("report hours --out out/page.html",)),
     "town": (
         1_000,
         (

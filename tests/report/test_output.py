@@ -27,7 +27,6 @@ CALLS = {
     "resume": ["RUN"],
     "report": ["RUN", "--out", "NEW.html"],
     "replay": ["RUN", "--pair", "3", "--arm", "av", "--out", "NEW"],
-    "score": ["RUN", "--out", "NEW"],
     "worst": ["RUN", "-n", "2"],
     "compare": ["SWEEP", "--out", "NEW.csv"],
     "export": ["COPY", "--csv"],

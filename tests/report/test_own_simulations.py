@@ -19,7 +19,6 @@ from harness.scenario import parse_variation, read_scenario_file, study_of
 from harness.store.reading import read_table
 from harness.store.simulations.simulation_traces import has_passages, only_passages
 from harness.store.walk_rows import stored_walk
-from harness.studies.batch.scoring import score
 from harness.studies.batch.showing import write_shown
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import SHOWN, missing_pairs, shown_pairs
@@ -238,20 +237,6 @@ def test_figures_of_a_sweep_are_over_its_key(swept: RunData) -> None:
     assert labels == ["AV's arm: gap_yield", "reference: sumo_driver"]
     drawn = axes.containers[0].lines[0].get_ydata()  # type: ignore[attr-defined]
     assert drawn == pytest.approx(swept.summary["av_time_loss_s"].to_numpy())
-
-
-def test_a_run_with_traces_is_scored_and_shown_again(traced: RunData, tmp_path: Path) -> None:
-    from harness.scenario import Setting
-
-    folder = score(traced.path, tmp_path / "scored", [Setting("conflicts.pet_s", 9.0)])
-    scored = harness.load_run(folder)
-    assert scored.traces.equals(traced.traces)
-    before, after = (
-        read_table(each.path, "simulations").to_pandas()["conflicts_pet"].sum()
-        for each in (traced, scored)
-    )
-    assert after > before
-    assert len(shown_pairs(scored)) == 2
 
 
 def test_a_folder_that_lost_its_scenes_is_refused(traced: RunData, tmp_path: Path) -> None:

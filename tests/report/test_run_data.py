@@ -16,10 +16,12 @@ import harness
 from harness.core.errors import InputError
 from harness.store.schemas import SCHEMA
 from harness.store.summaries import summarise_cell
+from harness.studies.runs.export import export_csv
 from harness.studies.runs.reported import reported
 from harness.studies.runs.run_data import RunData
 from tests.batches import here, one_cell, run_stopped
 from tests.made_up import made_up
+from tests.scenes import refuses
 
 Spoil = Callable[[Path], object]
 NAN, INF = float("nan"), float("inf")
@@ -158,7 +160,11 @@ SPOILT: list[tuple[Spoil, str, str]] = [
     (put("traces", "x_m", INF), "traces", "x_m: inf; allowed"),
     (put("pedestrians", "side", "left"), "pedestrians", "side: 'left'; allowed: near, far"),
     # Every reader needs it.
-    (drop("episodes", "stops"), "episodes", "episodes.parquet: lacks stops … harness score"),
+    (
+        drop("episodes", "stops"),
+        "episodes",
+        "episodes.parquet: lacks stops … of this version",
+    ),
     (put("summary", "mu", NAN, True), "summary", "mu: is damaged; allowed: a finite number"),
     (put("summary", "kappa_ci_high", INF, True), "summary", "kappa_ci_high: is damaged"),
     (put("summary", "pairs", None, True), "summary", "pairs: is damaged"),
@@ -249,3 +255,14 @@ def test_one_pair_has_a_mean_and_no_spread(tmp_path: Path) -> None:
     findings = reported(harness.load_run(run)).cells[0].findings
     assert findings["mu"].value == pytest.approx(9 / 10)  # the reference takes 10 s
     assert "fewer than two pairs" in str(findings["cv"].reason)
+
+
+def test_an_export_of_a_damaged_run_leaves_nothing_behind(single: Path, tmp_path: Path) -> None:
+    run = copy(single, tmp_path / "run")
+    table = run / "pedestrians.parquet"
+    table.write_bytes(table.read_bytes()[:100])
+    before = {path.name for path in run.iterdir()}
+    refuses(r"pedestrians\.parquet: is damaged", lambda: export_csv(run))
+    table.unlink()
+    refuses(r"pedestrians\.parquet: is missing", lambda: export_csv(run))
+    assert {path.name for path in run.iterdir()} == before - {table.name}

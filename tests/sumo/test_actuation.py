@@ -19,12 +19,9 @@ from harness.episode.simulation.driving import Control, PassageLog
 from harness.episode.traffic.demand import Scheduled
 from harness.episode.traffic.hour import Hour
 from harness.episode.traffic.lanes import lanes_of
-from harness.episode.traffic.pairing import HourRunner
 from harness.episode.traffic.vehicles import LaneOnRoad
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, load_scenario
-from harness.store.hour_tables import hour_rows
-from harness.store.hour_traces import stored_traces
 from harness.studies.risk.asking import Settings
 from harness.studies.risk.folder import estimate_risk
 from harness.studies.risk.writing import RESULT
@@ -90,33 +87,6 @@ def test_commands_of_an_hour_pass_the_actuator() -> None:
         expected = chain(Actuator(vehicle, STEP_S, car.speeds[0]), car.speeds[0], commands)
         assert car.speeds == pytest.approx([*expected][: len(car.speeds)], abs=1e-9)
         assert len(car.speeds) > 60
-
-
-def test_stored_hours_know_which_vehicles_obey_late(model: InteractionModel) -> None:
-    scene = hour_scene(actuation=LATE)
-    scene = scene.model_copy(
-        update={"traffic": scene.known_traffic.model_copy(update={"av_share": 0.5})}
-    )
-    runner = HourRunner(scene, model, lambda: road_for(scene))
-    for arm in Arm:
-        outcome = runner.run_arm(0, arm)
-        late = {each.vehicle.plan.number: each.trace.vehicle.lag_s for each in outcome.passages}
-        assert set(late.values()) == ({0.0, 0.3} if arm is Arm.AV else {0.0})
-        rows = hour_rows_of(outcome)
-        states = {f"vehicle-{each.vehicle.plan.number}": _states(each) for each in outcome.passages}
-        for row, trace in stored_traces(scene, rows, [], states):
-            assert trace is None or trace.vehicle.lag_s == late[row["vehicle"]]
-
-
-def hour_rows_of(outcome: Any) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = hour_rows(0, [outcome])["passages"].to_pylist()
-    return rows
-
-
-def _states(passage: Any) -> Any:
-    trace = passage.trace
-    begin_s = (passage.vehicle.first_step or 0) * STEP_S
-    return begin_s + STEP_S * np.arange(len(trace.x_m)), trace.x_m, trace.speed_mps
 
 
 def test_a_vehicle_of_an_own_simulation_goes_on_from_where_sumo_cut_it() -> None:

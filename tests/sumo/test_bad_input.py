@@ -204,7 +204,6 @@ def test_a_run_that_was_broken_off(refused: Refuse, tmp_path: Path) -> None:
     run_stopped(study, tmp_path / "broken off", 1, traces=True)
     before = sorted(tmp_path.rglob("*"))
     for command in (
-        ["score", "broken off", "--out", "new"],
         ["replay", "broken off", "--pair", "0", "--out", "new"],
         ["compare", "broken off"],
         ["export", "broken off", "--csv"],

@@ -149,7 +149,6 @@ def test_a_disk_that_takes_no_more(disk: Path, finished: Path) -> None:
         ["report", disk / "run"],
         ["report", finished, "--out", disk / "page.html"],
         ["report", finished, "--out", disk.parent / "page.html", "--figures", disk / "figures"],
-        ["score", finished, "--out", disk / "score"],
         [*RUN, "--out", disk / "again"],
     ):
         one_line(here(*words), 1 if full else 2, why, str(disk))

@@ -302,7 +302,7 @@ def place(states: pd.DataFrame, time_s: np.ndarray) -> np.ndarray:
     return np.asarray(east + 1j * north)
 
 
-def test_thresholds_are_set_as_for_a_score(town: Path, exact: ConflictFindings) -> None:
+def test_thresholds_are_set(town: Path, exact: ConflictFindings) -> None:
     """The counts are those of the passages' own measures."""
     command = ("conflicts", town / "exact.csv", "--net", town / "town.net.xml", "--out")
     text = printed(*command, town / "other", "--set", "conflicts.ttc_s=3", "--full")

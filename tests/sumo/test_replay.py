@@ -240,3 +240,25 @@ def test_debug_has_standard_input_and_the_traceback(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, env=env, timeout=300, **pipes)
     assert "42" in done.stdout
     assert "ArithmeticError: on purpose" in done.stderr
+
+
+RUNNER = {"start_lateral_m": 6.0, "acceleration_distance_m": 1.5, "speed_mps": 2.2}
+TIMED = [{"name": "CPFA-50", "side": "far", "impact_share": 0.5, **RUNNER}]
+
+
+def test_walks_of_every_behaviour_are_replayed(tmp_path: Path) -> None:
+    changes = {**FLOW, "experiment.pairs": 2, "experiment.timeout_s": 30.0, FLOW_PER_HOUR: 900.0}
+    behaviours = "pedestrians.behaviour=constant,gap_acceptance,threshold,reactive"
+    study = sweep("cctc_flow", {**changes, "pedestrians.timed": TIMED}, behaviours)
+    run_inline(study, tmp_path / "run", traces=True)
+    pedestrians = pq.read_table(tmp_path / "run" / "pedestrians.parquet").to_pylist()
+    walked = [row for row in pedestrians if row["start_s"] is not None]
+    with_legs = {row["cell"] for row in walked if row["legs"] is not None and row["index"] > 0}
+    assert with_legs == {3, 4}
+    assert {row["cell"] for row in walked if row["critical_gap_s"] is not None} == {1}
+    assert {row["cell"] for row in walked if row["latency_s"] is not None} == {2}
+    assert all(row["legs"] is not None for row in walked if row["index"] == 0)
+    with one_process():
+        for cell in range(5):
+            for again in replay(tmp_path / "run", 1, list(Arm), cell, tmp_path / f"again-{cell}"):
+                assert again.differences == (), (cell, again.arm)

@@ -145,7 +145,6 @@ def test_a_risk_is_said_as_json_as_its_folder_and_in_a_browser(
         ["compare", finished],
         ["worst", finished],
         ["export", finished, "--csv"],
-        ["score", finished, "--out", out],
         ["replay", finished, "--pair", "0", "--out", out],
     ):
         message = refusal(*command)

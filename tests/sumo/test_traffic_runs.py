@@ -22,13 +22,11 @@ from harness.scenario import (
     Options,
     Setting,
     Study,
-    parse_setting,
     read_scenario_file,
     study_of,
 )
 from harness.store.schemas import HOUR_TABLES
 from harness.studies.batch.experiment import resume, run_study
-from harness.studies.batch.scoring import score
 from harness.studies.batch.showing import write_shown
 from harness.studies.replay.rerun import replay
 from harness.studies.runs.reported import reported
@@ -206,32 +204,12 @@ def test_an_hour_without_vehicles_has_a_page(tmp_path: Path) -> None:
     assert Path(json.loads(printed("report", run.path, "--json"))["page"]).is_file()
 
 
-def test_traces_give_all_measures_again(runs: list[Path], tmp_path: Path) -> None:
-    """Times are kept from the end of the warm-up, so the last bits of sums may differ."""
-    stored = harness.load_run(runs[1])
-    scored = harness.load_run(score(runs[1], tmp_path / "scored"))
-    for name in ("passages", "hours"):
-        ours, theirs = getattr(stored, name), getattr(scored, name)
-        assert len(ours) >= 4
-        pd.testing.assert_frame_equal(ours, theirs, check_exact=False, rtol=0, atol=1e-8)
-    assert stored.passages["min_time_advantage_s"].notna().sum() > 5
-    # Everybody is there, from where they enter on.
-    own = stored.traces_of(0, 0)
+def test_traces_have_everybody_from_where_they_enter_on(runs: list[Path]) -> None:
+    own = harness.load_run(runs[1]).traces_of(0, 0)
     first = own[own["object"].str.startswith("vehicle")].groupby(["arm", "object"])["x_m"]
     assert (first.agg(lambda x: abs(x.iloc[0])) > 290.0).all()
     came = own[own["object"].str.startswith("pedestrian")]
     assert came["y_m"].between(0.0, 9.0).all()
-
-
-def test_other_thresholds_count_anew(runs: list[Path], tmp_path: Path) -> None:
-    """Without traces too; a time advantage below 100 s is a conflict of whoever has one."""
-    setting = parse_setting("conflicts.time_advantage_s=100")
-    scored = harness.load_run(score(runs[0], tmp_path / "scored", [setting]))
-    with_one = scored.passages[scored.passages["min_time_advantage_s"].notna()]
-    expected = with_one.groupby(["pair", "arm"]).size()
-    counted = scored.hours.set_index(["pair", "arm"])["conflicts_time_advantage"]
-    assert expected.sum() > 0
-    assert counted[expected.index].tolist() == expected.tolist()
 
 
 @pytest.fixture(scope="module")

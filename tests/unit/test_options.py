@@ -15,3 +15,39 @@ from tests.scenes import refuses
     ("given", "said"),
     [
         ({"engine": "plan"}, "unknown engine 'plan'"),
+        ({"traces": "x"}, "traces: 'x' is not accepted; allowed: True or False"),
+        ({"workers": -1}, "workers: -1 is not accepted; allowed: a whole number, 0 or more"),
+        ({"workers": 1.5}, "workers: 1.5"),
+        ({"hang_after_s": -0.1}, "hang_after_s: -0.1 is not accepted; allowed: 0 or more"),
+        ({"hang_after_s": float("nan")}, "hang_after_s: nan"),
+        ({"task_pairs": 0}, "task_pairs: 0 is not accepted; allowed: a whole number, 1 or more"),
+    ],
+)
+def test_what_is_refused(given: dict[str, Any], said: str) -> None:
+    refuses(said, lambda: Options(**given))
+
+
+def test_numbers_and_arrays_of_numpy_are_numbers() -> None:
+    options = Options(workers=np.int64(2), hang_after_s=np.float32(30))  # type: ignore[arg-type]
+    assert (options.workers, type(options.workers)) == (2, int)
+    assert (options.hang_after_s, type(options.hang_after_s)) == (30.0, float)
+    settings = {
+        "experiment.pairs": np.int64(7),
+        "ego.initial_speed_mps": np.float32(8.0),
+        "experiment.seed": np.arange(3)[2],
+        "model.extrapolate": np.True_,
+    }
+    plain = {key: value.item() for key, value in settings.items()}
+    assert load_scenario("cctc_flow", settings) == load_scenario("cctc_flow", plain)
+    file = read_scenario_file("cctc_flow")
+    flows = np.linspace(100, 300, 3)
+    study = study_of(file, [("pedestrians.flow_per_hour", flows)])  # type: ignore[list-item]
+    written = [dict(cell.varied) for cell in study.cells]
+    expected = json.dumps([{"pedestrians.flow_per_hour": flow} for flow in (100.0, 200.0, 300.0)])
+    assert json.dumps(written) == expected
+
+
+def test_an_interrupted_run_is_a_keyboard_interrupt() -> None:
+    """``except Exception`` of a script does not take Ctrl-C for one more failed run."""
+    assert issubclass(InterruptedRunError, KeyboardInterrupt)
+    assert not issubclass(InterruptedRunError, Exception)

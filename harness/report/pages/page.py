@@ -167,10 +167,8 @@ def _facts(run: RunData) -> Iterator[tuple[str, str]]:
     yield "step", f"{ran['experiment.step_s']} s, time-out {ran['experiment.timeout_s']} s"
     for key in run.varied_keys:
         yield f"varied: {key}", _listed(as_written(cell.varied[key]) for cell in run.study.cells)
-    made, scored = manifest["simulated_with"], manifest["scored_with"]["versions"]
+    made = manifest["simulated_with"]
     yield "simulated with", _named(made["versions"])
-    if scored != made["versions"]:
-        yield "scored with", _named(scored)
     for name, digest in made["strategies"].items():
         yield f"strategy {name}", f"sha256 {digest[:16]}…"
     yield "traces", "stored" if run.kept_traces else "not stored"

@@ -1,1 +1,1 @@
-"""Carries out a study from scenario to run folder: start, resume, finish and score again."""
+"""Carries out a study from scenario to run folder: start, resume and finish."""

@@ -192,7 +192,7 @@ def _episodes(run: RunData, by: str, arm: Arm, cell: int | None = None) -> pd.Da
         raise InputError(str(run.path), problem, allowed)
     episodes, cells = run.ranked, len(run.study.cells)
     if by not in episodes:
-        raise InputError(str(run.path), f"has no {by}", "a run that has it: harness score RUN")
+        raise InputError(str(run.path), f"has no {by}", "a run that has it")
     if cell is not None and not 0 <= cell < cells:
         raise InputError("--cell", f"{cell}", f"0 to {cells - 1}")
     of_arm = episodes[(episodes["arm"] == arm.value) & (cell is None or episodes["cell"] == cell)]
