@@ -210,7 +210,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         if other is not None and other is not self and other._steps is not None:
             raise EngineError(
                 "another environment of this process has a running episode in SUMO: "
-                "close it, use engine='plain', or a process for each (AsyncVectorEnv)"
+                "close it, or use engine='plain'"
             )
         _driving = weakref.ref(self)
 

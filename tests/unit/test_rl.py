@@ -13,7 +13,6 @@ gymnasium = pytest.importorskip("gymnasium")
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
-from examples import vector_environments  # noqa: E402
 from examples.policies import NEAREST, YieldToTheNearest, yield_to_the_nearest  # noqa: E402
 from harness import rl  # noqa: E402
 from harness.core.encounter import Arm, Crossing, EgoView, Ending, Observation, PedestrianView, Side  # noqa: E402
@@ -283,13 +282,3 @@ def test_training_never_meets_whom_a_run_is_judged_by(monkeypatch):
     scenarios = shipped_directory("scenarios").glob("*.toml")
     judged = {load_scenario(file).experiment.seed for file in scenarios}
     assert judged.isdisjoint(set(seeds) - {None})
-
-
-def test_vectorised_environments_meet_what_single_ones_do():
-    returns = vector_environments.drive(2, 3, settings=BUSY)
-    assert returns.shape == (2, 3)
-    for seed, own in zip((1, 2), returns, strict=True):
-        env = environment(BUSY, nearest=NEAREST)
-        for number in range(3):
-            _, total, _, _ = drive(env, yield_to_the_nearest, seed=None if number else seed)
-            assert own[number] == pytest.approx(total)
