@@ -1,9 +1,8 @@
-"""The second reference: a driver with few parameters, fitted to recorded encounters."""
+"""The second reference: a driver fitted to recorded encounters."""
 
 from typing import NamedTuple
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation
-from harness.core.errors import InputError
 from harness.strategies.driving import (
     ROUNDING,
     full_braking_distance,
@@ -20,24 +19,40 @@ SPARE_M = 0.05
 
 _LINE_M = PEDESTRIAN_RADIUS_M + SPARE_M
 
+HORIZON_S = 0.5
+"""A pedestrian becomes relevant this long before they enter its path."""
+
+EARLY_S = 0.5
+"""It goes before pedestrians who enter its path later than this before its front is there."""
+
+REACTION_TIME_S = 0.5
+"""Reaction time of yielding."""
+
+COMFORTABLE_MPS2 = 0.5
+"""Deceleration of yielding."""
+
+AMONG_PEOPLE_MPS = 3.0
+"""Greatest speed to which it accelerates among relevant pedestrians."""
+
+PULLING_AWAY_MPS2 = 3.0
+"""Acceleration of going first."""
+
 
 class HumanRecorded:
     """Reacts to pedestrians who will soon be in its path, and avoids every avoidable crash.
 
     At their present speed each pedestrian is in the ego's path (half its width plus 0.3 m on either
     side of its centre) from t_in to t_out.  If the ego goes first, it accelerates with
-    ``pulling_away_mps2`` up to v0 and covers their line (x = 0, plus 0.3 m) from t_arrive to
-    t_gone.
+    3 m/s² up to v0 and covers their line (x = 0, plus 0.3 m) from t_arrive to t_gone.
 
-    *Relevant pedestrians* have a t_in of at most ``horizon_s`` and are not past the ego's path.
-    While there are any, the ego does not accelerate beyond ``speed_among_people_mps``; if it is
-    faster it keeps its speed.  While there are none, it returns to v0 with a0.
+    *Relevant pedestrians* have a t_in of at most 0.5 s and are not past the ego's path.
+    While there are any, the ego does not accelerate beyond 3 m/s; if it is faster it keeps its
+    speed.  While there are none, it returns to v0 with a0.
 
-    *Yielding.*  It goes before pedestrians who enter its path later than ``go_first_s`` after its
-    front has reached their line.  It goes behind pedestrians who leave its path no later than
-    ``let_go_s`` after that.  For other relevant pedestrians it stops 0.3 m before their line: it
-    brakes once they have been in the way for ``reaction_time_s``, and as late as
-    ``comfortable_deceleration_mps2`` allows.  It drives on when none of them is left.
+    *Yielding.*  It goes before pedestrians who enter its path later than 0.5 s before its front
+    reaches their line.  It goes behind pedestrians who leave its path before that front is there.
+    For other relevant pedestrians it stops 0.3 m before their line: it brakes once they have been
+    in the way for 0.5 s, and as late as 0.5 m/s² allows.  It drives on when none of them is left.
 
     *Avoiding* has no reaction time and applies to all pedestrians.  The ego also stops there for a
     pedestrian whom it would meet if it went first (t_in ≤ t_gone and t_out ≥ t_arrive).  It begins
@@ -47,75 +62,34 @@ class HumanRecorded:
     *Limits.*  It was fitted to a few dozen vehicles at one place: docs/validation.md has its card.
     Recorded pedestrians give way to a car that rolls among them.  Pedestrians of the harness's
     flows keep their speeds, so it waits for them.
-
-    Args:
-        horizon_s: a pedestrian becomes relevant this long before they enter its path, s, above 0.
-        go_first_s: threshold for going first, s; larger is more careful.
-        let_go_s: threshold for passing behind a pedestrian, s; larger is bolder.
-        reaction_time_s: reaction time of yielding, s, at least 0.
-        comfortable_deceleration_mps2: deceleration of yielding, m/s², above 0.
-        speed_among_people_mps: greatest speed to which it accelerates among relevant pedestrians,
-            m/s, above 0.
-        pulling_away_mps2: acceleration of going first, m/s², above 0, at most the vehicle's.
-
-    Raises:
-        InputError: a value is outside its range.
     """
 
-    def __init__(
-        self,
-        *,
-        horizon_s: float = 0.5,
-        go_first_s: float = -0.5,
-        let_go_s: float = 0.0,
-        reaction_time_s: float = 0.5,
-        comfortable_deceleration_mps2: float = 0.5,
-        speed_among_people_mps: float = 3.0,
-        pulling_away_mps2: float = 3.0,
-    ) -> None:
-        for name, value, unit in (
-            ("horizon_s", horizon_s, "s"),
-            ("comfortable_deceleration_mps2", comfortable_deceleration_mps2, "m/s²"),
-            ("speed_among_people_mps", speed_among_people_mps, "m/s"),
-            ("pulling_away_mps2", pulling_away_mps2, "m/s²"),
-        ):
-            if value <= 0:
-                raise InputError(f"human_recorded.{name}", f"{value!r} {unit}", "above 0")
-        if reaction_time_s < 0:
-            where = "human_recorded.reaction_time_s"
-            raise InputError(where, f"{reaction_time_s!r} s", "0 or more")
-        self._horizon_s, self._go_first_s, self._let_go_s = horizon_s, go_first_s, let_go_s
-        self._reaction_s = reaction_time_s
-        self._comfortable_mps2 = comfortable_deceleration_mps2
-        self._among_people_mps = speed_among_people_mps
-        self._pulling_mps2 = pulling_away_mps2
+    def __init__(self) -> None:
         self._since: dict[int, float] = {}
 
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²."""
         ego, vehicle, step = observation.ego, observation.vehicle, observation.step_s
         limit, room = vehicle.max_deceleration_mps2, ego.range_m - _LINE_M
-        pulling = min(self._pulling_mps2, vehicle.max_acceleration_mps2)
+        pulling = min(PULLING_AWAY_MPS2, vehicle.max_acceleration_mps2)
         people = _people(observation)
         if full_braking_distance(ego.speed_mps, limit, step) > room + ROUNDING:
             first = people and ego.range_m > -vehicle.length_m
             return towards(observation, vehicle.initial_speed_mps, pulling if first else None)
         counting = [
-            person
-            for person in people
-            if person.leaves_s > 0 and person.enters_s <= self._horizon_s
+            person for person in people if person.leaves_s > 0 and person.enters_s <= HORIZON_S
         ]
         arrives, leaves = _over_their_line(observation, pulling)
         yields = self._yields(observation, counting, arrives)
         go = resume(observation)
         if counting:
-            top = max(ego.speed_mps, min(self._among_people_mps, vehicle.initial_speed_mps))
+            top = max(ego.speed_mps, min(AMONG_PEOPLE_MPS, vehicle.initial_speed_mps))
             go = towards(observation, top)
         if not yields and not any(
             person.leaves_s >= arrives and person.enters_s <= leaves for person in people
         ):
             return go
-        braking = min(limit, self._comfortable_mps2) if yields else limit
+        braking = min(limit, COMFORTABLE_MPS2) if yields else limit
         after = max(0.0, ego.speed_mps + go * step)
         left = room - (ego.speed_mps + after) / 2 * step
         if full_braking_distance(after, braking, step) <= left:
@@ -127,12 +101,11 @@ class HumanRecorded:
         since = {
             person.index: self._since.get(person.index, observation.time_s)
             for person in counting
-            if person.enters_s <= max(0.0, arrives + self._go_first_s)
-            and person.leaves_s > arrives + self._let_go_s
+            if person.enters_s <= max(0.0, arrives - EARLY_S) and person.leaves_s > arrives
         }
         self._since = since
         # 1e-9 s: sums of steps differ in their last bits.
-        return any(observation.time_s - at >= self._reaction_s - 1e-9 for at in since.values())
+        return any(observation.time_s - at >= REACTION_TIME_S - 1e-9 for at in since.values())
 
 
 class _Person(NamedTuple):

@@ -42,9 +42,6 @@ def test_constant_speed_drives_off_where_the_vehicle_before_has_slowed_it(speed_
         ("human_yield", "comfortable_deceleration_mps2", 0.0, "above 0"),
         ("emergency_brake", "ttc_threshold_s", 0.0, "above 0"),
         ("emergency_brake", "ttc_threshold_s", -1.0, "above 0"),
-        ("human_recorded", "horizon_s", 0.0, "above 0"),
-        ("human_recorded", "reaction_time_s", -0.1, "0 or more"),
-        ("human_recorded", "pulling_away_mps2", -1.0, "above 0"),
         *(("human_gmm", "decision_interval_s", value, "whole steps")
           for value in (0.0, -1.0, 0.01, 0.25)),
     ],

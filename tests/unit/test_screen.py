@@ -435,20 +435,20 @@ def test_no_sweep_leaves_out_crashes_or_how_many_pairs_met_nobody() -> None:
     )
 
 
-def test_notes_that_were_merged_stand_in_full_and_few_pairs_are_never_merged(
+def test_notes_that_were_merged_stand_in_full_and_missed_targets_are_never_merged(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    same = Note(Rank.VERY_FEW_PAIRS, "All 50 episodes are the same.")
+    missed = Note(Rank.MISSED_TARGETS, "The target mu ± 0.001 was missed.")
     fast = {"max_speed_mps": Finding(20.0), "clamped_share": Finding(0.3)}
     cell = cell_with(timed_out=Finding(9), timed_out_av=Finding(9), **fast)
-    run = RunFindings(ENCOUNTERS, "cctc", "runs/c", "seed 1", 0.95, False, (cell,), (same,))
+    run = RunFindings(ENCOUNTERS, "cctc", "runs/c", "seed 1", 0.95, False, (cell,), (missed,))
     monkeypatch.setattr(terminal, "reported", lambda _: run)
     monkeypatch.setattr(terminal, "remarks", lambda _: [])
     monkeypatch.setattr(terminal, "paired_tables", lambda _: [])
     for full in (False, True):
         terminal.print_run(None, full)  # type: ignore[arg-type]
         lines = capsys.readouterr().out
-        assert same.text in lines
+        assert missed.text in lines
         assert ("More to know" in lines) is not full
         assert ("the nearest state" in " ".join(lines.split())) is full
 
@@ -530,8 +530,8 @@ def test_only_what_was_validated_is_said_of_a_reference() -> None:
         load_scenario("cctc", {"arms.human": name, **more})
         for name, more in (
             ("human_recorded", {}),
-            ("human_recorded", {"strategies.human_recorded.horizon_s": 1.0}),
-            ("human_yield", {"strategies.human_yield.yield_rate": 0.5}),
+            ("human_gmm", {"strategies.human_gmm.speed": "sampled"}),
+            ("own:Driver", {}),
         )
     )
     lines = reference_lines([as_validated, changed, other, as_validated])
@@ -540,7 +540,7 @@ def test_only_what_was_validated_is_said_of_a_reference() -> None:
     assert "hit somebody in 9 passages" in lines[0]
     assert lines[1:] == [
         f"{name} was not compared with recorded drivers (harness validate)."
-        for name in ("human_recorded with these settings", "human_yield with these settings")
+        for name in ("human_gmm with these settings", "own:Driver")
     ]
 
 
@@ -556,6 +556,7 @@ def test_where_another_reference_says_the_opposite_is_known_of_the_study_alone()
     assert words("gap_yield", "human_gmm", 1.1) == words("gap_yield", "human_recorded", 0.7) == ""
     assert words("gap_yield", "own.driver", 0.72) == ""
     assert words("constant_speed", "human_gmm", 0.8) == ""
+    assert words("hard_yield", "own:Driver", 0.8) == ""
     gap = ("gap_yield", "human_gmm", 0.9)
     thousand = {"pedestrians.flow_per_hour": 1000.0, "experiment.seed": 7}
     assert words(*gap, "cctc_flow", **thousand).startswith(slower)
@@ -686,6 +687,7 @@ def test_a_permanent_queue_shows_its_capacity_first_and_no_worst_case() -> None:
 def test_the_json_of_hours_has_the_notes_of_the_first_screen(monkeypatch) -> None:
     cell = hour_with({}, never_went=Finding(3))
     monkeypatch.setattr(run_document, "reported", lambda _: hours_of(cell))
+    monkeypatch.setattr(run_document, "missed_targets", lambda _: [])
     result = SimpleNamespace(cell=None, findings=cell.findings)
     given = {"path": "runs/h", "engine": "sumo", "kind": HourKind()}
     run: Any = SimpleNamespace(**given, results=[result], failures=[])
