@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 
 CHECKOUT = Path(__file__).parents[2]
-CODE = {"harness": 40_666, "tests": 26_423, "benchmarks": 3_850, "docs": 600, "examples": 201}
-MODULES, DOORS, PAGES, WEB = 454, 14, 5_431, 690
+CODE = {"harness": 36_500, "tests": 23_500, "benchmarks": 2_000, "docs": 600, "examples": 201}
+MODULES, DOORS, PAGES, WEB = 415, 14, 4_300, 690
 LINE, IGNORED, UNCOVERED, COVERED = 100, 5, 2, 96
 # The data's way, from below: a room imports its own level and those before it, never a later one.
 ORDER = (
