@@ -435,20 +435,20 @@ def test_no_sweep_leaves_out_crashes_or_how_many_pairs_met_nobody() -> None:
     )
 
 
-def test_notes_that_were_merged_stand_in_full_and_missed_targets_are_never_merged(
+def test_notes_that_were_merged_stand_in_full_and_few_pairs_are_never_merged(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    missed = Note(Rank.MISSED_TARGETS, "The target mu ± 0.001 was missed.")
+    same = Note(Rank.VERY_FEW_PAIRS, "All 50 episodes are the same.")
     fast = {"max_speed_mps": Finding(20.0), "clamped_share": Finding(0.3)}
     cell = cell_with(timed_out=Finding(9), timed_out_av=Finding(9), **fast)
-    run = RunFindings(ENCOUNTERS, "cctc", "runs/c", "seed 1", 0.95, False, (cell,), (missed,))
+    run = RunFindings(ENCOUNTERS, "cctc", "runs/c", "seed 1", 0.95, False, (cell,), (same,))
     monkeypatch.setattr(terminal, "reported", lambda _: run)
     monkeypatch.setattr(terminal, "remarks", lambda _: [])
     monkeypatch.setattr(terminal, "paired_tables", lambda _: [])
     for full in (False, True):
         terminal.print_run(None, full)  # type: ignore[arg-type]
         lines = capsys.readouterr().out
-        assert missed.text in lines
+        assert same.text in lines
         assert ("More to know" in lines) is not full
         assert ("the nearest state" in " ".join(lines.split())) is full
 
@@ -687,7 +687,6 @@ def test_a_permanent_queue_shows_its_capacity_first_and_no_worst_case() -> None:
 def test_the_json_of_hours_has_the_notes_of_the_first_screen(monkeypatch) -> None:
     cell = hour_with({}, never_went=Finding(3))
     monkeypatch.setattr(run_document, "reported", lambda _: hours_of(cell))
-    monkeypatch.setattr(run_document, "missed_targets", lambda _: [])
     result = SimpleNamespace(cell=None, findings=cell.findings)
     given = {"path": "runs/h", "engine": "sumo", "kind": HourKind()}
     run: Any = SimpleNamespace(**given, results=[result], failures=[])
