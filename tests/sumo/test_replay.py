@@ -254,11 +254,11 @@ def test_walks_of_every_behaviour_are_replayed(tmp_path: Path) -> None:
     pedestrians = pq.read_table(tmp_path / "run" / "pedestrians.parquet").to_pylist()
     walked = [row for row in pedestrians if row["start_s"] is not None]
     with_legs = {row["cell"] for row in walked if row["legs"] is not None and row["index"] > 0}
-    assert with_legs == {3, 4}
+    assert with_legs == {3}
     assert {row["cell"] for row in walked if row["critical_gap_s"] is not None} == {1}
     assert {row["cell"] for row in walked if row["latency_s"] is not None} == {2}
     assert all(row["legs"] is not None for row in walked if row["index"] == 0)
     with one_process():
-        for cell in range(5):
+        for cell in range(4):
             for again in replay(tmp_path / "run", 1, list(Arm), cell, tmp_path / f"again-{cell}"):
                 assert again.differences == (), (cell, again.arm)
