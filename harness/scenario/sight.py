@@ -44,10 +44,9 @@ def remarks_on_sight(scenario: Scenario) -> list[str]:
     perception, obstacles = scenario.perception, scenario.crossing.obstacles
     perfect = perception.is_perfect(scenario.experiment.step_s) and not perception.vehicles_hide
     lines = []
-    if (not perfect or obstacles) and "sumo_driver" in (scenario.arms.av, scenario.arms.human):
+    if not perfect and "sumo_driver" in (scenario.arms.av, scenario.arms.human):
         lines.append(
-            "[perception] and crossing.obstacles have no effect on sumo_driver: SUMO drives it and "
-            "sees every pedestrian"
+            "[perception] has no effect on sumo_driver: SUMO drives it and sees every pedestrian"
         )
     hiding = {"crossing.obstacles": obstacles, "perception.vehicles_hide": perception.vehicles_hide}
     names = [name for name, hides in hiding.items() if hides]
