@@ -76,17 +76,6 @@ class Moment:
     y_m: float
 
 
-def traci_engine(place: Place, vehicle: Vehicle, crossing: Crossing, step_s: float) -> SumoEngine:
-    """Start a SUMO process and connect to it; arguments as ``sumo.libsumo_engine``.
-
-    Raises:
-        EngineError: SUMO does not start or does not answer.
-    """
-    site, _, types = site_and_types(place, vehicle, crossing)
-    close = _on_place("sumo", place, types, step_s, "")
-    return SumoEngine(traci, close, site, vehicle, crossing, step_s)
-
-
 def gui_engine(
     place: Place, vehicle: Vehicle, crossing: Crossing, step_s: float, gui: Gui
 ) -> SumoEngine:

@@ -9,7 +9,7 @@ import pyarrow as pa
 from harness.core.encounter import Leg
 from harness.measures import MEASURES
 
-SCHEMA = 3
+SCHEMA = 4
 """Version of the run folder's format."""
 
 _KEYS = [("cell", pa.int32()), ("pair", pa.int64()), ("arm", pa.string())]
