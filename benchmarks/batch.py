@@ -21,6 +21,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from harness.old.studies.batch.experiment import run_study
 from harness.scenario import (
     Options,
     Setting,
@@ -29,7 +30,6 @@ from harness.scenario import (
     read_scenario_file,
     study_of,
 )
-from harness.studies.batch.experiment import run_study
 
 FLOWS = "pedestrians.flow_per_hour=50,100,250,500,1000"
 STRATEGIES = "arms.av=soft_yield,hard_yield"

@@ -18,8 +18,7 @@ from harness.core.encounter import FloatArray
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
 from harness.model.interaction import load_model
-from harness.scenario import Scenario, Setting, load_scenario
-from harness.statistics import (
+from harness.old.statistics import (
     ENCOUNTERS,
     EncounterColumns,
     Interval,
@@ -29,8 +28,9 @@ from harness.statistics import (
     summarise,
     swept_value,
 )
-from harness.store.episode_tables import episode_rows
-from harness.store.summaries import pair_columns
+from harness.old.store.episode_tables import episode_rows
+from harness.old.store.summaries import pair_columns
+from harness.scenario import Scenario, Setting, load_scenario
 
 SWEPT = 8
 """Values of the parameter sweep whose upper bound of μ is tried."""

@@ -3,7 +3,7 @@
 Its one pedestrian steps off at the trigger, so an episode is a function of his side and of his
 quantile u, which is uniform.  Expectations are integrals over u: here sums over the midpoints of
 equal parts of (0, 1), for either side, each driven through the program's own episode.  There is no
-sampling in them, and nothing of ``harness.statistics``.
+sampling in them, and nothing of ``harness.old.statistics``.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -20,8 +20,8 @@ from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
 from harness.measures import Outcome, measure
 from harness.model.interaction import InteractionModel, load_model
+from harness.old.store.episode_tables import episode_rows
 from harness.scenario import Scenario, Setting, load_scenario
-from harness.store.episode_tables import episode_rows
 
 SCENARIO = "cctc"
 

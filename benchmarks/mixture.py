@@ -17,7 +17,7 @@ from harness.model.interaction import load_model
 from harness.model.mixture import TruncatedGaussianMixture, fit_mixture
 from harness.model.mixture.climbing import start
 from harness.model.mixture.em import Problem
-from harness.studies.calibration import Sample, Settings, calibrate
+from harness.old.studies.calibration import Sample, Settings, calibrate
 
 Array = NDArray[np.float64]
 

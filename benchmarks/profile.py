@@ -46,8 +46,8 @@ PARTS = {
 """Each part of a worker's time and how a frame of it looks; of several the innermost counts."""
 
 COMMAND = {
-    "intervals": r"\(harness/statistics/",
-    "shards": r"\(harness/store/(shards|run_folder)",
+    "intervals": r"\(harness/old/statistics/",
+    "shards": r"\(harness/old/store/(shards|run_folder)",
     "tables, summary, manifest": r"\(harness/(batch/finish|results)",
     "waiting": r"(_recv \(multiprocessing|_keep_busy \(|wait \(threading|_read \()",
     "imports": r"importlib",

@@ -39,11 +39,11 @@ from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.model.interaction import load_model
+from harness.old.studies.risk.asking import Settings, question_of
+from harness.old.studies.risk.estimation import estimate_probability
+from harness.old.studies.risk.running import Evaluation
+from harness.old.studies.workers.this_process import ThisProcess
 from harness.scenario import Scenario, Setting, load_scenario
-from harness.studies.risk.asking import Settings, question_of
-from harness.studies.risk.estimation import estimate_probability
-from harness.studies.risk.running import Evaluation
-from harness.studies.workers.this_process import ThisProcess
 
 DATA = Path(__file__).parent / "data"
 REFERENCE, SEEDS = DATA / "risk_reference.csv", DATA / "risk_seeds.csv"

@@ -28,8 +28,8 @@ from rich.table import Table
 from harness.engine.shared import close_engine, engine_for
 from harness.episode.pairing import PairRunner
 from harness.model.interaction import load_model
+from harness.old.store.shards import shards_of
 from harness.scenario import load_scenario
-from harness.store.shards import shards_of
 
 COMMAND = "command"
 

@@ -22,8 +22,8 @@ from harness.core.encounter import Arm
 from harness.engine.shared import close_engine, road_for
 from harness.episode.traffic.pairing import HourRunner
 from harness.model.interaction import load_model
+from harness.old.store.hour_tables import hour_rows
 from harness.scenario import Scenario, validate
-from harness.store.hour_tables import hour_rows
 
 Call = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import psutil
 import pytest
 
+from harness.old.studies.workers.executor import Argument, Result
 from harness.scenario import (
     ScenarioFile,
     Setting,
@@ -23,10 +24,9 @@ from harness.scenario import (
     read_scenario_file,
     study_of,
 )
-from harness.studies.workers.executor import Argument, Result
 
 if TYPE_CHECKING:
-    from harness.studies.runs.run_data import RunData
+    from harness.old.studies.runs.run_data import RunData
 
 CHECKOUT = Path(__file__).parents[1]
 
@@ -86,8 +86,8 @@ def run_inline(
 ) -> "RunData":
     """A run in this process, which has one simulation: none is open before or afterwards."""
     from harness.engine.shared import close_engine
+    from harness.old.studies.batch.experiment import run_study
     from harness.scenario import Options
-    from harness.studies.batch.experiment import run_study
     from tests.conftest import close_all
 
     close_all()
@@ -143,10 +143,10 @@ def options_of(changes: dict[str, object]) -> list[str]:
 def one_process() -> Iterator[None]:
     """Workers' tasks run in this process, which saves starting Python for each worker."""
     from harness.engine.shared import close_engine
-    from harness.studies.batch import showing
-    from harness.studies.calibration import jobs
-    from harness.studies.replay import rerun
-    from harness.studies.workers import executors
+    from harness.old.studies.batch import showing
+    from harness.old.studies.calibration import jobs
+    from harness.old.studies.replay import rerun
+    from harness.old.studies.workers import executors
     from tests.conftest import close_all
 
     close_all()
@@ -159,7 +159,7 @@ def one_process() -> Iterator[None]:
 
 def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
     """Run ``harness`` to its end in this process, its tasks too."""
-    from harness.cli import app
+    from harness.old.cli import app
 
     path, out, err = list(sys.path), io.StringIO(), io.StringIO()
     with one_process(), pytest.MonkeyPatch.context() as patch:

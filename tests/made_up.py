@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from harness.core.encounter import Arm
+from harness.old.store.schemas import PEDESTRIANS
+from harness.old.store.tables import table_of
+from harness.old.studies.batch.experiment import run_study
+from harness.old.studies.kinds.tasks import Task, TaskResult
 from harness.scenario import Options, Study
-from harness.store.schemas import PEDESTRIANS
-from harness.store.tables import table_of
-from harness.studies.batch.experiment import run_study
-from harness.studies.kinds.tasks import Task, TaskResult
 
 HUMAN_S = 10.0
 FREE_S = 7.4

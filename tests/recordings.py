@@ -9,12 +9,12 @@ from harness.core.encounter import Arrival, Leg, Side, Vehicle
 from harness.engine.plain import PlainEngine
 from harness.episode.cell_constants import CellConstants
 from harness.episode.loop import run_episode
+from harness.old.studies.validation import Validation, validate
+from harness.old.studies.validation.finding import crossing_about
 from harness.scenario import load_scenario
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
-from harness.studies.validation import Validation, validate
-from harness.studies.validation.finding import crossing_about
 
 RATE_HZ = 10.0
 LENGTH_M = 4.5

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from harness.studies.risk.estimation import Estimation, estimate_probability
-from harness.studies.risk.layout import Layout
-from harness.studies.risk.outcomes import Evaluate, Outcomes
+from harness.old.studies.risk.estimation import Estimation, estimate_probability
+from harness.old.studies.risk.layout import Layout
+from harness.old.studies.risk.outcomes import Evaluate, Outcomes
 
 DIMENSIONS = 18
 

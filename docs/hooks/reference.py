@@ -12,13 +12,13 @@ import typer.main
 from pydantic import BaseModel
 
 import harness
-from harness.cli.app import app
 from harness.measures import MEASURES
+from harness.old.cli.app import app
+from harness.old.statistics import ENCOUNTERS, Catalogue, Entry
+from harness.old.store.hour_catalogue import HOURS
+from harness.old.store.schemas import TABLES
+from harness.old.store.simulations.simulation_catalogue import SIMULATIONS
 from harness.scenario import Scenario, actuation, people, sections, simulation, traffic
-from harness.statistics import ENCOUNTERS, Catalogue, Entry
-from harness.store.hour_catalogue import HOURS
-from harness.store.schemas import TABLES
-from harness.store.simulations.simulation_catalogue import SIMULATIONS
 
 UNITS = {
     "_per_hour": "1/h",

@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element, parse
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from harness.report.drawing.style import (
+from harness.old.report.drawing.style import (
     BLUE,
     MUTED,
     PATH,

@@ -27,7 +27,7 @@ from harness.model.trajectories import (
     read_clips,
     summary,
 )
-from harness.report.drawing.plots import plot_trajectories
+from harness.old.report.drawing.plots import plot_trajectories
 from tests.fuzz.hostile import accepted_or_refused_in_one_line, cut_and_flipped
 from tests.scenes import refusal_of
 

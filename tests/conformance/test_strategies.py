@@ -11,11 +11,11 @@ from typing import ClassVar
 import pytest
 
 from harness.core.errors import InputError
-from harness.report.screens.listings import observation_lines
+from harness.old.report.screens.listings import observation_lines
+from harness.old.studies.conformance import CHECKS, Subject, check_strategy
 from harness.scenario import Scenario
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES, aggressiveness_of
-from harness.studies.conformance import CHECKS, Subject, check_strategy
 
 DOCS = Path(__file__).parents[2] / "docs" / "strategies.md"
 
@@ -189,7 +189,7 @@ def test_what_stops_every_check_is_one_fault(made_up: str) -> None:
 
 
 def test_one_that_hangs_ends_with_a_line(made_up: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("harness.studies.conformance.subject.DECIDE_LIMIT_S", 0.2)
+    monkeypatch.setattr("harness.old.studies.conformance.subject.DECIDE_LIMIT_S", 0.2)
     try:
         verdicts = check_strategy(f"{made_up}:Hangs")
     finally:

@@ -7,8 +7,8 @@ import pytest
 
 from docs.hooks import reference
 from harness.measures import MEASURES
+from harness.old.store.schemas import TABLES
 from harness.scenario import Scenario
-from harness.store.schemas import TABLES
 
 SECTIONS = dict(reference.sections_of(Scenario))
 

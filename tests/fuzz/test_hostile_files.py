@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given, strategies as st
 from pydantic import BaseModel
 
-from harness.cli import batch
 from harness.core.resources import shipped_directory
 from harness.engine.shared import close_engine
 from harness.model.interaction.file import SHIPPED
 from harness.model.trajectories import FORMATS
+from harness.old.cli import batch
+from harness.old.studies.batch import experiment
 from harness.scenario import Scenario
-from harness.studies.batch import experiment
 from tests.batches import here
 from tests.conftest import close_all
 from tests.fuzz.hostile import cases, hostile

@@ -13,8 +13,8 @@ import pytest
 from harness.core.resources import shipped_directory
 from harness.model.interaction import VARIABLES, load_model
 from harness.model.trajectories import extract
+from harness.old.studies.calibration import Settings, calibrate, make_sample
 from harness.scenario import Scenario, load_scenario
-from harness.studies.calibration import Settings, calibrate, make_sample
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
 needs_dut = pytest.mark.skipif(

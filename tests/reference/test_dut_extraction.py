@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from harness.model.trajectories import extract, row_weights, summary
-from harness.studies.calibration import make_sample
+from harness.old.studies.calibration import make_sample
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
 pytestmark = pytest.mark.skipif(

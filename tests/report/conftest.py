@@ -9,8 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 
 import harness
-from harness.report.pages.page import Written, write_report
-from harness.studies.batch.showing import write_shown
+from harness.old.report.pages.page import Written, write_report
+from harness.old.studies.batch.showing import write_shown
 from tests.batches import one_cell, one_process, run_inline, sweep
 
 

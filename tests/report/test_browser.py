@@ -13,15 +13,15 @@ from typing import Any, ClassVar
 import pytest
 
 import harness
-import harness.report.pages.encounter_parts as parts_module
-import harness.report.pages.simulation_parts as simulation_parts
-from harness.report.pages.risk_page import write_risk_page
-from harness.report.pages.validation_page import write_validation
+import harness.old.report.pages.encounter_parts as parts_module
+import harness.old.report.pages.simulation_parts as simulation_parts
+from harness.old.report.pages.risk_page import write_risk_page
+from harness.old.report.pages.validation_page import write_validation
+from harness.old.studies.risk.asking import Settings
+from harness.old.studies.risk.folder import estimate_risk
+from harness.old.studies.runs.run_data import RunData
 from harness.scenario import Scenario, parse_variation, read_scenario_file, study_of
 from harness.strategies.hard_yield import HardYield
-from harness.studies.risk.asking import Settings
-from harness.studies.risk.folder import estimate_risk
-from harness.studies.runs.run_data import RunData
 from tests import towns
 from tests.batches import Inline, one_cell, printed, run_inline
 from tests.own_scenario import write_scenario

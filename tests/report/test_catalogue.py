@@ -9,11 +9,11 @@ import pytest
 
 import harness
 from docs.hooks import reference
-from harness.report.screens.result_tables import full_tables
-from harness.report.screens.run_document import run_document
-from harness.statistics import ENCOUNTERS, EncounterColumns, Entry, Interval, student_mean
-from harness.store import kinds
-from harness.studies.runs.reported import reported
+from harness.old.report.screens.result_tables import full_tables
+from harness.old.report.screens.run_document import run_document
+from harness.old.statistics import ENCOUNTERS, EncounterColumns, Entry, Interval, student_mean
+from harness.old.store import kinds
+from harness.old.studies.runs.reported import reported
 from tests.batches import one_cell
 from tests.made_up import Fate, made_up
 

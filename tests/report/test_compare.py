@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from harness.core.errors import InputError
+from harness.old.statistics import SweepVerdict, Verdict
+from harness.old.studies.kinds.tasks import Task
+from harness.old.studies.runs.compare import compare
+from harness.old.studies.runs.comparisons import RunComparison
+from harness.old.studies.runs.opening import load_run
 from harness.scenario import Study
-from harness.statistics import SweepVerdict, Verdict
-from harness.studies.kinds.tasks import Task
-from harness.studies.runs.compare import compare
-from harness.studies.runs.comparisons import RunComparison
-from harness.studies.runs.opening import load_run
 from tests.batches import one_cell, printed, refusal, sweep
 from tests.made_up import FREE_S, Fate, Fates, made_up
 

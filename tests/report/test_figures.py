@@ -15,7 +15,7 @@ from scipy import stats
 import harness
 from harness.core.encounter import Crossing
 from harness.engine.network import place_of
-from harness.report.drawing import (
+from harness.old.report.drawing import (
     episode_figures,
     safety_figures,
     style,
@@ -23,13 +23,13 @@ from harness.report.drawing import (
     sweep_figures,
     tau_figures,
 )
-from harness.report.drawing.style import Picture
-from harness.report.pages.pictures import pictures_of
-from harness.report.pages.sweep_pictures import sweep_pictures
-from harness.studies.kinds.tasks import Task
-from harness.studies.runs.opening import load_run
-from harness.studies.runs.run_data import RunData
-from harness.studies.runs.shown import shown_pairs
+from harness.old.report.drawing.style import Picture
+from harness.old.report.pages.pictures import pictures_of
+from harness.old.report.pages.sweep_pictures import sweep_pictures
+from harness.old.studies.kinds.tasks import Task
+from harness.old.studies.runs.opening import load_run
+from harness.old.studies.runs.run_data import RunData
+from harness.old.studies.runs.shown import shown_pairs
 from tests.batches import sweep
 from tests.made_up import made_up
 

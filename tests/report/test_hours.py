@@ -10,12 +10,12 @@ from matplotlib import pyplot as plt
 
 from harness.core.encounter import Arm
 from harness.episode.traffic.saturation import Growth
-from harness.report.drawing import style
-from harness.report.pages.hour_pictures import hour_pictures
+from harness.old.report.drawing import style
+from harness.old.report.pages.hour_pictures import hour_pictures
+from harness.old.statistics import Interval, proportion
+from harness.old.store.hour_catalogue import HOURS
+from harness.old.store.hour_summaries import ArmOfHours, HoursSummary
 from harness.scenario import parse_variation, read_scenario_file, study_of
-from harness.statistics import Interval, proportion
-from harness.store.hour_catalogue import HOURS
-from harness.store.hour_summaries import ArmOfHours, HoursSummary
 
 CALM = ArmOfHours(
     not_through=0,

@@ -14,15 +14,15 @@ import harness
 from harness.core.encounter import Observation
 from harness.core.errors import InputError
 from harness.model.interaction import InteractionModel
-from harness.report.pages.page import write_report
-from harness.report.screens.result_screen import screen_of
-from harness.report.screens.run_document import run_document
-from harness.report.screens.screen import screen_lines
-from harness.report.screens.terminal import print_run
+from harness.old.report.pages.page import write_report
+from harness.old.report.screens.result_screen import screen_of
+from harness.old.report.screens.run_document import run_document
+from harness.old.report.screens.screen import screen_lines
+from harness.old.report.screens.terminal import print_run
+from harness.old.studies.kinds.tasks import Task
+from harness.old.studies.runs.reported import knowledge_lines, reported
+from harness.old.studies.runs.run_data import RunData
 from harness.scenario import Options
-from harness.studies.kinds.tasks import Task
-from harness.studies.runs.reported import knowledge_lines, reported
-from harness.studies.runs.run_data import RunData
 from tests.batches import one_cell, printed, run_inline, scenario_file, sweep
 from tests.made_up import Fate, made_up
 
@@ -33,7 +33,7 @@ class Told:
     def __init__(
         self, run: RunData, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        from harness.report.pages import encounter_parts, page
+        from harness.old.report.pages import encounter_parts, page
 
         capsys.readouterr()
         print_run(run, full=True)

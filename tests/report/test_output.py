@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from harness.cli import app as cli
-from harness.cli.app import COMMANDS
-from harness.report.screens.console import make_console, print_table
-from harness.report.screens.tables import Table, TableCell
+from harness.old.cli import app as cli
+from harness.old.cli.app import COMMANDS
+from harness.old.report.screens.console import make_console, print_table
+from harness.old.report.screens.tables import Table, TableCell
 from tests.batches import one_process
 
 # How each command is called here; RUN and SWEEP are finished runs, NEW what is not there yet.
@@ -49,7 +49,7 @@ def words(
 ) -> Callable[[str], list[str]]:
     """Words of a call in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("harness.report.pages.encounter_parts.pictures_of", lambda *_: iter(()))
+    monkeypatch.setattr("harness.old.report.pages.encounter_parts.pictures_of", lambda *_: iter(()))
     shutil.copytree(single, tmp_path / "copy")
     meaning = {"RUN": str(single), "SWEEP": str(swept), "COPY": "copy"}
     return lambda name: [
@@ -102,7 +102,7 @@ def test_no_color_is_respected_on_a_terminal() -> None:
     """One console as it is, then one with NO_COLOR, in a terminal that would show colours."""
     code = (
         "import os\n"
-        "from harness.report.screens.console import make_console\n"
+        "from harness.old.report.screens.console import make_console\n"
         "make_console().print('words', style='red')\n"
         "os.environ['NO_COLOR'] = '1'\n"
         "make_console().print('more', style='red')\n"

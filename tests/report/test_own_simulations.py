@@ -11,24 +11,24 @@ import pytest
 
 import harness
 from harness.core.encounter import Arm
-from harness.report.drawing import style
-from harness.report.pages.page import write_report
-from harness.report.pages.player import run_player
-from harness.report.pages.simulation_pictures import simulation_pictures
-from harness.scenario import parse_variation, read_scenario_file, study_of
-from harness.store.reading import read_table
-from harness.store.simulations.simulation_traces import has_passages, only_passages
-from harness.store.walk_rows import stored_walk
-from harness.studies.batch.showing import write_shown
-from harness.studies.runs.run_data import RunData
-from harness.studies.runs.shown import SHOWN, missing_pairs, shown_pairs
-from harness.studies.runs.simulation_choice import (
+from harness.old.report.drawing import style
+from harness.old.report.pages.page import write_report
+from harness.old.report.pages.player import run_player
+from harness.old.report.pages.simulation_pictures import simulation_pictures
+from harness.old.store.reading import read_table
+from harness.old.store.simulations.simulation_traces import has_passages, only_passages
+from harness.old.store.walk_rows import stored_walk
+from harness.old.studies.batch.showing import write_shown
+from harness.old.studies.runs.run_data import RunData
+from harness.old.studies.runs.shown import SHOWN, missing_pairs, shown_pairs
+from harness.old.studies.runs.simulation_choice import (
     MOST_PAIRS,
     chosen_pairs,
     chosen_passages,
     most_striking,
     numbers_of,
 )
+from harness.scenario import parse_variation, read_scenario_file, study_of
 from tests.batches import one_process, printed, refusal, run_inline
 from tests.own_scenario import CROSSING, own_study, write_scenario
 from tests.report.test_page import Page
@@ -212,7 +212,7 @@ def test_who_did_not_pass_in_the_other_arm_is_said(plain: RunData) -> None:
 
 
 def test_shown_pairs_lack_passages_that_are_chosen_later(plain: RunData) -> None:
-    from harness.store.shards import Shard, read_shard, shard_name
+    from harness.old.store.shards import Shard, read_shard, shard_name
 
     tables = read_shard(Shard(0, 0, 1, plain.path / SHOWN / shard_name(0, 0, 1)))
     kept = numbers_of(plain, 0, 0)

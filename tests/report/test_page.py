@@ -16,14 +16,14 @@ import pyarrow.parquet as pq
 import pytest
 
 import harness
-import harness.report.pages.encounter_parts as parts_module
-from harness.report.pages import player, traces
-from harness.report.pages.page import write_report
-from harness.report.pages.player import run_player
+import harness.old.report.pages.encounter_parts as parts_module
+from harness.old.report.pages import player, traces
+from harness.old.report.pages.page import write_report
+from harness.old.report.pages.player import run_player
+from harness.old.studies.batch import showing
+from harness.old.studies.runs.shown import SHOWN, choose_pairs, shown_pairs
+from harness.old.studies.runs.views import TIME_ADVANTAGE
 from harness.scenario import validate
-from harness.studies.batch import showing
-from harness.studies.runs.shown import SHOWN, choose_pairs, shown_pairs
-from harness.studies.runs.views import TIME_ADVANTAGE
 from tests.batches import one_cell, printed, refusal, run_inline, sweep
 from tests.report.conftest import HOSTILE, report
 

@@ -14,11 +14,11 @@ from pandas.testing import assert_frame_equal
 
 import harness
 from harness.core.errors import InputError
-from harness.store.schemas import SCHEMA
-from harness.store.summaries import summarise_cell
-from harness.studies.runs.export import export_csv
-from harness.studies.runs.reported import reported
-from harness.studies.runs.run_data import RunData
+from harness.old.store.schemas import SCHEMA
+from harness.old.store.summaries import summarise_cell
+from harness.old.studies.runs.export import export_csv
+from harness.old.studies.runs.reported import reported
+from harness.old.studies.runs.run_data import RunData
 from tests.batches import here, one_cell, run_stopped
 from tests.made_up import made_up
 from tests.scenes import refuses

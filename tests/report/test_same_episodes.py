@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from harness.report.screens.result_screen import screen_of
-from harness.report.screens.screen import screen_lines
-from harness.studies.kinds.tasks import Task
-from harness.studies.runs.opening import load_run
-from harness.studies.runs.reported import reported
-from harness.studies.runs.run_data import RunData
+from harness.old.report.screens.result_screen import screen_of
+from harness.old.report.screens.screen import screen_lines
+from harness.old.studies.kinds.tasks import Task
+from harness.old.studies.runs.opening import load_run
+from harness.old.studies.runs.reported import reported
+from harness.old.studies.runs.run_data import RunData
 from tests.batches import sweep
 from tests.made_up import Fate, made_up
 

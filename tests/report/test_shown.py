@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.report.drawing.episode_figures import time_advantage
-from harness.report.pages.player import run_player
-from harness.studies.runs.opening import load_run
-from harness.studies.runs.shown import shown_pairs
+from harness.old.report.drawing.episode_figures import time_advantage
+from harness.old.report.pages.player import run_player
+from harness.old.studies.runs.opening import load_run
+from harness.old.studies.runs.shown import shown_pairs
 from tests.batches import one_cell, run_inline
 
 LATE = {

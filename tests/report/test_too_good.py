@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 
 from harness.core.encounter import Observation, PedestrianView
-from harness.statistics import ENCOUNTERS, Rank, Verdict
+from harness.old.statistics import ENCOUNTERS, Rank, Verdict
+from harness.old.studies.runs.compare import compare
+from harness.old.studies.runs.notes import encounter_notes
+from harness.old.studies.runs.run_data import RunData
 from harness.strategies.hard_yield import HardYield
-from harness.studies.runs.compare import compare
-from harness.studies.runs.notes import encounter_notes
-from harness.studies.runs.run_data import RunData
 from tests.batches import one_cell, run_inline, sweep
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
-from harness.report.screens.worst_tables import worst_tables
-from harness.store.kinds import HourKind
-from harness.studies.runs.worst import _episodes, got_worse, worst
+from harness.old.report.screens.worst_tables import worst_tables
+from harness.old.store.kinds import HourKind
+from harness.old.studies.runs.worst import _episodes, got_worse, worst
 from tests.batches import one_cell, printed, refusal, sweep
 from tests.made_up import Fate, made_up
 

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from benchmarks.coverage import INTERVALS, holds, population, times_of
-from harness.statistics import (
+from harness.old.statistics import (
     DIFFERENCES,
     ENCOUNTERS,
     MU_BOUND_FROM,
@@ -23,8 +23,8 @@ from harness.statistics import (
     ratio_difference,
     sign_flip_p,
 )
-from harness.statistics.entries import ALIKE_FROM
-from harness.store.summaries import pair_columns
+from harness.old.statistics.entries import ALIKE_FROM
+from harness.old.store.summaries import pair_columns
 
 
 def least_coverage(intervals: list[Any]) -> float:

@@ -21,10 +21,10 @@ from harness.core.encounter import FloatArray, Side
 from harness.core.seeding import resampling
 from harness.episode import pairing
 from harness.episode.arrivals import planned_arrivals
+from harness.old.statistics import CONFIDENCE, Interval, Proportion, paired_difference, proportion
+from harness.old.store.summaries import pair_columns, summarise_cell
+from harness.old.studies.calibration.scores import HeldOut
 from harness.scenario import Cell, Scenario
-from harness.statistics import CONFIDENCE, Interval, Proportion, paired_difference, proportion
-from harness.store.summaries import pair_columns, summarise_cell
-from harness.studies.calibration.scores import HeldOut
 
 PER_SIDE, PAIRS = 200, 200
 

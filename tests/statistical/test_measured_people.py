@@ -28,10 +28,10 @@ from harness.episode.arms import make_strategy
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.model.interaction import load_model
+from harness.old.store.reading import read_table
+from harness.old.studies.runs.nearness import FIRST_OFF, WAITS_OFF
 from harness.scenario import Scenario, validate
-from harness.store.reading import read_table
 from harness.strategies.driving import stop_after
-from harness.studies.runs.nearness import FIRST_OFF, WAITS_OFF
 from tests.batches import one_cell, run_inline
 from tests.scenes import episode
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.statistics import Finding, over_model
+from harness.old.statistics import Finding, over_model
 
 REFITS, VEHICLES, EXPERIMENTS = 20, 20, 600
 

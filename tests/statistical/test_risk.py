@@ -21,13 +21,13 @@ from benchmarks.risk import (
 from harness.core.encounter import Arm, Ending, FloatArray
 from harness.core.seeding import Given
 from harness.model.interaction import load_model
+from harness.old.studies.risk.estimation import Estimation, _pilot
+from harness.old.studies.risk.event import parse_event
+from harness.old.studies.risk.interval import Tally
+from harness.old.studies.risk.layout import Layout
+from harness.old.studies.risk.outcomes import Evaluate, Outcomes
+from harness.old.studies.risk.space import space_of
 from harness.scenario import Setting, load_scenario
-from harness.studies.risk.estimation import Estimation, _pilot
-from harness.studies.risk.event import parse_event
-from harness.studies.risk.interval import Tally
-from harness.studies.risk.layout import Layout
-from harness.studies.risk.outcomes import Evaluate, Outcomes
-from harness.studies.risk.space import space_of
 from tests.risks import CROWD, LAYOUT, crowd, estimated, fault, half_space, scored, union
 from tests.scenes import on_plain
 

@@ -21,10 +21,10 @@ from harness.episode.traffic.hour import Hour
 from harness.episode.traffic.lanes import lanes_of
 from harness.episode.traffic.vehicles import LaneOnRoad
 from harness.model.interaction import InteractionModel
+from harness.old.studies.risk.asking import Settings
+from harness.old.studies.risk.folder import estimate_risk
+from harness.old.studies.risk.writing import RESULT
 from harness.scenario import Scenario, load_scenario
-from harness.studies.risk.asking import Settings
-from harness.studies.risk.folder import estimate_risk
-from harness.studies.risk.writing import RESULT
 from tests import towns
 from tests.batches import Inline
 from tests.scenes import Recorder, on_plain, scenario

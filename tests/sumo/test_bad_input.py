@@ -1,7 +1,7 @@
 """Bad input through the command line: exit code 2, one line, no traceback, nothing half-written.
 
-Most go through ``harness.cli.app.main`` in this process, which is all the console script calls; a
-few in a process of their own, to see what a user sees.
+Most go through ``harness.old.cli.app.main`` in this process, which is all that the console script
+calls; a few in a process of their own, to see what a user sees.
 """
 
 import json

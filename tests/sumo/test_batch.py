@@ -20,12 +20,12 @@ from harness.core.errors import HarnessError, InputError
 from harness.episode import pairing
 from harness.episode.loop import Episode, drive
 from harness.episode.traffic.pairing import HourOutcome, HourRunner
+from harness.old.store.reading import read_manifest
+from harness.old.store.run_folder import claim_folder
+from harness.old.studies.batch.experiment import resume
+from harness.old.studies.kinds.tasks import Task
+from harness.old.studies.workers.pool import LocalPool
 from harness.scenario import Study
-from harness.store.reading import read_manifest
-from harness.store.run_folder import claim_folder
-from harness.studies.batch.experiment import resume
-from harness.studies.kinds.tasks import Task
-from harness.studies.workers.pool import LocalPool
 from tests.batches import (
     FLOW,
     QUICK,
@@ -289,7 +289,7 @@ def holder_of(folder: Path) -> "subprocess.Popen[str]":
     code = (
         "import sys, time\n"
         "from pathlib import Path\n"
-        "from harness.store.run_folder import RunFolder\n"
+        "from harness.old.store.run_folder import RunFolder\n"
         "folder = RunFolder(Path(sys.argv[1]))\n"
         "print('held', flush=True)\n"
         "time.sleep(300)\n"

@@ -6,9 +6,9 @@ import pytest
 
 import harness
 from harness.core.errors import InputError
-from harness.studies.candidates import evaluation
-from harness.studies.candidates.evaluation import WALL_TIMES, evaluate, file_of, scenarios_of
-from harness.studies.candidates.session import Session
+from harness.old.studies.candidates import evaluation
+from harness.old.studies.candidates.evaluation import WALL_TIMES, evaluate, file_of, scenarios_of
+from harness.old.studies.candidates.session import Session
 from tests.faulty import NAME as FAULTY, struck
 
 GAP = "strategies.gap_yield.critical_gap_s"

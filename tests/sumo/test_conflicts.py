@@ -14,9 +14,9 @@ import sumo as sumo_package
 
 from harness.core.encounter import Arm
 from harness.measures.catalogue import COLUMNS
-from harness.studies.conflicts import ConflictFindings, find_conflicts
-from harness.studies.conflicts.vehicle_types import CLASSES
-from harness.studies.replay.rerun import replay
+from harness.old.studies.conflicts import ConflictFindings, find_conflicts
+from harness.old.studies.conflicts.vehicle_types import CLASSES
+from harness.old.studies.replay.rerun import replay
 from tests import towns
 from tests.batches import one_cell, one_process, printed, refusal, run_inline
 

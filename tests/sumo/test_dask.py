@@ -16,9 +16,9 @@ import psutil
 import pytest
 
 from harness.core.errors import InputError
+from harness.old.studies.batch.experiment import run_study
+from harness.old.studies.runs.run_data import RunData
 from harness.scenario import Options, Study
-from harness.studies.batch.experiment import run_study
-from harness.studies.runs.run_data import RunData
 from tests.batches import (
     QUICK,
     content,
@@ -35,7 +35,7 @@ from tests.batches import (
 from tests.faulty import NAME, struck
 
 Client = pytest.importorskip("distributed", reason="the extra `cluster` is missing").Client
-from harness.studies.workers.cluster import DaskCluster  # noqa: E402
+from harness.old.studies.workers.cluster import DaskCluster  # noqa: E402
 
 CHANGES = {**QUICK, "experiment.pairs": 120}
 

@@ -12,10 +12,10 @@ import pytest
 
 from harness.core.encounter import Arm
 from harness.engine.network import place_of
+from harness.old.studies.batch.experiment import run_study
+from harness.old.studies.runs.opening import load_run
 from harness.scenario import Options, Scenario, ScenarioFile, study_of
 from harness.site import read_site
-from harness.studies.batch.experiment import run_study
-from harness.studies.runs.opening import load_run
 from tests.batches import Inline, printed, refusal
 from tests.exported import Read, checked, front, lanes_in, off_centre_m, places, read
 

@@ -11,9 +11,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from harness.old.studies.batch.experiment import run_study
+from harness.old.studies.runs.opening import load_run
 from harness.scenario import Options, ScenarioFile, Setting, read_scenario_file, study_of
-from harness.studies.batch.experiment import run_study
-from harness.studies.runs.opening import load_run
 from tests import towns
 from tests.batches import Inline, printed
 from tests.exported import Read, checked, front, lanes_in, off_centre_m, read

@@ -19,8 +19,8 @@ from harness.core.encounter import Arrival
 from harness.core.errors import EngineError, HarnessError
 from harness.core.seeding import stream
 from harness.engine.plain import PlainEngine
+from harness.old.studies.batch.experiment import resume, run_study
 from harness.scenario import Options
-from harness.studies.batch.experiment import resume, run_study
 from tests.batches import QUICK, Inline, content, here, one_cell, options_of, run_inline, shell
 from tests.faulty import NAME, struck
 
@@ -183,7 +183,7 @@ class NoStart(PlainEngine):
 def test_an_engine_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(NoStart, "episodes", 0)
     monkeypatch.setattr(
-        "harness.studies.kinds.encounters.open_engine",
+        "harness.old.studies.kinds.encounters.open_engine",
         lambda scenario, _name: NoStart(scenario.vehicle(), scenario.experiment.step_s),
     )
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 4})

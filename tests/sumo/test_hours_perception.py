@@ -12,12 +12,12 @@ import harness
 from harness.core.encounter import Arm
 from harness.core.errors import InterruptedRunError
 from harness.core.seeding import stream
+from harness.old.store.schemas import HOUR_TABLES
+from harness.old.studies.batch.experiment import resume, run_study
+from harness.old.studies.workers.pool import LocalPool
 from harness.scenario import Options, Study, read_scenario_file, study_of, validate
-from harness.store.schemas import HOUR_TABLES
 from harness.strategies.perception.sensor import Sensor, sensor_of
 from harness.strategies.perception.track import track_from, updates_until_found
-from harness.studies.batch.experiment import resume, run_study
-from harness.studies.workers.pool import LocalPool
 from tests.batches import Inline
 
 SCENARIO = """

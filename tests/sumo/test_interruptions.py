@@ -166,7 +166,7 @@ def test_a_second_signal_does_not_cut_the_clearing_up_short(tmp_path: Path, whol
 def test_a_later_signal_ends_what_did_not_hear_the_first() -> None:
     script = """
 import signal
-from harness.cli import interruption
+from harness.old.cli import interruption
 # Whoever started the tests may have let them ignore it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 with interruption.unwinding():

@@ -13,7 +13,7 @@ from typing import Any
 import psutil
 import pytest
 
-from harness.store.reading import read_manifest
+from harness.old.store.reading import read_manifest
 from tests.batches import (
     QUICK,
     content,

@@ -12,8 +12,8 @@ import pytest
 import harness
 from harness.core.encounter import Ending
 from harness.core.errors import InputError
+from harness.old.store.episode_tables import episode_rows
 from harness.scenario import Options
-from harness.store.episode_tables import episode_rows
 from tests.batches import one_cell, run_inline
 from tests.notebooks import as_main, run_cell, run_notebook
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from harness.model.interaction import InteractionModel
+from harness.old.store.simulations.simulation_catalogue import AVS_NOT_DRIVEN
+from harness.old.store.simulations.simulation_tables import simulation_rows
 from harness.scenario import load_scenario
 from harness.scenario.own_simulation import setting_of
-from harness.store.simulations.simulation_catalogue import AVS_NOT_DRIVEN
-from harness.store.simulations.simulation_tables import simulation_rows
 from tests import towns
 from tests.batches import here, printed
 

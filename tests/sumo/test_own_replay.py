@@ -10,12 +10,12 @@ import pytest
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
+from harness.old.studies.replay.moment import _end_s, moments_of
+from harness.old.studies.replay.rerun import debug
+from harness.old.studies.replay.watch import watch
+from harness.old.studies.runs.stored import StoredCell
+from harness.old.studies.runs.worst import worst
 from harness.scenario.own_simulation import setting_of
-from harness.studies.replay.moment import _end_s, moments_of
-from harness.studies.replay.rerun import debug
-from harness.studies.replay.watch import watch
-from harness.studies.runs.stored import StoredCell
-from harness.studies.runs.worst import worst
 from tests.batches import one_cell, printed, refusal, run_inline
 from tests.own_scenario import CROSSING, own_study
 from tests.sumo.test_watch import PEDESTRIAN, needs_xvfb, pixels, watched

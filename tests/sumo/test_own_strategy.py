@@ -12,11 +12,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from harness.core.errors import InputError
-from harness.report.pages.page import write_report
-from harness.studies.batch.experiment import resume
-from harness.studies.runs.compare import compare
-from harness.studies.runs.export import export_csv
-from harness.studies.runs.opening import load_run
+from harness.old.report.pages.page import write_report
+from harness.old.studies.batch.experiment import resume
+from harness.old.studies.runs.compare import compare
+from harness.old.studies.runs.export import export_csv
+from harness.old.studies.runs.opening import load_run
 from tests.batches import (
     CHECKOUT,
     QUICK,

@@ -7,8 +7,8 @@ import pytest
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
-from harness.studies.replay.rerun import debug
-from harness.studies.runs.run_data import RunData
+from harness.old.studies.replay.rerun import debug
+from harness.old.studies.runs.run_data import RunData
 from tests.batches import FLOW, one_cell, run_inline
 from tests.conftest import close_all
 

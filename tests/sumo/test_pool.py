@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 
 from harness.core.errors import HarnessError
+from harness.old.studies.batch.experiment import run_study
+from harness.old.studies.workers import pool as pools
+from harness.old.studies.workers.executor import ExecutorLostError, TaskFailedError, WorkerDiedError
+from harness.old.studies.workers.executors import executor_for
+from harness.old.studies.workers.pool import LocalPool
 from harness.scenario import Options
-from harness.studies.batch.experiment import run_study
-from harness.studies.workers import pool as pools
-from harness.studies.workers.executor import ExecutorLostError, TaskFailedError, WorkerDiedError
-from harness.studies.workers.executors import executor_for
-from harness.studies.workers.pool import LocalPool
 from tests.batches import CHECKOUT, QUICK, one_cell, wait_for
 
 
@@ -117,7 +117,7 @@ def test_a_worker_that_loses_its_parent_while_it_starts_is_silent(gone: str) -> 
 
 
 SCRIPT = """
-from harness.studies.batch.experiment import run_study
+from harness.old.studies.batch.experiment import run_study
 from harness.scenario.options import Options
 from harness.scenario import Setting, read_scenario_file
 from harness.scenario.study import study_of

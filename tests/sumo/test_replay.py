@@ -15,11 +15,11 @@ import sumo as sumo_package
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
+from harness.old.studies.batch.experiment import run_study
+from harness.old.studies.kinds.outputs import SUMO_FILES
+from harness.old.studies.replay.rerun import replay
 from harness.scenario import Options
 from harness.site import Place, read_site
-from harness.studies.batch.experiment import run_study
-from harness.studies.kinds.outputs import SUMO_FILES
-from harness.studies.replay.rerun import replay
 from tests.batches import (
     CHECKOUT,
     FLOW,

@@ -11,11 +11,11 @@ import pytest
 import harness
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, InterruptedRunError
+from harness.old.statistics.findings import Rank
+from harness.old.studies.risk.asking import Settings
+from harness.old.studies.risk.folder import estimate_risk, read_risk, resume_risk
+from harness.old.studies.risk.writing import RESULT
 from harness.scenario import Setting, read_scenario_file, validate
-from harness.statistics.findings import Rank
-from harness.studies.risk.asking import Settings
-from harness.studies.risk.folder import estimate_risk, read_risk, resume_risk
-from harness.studies.risk.writing import RESULT
 from tests.batches import CHECKOUT, Inline, here, printed, refusal
 
 FILES = ("result.json", "failures.parquet", "critical.toml")

@@ -14,8 +14,8 @@ import pytest
 from harness.engine.network import place_of
 from harness.engine.sumo import libsumo_engine
 from harness.episode.pairing import PairRunner
+from harness.old.store.episode_tables import episode_rows, pedestrian_rows, trace_rows
 from harness.scenario import validate
-from harness.store.episode_tables import episode_rows, pedestrian_rows, trace_rows
 from tests.batches import content, here, printed
 
 FLOW = [

@@ -8,7 +8,7 @@ import pytest
 from harness.core.encounter import Arm
 from harness.episode.simulation.pairing import SimulationOutcome
 from harness.model.interaction import InteractionModel
-from harness.studies.conflicts import find_conflicts
+from harness.old.studies.conflicts import find_conflicts
 from tests import towns
 
 pytestmark = pytest.mark.usefixtures("no_simulation")

@@ -22,9 +22,9 @@ from harness.episode.traffic.vehicles import HourLog, LaneOnRoad
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.measures import measure
 from harness.model.interaction import load_model
+from harness.old.store.hour_columns import HourColumns, hour_columns
+from harness.old.store.hour_tables import hour_rows
 from harness.scenario import PedestriansSection, Scenario, Setting, load_scenario, validate
-from harness.store.hour_columns import HourColumns, hour_columns
-from harness.store.hour_tables import hour_rows
 from tests.closed_forms import gap_wait_s, priority_capacity_per_s
 
 MODEL = load_model("dut", None)

@@ -15,9 +15,16 @@ import harness
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, InterruptedRunError
 from harness.episode.traffic.demand import scheduled_vehicle
-from harness.report.pages.hour_pictures import time_space
-from harness.report.pages.page import write_report
-from harness.report.pages.player import run_player
+from harness.old.report.pages.hour_pictures import time_space
+from harness.old.report.pages.page import write_report
+from harness.old.report.pages.player import run_player
+from harness.old.store.schemas import HOUR_TABLES
+from harness.old.studies.batch.experiment import resume, run_study
+from harness.old.studies.batch.showing import write_shown
+from harness.old.studies.replay.rerun import replay
+from harness.old.studies.runs.reported import reported
+from harness.old.studies.runs.shown import shown_pairs
+from harness.old.studies.workers.pool import LocalPool
 from harness.scenario import (
     Options,
     Setting,
@@ -25,13 +32,6 @@ from harness.scenario import (
     read_scenario_file,
     study_of,
 )
-from harness.store.schemas import HOUR_TABLES
-from harness.studies.batch.experiment import resume, run_study
-from harness.studies.batch.showing import write_shown
-from harness.studies.replay.rerun import replay
-from harness.studies.runs.reported import reported
-from harness.studies.runs.shown import shown_pairs
-from harness.studies.workers.pool import LocalPool
 from tests.batches import Inline, one_process, printed, run_inline, shell, start, wait_for
 from tests.scenes import refuses
 from tests.sumo.test_watch import PEDESTRIAN, needs_xvfb, pixels, watched

@@ -12,8 +12,8 @@ from PIL import Image
 from harness.core.encounter import Arm
 from harness.engine.starting import Following, vehicle_types
 from harness.engine.view import view_settings
+from harness.old.studies.replay.watch import watch
 from harness.scenario import Scenario
-from harness.studies.replay.watch import watch
 from tests.batches import FLOW, HARNESS, one_cell, run_inline
 from tests.scenes import refuses
 

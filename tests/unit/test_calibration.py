@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import multivariate_normal, norm, sem
 
 from harness.model.mixture import TruncatedGaussianMixture
-from harness.studies.calibration import (
+from harness.old.studies.calibration import (
     HeldOut,
     RowFile,
     Settings,
@@ -18,8 +18,8 @@ from harness.studies.calibration import (
     vehicle_folds,
     walking_log_scores,
 )
-from harness.studies.calibration.card import card, near_state
-from harness.studies.calibration.choice import relative_gain
+from harness.old.studies.calibration.card import card, near_state
+from harness.old.studies.calibration.choice import relative_gain
 from tests.scenes import refusal_of, refuses
 
 

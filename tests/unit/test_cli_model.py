@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from harness.model.interaction import read_model
-from harness.report.drawing import model_figures
+from harness.old.report.drawing import model_figures
 from tests.batches import here, printed
 
 DATA = Path(__file__).resolve().parents[1] / "data"

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.store import hour_columns as columns
+from harness.old.store import hour_columns as columns
 from tests import closed_forms as forms
 
 

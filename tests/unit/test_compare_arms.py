@@ -8,12 +8,12 @@ import pyarrow.compute as pc
 import pytest
 
 from harness.core.errors import InputError
+from harness.old.store.kinds import HourKind
+from harness.old.store.schemas import HOURS
+from harness.old.store.tables import table_of
+from harness.old.studies.runs.compare_arms import compare_arms
 from harness.scenario import read_scenario_file, study_of
 from harness.scenario.variation import parse_variation
-from harness.store.kinds import HourKind
-from harness.store.schemas import HOURS
-from harness.store.tables import table_of
-from harness.studies.runs.compare_arms import compare_arms
 
 TWO_VALUES = 12.706204736432095 / 2**0.5
 """Half-width over the standard deviation of a 95 % interval of two values (Student's t)."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.statistics import (
+from harness.old.statistics import (
     Limits,
     SweepVerdict,
     SweptValue,

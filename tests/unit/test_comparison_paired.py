@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.statistics import holm, mcnemar, paired_difference, ratio_difference, sign_flip_p
+from harness.old.statistics import holm, mcnemar, paired_difference, ratio_difference, sign_flip_p
 
 
 def rng() -> np.random.Generator:

@@ -16,8 +16,8 @@ import pytest
 from harness.core.errors import InputError
 from harness.core.resources import shipped_directory
 from harness.episode.simulation.recorded import seconds
+from harness.old.studies.conflicts.vehicle_types import CLASSES, read_types, type_of
 from harness.site import crosswalks_of, read_network
-from harness.studies.conflicts.vehicle_types import CLASSES, read_types, type_of
 from tests.batches import here, printed, refusal
 
 NET = next(shipped_directory("networks").glob("cctc/*.net.xml"))

@@ -9,8 +9,7 @@ import pytest
 from scipy import stats
 
 from harness.core.encounter import Arm
-from harness.scenario import Cell, ConflictsSection, Scenario, validate
-from harness.statistics import (
+from harness.old.statistics import (
     CONFLICTS,
     Finding,
     Interval,
@@ -21,12 +20,13 @@ from harness.statistics import (
     student_mean,
     student_ratio,
 )
-from harness.store.hour_catalogue import HOURS as CATALOGUE
-from harness.store.hour_columns import HourColumns
-from harness.store.hour_tables import _delays, _late, passage_counts
-from harness.store.kinds import HourKind
-from harness.store.schemas import HOURS
-from harness.store.tables import table_of
+from harness.old.store.hour_catalogue import HOURS as CATALOGUE
+from harness.old.store.hour_columns import HourColumns
+from harness.old.store.hour_tables import _delays, _late, passage_counts
+from harness.old.store.kinds import HourKind
+from harness.old.store.schemas import HOURS
+from harness.old.store.tables import table_of
+from harness.scenario import Cell, ConflictsSection, Scenario, validate
 
 AUTOMATED = {"av": "hard_yield", "human": "human_yield"}
 

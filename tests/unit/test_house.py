@@ -146,7 +146,7 @@ def test_one_module_imports_each_of_sumos_interfaces(package: str) -> None:
 def test_help_imports_nothing_heavy() -> None:
     script = (
         "import sys; sys.argv = ['harness', '--help']\n"
-        "from harness.cli.app import main\n"
+        "from harness.old.cli.app import main\n"
         "try:\n    main()\n"
         "except SystemExit as end:\n    assert end.code == 0, end.code\n"
         f"print([name for name in {HEAVY!r} if name in sys.modules], file=sys.stderr)\n"

@@ -7,11 +7,11 @@ import pytest
 from scipy import stats
 
 from harness.measures import MEASURES
+from harness.old.statistics import CONFLICTS
+from harness.old.store.measure_tables import conflict_rows, measure_rows
+from harness.old.store.schemas import EPISODES
+from harness.old.store.summaries import summarise_cell
 from harness.scenario import Cell, ConflictsSection, Scenario
-from harness.statistics import CONFLICTS
-from harness.store.measure_tables import conflict_rows, measure_rows
-from harness.store.schemas import EPISODES
-from harness.store.summaries import summarise_cell
 
 # ending, min_ttc_s, pet_s, max_drac_mps2, avoidable
 AV = [

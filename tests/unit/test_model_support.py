@@ -10,11 +10,11 @@ from harness.episode.arms import check_arms
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.measures import Outcome
 from harness.model.interaction import ModelUseCounter, check_support
+from harness.old.statistics import ENCOUNTERS
+from harness.old.store.episode_tables import episode_rows
+from harness.old.store.summaries import summarise_cell
+from harness.old.studies.runs.notes import encounter_notes
 from harness.scenario import Cell, Scenario, load_scenario
-from harness.statistics import ENCOUNTERS
-from harness.store.episode_tables import episode_rows
-from harness.store.summaries import summarise_cell
-from harness.studies.runs.notes import encounter_notes
 from tests.scenes import on_plain, scenario
 
 FAST = {"initial_speed_mps": 13.89, "trigger_range_m": 80.0}

@@ -2,10 +2,10 @@
 
 import pytest
 
-from harness.report.screens.screen import Screen, screen_lines
+from harness.old.report.screens.screen import Screen, screen_lines
+from harness.old.statistics import Note, Rank
+from harness.old.studies.runs.nearness import nearness, scene_kind
 from harness.scenario import load_scenario
-from harness.statistics import Note, Rank
-from harness.studies.runs.nearness import nearness, scene_kind
 
 YIELDS = {"arms.human": "human_yield"}
 

@@ -14,16 +14,16 @@ from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
 from harness.model.interaction import load_model, write_model
 from harness.model.mixture import fit_mixture
-from harness.report.screens.comparison_tables import comparison_tables
-from harness.report.screens.screen import Screen, screen_lines
+from harness.old.report.screens.comparison_tables import comparison_tables
+from harness.old.report.screens.screen import Screen, screen_lines
+from harness.old.statistics import ENCOUNTERS, Finding, OverModel, over_model
+from harness.old.studies.batch.experiment import resume
+from harness.old.studies.calibration import RefitSettings, make_refits, make_sample
+from harness.old.studies.calibration.refits import drawn_weights
+from harness.old.studies.runs.compare import compare
+from harness.old.studies.runs.notes import model_notes
+from harness.old.studies.runs.reported import reported
 from harness.scenario import load_scenario
-from harness.statistics import ENCOUNTERS, Finding, OverModel, over_model
-from harness.studies.batch.experiment import resume
-from harness.studies.calibration import RefitSettings, make_refits, make_sample
-from harness.studies.calibration.refits import drawn_weights
-from harness.studies.runs.compare import compare
-from harness.studies.runs.notes import model_notes
-from harness.studies.runs.reported import reported
 from tests.batches import (
     one_cell,
     one_process,

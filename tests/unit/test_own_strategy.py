@@ -11,10 +11,10 @@ import pytest
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
 from harness.episode.arms import check_arms
+from harness.old.studies.conformance import CHECKS
 from harness.scenario import Scenario, load_scenario, read_scenario_file, study_of, validate
 from harness.strategies import own, registry
 from harness.strategies.registry import find_strategy
-from harness.studies.conformance import CHECKS
 from tests.batches import here
 from tests.scenes import on_plain, refusal_of
 

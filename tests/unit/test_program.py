@@ -17,11 +17,11 @@ from harness.core.encounter import Arm, Ending, Trace
 from harness.engine.plain import PlainEngine
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
+from harness.old.studies.batch.plan import plan_of
 from harness.scenario import Options, load_scenario
 from harness.strategies import program
 from harness.strategies.registry import find_strategy, source_digests
 from harness.strategies.vector import observation_vector
-from harness.studies.batch.plan import plan_of
 from tests.batches import one_cell
 from tests.scenes import Recorder, on_plain, refusal_of, refuses, scenario
 

@@ -15,24 +15,24 @@ from harness.episode.arms import check_arms, draws_of
 from harness.episode.arrivals import planned_arrivals
 from harness.measures import MEASURES, EpisodeRecord, Measure
 from harness.model.interaction import load_model
-from harness.report.screens.risk_terminal import _rows, person_words, risk_screen, risk_tables
-from harness.report.screens.screen import screen_lines
+from harness.old.report.screens.risk_terminal import _rows, person_words, risk_screen, risk_tables
+from harness.old.report.screens.screen import screen_lines
+from harness.old.statistics.findings import Note, Rank
+from harness.old.studies.risk.asking import Settings, SettingsDocument, question_of
+from harness.old.studies.risk.event import parse_event
+from harness.old.studies.risk.findings import RiskFindings
+from harness.old.studies.risk.fitting import first_components, spread
+from harness.old.studies.risk.interval import Tally, estimate_of
+from harness.old.studies.risk.layout import Layout
+from harness.old.studies.risk.normals import Normals, fitted
+from harness.old.studies.risk.outcomes import Outcomes
+from harness.old.studies.risk.placing import Placing
+from harness.old.studies.risk.proposal import NOMINAL_SHARE, nominal
+from harness.old.studies.risk.running import Evaluation
+from harness.old.studies.risk.space import space_of
+from harness.old.studies.risk.ways import drawn_of, people_of
+from harness.old.studies.workers.this_process import ThisProcess
 from harness.scenario import Scenario, load_scenario, validate
-from harness.statistics.findings import Note, Rank
-from harness.studies.risk.asking import Settings, SettingsDocument, question_of
-from harness.studies.risk.event import parse_event
-from harness.studies.risk.findings import RiskFindings
-from harness.studies.risk.fitting import first_components, spread
-from harness.studies.risk.interval import Tally, estimate_of
-from harness.studies.risk.layout import Layout
-from harness.studies.risk.normals import Normals, fitted
-from harness.studies.risk.outcomes import Outcomes
-from harness.studies.risk.placing import Placing
-from harness.studies.risk.proposal import NOMINAL_SHARE, nominal
-from harness.studies.risk.running import Evaluation
-from harness.studies.risk.space import space_of
-from harness.studies.risk.ways import drawn_of, people_of
-from harness.studies.workers.this_process import ThisProcess
 from tests.risks import CROWD, LAYOUT, crowd, estimated, half_space, outcomes, scored, union
 from tests.scenes import on_plain
 

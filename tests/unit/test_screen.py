@@ -9,16 +9,15 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from harness.cli.output import print_wrapped
-from harness.report.screens import run_document, terminal
-from harness.report.screens.console import print_table
-from harness.report.screens.result_screen import screen_of
-from harness.report.screens.result_tables import _remark
-from harness.report.screens.result_texts import zero_lines
-from harness.report.screens.screen import Screen, screen_lines, wrapped
-from harness.report.screens.tables import Table, TableCell, entry_limits, per_cent
-from harness.scenario import load_scenario, parse_setting
-from harness.statistics import (
+from harness.old.cli.output import print_wrapped
+from harness.old.report.screens import run_document, terminal
+from harness.old.report.screens.console import print_table
+from harness.old.report.screens.result_screen import screen_of
+from harness.old.report.screens.result_tables import _remark
+from harness.old.report.screens.result_texts import zero_lines
+from harness.old.report.screens.screen import Screen, screen_lines, wrapped
+from harness.old.report.screens.tables import Table, TableCell, entry_limits, per_cent
+from harness.old.statistics import (
     ENCOUNTERS,
     ENTRIES,
     CellFindings,
@@ -29,13 +28,14 @@ from harness.statistics import (
     Rank,
     RunFindings,
 )
-from harness.store.hour_catalogue import HOURS
-from harness.store.kinds import HourKind
-from harness.studies.runs.hour_notes import hour_notes
-from harness.studies.runs.notes import av_label, encounter_notes
-from harness.studies.runs.references import agreement, disagreement, reference_lines
-from harness.studies.runs.reported import is_the_papers, walker_lines
-from harness.studies.runs.site_words import site_words
+from harness.old.store.hour_catalogue import HOURS
+from harness.old.store.kinds import HourKind
+from harness.old.studies.runs.hour_notes import hour_notes
+from harness.old.studies.runs.notes import av_label, encounter_notes
+from harness.old.studies.runs.references import agreement, disagreement, reference_lines
+from harness.old.studies.runs.reported import is_the_papers, walker_lines
+from harness.old.studies.runs.site_words import site_words
+from harness.scenario import load_scenario, parse_setting
 from tests.batches import printed
 
 FEW = "unreliable below 1,000 informative pairs (has 50)"

@@ -1,12 +1,12 @@
 """The first screen of users' own simulations, made from findings that were written by hand."""
 
-from harness.report.screens.joined_notes import joined_notes
-from harness.report.screens.result_screen import screen_of
-from harness.report.screens.screen import MOST_LINES, screen_lines
+from harness.old.report.screens.joined_notes import joined_notes
+from harness.old.report.screens.result_screen import screen_of
+from harness.old.report.screens.screen import MOST_LINES, screen_lines
+from harness.old.statistics import CellFindings, Finding, Form, Note, Rank, RunFindings
+from harness.old.store.simulations.simulation_catalogue import SIMULATIONS
+from harness.old.studies.runs.simulation_notes import simulation_notes
 from harness.scenario import Scenario
-from harness.statistics import CellFindings, Finding, Form, Note, Rank, RunFindings
-from harness.store.simulations.simulation_catalogue import SIMULATIONS
-from harness.studies.runs.simulation_notes import simulation_notes
 
 SCENARIO = Scenario.model_validate(
     {

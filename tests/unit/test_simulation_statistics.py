@@ -3,8 +3,8 @@
 import pyarrow as pa
 import pytest
 
-from harness.store.schemas import TABLES
-from harness.store.simulations.simulation_statistics import crosswalk_rows
+from harness.old.store.schemas import TABLES
+from harness.old.store.simulations.simulation_statistics import crosswalk_rows
 
 STUDENT_3 = 4.302652729911275 / 3**0.5
 """Half-width of a 95 % interval of three values with the standard deviation 1 (Student's t)."""

@@ -12,8 +12,8 @@ from harness.episode.simulation.log import SimulationLog
 from harness.episode.simulation.passages import PersonTrack
 from harness.episode.simulation.people import waited_s
 from harness.episode.simulation.standing import Standing
+from harness.old.store.simulations.simulation_tables import least_delay_s
 from harness.site import RoadFrame
-from harness.store.simulations.simulation_tables import least_delay_s
 
 WAY: Any = SimpleNamespace(
     frame=RoadFrame(0.0, 0.0, 1.0, 0.0, 0.0, 1.0), crossing=Crossing(9.0, 4.0, 2.25, 4.5)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from harness.old.studies.runs.strategy_groups import groups_over, parameter_sweeps, strategy_groups
 from harness.scenario import Cell, Setting, Study
-from harness.studies.runs.strategy_groups import groups_over, parameter_sweeps, strategy_groups
 from tests.batches import one_cell, scenario_file, sweep
 from tests.own_scenario import own_study
 
@@ -97,7 +97,7 @@ def test_sweeps_over_one_parameter_over_two_and_over_words() -> None:
     (group,) = strategy_groups(study)
     assert len(group.cells) == 2
     assert parameter_sweeps(group) == []
-    from harness.studies.runs.strategy_groups import ParameterSweep
+    from harness.old.studies.runs.strategy_groups import ParameterSweep
 
     line = ParameterSweep("gap_yield", "critical_gap_s", {}, (0, 1, 2), (0.0, 1.5, 3.0))
     assert line.aggressiveness == (0.0, -1.5, -3.0)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.cli.batch import _planned_hours
+from harness.old.cli.batch import _planned_hours
 from harness.scenario import (
     Setting,
     Study,

@@ -20,9 +20,9 @@ from harness.episode.cell_constants import constants_of
 from harness.episode.threshold import Threat, blocking, effective_time_s, threats
 from harness.episode.traffic.lanes import lanes_of
 from harness.episode.traffic.vehicles import LaneOnRoad
+from harness.old.studies.risk.space import space_of
+from harness.old.studies.risk.ways import drawn_of, people_of
 from harness.scenario import Scenario, ThresholdSection, load_scenario, validate
-from harness.studies.risk.space import space_of
-from harness.studies.risk.ways import drawn_of, people_of
 from tests.scenes import Recorder, episode, on_plain
 
 LOG_THETA, LOG_LATENCY = stats.norm(1.430, 0.405), stats.norm(0.0166, 0.604)

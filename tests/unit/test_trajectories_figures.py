@@ -13,7 +13,7 @@ matplotlib.use("Agg")
 
 from matplotlib.figure import Figure  # noqa: E402
 
-from harness.report.drawing.trajectory_figures import draw_map, draw_passing_event  # noqa: E402
+from harness.old.report.drawing.trajectory_figures import draw_map, draw_passing_event  # noqa: E402
 
 DATA = Path(__file__).parents[1] / "data"
 

@@ -10,13 +10,10 @@ import pytest
 
 from harness.model.interaction import load_model
 from harness.model.trajectories import Clip, Track, VehicleTrack
-from harness.report.screens.validation_tables import print_validation
-from harness.scenario import load_scenario
-from harness.statistics.entries import Finding
-from harness.statistics.findings import Note, Rank
-from harness.strategies.gap_yield import GapYield
-from harness.strategies.hard_yield import HardYield
-from harness.studies.validation import (
+from harness.old.report.screens.validation_tables import print_validation
+from harness.old.statistics.entries import Finding
+from harness.old.statistics.findings import Note, Rank
+from harness.old.studies.validation import (
     ENTRIES,
     LEFT_OUT,
     DriverFindings,
@@ -25,9 +22,12 @@ from harness.studies.validation import (
     bootstrap,
     find_passages,
 )
-from harness.studies.validation.bootstrap import few_vehicles
-from harness.studies.validation.drivers import DRAWS, FoldModels, outcomes_of
-from harness.studies.validation.figures import Drives, findings_of, pass_time_score
+from harness.old.studies.validation.bootstrap import few_vehicles
+from harness.old.studies.validation.drivers import DRAWS, FoldModels, outcomes_of
+from harness.old.studies.validation.figures import Drives, findings_of, pass_time_score
+from harness.scenario import load_scenario
+from harness.strategies.gap_yield import GapYield
+from harness.strategies.hard_yield import HardYield
 from tests.batches import printed
 from tests.recordings import DRIVERS, LENGTH_M, RATE_HZ, SCENES, held, write_set
 from tests.scenes import refuses
@@ -321,7 +321,7 @@ def test_recordings_that_a_model_was_fitted_on_are_known_whatever_they_are_calle
     assert len(card["tracks"]) == card["vehicles"] == len(SCENES)
     drivers = ("human_gmm", "human_recorded", "hard_yield")
     model = load_model("own", own["model.path"])
-    module = import_module("harness.studies.validation.validate")
+    module = import_module("harness.old.studies.validation.validate")
     monkeypatch.setattr(module, "load_model", lambda *_: model)
     other = renamed(recordings, tmp_path / "elsewhere", noise_m=9e-4)
     for folder, options in (

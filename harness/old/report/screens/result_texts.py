@@ -1,0 +1,101 @@
+"""The texts of numbers with their intervals, on the first screen of a run."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from harness.old.report.screens.tables import (
+    DASH,
+    counted,
+    entry_limits,
+    entry_value,
+    level,
+    per_cent,
+)
+from harness.old.statistics import CONFIDENCE, Interval, zero_bound
+from harness.old.statistics.entries import Entry, Finding, Form
+from harness.old.statistics.findings import CellFindings, Rank
+from harness.old.statistics.over_model import OverModel
+from harness.old.studies.runs.notes import short_name
+
+
+def no_spread(entry: Entry[Any], both: Finding, cell: CellFindings) -> str:
+    """Return why a difference has no interval: all pairs are equal, or only one defines it."""
+    if entry.interval is not Interval or entry.of_arm is None or both.number is None:
+        return ""
+    several = cell.pairs - cell.findings["failed"].count > 1
+    return " (no spread)" if several and both.low is None else ""
+
+
+def over_model_limits(entry: Entry[Any], cell: CellFindings) -> str:
+    """Return the limits over pairs and refits: of both arms' number, or of each arm's share."""
+    if (both := entry.names[2]) is not None:
+        found = cell.over_model.get(both)
+        return "" if found is None else f"({_limits_of(entry, found, entry.paired_digits)})"
+    arms = [cell.over_model.get(name) for name in entry.names[:2] if name is not None]
+    if all(found is None or found.low == found.high for found in arms):
+        return ""
+    texts = [DASH if found is None else _limits_of(entry, found, None) for found in arms]
+    percent = " %" if entry.form in (Form.EVENTS, Form.SHARE) else ""
+    return f"{' / '.join(texts)}{percent}"
+
+
+def _limits_of(entry: Entry[Any], found: OverModel, digits: int | None) -> str:
+    return entry_limits(entry, Finding(found.value, found.low, found.high), digits) or DASH
+
+
+def with_limits(entry: Entry[Any], both: Finding) -> str:
+    """Return a number of both arms with its interval."""
+    value = entry_value(entry, both, entry.paired_digits)
+    limits = entry_limits(entry, both, entry.paired_digits)
+    if both.reliable is not False or both.low != both.high:
+        return f"{value} ({limits})" if limits else value
+    # Too few equal pairs have no spread, but that does not make the number certain.
+    return DASH if entry.form is Form.SHARE else value
+
+
+def both_arms(
+    entry: Entry[Any], av: Finding | None, reference: Finding | None, cell: CellFindings
+) -> str:
+    """Return both arms' intervals of a share, or the one-sided bound if neither has an event."""
+    if av is None or reference is None or entry.form not in (Form.EVENTS, Form.SHARE):
+        return ""
+    if not tested(cell):
+        return ""
+    limits = [entry_limits(entry, finding) or DASH for finding in (av, reference)]
+    if limits == [DASH, DASH]:
+        return ""
+    if entry.may_be_absent and None in (av.value, reference.value):
+        return f"{next(text for text in limits if text != DASH)} %"
+    if av.events == reference.events == 0 and DASH not in limits:
+        high = max(av.high or 0.0, reference.high or 0.0)
+        confidence = cell.findings["confidence"].number or CONFIDENCE
+        bound = zero_bound(high, confidence)
+        # Trials of one pair are correlated.  If this raises the bound, the text names the pairs.
+        alone = 1.0 - (1.0 - confidence) ** (1.0 / max(av.n or 1, 1))
+        pairs = f" ({counted(cell.pairs, 'pair')})" if bound > 1.5 * alone else ""
+        return f"each below {per_cent(bound, 1)} %{pairs}"
+    return f"{limits[0]} / {limits[1]} %"
+
+
+def tested(cell: CellFindings) -> bool:
+    return all(note.rank is not Rank.NOTHING_TESTED for note in cell.notes)
+
+
+def zero_lines(entry: Entry[Any], found: Sequence[tuple[Finding, float]]) -> list[str]:
+    """Return a sentence about the rate that 0 events of several trials leave open.
+
+    Args:
+        entry: the entry of the events.
+        found: each tested cell's finding of one arm, with the confidence of its interval.
+    """
+    bounds = [
+        zero_bound(each.high, confidence)
+        for each, confidence in found
+        if each.events == 0 and each.high and each.n != 1
+    ]
+    if not bounds:
+        return []
+    return [
+        f"0 {short_name(entry)} in a tested cell: the rate is below {per_cent(max(bounds), 1)} % "
+        f"({level(CONFIDENCE)} confidence)."
+    ]
