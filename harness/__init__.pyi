@@ -13,24 +13,10 @@ from .core.encounter import (
 )
 from .core.errors import HarnessError as HarnessError, InputError as InputError
 from .model.interaction import InteractionModel as InteractionModel, load_model as load_model
-from .old.report import figures as figures
-from .old.report.one_pair import (
-    EpisodeOutcome as EpisodeOutcome,
-    PairOutcome as PairOutcome,
-    run_pair as run_pair,
-)
-from .old.studies.batch.experiment import resume as resume, run_study as run_study
-from .old.studies.candidates.evaluation import evaluate as evaluate
 from .old.studies.conformance import check_strategy as check_strategy
-from .old.studies.runs.compare import compare as compare
-from .old.studies.runs.comparisons import RunComparison as RunComparison
-from .old.studies.runs.opening import load_run as load_run
-from .old.studies.runs.run_data import RunData as RunData
-from .old.studies.runs.worst import (
-    WorstEpisode as WorstEpisode,
-    got_worse as got_worse,
-    worst as worst,
-)
+from .results.finding import Finding as Finding
+from .results.result import Result as Result
+from .results.run import Run as Run, load_run as load_run
 from .rl import CrosswalkEnv as CrosswalkEnv, Transition as Transition
 from .scenario import (
     Options as Options,
@@ -47,3 +33,8 @@ from .strategies.vector import (
     acceleration_of as acceleration_of,
     observation_vector as observation_vector,
 )
+from .studies.compare import compare as compare
+from .studies.evaluate import evaluate as evaluate
+from .studies.one_pair import PairOutcome as PairOutcome, run_pair as run_pair
+from .studies.run import resume as resume, run as run
+from .studies.worst import worst as worst

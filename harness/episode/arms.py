@@ -13,6 +13,7 @@ from harness.scenario import Scenario
 from harness.scenario.own_simulation import setting_of
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.parameters import check_complete, check_parameters, needs
+from harness.strategies.perception.sensor import sensor_of
 from harness.strategies.registry import find_strategy, prepare, table_key
 
 
@@ -24,6 +25,17 @@ def draws_from(scenario: Scenario, driver: Arm) -> Purpose:
     """
     alike = scenario.arms.av == scenario.arms.human
     return "strategy" if alike or driver is Arm.HUMAN else "av_strategy"
+
+
+def arm_key(scenario: Scenario, arm: Arm) -> str:
+    """What an arm's episodes depend on besides the people, the road and the model, as text.
+
+    Cells with the same people, road and model share the episodes of an arm if their keys are equal:
+    the same strategy with the same parameters and stream, the same sensor, the same vehicle.
+    """
+    name = scenario.arms.driver(arm)
+    drives = name, scenario.strategies.get(name, {}), draws_from(scenario, arm)
+    return repr((arm, drives, sensor_of(scenario, arm), scenario.vehicle(arm)))
 
 
 def draws(scenario: Scenario, driver: Arm) -> bool:

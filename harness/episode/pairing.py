@@ -11,9 +11,9 @@ import numpy as np
 
 from harness.core.encounter import Arm, Arrival, Ending, Trace
 from harness.core.errors import StrategyError, in_one_line
-from harness.core.seeding import Given, Purpose
+from harness.core.seeding import Given
 from harness.engine.protocol import Engine
-from harness.episode.arms import check_arms, draws, draws_from, draws_of, named_strategy
+from harness.episode.arms import arm_key, check_arms, draws, draws_of, named_strategy
 from harness.episode.arrivals import already_walking, planned_arrivals
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import Episode, drive, failed_episode
@@ -29,11 +29,8 @@ from harness.strategies.perception.sensor import sensor_of
 CHUNK_PAIRS = 50
 """Number of pairs that are measured together; results do not depend on it."""
 
-EpisodeKey = tuple[Arm, str, Purpose, int]
-"""Identifies an episode: its arm, the name and the random stream of its strategy, and its pair.
-
-Cells that differ only in their arms share episodes with the same key.
-"""
+EpisodeKey = tuple[str, int]
+"""``arm_key`` and the pair.  Cells with the same people, road and model share episodes by it."""
 
 Begins = Callable[[int, Arm, Episode], None]
 """A callback with the pair, the arm and the episode that begins."""
@@ -59,6 +56,7 @@ class PairRunner:
         self._engine: Engine | None = None
         self._rules = {arm: constants_of(scenario, arm) for arm in Arm}
         self._sensors = {arm: sensor_of(scenario, arm) for arm in Arm}
+        self._keys = {arm: arm_key(scenario, arm) for arm in Arm}
         self._speeds_by = cache(lambda model: WalkingSpeeds(scenario, model))
         self.decisions_s: list[float] | None = None
         """If it is a list, the wall time of each decision is added to it."""
@@ -71,6 +69,7 @@ class PairRunner:
         on_pair: Callable[[], None] = lambda: None,
         known: Mapping[EpisodeKey, Outcome] = MappingProxyType({}),
         arms: Sequence[Arm] = tuple(Arm),
+        asks: Callable[[int, Arm], None] = lambda _pair, _arm: None,
     ) -> Iterator[Outcome]:
         """Simulate both arms of every pair in the given order, the AV's first.
 
@@ -78,9 +77,10 @@ class PairRunner:
             pairs: indices of the pairs.
             begins: called with every episode before its strategy drives.
             on_pair: called after every simulated pair; the outcomes come later, in chunks.
-            known: episodes of a cell that differs from this one only in its arms; shared episodes
-                are not simulated again.
+            known: episodes of cells with the same people, road and model; shared episodes are not
+                simulated again.
             arms: the arms to simulate, if not both.
+            asks: called with pair and arm before an episode's strategy is made.
         """
         remaining = iter(pairs)
         self._engine = None
@@ -91,6 +91,7 @@ class PairRunner:
                 for arm in arms:
                     key = self.key(arm, pair)
                     if key not in known:
+                        asks(pair, arm)
                         traces[key] = self._run_arm(arm, pair, people, begins)
                 on_pair()
             records = dict(zip(traces, measure(list(traces.values())), strict=True))
@@ -105,9 +106,8 @@ class PairRunner:
         return Outcome(pair, arm, self._scenario.arms.driver(arm), measure([trace])[0], trace)
 
     def key(self, arm: Arm, pair: int) -> EpisodeKey:
-        """The key that identifies an episode among cells that differ only in their arms."""
-        scenario = self._scenario
-        return arm, scenario.arms.driver(arm), draws_from(scenario, arm), pair
+        """The key that identifies an episode among cells with the same people, road and model."""
+        return self._keys[arm], pair
 
     def run_arm_given(
         self,

@@ -27,7 +27,6 @@ def run(
     pairs: options.PairsOption = None,
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
-    over_model: options.OverModelOption = False,
     workers: options.WorkersOption = None,
     traces: options.TracesOption = False,
     engine: options.EngineOption = "sumo",
@@ -43,7 +42,7 @@ def run(
     from harness.scenario import Options, parse_variation, read_scenario_file, remarks, study_of
     from harness.scenario.variation import flatten
 
-    file = read_scenario_file(scenario, settings_of(settings, pairs, seed, over_model))
+    file = read_scenario_file(scenario, settings_of(settings, pairs, seed))
     study = study_of(file, [parse_variation(text) for text in vary or []])
     if vary and file.sweep is not None:
         say(f"note: --vary replaces the [sweep] of {file.source}: {', '.join(flatten(file.sweep))}")

@@ -1,0 +1,348 @@
+"""The figures of runs: functions that draw numbers into axes, for pages and notebooks.
+
+>>> from matplotlib.figure import Figure
+>>> axes = Figure().subplots()
+>>> draw_running_mean(axes, [0.7, 0.8, 0.9], paper=0.7044)
+>>> axes.get_xlabel()
+'number of pairs n'
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import ScaledTranslation
+from numpy.typing import ArrayLike
+from scipy import special
+
+from harness.core.encounter import Arm, FloatArray
+from harness.report import style
+from harness.report.style import ARM_LOOKS, AV, SERIES, figure_text, finish
+from harness.report.words import counted, level_text
+from harness.results.estimators import CONFIDENCE
+from harness.results.finding import Finding
+
+Points = Sequence[tuple[float, Finding]]
+"""Places on the x axis with the findings there."""
+
+_MOST_MEANS = 400
+_MOST_DOTS = 1_000
+_FIRST_BAND, _SETTLED = 5, 30
+_WIDE = 12.0
+"""An axis is logarithmic if its values differ by more than this factor."""
+_APART_INCH, _APART = 0.05, 0.16
+_LEAST_SPAN = 1e-3
+"""Least height of axes, relative to the values: rounding errors must not look like effects."""
+
+
+def draw_running_mean(
+    axes: Axes, tau: ArrayLike, paper: float | None = None, driver: str = "reference"
+) -> None:
+    """Draw τ of each pair, and the mean of the first n over n with its Student's t band.
+
+    Args:
+        axes: where to draw.
+        tau: shape (n,), in the order of the pairs; NaN (undefined) is left out.
+        paper: the paper's mean, drawn as a line.
+        driver: the name of the reference.
+    """
+    values = _defined(tau)
+    total = len(values)
+    ns = np.arange(1, total + 1)
+    if 0 < total <= _MOST_DOTS:
+        axes.plot(
+            ns, values, ".", color=style.MUTED, ms=3.5, alpha=0.6, label="τ of one pair", zorder=1
+        )
+    mean, half = running_mean(values)
+    low, high = mean - half, mean + half
+    kept = np.unique(np.linspace(0, total - 1, min(total, _MOST_MEANS)).astype(int))
+    axes.plot(ns[kept], mean[kept], color=AV.colour, lw=1.8, label="mean of the first n")
+    band = kept[kept >= _FIRST_BAND - 1]
+    if len(band):
+        axes.fill_between(
+            ns[band], low[band], high[band], color=AV.colour, alpha=0.18, lw=0,
+            label=f"its {level_text(CONFIDENCE)} band",
+        )  # fmt: skip
+    if paper is not None:
+        axes.axhline(paper, color=style.VERMILLION, ls="--", lw=1.2, label=f"paper: {paper:g}")
+    axes.set_xlim(0, max(total, 1) * 1.01)
+    if total > _MOST_DOTS:
+        # Otherwise the first means, from few pairs, would determine the scale.
+        ends = [low[_SETTLED:].min(), high[_SETTLED:].max(), paper or high[-1]]
+        room = 0.08 * (max(ends) - min(ends))
+        axes.set_ylim(min(ends) - room, max(ends) + room)
+    finish(axes, "number of pairs n", f"τ = AV time / {driver} time", f"n = {total:,}")
+
+
+def running_mean(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The mean of the first n values and its Student's t half-width, for every n.
+
+    The half-width is NaN for n = 1.
+    """
+    n = np.arange(1, len(values) + 1)
+    mean = np.cumsum(values) / n
+    # The values are shifted, so that sum of squares and squared sum do not cancel.
+    shifted = values - (values[0] if len(values) else 0.0)
+    squares, sums = np.cumsum(shifted**2), np.cumsum(shifted)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variance = np.maximum(squares - sums**2 / n, 0.0) / (n - 1)
+        t = special.stdtrit((n - 1).astype(float), (1 + CONFIDENCE) / 2)
+        half = np.asarray(t * np.sqrt(variance / n), dtype=float)
+    half[:1] = np.nan
+    return mean, half
+
+
+def draw_tau(
+    axes: Axes,
+    tau: ArrayLike,
+    mu: Finding | None = None,
+    driver: str = "reference",
+    fallback: ArrayLike | None = None,
+) -> None:
+    """Draw a histogram of τ.
+
+    Args:
+        axes: where to draw.
+        tau: shape (n,); NaN (undefined) is left out.
+        mu: the mean with its interval, drawn as a line and a band.
+        driver: the name of the reference.
+        fallback: shape (n,), whether the AV's strategy fell back on another one; these are hatched.
+    """
+    values = np.asarray(tau, dtype=float)
+    fell = np.zeros(len(values), bool) if fallback is None else np.asarray(fallback, dtype=bool)
+    fell, values = fell[~np.isnan(values)], _defined(values)
+    if len(values):
+        edges, beyond = _edges(values)
+        inside = np.minimum(values, edges[-1])
+        kept, hatched = (np.histogram(inside[of], edges)[0] for of in (~fell, fell))
+        at, widths = edges[:-1], np.diff(edges)
+        look: dict[str, Any] = {"align": "edge", "ec": style.INK, "lw": 0.5}
+        label = "without fallback" if fell.any() else None
+        axes.bar(at, kept, widths, color=AV.colour, alpha=0.55, label=label, **look)
+        if fell.any():
+            look |= {"fc": "none", "ec": style.VERMILLION, "hatch": "////"}
+            axes.bar(at, hatched, widths, bottom=kept, label="the AV fell back", **look)
+        _cut_spike(axes, edges, kept + hatched)
+        if beyond:
+            axes.plot([], [], " ", label=f"last bar: {beyond:,} pairs up to τ = {values.max():.3g}")
+    if mu is not None and mu.value is not None:
+        axes.axvline(mu.value, color=style.GREEN, lw=1.8, ls="-.", label=f"μ = {mu.value:.3f}")
+        if mu.low is not None and mu.high is not None:
+            axes.axvspan(mu.low, mu.high, color=style.GREEN, alpha=0.2, lw=0, label="its interval")
+    axes.axvline(1.0, color=style.MUTED, lw=1.0, ls=":", label=f"as fast as {driver}")
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    finish(axes, f"τ = AV time / {driver} time", "pairs", f"n = {len(values):,}")
+
+
+def draw_over(
+    axes: Axes,
+    lines: Mapping[str, Points],
+    across: str,
+    up: str,
+    count: str = "",
+    level: tuple[float, str] | None = None,
+    scale: float = 1.0,
+) -> None:
+    """Draw findings over a key, with their intervals as bars; lines are a little apart.
+
+    Args:
+        axes: where to draw.
+        lines: the points of each line by its label; at most as many lines as ``style.SERIES``.
+        across, up: labels with units.
+        count: the number of pairs.
+        level: a value to compare with, and its name.
+        scale: 100 for shares that are drawn in per cent.
+    """
+    for index, ((label, points), look) in enumerate(zip(lines.items(), SERIES, strict=False)):
+        right = (index - (len(lines) - 1) / 2) * _APART_INCH
+        away = ScaledTranslation(right, 0, axes.figure.dpi_scale_trans)
+        x, value, reach = _reach(points, scale)
+        bars = axes.errorbar(
+            x, value, yerr=reach, color=look.colour, ls=look.dash, marker=look.marker, ms=5, lw=1.6,
+            elinewidth=1.1, capsize=2.5, label=figure_text(label),
+        )  # fmt: skip
+        for artist in bars.get_children():
+            # Lines are shifted after plotting, so that the axes' limits follow only the data.
+            artist.set_transform(axes.transData + away)
+    low, high = axes.get_ylim()
+    if high - low < _LEAST_SPAN * abs(high + low) / 2:
+        axes.set_ylim(low - _LEAST_SPAN * abs(low), high + _LEAST_SPAN * abs(high))
+    if level is not None:
+        axes.axhline(level[0], color=style.MUTED, ls=":", lw=1.2, label=level[1])
+    ticks = np.unique([x for points in lines.values() for x, _ in points])
+    if ticks[0] > 0 and ticks[-1] > _WIDE * ticks[0]:
+        axes.set_xscale("log")
+    _tick(axes, ticks)
+    finish(axes, across, up, count)
+
+
+def draw_limit(
+    axes: Axes,
+    points: Points,
+    across: str,
+    up: str,
+    limit: float | None = None,
+    allowed: Sequence[float] = (),
+) -> None:
+    """Draw μ or κ over a strategy's parameter with its limit, as the paper's figure does.
+
+    Args:
+        axes: where to draw.
+        points: the findings over the parameter; their intervals are drawn as a band.
+        across: label of the parameter with its unit.
+        up: ``μ`` or ``κ``.
+        limit: μ0 or κ0.
+        allowed: the values of the parameter that are allowed, shaded; neighbours share an area.
+    """
+    points = sorted(points, key=lambda point: point[0])
+    x, value, reach = _reach(points, 1.0)
+    low, high = value - reach[0], value + reach[1]
+    band = "bounds for all values together"
+    axes.fill_between(x, low, high, color=AV.colour, alpha=0.18, lw=0, label=band)
+    axes.plot(x, value, color=AV.colour, marker="o", ms=4.5, lw=1.7)
+    if limit is not None:
+        axes.axhline(limit, color=style.VERMILLION, ls="--", lw=1.3, label=f"{up}0 = {limit:g}")
+    narrow = 0.01 * float(np.ptp(x))
+    inside = np.flatnonzero(np.isin(x, np.asarray(allowed, dtype=float)))
+    areas = np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if len(inside) else []
+    for number, area in enumerate(areas):
+        ends = x[area[0]] - narrow, x[area[-1]] + narrow
+        axes.axvspan(*ends, fc=style.GREEN, alpha=0.14, lw=0, label=None if number else "allowed")
+        # The hatch is drawn separately: in SVG a pattern takes its background's opacity.
+        axes.axvspan(*ends, fc="none", ec=style.GREEN, hatch="//", lw=0)
+    _tick(axes, x)
+    finish(axes, across, up)
+
+
+def draw_cells(
+    axes: Axes,
+    names: Sequence[str],
+    arms: Mapping[Arm, Sequence[Finding]],
+    across: str,
+    scale: float = 1.0,
+) -> None:
+    """Draw each cell's number of one or both arms with its interval; undefined ones have no dot.
+
+    Args:
+        axes: where to draw.
+        names: the names of the cells, from top to bottom.
+        arms: the findings of each arm, one for each cell.
+        across: label of the number with its unit.
+        scale: 100 for shares that are drawn in per cent.
+    """
+    for index, (arm, findings) in enumerate(arms.items()):
+        look, away = ARM_LOOKS[arm], (index - (len(arms) - 1) / 2) * 2 * _APART
+        up, value, reach = _reach([(at + away, one) for at, one in enumerate(findings)], scale)
+        axes.errorbar(
+            value, up, xerr=reach, color=look.colour, ls="none", marker=look.marker, ms=5.5,
+            elinewidth=1.2, capsize=2.5, label="AV" if arm is Arm.AV else "reference",
+        )  # fmt: skip
+    axes.set_yticks(range(len(names)), [figure_text(name) for name in names])
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    finish(axes, across, "")
+
+
+def draw_speed_over_place(
+    axes: Axes, traces: Mapping[str, pd.DataFrame], crosswalk_width_m: float
+) -> None:
+    """Draw both arms' speed over the distance to the crosswalk.
+
+    Args:
+        axes: where to draw.
+        traces: by label, the rows of ``traces`` of both arms of a pair.
+        crosswalk_width_m: width of the shaded crosswalk.
+    """
+    half = crosswalk_width_m / 2
+    axes.axvspan(-half, half, color=style.GRID, lw=0, label="crosswalk", zorder=0)
+    axes.invert_xaxis()
+    _motion(axes, traces, lambda ego: (-ego["x_m"], ego["speed_mps"]))
+    axes.set(xlabel="R, front bumper to centre line (m)", ylabel="speed v (m/s)", ylim=(0, None))
+
+
+def draw_speed_over_time(
+    axes: Axes, traces: Mapping[str, pd.DataFrame], _crosswalk_width_m: float = 0.0
+) -> None:
+    """Draw both arms' speed over the time since the trigger; see ``draw_speed_over_place``."""
+    _motion(axes, traces, lambda ego: (ego["time_s"], ego["speed_mps"]))
+    axes.set(ylabel="speed v (m/s)", ylim=(0, None))
+
+
+def draw_place_over_time(
+    axes: Axes, traces: Mapping[str, pd.DataFrame], crosswalk_width_m: float
+) -> None:
+    """Draw both arms' place over the time since the trigger; see ``draw_speed_over_place``."""
+    half = crosswalk_width_m / 2
+    axes.axhspan(-half, half, color=style.GRID, lw=0, label="crosswalk", zorder=0)
+    _motion(axes, traces, lambda ego: (ego["time_s"], ego["x_m"]))
+    axes.set(ylabel="place x of the front (m)")
+
+
+def _motion(
+    axes: Axes,
+    traces: Mapping[str, pd.DataFrame],
+    of: Callable[[pd.DataFrame], tuple[pd.Series, pd.Series]],
+) -> None:
+    """Draw a line for every pair (colour) and arm (dash)."""
+    for (label, rows), series in zip(traces.items(), SERIES, strict=False):
+        ego = rows[rows["object"] == "ego"]
+        for arm, look in ARM_LOOKS.items():
+            own = ego[ego["arm"] == arm]
+            name = figure_text(f"{label}, {'AV' if arm is Arm.AV else 'reference'}")
+            axes.plot(*of(own), color=series.colour, ls=look.dash, lw=1.6, label=name)
+    axes.margins(x=0)
+    finish(axes, "time since the trigger (s)", "", f"n = {counted(len(traces), 'pair')}")
+
+
+def _defined(values: ArrayLike) -> FloatArray:
+    floats: FloatArray = np.asarray(values, dtype=float)
+    return floats[~np.isnan(floats)]
+
+
+def _reach(points: Points, scale: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Places, values, and how far intervals reach below and above; NaN where undefined."""
+    rows = [
+        (x, *(np.nan if end is None else scale * end for end in (one.value, one.low, one.high)))
+        for x, one in points
+    ]
+    x, value, low, high = np.asarray(rows, dtype=np.float64).reshape(-1, 4).T
+    reach: FloatArray = np.nan_to_num(np.vstack((value - low, high - value))).clip(min=0)
+    return x, value, reach
+
+
+def _tick(axes: Axes, values: FloatArray) -> None:
+    """Set a tick at each value if there are only a few that are far enough apart."""
+    places = axes.transData.transform([(value, 0.0) for value in values])[:, 0]
+    if len(values) <= 9 and (np.diff(places) > 0.07 * axes.bbox.width).all():
+        axes.set_xticks(values, [f"{value:g}".replace("-", "−") for value in values])
+        axes.set_xticks([], minor=True)
+
+
+def _edges(values: FloatArray) -> tuple[FloatArray, int]:
+    """The edges of the bars, and the number of larger values, which count in the last bar.
+
+    If the largest τ is far above the 99.5 % quantile, the axis ends at that quantile.  Otherwise a
+    few large τ would squeeze all others into one bar.
+    """
+    bins = min(max(math.ceil(math.sqrt(len(values))), 20), 40)
+    low, high = float(values.min()), float(np.quantile(values, 0.995))
+    if values.max() - low <= 1.5 * (high - low) or high == low:
+        high = float(values.max())
+    edges = np.histogram_bin_edges(values, bins, (low, high) if high > low else None)
+    return edges, int(np.count_nonzero(values > edges[-1]))
+
+
+def _cut_spike(axes: Axes, edges: FloatArray, counts: np.ndarray) -> None:
+    """Cut and label a bar that is many times the next one, such as τ = 1 if nobody was met."""
+    highest, second = np.sort(counts)[::-1][:2]
+    if second == 0 or highest <= 4 * second:
+        return
+    top, place = 1.6 * float(second), int(np.argmax(counts))
+    axes.set_ylim(0, top)
+    axes.annotate(
+        f"↑ {int(highest):,} pairs", (edges[place : place + 2].mean(), top), (6, -4),
+        textcoords="offset points", va="top", fontsize=9,
+    )  # fmt: skip

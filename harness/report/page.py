@@ -1,0 +1,196 @@
+"""The page of a run: one file that works from disk, with every text escaped."""
+
+import base64
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import jinja2
+
+from harness.core.files import write_file
+from harness.core.versions import versions_of_runs
+from harness.report.pictures import Scene, pictures_of
+from harness.report.player import player_of
+from harness.report.screen import below, confidence_of, filled
+from harness.report.style import save, styled
+from harness.report.svg import inline_svg
+from harness.report.words import numbers_of, parts_of, plain_text
+from harness.results.result import Entered, Result, Table
+from harness.results.run import Run
+from harness.scenario import flatten
+
+if TYPE_CHECKING:
+    from harness.studies.allowed import Allowed
+    from harness.studies.shown import ShownPair
+
+_TEMPLATES = Path(__file__).parent / "templates"
+_NO_BREAK = "\N{NO-BREAK SPACE}"
+_MOST_FAILURES = 20
+_MOST_VALUES = 12
+
+
+class Written(NamedTuple):
+    """The files of a page."""
+
+    page: Path
+    figures: tuple[Path, ...]
+
+
+class _Cell(NamedTuple):
+    """A cell of a table; ``sort`` is a number's sort key, empty if it is undefined."""
+
+    text: str
+    small: str = ""
+    sort: str | None = None
+
+
+class _Table(NamedTuple):
+    id: str
+    title: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[_Cell]]
+    lines: Sequence[str] = ()
+    sortable: bool = False
+
+
+def write_page(
+    run: Run,
+    result: Result,
+    out: Path | None = None,
+    figures: Path | None = None,
+    shown: "Sequence[ShownPair]" = (),
+    compared: Result | None = None,
+    allowed: "Sequence[Allowed]" = (),
+) -> Written:
+    """Write a run's page, and on request its figures as PNG and PDF.
+
+    Args:
+        run: a run with at least one pair.
+        result: its result.
+        out: the file; by default ``report.html`` in the run folder.
+        figures: a folder for the figures, made if it is missing.
+        shown: pairs with traces for the player and the figures of speeds.
+        compared: the comparison of its strategies, whose tables and notes the page then has.
+        allowed: the verdicts on swept parameters, for the paper's figure.
+
+    Raises:
+        HarnessError: a file cannot be written.
+    """
+    page = out or run.path / "report.html"
+    written: list[Path] = []
+    pictures = []
+    with styled():
+        for picture, caption, figure in pictures_of(Scene(run, shown, allowed)):
+            if figures is not None:
+                written += save(figure, caption, figures, picture.name)
+            svg = inline_svg(figure, f"f-{picture.name}", picture.title, caption)
+            pictures.append({**picture._asdict(), "caption": caption, "svg": svg})
+    results = [result, *([compared] if compared is not None else [])]
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES), autoescape=True,
+        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    text = environment.get_template("report.html").render(
+        result=result,
+        folder=str(run.path),
+        screen=_table(result.screen, "screen", confidence_of(result)),
+        notes=list(_notes(results)),
+        failures=list(_failures(run)),
+        pictures=pictures,
+        player=player_of(run, shown) if shown else None,
+        tables=list(_tables(results)),
+        remarks=[remark for of in results for remark in of.remarks],
+        facts=list(_facts(run, result)),
+        scenario=_scenario(run),
+        styles=(_TEMPLATES / "report.css").read_text(encoding="utf-8"),
+        scripts=[_script(name) for name in ("page.js", "player.js")],
+        version=versions_of_runs()["harness"],
+    )  # fmt: skip
+    # A file may contain bytes that are not text, but a page must be text.
+    write_file(page, text.encode("utf-8", errors="replace"))
+    return Written(page, tuple(written))
+
+
+def _notes(results: Iterable[Result]) -> Iterator[str]:
+    """Yield the notes of all results; a later result says again what an earlier one said."""
+    keys: set[str] = set()
+    for result in results:
+        yield from (note.text for note in result.notes if note.key not in keys)
+        keys |= {note.key for note in result.notes}
+
+
+def _tables(results: Iterable[Result]) -> Iterator[_Table]:
+    """Yield the tables of all numbers; that of a comparison's screen comes first."""
+    for number, result in enumerate(results):
+        screen = [] if number == 0 else [result.screen]
+        for place, table in enumerate([*screen, *result.full]):
+            yield _table(table, f"table-{number}-{place}", confidence_of(result), result.title)
+
+
+def _table(table: Table, name: str, confidence: float, title: str = "") -> _Table:
+    """A table with intervals below its numbers; it can be sorted if its rows are no measures."""
+    table = filled(table)
+    headings = [column.heading for column in table.columns]
+    rows = [[_cell(cell, confidence) for cell in row] for row in table.rows]
+    sortable = len(rows) > 1 and headings[0] != ""
+    lines = below(table, confidence)
+    return _Table(name, table.title or title, headings, rows, lines, sortable)
+
+
+def _cell(cell: Entered, confidence: float) -> _Cell:
+    if not (numbers := numbers_of(cell)):
+        number = isinstance(cell, int | float) and not isinstance(cell, bool)
+        return _Cell(plain_text(cell), "", repr(cell) if number else None)
+    text, small = parts_of(cell, confidence)
+    value = numbers[0].finding.value
+    return _Cell(_unbroken(text), _unbroken(small), "" if value is None else repr(value))
+
+
+def _unbroken(text: str) -> str:
+    """A text that is broken only between the numbers of both arms."""
+    return text.replace(" ", _NO_BREAK).replace(f"/{_NO_BREAK}", "/ ")
+
+
+def _failures(run: Run) -> Iterator[str]:
+    for cell, pair, arm, reason in run.failures[:_MOST_FAILURES]:
+        yield f"cell {cell}, pair {pair}, {arm}: {reason}"
+    if (more := len(run.failures) - _MOST_FAILURES) > 0:
+        yield f"… and {more:,} more, in the table episodes."
+
+
+def _facts(run: Run, result: Result) -> Iterator[tuple[str, str]]:
+    for name, value in result.facts.items():
+        yield name, plain_text(value)
+    for key in run.study.cells[0].varied:
+        yield f"varied: {key}", _listed(plain_text(cell.varied[key]) for cell in run.study.cells)
+    made: Mapping[str, Mapping[str, str]] = run.manifest["simulated_with"]
+    yield "simulated with", ", ".join(f"{name} {of}" for name, of in made["versions"].items())
+    for name, digest in made["strategies"].items():
+        yield f"strategy {name}", f"sha256 {digest[:16]}…"
+    for model in run.manifest["simulated_with"]["models"]:
+        yield "interaction model", f"{model['name']}, sha256 {model['sha256'][:16]}…"
+    yield "traces", "kept" if run.manifest["traces"] else "not kept"
+
+
+def _scenario(run: Run) -> _Table:
+    """Every key of the scenario with its values in all cells."""
+    values: dict[str, list[str]] = {}
+    for cell in run.study.cells:
+        for key, value in flatten(cell.scenario.model_dump()).items():
+            values.setdefault(key, []).append(plain_text(value))
+    rows = [[_Cell(key), _Cell(_listed(texts))] for key, texts in values.items()]
+    return _Table("scenario", "All keys of the scenario", ("key", "value"), rows)
+
+
+def _listed(texts: Iterable[str]) -> str:
+    """The distinct texts; of many, the first few."""
+    each = list(dict.fromkeys(texts))
+    return ", ".join(each[:_MOST_VALUES]) + (" …" if len(each) > _MOST_VALUES else "")
+
+
+def _script(name: str) -> dict[str, str]:
+    """A script with its hash; the page allows only scripts with such a hash."""
+    text = (_TEMPLATES / name).read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+    return {"text": text, "hash": f"'sha256-{digest}'"}

@@ -1,0 +1,256 @@
+"""The pictures of a page: which figure is drawn for which run, with its caption.
+
+To add a picture, add a function that draws into axes and returns a caption, and a line in
+``PICTURES``.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from harness.core.encounter import Arm
+from harness.report import figures as draw
+from harness.report.player import pair_name
+from harness.report.style import HEIGHT_INCH, MUTED, SERIES, new_figure
+from harness.report.words import counted, level_text, plain_text
+from harness.results.catalogue import ENTRY_OF
+from harness.results.finding import Finding, Form
+from harness.results.findings import CellFindings
+from harness.results.run import Run
+from harness.results.screens import is_the_papers
+from harness.scenario.units import unit_of
+from harness.strategies.registry import aggressiveness_of
+
+if TYPE_CHECKING:
+    from harness.studies.allowed import Allowed
+    from harness.studies.shown import ShownPair
+
+_FLOW = "pedestrians.flow_per_hour"
+_MOST_CELLS = 40
+_MOST = 3
+"""Most pairs of one figure, and most parameters."""
+
+_CELLS = ("time_ratio", "kappa", "conflict_pet")
+
+
+class Scene(NamedTuple):
+    """What pictures are drawn from: a run, the pairs with traces, and the paper's verdicts."""
+
+    run: Run
+    shown: "Sequence[ShownPair]" = ()
+    allowed: "Sequence[Allowed]" = ()
+
+
+class Picture(NamedTuple):
+    """A picture of ``PICTURES``.
+
+    Attributes:
+        name: its file's name.
+        title: its title on the page.
+        wanted: whether a run has it.
+        draw: draws it into its axes, from top to bottom, and returns its caption.
+        size: returns the number of its axes, and the height of each in inch.
+    """
+
+    name: str
+    title: str
+    wanted: Callable[[Scene], bool]
+    draw: Callable[[Sequence[Axes], Scene], str]
+    size: Callable[[Scene], tuple[int, float]] = lambda _scene: (1, HEIGHT_INCH)
+
+
+def pictures_of(scene: Scene) -> Iterator[tuple[Picture, str, Figure]]:
+    """Yield the pictures of a run with captions; call this inside ``style.styled``."""
+    for picture in PICTURES:
+        if picture.wanted(scene):
+            panels, height = picture.size(scene)
+            figure, axes = new_figure(panels, panels * height)
+            yield (picture, picture.draw(axes, scene), figure)
+
+
+def axis_label(key: str) -> str:
+    """A key of a scenario as the label of an axis, with its unit.
+
+    >>> axis_label("strategies.hard_yield.max_deceleration_mps2")
+    'hard_yield: max deceleration (m/s²)'
+    """
+    if key == _FLOW:
+        return "pedestrian flow λ (per hour)"
+    section, _, name = key.rpartition(".")
+    owner = section.removeprefix("strategies.") + ": " if section.startswith("strategies.") else ""
+    ending, unit = unit_of(name) or ("", "")
+    words = owner + name.removesuffix(ending).replace("_", " ")
+    return f"{words} ({unit})" if unit else words
+
+
+def _of_one_cell(scene: Scene) -> bool:
+    return len(scene.run.cells) == 1
+
+
+def _with_traces(scene: Scene) -> bool:
+    return bool(scene.shown)
+
+
+def _over_a_key(scene: Scene) -> bool:
+    return 0 < len(_lines(scene.run, "time_ratio")) <= len(SERIES)
+
+
+def _across(run: Run) -> str | None:
+    """The key of the x axis: the flow, or else the numeric key with the most values."""
+    values = {key: {cell.varied[key] for cell in run.cells} for key in run.cells[0].varied}
+    numeric = {
+        key: len(found)
+        for key, found in values.items()
+        if len(found) > 1 and all(type(value) in (int, float) for value in found)
+    }
+    if not numeric:
+        return None
+    return _FLOW if _FLOW in numeric else max(numeric, key=numeric.__getitem__)
+
+
+def _lines(run: Run, name: str) -> dict[str, list[tuple[float, Finding]]]:
+    """A finding over the x axis' key: a line for each combination of the other varied keys.
+
+    If the cells differ in nothing else but the AV, they share the reference's line.
+    """
+    lines: dict[str, list[tuple[float, Finding]]] = {}
+    if (key := _across(run)) is None:
+        return lines
+    others = [other for other in run.cells[0].varied if other != key]
+    reference: dict[float, Finding] = {}
+    for cell in run.cells:
+        value = float(cell.varied[key] or 0)
+        label = ", ".join(plain_text(cell.varied[other]) for other in others)
+        lines.setdefault(label or cell.scenario.arms.av, []).append((value, cell[name]))
+        if f"{name}_human" in cell.findings:
+            reference.setdefault(value, cell[f"{name}_human"])
+    if reference and others in ([], ["arms.av"]):
+        lines[f"{run.cells[0].scenario.arms.human} (reference)"] = [*reference.items()]
+    return {label: sorted(points, key=lambda point: point[0]) for label, points in lines.items()}
+
+
+def _pairs(cells: Sequence[CellFindings]) -> str:
+    counts = sorted({cell["pairs"].count for cell in cells})
+    low, high = counts[0], counts[-1]
+    return f"n = {counted(low, 'pair')}" if low == high else f"n = {low:,} to {high:,} pairs"
+
+
+def _title(name: str, run: Run) -> tuple[str, float]:
+    """The label of a finding with its unit, and the scale of its axis."""
+    entry = ENTRY_OF[name]
+    title = entry.title(run.cells[0].scenario.conflicts.model_dump())
+    share = entry.form in (Form.SHARE, Form.EVENTS)
+    return (f"{title}, %", 100.0) if share else (title, 1.0)
+
+
+def _tau_mean(axes: Sequence[Axes], scene: Scene) -> str:
+    run, scenario = scene.run, scene.run.cells[0].scenario
+    paper = float(ENTRY_OF["mu"].paper) if is_the_papers(scenario) else None
+    tau, driver = run.pairs["tau"], scenario.arms.human
+    draw.draw_running_mean(axes[0], tau, paper, driver)
+    return (
+        f"τ = AV time / {driver} time of each pair, and the mean of the first n with its 95 % band "
+        f"(Student's t); {tau.notna().sum():,} of {counted(len(tau), 'pair')} have a τ."
+    )
+
+
+def _tau(axes: Sequence[Axes], scene: Scene) -> str:
+    run, cell = scene.run, scene.run.cells[0]
+    episodes = run.episodes
+    fallback = episodes.loc[episodes["arm"] == Arm.AV, "fallback"]
+    draw.draw_tau(axes[0], run.pairs["tau"], cell["mu"], cell.scenario.arms.human, fallback)
+    return f"Histogram of τ with its mean μ and the {level_text(run.confidence)} interval of μ."
+
+
+def _limits(axes: Sequence[Axes], scene: Scene) -> str:
+    """Draw the paper's figure of the influence of aggressiveness."""
+    results = []
+    for place, swept in enumerate(scene.allowed[:_MOST]):
+        bolder = aggressiveness_of(swept.strategy).get(swept.key.rpartition(".")[2], 0.0)
+        across = f"{axis_label(swept.key)}{' → bolder' if bolder else ''}"
+        verdicts = zip(swept.values, swept.verdicts, strict=True)
+        allowed = [value for value, verdict in verdicts if verdict == "allowed"]
+        for panel, found, up, limit in (
+            (axes[2 * place], swept.mu, "μ", swept.mu0),
+            (axes[2 * place + 1], swept.kappa, "κ", swept.kappa0),
+        ):
+            points = list(zip(swept.values, found, strict=True))
+            draw.draw_limit(panel, points, across, up, limit, allowed)
+            if bolder < 0:
+                panel.invert_xaxis()
+        values = ", ".join(f"{value:g}" for value in allowed)
+        results.append(f"{swept.key}: {values or 'no value is shown'} to be allowed")
+    more = len(scene.allowed) - len(results)
+    return (
+        f"{'; '.join(results)}{f' ({more} more are not drawn)' if more else ''}. In μ a reference "
+        "who crashed counts as driving on; in κ time-outs and failures count as crashes; "
+        f"{_pairs(scene.run.cells)} per value."
+    )
+
+
+def _over(axes: Sequence[Axes], scene: Scene, name: str) -> str:
+    run, key = scene.run, _across(scene.run) or ""
+    up, scale = _title(name, run)
+    level = (1.0, "as fast as the reference") if name == "time_ratio" else None
+    count = f"{_pairs(run.cells)} per point"
+    draw.draw_over(axes[0], _lines(run, name), axis_label(key), up, count, level, scale)
+    return f"Over {key}, with {level_text(run.confidence)} intervals; points are a little apart."
+
+
+def _cells(axes: Sequence[Axes], scene: Scene) -> str:
+    cells = scene.run.cells[:_MOST_CELLS]
+    values = ([value for value in cell.varied.values() if value is not None] for cell in cells)
+    names = [", ".join(map(plain_text, each)) for each in values]
+    for panel, name in zip(axes, _CELLS, strict=True):
+        across, scale = _title(name, scene.run)
+        keys = zip(Arm, ENTRY_OF[name].keys, strict=False)
+        arms = {arm: [cell[key] for cell in cells] for arm, key in keys}
+        draw.draw_cells(panel, names, arms, across, scale)
+    axes[0].axvline(1.0, color=MUTED, ls=":", lw=1.2)
+    more = f"; the first {_MOST_CELLS} of {len(scene.run.cells):,}"
+    return (
+        f"Each cell with {level_text(scene.run.confidence)} intervals; {_pairs(cells)} per cell"
+        f"{more if len(cells) < len(scene.run.cells) else ''}."
+    )
+
+
+def _traces(scene: Scene) -> "Mapping[str, ShownPair]":
+    """A few shown pairs by name, those first that were chosen for their τ."""
+    several = len(scene.run.study.cells) > 1
+    named = {}
+    for pair in sorted(scene.shown, key=lambda pair: not any("τ" in why for why in pair.reasons)):
+        reason = next((why for why in pair.reasons if "τ" in why), pair.reasons[0])
+        named[f"{pair_name(pair, several)}, {reason}"] = pair
+    return dict([*named.items()][:_MOST])
+
+
+def _motion(axes: Sequence[Axes], scene: Scene, of: Callable[..., None], what: str) -> str:
+    width_m = scene.run.scenario_of(scene.shown[0].cell).crossing.width_m
+    of(axes[0], {name: pair.traces for name, pair in _traces(scene).items()}, width_m)
+    return f"The vehicle's {what}, in chosen pairs."
+
+
+PICTURES = (
+    Picture("tau-mean", "Running mean of τ", _of_one_cell, _tau_mean),
+    Picture("tau-distribution", "Distribution of τ", _of_one_cell, _tau),
+    Picture("aggressiveness", "μ and κ over a strategy's parameter",
+            lambda scene: len(scene.allowed) > 0, _limits,
+            lambda scene: (2 * len(scene.allowed[:_MOST]), 3.2)),
+    Picture("time-ratio", "Ratio of times", _over_a_key, partial(_over, name="time_ratio")),
+    Picture("kappa", "Crashes", _over_a_key, partial(_over, name="kappa")),
+    Picture("delay", "Delay", _over_a_key, partial(_over, name="delay_s")),
+    Picture("pet", "PET", _over_a_key, partial(_over, name="conflict_pet")),
+    Picture("cells", "Time, crashes and PET of each cell",
+            lambda scene: len(scene.run.cells) > 1 and not _over_a_key(scene), _cells,
+            lambda scene: (len(_CELLS), 1.4 + 0.26 * len(scene.run.cells[:_MOST_CELLS]))),
+    Picture("speed-place", "Speed over place", _with_traces,
+            partial(_motion, of=draw.draw_speed_over_place, what="speed over its distance")),
+    Picture("speed-time", "Speed over time", _with_traces,
+            partial(_motion, of=draw.draw_speed_over_time, what="speed over time")),
+    Picture("place-time", "Place over time", _with_traces,
+            partial(_motion, of=draw.draw_place_over_time, what="place on the road over time")),
+)  # fmt: skip
+"""Every picture of a page, in its order."""

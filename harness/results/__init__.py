@@ -1,0 +1,1 @@
+"""From rows to findings: tables and parts, estimators, the catalogue, notes, comparisons."""

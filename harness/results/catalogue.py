@@ -1,0 +1,296 @@
+"""Every number that a run of encounters reports, each defined once.
+
+To report another number, add an entry: it names a column and an estimator.  Screens, page, JSON,
+CSV and the reference in the documentation follow.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from harness.results import estimators
+from harness.results.columns import AV, REFERENCE, Sample
+from harness.results.finding import Finding, Form
+
+Estimate = Callable[["Entry", Sample, int | None], Finding]
+"""Computes an entry of a cell: of an arm (0 is the AV's, 1 the reference's), or of its pairs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A reported number of a cell: one of each arm, one of the AV's arm, or one of its pairs.
+
+    Attributes:
+        key: its name in JSON and CSV, with its unit; the reference's number is ``key_human``.
+        heading: its name on screens, without its unit.  It may hold a threshold of ``[conflicts]``
+            in braces, see ``title``.
+        meaning: for the reference in the documentation.
+        column: the column of ``episodes``, of ``ARM_COLUMNS`` or, if ``of`` is "pair", of
+            ``PAIR_COLUMNS`` (``results.columns``).
+        estimate: how the column becomes a number.
+        of: "arms", "av", or "pair".
+        weight: a second column: denominators of a ratio, trials of a share, steps.
+        met: whether only pairs count in which someone stepped off, in either arm.
+        form, unit, digits: how it is written; a share's unit is per cent.
+        reliable_from: the least number of informative pairs for a reliable bootstrap interval.
+        undefined: the reason if the number is undefined.
+        screen: whether the first screen has it; ``--full`` has every entry.
+        beside: the entry of both arms in whose row a number of pairs stands.
+        worst_case: whether the first screen has it as soon as a pair was left out.
+        paper: the value in Chen, Zhao, Peng (2017), section III-E, as it is printed there.
+    """
+
+    key: str
+    heading: str
+    meaning: str
+    column: str
+    estimate: Estimate
+    of: Literal["arms", "av", "pair"] = "arms"
+    weight: str = ""
+    met: bool = False
+    form: Form = Form.NUMBER
+    unit: str = ""
+    digits: int = 2
+    reliable_from: int = 0
+    undefined: str = ""
+    screen: bool = False
+    beside: str = ""
+    worst_case: bool = False
+    paper: str = ""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The names of its numbers: the AV's, and the reference's if it has one."""
+        return (self.key, f"{self.key}_human") if self.of == "arms" else (self.key,)
+
+    def title(self, thresholds: Mapping[str, float]) -> str:
+        """The heading with the thresholds of conflicts, and its unit.
+
+        >>> PET.title({"pet_s": 1.5})
+        'PET below 1.5 s'
+        """
+        return self.heading.format(**thresholds) + (self.unit and f", {self.unit}")
+
+    def findings(self, sample: Sample) -> dict[str, Finding]:
+        """The entry's findings of a cell by key."""
+        arms = {"arms": (AV, REFERENCE), "av": (AV,), "pair": (None,)}[self.of]
+        found = (self.estimate(self, sample, arm) for arm in arms)
+        return dict(zip(self.keys, map(self._judged, found), strict=True))
+
+    def values(self, sample: Sample, arm: int | None, name: str = "") -> np.ndarray:
+        """The entry's column, or another one, of an arm or of the pairs that count."""
+        name = name or self.column
+        values = sample.pairs(name) if arm is None else sample.arms(name)[arm]
+        return values[sample.pairs("met_someone")] if self.met else values
+
+    def _judged(self, finding: Finding) -> Finding:
+        """The finding with the reason why it is undefined, or its interval unreliable."""
+        if finding.value is None:
+            return Finding(None, n=finding.n, events=finding.events, reason=self.undefined or None)
+        if (
+            finding.low is None
+            or finding.events is not None
+            or (finding.n or 0) >= self.reliable_from
+        ):
+            return finding
+        few = f"unreliable below {self.reliable_from:,} informative pairs (has {finding.n:,})"
+        return Finding(
+            finding.value, finding.low, finding.high, finding.n, reliable=False, reason=few
+        )
+
+
+def _mean(entry: Entry, sample: Sample, arm: int | None) -> Finding:
+    return estimators.mean(entry.values(sample, arm), sample.sampling)
+
+
+def _average(entry: Entry, sample: Sample, arm: int | None) -> Finding:
+    """A mean without an interval, over the episodes of the weight's mask."""
+    values = entry.values(sample, arm)[entry.values(sample, arm, entry.weight)]
+    return Finding(float(np.mean(values)) if len(values) else None)
+
+
+def _cv(entry: Entry, sample: Sample, arm: int | None) -> Finding:
+    return estimators.coefficient_of_variation(entry.values(sample, arm), sample.sampling)
+
+
+def _ratio(entry: Entry, sample: Sample, arm: int | None) -> Finding:
+    above, below = (entry.values(sample, arm, name) for name in (entry.column, entry.weight))
+    return estimators.ratio(above, below, sample.sampling)
+
+
+def _arms_ratio(entry: Entry, sample: Sample, _arm: int | None) -> Finding:
+    return estimators.ratio(*sample.arms(entry.column), sample.sampling)
+
+
+def _share(entry: Entry, sample: Sample, arm: int | None) -> Finding:
+    marked, trials = (entry.values(sample, arm, name) for name in (entry.column, entry.weight))
+    again, confidence = sample.repeated[arm or 0], sample.sampling.confidence
+    return estimators.share(marked, trials, confidence, repeated=again)
+
+
+def _rms(entry: Entry, sample: Sample, arm: int | None) -> Finding:
+    values, steps = (entry.values(sample, arm, name) for name in (entry.column, "steps"))
+    return estimators.root_mean_square(values, steps, sample.sampling)
+
+
+def _p95(entry: Entry, sample: Sample, arm: int | None) -> Finding:
+    ran = entry.values(sample, arm, "ran")
+    return estimators.quantile(entry.values(sample, arm)[ran], 0.95, sample.sampling.confidence)
+
+
+def _largest(entry: Entry, sample: Sample, arm: int | None) -> Finding:
+    return estimators.largest(entry.values(sample, arm))
+
+
+def _count(entry: Entry, sample: Sample, arm: int | None) -> Finding:
+    return estimators.count(entry.values(sample, arm))
+
+
+_SHARE = partial(Entry, estimate=_share, weight="ran", form=Form.SHARE,
+                 undefined="every episode failed")  # fmt: skip
+_COUNT = partial(Entry, estimate=_count, form=Form.COUNT, digits=0)
+_MET = "Only pairs in which someone stepped off count."
+_HUMAN_CRASHED = "A reference driver who crashed counts as driving on."
+_AV_MISSING = "An AV that crashed, failed or timed out counts with `timeout_s`."
+_NO_TAU = "there is no pair in which both vehicles crossed"
+_NOT_CROSSED, _NOBODY = "no episode crossed", "nobody was met"
+
+# fmt: off
+PET = _SHARE(
+    "conflict_pet", "PET below {pet_s:g} s", "Share of episodes with a post-encroachment time "
+    "below `conflicts.pet_s`. A crash is a conflict of every kind.", "conflict_pet", digits=0,
+    screen=True)
+
+ENTRIES: tuple[Entry, ...] = (
+    Entry("time_s", "time to cross", f"Mean time to cross, over the pairs in which neither "
+          f"episode failed and the AV did not crash. A time-out counts as `timeout_s`. "
+          f"{_HUMAN_CRASHED}", "counted_time_s", _mean, unit="s", digits=1, reliable_from=1000,
+          screen=True, undefined="in every pair an episode failed or the AV crashed"),
+    Entry("time_ratio", "ratio of times", "Sum of the AV's times over the sum of the reference's, "
+          "over the pairs of `time_s`.", "counted_time_s", _arms_ratio, of="pair", beside="time_s",
+          reliable_from=1000, undefined="in every pair an episode failed or the AV crashed",
+          screen=True),
+    Entry("time_ratio_worst", "ratio of times, worst case", f"Ratio of times over all pairs. "
+          f"{_AV_MISSING} A reference that did not pass counts with an undisturbed passage.",
+          "worst_time_s", _arms_ratio, of="pair", reliable_from=1000, worst_case=True),
+    Entry("mu", "μ, mean ratio of times", "μ, the mean of τ over the pairs in which both vehicles "
+          "crossed; τ is the AV's time over the reference's.", "tau", _mean, of="pair", digits=3,
+          reliable_from=1000, undefined=_NO_TAU, screen=True, paper="0.7044"),
+    Entry("cv", "c_v, spread of that ratio", "c_v, the coefficient of variation of τ: its "
+          "population standard deviation over μ.", "tau", _cv, of="pair", form=Form.SHARE,
+          digits=0, reliable_from=4000,
+          undefined="fewer than two pairs in which both vehicles crossed", screen=True,
+          paper="4.54 %"),
+    _SHARE("kappa", "crashes", "κ, the share of the episodes that did not fail in which the "
+           "vehicle crashed.", "crashed", form=Form.EVENTS, digits=1, screen=True, paper="0"),
+    Entry("kappa_worst", "crashes, worst case", "Share of all pairs in which the AV crashed, "
+          "failed or timed out.", "missing", _share, of="av", weight="every", form=Form.EVENTS,
+          digits=1, worst_case=True),
+    Entry("delay_s", "delay", "Mean delay of the episodes that crossed.", "delay_s", _mean,
+          unit="s", digits=1, reliable_from=200, undefined=_NOT_CROSSED, screen=True),
+    Entry("delay_difference_s", "difference of delays", f"Mean of the AV's delay minus the "
+          f"reference's, over the pairs in which the AV crossed. {_HUMAN_CRASHED}",
+          "delay_difference_s", _mean, of="pair", unit="s", digits=1, beside="delay_s",
+          reliable_from=1000,
+          undefined="there is no pair in which the AV crossed and the reference passed",
+          screen=True),
+    Entry("pedestrian_wait_s", "people's wait", "Mean wait at the kerb: the sum of all waits over "
+          "the number of people who arrived, up to the record's end.", "waited_s", _ratio,
+          unit="s", weight="arrivals", digits=1, reliable_from=200, undefined="nobody arrived",
+          screen=True),
+    PET,
+    _SHARE("conflict_ttc", "TTC below {ttc_s:g} s", "The same, of the least time to collision.",
+           "conflict_ttc", digits=0),
+    _SHARE("conflict_time_advantage", "time advantage below {time_advantage_s:g} s",
+           "The same, of the least time advantage.", "conflict_time_advantage", digits=0),
+    _SHARE("conflict_drac", "DRAC above {drac_mps2:g} m/s²", "The same, of the deceleration rate "
+           "to avoid a crash.", "conflict_drac", digits=0),
+    Entry("mu_all", "μ, all pairs in which the AV crossed", f"μ over these pairs. "
+          f"{_HUMAN_CRASHED}", "tau_all", _mean, of="pair", digits=3, reliable_from=1000,
+          undefined="there is no pair in which the AV crossed and the reference passed"),
+    Entry("mu_worst", "μ, worst case", f"μ over all pairs. {_AV_MISSING} A reference that did not "
+          f"pass counts with an undisturbed passage.", "tau_worst", _mean, of="pair", digits=3,
+          reliable_from=1000),
+    Entry("mu_met_someone", "μ, pairs that met someone", f"μ. {_MET}", "tau", _mean, of="pair",
+          met=True, digits=3, reliable_from=1000, undefined=_NO_TAU),
+    _SHARE("kappa_met_someone", "crashes, pairs that met someone", f"κ. {_MET}", "crashed",
+           met=True, undefined=_NOBODY),
+    _SHARE("kappa_all", "crashes, time-outs, failures", "κ if time-outs and failures of the AV's "
+           "strategy count as crashes. Failures of the engine are left out.", "missed", of="av",
+           weight="tried"),
+    _SHARE("kappa_front", "crashes with the vehicle's front", "Share of the episodes that did not "
+           "fail in which the front hit someone.", "front"),
+    _SHARE("kappa_avoidable", "crashes avoidable by full braking", "Share of the episodes that "
+           "did not fail with a crash that full braking would have prevented.", "crash_avoidable"),
+    _SHARE("kappa_avoidable_attentive", "crashes avoidable by an attentive driver",
+           "The same, by an attentive human driver (UN Regulation 157).",
+           "crash_avoidable_attentive"),
+    Entry("delay_met_someone_s", "delay, pairs that met someone", f"Mean delay of the episodes "
+          f"that crossed. {_MET}", "delay_s", _mean, met=True, unit="s", digits=1,
+          reliable_from=200, undefined=_NOT_CROSSED),
+    Entry("delay_worst_s", "delay, worst case", f"Mean delay over all pairs. {_AV_MISSING} A "
+          f"reference that did not pass counts without delay.", "worst_delay_s", _mean, unit="s",
+          digits=1, reliable_from=1000),
+    Entry("stops", "stops per episode", "Stops per episode that did not fail.", "stops", _average,
+          weight="ran", undefined="every episode failed"),
+    Entry("stopped_s", "time stopped per episode", "Time stopped per episode that did not fail.",
+          "stopped_s", _average, weight="ran", unit="s", undefined="every episode failed"),
+    Entry("max_speed_mps", "largest speed", "Largest speed of the vehicle in any episode.",
+          "max_speed_mps", _largest, unit="m/s", undefined="every episode failed"),
+    Entry("acceleration_rms_mps2", "acceleration, root mean square, pairs that met someone",
+          f"Over all steps of the episodes that did not fail. {_MET}", "rms_acceleration_mps2",
+          _rms, met=True, unit="m/s²", reliable_from=200, undefined=_NOBODY),
+    Entry("max_deceleration_p95_mps2", "hardest braking, 95 % quantile, pairs that met someone",
+          f"The value that 95 % of the episodes that did not fail do not exceed, each with its "
+          f"largest. {_MET}", "max_deceleration_mps2", _p95, met=True, unit="m/s²",
+          undefined=_NOBODY),
+    Entry("jerk_rms_mps3", "jerk, root mean square, pairs that met someone",
+          "As the acceleration's.", "rms_jerk_mps3", _rms, met=True, unit="m/s³",
+          reliable_from=200, undefined=_NOBODY),
+    Entry("max_jerk_p95_mps3", "largest jerk, 95 % quantile, pairs that met someone",
+          "As that of the hardest braking.", "max_jerk_mps3", _p95, met=True, unit="m/s³",
+          undefined=_NOBODY),
+    _COUNT("pairs", "pairs", "Number of pairs.", "every", of="pair"),
+    _COUNT("met_someone", "pairs that met someone", "Pairs in which someone stepped off, in "
+           "either episode.", "met_someone", of="pair"),
+    _COUNT("met_nobody", "pairs that met nobody", "Pairs in which nobody stepped off and neither "
+           "episode failed.", "met_nobody", of="pair"),
+    _COUNT("time_ratio_pairs", "pairs in the ratio of times", "Pairs that the ratio of times "
+           "counts.", "in_time_ratio", of="pair"),
+    _COUNT("mu_pairs", "pairs in μ", "Pairs that have a τ: both vehicles crossed.", "in_mu",
+           of="pair"),
+    _COUNT("timed_out", "time-outs", "Episodes that timed out.", "timed_out"),
+    _COUNT("failed", "failures", "Episodes that failed.", "failed"),
+    _COUNT("failed_strategy", "failures of the strategy", "Episodes in which the strategy failed; "
+           "the other failures are the engine's.", "failed_strategy"),
+    _COUNT("fallbacks", "episodes with a fallback", "Episodes in which the AV's strategy fell "
+           "back on another one.", "fell_back", of="av"),
+    Entry("fallback_share", "fallbacks among episodes that met someone", "Their share among the "
+          "AV's episodes that met someone.", "fell_back", _average, of="av", weight="met",
+          form=Form.SHARE, undefined=_NOBODY),
+    Entry("clamped_share", "uses of the model outside its data", "How often the interaction model "
+          "was used for a vehicle that was faster or farther away than its data, as a share of "
+          "its uses.", "clamped", lambda entry, sample, arm: _total_share(entry, sample, arm),
+          form=Form.SHARE, weight="conditionings", undefined="the model was not used"),
+    Entry("clamped_speed_excess_mps", "largest speed beyond the model's data", "By how much the "
+          "vehicle was faster.", "clamped_speed_excess_mps", _largest, unit="m/s",
+          undefined="no vehicle was faster than the model's data"),
+    Entry("clamped_range_excess_m", "largest distance beyond the model's data", "By how much it "
+          "was farther away.", "clamped_range_excess_m", _largest, unit="m",
+          undefined="no vehicle was farther away than the model's data"),
+)
+"""The catalogue of encounters, in the order in which it is shown."""
+# fmt: on
+
+
+def _total_share(entry: Entry, sample: Sample, arm: int | None) -> Finding:
+    """Σ column / Σ weight, without an interval."""
+    part, whole = (np.nansum(entry.values(sample, arm, n)) for n in (entry.column, entry.weight))
+    return Finding(float(part / whole) if whole else None)
+
+
+ENTRY_OF: Mapping[str, Entry] = {key: entry for entry in ENTRIES for key in entry.keys}
+"""The entries by the keys of their numbers."""

@@ -1,0 +1,346 @@
+"""Estimators: arrays of one value a pair in, a finding with its interval out.
+
+Intervals are two-sided.  Means, ratios and spreads have the BCa bootstrap's (Efron 1987) over
+pairs, shares the exact one (Clopper and Pearson 1934), quantiles that between two order statistics.
+"""
+
+import copy
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy import special
+
+from harness.core.encounter import FloatArray
+from harness.results.finding import UNDEFINED, Finding
+
+CONFIDENCE = 0.95
+
+RESAMPLES, FEWEST_RESAMPLES = 4_999, 1_999
+"""Bootstrap resamples: the first number up to 4,000 values, the second from 10,000 values on."""
+
+_DRAWS_IN_MEMORY = 2_000_000
+_RESAMPLES_BEYOND = 20
+"""At least this many resamples lie beyond each limit of an interval."""
+
+_DIGITS = 9
+"""Values that agree to this many decimals are equal, because sums have rounding errors."""
+
+_ROUNDING = 1e-9
+_FLIPPED = 16
+"""The largest differences whose signs a sign-flip test enumerates."""
+
+EQUAL = "the same in every pair, so it has no interval"
+FEW = "too few informative pairs for an interval"
+FEW_BEYOND = "too few values lie beyond it for an interval"
+REPEATED = "all episodes are the same one, so the share has no interval"
+
+
+class Sampling(NamedTuple):
+    """How intervals are made: the generator of resamples (None: no intervals), the confidence."""
+
+    rng: np.random.Generator | None
+    confidence: float = CONFIDENCE
+
+
+def mean(values: FloatArray, sampling: Sampling) -> Finding:
+    """The mean of the defined values.
+
+    Args:
+        values: shape (n,), NaN where undefined.
+        sampling: see ``Sampling``.
+
+    Returns:
+        Undefined without a value.  There is no interval if all values are equal.
+    """
+    values = values[~np.isnan(values)]
+    n = len(values)
+    if n == 0:
+        return Finding(None, n=0)
+    value = float(np.mean(values))
+    left_out = value - (values - value) / (n - 1) if n > 1 else values
+    return _resampled(value, values, sampling, lambda drawn: values.take(drawn).mean(-1), left_out)
+
+
+def coefficient_of_variation(values: FloatArray, sampling: Sampling) -> Finding:
+    """Population standard deviation over the mean of the defined values; see ``mean``.
+
+    Undefined for fewer than two values.
+    """
+    values = values[~np.isnan(values)]
+    n = len(values)
+    if n < 2:
+        return Finding(None, n=0)
+    value = float(np.std(values) / np.mean(values))
+
+    def of(drawn: np.ndarray) -> FloatArray:
+        sample = values.take(drawn)
+        found: FloatArray = np.std(sample, axis=-1) / np.mean(sample, axis=-1)
+        return found
+
+    deviation = values - np.mean(values)
+    # The variance without value i, from Σd² of all values: it needs no n × n table.
+    variance = (np.sum(deviation**2) - deviation**2) / (n - 1) - (deviation / (n - 1)) ** 2
+    left_out = np.sqrt(np.maximum(variance, 0.0)) / (np.mean(values) - deviation / (n - 1))
+    return _resampled(value, values, sampling, of, left_out)
+
+
+def ratio(numerators: FloatArray, denominators: FloatArray, sampling: Sampling) -> Finding:
+    """Σ numerators / Σ denominators over the pairs in which both are defined.
+
+    Args:
+        numerators: shape (n,), NaN where undefined.
+        denominators: the same shape, ≥ 0.
+        sampling: see ``Sampling``.
+
+    Returns:
+        Undefined if the denominators sum to 0.  There is no interval if they do so in a resample or
+        without one pair, because too few pairs count then.
+    """
+    known = ~(np.isnan(numerators) | np.isnan(denominators))
+    above, below = numerators[known], denominators[known]
+    total = float(np.sum(below))
+    if total == 0:
+        return Finding(None, n=0)
+    value, rest = float(np.sum(above)) / total, total - below
+    if (counting := np.count_nonzero(below)) < 2:  # its residuals are 0, as if all were equal
+        return Finding(value, n=int(counting), reason=FEW if sampling.rng else None)
+
+    def of(drawn: np.ndarray) -> FloatArray:
+        found: FloatArray = above.take(drawn).sum(-1) / below.take(drawn).sum(-1)
+        return found
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left_out = (np.sum(above) - above) / rest
+    return _resampled(value, above - value * below, sampling, of, left_out)
+
+
+def root_mean_square(values: FloatArray, steps: FloatArray, sampling: Sampling) -> Finding:
+    """√(Σ steps · values² / Σ steps): the root mean square over all steps of some episodes."""
+    square = ratio(steps * values**2, steps, sampling)
+    ends = (
+        None if end is None else math.sqrt(end) for end in (square.value, square.low, square.high)
+    )
+    value, low, high = ends
+    return Finding(value, low, high, square.n, reliable=square.reliable, reason=square.reason)
+
+
+def share(
+    marked: np.ndarray, trials: np.ndarray, confidence: float, *, repeated: bool = False
+) -> Finding:
+    """The share of marked trials with its exact interval.
+
+    Args:
+        marked: shape (n,), bool.
+        trials: which entries are trials, the same shape.
+        confidence: two-sided confidence of the interval.
+        repeated: whether all trials repeat the same one; they are no sample then.
+
+    Returns:
+        Undefined without a trial.
+    """
+    n, events = int(np.count_nonzero(trials)), int(np.count_nonzero(marked & trials))
+    if n == 0:
+        return Finding(None, n=0, events=0)
+    if repeated or not confidence:
+        return Finding(events / n, None, None, n, events, reason=REPEATED if repeated else None)
+    return Finding(events / n, *clopper_pearson(events, n, confidence), n, events, reliable=True)
+
+
+def quantile(values: FloatArray, level: float, confidence: float) -> Finding:
+    """The smallest value that at least a share ``level`` of the defined values do not exceed.
+
+    The interval is that between order statistics at the binomial's quantiles, which holds for every
+    distribution (Hahn and Meeker 1991, section 5.2).  There is none if too few values lie beyond.
+    """
+    ordered = np.sort(values[~np.isnan(values)])
+    n = len(ordered)
+    if n == 0:
+        return UNDEFINED
+    value = float(ordered[max(0, math.ceil(level * n - 1e-9) - 1)])
+    # P(B ≤ k) for k = 0 … n − 1, with B the number of values below the population's quantile.
+    at_most, tail = special.bdtr(np.arange(n), n, level), (1 - confidence) / 2
+    above, below = np.flatnonzero(at_most >= 1 - tail), np.flatnonzero(at_most <= tail)
+    if not confidence or not len(above) or not len(below):
+        return Finding(value, reason=FEW_BEYOND if confidence else None)
+    return Finding(value, float(ordered[below[-1]]), float(ordered[above[0]]), reliable=True)
+
+
+def largest(values: FloatArray) -> Finding:
+    """The largest defined value, without an interval."""
+    known = values[~np.isnan(values)]
+    return Finding(float(known.max())) if len(known) else UNDEFINED
+
+
+def count(marked: np.ndarray) -> Finding:
+    """The number of marked entries."""
+    return Finding(int(np.count_nonzero(marked)))
+
+
+def clopper_pearson(events: float, trials: float, confidence: float) -> tuple[float, float]:
+    """The exact two-sided interval of a share (Clopper and Pearson 1934), by beta quantiles."""
+    tail, rest = (1 - confidence) / 2, trials - events
+    low = special.betaincinv(events, rest + 1, tail) if events else 0.0
+    high = special.betaincinv(events + 1, rest, 1 - tail) if rest else 1.0
+    return float(low), float(high)
+
+
+def zero_bound(high: float, confidence: float = CONFIDENCE) -> float:
+    """The one-sided 95 % bound of a share at 0 events, from the two-sided upper limit ``high``.
+
+    >>> round(zero_bound(clopper_pearson(0, 50, 0.95)[1]), 4)  # 1 − 0.05^(1/50)
+    0.0582
+    """
+    return float(1 - (1 - high) ** (np.log(1 - CONFIDENCE) / np.log((1 - confidence) / 2)))
+
+
+def mean_difference(a: FloatArray, b: FloatArray, sampling: Sampling) -> Finding:
+    """The mean of a − b over the pairs in which both are defined, with the sign-flip test's p.
+
+    The interval is extended to 0 if the test does not reject at 1 − confidence: a bootstrap's
+    interval excludes 0 whenever few pairs differ and all of them in one direction.
+    """
+    differences = _without_rounding(a - b)
+    return _tested(mean(differences, sampling), differences, sampling.confidence)
+
+
+def ratio_difference(
+    a: FloatArray, b: FloatArray, reference: FloatArray, sampling: Sampling
+) -> Finding:
+    """Σ(a − b) / Σ reference over the pairs in which all are defined; see ``mean_difference``."""
+    differences = _without_rounding(a - b)
+    differences = np.where(np.isnan(reference), np.nan, differences)
+    return _tested(ratio(differences, reference, sampling), differences, sampling.confidence)
+
+
+def share_difference(a: np.ndarray, b: np.ndarray, ran_a: np.ndarray, ran_b: np.ndarray) -> Finding:
+    """The difference of two shares of marked pairs, with McNemar's exact p (1947).
+
+    Given b + c discordant pairs, b is binomial with share ½.  ``n`` is the number of trials that
+    ran in both; undefined without one.
+    """
+    ran = ran_a & ran_b
+    only_a, only_b = (int(np.count_nonzero(ran & x & ~y)) for x, y in ((a, b), (b, a)))
+    n, discordant = int(np.count_nonzero(ran)), only_a + only_b
+    p = min(1.0, 2 * float(special.bdtr(min(only_a, only_b), discordant, 0.5)))
+    return Finding((only_a - only_b) / n if n else None, n=n, events=discordant, p=p)
+
+
+def sign_flip_p(differences: FloatArray) -> float:
+    """Two-sided p of the sum of paired differences under random signs (Fisher 1935).
+
+    The signs of the 16 largest differences are enumerated; the sum of the others is taken as normal
+    with their sum of squares as its variance.  With at most 16 differences the test is exact: k
+    differences of one sign have p = 2^(1 − k).
+
+    Args:
+        differences: shape (n,), finite.
+    """
+    sizes = np.sort(np.abs(differences[differences != 0]))[::-1]
+    sums = np.zeros(1)
+    for size in sizes[:_FLIPPED]:
+        sums = np.concatenate([sums - size, sums + size])
+    total = abs(float(np.sum(differences)))
+    if len(sizes) <= _FLIPPED:
+        beyond = np.mean(sums >= total * (1 - _ROUNDING))
+    else:
+        # The continuity correction is half the step between two sums if all sizes are equal.
+        gap = (sums + sizes[-1] - total) / np.sqrt(np.sum(sizes[_FLIPPED:] ** 2))
+        beyond = np.mean(special.ndtr(gap))
+    return min(1.0, 2 * float(beyond))
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Adjusted p of each test of a family (Holm 1979), in the given order.
+
+    The j-th smallest of m values is multiplied by m − j + 1; the results are monotone, at most 1.
+    """
+    p = np.asarray(p_values, dtype=float)
+    order = np.argsort(p, kind="stable")
+    adjusted = np.empty(len(p))
+    steps = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    adjusted[order] = np.minimum(steps, 1.0)
+    return [float(value) for value in adjusted]
+
+
+def informative(values: FloatArray) -> int:
+    """The number of values other than the most common one (up to rounding); n if all differ.
+
+    With a flow of people the most common value is usually that of pairs that met nobody.
+    """
+    _, counts = np.unique(np.round(values, _DIGITS), return_counts=True)
+    most = int(counts.max(initial=0))
+    return len(values) - (most if most > 1 else 0)
+
+
+def _without_rounding(difference: FloatArray) -> FloatArray:
+    return np.where(np.abs(difference) < _ROUNDING, 0.0, difference)
+
+
+def _tested(estimate: Finding, differences: FloatArray, confidence: float) -> Finding:
+    known = differences[~np.isnan(differences)]
+    p, low, high = sign_flip_p(known), estimate.low, estimate.high
+    if low is not None and high is not None and p >= 1 - confidence:
+        low, high = min(low, 0.0), max(high, 0.0)
+    differing = int(np.count_nonzero(known))
+    reliable, reason = estimate.reliable, estimate.reason
+    return Finding(estimate.value, low, high, differing, reliable=reliable, reason=reason, p=p)
+
+
+def _resampled(
+    value: float,
+    values: FloatArray,
+    sampling: Sampling,
+    of: Callable[[np.ndarray], FloatArray],
+    left_out: FloatArray,
+) -> Finding:
+    """An estimate with its BCa interval (Efron 1987).
+
+    Args:
+        value: the estimate.
+        values: the n values, or residuals, by which pairs inform it.
+        sampling: see ``Sampling``.
+        of: the estimate of each resample, from indices of shape (some, n).
+        left_out: the estimate without each pair, shape (n,).
+    """
+    n, informing = len(values), informative(values)
+    if n > 1 and informing == 0:
+        return Finding(value, n=0, reason=EQUAL)
+    without = Finding(value, n=informing, reason=FEW)
+    if sampling.rng is None:
+        return Finding(value, n=informing)
+    if n < 2 or not np.isfinite(left_out).all():
+        return without
+    with np.errstate(divide="ignore", invalid="ignore"):
+        resampled = np.concatenate([of(drawn) for drawn in _draws(n, sampling)])
+    if not np.isfinite(resampled).all():
+        return without
+    # Sums of the same values in another order differ only in their last bits.
+    same = _ROUNDING * np.ptp(resampled)
+    below = (np.mean(resampled < value - same) + np.mean(resampled <= value + same)) / 2
+    bias = special.ndtri(below)
+    influence = np.mean(left_out) - left_out
+    scale = np.sum(influence**2) ** 1.5
+    acceleration = np.sum(influence**3) / (6 * scale) if scale > 0 else 0.0
+    tail = (1 - sampling.confidence) / 2
+    z = bias + special.ndtri(np.array([tail, 1 - tail]))
+    levels = special.ndtr(bias + z / (1 - acceleration * z))
+    if not np.isfinite(levels).all():
+        return without
+    low, high = np.quantile(resampled, levels)
+    return Finding(value, float(low), float(high), informing, reliable=True)
+
+
+def _draws(n: int, sampling: Sampling) -> Iterator[np.ndarray]:
+    """Indices of the pairs in each resample, in batches of shape (some, n).
+
+    The generator is copied and keeps its state, so the same values always have the same interval.
+    """
+    rng = copy.deepcopy(sampling.rng)
+    assert rng is not None
+    beyond = round(_RESAMPLES_BEYOND / ((1 - sampling.confidence) / 2))
+    total = max(FEWEST_RESAMPLES, min(RESAMPLES, 20_000_000 // n), beyond)
+    batch = max(1, _DRAWS_IN_MEMORY // n)
+    for begin in range(0, total, batch):
+        yield rng.integers(0, n, size=(min(batch, total - begin), n))

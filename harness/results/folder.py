@@ -1,0 +1,271 @@
+"""The folder of a run of encounters: its manifest, its lock, its log, and its findings.
+
+``findings.json`` is written last: a run is finished if it exists.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+import filelock
+
+from harness.core.documents import JsonObject, parse_json
+from harness.core.errors import InputError, resume_command
+from harness.core.files import cannot_write, read_file, write_csv, write_file
+from harness.core.versions import versions_of_runs
+from harness.model.interaction import InteractionModel
+from harness.results.estimators import CONFIDENCE
+from harness.results.finding import finding_from_dict, finding_to_dict
+from harness.results.findings import CellFindings
+from harness.results.result import flat
+from harness.scenario import Cell, EngineName, Study
+from harness.strategies.parameters import knows_the_model
+from harness.strategies.registry import find_strategy, source_digests
+
+SCHEMA = 4
+"""Version of the folder's format."""
+
+MANIFEST, FINDINGS, SUMMARY, LOG = "manifest.json", "findings.json", "summary.csv", "log.jsonl"
+
+_LOCK = ".lock"
+
+
+class RunFolder:
+    """The folder of a run, locked by this process until ``close``.
+
+    Args:
+        path: an existing folder.
+
+    Raises:
+        InputError: another process works on this run, or the folder cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lock = filelock.FileLock(path / _LOCK, timeout=0)
+        try:
+            # The operating system releases the lock when the process ends, even if it is killed.
+            self._lock.acquire()
+        except filelock.Timeout:
+            raise InputError(str(path), "another process is working on this run") from None
+        except OSError as error:
+            raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+
+    def close(self) -> None:
+        """Release the folder."""
+        # The file is removed while the lock is held; later it could be the next process's lock.
+        (self.path / _LOCK).unlink(missing_ok=True)
+        self._lock.release()
+
+    def note(self, event: str, **details: Any) -> None:
+        """Append a line to the log, the only file of a run with time stamps."""
+        now = datetime.now(UTC).isoformat(timespec="milliseconds")
+        try:
+            with (self.path / LOG).open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"time": now, "event": event, **details}) + "\n")
+        except OSError as error:
+            raise cannot_write(self.path / LOG, error) from None
+
+
+def claim_folder(out: Path | str | None, name: str) -> Path:
+    """Make the folder of a new run.
+
+    Args:
+        out: a new or empty folder, or None for ``runs/<name>-<next free number>``.
+        name: the scenario's name.
+
+    Raises:
+        InputError: the folder holds a run or anything else, is a file, or cannot be written.
+    """
+    number = 1
+    while out is None and (Path("runs") / f"{name}-{number}").exists():
+        number += 1
+    folder = Path("runs") / f"{name}-{number}" if out is None else Path(out)
+    where, empty = f"--out {folder}", "a new or empty folder"
+    if folder.exists() and not folder.is_dir():
+        raise InputError(where, "is a file", empty)
+    try:
+        folder.mkdir(parents=True, exist_ok=out is not None)
+        # A run that ended before its manifest was written leaves hidden files.
+        names = {file.name for file in folder.glob("[!.]*")}
+        (folder / f".{os.getpid()}.probe").touch()
+        (folder / f".{os.getpid()}.probe").unlink()
+    except FileExistsError:
+        return claim_folder(out, name)  # another run took the number
+    except OSError as error:
+        why = f"cannot be written ({error.strerror})"
+        raise InputError(where, why, "a writable folder") from None
+    if MANIFEST in names:
+        raise InputError(where, "already holds a run", f"{empty}, or {resume_command(folder)}")
+    if names:
+        raise InputError(where, "is not empty", empty)
+    return folder
+
+
+def manifest_of(
+    study: Study,
+    models: Iterable[InteractionModel],
+    *,
+    traces: bool,
+    engine: EngineName,
+    pairs_per_part: int,
+) -> JsonObject:
+    """The manifest: everything on which a run depends.
+
+    Args:
+        study: the study.
+        models: the interaction model of each cell.
+        traces: whether traces are kept.
+        engine: the engine.
+        pairs_per_part: number of pairs of a part.
+    """
+    know = [name for name in study.driven if knows_the_model(find_strategy(name, "arms"))]
+    document = {
+        "schema": SCHEMA,
+        "kind": "encounters",
+        "name": study.name,
+        "scenario": study.base.model_dump(),
+        "cells": [dict(cell.varied) for cell in study.cells],
+        "traces": traces,
+        "engine": engine,
+        "confidence": CONFIDENCE,
+        "pairs_per_part": pairs_per_part,
+        "seed": study.base.experiment.seed,
+        "know_the_model": know,
+        "simulated_with": simulated_with(study.driven, models),
+    }
+    return {**document, "digest": _digest(document)}
+
+
+def write_manifest(folder: Path, document: JsonObject) -> None:
+    """Write ``manifest.json``."""
+    write_file(folder / MANIFEST, _json(document))
+
+
+def simulated_with(drivers: Iterable[str], models: Iterable[InteractionModel]) -> JsonObject:
+    """The versions, the user's strategies and the models on which results depend."""
+    entries = {model.name: model_entry(model) for model in models}
+    return {
+        "versions": versions_of_runs(),
+        "strategies": source_digests(drivers),
+        "models": [*entries.values()],
+    }
+
+
+def model_entry(model: InteractionModel) -> JsonObject:
+    """A model in the manifest."""
+    return {"name": model.name, "sha256": model.sha256}
+
+
+def changes(then: JsonObject, now: JsonObject) -> Iterator[str]:
+    """What has changed since a run, in words, from two results of ``simulated_with``."""
+    for name, digest in now["strategies"].items():
+        if then["strategies"].get(name) != digest:
+            yield f"the strategy {name} has been edited since the run"
+    for model in now["models"]:
+        if model not in then["models"]:
+            yield f"the interaction model {model['name']} has changed since the run"
+    for name, version in now["versions"].items():
+        if (before := then["versions"].get(name)) != version:
+            yield f"the run was simulated with {name} {before}, this is {version}"
+
+
+def refuse_other_versions(then: JsonObject, now: JsonObject) -> None:
+    """Refuse to resume a run if versions, strategies or models have changed since it began.
+
+    Raises:
+        InputError: names the first change.
+    """
+    for change in changes(then, now):
+        raise InputError("resume", change, "the versions, strategies and model of its beginning")
+
+
+def kind_of_folder(folder: Path) -> Literal["encounters", "old"]:
+    """The kind of a folder's content: a run of encounters, or anything else."""
+    try:
+        document = parse_json(read_file(folder / MANIFEST))
+    except (InputError, ValueError):
+        return "old"
+    known = isinstance(document, dict) and document.get("kind") == "encounters"
+    return "encounters" if known else "old"
+
+
+def read_manifest(folder: Path) -> JsonObject:
+    """The manifest of a run folder.
+
+    Raises:
+        InputError: the folder holds no run of encounters, or its manifest has another version, has
+            been edited, or is damaged.
+    """
+    path = folder / MANIFEST
+    if not path.is_file():
+        raise InputError(str(folder), "is not a run folder", f"a folder with {MANIFEST}")
+    document = _read(path)
+    if document.get("schema") != SCHEMA:
+        advice = f"{SCHEMA}: run its scenario again, or use the version that wrote it"
+        raise InputError(str(path), f"format version {document.get('schema')!r}", advice)
+    if _digest(document) != document.get("digest"):
+        problem = "was changed after the run: its digest differs"
+        raise InputError(str(path), problem, "the manifest as the run wrote it")
+    return document
+
+
+def write_findings(folder: Path, cells: Sequence[CellFindings]) -> None:
+    """Write the findings of all cells, after ``summary.csv`` with a row for each cell.
+
+    Raises:
+        HarnessError: the file system refuses.
+    """
+    rows = [flat({"cell": cell.number, **cell.varied, **cell.findings}) for cell in cells]
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    write_csv(folder / SUMMARY, [{name: row.get(name) for name in names} for row in rows])
+    document = {
+        str(cell.number): {key: finding_to_dict(each) for key, each in cell.findings.items()}
+        for cell in cells
+    }
+    write_file(folder / FINDINGS, _json(document))
+
+
+def read_findings(folder: Path, cells: Sequence[Cell]) -> tuple[CellFindings, ...] | None:
+    """The findings of a finished run; None if it is not finished.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    path = folder / FINDINGS
+    if not path.is_file():
+        return None
+    document, found = _read(path), []
+    try:
+        for cell in cells:
+            stored = document[str(cell.number)].items()
+            findings = {key: finding_from_dict(fields) for key, fields in stored}
+            found.append(CellFindings(cell.number, cell.varied, cell.scenario, findings))
+    except (AttributeError, KeyError, TypeError) as error:
+        allowed = f"delete it; `{resume_command(folder)}` computes it again"
+        raise InputError(str(path), f"is damaged ({error})", allowed) from None
+    return tuple(found)
+
+
+def _read(path: Path) -> JsonObject:
+    try:
+        document = parse_json(read_file(path))
+        if not isinstance(document, dict):
+            raise ValueError("not an object")
+    except ValueError as error:
+        raise InputError(str(path), f"is damaged ({error})") from None
+    return document
+
+
+def _digest(document: Mapping[str, Any]) -> str:
+    rest = {key: value for key, value in document.items() if key != "digest"}
+    return hashlib.sha256(_json(rest)).hexdigest()
+
+
+def _json(document: Mapping[str, Any]) -> bytes:
+    text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
+    return f"{text}\n".encode()

@@ -1,0 +1,152 @@
+"""What a command shows: its rows and columns.  Screen, page, JSON and CSV are views of it.
+
+A view computes nothing and asks for no kind of run.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from harness.results.finding import Finding, Form, Plain, finding_to_dict
+from harness.results.notes import Note
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class Style(NamedTuple):
+    """How a number is written; the unit stands in its row's or column's heading."""
+
+    form: Form = Form.NUMBER
+    digits: int = 2
+
+
+class Shown(NamedTuple):
+    """A number in a table."""
+
+    finding: Finding
+    style: Style = Style()
+
+
+class Versus(NamedTuple):
+    """The AV's and the reference's number in one cell of a table."""
+
+    av: Shown
+    reference: Shown
+
+
+Entered = Shown | Versus | Plain
+"""What a cell of a table holds."""
+
+Cell = Entered
+
+
+class Column(NamedTuple):
+    """A column of a table: its key in JSON and CSV, and its heading with its unit."""
+
+    key: str
+    heading: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a screen or page.
+
+    Attributes:
+        title: empty for a screen's first table.
+        columns: the columns.
+        rows: a cell for each column.
+        same: columns that are equal in all rows, with that value, in place of a column.
+        legend: a line that explains its cells; may be empty.
+    """
+
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Entered, ...], ...]
+    same: tuple[tuple[Column, Entered], ...] = ()
+    legend: str = ""
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a command found.
+
+    Attributes:
+        command: ``run``, ``compare`` or ``worst``.
+        title: what was compared with what.
+        scope: pairs, failures among them, seed.
+        about: the place, the people and what is special, in one line; may be empty.
+        screen: the table of the first screen.
+        full: every number, for ``--full`` and the page.
+        notes: the sentences without which the numbers mislead, the worst first.
+        remarks: further sentences, for ``--full`` and the page.
+        closing: lines that end a screen: what to do next.
+        facts: folder, seed, confidence and the like, for JSON.
+        records: the same numbers for machines, one mapping a row.
+    """
+
+    command: str
+    title: str
+    scope: str
+    about: str
+    screen: Table
+    full: tuple[Table, ...]
+    notes: tuple[Note, ...]
+    closing: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    facts: Mapping[str, Plain] = field(default_factory=dict)
+    records: Sequence[Mapping[str, Plain | Finding]] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as JSON: ``command, title, facts, records, notes``; the same for all commands.
+
+        A number of a record is an object: ``value, low, high, n, events, reliable, reason, p``.
+        """
+        return {
+            "command": self.command,
+            "title": self.title,
+            "facts": dict(self.facts),
+            "records": [
+                {
+                    key: finding_to_dict(value) if isinstance(value, Finding) else value
+                    for key, value in record.items()
+                }
+                for record in self.records
+            ],
+            "notes": [
+                {"key": note.key, "cells": list(note.cells), "text": note.text}
+                for note in self.notes
+            ],
+        }
+
+    def frame(self) -> "pd.DataFrame":
+        """The records as a frame; see ``flat``."""
+        import pandas as pd
+
+        return pd.DataFrame([flat(record) for record in self.records])
+
+
+def flat(record: Mapping[str, Plain | Finding]) -> dict[str, Plain]:
+    """A record as one row: a number has ``key``, and what else it has beside it.
+
+    That is ``key_ci_low``, ``key_ci_high``, ``key_n``, ``key_events``, ``key_reliable``, ``key_p``.
+    """
+    row: dict[str, Plain] = {}
+    for key, value in record.items():
+        if not isinstance(value, Finding):
+            row[key] = value
+            continue
+        row[key] = value.value
+        row |= {f"{key}_{name}": part for name, part in _parts(value) if part is not None}
+    return row
+
+
+def _parts(finding: Finding) -> Sequence[tuple[str, Plain]]:
+    return (
+        ("ci_low", finding.low),
+        ("ci_high", finding.high),
+        ("n", finding.n),
+        ("events", finding.events),
+        ("reliable", finding.reliable),
+        ("p", finding.p),
+    )

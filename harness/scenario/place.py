@@ -1,0 +1,91 @@
+"""The place, the people and the cars of a run in one line."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from harness.scenario.scenario import Scenario
+from harness.scenario.study import as_written
+
+
+def place_in_words(scenarios: Sequence[Scenario]) -> str:
+    """The road, v0, the people, and what the cars' sensors and actuators get wrong.
+
+    What differs between the scenarios is "varied".
+
+    >>> place_in_words([Scenario()])
+    'Road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people/h.'
+    >>> late = Scenario.model_validate({"actuation": {"dead_time_s": 0.3, "lag_s": 0.4}})
+    >>> place_in_words([late])
+    'Road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people/h; AV: dead time 0.3 s, lag 0.4 s.'
+    """
+    parts = []
+    for name, words in _PARTS.items():
+        texts = {words(scenario) for scenario in scenarios}
+        parts.append(texts.pop() if len(texts) == 1 else f"{name} varied")
+    line = "; ".join(filter(None, parts))
+    return f"{line[0].upper()}{line[1:]}."
+
+
+def _road(scenario: Scenario) -> str:
+    crossing = scenario.crossing
+    lanes = f"{crossing.lanes} + {crossing.oncoming_lanes} lanes"
+    hiding = len(scenario.obstacles())
+    hidden = f", {hiding} obstacle{'s' * (hiding > 1)}" if hiding else ""
+    return f"road {as_written(crossing.length_m)} m wide, {lanes}{hidden}"
+
+
+def _people(scenario: Scenario) -> str:
+    people = scenario.pedestrians
+    if people.timed or people.drawn:
+        return "timed pedestrians" if people.timed else "pedestrians selected by their outcome"
+    if people.first_at_trigger and people.max_count == 1:
+        return "one pedestrian, at the trigger"
+    flows, size = people.flows_per_hour, people.mean_group_size
+    groups = f" in groups of {size:.3g} on average" if len(people.group_size) > 1 else ""
+    flow = " to ".join(map(as_written, sorted({min(flows), max(flows)})))
+    return f"{flow} people/h{groups}"
+
+
+def _behaviour(scenario: Scenario) -> str:
+    behaviour = scenario.pedestrians.behaviour
+    return "" if behaviour == "constant" else f"behaviour {behaviour}"
+
+
+def _actuation(scenario: Scenario) -> str:
+    actuation = scenario.actuation
+    words = {
+        "dead time {} s": actuation.dead_time_s,
+        "lag {} s": actuation.lag_s,
+        "jerk up to {} m/s³": actuation.max_jerk_mps3,
+    }
+    return _of_arms("", actuation.human, words)
+
+
+def _perception(scenario: Scenario) -> str:
+    perception = scenario.perception
+    updated_s = perception.update_s
+    every_step = updated_s is None or updated_s < 1.5 * scenario.experiment.step_s
+    words = {
+        "{} s late": perception.latency_s,
+        "an update every {} s": None if every_step else updated_s,
+        "{} % undetected": 100 * (1 - perception.detection_probability),
+        "{} % lost": 100 * perception.dropout_probability,
+        "errors of {} m": perception.position_sd_m,
+        "errors of {} m/s": perception.speed_sd_mps,
+    }
+    return _of_arms("sensor of the ", perception.human, words)
+
+
+def _of_arms(what: str, both: bool, words: Mapping[str, float | None]) -> str:
+    """The words of values that are set and not 0; empty if there are none."""
+    parts = ", ".join(text.format(f"{value:.4g}") for text, value in words.items() if value)
+    return f"{what}{'AV and reference' if both else 'AV'}: {parts}" if parts else ""
+
+
+_PARTS: Mapping[str, Callable[[Scenario], str]] = {
+    "road": _road,
+    "v0": lambda scenario: f"v0 {as_written(scenario.ego.initial_speed_mps)} m/s",
+    "people": _people,
+    "behaviour": _behaviour,
+    "actuation": _actuation,
+    "perception": _perception,
+}

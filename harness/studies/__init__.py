@@ -1,0 +1,1 @@
+"""Runs of encounters: tasks, workers, parts; replays, candidates, and the worst episodes."""

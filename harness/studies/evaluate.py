@@ -1,0 +1,201 @@
+"""Evaluates a list of candidates on the same people, and returns their numbers as a frame."""
+
+import math
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from harness.core.encounter import Arm, Ending
+from harness.core.errors import InputError, refused_at
+from harness.engine.shared import close_engine
+from harness.episode.arms import arm_key
+from harness.results.estimators import CONFIDENCE
+from harness.results.findings import cell_findings
+from harness.results.result import flat
+from harness.scenario import Cell, EngineName, Scenario, Setting, engine_named
+from harness.scenario.file import as_plain
+from harness.scenario.options import whole_number
+from harness.strategies.own import is_of_this_process
+from harness.strategies.registry import source_digests
+from harness.studies.run import checked_models, scenario_file
+from harness.studies.tasks import Rows, Task, but_for_drivers
+from harness.studies.workers import InProcess, LocalExecutor, default_workers, supervise
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+WALL_TIMES = ("decision_wall_s_mean", "decision_wall_s_p99")
+"""The columns that are not reproducible."""
+
+MOST_REFERENCES = 16
+"""Number of references whose episodes are kept; the oldest is forgotten first."""
+
+_MOST_PAIRS = 50
+"""Most pairs of a task."""
+
+_executors: dict[int, LocalExecutor] = {}
+"""The workers of this process that stay open between calls, by their number."""
+
+_references: OrderedDict[str, dict[int, pa.Table]] = OrderedDict()
+"""The rows of references by what they depend on, and by pair."""
+
+
+def evaluate(
+    scenario: Scenario | str | Path,
+    candidates: Sequence[Mapping[str, Any]],
+    pairs: int | range,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    intervals: bool = False,
+    workers: int | None = None,
+    engine: EngineName = "sumo",
+) -> "pd.DataFrame":
+    """The numbers of each candidate on the same pairs; nothing is written.
+
+    The reference's episodes are simulated once and kept between calls, as long as what they depend
+    on stays the same.  The workers stay open between calls too; Ctrl-C ends them.
+
+    Args:
+        scenario: a scenario, a file, or the name of a shipped scenario.
+        candidates: the settings of each candidate by dotted key, e.g.
+            ``{"strategies.gap_yield.critical_gap_s": 1.5}``.  NumPy's numbers are accepted.
+        pairs: number of pairs, or a range of their numbers.
+        settings: further settings of every candidate.
+        intervals: whether the frame has intervals; computing them takes longer.
+        workers: number of processes; None uses all cores; 0 uses this process alone, without time
+            limits.
+        engine: ``sumo``, or ``plain`` for the same kinematics without SUMO.
+
+    Returns:
+        A row for each candidate, in order: its settings, the columns of ``summary.csv``, its first
+        ``failure``, and mean and 99 % quantile of the wall time that the AV's strategy took for a
+        decision, in s.  ``frame.attrs["not_reproducible"]`` names these two columns.
+
+    Raises:
+        InputError: there is no candidate, or one is refused; the message has its number in the
+            list.
+
+    >>> gaps = [{"strategies.gap_yield.critical_gap_s": gap} for gap in (1.0, 3.0)]
+    >>> frame = evaluate("cctc_flow", gaps, 4, settings={"arms.av": "gap_yield"}, engine="plain")
+    >>> frame[["pairs", "failed"]].to_dict("list")
+    {'pairs': [4, 4], 'failed': [0, 0]}
+    """
+    import pandas as pd
+
+    numbers = pairs if isinstance(pairs, range) else range(whole_number("pairs", pairs, 1))
+    if not numbers or numbers.step != 1 or numbers.start < 0:
+        raise InputError("pairs", f"{pairs!r} is not accepted", "a range of numbers from 0, step 1")
+    tasks = _tasks(scenario, candidates, settings or {}, numbers, engine_named(engine))
+    executor = _executor(workers, {name for task in tasks for name in task.code})
+    try:
+        humans = [_reference(task, executor) for task in tasks]
+        driven = _driven([replace(task, arms=(Arm.AV,), timed=True) for task in tasks], executor)
+    except BaseException:
+        if isinstance(executor, LocalExecutor):
+            del _executors[executor.workers]
+            executor.abort()
+        raise
+    finally:
+        if isinstance(executor, InProcess):
+            close_engine()
+    while len(_references) > MOST_REFERENCES:
+        _references.popitem(last=False)
+    order = np.arange(2 * len(numbers)).reshape(2, -1).T.ravel()
+    frame = []
+    for given, task, human, (av, times) in zip(candidates, tasks, humans, driven, strict=True):
+        rows = pa.concat_tables([av, human]).take(order).combine_chunks()
+        found = cell_findings(task.cells[0], rows, CONFIDENCE if intervals else 0.0).findings
+        values = flat(found) if intervals else {key: each.value for key, each in found.items()}
+        known: dict[str, Any] = {k: math.nan if of is None else of for k, of in values.items()}
+        walls = (np.mean(times), np.quantile(times, 0.99)) if times else (math.nan, math.nan)
+        known |= dict(zip(WALL_TIMES, map(float, walls), strict=True))
+        failed = rows.filter(pc.equal(rows["ending"], Ending.ENGINE_FAILED.value)).to_pylist()
+        whys = (f"pair {row['pair']} {row['arm']}: {row['reason']}" for row in failed)
+        frame.append({**as_plain(given), **known, "failure": next(whys, None)})
+    result = pd.DataFrame(frame)
+    result.attrs["not_reproducible"] = list(WALL_TIMES)
+    return result
+
+
+def _tasks(
+    scenario: Scenario | str | Path,
+    candidates: Sequence[Mapping[str, Any]],
+    settings: Mapping[str, Any],
+    pairs: range,
+    engine: EngineName,
+) -> list[Task]:
+    """A task of all pairs for each candidate."""
+    file, scenarios = scenario_file(scenario, settings), list[Scenario]()
+    people = file.scenario().experiment
+    if isinstance(candidates, Mapping | str) or not candidates:
+        raise InputError(
+            "candidates", f"{candidates!r}", "a list of at least one table of settings"
+        )
+    for number, given in enumerate(candidates):
+        with refused_at(where := f"candidates[{number}]"):
+            if not isinstance(given, Mapping) or not all(isinstance(key, str) for key in given):
+                raise InputError(where, f"{given!r} is not accepted", "settings by dotted key")
+            each = file.scenario([Setting(key, value, where) for key, value in given.items()])
+            if (each.experiment.seed, each.experiment.pairs) != (people.seed, people.pairs):
+                allowed = "the seed in `settings`, and `pairs`"
+                raise InputError(where, "would meet other people", allowed)
+            if (drawn := len(each.pedestrians.drawn)) and pairs.stop > drawn:
+                raise InputError("pairs", f"pair {pairs.stop - 1}", f"at most {drawn} are drawn")
+        scenarios.append(each)
+    models, tasks = checked_models(scenarios, "candidates"), list[Task]()
+    for number, (each, model) in enumerate(zip(scenarios, models, strict=True)):
+        cells, code = (Cell(number, {}, each),), source_digests(each.arms.model_dump().values())
+        tasks.append(Task(cells, model, pairs.start, len(pairs), engine=engine, code=code))
+    return tasks
+
+
+def _reference(task: Task, executor: Executor) -> pa.Table:
+    """The reference's rows of ``episodes`` by pair; those that are known are not driven again."""
+    scenario = task.cells[0].scenario
+    drives = arm_key(scenario, Arm.HUMAN), task.code.get(scenario.arms.human)
+    key = repr((but_for_drivers(scenario), drives, task.model.sha256, task.engine))
+    kept = _references.setdefault(key, {})
+    _references.move_to_end(key)
+    missing = [pair for pair in task.pairs if pair not in kept]
+    if missing:
+        whole = replace(task, first=missing[0], count=missing[-1] - missing[0] + 1)
+        ((rows, _),) = _driven([replace(whole, arms=(Arm.HUMAN,))], executor)
+        kept |= {pair: rows.slice(place, 1) for place, pair in enumerate(whole.pairs)}
+    return pa.concat_tables([kept[pair] for pair in task.pairs])
+
+
+def _driven(tasks: Sequence[Task], executor: Executor) -> list[tuple[pa.Table, list[float]]]:
+    """The rows of ``episodes`` of one arm of each task by pair, and the times of its decisions."""
+    pairs, threads = sum(task.count for task in tasks), getattr(executor, "workers", 1)
+    size = max(1, min(_MOST_PAIRS, -(-pairs // (2 * threads))))
+    parts = [
+        replace(task, first=first, count=min(size, task.pairs.stop - first))
+        for task in tasks
+        for first in task.pairs[::size]
+    ]
+    found: dict[int, list[Rows]] = {}
+    for part, future in [(part, executor.submit(supervise, part)) for part in parts]:
+        found.setdefault(part.cells[0].number, []).append(future.result())
+    return [
+        (
+            pa.concat_tables([each.tables[number]["episodes"] for each in rows]),
+            [seconds for each in rows for seconds in each.decisions_s[number]],
+        )
+        for number, rows in found.items()
+    ]
+
+
+def _executor(workers: int | None, own: set[str]) -> Executor:
+    count = default_workers() if workers is None else whole_number("workers", workers, 0)
+    if count == 0 or any(map(is_of_this_process, own)):
+        return InProcess()
+    if count not in _executors:
+        _executors[count] = LocalExecutor(count, count * _MOST_PAIRS)
+    return _executors[count]

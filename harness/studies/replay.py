@@ -1,0 +1,215 @@
+"""Repeats stored episodes, each in a SUMO of its own that writes its outputs, or here."""
+
+import math
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from harness.core.encounter import Arm, Ending
+from harness.core.errors import InputError
+from harness.core.files import cannot_write
+from harness.engine.control import SumoEngine
+from harness.engine.installation import check_packages
+from harness.engine.network import network_of, place_of
+from harness.engine.shared import close_engine
+from harness.model.interaction import load_model
+from harness.results.folder import changes, simulated_with
+from harness.results.run import Run
+from harness.results.tables import read_cell
+from harness.scenario import Scenario
+from harness.strategies.registry import source_digests
+from harness.studies.encounters import run_task
+from harness.studies.tasks import Rows, Task
+from harness.studies.workers import LocalExecutor, default_workers, supervise
+
+TOLERANCE = 1e-6
+"""Numbers are equal if they differ by at most this, absolutely or relatively."""
+
+RECORDS = ("episodes", "pedestrians")
+"""The tables that are compared."""
+
+_OUTPUTS = {
+    "--fcd-output": "fcd.xml",
+    "--tripinfo-output": "tripinfo.xml",
+    "--collision-output": "collisions.xml",
+}
+_FURTHER = {
+    "--fcd-output.acceleration": "true",
+    "--tripinfo-output.write-unfinished": "true",
+    "--precision": "6",
+    # The harness places the pedestrians, so SUMO's records of their walks would mean nothing.
+    "--personinfo-output": os.devnull,
+}
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """A repeated episode.
+
+    Attributes:
+        name: its folder, or its pair and arm.
+        differences: how its record differs from the stored one, after what has changed since.
+        problem: why there is no record, so that SUMO's files are incomplete; otherwise None.
+        traceback: of a strategy that raised an exception.
+    """
+
+    name: str
+    differences: tuple[str, ...] = ()
+    problem: str | None = None
+    traceback: str | None = None
+
+
+def replay(
+    run: Run, cell: int, pairs: range, arms: Sequence[Arm], out: Path, workers: int | None = None
+) -> list[Replayed]:
+    """Run episodes again; SUMO's files of each are in ``out/<pair>-<arm>``.
+
+    Those of a single episode are in ``out``.  Times in SUMO's files are one step later than in the
+    episode, because SUMO inserts the ego in its second step.
+
+    Args:
+        run: a run.
+        cell: number of the cell.
+        pairs: numbers of the pairs.
+        arms: the arms.
+        out: a new or empty folder.
+        workers: number of processes; None uses all cores.
+
+    Raises:
+        InputError: the cell or a pair does not exist, or ``out`` is not empty or cannot be written.
+    """
+    tasks = stored_tasks(run, cell, pairs, arms)
+    refuse_in_use(out, "--out")
+    folders = [out / f"{each.first}-{each.arms[0]}" for each in tasks] if len(tasks) > 1 else [out]
+    tasks = [replace(task, outputs=place) for task, place in zip(tasks, folders, strict=True)]
+    net = network_of(run.scenario_of(cell))
+    executor = LocalExecutor(min(workers or default_workers(), len(tasks)), len(tasks))
+    try:
+        for place in folders:
+            place.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(net, place / "site.net.xml")
+        futures = [executor.submit(supervise, task) for task in tasks]
+        return [
+            replayed(run, task, each.result()) for task, each in zip(tasks, futures, strict=True)
+        ]
+    except OSError as error:
+        raise cannot_write(out, error) from None
+    except KeyboardInterrupt:
+        executor.abort()
+        shutil.rmtree(out, ignore_errors=True)
+        raise
+    finally:
+        executor.abort()
+
+
+def debug(run: Run, cell: int, pairs: range, arms: Sequence[Arm]) -> list[Replayed]:
+    """Run episodes again in this process, so that ``breakpoint()`` works in a strategy.
+
+    Standard input is that of this process, and there are no time limits.
+
+    Raises:
+        InputError: the cell or a pair does not exist.
+    """
+    tasks = stored_tasks(run, cell, pairs, arms)
+    try:
+        return [replayed(run, task, run_task(task)) for task in tasks]
+    finally:
+        close_engine()
+
+
+def stored_tasks(run: Run, cell: int, pairs: Sequence[int], arms: Sequence[Arm]) -> list[Task]:
+    """A task for each of these episodes.
+
+    Raises:
+        InputError: the cell or a pair does not exist, or SUMO or the model is missing.
+    """
+    check_packages()
+    if not 0 <= cell < len(run.study.cells):
+        raise InputError("--cell", f"{cell}", f"0 to {len(run.study.cells) - 1}")
+    known = run.rows("episodes", cell)["pair"].unique().to_pylist()
+    if odd := [pair for pair in pairs if pair not in {*known}]:
+        raise InputError("--pair", f"{odd[0]}", f"0 to {max(known, default=0)}")
+    of = run.study.cells[cell]
+    model = load_model(*of.scenario.model.file_and_refits)
+    code = source_digests(of.scenario.arms.model_dump().values())
+    task = Task((of,), model, 0, 1, code=code)
+    return [replace(task, first=pair, arms=(arm,)) for pair in pairs for arm in arms]
+
+
+def refuse_in_use(folder: Path, option: str) -> None:
+    """Raise if a folder for new files is a file or is not empty."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{option} {folder}", "is not empty", "a new or empty folder")
+
+
+def recording_engine(folder: Path, arm: Arm, scenario: Scenario) -> SumoEngine:
+    """A new SUMO of this process that writes its outputs into a folder.
+
+    A road without a limit gets v0, which SUMO needs for its time loss.
+    """
+    from harness.engine.sumo import libsumo_engine
+
+    crossing = scenario.crosswalk()
+    if crossing.speed_limit_mps is None:
+        crossing = replace(crossing, speed_limit_mps=scenario.ego.initial_speed_mps)
+    outputs = {option: str(folder / name) for option, name in _OUTPUTS.items()} | _FURTHER
+    place, step_s = place_of(scenario), scenario.experiment.step_s
+    engine = libsumo_engine(place, scenario.vehicle(), crossing, step_s, outputs=outputs)
+    engine.automated = arm is Arm.AV
+    return engine
+
+
+def replayed(run: Run, task: Task, rows: Rows) -> Replayed:
+    """How a repeated episode differs from its record."""
+    (cell,), (arm,) = task.cells, task.arms
+    tables = rows.tables[cell.number]
+    found = differences_of(run, cell.number, task.first, tables, [arm])
+    name = f"pair {task.first}, arm {arm}" if task.outputs is None else str(task.outputs)
+    traceback = next((each.get("traceback") for each in rows.events), None)
+    (episode,) = tables["episodes"].to_pylist()
+    failed = episode["ending"] == Ending.ENGINE_FAILED and not episode["steps"]
+    return Replayed(name, found, episode["reason"] if failed and found else None, traceback)
+
+
+def differences_of(
+    run: Run, cell: int, pair: int, tables: Mapping[str, pa.Table], arms: Sequence[Arm]
+) -> tuple[str, ...]:
+    """How repeated episodes differ from their record, after what has changed since the run.
+
+    SUMO's verdict on collisions is not compared with the plain engine, which has none.
+    """
+    found: list[str] = []
+    for name in RECORDS:
+        stored = read_cell(run.path, name, cell, run.manifest, pair).to_pylist()
+        old, now = [row for row in stored if row["arm"] in arms], tables[name].to_pylist()
+        if len(old) != len(now):
+            found.append(f"{name}: {len(now)} rows instead of {len(old)}")
+            continue
+        found += [
+            f"{name}.{column}: {new[column]!r} instead of {row[column]!r}"
+            for row, new in zip(old, now, strict=True)
+            for column in row
+            if not _same(row[column], new[column])
+            if column != "sumo_collision" or run.manifest["engine"] == "sumo"
+        ]
+    if found:
+        scenario = run.scenario_of(cell)
+        model = load_model(*scenario.model.file_and_refits)
+        now_with = simulated_with(scenario.arms.model_dump().values(), [model])
+        found = [*changes(run.manifest["simulated_with"], now_with), *found]
+    return tuple(found)
+
+
+def _same(old: Any, new: Any) -> bool:
+    if isinstance(old, float) and isinstance(new, float):
+        return math.isclose(old, new, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
+    if isinstance(old, list) and isinstance(new, list):
+        return len(old) == len(new) and all(map(_same, old, new))
+    if isinstance(old, dict) and isinstance(new, dict):
+        return all(_same(old[key], new.get(key)) for key in old)
+    return bool(old == new)

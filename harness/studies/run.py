@@ -1,0 +1,317 @@
+"""Runs a study of encounters into a folder of parts, and resumes it."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from harness.core.documents import JsonObject
+from harness.core.errors import (
+    HarnessError,
+    InputError,
+    InterruptedRunError,
+    in_one_line,
+    refused_at,
+    resume_command,
+)
+from harness.engine.installation import check_packages
+from harness.engine.shared import close_engine
+from harness.episode.arms import check_arms
+from harness.model.interaction import InteractionModel, load_model
+from harness.results import folder as folders, tables
+from harness.results.findings import CellFindings, cell_findings
+from harness.results.run import Run, load_run
+from harness.scenario import EngineName, Scenario, engine_named
+from harness.scenario.file import ScenarioFile, Setting, read_scenario_file
+from harness.scenario.options import whole_number
+from harness.scenario.study import Cell, Study, study_from, study_of
+from harness.strategies.own import is_of_this_process
+from harness.studies.tasks import Rows, Task, part_pairs, tasks_of
+from harness.studies.workers import InProcess, LocalExecutor, default_workers, supervise
+
+_SUBMITTED = 1_000
+"""Number of tasks that an executor has at a time."""
+
+_SILENT_S = 2.0
+"""If no task ends for this time, the progress names the episodes in flight."""
+
+Part = tuple[int, int]
+"""Cell and first pair."""
+
+Progress = Callable[[int, int, str], None]
+"""Receives the numbers of finished and planned pairs, and what is waited for, if anything."""
+
+
+def _quiet(_done: int, _planned: int, _waits_for: str) -> None:
+    """No progress is shown."""
+
+
+def run(
+    scenario: Scenario | Study | str | Path,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    vary: Mapping[str, Sequence[Any]] | None = None,
+    pairs: int | None = None,
+    seed: int | None = None,
+    out: Path | str | None = None,
+    traces: bool = False,
+    workers: int | None = None,
+    engine: EngineName = "sumo",
+    executor: Executor | None = None,
+    progress: Progress = _quiet,
+) -> Run:
+    """Run every pair of every cell with both drivers, and write the run folder.
+
+    Args:
+        scenario: a scenario, a study, a file, or the name of a shipped scenario.
+        settings: values by dotted key that replace the scenario's.
+        vary: the values of each varied key; every combination is a cell.
+        pairs, seed: the same as ``experiment.pairs`` and ``experiment.seed``.
+        out: a new or empty folder; default ``runs/<name>-<next free number>``.
+        traces: whether every step is kept.
+        workers: number of processes; None uses all cores; 0 uses this process alone, without time
+            limits, as do strategies that are classes of a script or notebook.
+        engine: ``sumo``, or ``plain`` for the same kinematics without SUMO.
+        executor: runs the tasks instead of processes of this machine, for example
+            ``dask_executor``'s; it is not shut down.
+        progress: see ``Progress``.
+
+    Raises:
+        InputError: the input or the folder is refused; nothing has been written.
+        HarnessError: the folder can no longer be written, or the workers are lost; the run can be
+            resumed.
+        KeyboardInterrupt: Ctrl-C; finished work is kept, and the message says how to continue.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as out:
+    ...     run("cctc", pairs=2, out=out, workers=0, engine="plain").cells[0]["pairs"].value
+    2
+    """
+    given = {"experiment.pairs": pairs, "experiment.seed": seed}
+    changes = {**(settings or {}), **{key: of for key, of in given.items() if of is not None}}
+    if isinstance(scenario, Study):
+        if changes or vary:
+            raise InputError("settings", "cannot be combined with a Study", "a file, or a Scenario")
+        study = scenario
+    else:
+        variations = [(key, [*values]) for key, values in (vary or {}).items()]
+        study = study_of(scenario_file(scenario, changes), variations)
+    models = checked_models(cell.scenario for cell in study.cells)
+    kept: Any = {"traces": bool(traces), "engine": engine_named(engine)}
+    size = part_pairs(study.base.experiment.pairs)
+    manifest = folders.manifest_of(study, models, pairs_per_part=size, **kept)
+    path = folders.claim_folder(out, study.name)
+    with _at_work(path, study, workers, executor) as (folder, chosen):
+        folders.write_manifest(path, manifest)
+        tasks = tasks_of(study, models, manifest)
+        return _Work(folder, study, manifest, tasks, set(), chosen, progress).carry_out()
+
+
+def resume(
+    path: Path | str,
+    *,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    progress: Progress = _quiet,
+) -> Run:
+    """Continue an interrupted run; parts that were lost or damaged are simulated again.
+
+    Raises:
+        InputError: the folder is no run, another process uses it, it has parts of another run, or
+            versions, strategies or the model differ from those of its beginning.
+    """
+    path = Path(path)
+    manifest = folders.read_manifest(path)
+    study = study_from(manifest, str(path / folders.MANIFEST))
+    with _at_work(path, study, workers, executor) as (folder, chosen):
+        done, planned = _whole_parts(folder, study, manifest)
+        if done >= planned and folders.read_findings(path, study.cells) is not None:
+            return load_run(path)
+        models = checked_models(cell.scenario for cell in study.cells)
+        now = folders.simulated_with(study.driven, models)
+        folders.refuse_other_versions(manifest["simulated_with"], now)
+        folder.note("resumed")
+        tasks = tasks_of(study, models, manifest)
+        return _Work(folder, study, manifest, tasks, done, chosen, progress).carry_out()
+
+
+def scenario_file(scenario: Scenario | str | Path, settings: Mapping[str, Any]) -> ScenarioFile:
+    """The scenario of a Python caller, with settings, as a file."""
+    if not isinstance(scenario, Scenario):
+        return read_scenario_file(scenario, settings)
+    given = tuple(Setting(key, value, "settings") for key, value in settings.items())
+    return ScenarioFile("scenario", "scenario", scenario.model_dump(), None, given, Path.cwd())
+
+
+def checked_models(scenarios: Iterable[Scenario], what: str = "") -> list[InteractionModel]:
+    """The model of each scenario, after all checks of what a run needs.
+
+    Args:
+        scenarios: the scenarios.
+        what: name of the list of scenarios in messages, if it has one.
+
+    Raises:
+        InputError: a scenario is not one of encounters, or its model, strategies or network are
+            refused.
+    """
+    check_packages()
+    load, models = cache(load_model), []
+    for number, scenario in enumerate(scenarios):
+        with refused_at(f"{what}[{number}]" if what else ""):
+            if scenario.kind != "encounters":
+                problem = f"is one of {scenario.kind}"
+                raise InputError("scenario", problem, "a scenario of encounters")
+            scenario.refuse_refits("a run of encounters")
+            models.append(load(*scenario.model.file_and_refits))
+            check_arms(scenario, models[-1])
+    return models
+
+
+def _whole_parts(
+    folder: folders.RunFolder, study: Study, manifest: JsonObject
+) -> tuple[set[Part], set[Part]]:
+    """The finished parts and the planned ones; a damaged part is removed, with a line in the log.
+
+    Raises:
+        InputError: a part belongs to another run.
+    """
+    firsts = range(0, study.base.experiment.pairs, manifest["pairs_per_part"])
+    planned = {(cell.number, first) for cell in study.cells for first in firsts}
+    done = tables.done_parts(folder.path)
+    for cell, first in sorted(done):
+        path = folder.path / "episodes" / tables.part_name(cell, first)
+        if (cell, first) not in planned:
+            raise InputError(str(path), "is no part that this run plans", "the parts of this run")
+        try:
+            for name in ("episodes", "pedestrians", *["traces"] * manifest["traces"]):
+                tables.read_part(folder.path, name, cell, first, manifest)
+        except tables.DamagedPartError as error:
+            folder.note("part removed", reason=str(error))
+            path.unlink()
+            done.remove((cell, first))
+    return done, planned
+
+
+@contextmanager
+def _at_work(
+    path: Path, study: Study, workers: int | None, executor: Executor | None
+) -> Iterator[tuple[folders.RunFolder, Executor]]:
+    """The folder, locked, and the executor; says how a run continues that ends early."""
+    if workers is not None:
+        workers = whole_number("workers", workers, 0)
+    pairs, folder = study.base.experiment.pairs * len(study.cells), folders.RunFolder(path)
+    chosen = executor or LocalExecutor(min(workers or default_workers(), pairs), pairs)
+    if executor is None and (workers == 0 or any(map(is_of_this_process, study.driven))):
+        chosen = InProcess()
+    try:
+        yield folder, chosen
+    except KeyboardInterrupt:
+        if not (path / folders.MANIFEST).is_file():
+            raise  # there is nothing to resume
+        raise InterruptedRunError(path) from None
+    except InputError:
+        raise
+    except HarnessError as error:
+        advice = f"finished work is kept: {resume_command(path)}"
+        raise HarnessError(f"{error}; {advice}") from None
+    finally:
+        if isinstance(chosen, LocalExecutor):
+            chosen.abort()
+        if isinstance(chosen, InProcess):
+            close_engine()
+        folder.close()
+
+
+@dataclass
+class _Work:
+    """What is to be done for a run, and the parts that are done."""
+
+    folder: folders.RunFolder
+    study: Study
+    manifest: JsonObject
+    tasks: list[Task]
+    done: set[Part]
+    executor: Executor
+    progress: Progress
+    counts: tuple[int, int] = (0, 0)
+
+    def carry_out(self) -> Run:
+        """Simulate what is missing, and compute and write the findings."""
+        path, study = self.folder.path, self.study
+        found = {number: self._findings(study.cells[number]) for number in self._finished_cells()}
+        cells = tuple(found[cell.number] for cell in study.cells)
+        folders.write_findings(path, cells)
+        self.folder.note("finished")
+        return Run(path, self.manifest, study, True, cells)
+
+    def _findings(self, cell: Cell) -> CellFindings:
+        rows = tables.read_cell(self.folder.path, "episodes", cell.number, self.manifest)
+        return cell_findings(cell, rows, self.manifest["confidence"])
+
+    def _finished_cells(self) -> Iterator[int]:
+        """Write the parts that are missing.
+
+        Yields:
+            The number of each cell when its last part is there.
+        """
+        size, done, pairs = (
+            self.manifest["pairs_per_part"],
+            self.done,
+            self.study.base.experiment.pairs,
+        )
+        left = {
+            cell.number: {
+                first for first in range(0, pairs, size) if (cell.number, first) not in done
+            }
+            for cell in self.study.cells
+        }
+        yield from (number for number, firsts in left.items() if not firsts)
+        tasks = [
+            replace(task, cells=cells)
+            for task in self.tasks
+            if (cells := tuple(cell for cell in task.cells if task.first in left[cell.number]))
+        ]
+        planned = pairs * len(self.study.cells)
+        missing = sum(task.count * len(task.cells) for task in tasks)
+        self.counts = (planned - missing, planned)
+        self.folder.note("started", pairs=missing, tasks=len(tasks))
+        for task, rows in self._carried_out(tasks):
+            for event in rows.events:
+                self.folder.note(**event)
+            for cell, of_cell in rows.tables.items():
+                tables.write_part(
+                    self.folder.path, cell, task.first, of_cell, self.manifest["digest"]
+                )
+                done.add((cell, task.first))
+                left[cell].remove(task.first)
+            self.counts = (self.counts[0] + task.count * len(task.cells), planned)
+            self.progress(*self.counts, "")
+            yield from (cell for cell in rows.tables if not left[cell])
+
+    def _carried_out(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Rows]]:
+        """Each task with its rows, in the order in which they end."""
+        waiting, running = iter(tasks), dict[Future[Rows], Task]()
+        try:
+            while True:
+                for task in islice(waiting, _SUBMITTED - len(running)):
+                    running[self.executor.submit(supervise, task)] = task
+                if not running:
+                    return
+                ended, _ = wait(running, _SILENT_S, return_when=FIRST_COMPLETED)
+                if not ended and isinstance(self.executor, LocalExecutor):
+                    self.progress(*self.counts, self.executor.in_flight)
+                for future in ended:
+                    yield running.pop(future), future.result()
+        except HarnessError:
+            raise
+        except CancelledError:
+            raise HarnessError("the workers are gone") from None
+        except Exception as error:
+            raise HarnessError(f"a worker failed: {in_one_line(error)}") from error
+        finally:
+            for future in running:
+                future.cancel()

@@ -1,0 +1,135 @@
+"""Tasks: some pairs of cells with the same people, all known before the first one starts."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from harness.core.encounter import Arm, FailedIn
+
+if TYPE_CHECKING:
+    from harness.model.interaction import InteractionModel
+    from harness.results.tables import Row, Tables
+    from harness.scenario import Cell, EngineName, Scenario, Study
+
+_PART_PAIRS = ((20, 1), (80, 5), (200, 10), (800, 25), (3_000, 50), (10_000, 100))
+_MOST_PAIRS = 250
+
+
+class EpisodeId(NamedTuple):
+    """An episode of a run."""
+
+    cell: int
+    pair: int
+    arm: Arm
+
+
+class Failure(NamedTuple):
+    """Why an episode was given up, and what failed."""
+
+    reason: str
+    failed_in: FailedIn
+
+
+@dataclass(frozen=True)
+class Task:
+    """Some pairs of cells that share people, road and model.
+
+    Episodes that cells share (``arm_key``) are simulated once.
+
+    Attributes:
+        cells: the cells.
+        model: their interaction model.
+        first, count: the pairs.
+        arms: the arms to simulate.
+        traces: whether the rows of ``traces`` are returned.
+        engine: the engine.
+        timed: whether the wall times of the decisions are returned.
+        outputs: the folder for SUMO's own outputs, for a task of one episode.
+        code: digests of the user's strategies that drive; a process that has imported another
+            version is not used.
+        given_up: the episodes that are not tried again.
+    """
+
+    cells: "tuple[Cell, ...]"
+    model: "InteractionModel"
+    first: int
+    count: int
+    arms: tuple[Arm, ...] = tuple(Arm)
+    traces: bool = False
+    engine: "EngineName" = "sumo"
+    timed: bool = False
+    outputs: Path | None = None
+    code: Mapping[str, str] = field(default_factory=dict)
+    given_up: Mapping[EpisodeId, Failure] = field(default_factory=dict)
+
+    @property
+    def pairs(self) -> range:
+        """The pairs to simulate."""
+        return range(self.first, self.first + self.count)
+
+    def driver(self, episode: EpisodeId) -> str:
+        """The name of the strategy that drives in an episode."""
+        (scenario,) = (cell.scenario for cell in self.cells if cell.number == episode.cell)
+        return scenario.arms.driver(episode.arm)
+
+    def without(self, failures: Mapping[EpisodeId, Failure]) -> "Task":
+        """The same task, with further episodes given up."""
+        return replace(self, given_up={**self.given_up, **failures})
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What a task returns: the tables of each cell by its number, and lines for the log.
+
+    ``decisions_s`` are the wall times of the decisions of each cell's AV, if the task is timed.
+    """
+
+    tables: "Mapping[int, Tables]"
+    events: "tuple[Row, ...]" = ()
+    decisions_s: Mapping[int, list[float]] = field(default_factory=dict)
+
+
+def part_pairs(pairs: int) -> int:
+    """Number of pairs of a part, from the number of pairs that a run asks for.
+
+    >>> [part_pairs(pairs) for pairs in (1, 50, 300, 20_000)]
+    [1, 5, 25, 250]
+    """
+    return next((size for below, size in _PART_PAIRS if pairs < below), _MOST_PAIRS)
+
+
+def tasks_of(
+    study: "Study", models: "Sequence[InteractionModel]", manifest: Mapping[str, Any]
+) -> list[Task]:
+    """All tasks of a study, by the cells' numbers and pairs.
+
+    Args:
+        study: the study.
+        models: the interaction model of each cell.
+        manifest: the run's manifest.
+    """
+    groups: dict[tuple[str, str], list[Cell]] = {}
+    for cell, model in zip(study.cells, models, strict=True):
+        groups.setdefault((but_for_drivers(cell.scenario), model.sha256), []).append(cell)
+    pairs, size = study.base.experiment.pairs, manifest["pairs_per_part"]
+    kept = {name: manifest[name] for name in ("traces", "engine")}
+    code = manifest["simulated_with"]["strategies"]
+    return [
+        Task(
+            tuple(cells),
+            models[cells[0].number],
+            first,
+            min(size, pairs - first),
+            code=code,
+            **kept,
+        )
+        for cells in groups.values()
+        for first in range(0, pairs, size)
+    ]
+
+
+def but_for_drivers(scenario: "Scenario") -> str:
+    """The people and the road of a scenario, as text."""
+    drivers = ("arms", "strategies", "perception", "actuation", "conflicts")
+    return repr(scenario.model_copy(update=dict.fromkeys(drivers)))

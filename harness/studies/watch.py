@@ -1,0 +1,78 @@
+"""Shows stored episodes in sumo-gui: the same loop drives it, through TraCI."""
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from harness.core.encounter import Arm, Ending
+from harness.core.errors import EngineError, InputError
+from harness.engine.network import place_of
+from harness.engine.protocol import Engine
+from harness.results.run import Run
+from harness.scenario import Scenario
+from harness.studies.encounters import run_on
+from harness.studies.replay import Replayed, refuse_in_use, replayed, stored_tasks
+
+
+def watch(
+    run: Run,
+    cell: int,
+    pairs: range,
+    arms: Sequence[Arm],
+    pace: float = 1.0,
+    screenshots: Path | None = None,
+    every_s: float = 0.5,
+) -> list[Replayed]:
+    """Run episodes again in sumo-gui, one after the other.
+
+    Args:
+        run: a run.
+        cell: number of the cell.
+        pairs: numbers of the pairs.
+        arms: the arms.
+        pace: speed of the display; 1 is real time, and infinite means no pauses.
+        screenshots: a new or empty folder for PNG files; several episodes each have one in it.
+        every_s: simulated time between two screenshots.
+
+    Raises:
+        InputError: the cell or a pair does not exist, there is no display, or the folder is not
+            empty.
+        EngineError: sumo-gui did not start, or its window was closed.
+    """
+    if not pace > 0:
+        raise InputError("--pace", f"{pace:g}", "above 0, e.g. 0.5 or 4")
+    if not every_s > 0:
+        raise InputError("--every", f"{every_s:g} s", "above 0")
+    if screenshots is not None:
+        refuse_in_use(screenshots, "--screenshots")
+    tasks = stored_tasks(run, cell, pairs, arms)
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        raise InputError(
+            "--gui",
+            "there is no display (DISPLAY is not set)",
+            "a desktop session, or a virtual one: install Xvfb and run `xvfb-run -a harness …`",
+        )
+    from harness.engine.traci import Gui, gui_engine
+
+    shown = []
+    for task in tasks:
+        folder, (arm,) = screenshots, task.arms
+        if folder is not None:
+            folder = folder / f"{task.first}-{arm}" if len(tasks) > 1 else folder
+            folder.mkdir(parents=True, exist_ok=True)
+
+        def window(scenario: Scenario, arm: Arm = arm, folder: Path | None = folder) -> Engine:
+            step_s = scenario.experiment.step_s
+            gui = Gui(1000 * step_s / pace, folder, every_s)
+            place, crossing = place_of(scenario), scenario.crosswalk()
+            engine = gui_engine(place, scenario.vehicle(), crossing, step_s, gui)
+            engine.automated = arm is Arm.AV
+            return engine
+
+        rows = run_on(task, window)
+        (episode,) = rows.tables[cell]["episodes"].to_pylist()
+        if episode["ending"] == Ending.ENGINE_FAILED:
+            raise EngineError(f"sumo-gui: {episode['reason']}")
+        shown.append(replayed(run, task, rows))
+    return shown

@@ -1,0 +1,197 @@
+"""Finds the worst episodes of a run, and the pairs worth watching."""
+
+import math
+import shlex
+from typing import TYPE_CHECKING
+
+from harness.core.encounter import Arm, Ending
+from harness.core.errors import InputError, resume_command, unknown_name
+from harness.measures.catalogue import COLUMNS, MEASURES
+from harness.results.finding import Finding, Plain
+from harness.results.result import Column, Result, Shown, Style, Table
+from harness.results.run import Run
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+RANKED = {measure.column: measure for measure in MEASURES if measure.worse is not None}
+"""Measures that can rank episodes."""
+
+CONFLICT_S = 5.0
+"""A larger PET or TTC counts as this value: no conflict (SSAM's maximum, FHWA-HRT-08-051)."""
+
+_CAPPED = ("pet_s", "min_ttc_s")
+_FINAL = 1_000_000.0
+"""Badness above every value, for a crash or (for delay) a time-out."""
+
+ALL_BELOW = 50
+"""If a run has at most this many pairs, all are worth watching."""
+
+_EACH, _MOST_MEDIANS = 5, 12
+"""Number of pairs for each reason, and of cells with a median pair."""
+
+_DANGEROUS = {
+    "smallest PET": "pet_s",
+    "smallest TTC": "min_ttc_s",
+    "largest DRAC": "-max_drac_mps2",
+}
+"""Reasons by danger, with the AV's column; a minus before it selects the largest values."""
+
+Key = tuple[int, int]
+"""Cell and pair."""
+
+
+def worst(
+    run: Run, by: str = "pet_s", most: int = 20, arm: Arm | str = Arm.AV, cell: int | None = None
+) -> Result:
+    """The worst episodes of a run; ``closing`` has the commands that show them in sumo-gui.
+
+    For a conflict measure (PET, DRAC …) crashes come first, sorted by impact speed.  For delay and
+    pass time, time-outs come first; crashes are left out, because they have no such value.
+
+    Args:
+        run: a finished run.
+        by: one of ``RANKED``.
+        most: maximum number of episodes, 1 or more.
+        arm: who drives, ``av`` or ``human``.
+        cell: number of the cell; None: all cells.
+
+    Raises:
+        InputError: the run is not finished, the measure, arm or cell does not exist, or every
+            episode failed.
+    """
+    if by not in RANKED:
+        if by in COLUMNS:
+            problem = f"neither small nor large values of {by} are bad"
+            raise InputError("--by", problem, ", ".join(RANKED))
+        raise unknown_name("--by", "measure", by, RANKED)
+    if most < 1:
+        raise InputError("-n", f"{most}", "1 or more")
+    if arm not in (*Arm,):
+        raise unknown_name("--arm", "arm", str(arm), [*Arm])
+    if cell is not None and not 0 <= cell < len(run.study.cells):
+        raise InputError("--cell", f"{cell}", f"0 to {len(run.study.cells) - 1}")
+    if not run.finished:
+        advice = f"`{resume_command(run.path)}` finishes it"
+        raise InputError(str(run.path), "is not finished", advice)
+    episodes = run.episodes
+    of_arm = episodes[(episodes["arm"] == arm) & (cell is None or episodes["cell"] == cell)]
+    rows = of_arm[of_arm["ending"] != Ending.ENGINE_FAILED]
+    if rows.empty:
+        problem = f"all {len(of_arm)} episodes of {arm} failed, e.g. {of_arm['reason'].iloc[0]}"
+        raise InputError(str(run.path), problem, "a run with an episode that did not fail")
+    values = zip(rows[by], rows["ending"], rows["contact_speed_mps"], strict=True)
+    rows = rows.assign(badness=[_badness(by, *of) for of in values])
+    bad = rows[rows["badness"] > _least(by)]
+    order = bad.sort_values(["badness", "cell", "pair"], ascending=[False, True, True])[:most]
+    return _result(run, order, by, Arm(arm))
+
+
+def _badness(by: str, value: float, ending: str, contact_speed_mps: float) -> float:
+    """An episode's badness: larger is worse, NaN undefined."""
+    measure = RANKED[by]
+    if measure.about == "time" and ending == Ending.TIMED_OUT:
+        return _FINAL
+    if measure.about == "conflict" and ending == Ending.CRASHED:
+        return _FINAL + contact_speed_mps
+    if math.isnan(value):
+        return math.nan
+    if by in _CAPPED:
+        return -min(value, CONFLICT_S)
+    return float(value if measure.worse == "large" else -value)
+
+
+def _least(by: str) -> float:
+    """The badness up to which an episode is not listed."""
+    if by in _CAPPED:
+        return -CONFLICT_S
+    return -math.inf if RANKED[by].worse == "small" or by == "delay_s" else 0.0
+
+
+def _result(run: Run, rows: "pd.DataFrame", by: str, arm: Arm) -> Result:
+    several, unit = len(run.study.cells) > 1, {each.column: each.unit for each in MEASURES}[by]
+    keys = {"cell": "cell", **{key: key.rpartition(".")[2] for key in run.study.varied_keys}}
+    headings = {
+        **(keys if several else {}),
+        **{name: name for name in ("pair", "driver", "ending", "contact")},
+        **{_SPEED: "speed at contact, m/s", by: f"{by}, {unit}" if unit else by},
+    }
+    records: list[dict[str, Plain | Finding]] = []
+    commands = []
+    for row in rows.rename(columns={"strategy": "driver"}).to_dict("records"):
+        number = row["cell"]
+        chosen = f" --cell {number}" if several else ""
+        episode = f"{shlex.quote(str(run.path))}{chosen} --pair {row['pair']} --arm {arm}"
+        commands.append(f"harness replay {episode} --gui")
+        found = {
+            name: row[name] if row[name] == row[name] else None for name in headings if name in row
+        }
+        numbers = {name: Finding(found[name]) for name in (_SPEED, by)}
+        records.append({"cell": number, **run.study.cells[number].varied, **found, **numbers})
+    cells = tuple(
+        tuple(
+            Shown(value, Style(digits=3)) if isinstance(value, Finding) else value
+            for value in map(record.get, headings)
+        )
+        for record in records
+    )
+    return Result(
+        command="worst",
+        title=f"{run.name}: the worst episodes of {arm} by {by}",
+        scope=f"{len(records)} of {len(run.episodes) // len(Arm):,}",
+        about="",
+        screen=Table("", tuple(Column(*each) for each in headings.items()), cells),
+        full=(),
+        notes=(),
+        closing=tuple(commands),
+        facts={"folder": str(run.path), "by": by, "arm": arm.value},
+        records=records,
+    )
+
+
+_SPEED = "contact_speed_mps"
+
+
+def chosen_pairs(run: Run) -> dict[str, list[Key]]:
+    """The pairs worth watching by reason, the most dangerous first.
+
+    Contacts come first, then the AV's smallest PET and TTC and its largest DRAC.  Cells share their
+    pedestrians, so for a measure each pair counts once, in the cell with the most extreme value.
+    The last reason, ``other pairs``, completes a small run.
+    """
+    episodes = run.episodes[run.episodes["ending"] != Ending.ENGINE_FAILED]
+    av, human = (episodes[episodes["arm"] == arm] for arm in Arm)
+    tau = run.pairs.dropna(subset="tau").sort_values("tau", kind="stable")
+    middles = [rows.iloc[[(len(rows) - 1) // 2]] for _, rows in tau.groupby("cell", sort=True)]
+    chosen = {
+        "crash of the AV": _keys(av[av["ending"] == Ending.CRASHED]),
+        "crash of the human": _keys(human[human["ending"] == Ending.CRASHED]),
+        **{reason: _most_striking(av, column) for reason, column in _DANGEROUS.items()},
+        "slowest AV": _most_striking(av, "-pass_time_s"),
+        "timed out": _keys(episodes[episodes["ending"] == Ending.TIMED_OUT]),
+        "fallback": _keys(av[av["fallback"]]),
+        "lowest τ": _keys(tau)[:1],
+        "median τ": [key for middle in middles[:_MOST_MEDIANS] for key in _keys(middle)],
+        "highest τ": _keys(tau.iloc[::-1])[:1],
+        "smallest time advantage (calm yielding passes through 0 too)": _most_striking(
+            av, "min_time_advantage_s"
+        ),
+    }
+    everyone = _keys(run.pairs, len(run.pairs))
+    if len(everyone) <= ALL_BELOW:
+        shown = {key for keys in chosen.values() for key in keys}
+        chosen["other pairs"] = [key for key in everyone if key not in shown]
+    return {reason: keys for reason, keys in chosen.items() if keys}
+
+
+def _most_striking(rows: "pd.DataFrame", column: str) -> list[Key]:
+    """The pairs of smallest values, or of largest ones if the name begins with a minus."""
+    name = column.removeprefix("-")
+    order = rows.dropna(subset=name).sort_values(name, ascending=name == column, kind="stable")
+    return _keys(order.drop_duplicates("pair"))
+
+
+def _keys(rows: "pd.DataFrame", most: int = _EACH) -> list[Key]:
+    return list(dict.fromkeys(zip(rows["cell"].tolist(), rows["pair"].tolist(), strict=True)))[
+        :most
+    ]

@@ -1,0 +1,227 @@
+"""Screens: texts of numbers, and tables of any content at any width."""
+
+import re
+from collections import Counter
+from io import StringIO
+
+import pytest
+from hypothesis import example, given, settings, strategies as st
+from rich.console import Console
+
+from harness.report.screen import MOST_NOTES, make_console, print_result, screen_text
+from harness.report.words import DASH, interval_text, printable, text_of, value_text
+from harness.results.estimators import clopper_pearson
+from harness.results.finding import Finding, Form
+from harness.results.notes import Note
+from harness.results.result import Column, Result, Shown, Style, Table, Versus
+
+WIDTHS = st.integers(40, 200)
+NUMBERS = st.floats(-1e4, 1e4, allow_subnormal=False)
+SHARES = st.floats(0, 1, allow_subnormal=False)
+NAMES = st.text("abcdefg_ μτ", min_size=1, max_size=24).map(str.strip).filter(bool)
+
+
+@st.composite
+def shown(draw: st.DrawFn, form: Form | None = None, digits: int | None = None) -> Shown:
+    """A number that an estimator could return."""
+    form = form or draw(st.sampled_from([Form.NUMBER, Form.SHARE, Form.EVENTS, Form.COUNT]))
+    style = Style(form, draw(st.integers(0, 3)) if digits is None else digits)
+    if draw(st.integers(0, 9)) == 0:
+        return Shown(Finding(None, reason="nobody was met"), style)
+    if form is Form.COUNT:
+        return Shown(Finding(draw(st.integers(0, 100_000))), style)
+    if form is Form.EVENTS:
+        n = draw(st.integers(1, 10_000))
+        events = draw(st.integers(0, n))
+        low, high = clopper_pearson(events, n, 0.95)
+        return Shown(Finding(events / n, low, high, n, events, reliable=True), style)
+    low, value, high = sorted(draw(st.tuples(*[SHARES if form is Form.SHARE else NUMBERS] * 3)))
+    ends = (low, high) if draw(st.booleans()) else (None, None)
+    reliable = draw(st.booleans()) if ends[0] is not None else None
+    return Shown(Finding(value, ends[0], ends[1], n=50, reliable=reliable), style)
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> Table:
+    """A table of names and numbers, with an empty column."""
+    rows = draw(st.integers(1, 5))
+    columns = [[draw(NAMES) for _ in range(rows)], [None] * rows]
+    for _ in range(draw(st.integers(0, 6))):
+        form, digits = draw(st.sampled_from([*Form][:4])), draw(st.integers(0, 3))
+        number = shown(form, digits)
+        both = draw(st.booleans())
+        of = st.builds(Versus, number, number) if both else number
+        columns.append([draw(of) for _ in range(rows)])
+    headings = [Column(f"c{place}", draw(NAMES)) for place in range(len(columns))]
+    headings[1] = Column("empty", "EMPTY")
+    return Table("", tuple(headings), tuple(zip(*columns, strict=True)))
+
+
+def result(screen: Table, *notes: str, full: tuple[Table, ...] = (), title: str = "t") -> Result:
+    return Result(
+        command="run",
+        title=title,
+        scope="50 pairs, seed 1",
+        about="",
+        screen=screen,
+        full=full,
+        notes=tuple(Note(str(n), n, f"label {n}", text) for n, text in enumerate(notes)),
+        closing=("Page: harness report RUN",),
+        facts={"confidence": 0.95},
+    )
+
+
+def signs(text: str) -> Counter[str]:
+    return Counter(re.sub(r"\s", "", text))
+
+
+@settings(deadline=None)
+@given(tables(), WIDTHS, st.booleans())
+def test_a_table_of_any_content_fits_and_loses_nothing(
+    table: Table, width: int, full: bool
+) -> None:
+    text = screen_text(result(table, full=(table,) if full else ()), width, full)
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= width
+    assert "EMPTY" not in text
+    times = 2 if full else 1
+    for row in table.rows:
+        for cell in row:
+            values = signs(text_of(cell, interval=False))
+            assert all(signs(text)[sign] >= times * number for sign, number in values.items())
+    if full:
+        every = [text_of(cell) for row in table.rows for cell in row]
+        headings = [column.heading for column in table.columns if column.heading != "EMPTY"]
+        assert signs(text) >= signs("".join([*every, *headings]))
+
+
+@settings(deadline=None)
+@given(tables())
+def test_what_fits_has_every_interval(table: Table) -> None:
+    text = screen_text(result(table), 1_000)
+    assert all(text_of(cell) in text for row in table.rows for cell in row)
+
+
+@settings(deadline=None)
+@given(shown(), st.integers(40, 200))
+def test_a_bound_of_0_events_is_on_every_screen(number: Shown, width: int) -> None:
+    """1 − 0.05^(1/n), which Clopper and Pearson (1934) is without events."""
+    n = 50
+    zero = Shown(Finding(0.0, 0.0, clopper_pearson(0, n, 0.95)[1], n, 0), Style(Form.EVENTS, 1))
+    columns = tuple(Column(f"c{place}", f"heading {place}") for place in range(8))
+    text = screen_text(result(Table("", columns, (("a row", zero, *[number] * 6),))), width)
+    assert f"below {100 * (1 - 0.05 ** (1 / n)):.1f} %" in re.sub(r"\s+", " ", text)
+
+
+@given(st.integers(1, 10**7), st.sampled_from([0.95, 0.99, 1 - 0.05 / 7]))
+@example(10**7, 0.95)
+def test_the_bound_of_0_events_never_becomes_0(n: int, confidence: float) -> None:
+    high = clopper_pearson(0, n, confidence)[1]
+    text = interval_text(Shown(Finding(0.0, 0.0, high, n, 0), Style(Form.EVENTS, 1)), confidence)
+    written = float(text.removeprefix("below ").removesuffix(" %"))
+    assert written == pytest.approx(100 * (1 - 0.05 ** (1 / n)), rel=0.05, abs=0.05 * (n < 100))
+    assert written > 0
+
+
+@given(shown())
+def test_ends_have_the_values_decimals_and_a_star_is_unreliable(number: Shown) -> None:
+    value, ends = value_text(number), interval_text(number)
+    assert value.endswith("*") == (number.finding.reliable is False)
+    assert (value == DASH) == (number.finding.value is None)
+    assert "-" not in value + ends
+    if ends and number.style.form is not Form.EVENTS and "e" not in value + ends:
+        decimals = {
+            len(part.partition(".")[2]) for part in re.findall(r"[\d.,]+", f"{value} {ends}")
+        }
+        assert len(decimals) == 1 or number.finding.value == 0
+
+
+@pytest.mark.parametrize(
+    ("number", "style", "text"),
+    [
+        (Finding(0.754, 0.71, 0.8249), Style(), "0.75 (0.71 … 0.82)"),
+        (Finding(-2.96, -3.46, -2.24, reliable=False), Style(digits=1), "−3.0* (−3.5 … −2.2)"),
+        (Finding(-0.0001), Style(digits=1), "0.0"),
+        (Finding(1_234_567), Style(Form.COUNT), "1,234,567"),
+        (Finding(0.04, 0.0049, 0.137), Style(Form.SHARE, 0), "4.0 % (0.5 … 13.7 %)"),
+        (Finding(0.0, 0.0, 0.0000369), Style(Form.SHARE, 0), "0.0000 % (0.0000 … 0.0037 %)"),
+        (Finding(0.02, 0.0005, 0.1065, 50, 1), Style(Form.EVENTS, 1), "1 of 50 (0.1 … 10.7 %)"),
+        (Finding(0.0, None, None, 50, 0), Style(Form.EVENTS, 1), "0 of 50"),
+        (Finding(0.0004), Style(digits=3), "< 0.001"),
+        (Finding(None), Style(), DASH),
+    ],
+)
+def test_texts(number: Finding, style: Style, text: str) -> None:
+    assert text_of(Shown(number, style)) == text
+
+
+def test_two_numbers_in_a_cell_share_their_ends() -> None:
+    av = Shown(Finding(0.0, 0.0, 0.0711, 50, 0), Style(Form.EVENTS, 1))
+    human = Shown(Finding(0.06, 0.0125, 0.1655, 50, 3), Style(Form.EVENTS, 1))
+    assert text_of(Versus(av, human)) == "0 / 3 of 50 (below 5.8 / 1.2 … 16.6 %)"
+    assert text_of(Versus(av, av)) == "0 / 0 of 50 (below 5.8 %)"
+
+
+PAPER = Table(
+    "",
+    tuple(Column(name, name) for name in ("", "AV", "human_gmm", "AV against reference")),
+    tuple(
+        (name, *(Shown(Finding(of, of - 0.5, of + 0.5, 50), Style(digits=d)) for of in (9, 12, 3)))
+        for d, name in enumerate(["time to cross, s", "delay, s", "spread of that ratio"])
+    ),
+)
+
+
+def test_the_comparison_keeps_its_interval_longest() -> None:
+    """The last column of a table whose rows are measures, the first of one with a row a cell."""
+    intervals = [screen_text(result(PAPER), width).count("…") for width in (60, 75, 100, 120)]
+    assert intervals == sorted(intervals)
+    assert "3.00 (2.50 … 3.50)" in screen_text(result(PAPER), 66)
+    assert "9.00 (8.50" not in screen_text(result(PAPER), 66)
+    cells = Table("", PAPER.columns, PAPER.rows[:1])
+    assert "9 (8 … 10)" in screen_text(result(cells), 50)
+
+
+def test_three_notes_the_worst_first_and_the_others_by_their_labels() -> None:
+    notes = [f"Sentence {number}." for number in range(6)]
+    text = screen_text(result(PAPER, *notes), 80)
+    said = [line for line in text.splitlines() if line.startswith("!")]
+    assert said[:MOST_NOTES] == [f"! {note}" for note in notes[:MOST_NOTES]]
+    assert said[MOST_NOTES:] == ["! 3 more with --full: label 3; label 4; label 5."]
+    assert all(f"! {note}" in screen_text(result(PAPER, *notes), 80, full=True) for note in notes)
+    assert "more with" not in screen_text(result(PAPER, *notes[:3]), 80)
+
+
+def test_what_is_equal_in_all_rows_stands_below() -> None:
+    same = ((Column("kappa", "crashes"), PAPER.rows[0][1]), (Column("x", "nothing"), None))
+    table = Table("", PAPER.columns, PAPER.rows, same, "Two numbers in a cell: AV / reference.")
+    lines = screen_text(result(table), 100).splitlines()
+    assert "The same in all rows: crashes 9 (8 … 10)." in lines
+    assert "Two numbers in a cell: AV / reference." in lines
+    assert lines[-1] == "Page: harness report RUN"
+
+
+HOSTILE = "a\x1b[31m\r\nb\u202e[bold]:smile:"
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_names_from_files_are_text(terminal: bool) -> None:
+    table = Table(HOSTILE, (Column("a", HOSTILE),), ((HOSTILE,),))
+    hostile = result(table, HOSTILE, full=(table,), title=HOSTILE)
+    written = StringIO()
+    console = Console(file=written, width=300, force_terminal=terminal)
+    print_result(hostile, full=True, console=console)
+    text = written.getvalue()
+    assert ("\x1b" in text) == terminal
+    assert not {"\r", "\u202e"} & {*text}
+    assert "\x1b[31m" not in text
+    assert text.count("[bold]:smile:") == 8
+    assert printable(HOSTILE) in text
+
+
+@pytest.mark.parametrize(("columns", "width"), [("77", 77), ("", 120), ("0", 120), ("x", 120)])
+def test_a_pipe_is_as_wide_as_columns_says(
+    columns: str, width: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    assert make_console().width == width

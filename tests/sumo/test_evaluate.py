@@ -1,0 +1,71 @@
+"""Candidates on the same people: the numbers of their runs, with kept references and workers."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from harness.core.errors import InputError
+from harness.studies import evaluate as evaluation
+from harness.studies.evaluate import WALL_TIMES, evaluate
+from harness.studies.run import run
+
+SETTINGS = {"arms.av": "gap_yield"}
+GAP = "strategies.gap_yield.critical_gap_s"
+
+
+def test_the_numbers_are_those_of_a_run(tmp_path: Path) -> None:
+    frame = evaluate("cctc_flow", [{GAP: 1.0}, {GAP: 3.0}], 12, settings=SETTINGS)
+    for row, gap in enumerate((1.0, 3.0)):
+        out = tmp_path / str(gap)
+        stored = run("cctc_flow", settings={**SETTINGS, GAP: gap}, pairs=12, out=out, workers=0)
+        for key in ("time_s", "time_ratio", "kappa", "delay_s"):
+            value = stored.cells[0][key].value
+            assert frame[key][row] == pytest.approx(
+                float("nan") if value is None else value, nan_ok=True
+            )
+    assert frame[GAP].tolist() == [1.0, 3.0]
+    assert frame.attrs["not_reproducible"] == list(WALL_TIMES)
+    assert frame[list(WALL_TIMES)].gt(0).all(axis=None)
+
+
+def test_the_reference_is_driven_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    arms, driven = [], evaluation._driven
+
+    def counted(tasks: Any, executor: Any) -> Any:
+        arms.extend(task.arms for task in tasks)
+        return driven(tasks, executor)
+
+    monkeypatch.setattr(evaluation, "_driven", counted)
+    monkeypatch.setattr(evaluation, "_references", type(evaluation._references)())
+    for gap in (1.0, 2.0):
+        evaluate("cctc_flow", [{GAP: gap}], 4, settings=SETTINGS, engine="plain", workers=0)
+    assert [len(each) for each in arms] == [1, 1, 1]
+    evaluate("cctc_flow", [{}], 4, settings={"experiment.seed": 5}, engine="plain", workers=0)
+    assert len(arms) == 5
+
+
+@pytest.mark.slow
+def test_a_later_call_is_quick() -> None:
+    times = []
+    for _ in range(5):
+        begin = time.perf_counter()
+        evaluate("cctc_flow", [{GAP: 1.0}], 20, settings=SETTINGS)
+        times.append(time.perf_counter() - begin)
+    assert min(times[1:]) <= 0.05
+
+
+@pytest.mark.parametrize(
+    ("candidates", "line"),
+    [
+        ([], "candidates"),
+        ({GAP: 1.0}, "candidates"),
+        ([{}, {"ego.colour": 1}], r"candidates\[1\]"),
+        ([{"experiment.seed": 3}], r"candidates\[0\].*other people"),
+        ([{}, {"arms.av": "nobody"}], r"candidates\[1\].*unknown strategy"),
+    ],
+)
+def test_a_refused_candidate_is_named(candidates: Any, line: str) -> None:
+    with pytest.raises(InputError, match=line):
+        evaluate("cctc_flow", candidates, 2, engine="plain", workers=0)

@@ -1,0 +1,84 @@
+"""Stored episodes repeated: with SUMO's files, in this process, and for the page."""
+
+from pathlib import Path
+
+import pytest
+
+from harness.core.encounter import Arm
+from harness.core.errors import InputError
+from harness.results.run import Run
+from harness.studies.one_pair import run_pair
+from harness.studies.replay import debug, replay
+from harness.studies.run import run
+from harness.studies.shown import shown_pairs
+from harness.studies.worst import chosen_pairs, worst
+
+FILES = {"fcd.xml", "tripinfo.xml", "collisions.xml", "site.net.xml"}
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return run("cctc_flow", pairs=8, out=tmp_path_factory.mktemp("replays") / "run", workers=0)
+
+
+def test_a_range_of_pairs_has_a_folder_for_each_episode(stored: Run, tmp_path: Path) -> None:
+    replayed = replay(stored, 0, range(1, 3), list(Arm), tmp_path / "out")
+    assert [(each.differences, each.problem) for each in replayed] == [((), None)] * 4
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        *("1-av", "1-human", "2-av", "2-human")
+    }
+    assert {path.name for path in (tmp_path / "out" / "2-av").iterdir()} == FILES
+
+
+def test_one_episode_has_its_files_in_the_folder_itself(stored: Run, tmp_path: Path) -> None:
+    replay(stored, 0, range(3, 4), [Arm.AV], tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == FILES
+    with pytest.raises(InputError, match="is not empty"):
+        replay(stored, 0, range(3, 4), [Arm.AV], tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("cell", "pairs", "line"), [(1, range(1), "--cell"), (0, range(9), "--pair")]
+)
+def test_what_does_not_exist_is_refused(stored: Run, cell: int, pairs: range, line: str) -> None:
+    with pytest.raises(InputError, match=line):
+        debug(stored, cell, pairs, [Arm.AV])
+
+
+def test_a_difference_from_the_record_is_named(
+    stored: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (same,) = debug(stored, 0, range(1, 2), [Arm.AV])
+    assert same.differences == ()
+    monkeypatch.setitem(stored.manifest["simulated_with"]["versions"], "sumo", "0.1")
+    monkeypatch.setattr("harness.studies.replay.TOLERANCE", -1.0)
+    (other,) = debug(stored, 0, range(1, 2), [Arm.AV])
+    assert other.differences[0].startswith("the run was simulated with sumo 0.1")
+    assert any("episodes.pass_time_s" in line for line in other.differences)
+
+
+def test_one_pair_has_the_records_of_the_run(stored: Run) -> None:
+    pair = run_pair("cctc_flow", 5)
+    rows = stored.episodes[stored.episodes["pair"] == 5].set_index("arm")
+    assert pair.av.record.delay_s == rows.loc["av", "delay_s"]
+    assert pair.human.record.pass_time_s == rows.loc["human", "pass_time_s"]
+
+
+def test_shown_pairs_are_simulated_once(stored: Run) -> None:
+    first = shown_pairs(stored)
+    assert {(pair.cell, pair.pair) for pair in first} == {(0, pair) for pair in range(8)}
+    assert all(pair.repeated and not pair.differences and len(pair.traces) for pair in first)
+    times = {path: path.stat().st_mtime_ns for path in (stored.path / "shown").rglob("*.parquet")}
+    assert len(shown_pairs(stored)) == len(first)
+    assert times == {path: path.stat().st_mtime_ns for path in times}
+
+
+def test_the_worst_come_first_and_each_has_its_command(stored: Run) -> None:
+    result = worst(stored, "delay_s", 3)
+    rows = stored.episodes[stored.episodes["arm"] == "av"].nlargest(3, "delay_s")
+    assert [record["pair"] for record in result.records] == rows["pair"].tolist()
+    assert f"--pair {rows['pair'].iloc[0]} --arm av --gui" in result.closing[0]
+    assert len({key for keys in chosen_pairs(stored).values() for key in keys}) == 8
+    for by, line in (("delays", "unknown measure"), ("arrivals", "neither small nor large")):
+        with pytest.raises(InputError, match=line):
+            worst(stored, by)

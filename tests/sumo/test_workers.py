@@ -1,0 +1,184 @@
+"""Faults of strategies and deaths of processes: one failed episode in one arm, nothing else lost.
+
+Children are fresh processes, where nothing that a test patches is seen: the faulty strategy is a
+user's own, found by its module.
+"""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import psutil
+import pytest
+
+from harness.results.run import Run
+from harness.studies.run import resume, run
+from harness.studies.workers import workers_for
+from tests.faulty import NAME, struck
+
+CULPRITS = {
+    "raises": (1, "strategy", "the strategy raised RuntimeError: on purpose at t = 0.300 s"),
+    "nan": (2, "strategy", "the strategy returned nan at t = 0.300 s"),
+    "text": (3, "strategy", "the strategy returned 'fast' at t = 0.300 s"),
+    "loses_ego": (4, "engine", "SUMO failed during the episode"),
+    "exits": (9, "strategy", "the strategy raised SystemExit: 3 at t = 0.300 s"),
+    "aborts": (12, "strategy", "the worker process died (exit code -6)"),
+    "hangs": (13, "strategy", "decide gave no answer within 1 s"),
+    "hangs_in_c": (17, "strategy", "decide gave no answer within 1 s"),
+}
+"""The pair that each fault strikes of 24, what is to blame, and the reason."""
+
+CHANGES: dict[str, Any] = {
+    **{"arms.av": NAME, "arms.human": "constant_speed", "model.extrapolate": True},
+    **{"ego.initial_speed_mps": 10.0, "ego.trigger_range_m": 10.0},
+    **{"experiment.timeout_s": 5.0, "experiment.decide_limit_s": 1.0},
+    "pedestrians.flow_per_hour": 1000.0,
+}
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Run]:
+    """The same run without a fault and with every fault."""
+    folder = tmp_path_factory.mktemp("faults")
+    faults = struck({name: pair for name, (pair, _, _) in CULPRITS.items()})
+    clean = run("cctc", settings=CHANGES, pairs=24, out=folder / "clean")
+    faulty = run("cctc", settings={**CHANGES, **faults}, pairs=24, out=folder / "faulty")
+    return clean, faulty
+
+
+@pytest.mark.parametrize("fault", CULPRITS)
+def test_a_fault_is_one_failed_episode_in_one_arm(runs: tuple[Run, Run], fault: str) -> None:
+    pair, blamed, reason = CULPRITS[fault]
+    rows = runs[1].episodes.set_index(["pair", "arm"])
+    assert rows.loc[(pair, "av"), "ending"] == "engine_failed"
+    assert rows.loc[(pair, "av"), "failed_in"] == blamed
+    assert reason in rows.loc[(pair, "av"), "reason"]
+    assert rows.loc[(pair, "human"), "ending"] != "engine_failed"
+    assert [line for _, of, arm, line in runs[1].failures if of == pair and "\n" in line] == []
+
+
+def test_all_others_keep_their_rows(runs: tuple[Run, Run]) -> None:
+    clean, faulty = (each.episodes.set_index(["pair", "arm"]) for each in runs)
+    ran = faulty["reason"].isna()
+    assert (~ran).sum() == len(CULPRITS)
+    pd.testing.assert_frame_equal(clean[ran], faulty[ran], check_dtype=False)
+
+
+def test_the_log_has_the_stacks_and_the_traceback(runs: tuple[Run, Run]) -> None:
+    events = [json.loads(line) for line in (runs[1].path / "log.jsonl").open(encoding="utf-8")]
+    stacks = {e["pair"]: e["stack"] for e in events if e["event"] == "episode given up"}
+    assert "in hang" in stacks[CULPRITS["hangs"][0]]
+    assert "in hang_in_c" in stacks[CULPRITS["hangs_in_c"][0]]
+    retried = [event["pair"] for event in events if event["event"] == "tried again"]
+    assert retried == [CULPRITS["aborts"][0]]
+    failed = {event["pair"]: event for event in events if event["event"] == "episode failed"}
+    assert {*failed} == {pair for pair, _, _ in CULPRITS.values()}
+    assert "in raise_error" in failed[CULPRITS["raises"][0]]["traceback"]
+
+
+SCRIPT = """
+import sys
+from harness.studies.run import run
+from tests.faulty import struck
+run("cctc", settings={**CHANGES, **struck(FAULTS)}, pairs=PAIRS, out=sys.argv[1], workers=2)
+""".replace("CHANGES", repr({**CHANGES, "experiment.decide_limit_s": 100.0}))
+
+
+def started(folder: Path, faults: dict[str, int], pairs: int) -> "subprocess.Popen[str]":
+    script = SCRIPT.replace("FAULTS", repr(faults)).replace("PAIRS", str(pairs))
+    return subprocess.Popen(
+        [sys.executable, "-c", script, str(folder)],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+
+
+def children_of(process: "subprocess.Popen[str]", seconds: float) -> list[psutil.Process]:
+    """The children of a command once it has some and has worked for a while."""
+    end = time.monotonic() + 60
+    while not psutil.Process(process.pid).children() and time.monotonic() < end:
+        time.sleep(0.01)
+    time.sleep(seconds)
+    try:
+        return psutil.Process(process.pid).children(recursive=True)
+    except psutil.NoSuchProcess:
+        return []
+
+
+@pytest.mark.parametrize("fault", ["hangs", "hangs_in_c"])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_no_process_outlives_its_parent(tmp_path: Path, fault: str, number: int) -> None:
+    """Also if a strategy hangs in C code that keeps the interpreter's lock."""
+    running = started(tmp_path / "run", {fault: 0}, 5)
+    children = children_of(running, 2.5)
+    assert children
+    os.kill(running.pid, number)
+    _, errors = running.communicate(timeout=60)
+    _, alive = psutil.wait_procs(children, timeout=10)
+    assert alive == []
+    if number == signal.SIGINT:
+        assert "harness resume" in errors.splitlines()[-1]
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """The parts and findings of a run."""
+    files = [*folder.rglob("*.parquet"), folder / "findings.json", folder / "summary.csv"]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+OFTEN = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(10, 30)]
+
+
+@pytest.mark.parametrize("seed", [1, *OFTEN])
+def test_parts_are_the_same_after_a_kill_and_resume(tmp_path: Path, seed: int) -> None:
+    """SIGKILL to the command or to one of its children, at any moment."""
+    settings = {**CHANGES, "experiment.decide_limit_s": 100.0}
+    run("cctc", settings=settings, pairs=400, out=tmp_path / "whole")
+    dice, folder = random.Random(seed), tmp_path / "run"
+    running = started(folder, {}, 400)
+    children = children_of(running, dice.uniform(0.0, 3.0))
+    victim = dice.choice([running.pid, *(child.pid for child in children)])
+    if running.poll() is None:
+        os.kill(victim, signal.SIGKILL)
+    running.communicate(timeout=120)
+    if (folder / "manifest.json").is_file():
+        assert resume(folder).finished
+    else:
+        run("cctc", settings=settings, pairs=400, out=folder)
+    assert content(folder) == content(tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    ("workers", "pairs", "started_early"), [(0, 20, 0), (4, 20, 1), (4, None, 1), (2, 20_000, 2)]
+)
+def test_children_that_start_early(workers: int, pairs: int | None, started_early: int) -> None:
+    assert workers_for(workers, pairs) == started_early
+
+
+def test_starting_children_imports_the_standard_library_alone() -> None:
+    script = (
+        "import sys; import harness.studies.workers\n"
+        "print([n for n in ('numpy', 'pydantic', 'pyarrow', 'typer', 'rich') if n in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_a_run_imports_neither_frames_nor_figures(tmp_path: Path) -> None:
+    script = (
+        "import sys; from harness.studies.run import run\n"
+        f"run('cctc', pairs=1, out={str(tmp_path / 'run')!r}, workers=0)\n"
+        "heavy = ('pandas', 'matplotlib', 'scipy.optimize', 'jinja2', 'pyarrow.dataset', 'typer')\n"
+        "print([name for name in heavy if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout.strip() == "[]", done.stderr

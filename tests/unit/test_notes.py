@@ -1,0 +1,451 @@
+"""What a screen may never hide, on findings and notes: of a run, of a sweep, of a comparison."""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import pytest
+
+from harness.results import notes
+from harness.results.catalogue import ENTRIES
+from harness.results.estimators import EQUAL, zero_bound
+from harness.results.finding import Finding, Form
+from harness.results.findings import CellFindings
+from harness.results.notes import RULES, Rule, Said, notes_of
+from harness.results.result import Result, Shown, Versus
+from harness.scenario import PerceptionSection, Scenario, load_scenario
+from harness.scenario.actuation import ActuationSection
+from harness.scenario.place import place_in_words
+from harness.strategies.references import not_validated, opposite, validation
+from harness.studies.compare import compare
+from tests.cells import (
+    FAILED,
+    FREE_S,
+    HUMAN_S,
+    NOBODY,
+    TIMED,
+    Fate,
+    cell_of,
+    noisy,
+    notes_by_key,
+    result_of,
+    run_of,
+    study,
+)
+
+KINDS = {
+    "run": (),
+    "sweep": ("pedestrians.flow_per_hour=500,250",),
+    "comparison": ("arms.av=gap_yield,soft_yield",),
+}
+"""What varies.  The last cell, Soft-Yield at 250 people per hour, is that of the news."""
+
+Pair = tuple[Fate, Fate]
+
+
+class Told(NamedTuple):
+    result: Result
+    cell: CellFindings
+    """The cell of the news."""
+
+    @property
+    def notes(self) -> dict[str, str]:
+        return {note.key: note.text for note in self.result.notes}
+
+    @property
+    def headings(self) -> str:
+        """The headings of the first screen's rows and columns."""
+        table = self.result.screen
+        columns = [*table.columns, *(column for column, _ in table.same)]
+        return str([*(column.heading for column in columns), *(row[0] for row in table.rows)])
+
+    def shows(self, finding: Finding) -> bool:
+        """Whether the first screen has a finding."""
+        return finding in [shown.finding for shown in _shown(self.result)]
+
+
+def _shown(result: Result) -> Iterator[Shown]:
+    rows = [*result.screen.rows, tuple(value for _, value in result.screen.same)]
+    for entered in (each for row in rows for each in row):
+        if isinstance(entered, Shown):
+            yield entered
+        elif isinstance(entered, Versus):
+            yield from entered
+
+
+@pytest.fixture(params=KINDS)
+def tell(request: pytest.FixtureRequest) -> Callable[..., Told]:
+    def made(news: Callable[[int], Pair], pairs: int = 40, **changes: object) -> Told:
+        def fates(scenario: Scenario, pair: int) -> Pair:
+            here = scenario.arms.av == "soft_yield" and scenario.pedestrians.flow_per_hour == 250
+            return news(pair) if here else usual(pair)
+
+        dotted = {key.replace("__", "."): value for key, value in changes.items()}
+        run = run_of(study(dotted, *KINDS[request.param]), fates, pairs)
+        result = compare(run) if request.param == "comparison" else run.result()
+        return Told(result, run.cells[-1])
+
+    return made
+
+
+def usual(pair: int) -> Pair:
+    """A reference for whom the AV's strategy changes nothing."""
+    return noisy(pair), noisy(pair, 1, HUMAN_S)
+
+
+def some(fate: Fate, others: Callable[[int], Pair] = usual) -> Callable[[int], Pair]:
+    """Pairs of which the first three have this fate of the AV."""
+    return lambda pair: (fate, others(pair)[1]) if pair < 3 else others(pair)
+
+
+@pytest.mark.parametrize(
+    ("fate", "key", "words", "scope"),
+    [
+        (
+            FAILED,
+            "failures",
+            "3 of 80 episodes failed (AV 3, human_gmm 0; by the strategy 3)",
+            ("3 failed episodes", "3 pairs not in the ratio of times"),
+        ),
+        (
+            "timed_out",
+            "time_outs",
+            "3 of 80 episodes timed out (AV 3, human_gmm 0)",
+            ("3 time-outs",),
+        ),
+        (
+            "crashed",
+            "left_out",
+            "uses 37 of 40 pairs, μ and c_v use 37, because of crashes (AV 3, human_gmm 0)",
+            ("3 pairs not in the ratio of times",),
+        ),
+    ],
+)
+def test_what_did_not_cross_is_counted_and_the_worst_case_stands_beside(
+    tell: Callable[..., Told], fate: Fate, key: str, words: str, scope: tuple[str, ...]
+) -> None:
+    told = tell(some(fate))
+    assert words in told.notes[key]
+    assert [each for each in scope if each not in told.result.scope] == []
+    assert told.cell["kappa_worst"].events == 3
+    for worst in (entry for entry in ENTRIES if entry.worst_case):
+        assert worst.heading in told.headings
+        assert told.shows(told.cell[worst.key])
+    # Nothing is left out, so nothing is said.
+    calm = tell(usual)
+    assert {key, "left_out"} & {*calm.notes} == set()
+    assert "worst case" not in calm.headings
+
+
+@pytest.mark.parametrize("fate", ["timed_out", "crashed", FAILED])
+def test_the_worst_case_stands_beside_what_the_reference_leaves_out(
+    tell: Callable[..., Told], fate: Fate
+) -> None:
+    """A reference that times out counts with 60 s, which flatters the AV."""
+    told = tell(lambda pair: (usual(pair)[0], fate if pair < 3 else usual(pair)[1]))
+    assert told.shows(told.cell["time_ratio_worst"])
+    assert "μ and c_v use 37" in told.notes["left_out"]
+    assert ("AV 0, human_gmm 3" in told.notes["left_out"]) == (fate == "crashed")
+
+
+def test_trials_and_the_bound_stand_beside_no_crash(tell: Callable[..., Told]) -> None:
+    told = tell(usual)
+    kappas = [each for each in _shown(told.result) if each.style.form is Form.EVENTS]
+    assert kappas
+    for _, style in kappas:
+        assert style.digits == 1
+    for finding, _ in kappas:
+        assert (finding.events, finding.n, finding.reliable) == (0, 40, True)
+        assert zero_bound(finding.high) == pytest.approx(1 - 0.05 ** (1 / 40))
+
+
+@pytest.mark.parametrize("pairs", [1, 2, 5, 50, 199])
+def test_few_pairs_come_first_however_few(tell: Callable[..., Told], pairs: int) -> None:
+    told = tell(usual, pairs)
+    keys = [note.key for note in told.result.notes]
+    assert {"few_pairs", "opposite", "not_validated"} <= {*keys}
+    assert {*keys[: keys.index("few_pairs")]} <= {"few_differ"}
+    assert f"the fewest here: {pairs:,}" in told.notes["few_pairs"]
+    assert "below 200 informative pairs (delay" in told.notes["few_pairs"]
+    assert "1,000 (time to cross, ratio of times, μ" in told.notes["few_pairs"]
+    # One pair has no interval at all, and nothing that could be marked as unreliable.
+    assert ("missing" in told.notes["few_pairs"]) == (pairs == 1)
+
+
+def test_few_informative_pairs_among_many() -> None:
+    """Three of 1,200 pairs met someone: a low flow makes no reliable interval."""
+    nobody = {**NOBODY, "pass_time_s": FREE_S}
+    cell = cell_of([(noisy(pair), noisy(pair, 1)) for pair in range(3)] + [(nobody, nobody)] * 1197)
+    assert (cell["mu"].n, cell["mu"].reliable) == (3, False)
+    assert "the fewest here: 3." in notes_by_key(cell)["few_pairs"].text
+    calm = cell_of([usual(pair) for pair in range(4_000)])
+    assert "few_pairs" not in notes_by_key(calm)
+
+
+def test_who_drove_instead_and_in_what_share(tell: Callable[..., Told]) -> None:
+    told = tell(some({"pass_time_s": 12.0, "fallback": True}))
+    assert (
+        "hard_yield drove in 3 of 40 passages (7.5 % of those that met someone)"
+        in (told.notes["fallback"])
+    )
+
+
+def test_the_fallback_that_drove_most_stands_in_the_heading() -> None:
+    fell = {"pass_time_s": 12.0, "fallback": True}
+    result = result_of(study({}), lambda _, pair: (fell if pair < 30 else 9.0, HUMAN_S), 40)
+    assert "soft_yield (hard_yield in 75 %)" in [column.heading for column in result.screen.columns]
+
+
+def test_the_model_outside_its_data(tell: Callable[..., Told]) -> None:
+    # 1 of 4 uses in the AV's arm, 3 of 4 in the reference's; the largest excess of all counts.
+    def news(pair: int) -> Pair:
+        asked = {"conditionings": 4, "clamped_speed_excess_mps": 5 + pair / 100}
+        asked |= {"pass_time_s": 8.0, "clamped_range_excess_m": 12.0}
+        return {**asked, "clamped": 1}, {**asked, "clamped": 3}
+
+    words = tell(news).notes["outside_model"]
+    assert "In 25 % (AV) and 75 % (human_gmm) of its uses" in words
+    assert "up to 5.39 m/s too fast and 12 m too far away" in words
+    inside = {"pass_time_s": 8.0, "conditionings": 4, "clamped": 0}
+    assert "outside_model" not in tell(lambda _: (inside, inside)).notes
+
+
+def test_a_reference_that_was_not_validated_in_such_scenes(tell: Callable[..., Told]) -> None:
+    """One person at the trigger is no crowd; the order in recorded crowds is that of the file."""
+    words = tell(usual).notes["not_validated"]
+    assert "human_gmm was not validated against real drivers in such scenes" in words
+    assert "its order of passing was right for 68 %" in words
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"arms.human": "tests.planner:Planner"}, "tests.planner:Planner was not validated"),
+        ({"strategies.human_gmm.speed": "sampled"}, "human_gmm with these settings was not"),
+        ({}, "human_gmm was not validated"),
+        ({"pedestrians.flow_per_hour": 1_500.0, "pedestrians.max_count": None}, None),
+        ({"pedestrians.flow_per_hour": 500.0, "pedestrians.max_count": None}, "human_gmm was not"),
+    ],
+)
+def test_which_references_were_validated(changes: dict[str, object], said: str | None) -> None:
+    text = not_validated(load_scenario("cctc", changes))
+    assert text is None if said is None else text.startswith(said)
+    known = "hit somebody in 17 passages" in validation(load_scenario("cctc", changes))
+    assert known == (said is None or said.startswith("human_gmm was"))
+
+
+@pytest.mark.parametrize("pairs", [20, 50, 200, 1_000])
+def test_another_reference_says_the_opposite_at_any_number_of_pairs(
+    tell: Callable[..., Told], pairs: int
+) -> None:
+    told = tell(usual, pairs)
+    assert "_yield is slower: the result depends on the reference" in told.notes["opposite"]
+    assert told.notes["opposite"].count("Against human_recorded ") == 1
+
+
+def test_the_opposite_is_known_where_it_was_measured() -> None:
+    def said(changes: dict[str, object], value: float, name: str = "cctc") -> str | None:
+        return opposite(load_scenario(name, changes), value)
+
+    assert "human_gmm soft_yield is faster" in str(said({"arms.human": "human_recorded"}, 1.2))
+    # With a flow only the other way was measured.
+    assert said({"arms.human": "human_recorded"}, 1.2, "cctc_flow") is None
+    assert "is slower" in str(said({}, 0.8, "cctc_flow"))
+    for changes in (
+        {"ego.initial_speed_mps": 6.0},
+        {"arms.av": "constant_speed"},
+        {"strategies.soft_yield.p1": 0.02},
+        {"arms.human": "tests.planner:Planner"},
+        {"strategies.human_gmm.speed": "sampled"},
+    ):
+        assert said(changes, 0.8) is None
+
+
+@pytest.mark.parametrize(
+    ("pair", "words"),
+    [
+        ((NOBODY, NOBODY), "Neither driver met a pedestrian: nothing was tested"),
+        (({**FAILED, "pedestrians": 0}, HUMAN_S), "Every episode of the AV failed: nothing was"),
+    ],
+)
+def test_nobody_met_is_not_nothing_ran(tell: Callable[..., Told], pair: Pair, words: str) -> None:
+    assert words in tell(lambda _: pair).notes["nothing_tested"]
+    # In every pair in which someone was met the AV failed, in the others nobody was.
+    mixed = tell(lambda number: (FAILED, HUMAN_S) if number < 20 else (NOBODY, NOBODY))
+    assert "Every pair that met a pedestrian failed" in mixed.notes["nothing_tested"]
+    assert "20 pairs met nobody" in mixed.result.scope
+    one = tell(lambda number: usual(number) if number == 7 else (NOBODY, NOBODY))
+    assert "nothing_tested" not in one.notes
+
+
+def test_pairs_that_were_selected_by_their_outcome(tell: Callable[..., Told]) -> None:
+    drawn = [{"episode": number, "quantile": [0.5], "side": [0.2]} for number in range(3)]
+    told = tell(usual, 3, pedestrians__drawn=drawn, experiment__pairs=3)
+    assert "selected by their outcome" in told.notes["selected"]
+    assert "selected by their outcome" in told.result.about
+
+
+@pytest.mark.parametrize("vary", [KINDS["run"], KINDS["sweep"]])
+def test_an_unfinished_run_says_so_first(vary: tuple[str, ...]) -> None:
+    result = result_of(
+        study({"experiment.pairs": 30}, *vary),
+        lambda _, pair: some(FAILED)(pair),
+        10,
+        finished=False,
+    )
+    cells = max(1, 2 * len(vary))
+    assert result.notes[0].key == "unfinished"
+    assert f"{10 * cells} of {30 * cells} pairs are done" in result.notes[0].text
+    assert result.facts["finished"] is False
+
+
+ERRORS = {
+    "latency_s": 0.3,
+    "update_s": 0.5,
+    "detection_probability": 0.9,
+    "dropout_probability": 0.05,
+    "position_sd_m": 0.4,
+    "speed_sd_mps": 0.2,
+    "dead_time_s": 0.3,
+    "lag_s": 0.4,
+    "max_jerk_mps3": 2.0,
+}
+CALM = {"correlation_s", "occlusion", "vehicles_hide", "human"}
+"""Fields that are no error by themselves."""
+
+
+@pytest.mark.parametrize("human", [False, True])
+@pytest.mark.parametrize(
+    ("section", "key"),
+    [
+        (name, key)
+        for name, of in (("perception", PerceptionSection), ("actuation", ActuationSection))
+        for key in of.model_fields
+        if key not in CALM
+    ],
+)
+def test_errors_of_perception_and_actuation_are_told(
+    tell: Callable[..., Told], section: str, key: str, human: bool
+) -> None:
+    value = ERRORS[key]
+    changes = {f"{section}__{key}": value, f"{section}__human": human}
+    about = tell(usual, 3, **changes).result.about
+    number = {"detection_probability": 10.0, "dropout_probability": 5.0}.get(key, value)
+    sensor = "sensor of the " if section == "perception" else ""
+    who = "AV and reference" if human else "AV"
+    assert f"{sensor}{who}: " in about
+    assert f"{number:g} " in about.partition(f"{who}: ")[2]
+    assert "AV:" not in tell(usual, 3).result.about
+
+
+def test_what_differs_between_cells_is_said_to_vary() -> None:
+    late = Scenario.model_validate({"perception": {"latency_s": 0.3}})
+    assert "perception varied" in place_in_words([Scenario(), late])
+    assert "perception" not in place_in_words([Scenario()])
+    hidden = load_scenario("euro_ncap_vru", {"pedestrians.timed_case": "CPNCO-50"})
+    assert "obstacle" in place_in_words([hidden])
+    assert "obstacle" not in place_in_words([Scenario()])
+
+
+def test_equal_in_every_pair_so_no_interval(tell: Callable[..., Told]) -> None:
+    told = tell(lambda _: (8.0, HUMAN_S), 30)
+    assert told.cell["mu"] == Finding(pytest.approx(0.8), n=0, reason=EQUAL)
+    assert (
+        "The same in every pair, so without an interval: ratio of times, μ" in (told.notes["equal"])
+    )
+
+
+def test_all_episodes_are_the_same_one() -> None:
+    drivers = {"arms__av": "constant_speed", "arms__human": "hard_yield"}
+    cell = cell_of([(8.0, HUMAN_S)] * 30, **TIMED, **drivers)
+    words = notes_by_key(cell)["repeated"].text
+    assert words.startswith("All 30 episodes of the AV and of hard_yield are the same one")
+    assert "repeated" not in notes_by_key(cell_of([usual(pair) for pair in range(3)]))
+
+
+def test_mu_says_which_way_it_errs() -> None:
+    # Where the reference crashes, slow people are about: the AV waits 35 s.
+    def pair(number: int, slow: float) -> Pair:
+        if number % 4:
+            return 8.0 + 0.1 * (number % 3), 10.0
+        crashed = {"ending": "crashed", "pass_time_ignoring_contact_s": 8.0}
+        return slow + number % 3 / 10, crashed
+
+    slower = cell_of([pair(number, 35.0) for number in range(40)])
+    assert "μ makes the AV look faster than it is" in notes_by_key(slower)["biased"].text
+    faster = cell_of([pair(number, 2.0) for number in range(40)])
+    assert "μ makes the AV look slower than it is" in notes_by_key(faster)["biased"].text
+    assert "biased" not in notes_by_key(cell_of([usual(number) for number in range(40)]))
+
+
+def test_speed_and_undefined_numbers() -> None:
+    cell = cell_of([({"pass_time_s": 8.0, "max_speed_mps": 6.0}, "crashed")] * 3)
+    found = notes_by_key(cell)
+    assert "The AV drove at up to 6 m/s, above v0 of 5 m/s" in found["speeding"].text
+    assert "there is no pair in which both vehicles crossed" in found["undefined"].text
+    calm = cell_of([({"pass_time_s": 8.0, "max_speed_mps": 5.0}, HUMAN_S)] * 3)
+    assert {"speeding", "undefined"} & {*notes_by_key(calm)} == set()
+
+
+def test_the_worse_the_news_the_higher() -> None:
+    bad: list[Pair] = [(FAILED, noisy(0, 1)), ("timed_out", noisy(1, 1)), ("crashed", noisy(2, 1))]
+    driven = {"conditionings": 4, "clamped": 1, "clamped_range_excess_m": 3.0, "fallback": True}
+    driven |= {"max_speed_mps": 6.0}
+    driven |= {"pass_time_s": 8.0}
+    bad += [(driven, noisy(pair, 1)) for pair in range(3, 60)]
+    found = notes_of([cell_of(bad)])
+    keys = [note.key for note in found]
+    order = ["failures", "few_pairs", "time_outs", "left_out", "fallback", "opposite"]
+    assert keys == [*order, "outside_model", "not_validated", "speeding", *keys[9:]]
+    assert [note.rank for note in found] == sorted(note.rank for note in found)
+    first = [rule.key for rule in RULES][:4]
+    assert first == ["failures", "nothing_tested", "selected", "few_pairs"]
+
+
+def test_columns_that_are_equal_in_all_rows_stand_beside_with_their_value() -> None:
+    result = result_of(study({}, *KINDS["sweep"]), lambda _, pair: usual(pair), 20)
+    table = result.screen
+    assert [column.key for column in table.columns] == ["pedestrians.flow_per_hour"]
+    assert table.rows == ((500.0,), (250.0,))
+    same = {column.key: value for column, value in table.same}
+    assert {"time_ratio", "delay_s", "pedestrian_wait_s", "kappa", "conflict_pet"} == {*same}
+    assert same["kappa"].av.finding.n == 20
+    assert "soft_yield against human_gmm" in result.title
+
+
+def test_a_note_of_a_sweep_is_about_its_worst_cell_and_counts_the_others() -> None:
+    failures = {50.0: 1, 100.0: 3, 250.0: 2, 500.0: 0}
+
+    def fates(scenario: Scenario, pair: int) -> Pair:
+        return (FAILED if pair < failures[scenario.pedestrians.flow_per_hour] else 9.0), HUMAN_S
+
+    vary = f"pedestrians.flow_per_hour={','.join(map(str, failures))}"
+    cells = run_of(study({}, vary), fates, 10).cells
+    (note,) = [note for note in notes_of(cells) if note.key == "failures"]
+    assert note.text.startswith("flow_per_hour 100: 3 of 20 episodes failed")
+    assert note.text.endswith("(similar in 2 more cells)")
+    assert note.cells == (0, 1, 2)
+    (note,) = [note for note in notes_of(cells[2:]) if note.key == "failures"]
+    assert note.text.startswith("flow_per_hour 250: 2 of 20")
+    (alike,) = [note for note in notes_of(cells[:1] * 2) if note.key == "failures"]
+    assert alike.text.startswith("1 of 20")
+    assert alike.text.endswith("(likewise in 1 more cell)")
+
+
+def test_a_rule_is_a_note_everywhere(tell: Callable[..., Told], monkeypatch) -> None:
+    def say(cell: CellFindings) -> Said | None:
+        return Said("It took 8 s.") if cell["time_s"].value == 8 else None
+
+    monkeypatch.setattr(notes, "RULES", (Rule("eight", "eight", say), *RULES))
+    told = tell(lambda _: (8.0, HUMAN_S), 4)
+    assert "It took 8 s." in told.notes["eight"]
+    assert "It took 8 s." in str(told.result.to_dict()["notes"])
+
+
+def test_references_that_disagree_are_said_at_once() -> None:
+    def fates(scenario: Scenario, pair: int) -> Pair:
+        human_s = 14.0 if scenario.arms.human == "human_gmm" else 6.0
+        return noisy(pair), noisy(pair, 1, human_s)
+
+    result = result_of(study({}, "arms.human=human_gmm,human_recorded"), fates, 30)
+    assert result.notes[0].key == "agreement"
+    assert "less time than human_gmm; more time than human_recorded" in result.notes[0].text

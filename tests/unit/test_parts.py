@@ -1,0 +1,298 @@
+"""Parts, the manifest and the folder of a run, through the functions that write and read them."""
+
+import json
+import resource
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from harness.core.encounter import Arm
+from harness.core.errors import HarnessError, InputError
+from harness.model.interaction import InteractionModel
+from harness.results import folder as folders
+from harness.results.finding import Finding
+from harness.results.findings import CellFindings
+from harness.results.tables import (
+    EPISODES,
+    PEDESTRIANS,
+    TABLES,
+    DamagedPartError,
+    done_parts,
+    part_name,
+    read_cell,
+    write_part,
+)
+from harness.scenario import Cell, Scenario, Study, load_scenario
+from harness.studies.tasks import part_pairs, tasks_of
+
+MANIFEST = {"pairs_per_part": 3, "digest": "this run"}
+
+
+def rows(first: int, count: int, **more: Any) -> list[dict[str, Any]]:
+    """Rows of ``episodes`` of cell 2; the times tell pairs and arms apart."""
+    return [
+        {
+            **{"cell": 2, "pair": pair, "arm": arm.value, "strategy": "soft_yield"},
+            **{"ending": "crossed", "fallback": False, "steps": 10, "pedestrians": 1},
+            **{"pass_time_s": 5.0 + pair + (arm is Arm.AV) / 2, "stops": pair, **more},
+        }
+        for pair in range(first, first + count)
+        for arm in Arm
+    ]
+
+
+def write(folder: Path, first: int, of: list[dict[str, Any]], digest: str = "this run") -> Path:
+    tables = {"episodes": EPISODES.of(of), "pedestrians": PEDESTRIANS.of([])}
+    write_part(folder, 2, first, tables, digest)
+    return folder / "episodes" / part_name(2, first)
+
+
+def test_every_column_is_declared_with_its_meaning() -> None:
+    for table in TABLES.values():
+        names = [column.name for column in table.columns]
+        assert len({*names}) == len(names)
+        assert all(column.meaning for column in table.columns)
+        assert names[:3] == ["cell", "pair", "arm"]
+
+
+@settings(max_examples=25, deadline=None)
+@given(pairs=st.integers(1, 20), size=st.integers(1, 9))
+def test_rows_do_not_depend_on_the_division(
+    tmp_path_factory: pytest.TempPathFactory, pairs: int, size: int
+) -> None:
+    folder = tmp_path_factory.mktemp("parts")
+    for first in reversed(range(0, pairs, size)):
+        write(folder, first, rows(first, min(size, pairs - first)))
+    read = read_cell(folder, "episodes", 2, {**MANIFEST, "pairs_per_part": size})
+    assert read.equals(EPISODES.of(rows(0, pairs)))
+    assert done_parts(folder) == {(2, first) for first in range(0, pairs, size)}
+    one = read_cell(folder, "episodes", 2, {**MANIFEST, "pairs_per_part": size}, pairs - 1)
+    assert one.to_pylist() == EPISODES.of(rows(pairs - 1, 1)).to_pylist()
+
+
+def test_what_follows_a_missing_part_is_left_out(tmp_path: Path) -> None:
+    for first in (0, 3, 9):
+        write(tmp_path, first, rows(first, 3))
+    assert read_cell(tmp_path, "episodes", 2, MANIFEST)["pair"].to_pylist()[-1] == 5
+    assert not read_cell(tmp_path, "episodes", 7, MANIFEST).num_rows
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-40])
+
+
+@pytest.mark.parametrize("damage", [cut, lambda path: path.write_bytes(b"")])
+def test_damaged_parts_are_named_in_one_line(
+    tmp_path: Path, damage: Callable[[Path], object]
+) -> None:
+    path = write(tmp_path, 0, rows(0, 3))
+    damage(path)
+    with pytest.raises(DamagedPartError) as raised:
+        read_cell(tmp_path, "episodes", 2, MANIFEST)
+    line = str(raised.value)
+    assert str(path) in line
+    assert "harness resume" in line
+    assert "\n" not in line
+
+
+def test_no_flipped_byte_changes_a_row_silently(tmp_path: Path) -> None:
+    path, whole = write(tmp_path, 0, rows(0, 3)), EPISODES.of(rows(0, 3))
+    content, refused = path.read_bytes(), 0
+    for place in range(0, len(content), 97):
+        path.write_bytes(content[:place] + bytes([content[place] ^ 0xFF]) + content[place + 1 :])
+        try:
+            assert read_cell(tmp_path, "episodes", 2, MANIFEST).equals(whole), place
+        except InputError:
+            refused += 1
+    assert refused > 10
+
+
+BAD_ROWS = {
+    "pass_time_s": [*rows(0, 2), *rows(2, 1, pass_time_s=float("inf"))],
+    "pass_time_s: 0.0": [*rows(0, 2), *rows(2, 1, pass_time_s=0.0)],
+    "ending": [*rows(0, 2), *rows(2, 1, ending="exploded")],
+    "strategy": [*rows(0, 2), *rows(2, 1, strategy=None)],
+    "steps": [*rows(0, 2), *rows(2, 1, steps=-1)],
+    "other rows: an arm": rows(0, 3)[:-1],
+    "other rows: a pair twice": [*rows(0, 2), *rows(1, 1)],
+    "other rows: another cell": [*rows(0, 2), *rows(2, 1, cell=3)],
+    "other rows: other pairs": rows(3, 3),
+    "other rows: none": [],
+}
+
+
+@pytest.mark.parametrize("what", BAD_ROWS)
+def test_values_that_no_part_has_are_refused(tmp_path: Path, what: str) -> None:
+    write(tmp_path, 0, BAD_ROWS[what])
+    with pytest.raises(InputError, match=what.partition(":")[0]) as raised:
+        read_cell(tmp_path, "episodes", 2, MANIFEST)
+    assert not isinstance(raised.value, DamagedPartError)
+
+
+def test_a_part_of_another_run_is_refused(tmp_path: Path) -> None:
+    write(tmp_path, 0, rows(0, 3), digest="another run")
+    with pytest.raises(InputError, match="belongs to another run"):
+        read_cell(tmp_path, "episodes", 2, MANIFEST)
+
+
+@contextmanager
+def longest_file(size: int) -> Iterator[None]:
+    """No file of this process may grow beyond ``size`` bytes, as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_full_disk_leaves_no_half_written_part(tmp_path: Path) -> None:
+    with longest_file(2_000), pytest.raises(HarnessError, match="File too large") as raised:
+        write(tmp_path, 0, rows(0, 3))
+    assert "\n" not in str(raised.value)
+    assert not [
+        path for path in tmp_path.rglob("*") if path.is_file() and "epis" in path.parent.name
+    ]
+    assert done_parts(tmp_path) == set()
+
+
+@given(pairs=st.integers(1, 200_000))
+def test_the_size_of_a_part_depends_on_the_number_of_pairs_alone(pairs: int) -> None:
+    size = part_pairs(pairs)
+    assert size == part_pairs(pairs)
+    assert -(-pairs // size) >= min(pairs, 4)
+    assert pairs >= 20_000 or -(-pairs // size) <= 100
+    assert size <= part_pairs(pairs + 1)
+    # Looks of --until are at 1,000 · 2^k pairs.
+    assert pairs < 1_000 or 1_000 % size == 0
+
+
+def study_of_cells(**changes: Any) -> tuple[Study, Any]:
+    base = load_scenario("cctc_flow", {"experiment.pairs": 40})
+    cells = [Cell(0, {}, base), Cell(1, {}, base.model_copy(update=changes))]
+    return Study("made up", base, tuple(cells)), base
+
+
+@pytest.mark.parametrize(
+    ("section", "value", "together"),
+    [
+        ("arms", {"av": "hard_yield"}, True),
+        ("perception", {"latency_s": 0.3}, True),
+        ("actuation", {"dead_time_s": 0.3}, True),
+        ("conflicts", {"pet_s": 2.0}, True),
+        ("pedestrians", {"flow_per_hour": 300.0}, False),
+        ("ego", {"length_m": 4.0}, False),
+        ("experiment", {"seed": 2}, False),
+    ],
+)
+def test_cells_share_tasks_if_they_differ_in_their_drivers_alone(
+    model: InteractionModel, section: str, value: dict[str, Any], together: bool
+) -> None:
+    _, base = study_of_cells()
+    study, _ = study_of_cells(**{section: getattr(base, section).model_copy(update=value)})
+    manifest = {"pairs_per_part": 10, "traces": False, "engine": "sumo"}
+    manifest["simulated_with"] = {"strategies": {}}
+    tasks = tasks_of(study, [model, model], manifest)
+    assert {len(task.cells) for task in tasks} == {2 if together else 1}
+    planned = [(cell.number, pair) for t in tasks for cell in t.cells for pair in t.pairs]
+    assert sorted(planned) == [(cell, pair) for cell in (0, 1) for pair in range(40)]
+
+
+def manifest_in(folder: Path, model: InteractionModel) -> dict[str, Any]:
+    study, _ = study_of_cells()
+    made = folders.manifest_of(study, [model, model], traces=False, engine="sumo", pairs_per_part=5)
+    folders.write_manifest(folder, made)
+    return made
+
+
+def test_a_manifest_is_read_as_written_and_refused_once_edited(
+    tmp_path: Path, model: InteractionModel
+) -> None:
+    with pytest.raises(InputError, match="not a run folder"):
+        folders.read_manifest(tmp_path)
+    assert folders.kind_of_folder(tmp_path) == "old"
+    made = manifest_in(tmp_path, model)
+    assert folders.kind_of_folder(tmp_path) == "encounters"
+    assert folders.read_manifest(tmp_path) == json.loads(json.dumps(made))
+    for change, line in (
+        ({"seed": 77}, "digest differs"),
+        ({"scenario": {}}, "digest differs"),
+        ({"schema": 3}, "format version 3"),
+    ):
+        folders.write_manifest(tmp_path, {**made, **change})
+        with pytest.raises(InputError, match=line):
+            folders.read_manifest(tmp_path)
+    (tmp_path / folders.MANIFEST).write_text("[1")
+    with pytest.raises(InputError, match="is damaged"):
+        folders.read_manifest(tmp_path)
+
+
+def test_a_resumed_run_needs_its_versions_strategies_and_model() -> None:
+    then = {"versions": {"sumo": "1"}, "strategies": {"own:A": "x"}, "models": [{"name": "dut"}]}
+    folders.refuse_other_versions(then, then)
+    for part, now in (
+        ("simulated with sumo 1, this is 2", {**then, "versions": {"sumo": "2"}}),
+        ("own:A has been edited", {**then, "strategies": {"own:A": "y"}}),
+        ("model other has changed", {**then, "models": [{"name": "other"}]}),
+    ):
+        with pytest.raises(InputError, match=part):
+            folders.refuse_other_versions(then, now)
+
+
+def test_a_folder_is_one_runs(
+    tmp_path: Path, model: InteractionModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert folders.claim_folder(None, "cctc") == Path("runs/cctc-1")
+    assert folders.claim_folder(None, "cctc") == Path("runs/cctc-2")
+    held = folders.RunFolder(folders.claim_folder("out", "cctc"))
+    with pytest.raises(InputError, match="another process is working"):
+        folders.RunFolder(Path("out"))
+    held.close()
+    # A run that ended before its manifest was written is no obstacle.
+    assert folders.claim_folder("out", "cctc") == Path("out")
+    manifest_in(Path("out"), model)
+    Path("full").mkdir()
+    Path("full", "mine.txt").touch()
+    for place, line in (
+        ("out", "already holds a run.*harness resume out"),
+        ("full", "is not empty"),
+        ("full/mine.txt", "is a file"),
+        ("full/mine.txt/below", "cannot be written"),
+    ):
+        with pytest.raises(InputError, match=line):
+            folders.claim_folder(place, "cctc")
+    assert Path("full", "mine.txt").is_file()
+
+
+def test_findings_are_read_as_written(tmp_path: Path) -> None:
+    cell = Cell(2, {"ego.length_m": 4.0}, Scenario())
+    assert folders.read_findings(tmp_path, [cell]) is None
+    made = {
+        "kappa": Finding(0.1, 0.0, 1 / 3, n=4, events=0, reliable=True),
+        "mu": Finding(None, reason="no pair"),
+    }
+    found = CellFindings(2, cell.varied, cell.scenario, made)
+    folders.write_findings(tmp_path, [found])
+    (again,) = folders.read_findings(tmp_path, [cell]) or ()
+    assert dict(again.findings) == dict(found.findings)
+    assert (tmp_path / folders.SUMMARY).read_text().startswith("cell,ego.length_m,")
+    (tmp_path / folders.FINDINGS).write_text('{"2": {"mu": {"colour": 1}}}')
+    with pytest.raises(InputError, match="is damaged"):
+        folders.read_findings(tmp_path, [cell])
+
+
+def test_a_column_of_another_type_is_refused(tmp_path: Path) -> None:
+    table = EPISODES.of(rows(0, 3))
+    at = table.schema.get_field_index("steps")
+    odd = table.set_column(at, "steps", pa.array(["many"] * 6))
+    path = write(tmp_path, 0, rows(0, 3))
+    pq.write_table(odd.replace_schema_metadata({"harness.digest": "this run"}), path)
+    with pytest.raises(DamagedPartError):
+        read_cell(tmp_path, "episodes", 2, MANIFEST)
