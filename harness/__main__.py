@@ -1,11 +1,18 @@
 """``harness`` and ``python -m harness``."""
 
+import sys
+
 from harness.cli.interruption import leave_at_once
 
 
 def main() -> None:
     """Run the command line; to be interrupted at any moment, its imports included."""
     leave_at_once()
+    if sys.argv[1:] == ["--version"]:
+        from importlib.metadata import version
+
+        print(version("crosswalk-harness"))
+        return
     from harness.cli.app import main as run
 
     run()

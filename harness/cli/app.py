@@ -4,63 +4,40 @@ import errno
 import io
 import sys
 import traceback
-from typing import Annotated
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
 
 import typer
 from typer.exceptions import Abort, Exit, TyperException
 
-from harness.cli import about, encounters, folders
 from harness.cli.interruption import LINE, BrokenOffError, exit_code
 from harness.cli.output import say
 from harness.core.errors import HarnessError, InputError, one_line
-from harness.old.cli import conflicts, crossings, model, risk, validation
 
-app = typer.Typer(
-    name="harness",
-    help="Judge an automated vehicle's strategy at an unsignalized crosswalk, in SUMO, against a "
-    "human driver who meets the same pedestrians.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
+COMMANDS: Mapping[str, str] = {
+    command: module
+    for module, commands in {
+        "cli.encounters": "run sweep resume",
+        "cli.folders": "show report compare worst replay",
+        "cli.about": "network strategies doctor",
+        "old.cli.export": "export",
+        "old.cli.risk": "risk",
+        "old.cli.crossings": "crossings",
+        "old.cli.conflicts": "conflicts",
+        "old.cli.model": "extract fit model",
+        "old.cli.validation": "validate",
+    }.items()
+    for command in commands.split()
+}
+"""The commands with their modules; only that of the command which is asked for is imported."""
 
-
-@app.callback()
-def _harness(
-    _version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=about.print_version, is_eager=True, help="Print the version."
-        ),
-    ] = False,
-) -> None:
-    """Take the options that do not belong to a command."""
-
-
-app.command()(encounters.run)
-app.command("sweep", help="Another name for `harness run`.")(encounters.run)
-for command in (
-    encounters.resume,
-    folders.show,
-    folders.report,
-    folders.compare,
-    folders.worst,
-    folders.replay,
-    folders.export,
-    risk.risk,
-    about.network,
-    crossings.crossings,
-    conflicts.conflicts,
-    about.strategies,
-    about.doctor,
-    model.extract,
-    model.fit,
-    validation.validate,
-):
-    app.command()(command)
-app.add_typer(model.group, name="model")
-
+_OF_OTHERS = {
+    "resume": "old.cli.batch",
+    "report": "old.cli.reporting",
+    **dict.fromkeys(("compare", "worst", "replay"), "old.cli.review"),
+}
+"""The modules for folders of anything but encounters."""
 
 _INTERRUPTED = 130
 """typer's exit code if a command did not catch the interruption."""
@@ -68,10 +45,49 @@ _INTERRUPTED = 130
 _NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EINVAL)
 """Errors caused by a name that the user chose, not by the state of the file system."""
 
+_HELP = (
+    "Judge an automated vehicle's strategy at a crosswalk against a human driver, in SUMO. Both "
+    "meet the same pedestrians. `harness --version` prints the version."
+)
+
 _OURS = (
     "harness: this is a bug in the harness, not an error in your files; please report the command "
     "and the lines above"
 )
+
+
+def application(arguments: Sequence[str] = ()) -> typer.Typer:
+    """The commands, or the one of these arguments."""
+    app = typer.Typer(
+        name="harness",
+        help=_HELP,
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+    )
+    app.callback()(lambda: None)  # without it a single command would have no name
+    name = arguments[0] if arguments else ""
+    for command in [name] if name in COMMANDS else COMMANDS:
+        module = import_module(f"harness.{_module_of(command, arguments)}")
+        if command == "model":
+            app.add_typer(module.group, name=command)
+        else:
+            app.command(command)(module.run if command == "sweep" else getattr(module, command))
+    return app
+
+
+def _module_of(command: str, arguments: Sequence[str]) -> str:
+    if command == "strategies" and any(each.startswith("--check") for each in arguments):
+        return "old.cli.about"
+    folders = [each for each in arguments if not each.startswith("-") and Path(each).is_dir()]
+    if folders and (command in _OF_OTHERS or "--csv" in arguments):
+        from harness.results.folder import kind_of_folder
+
+        if kind_of_folder(Path(folders[0])) != "encounters":
+            return _OF_OTHERS.get(command, COMMANDS[command])
+        return "cli.folders"
+    return COMMANDS[command]
 
 
 def main() -> None:
@@ -80,7 +96,7 @@ def main() -> None:
         # Text that the terminal cannot encode, such as μ, must not end the command.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        code = app(standalone_mode=False)
+        code = application(sys.argv[1:])(standalone_mode=False)
         if code == _INTERRUPTED:
             raise KeyboardInterrupt
     except (InputError, TyperException) as error:
@@ -89,12 +105,9 @@ def main() -> None:
         # For `harness` or `harness model` alone typer answers with the whole help.
         say(text if text.startswith("Usage:") else one_line(f"harness: {text}"))
         code = 2
-    except BrokenOffError as error:
-        say(one_line(f"harness: {error}"))
-        code = exit_code()
     except HarnessError as error:
         say(one_line(f"harness: {error}"))
-        code = 1
+        code = exit_code() if isinstance(error, BrokenOffError) else 1
     except OSError as error:
         # No module handled it: the file name is impossible, or a disk has disappeared.
         name = "" if error.filename is None else f"{error.filename}: "
@@ -105,9 +118,6 @@ def main() -> None:
     except (Abort, KeyboardInterrupt):
         say(LINE)
         code = exit_code()
-    except MemoryError:
-        say("harness: there is not enough memory for this")
-        code = 1
     except Exception:
         # Files and options are checked when they are read, so any other error is a bug.
         traceback.print_exc()

@@ -1,6 +1,5 @@
 """The commands ``run`` (also called ``sweep``) and ``resume``."""
 
-from itertools import islice
 from typing import TYPE_CHECKING
 
 import typer
@@ -32,12 +31,7 @@ def run(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Run every pair with the AV and again with the human driver.
-
-    With --vary, the command runs every cell of the sweep.
-    """
-    if dask is not None and workers is not None:
-        raise not_with("--workers", "--dask", "the cluster's own workers")
+    """Run every pair with the AV and again with the human driver; with --vary, every cell."""
     from harness.studies.workers import start_children, stop_children, workers_for
 
     if dask is None:
@@ -45,7 +39,6 @@ def run(
         start_children(workers_for(workers, pairs))
     try:
         from harness.scenario import parse_variation, read_scenario_file, remarks, study_of
-        from harness.scenario.variation import flatten
 
         file = read_scenario_file(scenario, settings_of(settings, pairs, seed))
         study = study_of(file, [parse_variation(text) for text in vary or []])
@@ -53,20 +46,16 @@ def run(
             from harness.old.cli.batch import run as run_old
 
             stop_children()
-            run_old(
-                *(scenario, vary, out, pairs, seed, settings, workers, traces, engine, dask),
-                *(full, quiet, as_json),
-            )
+            chosen = (scenario, vary, out, pairs, seed, settings, workers, traces, engine, dask)
+            run_old(*chosen, full, quiet, as_json)
             return
-        if vary and file.sweep is not None:
-            swept = ", ".join(flatten(file.sweep))
-            say(f"note: --vary replaces the [sweep] of {file.source}: {swept}")
         lines = [line for cell in study.cells for line in remarks(cell.scenario)]
         for remark in filter(None, dict.fromkeys([study.remark, *lines])):
             say(f"harness: {remark}")
+        if vary and file.sweep is not None:
+            say(f"note: --vary replaces the [sweep] of {file.source}")
         from harness.studies.run import run as run_study
 
-        executor = None if dask is None else _cluster(dask, study.driven)
         with progress_bar(quiet or as_json) as advance, unwinding():
             finished = run_study(
                 study,
@@ -74,7 +63,7 @@ def run(
                 traces=traces,
                 workers=workers,
                 engine=engine,
-                executor=executor,
+                executor=_cluster(dask, workers, study.driven),
                 progress=advance,
             )
     finally:
@@ -90,26 +79,23 @@ def resume(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Continue an interrupted run or risk estimate."""
-    if dask is not None and workers is not None:
-        raise not_with("--workers", "--dask", "the cluster's own workers")
-    from harness.results.folder import kind_of_folder
-
-    if kind_of_folder(run_folder) == "old":
-        from harness.old.cli.batch import resume as resume_old
-
-        resume_old(run_folder, workers, dask, full, quiet, as_json)
-        return
+    """Continue an interrupted run."""
     from harness.results.run import load_run
     from harness.studies.run import resume as resume_run
 
-    executor = None if dask is None else _cluster(dask, load_run(run_folder).study.driven)
+    driven = load_run(run_folder).study.driven
     with progress_bar(quiet or as_json) as advance, unwinding():
-        finished = resume_run(run_folder, workers=workers, executor=executor, progress=advance)
+        finished = resume_run(
+            run_folder, workers=workers, executor=_cluster(dask, workers, driven), progress=advance
+        )
     print_run(finished, full, quiet, as_json)
 
 
-def _cluster(address: str, drivers: list[str]) -> "Executor":
+def _cluster(address: str | None, workers: int | None, drivers: list[str]) -> "Executor | None":
+    if address is None:
+        return None
+    if workers is not None:
+        raise not_with("--workers", "--dask", "the cluster's own workers")
     from harness.studies.workers import dask_executor
 
     return dask_executor(address, drivers)
@@ -122,9 +108,8 @@ def print_run(run: "Run", full: bool, quiet: bool, as_json: bool) -> None:
         Exit: with code 1, if an episode failed.
     """
     show(run.result(), full, quiet, as_json, [run.path])
-    if run.failures:
-        first = (f"cell {cell} pair {pair} {arm}: {why}" for cell, pair, arm, why in run.failures)
-        more = f" and {len(run.failures) - 3} more (log.jsonl)" if len(run.failures) > 3 else ""
-        examples = "; ".join(islice(first, 3))
-        say(one_line(f"harness: {len(run.failures)} episodes failed: {examples}{more}"))
+    if failures := run.failures:
+        cell, pair, arm, why = failures[0]
+        first = f"cell {cell} pair {pair} {arm}: {why}"
+        say(one_line(f"harness: {len(failures)} episodes failed (log.jsonl); the first: {first}"))
         raise typer.Exit(1)

@@ -1,114 +1,78 @@
-"""Options that several commands share."""
+"""The options of all commands, and checks of their combinations."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import typer
+from typer import Argument, Option
 
 from harness.core.errors import InputError
 from harness.core.resources import shipped_directory
 
 _SHIPPED = ", ".join(sorted(file.stem for file in shipped_directory("scenarios").glob("*.toml")))
+_SCENARIO = f"A scenario file (TOML), or the name of a shipped scenario: {_SHIPPED}."
+_SET = "Change a key of the scenario, e.g. --set ego.initial_speed_mps=8. Repeatable."
+_VARY = (
+    "Vary a key over values or a range, e.g. --vary pedestrians.flow_per_hour=50,100 "
+    "--vary strategies.soft_yield.p1=0:0.1:0.02. Repeatable: cells form the full grid. It replaces "
+    "the [sweep] of the scenario file."
+)
+_DASK = "Run on a Dask cluster, e.g. tcp://127.0.0.1:8786 (pip install crosswalk-harness[cluster])."
+_ENGINE = "plain: the same kinematics, faster, without SUMO's collision check and outputs."
+_DEBUG = "Run in this process without time limits, so that breakpoint() works in decide."
 
-RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")]
-ScenarioArgument = Annotated[
-    str,
-    typer.Argument(help=f"A scenario file (TOML), or the name of a shipped scenario: {_SHIPPED}."),
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        help="Change a key of the scenario, e.g. --set ego.initial_speed_mps=8. Repeatable.",
-        metavar="KEY=VALUE",
-    ),
-]
-VaryOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--vary",
-        help="Vary a key over values or a range, e.g. --vary pedestrians.flow_per_hour=50,100 "
-        "--vary strategies.soft_yield.p1=0:0.1:0.02. Repeatable: cells form the full grid. "
-        "It replaces the [sweep] of the scenario file.",
-        metavar="KEY=V1,V2,…",
-    ),
-]
-OutOption = Annotated[
-    Path | None,
-    typer.Option(help="Folder for the results; default runs/<scenario>-<next number>."),
-]
-PairsOption = Annotated[
-    int | None, typer.Option(help="Number of pairs per cell, instead of the scenario's.")
-]
-SeedOption = Annotated[int | None, typer.Option(help="Root seed, instead of the scenario's.")]
-WorkersOption = Annotated[
-    int | None, typer.Option(min=1, max=1024, help="Worker processes; default: all cores.")
-]
-DaskOption = Annotated[
-    str | None,
-    typer.Option(
-        help="Run on a Dask cluster, e.g. tcp://127.0.0.1:8786 (pip install "
-        "crosswalk-harness[cluster]).",
-        metavar="ADDRESS",
-    ),
-]
-EngineOption = Annotated[
-    Literal["sumo", "plain"],
-    typer.Option(
-        help="plain: the same kinematics, faster, without SUMO's collision check and outputs."
-    ),
-]
-TracesOption = Annotated[bool, typer.Option("--traces", help="Keep every time step.")]
-CellOption = Annotated[int, typer.Option(help="Number of the cell in a sweep.")]
-ArmOption = Annotated[
-    Literal["av", "human"],
-    typer.Option(help="Arm of the episodes: the AV's or the human driver's."),
-]
-Mu0Option = Annotated[
-    float | None, typer.Option(help="Upper limit of μ, for the paper's allowed interval.")
-]
-Kappa0Option = Annotated[
-    float | None, typer.Option(help="Upper limit of κ, for the paper's allowed interval.")
-]
-FullOption = Annotated[
-    bool, typer.Option("--full", help="Print every number, not only the first screen.")
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print only the results, as JSON.")]
-QuietOption = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Print only the paths of the written files.")
-]
+ScenarioArgument = Annotated[str, Argument(help=_SCENARIO)]
+RunArgument = Annotated[Path, Argument(metavar="RUN", help="A run folder.")]
+RunsArgument = Annotated[list[Path], Argument(metavar="RUN…", help="Runs with the same people.")]
+
+SetOption = Annotated[list[str] | None, Option("--set", help=_SET, metavar="KEY=VALUE")]
+VaryOption = Annotated[list[str] | None, Option("--vary", help=_VARY, metavar="KEY=V1,V2,…")]
+OutOption = Annotated[Path | None, Option(help="Folder; default runs/<scenario>-<next number>.")]
+PairsOption = Annotated[int | None, Option(help="Pairs per cell, instead of the scenario's.")]
+SeedOption = Annotated[int | None, Option(help="Root seed, instead of the scenario's.")]
+WorkersOption = Annotated[int | None, Option(min=1, max=1024, help="Processes; default: cores.")]
+TracesOption = Annotated[bool, Option("--traces", help="Keep every time step.")]
+EngineOption = Annotated[Literal["sumo", "plain"], Option(help=_ENGINE)]
+DaskOption = Annotated[str | None, Option(help=_DASK, metavar="ADDRESS")]
+
+CellOption = Annotated[int, Option(help="Number of the cell in a sweep.")]
+OnlyCellOption = Annotated[int | None, Option(help="Only this cell.")]
+PairOption = Annotated[str, Option(help="Number of the pair, or a range: 1-20.")]
+ArmOption = Annotated[Literal["av", "human"], Option(help="The AV's or the human driver's arm.")]
+ArmsOption = Annotated[Literal["av", "human", "both"], Option(help="Arm to repeat, or both.")]
+ByOption = Annotated[str, Option(help="Measure to rank by, e.g. min_ttc_s, delay_s, stops.")]
+MostOption = Annotated[int, Option("-n", help="Number of episodes.", metavar="N")]
+DiffOption = Annotated[Path | None, Option(help="A run with what is worse in it than in RUN.")]
+Mu0Option = Annotated[float | None, Option(help="Upper limit of μ: the paper's allowed interval.")]
+Kappa0Option = Annotated[float | None, Option(help="Upper limit of κ: the same.")]
+PageOption = Annotated[Path | None, Option(help="The page; default RUN/report.html.")]
+FiguresOption = Annotated[Path | None, Option(help="Folder for the figures, PNG and PDF.")]
+TableOption = Annotated[Path | None, Option(help="Write the rows to a new CSV file.")]
+FolderOption = Annotated[Path, Option(help="Folder for the sources and the network.")]
+NewFolderOption = Annotated[Path | None, Option(help="A new folder for the files.")]
+
+GuiOption = Annotated[bool, Option("--gui", help="Show it in sumo-gui, one arm after the other.")]
+ScreenshotsOption = Annotated[Path | None, Option(help="With --gui: a new folder for PNGs.")]
+DebugOption = Annotated[bool, Option("--debug", help=_DEBUG)]
+
+CsvOption = Annotated[bool, Option("--csv", help="Write every table as CSV.")]
+FullOption = Annotated[bool, Option("--full", help="Print every number, with all notes.")]
+JsonOption = Annotated[bool, Option("--json", help="Print only the results, as JSON.")]
+QuietOption = Annotated[bool, Option("--quiet", "-q", help="Print only paths or names.")]
 
 
 def settings_of(
     settings: list[str] | None, pairs: int | None = None, seed: int | None = None
 ) -> list[Any]:
-    """Return the changes of --set, --pairs and --seed in the order of application."""
+    """The changes of --set, --pairs and --seed in the order of application."""
     from harness.scenario import Setting, parse_setting
 
-    chosen = [parse_setting(text) for text in settings or []]
-    if pairs is not None:
-        chosen.append(Setting("experiment.pairs", pairs, "--pairs"))
-    if seed is not None:
-        chosen.append(Setting("experiment.seed", seed, "--seed"))
-    return chosen
+    given = {"experiment.pairs": ("--pairs", pairs), "experiment.seed": ("--seed", seed)}
+    return [
+        *map(parse_setting, settings or []),
+        *(Setting(key, of, name) for key, (name, of) in given.items() if of is not None),
+    ]
 
 
 def not_with(option: str, other: str, allowed: str) -> InputError:
-    """Return the error for two options that exclude each other."""
+    """The error for two options that exclude each other."""
     return InputError(option, f"cannot be combined with {other}", allowed)
-
-
-def refuse_without(needed: str, is_given: bool, **options: object) -> None:
-    """Refuse options that have no effect without another option.
-
-    Args:
-        needed: the other option.
-        is_given: whether the other option is given.
-        options: values by name; None or False if an option is not given.
-
-    Raises:
-        InputError: an option is given without the needed one.
-    """
-    for name, value in options.items():
-        if value not in (None, False) and not is_given:
-            raise InputError(f"--{name}", f"needs {needed}", needed)

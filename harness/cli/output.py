@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -11,24 +11,11 @@ if TYPE_CHECKING:
 
 
 def show(
-    result: "Result",
-    full: bool,
-    quiet: bool,
-    as_json: bool,
-    lines: Iterable[object] = (),
-    out: Any = None,
+    result: "Result", full: bool, quiet: bool, as_json: bool, lines: Iterable[object] = ()
 ) -> None:
-    """Print a result: its screen, its JSON, or with ``quiet`` the given lines.
-
-    With ``out`` its records are written to that new CSV file first.
-    """
-    if out is not None:
-        from harness.core.files import write_csv
-        from harness.results.result import flat
-
-        write_csv(out, [flat(record) for record in result.records])
+    """Print a result: its screen, its JSON, or with ``quiet`` the given lines."""
     if as_json:
-        print_json(result.to_dict())
+        print_line(json.dumps(result.to_dict(), indent=1, ensure_ascii=False, allow_nan=False))
     elif quiet:
         for line in lines:
             print_line(str(line))
@@ -38,31 +25,22 @@ def show(
         print_result(result, full)
 
 
-def emit(
-    quiet: bool,
-    as_json: bool,
-    document: Any,
-    lines: Iterable[object],
-    screen: Callable[[], None] | None = None,
+def show_rows(
+    command: str, rows: Sequence[Mapping[str, Any]], quiet: bool, as_json: bool, **said: Any
 ) -> None:
-    """Print what a command did: as JSON, as short ``lines`` with ``quiet``, or by ``screen``."""
-    if as_json:
-        print_json(document)
-    elif quiet or screen is None:
-        for line in lines:
-            print_line(str(line))
-    else:
-        screen()
+    """Print rows of text, whose first column stands for a row with ``quiet``.
+
+    ``said`` is what the result has besides: ``title``, ``closing``.
+    """
+    from harness.results.result import listed
+
+    first = dict.fromkeys(str(next(iter(row.values()))) for row in rows)
+    show(listed(command, rows, **said), False, quiet, as_json, first)
 
 
 def print_line(text: str) -> None:
     """Print a line of a result on stdout."""
     sys.stdout.write(text + "\n")
-
-
-def print_json(document: Any) -> None:
-    """Print a result as JSON on stdout."""
-    print_line(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
 
 
 def say(text: str) -> None:
@@ -75,8 +53,7 @@ def progress_bar(hidden: bool) -> Iterator[Callable[..., None]]:
     """Draw a progress bar of pairs on stderr unless it is hidden.
 
     Yields:
-        A function that takes the number done, the number planned, and what is waited for, if
-        anything.
+        A function that takes the numbers of finished and planned pairs.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
@@ -85,14 +62,12 @@ def progress_bar(hidden: bool) -> Iterator[Callable[..., None]]:
     bar = Progress("{task.description}", *columns, console=Console(stderr=True), disable=hidden)
     task = bar.add_task("pairs", rate="")
 
-    def advance(done: int, planned: int, waits_for: str = "") -> None:
-        # The bar starts with the first progress, so that a refusal prints one line only.
-        if not hidden:
-            bar.start()
+    def advance(done: int, planned: int, *_: object) -> None:
+        if hidden:
+            return
+        bar.start()  # not before: a refusal prints one line only
         speed = bar.tasks[0].speed
-        words = f"pairs, waiting for {waits_for}" if waits_for else "pairs"
-        rate = f"{speed:.0f}/s" if speed is not None else ""
-        bar.update(task, description=words, completed=done, total=planned, rate=rate)
+        bar.update(task, completed=done, total=planned, rate=f"{speed:.0f}/s" if speed else "")
 
     try:
         yield advance

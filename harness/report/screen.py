@@ -58,7 +58,8 @@ def screen_text(result: Result, width: int, full: bool = False) -> str:
 
 def _parts(result: Result, full: bool, console: Console) -> Iterator[RenderableType]:
     head = " · ".join(printable(part) for part in (result.title, result.scope) if part)
-    yield Text(head, style="bold")
+    if head:
+        yield Text(head, style="bold")
     if result.about:
         yield Text(printable(result.about))
     confidence = confidence_of(result)

@@ -126,6 +126,19 @@ class Result:
         return pd.DataFrame([flat(record) for record in self.records])
 
 
+def listed(
+    command: str,
+    rows: Sequence[Mapping[str, Plain]],
+    title: str = "",
+    closing: Sequence[str] = (),
+) -> Result:
+    """A result whose rows are its records; the columns have the names of their keys."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    columns = tuple(Column(name, name) for name in names)
+    table = Table("", columns, tuple(tuple(map(row.get, names)) for row in rows))
+    return Result(command, title, "", "", table, (), (), tuple(closing), records=rows)
+
+
 def flat(record: Mapping[str, Plain | Finding]) -> dict[str, Plain]:
     """A record as one row: a number has ``key``, and what else it has beside it.
 

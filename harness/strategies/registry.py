@@ -16,6 +16,7 @@ from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.human_recorded import HumanRecorded
 from harness.strategies.human_yield import HumanYield
 from harness.strategies.own import installed, load_own
+from harness.strategies.parameters import describe, knows_the_model, parameters_of
 from harness.strategies.program import ProgramDriver, is_program, load_program
 from harness.strategies.soft_yield import SoftYield
 from harness.strategies.sumo_driver import SumoDriver
@@ -64,6 +65,31 @@ def available() -> dict[str, StrategyFactory | InputError]:
         except InputError as error:
             strategies.setdefault(name, error)
     return strategies
+
+
+def listing() -> list[dict[str, str | None]]:
+    """Rows for a user: of each strategy its first line or its problem, then its parameters."""
+    rows: list[dict[str, str | None]] = []
+    for name, factory in available().items():
+        if isinstance(factory, InputError):
+            rows.append({"strategy": name, "meaning": str(factory)})
+            continue
+        meaning = (factory.__doc__ or "no description").strip().splitlines()[0]
+        if knows_the_model(factory):
+            meaning += " It is given the model from which the pedestrians are drawn."
+        no_parameter = {"parameter": None, "default": None}
+        rows.append({"strategy": name, **no_parameter, "meaning": meaning})
+        notes = getattr(factory, "NOTES", {})
+        rows += [
+            {
+                "strategy": name,
+                "parameter": each.name,
+                "default": "none" if each.required else repr(each.default),
+                "meaning": "; ".join([describe(each.annotation), *notes.get(each.name, ())]),
+            }
+            for each in parameters_of(factory)
+        ]
+    return rows
 
 
 def source_digests(names: Iterable[str]) -> dict[str, str]:
