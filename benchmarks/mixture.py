@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.model.interaction import load_model
-from harness.model.mixture import TruncatedGaussianMixture, fit_mixture
 from harness.model.mixture.climbing import start
+from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.em import Problem
+from harness.model.mixture.fitting import fit_mixture
 from harness.old.studies.calibration import Sample, Settings, calibrate
 
 Array = NDArray[np.float64]

@@ -10,7 +10,6 @@ from harness.core.errors import InputError, in_one_line
 from harness.core.seeding import Given, Purpose, beginning_with, stream
 from harness.model.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
-from harness.scenario.own_simulation import setting_of
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.parameters import check_complete, check_parameters, needs
 from harness.strategies.perception.sensor import sensor_of
@@ -135,6 +134,8 @@ def _check_support(scenario: Scenario, model: InteractionModel) -> None:
     if scenario.simulation is None:
         check_support(model, range_m, scenario.ego.initial_speed_mps)
         return
+    from harness.scenario.own_simulation import setting_of
+
     for driven_way in setting_of(scenario).ways:
         way = driven_way.way
         where = f"the limit before {way.crosswalk} (simulation.crossings)"

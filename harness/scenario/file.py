@@ -19,7 +19,6 @@ from harness.core.documents import parse_toml, shortened
 from harness.core.errors import InputError, nearest_name, unknown_name
 from harness.core.resources import shipped_directory
 from harness.scenario.consistency import check_consistency, check_time_out
-from harness.scenario.own_simulation import with_own_simulation
 from harness.scenario.scenario import Scenario
 from harness.scenario.units import in_si, unit_of
 
@@ -152,9 +151,10 @@ def validate(
     try:
         whole = in_si(dict(tree), source, key_sources or {})
         scenario = Scenario.model_validate(whole)
-        read = with_own_simulation(whole, scenario, source)
-        if read is not whole:
-            scenario = Scenario.model_validate(read)
+        if scenario.simulation is not None:
+            from harness.scenario.own_simulation import with_own_simulation
+
+            scenario = Scenario.model_validate(with_own_simulation(whole, scenario, source))
         check_consistency(scenario, source)
     except ValidationError as error:
         raise _explain(error, source, key_sources or {}) from None

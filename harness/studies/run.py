@@ -19,7 +19,6 @@ from harness.core.errors import (
     resume_command,
 )
 from harness.engine.installation import check_packages
-from harness.engine.shared import close_engine
 from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel, load_model
 from harness.results import folder as folders, tables
@@ -222,6 +221,8 @@ def _at_work(
         if isinstance(chosen, LocalExecutor):
             chosen.abort()
         if isinstance(chosen, InProcess):
+            from harness.engine.shared import close_engine
+
             close_engine()
         folder.close()
 

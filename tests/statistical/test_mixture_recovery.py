@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from harness.model.mixture import TruncatedGaussianMixture, fit_mixture
+from harness.model.mixture.distribution import TruncatedGaussianMixture
+from harness.model.mixture.fitting import fit_mixture
 from tests.unit.test_mixture_fitting import truth
 
 PARAMETERS = 44  # 2 weights, 12 locations, 30 of the scale matrices

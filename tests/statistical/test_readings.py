@@ -13,7 +13,7 @@ import pytest
 from scipy.stats import kstest
 
 from harness.model.interaction import InteractionModel
-from harness.model.mixture import TruncatedGaussianMixture
+from harness.model.mixture.distribution import TruncatedGaussianMixture
 
 ROWS = 4_000
 
@@ -112,7 +112,7 @@ print(hashlib.sha256(b"".join(part.tobytes() for part in found)).hexdigest())
 FITS = """
 import hashlib
 import numpy as np
-from harness.model.mixture import fit_mixture
+from harness.model.mixture.fitting import fit_mixture
 from tests.unit.test_mixture_fitting import truth
 box = truth()
 rows = box.sample(6_000, np.random.default_rng(1))

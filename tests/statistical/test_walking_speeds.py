@@ -13,7 +13,7 @@ from scipy import integrate, stats
 
 from harness.episode.arrivals import planned_arrivals
 from harness.model.interaction import InteractionModel
-from harness.model.mixture import TruncatedGaussianMixture
+from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.scenario import load_scenario
 
 R, V, VP, W = range(4)

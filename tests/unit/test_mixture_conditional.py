@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 
 from harness.core.errors import InputError
-from harness.model.mixture import TruncatedGaussianMixture
+from harness.model.mixture.distribution import TruncatedGaussianMixture
 
 LOWER, UPPER = np.array([0.0, 0.3, 0.2, 0.0]), np.array([1.0, 8.0, 3.0, 2.0])
 CASES = [(2, (0, 1, 3)), (1, (0, 2, 3)), (2, (0, 1)), (1, (0, 2)), (2, (0,)), (2, ())]

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from harness.core.errors import InputError
-from harness.model.mixture import TruncatedGaussianMixture
+from harness.model.mixture.distribution import TruncatedGaussianMixture
 
 PARTS = {
     "weights": [0.4, 0.6],

@@ -5,10 +5,11 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from harness.core.errors import InputError
-from harness.model.mixture import TruncatedGaussianMixture, fit_mixture
 from harness.model.mixture.climbing import climb
 from harness.model.mixture.coordinates import Coordinates
+from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.em import Parameters, Problem
+from harness.model.mixture.fitting import fit_mixture
 
 INF = np.inf
 

@@ -13,7 +13,7 @@ from harness.core.errors import InputError
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
 from harness.model.interaction import load_model, write_model
-from harness.model.mixture import fit_mixture
+from harness.model.mixture.fitting import fit_mixture
 from harness.old.report.screens.comparison_tables import comparison_tables
 from harness.old.report.screens.screen import Screen, screen_lines
 from harness.old.statistics import ENCOUNTERS, Finding, OverModel, over_model

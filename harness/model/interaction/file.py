@@ -18,7 +18,7 @@ from harness.model.interaction.model import (
     InteractionModel,
 )
 from harness.model.interaction.refit_file import is_refit_file, read_refits, refits_beside
-from harness.model.mixture import TruncatedGaussianMixture
+from harness.model.mixture.distribution import TruncatedGaussianMixture
 
 SHIPPED = Path(__file__).parents[1] / "shipped"
 """The folder of the shipped models."""

@@ -15,7 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from harness.core.encounter import FloatArray
-from harness.model.mixture import Conditional, TruncatedGaussianMixture
+from harness.model.mixture.conditional import Conditional
+from harness.model.mixture.distribution import TruncatedGaussianMixture
 
 VARIABLES = (
     "inverse_range_per_m",

@@ -13,7 +13,7 @@ from harness.core.documents import check_form, parse_json
 from harness.core.errors import InputError
 from harness.core.files import read_file, write_file
 from harness.model.interaction.model import VARIABLES, InteractionModel, Refits
-from harness.model.mixture import TruncatedGaussianMixture
+from harness.model.mixture.distribution import TruncatedGaussianMixture
 
 FEWEST_REFITS = 5
 """Fewer refits say too little about the spread between them."""

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from harness.core.encounter import FloatArray
 from harness.model.interaction import PEDESTRIAN_SPEED, VEHICLE_SPEED, InteractionModel
-from harness.model.mixture import TruncatedGaussianMixture
+from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.old.report.drawing.style import BLUE, MUTED, SERIES, VERMILLION, finish
 
 AXIS_LABELS = ("1/R (1/m)", "vehicle speed v (m/s)", "walking speed v_p (m/s)", "1/T_adv (1/s)")

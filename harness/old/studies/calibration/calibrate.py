@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.core.errors import InputError
-from harness.model.mixture import FitResult, TruncatedGaussianMixture, fit_mixture
+from harness.model.mixture.distribution import TruncatedGaussianMixture
+from harness.model.mixture.fitting import FitResult, fit_mixture
 from harness.old.studies.calibration.choice import by_bic, by_held_out, by_rule
 from harness.old.studies.calibration.jobs import (
     Answer,

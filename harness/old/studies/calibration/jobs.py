@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.core.errors import InputError
-from harness.model.mixture import FitResult, fit_mixture
+from harness.model.mixture.fitting import FitResult, fit_mixture
 from harness.old.studies.calibration.choice import Choice
 from harness.old.studies.calibration.sample import LABELS, Sample
 from harness.old.studies.calibration.scores import (

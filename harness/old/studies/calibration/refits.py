@@ -16,7 +16,7 @@ from harness.model.interaction import (
     read_refits,
     write_refits,
 )
-from harness.model.mixture import fit_mixture
+from harness.model.mixture.fitting import fit_mixture
 from harness.old.studies.calibration.jobs import fitting_pool
 from harness.old.studies.calibration.sample import LABELS, Sample, effective_number
 from harness.old.studies.workers.execution import call_each

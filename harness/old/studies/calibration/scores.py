@@ -11,7 +11,7 @@ from harness.model.interaction import (
     PEDESTRIAN_SPEED,
     VEHICLE_SPEED,
 )
-from harness.model.mixture import TruncatedGaussianMixture
+from harness.model.mixture.distribution import TruncatedGaussianMixture
 
 
 @dataclass(frozen=True, eq=False)

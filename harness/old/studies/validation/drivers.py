@@ -12,7 +12,7 @@ from harness.core.errors import HarnessError
 from harness.core.seeding import stream
 from harness.episode.arms import named_strategy
 from harness.model.interaction import InteractionModel
-from harness.model.mixture import fit_mixture
+from harness.model.mixture.fitting import fit_mixture
 from harness.model.trajectories import extract, row_weights
 from harness.model.trajectories.extraction import VEHICLE_KEY
 from harness.old.studies.calibration import make_sample, vehicle_folds
