@@ -8,7 +8,6 @@ from typing import TypeVar, cast
 
 from harness.engine.control import SumoEngine
 from harness.engine.network import place_of
-from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
 from harness.engine.road import SumoRoad
 from harness.engine.starting import Following
@@ -35,6 +34,8 @@ def engine_for(scenario: Scenario) -> Engine:
 def open_engine(scenario: Scenario, name: EngineName) -> Engine:
     """The engine of a given name, open for a scenario."""
     if name == "plain":
+        from harness.engine.plain import PlainEngine
+
         return PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
     return engine_for(scenario)
 

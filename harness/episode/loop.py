@@ -6,6 +6,7 @@ trace; the loop records only what cannot be computed later.
 
 import math
 from collections.abc import Generator, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,7 +30,9 @@ from harness.episode.cell_constants import CellConstants
 from harness.episode.crowd import VIEW, Crowd
 from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
 from harness.episode.walkers import ChooseSpeed
-from harness.strategies.perception.perception import Perception
+
+if TYPE_CHECKING:
+    from harness.strategies.perception.perception import Perception
 
 Steps = Generator[Observation, float | None, Ending]
 """An episode as a generator: it yields observations and receives commanded accelerations."""
@@ -41,7 +44,7 @@ def run_episode(
     arrivals: Sequence[Arrival],
     choose_speed: ChooseSpeed,
     rules: CellConstants,
-    perception: Perception | None = None,
+    perception: "Perception | None" = None,
 ) -> Trace:
     """Simulate one episode from the trigger until the ego has passed or the time is up.
 
@@ -163,7 +166,7 @@ class Episode:
         arrivals: Sequence[Arrival],
         choose_speed: ChooseSpeed,
         rules: CellConstants,
-        perception: Perception | None = None,
+        perception: "Perception | None" = None,
     ) -> None:
         self.engine, self.rules, self.perception = engine, rules, perception
         self._arrivals, self._ego = arrivals, _EgoLane(rules.crossing, rules.vehicle)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import islice
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,10 @@ from harness.measures import Outcome, measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
 from harness.strategies.human_gmm import HumanDriver
-from harness.strategies.perception.perception import Perception
 from harness.strategies.perception.sensor import sensor_of
+
+if TYPE_CHECKING:
+    from harness.strategies.perception.perception import Perception
 
 CHUNK_PAIRS = 50
 """Number of pairs that are measured together; results do not depend on it."""
@@ -212,10 +214,12 @@ class PairRunner:
     def _speeds_of(self, pair: int) -> WalkingSpeeds:
         return self._speeds_by(self._model.of_pair(pair))
 
-    def _perception(self, arm: Arm, people: "_People") -> Perception | None:
+    def _perception(self, arm: Arm, people: "_People") -> "Perception | None":
         sensor = self._sensors[arm]
         if sensor is None:
             return None
+        from harness.strategies.perception.perception import Perception
+
         return Perception(sensor, people.arrivals, people.number, people.given)
 
 
