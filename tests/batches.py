@@ -147,19 +147,28 @@ def one_process() -> Iterator[None]:
     from harness.old.studies.calibration import jobs
     from harness.old.studies.replay import rerun
     from harness.old.studies.workers import executors
+    from harness.studies import evaluate, replay, run, workers
     from tests.conftest import close_all
+
+    class Here(workers.InProcess):
+        def __init__(self, *_: object) -> None: ...
+
+        def abort(self) -> None: ...
 
     close_all()
     with pytest.MonkeyPatch.context() as patch:
         for module in (executors, jobs, rerun, showing):
             patch.setattr(module, "LocalPool", lambda workers, *_, **__: Inline(workers))
+        for module in (evaluate, replay, run):
+            patch.setattr(module, "LocalExecutor", Here)
+        patch.setattr(workers, "start_children", lambda _: None)
         yield
     close_engine()
 
 
 def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
     """Run ``harness`` to its end in this process, its tasks too."""
-    from harness.old.cli import app
+    from harness.cli import app
 
     path, out, err = list(sys.path), io.StringIO(), io.StringIO()
     with one_process(), pytest.MonkeyPatch.context() as patch:

@@ -80,14 +80,14 @@ def application(arguments: Sequence[str] = ()) -> typer.Typer:
 def _module_of(command: str, arguments: Sequence[str]) -> str:
     if command == "strategies" and any(each.startswith("--check") for each in arguments):
         return "old.cli.about"
-    folders = [each for each in arguments if not each.startswith("-") and Path(each).is_dir()]
-    if folders and (command in _OF_OTHERS or "--csv" in arguments):
-        from harness.results.folder import kind_of_folder
+    if command not in _OF_OTHERS and "--csv" not in arguments:
+        return COMMANDS[command]
+    from harness.results.folder import kind_of_folder
 
-        if kind_of_folder(Path(folders[0])) != "encounters":
-            return _OF_OTHERS.get(command, COMMANDS[command])
-        return "cli.folders"
-    return COMMANDS[command]
+    paths = (Path(each) for each in arguments[1:] if not each.startswith("-"))
+    if [kind_of_folder(path) for path in paths if path.is_dir()][:1] == ["old"]:
+        return _OF_OTHERS.get(command, COMMANDS[command])
+    return "cli.folders" if command == "export" else COMMANDS[command]
 
 
 def main() -> None:

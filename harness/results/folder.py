@@ -86,9 +86,9 @@ def claim_folder(out: Path | str | None, name: str) -> Path:
         number += 1
     folder = Path("runs") / f"{name}-{number}" if out is None else Path(out)
     where, empty = f"--out {folder}", "a new or empty folder"
-    if folder.exists() and not folder.is_dir():
-        raise InputError(where, "is a file", empty)
     try:
+        if folder.exists() and not folder.is_dir():
+            raise InputError(where, "is a file", empty)
         folder.mkdir(parents=True, exist_ok=out is not None)
         # A run that ended before its manifest was written leaves hidden files.
         names = {file.name for file in folder.glob("[!.]*")}

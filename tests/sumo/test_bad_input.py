@@ -1,6 +1,6 @@
 """Bad input through the command line: exit code 2, one line, no traceback, nothing half-written.
 
-Most go through ``harness.old.cli.app.main`` in this process, which is all that the console script
+Most go through ``harness.cli.app.main`` in this process, which is all that the console script
 calls; a few in a process of their own, to see what a user sees.
 """
 
@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from harness.model.interaction.file import SHIPPED
-from tests.batches import here, printed, refusal, run_stopped, shell, sweep
+from tests.batches import here, refusal, run_stopped, shell, sweep
 
 Refuse = Callable[..., str]
 Change = Callable[[dict[str, Any]], object]
@@ -46,6 +46,8 @@ PEOPLE = "run cctc --set pedestrians"
 PARAMETER, REPLAY = "run cctc --pairs 2 --set strategies", "replay run --pair 0"
 LONG, NINES = "x" * 300, "9" * 400
 """A name longer than a file's may be, and a number beyond any."""
+
+TWO_OF_THREE = ("--gui --debug", "--gui --out x", "--debug --out x")
 
 REFUSED = [
     # Keys and values of a scenario.
@@ -117,13 +119,17 @@ REFUSED = [
     ("replay run --pair 0 --arm mine", "'mine'", "'av', 'human', 'both'"),
     ("network cctc", "--out"),
     # No option of a replay or of a check is ignored.
-    (f"{REPLAY} --gui --debug", "--debug: cannot be combined with --gui", "breakpoint()"),
-    (f"{REPLAY} --gui --out x", "--out: cannot be combined with --gui", "--screenshots"),
-    (f"{REPLAY} --debug --out x", "--out: cannot be combined with --debug"),
-    (f"{REPLAY} --pace 2", "--pace: needs --gui"),
-    (f"{REPLAY} --gui --every 1", "--every: needs --screenshots"),
-    ("strategies --set ego.lane=0", "--set: needs --check"),
-    ("strategies --scenario cctc_flow", "--scenario: needs --check"),
+    *((f"{REPLAY} {two}", "cannot be combined", "one of the three") for two in TWO_OF_THREE),
+    (f"{REPLAY} --screenshots x", "--screenshots", "needs --gui"),
+    ("replay run --pair 3-1", "--pair 3-1", "e.g. 7 or 1-20"),
+    ("replay run --pair x", "--pair x", "e.g. 7 or 1-20"),
+    ("run cctc --dask a:1 --workers 2", "--workers", "--dask", "the cluster's own workers"),
+    ("show mine", "manifest.json"),
+    ("show .", "is not a run folder"),
+    ("compare nowhere", "nowhere", "is not a run folder"),
+    ("compare nowhere --out mine", "--out mine", "exists already"),
+    ("report nowhere --out none/page.html", "nowhere", "is not a run folder"),
+    ("strategies --set ego.lane=0", "--set"),
 ]
 
 
@@ -219,7 +225,7 @@ def test_a_command_with_commands_of_its_own_alone_says_its_help_and_version() ->
         lines = [line.strip() for line in done.stderr.splitlines()]
         assert "Commands:" in lines
         assert lines[0].endswith("[OPTIONS] COMMAND [ARGS]...")
-    assert printed("--version") == version("crosswalk-harness") + "\n"
+    assert shell("--version").stdout == version("crosswalk-harness") + "\n"
 
 
 @pytest.mark.parametrize(
