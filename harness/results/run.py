@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from harness.core.encounter import Ending
 from harness.core.errors import InputError, resume_command
-from harness.core.files import cannot_write
+from harness.core.files import cannot_write, whole_file
 from harness.model.interaction import InteractionModel, load_model
 from harness.results.findings import CellFindings, cell_findings
 from harness.results.folder import model_entry, read_findings, read_manifest
@@ -182,9 +182,11 @@ class Run:
                     texts = [legs and json.dumps(legs) for legs in table["legs"].to_pylist()]
                     at = table.column_names.index("legs")
                     table = table.set_column(at, "legs", pa.array(texts, pa.string()))
-                csv.write_csv(table, folder / f"{name}.csv")
+                with whole_file(folder / f"{name}.csv") as file:
+                    csv.write_csv(table, file)
                 written.append(folder / f"{name}.csv")
-            self.pairs.to_csv(folder / "pairs.csv", index=False)
+            with whole_file(folder / "pairs.csv") as file:
+                self.pairs.to_csv(file, index=False)
         except OSError as error:
             raise cannot_write(folder, error) from None
         return [*written, folder / "pairs.csv"]

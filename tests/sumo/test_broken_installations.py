@@ -4,6 +4,7 @@ What is broken lies in a folder that comes first on the module path.
 """
 
 import os
+import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,6 @@ import pytest
 from harness.core.errors import InputError
 from harness.engine import installation
 from tests.batches import CHECKOUT, QUICK, here, options_of, printed, shell
-from tests.sumo.test_faults import mount
 
 RUN = ["run", "cctc", "--pairs", 2, "--workers", 1, "-q", *options_of(QUICK)]
 
@@ -60,11 +60,10 @@ LIBRARIES = {
 def test_a_library_that_is_of_no_use(tmp_path: Path, fault: str) -> None:
     source, reason = LIBRARIES[fault]
     env = broken(tmp_path, "libsumo", source)
-    one_line(shell(*RUN, "--out", tmp_path / "out", env=env), 1, "no worker", reason)
+    one_line(shell(*RUN, "--out", tmp_path / "out", env=env), 1, "worker", reason)
     seen = shell("doctor", env=env)
-    assert (seen.returncode, seen.stderr) == (1, "")
-    assert all(words in seen.stdout for words in (reason, "FAILED   SUMO's library loads"))
-    assert "harness resume" not in seen.stdout
+    one_line(seen, 1, reason)
+    assert "harness resume" not in seen.stderr
 
 
 @pytest.mark.parametrize(
@@ -82,17 +81,17 @@ def test_a_library_that_is_of_no_use(tmp_path: Path, fault: str) -> None:
 def test_no_netconvert(tmp_path: Path, source: str, reason: str) -> None:
     env = broken(tmp_path, "sumo", source)
     one_line(shell("network", "cctc", "--out", tmp_path / "net", env=env), 1, reason)
-    seen = shell("doctor", "-q", env=env)
-    assert (seen.returncode, seen.stderr) == (1, "")
-    assert reason in seen.stdout
+    one_line(shell("doctor", env=env), 1, reason)
 
 
 def test_another_sumo_home_changes_nothing(tmp_path: Path, finished: Path) -> None:
     env = {"SUMO_HOME": str(tmp_path)}
     again = shell(*RUN, "--traces", "--out", tmp_path / "run", env=env)
     assert (again.returncode, again.stderr) == (0, "")
-    for name in ("episodes.parquet", "traces.parquet"):
-        assert (tmp_path / "run" / name).read_bytes() == (finished / name).read_bytes()
+    parts = [path.relative_to(finished) for path in finished.rglob("*.parquet")]
+    assert {path.parts[0] for path in parts} == {"episodes", "pedestrians", "traces"}
+    for part in parts:
+        assert (tmp_path / "run" / part).read_bytes() == (finished / part).read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -119,6 +118,15 @@ def test_packages_of_another_version_are_refused(
     assert "pip install eclipse-sumo==1.28.0" in str(caught.value)
 
 
+def mount(folder: Path, *options: str) -> bool:
+    """Mount a file system in memory, if this process may."""
+    command = ["mount", "-t", "tmpfs", *options, "tmpfs", str(folder)]
+    try:
+        return subprocess.run(command, capture_output=True, check=False).returncode == 0
+    except OSError:
+        return False
+
+
 @pytest.fixture(params=[pytest.param("read-only", marks=pytest.mark.slow), "full"])
 def disk(request: pytest.FixtureRequest, tmp_path: Path, finished: Path) -> Iterator[Path]:
     """A small file system with a finished run on it, which takes no more."""
@@ -127,9 +135,7 @@ def disk(request: pytest.FixtureRequest, tmp_path: Path, finished: Path) -> Iter
     if not mount(place, "-o", "size=400k"):
         pytest.skip("no right to mount a file system")
     try:
-        (place / "run").mkdir()
-        for file in finished.iterdir():
-            (place / "run" / file.name).write_bytes(file.read_bytes())
+        shutil.copytree(finished, place / "run")
         if request.param == "read-only":
             assert mount(place, "-o", "remount,ro")
         else:
