@@ -171,7 +171,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
             return None
         if self._shown is None:
             raise EngineError("there is nothing to draw yet: call reset first")
-        from harness.old.report.drawing.episode_figures import top_view
+        from harness.report.top_view import top_view
 
         crossing = self._crossing
         views = [(walker.x_m, walker.view()) for walker in self._shown.crowd.walkers]
