@@ -39,7 +39,7 @@ def run_task(task: Task, tell: Tell = lambda _episode, _states: None) -> Rows:
         tell: see ``Tell``.
     """
     if task.outputs is not None:
-        from harness.studies.replay import recording_engine
+        from harness.engine.recording import recording_engine
 
         return run_on(task, partial(recording_engine, task.outputs, task.arms[0]), tell)
     if len(_runners) > _MOST_RUNNERS:

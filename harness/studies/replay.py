@@ -1,7 +1,6 @@
 """Repeats stored episodes, each in a SUMO of its own that writes its outputs, or here."""
 
 import math
-import os
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,15 +12,13 @@ import pyarrow as pa
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
 from harness.core.files import cannot_write
-from harness.engine.control import SumoEngine
 from harness.engine.installation import check_packages
-from harness.engine.network import network_of, place_of
+from harness.engine.network import network_of
 from harness.engine.shared import close_engine
 from harness.model.interaction import load_model
 from harness.results.folder import changes, simulated_with
 from harness.results.run import Run
 from harness.results.tables import read_cell
-from harness.scenario import Scenario
 from harness.strategies.registry import source_digests
 from harness.studies.encounters import run_task
 from harness.studies.tasks import Rows, Task
@@ -32,19 +29,6 @@ TOLERANCE = 1e-6
 
 RECORDS = ("episodes", "pedestrians")
 """The tables that are compared."""
-
-_OUTPUTS = {
-    "--fcd-output": "fcd.xml",
-    "--tripinfo-output": "tripinfo.xml",
-    "--collision-output": "collisions.xml",
-}
-_FURTHER = {
-    "--fcd-output.acceleration": "true",
-    "--tripinfo-output.write-unfinished": "true",
-    "--precision": "6",
-    # The harness places the pedestrians, so SUMO's records of their walks would mean nothing.
-    "--personinfo-output": os.devnull,
-}
 
 
 @dataclass(frozen=True)
@@ -145,23 +129,6 @@ def refuse_in_use(folder: Path, option: str) -> None:
     """Raise if a folder for new files is a file or is not empty."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{option} {folder}", "is not empty", "a new or empty folder")
-
-
-def recording_engine(folder: Path, arm: Arm, scenario: Scenario) -> SumoEngine:
-    """A new SUMO of this process that writes its outputs into a folder.
-
-    A road without a limit gets v0, which SUMO needs for its time loss.
-    """
-    from harness.engine.sumo import libsumo_engine
-
-    crossing = scenario.crosswalk()
-    if crossing.speed_limit_mps is None:
-        crossing = replace(crossing, speed_limit_mps=scenario.ego.initial_speed_mps)
-    outputs = {option: str(folder / name) for option, name in _OUTPUTS.items()} | _FURTHER
-    place, step_s = place_of(scenario), scenario.experiment.step_s
-    engine = libsumo_engine(place, scenario.vehicle(), crossing, step_s, outputs=outputs)
-    engine.automated = arm is Arm.AV
-    return engine
 
 
 def replayed(run: Run, task: Task, rows: Rows) -> Replayed:
