@@ -45,16 +45,28 @@ def test_what_does_not_exist_is_refused(stored: Run, cell: int, pairs: range, li
         debug(stored, cell, pairs, [Arm.AV])
 
 
-def test_a_difference_from_the_record_is_named(
-    stored: Run, monkeypatch: pytest.MonkeyPatch
+OWN = """
+class Brakes:
+    def decide(self, observation):
+        return -{brake}
+"""
+
+
+def test_a_difference_from_the_record_is_named_after_what_has_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (same,) = debug(stored, 0, range(1, 2), [Arm.AV])
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    file = tmp_path / "brakes_replayed.py"
+    file.write_text(OWN.format(brake=0.5))
+    settings = {"arms.av": "brakes_replayed:Brakes", "experiment.timeout_s": 60.0}
+    stored = run("cctc", settings=settings, pairs=1, out="run", workers=1)
+    (same,) = replay(stored, 0, range(1), [Arm.AV], Path("same"))
     assert same.differences == ()
-    monkeypatch.setitem(stored.manifest["simulated_with"]["versions"], "sumo", "0.1")
-    monkeypatch.setattr("harness.studies.replay.TOLERANCE", -1.0)
-    (other,) = debug(stored, 0, range(1, 2), [Arm.AV])
-    assert other.differences[0].startswith("the run was simulated with sumo 0.1")
-    assert any("episodes.pass_time_s" in line for line in other.differences)
+    file.write_text(OWN.format(brake=1.5))
+    (other,) = replay(stored, 0, range(1), [Arm.AV], Path("other"))
+    assert other.differences[0].endswith("Brakes has been edited since the run")
+    assert any("episodes.max_deceleration_mps2" in line for line in other.differences)
 
 
 def test_one_pair_has_the_records_of_the_run(stored: Run) -> None:

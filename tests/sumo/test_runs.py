@@ -9,7 +9,6 @@ import pytest
 
 from harness.core.errors import HarnessError, InputError
 from harness.results.run import Run, load_run
-from harness.scenario import Precision
 from harness.studies.run import resume, run
 from harness.studies.workers import InProcess
 from tests.unit.test_parts import longest_file
@@ -127,15 +126,6 @@ def test_a_run_never_writes_into_another(tmp_path: Path) -> None:
     run("cctc", settings=QUICK, pairs=1, out=tmp_path / "run", workers=0)
     with pytest.raises(InputError, match=r"already holds a run.*harness resume"):
         run("cctc", settings=QUICK, pairs=1, out=tmp_path / "run", workers=0)
-
-
-def test_until_stops_at_a_look_over_whole_parts(tmp_path: Path) -> None:
-    stopped = run(
-        "cctc", settings=QUICK, pairs=3_000, until=Precision("kappa", 0.2), out=tmp_path / "run"
-    )
-    assert stopped.cells[0]["pairs"].value == 1_000
-    assert stopped.confidence == pytest.approx(1 - 0.05 / 3)
-    assert resume(stopped.path).cells[0]["pairs"].value == 1_000
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from harness.engine.control import SumoEngine
 from harness.engine.network import network_of, place_of
 from harness.engine.protocol import Engine
 from harness.engine.shared import engine_for, open_engine
-from harness.episode.pairing import Begins, EpisodeKey, PairRunner
+from harness.episode.pairing import Begins, PairRunner
 from harness.measures import Outcome
 from harness.old.store.episode_tables import episode_rows, pedestrian_rows, trace_rows
 from harness.old.store.tables import Tables
@@ -91,18 +91,16 @@ def _tables(cell: int, outcomes: list[Outcome]) -> Tables:
 
 
 def _run_encounters(task: Task) -> Iterator[TaskResult]:
-    known: dict[EpisodeKey, Outcome] = {}
     limit_s = task.scenario.experiment.decide_limit_s
     with watchdog(task.hang_after_s, task.stack_file, limit_s) as watch:
         for each in task.each:
-            runner = _runner_for(each)
+            runner, known = _runner_for(each), {}
             if each.hung is not None:
                 arm, reason = each.hung
-                known[runner.key(arm, each.first_pair)] = runner.hung(arm, each.first_pair, reason)
+                known[arm, each.first_pair] = runner.hung(arm, each.first_pair, reason)
             arms = tuple(Arm) if each.only is None else (each.only,)
             runner.decisions_s = [] if each.timed else None
             outcomes = list(runner.run(each.pairs, watch.begins, watch.alive, known, arms))
-            known |= {runner.key(outcome.arm, outcome.pair): outcome for outcome in outcomes}
             tables = _tables(each.cell, outcomes)
             if each.traces:
                 tables["traces"] = trace_rows(each.cell, outcomes)
