@@ -2,80 +2,36 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from harness.core.errors import InputError, one_line
-from harness.old.cli import options
 from harness.old.cli.interruption import unwinding
-from harness.old.cli.options import not_with, refuse_without
-from harness.old.cli.output import emit, print_line, progress_bar, say
-
-if TYPE_CHECKING:
-    from harness.old.studies.runs.run_data import RunData
+from harness.old.cli.options import refuse_without
+from harness.old.cli.output import emit, print_line, say
 
 
 def replay(
-    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
-    pair: Annotated[int, typer.Option(help="Number of the pair.")],
-    out: Annotated[
-        Path | None,
-        typer.Option(help="A new folder for SUMO's output files; not with --gui.", metavar="DIR"),
-    ] = None,
-    cell: Annotated[int, typer.Option(help="Number of the cell in a sweep.")] = 0,
-    arm: Annotated[
-        Literal["av", "human", "both"], typer.Option(help="Arm to repeat, or both.")
-    ] = "both",
-    gui: Annotated[
-        bool, typer.Option("--gui", help="Show the episode in sumo-gui, one arm after the other.")
-    ] = False,
-    pace: Annotated[
-        float | None,
-        typer.Option(help="With --gui: playback speed; 1 is real time, 4 is four times as fast."),
-    ] = None,
-    screenshots: Annotated[
-        Path | None,
-        typer.Option(help="With --gui: a new folder for screenshots (PNG).", metavar="DIR"),
-    ] = None,
-    every: Annotated[
-        float | None,
-        typer.Option(help="With --screenshots: seconds between two screenshots; default 0.5."),
-    ] = None,
-    vehicle: Annotated[
-        str | None,
-        typer.Option(
-            help="With --gui, for [simulation]: show this vehicle's most striking passage.",
-            metavar="ID",
-        ),
-    ] = None,
-    crosswalk: Annotated[
-        str | None,
-        typer.Option(help="The same, over this crosswalk.", metavar="ID"),
-    ] = None,
-    in_this_process: Annotated[
-        bool,
-        typer.Option(
-            "--debug",
-            help="Run in this process without time limits, so that breakpoint() works in decide.",
-        ),
-    ] = False,
-    quiet: options.QuietOption = False,
-    as_json: options.JsonOption = False,
+    run_folder: Path,
+    pair: int,
+    out: Path | None,
+    cell: int,
+    arm: str,
+    gui: bool,
+    pace: float | None,
+    screenshots: Path | None,
+    every: float | None,
+    vehicle: str | None,
+    crosswalk: str | None,
+    in_this_process: bool,
+    quiet: bool,
+    as_json: bool,
 ) -> None:
     """Repeat one episode: with SUMO's outputs, or in sumo-gui."""
     from harness.core.encounter import Arm
 
     arms = list(Arm) if arm == "both" else [Arm(arm)]
-    if gui and out is not None:
-        raise not_with("--out", "--gui", "--screenshots DIR")
-    if gui and in_this_process:
-        raise not_with("--debug", "--gui", "--gui alone, in which breakpoint() works, too")
-    if in_this_process and out is not None:
-        raise not_with("--out", "--debug", "one of the two")
-    which = {"vehicle": vehicle, "crosswalk": crosswalk}
-    refuse_without("--gui", gui, pace=pace, screenshots=screenshots, **which)
-    refuse_without("--screenshots DIR", screenshots is not None, every=every)
+    refuse_without("--gui", gui, vehicle=vehicle, crosswalk=crosswalk)
     problems, tracebacks = list[str](), list[str | None]()
     if gui:
         from harness.old.studies.replay.watch import watch
@@ -136,57 +92,7 @@ def _report_replays(
 
 
 def compare(
-    run_folders: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RUN…",
-            help="A finished sweep, or several finished runs with the same pedestrians.",
-        ),
-    ],
-    mu0: Annotated[
-        float | None, typer.Option(help="Upper limit for μ of swept values; needs --kappa0.")
-    ] = None,
-    kappa0: Annotated[
-        float | None, typer.Option(help="Upper limit for κ of swept values; needs --mu0.")
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Write the comparisons to a new CSV file.", metavar="FILE"),
-    ] = None,
-    full: options.FullOption = False,
-    quiet: options.QuietOption = False,
-    as_json: options.JsonOption = False,
-) -> None:
-    """Compare strategies pair by pair, within or between runs.
-
-    With limits of μ and κ, the command lists the parameter values that stay within them.
-    """
-    from harness.old.report.screens.comparison_document import comparison_document, comparison_rows
-    from harness.old.report.screens.terminal import print_comparison
-    from harness.old.studies.runs.compare import compare as compare_runs
-    from harness.old.studies.runs.opening import load_run
-
-    if out is not None:
-        if out.exists():
-            raise InputError(f"--out {out}", "exists already", "a new file")
-        if not out.parent.is_dir():
-            raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a new file")
-    opened = [load_run(folder) for folder in run_folders]
-    if not any(run.kind.compared for run in opened):
-        _compare_arms(opened, mu0 or kappa0, out, full, quiet, as_json)
-        return
-    with progress_bar("comparisons", hidden=quiet or as_json) as advance:
-        result = compare_runs(*opened, mu0=mu0, kappa0=kappa0, progress=advance)
-    if out is not None:
-        from harness.core.files import write_csv
-
-        write_csv(out, comparison_rows(result))
-    written, screen = [out] if out is not None else [], partial(print_comparison, result, full)
-    emit(quiet, as_json, partial(comparison_document, result), written, screen)
-
-
-def _compare_arms(
-    runs: "list[RunData]",
+    run_folders: list[Path],
     limit: float | None,
     out: Path | None,
     full: bool,
@@ -198,7 +104,9 @@ def _compare_arms(
     from harness.old.report.screens.run_document import arms_document, arms_rows
     from harness.old.report.screens.terminal import print_arms
     from harness.old.studies.runs.compare_arms import compare_arms
+    from harness.old.studies.runs.opening import load_run
 
+    runs = [load_run(folder) for folder in run_folders]
     section = runs[0].kind.section
     if limit is not None:
         raise InputError("--mu0, --kappa0", f"are not supported with {section}", "neither")
@@ -211,40 +119,18 @@ def _compare_arms(
 
 
 def worst(
-    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
-    by: Annotated[
-        str,
-        typer.Option(help="Measure to rank by, e.g. min_ttc_s, delay_s, stops."),
-    ] = "pet_s",
-    most: Annotated[int, typer.Option("-n", help="Number of episodes.", metavar="N")] = 20,
-    diff: Annotated[
-        Path | None,
-        typer.Option(
-            help="Another finished run with the same pedestrians: list the episodes that are worse "
-            "there than in RUN.",
-            metavar="RUN_B",
-        ),
-    ] = None,
-    arm: options.ArmOption = "av",
-    cell: Annotated[int | None, typer.Option(help="Only this cell.")] = None,
-    quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", help="Print only the replay commands.")
-    ] = False,
-    as_json: options.JsonOption = False,
+    run_folder: Path, by: str, most: int, arm: str, cell: int | None, quiet: bool, as_json: bool
 ) -> None:
     """List the worst episodes and the commands that replay them."""
     from harness.old.report.screens.worst_tables import worst_document, worst_tables
     from harness.old.studies.conflicts import is_conflicts
-    from harness.old.studies.runs.worst import got_worse, worst as worst_of
+    from harness.old.studies.runs.worst import worst as worst_of
 
     if is_conflicts(run_folder):
-        refuse_without("a run of pairs", False, diff=diff, cell=cell)
+        refuse_without("a run of pairs", False, cell=cell)
         _worst_passages(run_folder, by, most, quiet, as_json)
         return
-    if diff is None:
-        episodes = worst_of(run_folder, by, most, arm, cell)
-    else:
-        episodes = got_worse(diff, run_folder, by, most, arm, cell)
+    episodes = worst_of(run_folder, by, most, arm, cell)
 
     def show() -> None:
         from harness.old.report.screens.console import make_console, print_table
