@@ -1,11 +1,12 @@
 """``strategies --check``: checks one strategy."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from harness.core.errors import InputError
+from harness.old.cli import options
 from harness.old.cli.options import settings_of
 from harness.old.cli.output import emit
 
@@ -14,12 +15,25 @@ if TYPE_CHECKING:
 
 
 def strategies(
-    check: str,
-    scenario: str,
-    settings: list[str] | None,
-    limit: float,
-    quiet: bool,
-    as_json: bool,
+    check: Annotated[
+        str,
+        typer.Option(
+            help="Check your own strategy, e.g. my_module:MyStrategy, or one from the list.",
+            metavar="STRATEGY",
+        ),
+    ],
+    scenario: Annotated[
+        str,
+        typer.Option(help="With --check: the scenario that sets crosswalk, ego and parameters."),
+    ] = "cctc",
+    settings: options.SetOption = None,
+    limit: Annotated[
+        float, typer.Option(help="With --check: time limit for all checks together, in seconds.")
+    ] = 60.0,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print only names, or failed checks.")
+    ] = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Check a strategy, and print which rules it keeps."""
     from harness.old.studies.conformance import check_strategy

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import typer
 
 from harness.core.errors import one_line
+from harness.old.cli import options
 from harness.old.cli.interruption import unwinding
-from harness.old.cli.options import settings_of
+from harness.old.cli.options import not_with, settings_of
 from harness.old.cli.output import emit, progress_bar, say
 
 if TYPE_CHECKING:
@@ -84,7 +85,12 @@ def _planned_hours(study: "Study") -> str | None:
 
 
 def resume(
-    run_folder: Path, workers: int | None, dask: str | None, full: bool, quiet: bool, as_json: bool
+    run_folder: options.RunArgument,
+    workers: options.WorkersOption = None,
+    dask: options.DaskOption = None,
+    full: options.FullOption = False,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Continue an interrupted run or risk estimate."""
     from harness.old.cli.risk import resume_risk
@@ -99,6 +105,8 @@ def _resume_run(
 ) -> None:
     from harness.old.studies.batch.experiment import resume as resume_run
 
+    if dask is not None and workers is not None:
+        raise not_with("--workers", "--dask", "the cluster's own workers")
     with progress_bar("pairs", quiet or as_json) as advance, unwinding():
         finished = resume_run(
             run_folder,

@@ -1,29 +1,55 @@
 """The command ``export``: tables, and pairs for other tools."""
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import typer
 
 from harness.core.errors import InputError
+from harness.old.cli import options
 from harness.old.cli.interruption import unwinding
 from harness.old.cli.options import not_with, refuse_without
 from harness.old.cli.output import emit, print_line
 
 
 def export(
-    run_folder: Path,
-    csv: bool,
-    form: Literal["openscenario", "trajectories"] | None,
-    pair: int | None,
-    cell: int,
-    arm: str,
-    ego: str,
-    vehicle: str | None,
-    crosswalk: str | None,
-    out: Path | None,
-    quiet: bool,
-    as_json: bool,
+    run_folder: options.RunArgument,
+    csv: Annotated[bool, typer.Option("--csv", help="Write every table as CSV.")] = False,
+    form: Annotated[
+        Literal["openscenario", "trajectories"] | None,
+        typer.Option(
+            "--format",
+            help="Write one arm of a pair: as OpenSCENARIO XML with its road as OpenDRIVE (pip "
+            "install crosswalk-harness[export]), or as one CSV table of trajectories.",
+        ),
+    ] = None,
+    pair: Annotated[int | None, typer.Option(help="With --format: number of the pair.")] = None,
+    cell: Annotated[int, typer.Option(help="Number of the cell in a sweep.")] = 0,
+    arm: options.ArmOption = "av",
+    ego: Annotated[
+        Literal["recorded", "free"],
+        typer.Option(
+            help="With --format openscenario: the ego's recorded trajectory, or an ego without one "
+            "at R0 and v0, for another driver.",
+        ),
+    ] = "recorded",
+    vehicle: Annotated[
+        str | None,
+        typer.Option(
+            help="The vehicle whose passage is written: in an hour of traffic its number; in "
+            "[simulation] its id, by default the most striking passage.",
+            metavar="ID",
+        ),
+    ] = None,
+    crosswalk: Annotated[
+        str | None,
+        typer.Option(help="For [simulation]: the crosswalk of that passage.", metavar="ID"),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="With --format: a new folder.", metavar="DIR")
+    ] = None,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Write tables as CSV, or a pair for another simulator.
 

@@ -1,21 +1,38 @@
 """``report``: writes a run folder as an HTML page, and its figures as files."""
 
 from pathlib import Path
+from typing import Annotated
 
-from harness.core.errors import one_line
+import typer
+
+from harness.core.errors import InputError, one_line
 from harness.old.cli.interruption import unwinding
+from harness.old.cli.options import JsonOption, QuietOption
 from harness.old.cli.output import emit, print_line, say
 
 
 def report(
-    run_folder: Path,
-    out: Path | None,
-    figures: Path | None,
-    open_page: bool,
-    quiet: bool,
-    as_json: bool,
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File for the page; default RUN/report.html.", metavar="FILE"),
+    ] = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the figures, PNG and PDF.", metavar="DIR", file_okay=False),
+    ] = None,
+    open_page: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Write one HTML page for a run or a risk estimate."""
+    """Write one HTML page for a run or a risk estimate.
+
+    The page contains results, figures and a player for episodes, and needs no network.
+    """
+    if out is not None and out.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--out {out}", "is not an HTML file", "a file name ending in .html")
+    if out is not None and not out.parent.is_dir():
+        raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a file to write")
     from harness.old.cli.risk import report_risk
     from harness.old.store.reading import kind_of_folder
 

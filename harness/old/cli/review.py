@@ -2,36 +2,77 @@
 
 from functools import partial
 from pathlib import Path
+from typing import Annotated, Literal
 
 import typer
 
 from harness.core.errors import InputError, one_line
+from harness.old.cli import options
 from harness.old.cli.interruption import unwinding
-from harness.old.cli.options import refuse_without
+from harness.old.cli.options import not_with, refuse_without
 from harness.old.cli.output import emit, print_line, say
 
 
 def replay(
-    run_folder: Path,
-    pair: int,
-    out: Path | None,
-    cell: int,
-    arm: str,
-    gui: bool,
-    pace: float | None,
-    screenshots: Path | None,
-    every: float | None,
-    vehicle: str | None,
-    crosswalk: str | None,
-    in_this_process: bool,
-    quiet: bool,
-    as_json: bool,
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
+    pair: Annotated[int, typer.Option(help="Number of the pair.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="A new folder for SUMO's output files; not with --gui.", metavar="DIR"),
+    ] = None,
+    cell: Annotated[int, typer.Option(help="Number of the cell in a sweep.")] = 0,
+    arm: Annotated[
+        Literal["av", "human", "both"], typer.Option(help="Arm to repeat, or both.")
+    ] = "both",
+    gui: Annotated[
+        bool, typer.Option("--gui", help="Show the episode in sumo-gui, one arm after the other.")
+    ] = False,
+    pace: Annotated[
+        float | None,
+        typer.Option(help="With --gui: playback speed; 1 is real time, 4 is four times as fast."),
+    ] = None,
+    screenshots: Annotated[
+        Path | None,
+        typer.Option(help="With --gui: a new folder for screenshots (PNG).", metavar="DIR"),
+    ] = None,
+    every: Annotated[
+        float | None,
+        typer.Option(help="With --screenshots: seconds between two screenshots; default 0.5."),
+    ] = None,
+    vehicle: Annotated[
+        str | None,
+        typer.Option(
+            help="With --gui, for [simulation]: show this vehicle's most striking passage.",
+            metavar="ID",
+        ),
+    ] = None,
+    crosswalk: Annotated[
+        str | None,
+        typer.Option(help="The same, over this crosswalk.", metavar="ID"),
+    ] = None,
+    in_this_process: Annotated[
+        bool,
+        typer.Option(
+            "--debug",
+            help="Run in this process without time limits, so that breakpoint() works in decide.",
+        ),
+    ] = False,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Repeat one episode: with SUMO's outputs, or in sumo-gui."""
     from harness.core.encounter import Arm
 
     arms = list(Arm) if arm == "both" else [Arm(arm)]
-    refuse_without("--gui", gui, vehicle=vehicle, crosswalk=crosswalk)
+    if gui and out is not None:
+        raise not_with("--out", "--gui", "--screenshots DIR")
+    if gui and in_this_process:
+        raise not_with("--debug", "--gui", "--gui alone, in which breakpoint() works, too")
+    if in_this_process and out is not None:
+        raise not_with("--out", "--debug", "one of the two")
+    which = {"vehicle": vehicle, "crosswalk": crosswalk}
+    refuse_without("--gui", gui, pace=pace, screenshots=screenshots, **which)
+    refuse_without("--screenshots DIR", screenshots is not None, every=every)
     problems, tracebacks = list[str](), list[str | None]()
     if gui:
         from harness.old.studies.replay.watch import watch
@@ -92,12 +133,20 @@ def _report_replays(
 
 
 def compare(
-    run_folders: list[Path],
-    limit: float | None,
-    out: Path | None,
-    full: bool,
-    quiet: bool,
-    as_json: bool,
+    run_folders: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN…",
+            help="A finished sweep, or several finished runs with the same pedestrians.",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Write the comparisons to a new CSV file.", metavar="FILE"),
+    ] = None,
+    full: options.FullOption = False,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Compare the AV's arms of several runs with [traffic] or [simulation]."""
     from harness.core.files import write_csv
@@ -107,9 +156,6 @@ def compare(
     from harness.old.studies.runs.opening import load_run
 
     runs = [load_run(folder) for folder in run_folders]
-    section = runs[0].kind.section
-    if limit is not None:
-        raise InputError("--mu0, --kappa0", f"are not supported with {section}", "neither")
     findings = compare_arms(runs)
     if out is not None:
         write_csv(out, arms_rows(findings))
@@ -119,7 +165,18 @@ def compare(
 
 
 def worst(
-    run_folder: Path, by: str, most: int, arm: str, cell: int | None, quiet: bool, as_json: bool
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
+    by: Annotated[
+        str,
+        typer.Option(help="Measure to rank by, e.g. min_ttc_s, delay_s, stops."),
+    ] = "pet_s",
+    most: Annotated[int, typer.Option("-n", help="Number of episodes.", metavar="N")] = 20,
+    arm: options.ArmOption = "av",
+    cell: Annotated[int | None, typer.Option(help="Only this cell.")] = None,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print only the replay commands.")
+    ] = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """List the worst episodes and the commands that replay them."""
     from harness.old.report.screens.worst_tables import worst_document, worst_tables
