@@ -10,10 +10,10 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar
 
+import harness.old.report.pages.encounter_parts as parts_module
 import pytest
 
 import harness
-import harness.old.report.pages.encounter_parts as parts_module
 import harness.old.report.pages.simulation_parts as simulation_parts
 from harness.old.report.pages.risk_page import write_risk_page
 from harness.old.report.pages.validation_page import write_validation

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from harness.old.store.episode_tables import episode_rows
 
 import harness
 from harness.core.encounter import Ending
 from harness.core.errors import InputError
-from harness.old.store.episode_tables import episode_rows
 from harness.scenario import Options
 from tests.batches import one_cell, run_inline
 from tests.notebooks import as_main, run_cell, run_notebook

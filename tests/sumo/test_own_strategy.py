@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from harness.old.studies.runs.compare import compare
 
 from harness.core.errors import InputError
 from harness.old.report.pages.page import write_report
 from harness.old.studies.batch.experiment import resume
-from harness.old.studies.runs.compare import compare
 from harness.old.studies.runs.export import export_csv
 from harness.old.studies.runs.opening import load_run
 from tests.batches import (

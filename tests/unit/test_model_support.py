@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from harness.old.store.episode_tables import episode_rows
 from scipy import stats
 
 from harness.core.encounter import Arm, Arrival, Side
@@ -11,7 +12,6 @@ from harness.episode.walking_speeds import WalkingSpeeds
 from harness.measures import Outcome
 from harness.model.interaction import ModelUseCounter, check_support
 from harness.old.statistics import ENCOUNTERS
-from harness.old.store.episode_tables import episode_rows
 from harness.old.store.summaries import summarise_cell
 from harness.old.studies.runs.notes import encounter_notes
 from harness.scenario import Cell, Scenario, load_scenario

@@ -14,12 +14,12 @@ import click
 import mypy.api
 import pytest
 import typer
+from harness.old.cli.app import app
 from typer.main import get_command
 
 import harness
 from harness.core.resources import shipped_directory
 from harness.measures import MEASURES, EpisodeRecord
-from harness.old.cli.app import app
 from harness.old.cli.output import print_line
 
 ROOT = Path(harness.__file__).parents[1]

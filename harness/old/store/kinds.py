@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from harness.core.encounter import Arm
+from harness.core.errors import InputError
 from harness.old.statistics import (
     CONFIDENCE,
     Catalogue,
@@ -214,7 +215,13 @@ KINDS: Mapping[str, Kind] = {kind.name: kind for kind in (HourKind(), Simulation
 
 
 def kind_of(scenario: Scenario) -> Kind:
-    """The kind of a run of this scenario."""
+    """The kind of a run of this scenario.
+
+    Raises:
+        InputError: the run is one of encounters, in the format of an earlier version.
+    """
+    if scenario.kind not in KINDS:
+        raise InputError("scenario", f"is one of {scenario.kind}", " or ".join(KINDS))
     return KINDS[scenario.kind]
 
 
