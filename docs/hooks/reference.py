@@ -204,7 +204,8 @@ def columns_page() -> str:
         "",
         "A number with an interval has its two ends in the columns `_ci_low` and `_ci_high`. The",
         "interval is two-sided, with the `confidence` of the row. A share has its counts in",
-        "`_events` and `_n`. [Method](../method.md) and [Measures](../measures.md) have the definitions.",
+        "`_events` and `_n`. [Method](../method.md) and [Measures](../measures.md) have the",
+        "definitions.",
     ]
     for name, parts in results.TABLES.items():
         lines += ["", f"## {name}/ of encounters", ""]
