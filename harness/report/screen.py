@@ -16,7 +16,7 @@ from harness.results.estimators import CONFIDENCE
 from harness.results.result import Result, Table
 
 MOST_NOTES = 3
-"""Notes on a screen; ``--full`` has all."""
+"""Notes on a screen, each with its first sentence; ``--full`` has all, with all their sentences."""
 
 PIPE_COLUMNS = 120
 
@@ -68,10 +68,11 @@ def _parts(result: Result, full: bool, console: Console) -> Iterator[RenderableT
         yield Text()
         yield from _table(table, confidence, console, every=True)
     shown = len(result.notes) if full else MOST_NOTES
-    yield from (_marked(note.text) for note in result.notes[:shown])
+    yield from (_marked(note.text if full else note.short) for note in result.notes[:shown])
     if more := result.notes[shown:]:
         labels = "; ".join(dict.fromkeys(note.label for note in more))
-        yield _marked(f"{len(more)} more with --full: {labels}.")
+        text = printable(f"! {len(more)} more with --full: {labels}.")
+        yield Text(text, no_wrap=True, overflow="ellipsis")
     yield from (Text(printable(remark)) for remark in (result.remarks if full else ()))
 
 

@@ -175,7 +175,8 @@ ENTRIES: tuple[Entry, ...] = (
           screen=True),
     Entry("time_ratio_worst", "ratio of times, worst case", f"Ratio of times over all pairs. "
           f"{_AV_MISSING} A reference that did not pass counts with an undisturbed passage.",
-          "worst_time_s", _arms_ratio, of="pair", reliable_from=1000, worst_case=True),
+          "worst_time_s", _arms_ratio, of="pair", beside="kappa_worst", reliable_from=1000,
+          worst_case=True),
     Entry("mu", "μ, mean ratio of times", "μ, the mean of τ over the pairs in which both vehicles "
           "crossed; τ is the AV's time over the reference's.", "tau", _mean, of="pair", digits=3,
           reliable_from=1000, undefined=_NO_TAU, screen=True, paper="0.7044"),

@@ -21,7 +21,7 @@ MOSTLY = 0.5
 
 
 class Note(NamedTuple):
-    """A sentence without which the numbers mislead.
+    """Sentences without which the numbers mislead.
 
     ``rank`` orders notes, the worst first; ``label`` stands for the note where it does not fit;
     ``cells`` are the cells of a sweep that it is about.
@@ -33,9 +33,18 @@ class Note(NamedTuple):
     text: str
     cells: tuple[int, ...] = ()
 
+    @property
+    def short(self) -> str:
+        """The first sentence, which a first screen shows."""
+        first, more, _ = self.text.partition(". ")
+        return f"{first}." if more else first
+
 
 class Said(NamedTuple):
-    """A sentence about a cell; of several cells, the one of largest ``weight`` is shown."""
+    """Sentences about a cell, the first of which must do alone on a first screen.
+
+    Of several cells, those about the one of largest ``weight`` are shown.
+    """
 
     text: str
     weight: float = 0.0
@@ -54,7 +63,7 @@ def _failures(cell: CellFindings) -> Said | None:
     own = cell["failed_strategy"].count + cell["failed_strategy_human"].count
     text = (
         f"{av + human:,} of {2 * cell['pairs'].count:,} episodes failed (AV {av:,}, "
-        f"{cell.scenario.arms.human} {human:,}; by the strategy {own:,}): times and crashes leave "
+        f"{cell.scenario.arms.human} {human:,}; by the strategy {own:,}). Times and crashes leave "
         "them out, the worst case counts them against the AV."
     )
     return Said(text, av + human) if av + human else None
@@ -90,15 +99,15 @@ def _few_pairs(cell: CellFindings) -> Said | None:
     first, *others = sorted(names)
     parts = [f"{first:,} informative pairs ({_listed(names[first])})"]
     parts += [f"{least:,} ({_listed(names[least])})" for least in others]
-    text = f"Few pairs: intervals are unreliable{missing} below {', '.join(parts)}; "
-    return Said(f"{text}the fewest here: {fewest:,}.", -fewest)
+    text = f"Few informative pairs: intervals are unreliable (*){missing}; the fewest here: "
+    return Said(f"{text}{fewest:,}. They are so below {', '.join(parts)}.", -fewest)
 
 
 def _time_outs(cell: CellFindings) -> Said | None:
     av, human = cell["timed_out"].count, cell["timed_out_human"].count
     text = (
         f"{av + human:,} of {2 * cell['pairs'].count:,} episodes timed out (AV {av:,}, "
-        f"{cell.scenario.arms.human} {human:,}): the times to cross and their ratio count them "
+        f"{cell.scenario.arms.human} {human:,}). The times to cross and their ratio count them "
         f"with {cell.scenario.experiment.timeout_s:g} s, delays, μ and c_v leave them out."
     )
     return Said(text, av + human) if av + human else None
@@ -114,7 +123,7 @@ def _left_out(cell: CellFindings) -> Said | None:
     others = [words for words, keys in both.items() if any(cell[key].count for key in keys)]
     text = (
         f"The ratio of times uses {cell['time_ratio_pairs'].count:,} of {pairs:,} pairs, μ and c_v "
-        f"use {used:,}, because of {_listed([*filter(None, [crashes]), *others])}."
+        f"use {used:,}. The others had {_listed([*filter(None, [crashes]), *others])}."
     )
     if human:
         text += " A reference that crashed counts as driving on in the times and their ratio, and "
@@ -128,8 +137,8 @@ def _biased(cell: CellFindings) -> Said | None:
         return None
     way = "slower" if over_all.high is not None and mu > over_all.high else "faster"
     text = (
-        f"μ makes the AV look {way} than it is: over all pairs μ is {over_all.value:.3f} "
-        f"({over_all.low:.3f} … {over_all.high:.3f})."
+        f"μ makes the AV look {way} than it is: {over_all.value:.3f} "
+        f"({over_all.low:.3f} … {over_all.high:.3f}) over all pairs."
     )
     return Said(text, abs(mu - (over_all.value or 0.0)))
 
@@ -155,8 +164,8 @@ def _fallback(cell: CellFindings) -> Said | None:
         return None
     met = "" if share is None else f" ({100 * share:.2g} % of those that met someone)"
     text = (
-        f"{fallback_of(strategy)} drove in {count:,} of {cell['pairs'].count:,} passages{met}, "
-        f"for which {strategy} had no valid plan."
+        f"{fallback_of(strategy)} drove in {count:,} of {cell['pairs'].count:,} passages{met}. "
+        f"For these {strategy} had no valid plan."
     )
     return Said(text, count / cell["pairs"].count)
 
@@ -187,8 +196,8 @@ def _outside_the_model(cell: CellFindings) -> Said | None:
             beyond.append(f"{max(known):.3g} {words}")
     used = " and ".join(f"{100 * part:.3g} % ({who})" for part, who in shares)
     text = (
-        f"In {used} of its uses the interaction model was asked about a vehicle outside its data, "
-        f"up to {' and '.join(beyond)}; it answered for the nearest one in its data."
+        f"The model was used outside its data, in {used} of its uses. The vehicle was up to "
+        f"{' and '.join(beyond)}; the model answered for the nearest one in its data."
     )
     return Said(text, max(part for part, _ in shares))
 
@@ -210,9 +219,8 @@ def _repeated(cell: CellFindings) -> Said | None:
     if not names:
         return None
     text = f"All {cell['pairs'].count:,} episodes of {' and of '.join(names)} are the same one"
-    return Said(
-        f"{text}: more pairs add nothing about it, and its shares have no interval.", len(names)
-    )
+    more = "More pairs add nothing about it, and its shares have no interval."
+    return Said(f"{text}. {more}", len(names))
 
 
 def _equal(cell: CellFindings) -> Said | None:
@@ -236,21 +244,21 @@ def _no_difference(cell: CellFindings) -> Said | None:
 
 RULES: tuple[Rule, ...] = (
     Rule("failures", "failures", _failures),
-    Rule("nothing_tested", "nothing was tested", _nothing_tested),
-    Rule("selected", "pairs selected by their outcome", _selected),
+    Rule("nothing_tested", "nothing tested", _nothing_tested),
+    Rule("selected", "selected pairs", _selected),
     Rule("few_pairs", "few pairs", _few_pairs),
     Rule("time_outs", "time-outs", _time_outs),
     Rule("left_out", "pairs left out", _left_out),
     Rule("biased", "μ is biased", _biased),
     Rule("undefined", "undefined numbers", _undefined),
     Rule("fallback", "another strategy drove", _fallback),
-    Rule("opposite", "another reference says the opposite", _opposite),
-    Rule("outside_model", "the model outside its data", _outside_the_model),
-    Rule("not_validated", "the reference is not validated here", _not_validated),
+    Rule("opposite", "another reference disagrees", _opposite),
+    Rule("outside_model", "outside the model's data", _outside_the_model),
+    Rule("not_validated", "reference not validated", _not_validated),
     Rule("speeding", "speeding", _speeding),
     Rule("repeated", "repeated episodes", _repeated),
     Rule("equal", "equal in every pair", _equal),
-    Rule("no_difference", "no difference is shown", _no_difference),
+    Rule("no_difference", "no difference shown", _no_difference),
 )
 """The rules, the worst news first; notes about a run as a whole come before them."""
 
@@ -282,12 +290,13 @@ def notes_of(
             continue
         worst, _, words = max(said, key=lambda each: each[2].weight)
         alike, others = len({each.text for *_, each in said}) == 1, len(said) - 1
-        text = words.text
+        first, stop, more = words.text.removesuffix(".").partition(". ")
         if len(cells) > 1 and not (alike and others):
-            text = f"{worst}: {text}"
+            first = f"{worst}: {first}"
         if others:
             same = "likewise" if alike else "similar"
-            text += f" ({same} in {others:,} more {'cell' if others == 1 else 'cells'})"
+            first += f" ({same} in {others:,} more {'cell' if others == 1 else 'cells'})"
+        text = f"{first}{stop}{more}."
         notes.append(Note(rule.key, rank, rule.label, text, tuple(each for _, each, _ in said)))
     return tuple(sorted(notes, key=lambda note: note.rank))
 

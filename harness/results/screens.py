@@ -7,7 +7,7 @@ from pathlib import Path
 from harness.core.encounter import Arm
 from harness.core.errors import resume_command
 from harness.results.catalogue import ENTRIES, ENTRY_OF, Entry
-from harness.results.estimators import CONFIDENCE
+from harness.results.estimators import CONFIDENCE, EQUAL
 from harness.results.finding import Finding, Plain
 from harness.results.findings import CellFindings
 from harness.results.notes import MOSTLY, Note, notes_of
@@ -24,9 +24,9 @@ _MOST_TABLES = 50
 """Cells of a sweep whose every number stands in a table of ``--full``; CSV and JSON have all."""
 
 PAPER_REMARK = (
-    "The paper's column is a reference, not a target: its 2,973 events and fitted parameters were "
-    "never published, so the model here is fitted to other trajectories. Soft-Yield has no valid "
-    "plan for walkers under 0.976 m/s at (30 m, 5 m/s); there Hard-Yield takes over."
+    "The paper's column (N = 50) is a reference, not a target: its 2,973 events and fitted "
+    "parameters were never published, so the model here is fitted to other trajectories. Soft-Yield "
+    "has no valid plan for walkers under 0.976 m/s at (30 m, 5 m/s); there Hard-Yield takes over."
 )
 
 
@@ -159,9 +159,17 @@ def scope_of(cells: Sequence[CellFindings], done: int, facts: Mapping[str, Plain
 
 
 def _measures(cell: CellFindings, paper: bool) -> Table:
-    """The first screen of one cell: a row for each measure, worst cases if pairs are left out."""
+    """The first screen of one cell: a row for each measure, worst cases if pairs are left out.
+
+    A mean that is 0 in every episode of both arms, such as the wait if nobody waits, has no row.
+    """
     worst = leaves_out([cell])
-    entries = [entry for entry in ENTRIES if entry.screen or (entry.worst_case and worst)]
+    entries = [
+        entry
+        for entry in ENTRIES
+        if (entry.screen or (entry.worst_case and worst))
+        and not all((cell[key].value, cell[key].reason) == (0, EQUAL) for key in entry.keys)
+    ]
     return _rows("", entries, cell, paper)
 
 
@@ -186,6 +194,8 @@ def _rows(
         found = [cell[key] for each in (entry, pair) if each is not None for key in each.keys]
         reasons = "; ".join(dict.fromkeys(filter(None, (finding.reason for finding in found))))
         heading = entry.title(cell.scenario.conflicts.model_dump())
+        if pair is not None and entry.worst_case:
+            heading = "worst case: crashes, time"
         row = (heading, *numbers, *((entry.paper or None,) if paper else ()))
         rows.append((*row, reasons or None) if remarks else row)
     columns = [
@@ -193,7 +203,7 @@ def _rows(
         Column("av", av_of(cell)),
         Column("reference", cell.scenario.arms.human),
         Column("paired", "AV against reference"),
-        *([Column("paper", "paper, N = 50")] if paper else []),
+        *([Column("paper", "paper")] if paper else []),
         *([Column("remark", "remark")] if remarks else []),
     ]
     return Table(title, tuple(columns), tuple(rows))

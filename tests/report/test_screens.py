@@ -14,6 +14,8 @@ from harness.results.estimators import clopper_pearson
 from harness.results.finding import Finding, Form
 from harness.results.notes import Note
 from harness.results.result import Column, Result, Shown, Style, Table, Versus
+from harness.scenario import Scenario
+from tests.cells import HUMAN_S, Fate, noisy, result_of, study
 
 WIDTHS = st.integers(40, 200)
 NUMBERS = st.floats(-1e4, 1e4, allow_subnormal=False)
@@ -189,6 +191,10 @@ def test_three_notes_the_worst_first_and_the_others_by_their_labels() -> None:
     assert said[:MOST_NOTES] == [f"! {note}" for note in notes[:MOST_NOTES]]
     assert said[MOST_NOTES:] == ["! 3 more with --full: label 3; label 4; label 5."]
     assert all(f"! {note}" in screen_text(result(PAPER, *notes), 80, full=True) for note in notes)
+    long = screen_text(result(PAPER, *["First sentence. And a second."] * 20), 80)
+    assert "And a second" not in long
+    assert "17 more with --full: label 3" in long
+    assert "And a second" in screen_text(result(PAPER, "First sentence. And a second."), 80, True)
     assert "more with" not in screen_text(result(PAPER, *notes[:3]), 80)
 
 
@@ -225,3 +231,22 @@ def test_a_pipe_is_as_wide_as_columns_says(
 ) -> None:
     monkeypatch.setenv("COLUMNS", columns)
     assert make_console().width == width
+
+
+@pytest.mark.parametrize("width", [80, 100, 120])
+@pytest.mark.parametrize("pairs", [5, 20, 50, 200])
+def test_the_papers_numbers_have_16_lines(pairs: int, width: int) -> None:
+    """With crashes, fallbacks and few pairs, so that all notes and the worst case are there."""
+
+    def fates(_scenario: Scenario, pair: int) -> tuple[Fate, Fate]:
+        fell = {"pass_time_s": noisy(pair), "fallback": True}
+        return (fell if pair % 4 == 0 else noisy(pair)), ("crashed" if pair == 2 else HUMAN_S)
+
+    made = result_of(study({"experiment.pairs": pairs}), fates, pairs)
+    text = screen_text(made, width)
+    assert len(text.splitlines()) <= 16
+    words = ("0.7044", "4.54 %", f"1 of {pairs}", "(*)", "hard_yield drove", "below", "worst case")
+    assert [each for each in words if each not in text] == []
+    assert f"{len(made.notes) - MOST_NOTES} more with --full" in text
+    whole = re.sub(r"\s+", "", screen_text(made, width, full=True))
+    assert [note for note in made.notes if re.sub(r"\s+", "", note.text) not in whole] == []

@@ -115,7 +115,7 @@ def some(fate: Fate, others: Callable[[int], Pair] = usual) -> Callable[[int], P
         (
             "crashed",
             "left_out",
-            "uses 37 of 40 pairs, μ and c_v use 37, because of crashes (AV 3, human_gmm 0)",
+            "uses 37 of 40 pairs, μ and c_v use 37. The others had crashes (AV 3, human_gmm 0)",
             ("3 pairs not in the ratio of times",),
         ),
     ],
@@ -128,8 +128,8 @@ def test_what_did_not_cross_is_counted_and_the_worst_case_stands_beside(
     assert [each for each in scope if each not in told.result.scope] == []
     assert told.cell["kappa_worst"].events == 3
     for worst in (entry for entry in ENTRIES if entry.worst_case):
-        assert worst.heading in told.headings
         assert told.shows(told.cell[worst.key])
+    assert "worst case" in told.headings
     # Nothing is left out, so nothing is said.
     calm = tell(usual)
     assert {key, "left_out"} & {*calm.notes} == set()
@@ -203,7 +203,7 @@ def test_the_model_outside_its_data(tell: Callable[..., Told]) -> None:
         return {**asked, "clamped": 1}, {**asked, "clamped": 3}
 
     words = tell(news).notes["outside_model"]
-    assert "In 25 % (AV) and 75 % (human_gmm) of its uses" in words
+    assert "outside its data, in 25 % (AV) and 75 % (human_gmm) of its uses" in words
     assert "up to 5.39 m/s too fast and 12 m too far away" in words
     inside = {"pass_time_s": 8.0, "conditionings": 4, "clamped": 0}
     assert "outside_model" not in tell(lambda _: (inside, inside)).notes
@@ -238,7 +238,7 @@ def test_another_reference_says_the_opposite_at_any_number_of_pairs(
     tell: Callable[..., Told], pairs: int
 ) -> None:
     told = tell(usual, pairs)
-    assert "_yield is slower: the result depends on the reference" in told.notes["opposite"]
+    assert "_yield is slower: it depends on the reference" in told.notes["opposite"]
     assert told.notes["opposite"].count("Against human_recorded ") == 1
 
 
@@ -422,13 +422,13 @@ def test_a_note_of_a_sweep_is_about_its_worst_cell_and_counts_the_others() -> No
     cells = run_of(study({}, vary), fates, 10).cells
     (note,) = [note for note in notes_of(cells) if note.key == "failures"]
     assert note.text.startswith("flow_per_hour 100: 3 of 20 episodes failed")
-    assert note.text.endswith("(similar in 2 more cells)")
+    assert note.short.endswith("(similar in 2 more cells).")
     assert note.cells == (0, 1, 2)
     (note,) = [note for note in notes_of(cells[2:]) if note.key == "failures"]
     assert note.text.startswith("flow_per_hour 250: 2 of 20")
     (alike,) = [note for note in notes_of(cells[:1] * 2) if note.key == "failures"]
     assert alike.text.startswith("1 of 20")
-    assert alike.text.endswith("(likewise in 1 more cell)")
+    assert alike.short.endswith("(likewise in 1 more cell).")
 
 
 def test_a_rule_is_a_note_everywhere(tell: Callable[..., Told], monkeypatch) -> None:
