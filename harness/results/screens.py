@@ -25,8 +25,8 @@ _MOST_TABLES = 50
 
 PAPER_REMARK = (
     "The paper's column (N = 50) is a reference, not a target: its 2,973 events and fitted "
-    "parameters were never published, so the model here is fitted to other trajectories. Soft-Yield "
-    "has no valid plan for walkers under 0.976 m/s at (30 m, 5 m/s); there Hard-Yield takes over."
+    "parameters were never published, so the model here is fitted to other trajectories. "
+    "Soft-Yield has no valid plan for walkers under 0.976 m/s at (30 m, 5 m/s); there Hard-Yield takes over."
 )
 
 
