@@ -32,7 +32,7 @@ def report(
     """Write one HTML page: results, figures and a player for episodes.  It needs no network."""
     from harness.report.page import write_page
     from harness.results.run import load_run
-    from harness.studies.allowed import allowed_of
+    from harness.studies.allowed import allowed_in
     from harness.studies.compare import compare as compare_cells, groups_of
     from harness.studies.shown import shown_pairs
 
@@ -41,9 +41,7 @@ def report(
         groups = groups_of([run]) if run.finished else []
         several = any(len(group) > 1 for group in groups)
         compared = compare_cells(run, mu0=mu0, kappa0=kappa0) if several else None
-        judged = [
-            each for group in groups for each in allowed_of(group, mu0, kappa0, run.confidence)
-        ]
+        judged = allowed_in(groups, mu0, kappa0, run.confidence)
         shown = shown_pairs(run, out)
         written = write_page(run, run.result(), out, figures, shown, compared, judged)
     for pair in shown:

@@ -24,14 +24,14 @@ class Note(NamedTuple):
     """Sentences without which the numbers mislead.
 
     ``rank`` orders notes, the worst first; ``label`` stands for the note where it does not fit;
-    ``cells`` are the cells of a sweep that it is about.
+    ``cells`` are the cells that it is about: of a run their numbers, of a comparison their names.
     """
 
     key: str
     rank: int
     label: str
     text: str
-    cells: tuple[int, ...] = ()
+    cells: tuple[int | str, ...] = ()
 
     @property
     def short(self) -> str:
@@ -276,7 +276,7 @@ def notes_of(
     Args:
         cells: the findings of all cells.
         about_run: notes about the run as a whole.
-        names: the cells' names if they are not cells of one sweep.
+        names: the cells' names if they are compared; then notes have them in place of numbers.
     """
     notes = list(about_run)
     called = names or [name_of(cell.varied) for cell in cells]
@@ -297,7 +297,8 @@ def notes_of(
             same = "likewise" if alike else "similar"
             first += f" ({same} in {others:,} more {'cell' if others == 1 else 'cells'})"
         text = f"{first}{stop}{more}."
-        notes.append(Note(rule.key, rank, rule.label, text, tuple(each for _, each, _ in said)))
+        about = tuple(name if names else number for name, number, _ in said)
+        notes.append(Note(rule.key, rank, rule.label, text, about))
     return tuple(sorted(notes, key=lambda note: note.rank))
 
 

@@ -42,10 +42,14 @@ Cell = Entered
 
 
 class Column(NamedTuple):
-    """A column of a table: its key in JSON and CSV, and its heading with its unit."""
+    """A column of a table: its key in JSON and CSV, and its heading with its unit.
+
+    ``interval``: its intervals are on every screen, however narrow.
+    """
 
     key: str
     heading: str
+    interval: bool = False
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from harness.results.catalogue import ENTRIES, ENTRY_OF, Entry
 from harness.results.estimators import CONFIDENCE, EQUAL
 from harness.results.finding import Finding, Plain
 from harness.results.findings import CellFindings
-from harness.results.notes import MOSTLY, Note, notes_of
+from harness.results.notes import MOSTLY, Note, notes_of, rank_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
 from harness.scenario import Scenario
 from harness.scenario.place import place_in_words
@@ -26,7 +26,8 @@ _MOST_TABLES = 50
 PAPER_REMARK = (
     "The paper's column (N = 50) is a reference, not a target: its 2,973 events and fitted "
     "parameters were never published, so the model here is fitted to other trajectories. "
-    "Soft-Yield has no valid plan for walkers under 0.976 m/s at (30 m, 5 m/s); there Hard-Yield takes over."
+    "Soft-Yield has no valid plan for walkers under 0.976 m/s at (30 m, 5 m/s); there Hard-Yield "
+    "takes over."
 )
 
 
@@ -126,9 +127,14 @@ def drivers(cells: Sequence[CellFindings]) -> str:
     return f"{av} against {references.pop() if len(references) == 1 else 'several references'}"
 
 
-def leaves_out(cells: Sequence[CellFindings]) -> bool:
-    """Whether a pair stands only in some numbers, because one of its episodes did not cross."""
-    return any(cell["mu_pairs"].count < cell["pairs"].count for cell in cells)
+def worst_cases(cells: Sequence[CellFindings]) -> list[Entry]:
+    """The worst cases that differ from the number itself in a cell, because pairs are left out."""
+    return [
+        entry
+        for entry in ENTRIES
+        if entry.worst_case
+        and any(cell[entry.key] != cell[entry.key.removesuffix("_worst")] for cell in cells)
+    ]
 
 
 def scope_of(cells: Sequence[CellFindings], done: int, facts: Mapping[str, Plain]) -> str:
@@ -163,7 +169,7 @@ def _measures(cell: CellFindings, paper: bool) -> Table:
 
     A mean that is 0 in every episode of both arms, such as the wait if nobody waits, has no row.
     """
-    worst = leaves_out([cell])
+    worst = len(worst_cases([cell])) > 0
     entries = [
         entry
         for entry in ENTRIES
@@ -202,7 +208,7 @@ def _rows(
         Column("measure", ""),
         Column("av", av_of(cell)),
         Column("reference", cell.scenario.arms.human),
-        Column("paired", "AV against reference"),
+        Column("paired", "AV against reference", True),
         *([Column("paper", "paper")] if paper else []),
         *([Column("remark", "remark")] if remarks else []),
     ]
@@ -216,10 +222,8 @@ def _sweep(cells: Sequence[CellFindings]) -> Table:
         name = Column(key, key.rpartition(".")[2])
         own = (av_of(cell) if key == "arms.av" else cell.varied[key] for cell in cells)
         columns.append((name, tuple(own)))
-    worst = [entry.key for entry in ENTRIES if entry.worst_case and leaves_out(cells)]
-    for key in (*_SWEEP, *worst):
-        entry = ENTRY_OF[key]
-        name = Column(key, entry.title(cells[0].scenario.conflicts.model_dump()))
+    for entry in (*map(ENTRY_OF.__getitem__, _SWEEP), *worst_cases(cells)):
+        name = Column(entry.key, entry.title(cells[0].scenario.conflicts.model_dump()))
         columns.append((name, tuple(_number(entry, cell) for cell in cells)))
     return table_of("", columns, legend="Two numbers in a cell: AV / reference.")
 
@@ -260,5 +264,5 @@ def _agreement(cells: Sequence[CellFindings]) -> Note | None:
         for side, names in sides.items()
     ]
     text = f"The AV against each reference: {'; '.join(parts)}."
-    rank = -1 if {"less", "more"} <= sides.keys() else len(sides) + 100
+    rank = rank_of("time_outs") if {"less", "more"} <= sides.keys() else len(sides) + 100
     return Note("agreement", rank, "the references", text)

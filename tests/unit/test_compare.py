@@ -12,7 +12,7 @@ from harness.results.estimators import EQUAL, FEW
 from harness.results.finding import Finding
 from harness.results.result import Result, Versus
 from harness.scenario import Scenario
-from harness.studies.allowed import Allowed, allowed_of
+from harness.studies.allowed import Allowed, allowed_in
 from harness.studies.compare import compare, groups_of
 from tests.cells import FAILED, HUMAN_S, Fate, MadeRun, noisy, run_of, study
 
@@ -95,7 +95,8 @@ def test_crashes_by_hand_and_holm_over_the_table(result: Result) -> None:
     at = [column.key for column in table.columns].index("p_holm")
     assert [row[at].finding.value for row in table.rows] == pytest.approx(adjusted)
     said = {note.key: note.text for note in result.notes}["more_crashes"]
-    assert said.startswith("constant_speed crashes, times out or fails more often than soft_yield")
+    more = "flow_per_hour 50, constant_speed crashes, times out or fails more often than soft_yield"
+    assert said.startswith(more)
 
 
 def test_each_row_has_its_cells_own_numbers(run: MadeRun, result: Result) -> None:
@@ -260,8 +261,7 @@ def swept() -> MadeRun:
 
 
 def judged(run: MadeRun, mu0: float, kappa0: float) -> Allowed:
-    (group,) = groups_of([run])
-    (found,) = allowed_of(group, mu0, kappa0, 0.95)
+    (found,) = allowed_in(groups_of([run]), mu0, kappa0, 0.95)
     return found
 
 
@@ -338,10 +338,33 @@ def test_values_of_a_grid_are_not_judged_as_one_sweep() -> None:
     """With another key of the AV varied, a value of p1 stands for several cells."""
     grid = run_of(study({}, P1, "perception.latency_s=0.0,0.3"), bolder, 3)
     (group,) = groups_of([grid])
-    assert (len(group), allowed_of(group, 1.0, 0.05, 0.95)) == (6, [])
+    assert (len(group), allowed_in([group], 1.0, 0.05, 0.95)) == (6, [])
     # The people's keys are no part of it: each flow has its own sweep.
     flows = run_of(study({}, P1, FLOWS), bolder, 3)
-    assert [len(allowed_of(group, 1.0, 0.05, 0.95)) for group in groups_of([flows])] == [1, 1]
+    found = allowed_in(groups_of([flows]), 1.0, 0.05, 0.95)
+    assert [each.where for each in found] == ["flow_per_hour 50", "flow_per_hour 250"]
+
+
+def test_two_runs_over_the_same_values_are_judged_apart() -> None:
+    """Nine values of one sweep would have wider bounds, and each value two verdicts."""
+    of = study({}, P1)
+    runs = [run_of(of, bolder, 5, name=f"{place}/sweep") for place in ("here", "there")]
+    found = allowed_in(groups_of(runs), 1.0, 0.05, 0.95)
+    assert [each.where for each in found] == ["here/sweep", "there/sweep"]
+    alone = allowed_in(groups_of(runs[:1]), 1.0, 0.05, 0.95)
+    assert [(each.values, each.mu) for each in found] == [
+        (each.values, each.mu) for each in alone
+    ] * 2
+    made = compare(*runs, mu0=1.0, kappa0=0.05)
+    titles = [table.title for table in made.full if "μ <" in table.title]
+    assert [title.partition(" (")[2] for title in titles] == ["here/sweep)", "there/sweep)"]
+    # Folders of the same name are told apart by their paths, in rows as in notes.
+    names = [(row["a"], row["b"]) for row in made.records]
+    assert len({name for pair in names for name in pair}) == 6
+    assert ("soft_yield p1=0.3 (here/sweep)", "soft_yield p1=0.3 (there/sweep)") in names
+    (few,) = [note for note in made.notes if note.key == "few_pairs"]
+    assert len({*few.cells}) == 6
+    assert "soft_yield p1=0.1 (there/sweep)" in few.cells
 
 
 @pytest.mark.parametrize(
