@@ -7,8 +7,8 @@ bounds that hold together, each one-sided at 1 − level / 2m (Bonferroni), and 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from harness.core.errors import InputError
 from harness.core.seeding import resampling
@@ -25,25 +25,31 @@ if TYPE_CHECKING:
 RELIABLE_FROM = 2_000
 """Informative pairs from which on the bound of μ is reliable; an unreliable one decides nothing."""
 
+_SHARE = "above 0, at most 1"
+
 Verdict = Literal["allowed", "denied", "undecided"]
 
 
-@dataclass(frozen=True)
-class Allowed:
-    """The verdicts on the ascending ``values`` of a parameter ``key`` of a strategy.
+class Judged(NamedTuple):
+    """A value of a parameter with its bounds, which hold over all values together."""
 
-    ``where`` has the other swept keys and the run, if there are several.  ``mu`` and ``kappa`` have
-    the bounds that hold over all values together.
+    value: float
+    mu: Finding
+    kappa: Finding
+    verdict: Verdict
+
+
+class Allowed(NamedTuple):
+    """The verdicts on the ascending values of a strategy's parameter.
+
+    ``where`` has the other swept keys, and the run if there are several.
     """
 
-    where: str
     key: str
-    values: tuple[float, ...]
-    mu: tuple[Finding, ...]
-    kappa: tuple[Finding, ...]
-    verdicts: tuple[Verdict, ...]
+    where: str
     mu0: float
     kappa0: float
+    rows: tuple[Judged, ...]
 
 
 def allowed_in(
@@ -59,43 +65,29 @@ def allowed_in(
     """
     if mu0 is None and kappa0 is None:
         return []
-    for option, limit, top in (("--mu0", mu0, math.inf), ("--kappa0", kappa0, 1.0)):
+    for option, limit, least in (("--mu0", mu0, "above 0"), ("--kappa0", kappa0, _SHARE)):
         if limit is None:
             raise InputError(option, "is missing", "both limits")
-        if not 0 < limit <= top or limit == math.inf:
-            least = "above 0, at most 1" if top == 1 else "above 0"
+        if not 0 < limit < math.inf or (least == _SHARE and limit > 1):
             raise InputError(option, f"{limit:g} is not accepted", least)
-    sweeps: dict[tuple[str, str], list[tuple[float, Candidate]]] = {}
+    sweeps: dict[tuple[str, str], list[Candidate]] = {}
     for each in (each for group in groups for each in group):
-        keys = [
-            key for key in each.own if key.startswith(f"strategies.{each.cell.scenario.arms.av}.")
-        ]
-        if (
-            len(each.own) == 1
-            and keys
-            and isinstance(value := each.cell.varied[keys[0]], int | float)
-        ):
+        if each.own and each.own[0].startswith(f"strategies.{each.cell.scenario.arms.av}."):
             where = ", ".join(filter(None, [name_of(each.shared), each.origin]))
-            sweeps.setdefault((where, keys[0]), []).append((float(value), each))
+            sweeps.setdefault((", ".join(each.own), where), []).append(each)
+    limits = mu0 or 0.0, kappa0 or 0.0
     return [
-        _judged(
-            where, key, sorted(swept, key=lambda each: each[0]), mu0 or 0, kappa0 or 0, confidence
-        )
-        for (where, key), swept in sweeps.items()
-        if len(swept) > 1
+        Allowed(key, where, *limits, _judged(swept, key, limits, confidence))
+        for (key, where), swept in sweeps.items()
+        if len(swept) > 1 and all(type(each.cell.varied.get(key)) in (int, float) for each in swept)
     ]
 
 
 def _judged(
-    where: str,
-    key: str,
-    swept: "Sequence[tuple[float, Candidate]]",
-    mu0: float,
-    kappa0: float,
-    confidence: float,
-) -> Allowed:
-    level, found = 1 - (1 - confidence) / len(swept), []
-    for value, each in swept:
+    swept: "Sequence[Candidate]", key: str, limits: tuple[float, float], confidence: float
+) -> tuple[Judged, ...]:
+    level, rows = 1 - (1 - confidence) / len(swept), []
+    for each in swept:
         sample = each.sample(each.cell["pairs"].count)
         rng = resampling(each.cell.scenario.experiment.seed, "comparison")
         mu = estimators.mean(sample.pairs("tau_all"), Sampling(rng, level))
@@ -104,31 +96,31 @@ def _judged(
         if mu.low is not None and (mu.n or 0) < RELIABLE_FROM:
             few = f"unreliable below {RELIABLE_FROM:,} informative pairs (has {mu.n:,})"
             mu = replace(mu, reliable=False, reason=few)
-        found.append((value, mu, kappa, _verdict([(mu, mu0), (kappa, kappa0)])))
-    values, mus, kappas, verdicts = zip(*found, strict=True)
-    return Allowed(where, key, values, mus, kappas, verdicts, mu0, kappa0)
+        verdict = _verdict((mu, kappa), limits)
+        rows.append(Judged(float(each.cell.varied[key] or 0), mu, kappa, verdict))
+    return tuple(sorted(rows))
 
 
-def _verdict(bounded: Sequence[tuple[Finding, float]]) -> Verdict:
+def _verdict(found: tuple[Finding, Finding], limits: tuple[float, float]) -> Verdict:
     """Allowed if all upper bounds are below their limits, denied if a lower bound is not."""
     known = [
-        (of, limit) for of, limit in bounded if of.low is not None and of.reliable is not False
+        (of.low, of.high, limit)
+        for of, limit in zip(found, limits, strict=True)
+        if of.low is not None and of.high is not None and of.reliable is not False
     ]
-    if any((of.low or 0.0) >= limit for of, limit in known):
+    if any(low >= limit for low, _, limit in known):
         return "denied"
-    below = [of.high is not None and of.high < limit for of, limit in known]
-    return "allowed" if len(known) == len(bounded) and all(below) else "undecided"
+    below = sum(high < limit for _, high, limit in known)
+    return "allowed" if below == len(found) else "undecided"
 
 
 def allowed_table(of: Allowed) -> Table:
     """The values of a parameter with their bounds and verdicts."""
+    mu, kappa = Style(digits=3), Style(Form.SHARE, 2)
     columns = ("value", "μ, all values together", "κ, all values together", "verdict")
-    rows = zip(of.values, of.mu, of.kappa, of.verdicts, strict=True)
     return Table(
         f"{of.key} with μ < {of.mu0:g} and κ < {of.kappa0:g}{of.where and f' ({of.where})'}",
         tuple(Column(name.partition(",")[0], name) for name in columns),
-        tuple(
-            (value, Shown(mu, Style(digits=3)), Shown(kappa, Style(Form.SHARE, 2)), verdict)
-            for value, mu, kappa, verdict in rows
-        ),
-    )
+        tuple((row.value, Shown(row.mu, mu), Shown(row.kappa, kappa), row.verdict)
+              for row in of.rows),
+    )  # fmt: skip

@@ -4,6 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -59,31 +60,29 @@ def _mu(a: Sample, b: Sample, sampling: Sampling) -> Finding:
     return estimators.mean_difference(a.pairs("tau"), b.pairs("tau"), sampling)
 
 
-def _mean(column: str) -> Callable[[Sample, Sample, Sampling], Finding]:
-    return lambda a, b, sampling: estimators.mean_difference(
-        a.arms(column)[AV], b.arms(column)[AV], sampling
-    )
+def _mean(a: Sample, b: Sample, sampling: Sampling, column: str) -> Finding:
+    return estimators.mean_difference(a.arms(column)[AV], b.arms(column)[AV], sampling)
 
 
-def _share(column: str, ran: str) -> Callable[[Sample, Sample, Sampling], Finding]:
-    return lambda a, b, _sampling: estimators.share_difference(
-        *(each.arms(name)[AV] for name in (column, ran) for each in (a, b))
-    )
+def _share(a: Sample, b: Sample, _sampling: Sampling, column: str, ran: str) -> Finding:
+    marked, trials = ([each.arms(name)[AV] for each in (a, b)] for name in (column, ran))
+    return estimators.share_difference(*marked, *trials)
 
 
 _SHARE = Style(Form.SHARE, 1)
+# fmt: off
 DIFFERENCES = (
     Difference("time_ratio_difference", "ratio of times", Style(digits=3), 500, _time_ratio),
     Difference("mu_difference", "μ", Style(digits=3), 500, _mu),
-    Difference("delay_difference_s", "delay, s", Style(), 500, _mean("delay_s")),
-    Difference(
-        "delay_worst_difference_s", "delay, worst case, s", Style(), 1_000, _mean("worst_delay_s")
-    ),
-    Difference("kappa_difference", "crashes", _SHARE, 0, _share("crashed", "ran")),
-    Difference(
-        "kappa_all_difference", "crashes, time-outs, failures", _SHARE, 0, _share("missed", "tried")
-    ),
+    Difference("delay_difference_s", "delay, s", Style(), 500, partial(_mean, column="delay_s")),
+    Difference("delay_worst_difference_s", "delay, worst case, s", Style(), 1_000,
+               partial(_mean, column="worst_delay_s")),
+    Difference("kappa_difference", "crashes", _SHARE, 0,
+               partial(_share, column="crashed", ran="ran")),
+    Difference("kappa_all_difference", "crashes, time-outs, failures", _SHARE, 0,
+               partial(_share, column="missed", ran="tried")),
 )
+# fmt: on
 """What is compared; a test of each has one family (Holm) over all rows of the table."""
 
 
@@ -111,6 +110,9 @@ class Candidate:
         """The columns of its first pairs, without intervals of its own."""
         rows = self.run.rows("episodes", self.cell.number).slice(0, 2 * pairs)
         return Sample(rows, self.cell.scenario, 0.0)
+
+
+_Column = tuple[Column, Sequence[Entered]]
 
 
 class Row(NamedTuple):
@@ -163,25 +165,25 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
         about=place_in_words([cell.scenario for cell in cells]),
         screen=_screen(rows[:MOST_ROWS], p_holm["time_ratio_difference"]),
         full=(
-            *(_table_of(of, rows, p_holm[of.key]) for of in DIFFERENCES),
+            *(_of_all(of, rows, p_holm[of.key]) for of in DIFFERENCES),
             *map(allowed_table, allowed_in(groups, mu0, kappa0, confidence)),
         ),
         notes=notes_of(cells, _notes(rows, p_holm), [candidate.name for candidate in candidates]),
         closing=(f"{more:,} more rows: --full.",) if more > 0 else (),
         facts=facts,
-        records=[_record(row, {key: p[place] for key, p in p_holm.items()})
-                 for place, row in enumerate(rows)],
-    )  # fmt: skip
-
-
-def _record(row: Row, p_holm: Mapping[str, float]) -> dict[str, Plain | Finding]:
-    own = {
-        f"{key}_{end}": each.cell[key]
-        for end, each in (("a", row.a), ("b", row.b))
-        for key in ("time_ratio", "kappa")
-    }
-    holm = {f"{key}_p_holm": p for key, p in p_holm.items()}
-    return {**row.a.shared, "a": row.a.label, "b": row.b.label, **own, **row.found, **holm}
+        records=[
+            {
+                **row.a.shared,
+                "a": row.a.label,
+                "b": row.b.label,
+                **{f"{key}_a": row.a.cell[key] for key in ("time_ratio", "kappa")},
+                **{f"{key}_b": row.b.cell[key] for key in ("time_ratio", "kappa")},
+                **row.found,
+                **{f"{key}_p_holm": values[place] for key, values in p_holm.items()},
+            }
+            for place, row in enumerate(rows)
+        ],
+    )
 
 
 def groups_of(runs: Sequence[Run]) -> list[list[Candidate]]:
@@ -284,7 +286,8 @@ def _common(a: Candidate, b: Candidate) -> int:
 
 
 def _differences(a: Candidate, b: Candidate, confidence: float) -> dict[str, Finding]:
-    samples = [each.sample(_common(a, b)) for each in (a, b)]
+    pairs = _common(a, b)
+    samples = a.sample(pairs), b.sample(pairs)
     seed = a.cell.scenario.experiment.seed
     found = {}
     for of in DIFFERENCES:
@@ -298,50 +301,59 @@ def _differences(a: Candidate, b: Candidate, confidence: float) -> dict[str, Fin
     return found
 
 
-def _names(rows: Sequence[Row]) -> list[tuple[Column, tuple[Entered, ...]]]:
-    """The columns that name a row: the keys that the group shares, and the two strategies."""
-    keys = dict.fromkeys(key for row in rows for key in row.a.shared)
-    shared = [
-        (Column(key, key.rpartition(".")[2]), tuple(row.a.shared.get(key) for row in rows))
-        for key in keys
+def _table(title: str, rows: Sequence[Row], *columns: _Column, legend: str = "") -> Table:
+    """A table whose rows are named by the keys that the group shares, and the two strategies."""
+    shared = dict.fromkeys(key for row in rows for key in row.a.shared)
+    names: list[_Column] = [
+        *(
+            (Column(key, key.rpartition(".")[2]), [row.a.shared.get(key) for row in rows])
+            for key in shared
+        ),
+        (Column("a", "A"), [row.a.label for row in rows]),
+        (Column("b", "B"), [row.b.label for row in rows]),
     ]
-    a, b = (tuple(each.label for each in side) for side in list(zip(*rows, strict=True))[:2])
-    return [*shared, (Column("a", "A"), a), (Column("b", "B"), b)]
+    filled = [(name, tuple(values)) for name, values in (*names, *columns)]
+    return table_of(title, filled, legend)
 
 
 def _screen(rows: Sequence[Row], p_holm: Sequence[float]) -> Table:
     """The first screen: each cell's own number, their paired difference, and one p."""
 
-    def both(entry: Entry) -> tuple[Entered, ...]:
-        return tuple(Versus(shown(entry, row.a.cell), shown(entry, row.b.cell)) for row in rows)
+    def both(entry: Entry) -> _Column:
+        numbers = [Versus(shown(entry, row.a.cell), shown(entry, row.b.cell)) for row in rows]
+        return Column(entry.key, entry.heading), numbers
 
-    of = DIFFERENCES[0]
     worst = worst_cases([each.cell for row in rows for each in (row.a, row.b)])
-    columns = [
-        (Column("time_ratio", "ratio of times"), both(ENTRY_OF["time_ratio"])),
-        (Column(of.key, "A − B", True), tuple(Shown(row.found[of.key], of.style) for row in rows)),
-        (Column("p_holm", "p"), _p_values(p_holm[: len(rows)])),
-        (Column("kappa", "crashes"), both(ENTRY_OF["kappa"])),
-        *((Column(entry.key, entry.heading), both(entry)) for entry in worst),
-    ]
-    return table_of("", [*_names(rows), *columns], legend="Two numbers in a cell: A / B.")
+    return _table(
+        "",
+        rows,
+        both(ENTRY_OF["time_ratio"]),
+        _difference(DIFFERENCES[0], rows),
+        _p_values("p", p_holm[: len(rows)]),
+        both(ENTRY_OF["kappa"]),
+        *map(both, worst),
+        legend="Two numbers in a cell: A / B.",
+    )
 
 
-def _p_values(values: Sequence[float]) -> tuple[Entered, ...]:
-    return tuple(Shown(Finding(p), Style(digits=3)) for p in values)
+def _difference(of: Difference, rows: Sequence[Row]) -> _Column:
+    return Column(of.key, "A − B", True), [Shown(row.found[of.key], of.style) for row in rows]
 
 
-def _table_of(of: Difference, rows: Sequence[Row], p_holm: Sequence[float]) -> Table:
+def _p_values(heading: str, values: Sequence[float]) -> _Column:
+    return Column("p_holm", heading), [Shown(Finding(p), Style(digits=3)) for p in values]
+
+
+def _of_all(of: Difference, rows: Sequence[Row], p_holm: Sequence[float]) -> Table:
     found = [row.found[of.key] for row in rows]
-    columns: list[tuple[Column, tuple[Entered, ...]]] = [
-        (Column(of.key, "A − B"), tuple(Shown(each, of.style) for each in found)),
-        (
-            Column("n", "pairs that differ"),
-            tuple(each.n if each.events is None else each.events for each in found),
-        ),
-        (Column("p_holm", "p (Holm)"), _p_values(p_holm)),
-    ]
-    return table_of(f"Difference of {of.heading}", [*_names(rows), *columns])
+    differ = [each.n if each.events is None else each.events for each in found]
+    return _table(
+        f"Difference of {of.heading}",
+        rows,
+        _difference(of, rows),
+        (Column("n", "pairs that differ"), differ),
+        _p_values("p (Holm)", p_holm),
+    )
 
 
 def _notes(rows: Sequence[Row], p_holm: Mapping[str, Sequence[float]]) -> list[Note]:
@@ -351,9 +363,9 @@ def _notes(rows: Sequence[Row], p_holm: Mapping[str, Sequence[float]]) -> list[N
         value = found["kappa_all_difference"].value
         if value and p < SIGNIFICANT:
             worse.append((a, b) if value > 0 else (b, a))
-    found = [row.found["time_ratio_difference"] for row in rows]
-    few = [each.n or 0 for each in found if each.reliable is False or each.reason == FEW]
-    equal, of = sum(each.reason == EQUAL for each in found), f"of {len(rows):,}"
+    of_times = [row.found["time_ratio_difference"] for row in rows]
+    few = [each.n or 0 for each in of_times if each.reliable is False or each.reason == FEW]
+    equal, of = sum(each.reason == EQUAL for each in of_times), f"of {len(rows):,}"
     notes = []
     if worse:
         (more, less), others = worse[0], len(worse) - 1

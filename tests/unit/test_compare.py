@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from harness.results.estimators import EQUAL, FEW
 from harness.results.finding import Finding
 from harness.results.result import Result, Versus
 from harness.scenario import Scenario
-from harness.studies.allowed import Allowed, allowed_in
+from harness.studies.allowed import allowed_in
 from harness.studies.compare import compare, groups_of
 from tests.cells import FAILED, HUMAN_S, Fate, MadeRun, noisy, run_of, study
 
@@ -260,14 +261,24 @@ def swept() -> MadeRun:
     return run_of(study({}, P1), bolder, 2_700)
 
 
-def judged(run: MadeRun, mu0: float, kappa0: float) -> Allowed:
+class Judged(NamedTuple):
+    """The columns of the verdicts."""
+
+    values: tuple[float, ...]
+    mu: tuple[Finding, ...]
+    kappa: tuple[Finding, ...]
+    verdicts: tuple[str, ...]
+
+
+def judged(run: MadeRun, mu0: float, kappa0: float) -> Judged:
     (found,) = allowed_in(groups_of([run]), mu0, kappa0, 0.95)
-    return found
+    assert (found.key, found.where) == ("strategies.soft_yield.p1", "")
+    return Judged(*zip(*found.rows, strict=True))
 
 
 def test_bounds_hold_over_all_values_together(swept: MadeRun) -> None:
     found = judged(swept, 1.0, 0.05)
-    assert (found.key, found.values) == ("strategies.soft_yield.p1", (0.1, 0.2, 0.3))
+    assert found.values == (0.1, 0.2, 0.3)
     assert found.verdicts == ("denied", "allowed", "denied")
     # Three values have six upper bounds, each at 1 − 0.05/6 (Bonferroni).
     level = 0.05 / 6
@@ -352,9 +363,7 @@ def test_two_runs_over_the_same_values_are_judged_apart() -> None:
     found = allowed_in(groups_of(runs), 1.0, 0.05, 0.95)
     assert [each.where for each in found] == ["here/sweep", "there/sweep"]
     alone = allowed_in(groups_of(runs[:1]), 1.0, 0.05, 0.95)
-    assert [(each.values, each.mu) for each in found] == [
-        (each.values, each.mu) for each in alone
-    ] * 2
+    assert [each.rows for each in found] == [each.rows for each in alone] * 2
     made = compare(*runs, mu0=1.0, kappa0=0.05)
     titles = [table.title for table in made.full if "μ <" in table.title]
     assert [title.partition(" (")[2] for title in titles] == ["here/sweep)", "there/sweep)"]
