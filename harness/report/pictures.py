@@ -20,8 +20,8 @@ from harness.results.catalogue import ENTRY_OF
 from harness.results.finding import Finding, Form
 from harness.results.findings import CellFindings
 from harness.results.run import Run
-from harness.results.screens import is_the_papers
 from harness.scenario.units import unit_of
+from harness.strategies.references import is_the_papers
 from harness.strategies.registry import aggressiveness_of
 
 if TYPE_CHECKING:

@@ -33,6 +33,20 @@ def keeps_its_defaults(scenario: Scenario, strategy: str) -> bool:
     return defaults | scenario.strategies.get(strategy, {}) == defaults
 
 
+def is_the_papers(scenario: Scenario) -> bool:
+    """Whether a scenario is the paper's (Table II, arms, pedestrian), for any N and seed."""
+    ego, people, arms = scenario.ego, scenario.pedestrians, scenario.arms
+    return (
+        (ego.trigger_range_m, scenario.crossing.length_m, ego.initial_speed_mps) == (30, 9, 5)
+        and scenario.crosswalk().lane_centre_m == scenario.crossing.length_m / 4
+        and (arms.av, arms.human) == ("soft_yield", "human_gmm")
+        and all(keeps_its_defaults(scenario, name) for name in (arms.av, arms.human))
+        and (people.behaviour, people.timed) == ("constant", ())
+        and people.first_at_trigger
+        and people.max_count == 1
+    )
+
+
 def is_validated(scenario: Scenario) -> bool:
     """Whether the reference was validated with its parameters, and ``human_gmm`` with its model."""
     name = scenario.arms.human

@@ -16,8 +16,8 @@ from harness.results import estimators
 from harness.results.columns import AV
 from harness.results.estimators import Sampling
 from harness.results.finding import Finding, Form
-from harness.results.notes import name_of
 from harness.results.result import Column, Shown, Style, Table
+from harness.scenario.place import name_of
 
 if TYPE_CHECKING:
     from harness.studies.compare import Candidate

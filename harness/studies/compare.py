@@ -17,13 +17,13 @@ from harness.results.catalogue import ENTRY_OF, Entry
 from harness.results.columns import AV, REFERENCE, Sample
 from harness.results.estimators import EQUAL, FEW, Sampling
 from harness.results.finding import Finding, Form, Plain
-from harness.results.findings import CellFindings
-from harness.results.notes import Note, name_of, notes_of, rank_of
+from harness.results.findings import CellFindings, worst_cases
+from harness.results.notes import Note, notes_of, rank_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
 from harness.results.run import Run
-from harness.results.screens import drivers, scope_of, shown, table_of, worst_cases
+from harness.results.screens import drivers, scope_of, shown, table_of
 from harness.scenario import Scenario, as_written, flatten
-from harness.scenario.place import place_in_words
+from harness.scenario.place import name_of, place_in_words
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES
 from harness.studies.allowed import allowed_in, allowed_table
@@ -371,7 +371,7 @@ def _notes(rows: Sequence[Row], p_holm: Mapping[str, Sequence[float]]) -> list[N
         (more, less), others = worse[0], len(worse) - 1
         text = f"{more.name} crashes, times out or fails more often than {less.label}"
         text += f" (similar in {others:,} more row{'s' * (others > 1)})." if others else "."
-        notes.append(Note("more_crashes", rank_of("time_outs"), "more crashes", text))
+        notes.append(Note("more_crashes", rank_of("left_out"), "more crashes", text))
     if few:
         text = f"In {len(few):,} {of} rows few pairs differ: A − B is unreliable (*); the fewest "
         text += f"here: {min(few):,}. It is so below {DIFFERENCES[0].reliable_from:,}."

@@ -199,8 +199,10 @@ def test_two_runs_are_told_apart_by_their_folders_and_share_their_first_pairs() 
     assert "20 to 30 pairs" in made.scope
     # A note of a cell has its name, though neither run varies anything.
     late = compare(version("a", 9.0), replace_fates(version("b", 9.0), "timed_out"))
-    (note,) = [note for note in late.notes if note.key == "time_outs"]
-    assert note.text.startswith("gap_yield (b): 30 of 60 episodes timed out")
+    (note,) = [note for note in late.notes if note.key == "left_out"]
+    assert note.text.startswith(
+        "gap_yield (b): The ratio of times uses 30 of 30 pairs, μ and c_v use 0"
+    )
 
 
 def replace_fates(run: MadeRun, fate: Fate) -> MadeRun:
