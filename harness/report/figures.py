@@ -125,7 +125,11 @@ def draw_tau(
         axes.bar(at, kept, widths, color=AV.colour, alpha=0.55, label=label, **look)
         if fell.any():
             look |= {"fc": "none", "ec": style.VERMILLION, "hatch": "////"}
-            axes.bar(at, hatched, widths, bottom=kept, label="the AV fell back", **look)
+            some = hatched > 0
+            axes.bar(
+                at[some], hatched[some], widths[some], bottom=kept[some],
+                label="the AV fell back", **look,
+            )  # fmt: skip
         _cut_spike(axes, edges, kept + hatched)
         if beyond:
             axes.plot([], [], " ", label=f"last bar: {beyond:,} pairs up to τ = {values.max():.3g}")
