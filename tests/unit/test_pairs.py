@@ -166,6 +166,5 @@ def test_cells_share_only_episodes_in_which_the_driver_draws_alike(model) -> Non
             alike = arm_key(first, one.arm) == arm_key(other, two.arm)
             assert not alike or content(one) == content(two)
         kept = [arm for arm in Arm if arm_key(first, arm) == arm_key(other, arm)]
-        assert kept == (
-            [*Arm] if arms == yields else [Arm.HUMAN] * (arms["human"] == "human_yield")
-        )
+        same = [*Arm] if arms == yields else [Arm.HUMAN] * (arms["human"] == "human_yield")
+        assert kept == same
