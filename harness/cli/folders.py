@@ -7,7 +7,7 @@ from harness.cli.encounters import print_run
 from harness.cli.interruption import unwinding
 from harness.cli.options import not_with
 from harness.cli.output import say, show as show_result, show_rows
-from harness.core.errors import InputError, one_line
+from harness.core.errors import HarnessError, InputError, one_line
 
 
 def show(
@@ -42,7 +42,11 @@ def report(
         several = any(len(group) > 1 for group in groups)
         compared = compare_cells(run, mu0=mu0, kappa0=kappa0) if several else None
         judged = allowed_in(groups, mu0, kappa0, run.confidence)
-        shown = shown_pairs(run, out)
+        try:
+            shown = shown_pairs(run)
+        except HarnessError as error:
+            shown = []
+            say(one_line(f"harness: the page shows no episodes: {error}"))
         written = write_page(run, run.result(), out, figures, shown, compared, judged)
     for pair in shown:
         for difference in pair.differences[:1]:

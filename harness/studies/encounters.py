@@ -26,55 +26,46 @@ The latter is None while the strategy is made, and both are None between two epi
 
 Runner = tuple[Cell, PairRunner]
 
-_runners: dict[str, PairRunner] = {}
-"""The runners of the cells that this process simulated last."""
 
-_MOST_RUNNERS = 200
-
-
-def run_task(task: Task, tell: Tell = lambda _episode, _states: None) -> Rows:
+def run_task(
+    task: Task,
+    tell: Tell = lambda _episode, _states: None,
+    make_engine: Callable[[Scenario], Engine] | None = None,
+) -> Rows:
     """Simulate every episode of a task; those that were given up are recorded as failed.
 
     Args:
         task: the task.
         tell: see ``Tell``.
+        make_engine: makes an engine for this task alone; None: the engine of this process.
     """
     if task.outputs is not None:
         from harness.engine.recording import recording_engine
 
-        return run_on(task, partial(recording_engine, task.outputs, task.arms[0]), tell)
-    if len(_runners) > _MOST_RUNNERS:
-        _runners.clear()
-    runners = []
+        make_engine = partial(recording_engine, task.outputs, task.arms[0])
+    if make_engine is not None:
+        close_engine()  # libsumo has one simulation
+    own: list[Engine] = []
+
+    def get_engine(scenario: Scenario) -> Engine:
+        if make_engine is None:
+            return open_engine(scenario, task.engine)
+        own.append(make_engine(scenario))
+        return own[-1]
+
     try:
-        for cell in task.cells:
-            scenario, key = cell.scenario, repr((task.engine, cell.scenario, task.model.sha256))
-            if key not in _runners:
-                get_engine = partial(open_engine, scenario, task.engine)
-                _runners[key] = PairRunner(scenario, task.model, get_engine)
-            runners.append((cell, _runners[key]))
+        runners = [
+            (cell, PairRunner(cell.scenario, task.model, partial(get_engine, cell.scenario)))
+            for cell in task.cells
+        ]
         return _simulated(task, runners, tell)
     except BaseException:
         close_engine()  # an interrupted episode must not affect the next one
         raise
-
-
-def run_on(
-    task: Task,
-    make_engine: Callable[[Scenario], Engine],
-    tell: Tell = lambda _episode, _states: None,
-) -> Rows:
-    """Simulate a task of one cell on an engine of its own, which is closed at the end."""
-    close_engine()
-    (cell,) = task.cells
-    engine = make_engine(cell.scenario)
-    try:
-        return _simulated(
-            task, [(cell, PairRunner(cell.scenario, task.model, lambda: engine))], tell
-        )
     finally:
-        if not getattr(engine, "closed", False):
-            engine.close()
+        for engine in own:
+            if not getattr(engine, "closed", False):
+                engine.close()
 
 
 def _simulated(task: Task, runners: Sequence[Runner], tell: Tell) -> Rows:

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 _PART_PAIRS = ((20, 1), (80, 5), (200, 10), (800, 25), (3_000, 50), (10_000, 100))
 _MOST_PAIRS = 250
 
+_DRIVERS = ("arms", "strategies", "perception", "actuation", "conflicts")
+"""The sections of a scenario on which neither people nor road depend."""
+
 
 class EpisodeId(NamedTuple):
     """An episode of a run."""
@@ -123,7 +126,9 @@ def tasks_of(
     ]
 
 
-def but_for_drivers(scenario: "Scenario") -> str:
+def but_for_drivers(scenario: "Scenario", *, but_for_pairs: bool = False) -> str:
     """The people and the road of a scenario, as text."""
-    drivers = ("arms", "strategies", "perception", "actuation", "conflicts")
-    return repr(scenario.model_copy(update=dict.fromkeys(drivers)))
+    changes: dict[str, object] = dict.fromkeys(_DRIVERS)
+    if but_for_pairs:
+        changes["experiment"] = scenario.experiment.model_copy(update={"pairs": 0})
+    return repr(scenario.model_copy(update=changes))

@@ -11,7 +11,7 @@ from harness.engine.network import place_of
 from harness.engine.protocol import Engine
 from harness.results.run import Run
 from harness.scenario import Scenario
-from harness.studies.encounters import run_on
+from harness.studies.encounters import run_task
 from harness.studies.replay import Replayed, refuse_in_use, replayed, stored_tasks
 
 
@@ -70,7 +70,7 @@ def watch(
             engine.automated = arm is Arm.AV
             return engine
 
-        rows = run_on(task, window)
+        rows = run_task(task, make_engine=window)
         (episode,) = rows.tables[cell]["episodes"].to_pylist()
         if episode["ending"] == Ending.ENGINE_FAILED:
             raise EngineError(f"sumo-gui: {episode['reason']}")
