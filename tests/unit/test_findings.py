@@ -1,18 +1,21 @@
-"""The findings of a cell, from nine pairs counted by hand; and a number that is added."""
+"""The findings of a cell, from nine pairs counted by hand; and a sweep's rows."""
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 from scipy import stats
 
 from harness.results import catalogue
 from harness.results.columns import Sample
 from harness.results.estimators import EQUAL, FEW, REPEATED
-from harness.results.finding import Finding
+from harness.results.finding import Finding, finding_to_dict
 from harness.results.findings import CellFindings, cell_findings
 from harness.results.result import flat
+from harness.results.screens import run_result
 from tests.cells import (
     FAILED,
     FREE_S,
@@ -22,6 +25,7 @@ from tests.cells import (
     cell_of,
     episodes,
     noisy,
+    result_of,
     study,
 )
 
@@ -54,6 +58,9 @@ PAIRS = [  # the AV, the reference: time to cross, or how else it ended
     (met(FAILED, 0, (5, 99.0)), met(STUCK, 1)),
     (met(20.0, 1, (1, 4.0)), met(UNHURT_8, 1)),  # as if untouched: τ = 2.5
 ]
+
+
+USUAL = cell_of([(noisy(pair), noisy(pair, 1)) for pair in range(20)])
 
 
 @pytest.fixture(scope="module")
@@ -260,3 +267,78 @@ def test_flat_names() -> None:
         "mu_n": 0,
         "mu_reason": "why",
     }
+
+
+SWEPT = {
+    "time_ratio": ("time_ratio",),
+    "delay_s": ("delay_s", "delay_s_human"),
+    "pedestrian_wait_s": ("pedestrian_wait_s", "pedestrian_wait_s_human"),
+    "kappa": ("kappa", "kappa_human"),
+    "conflict_pet": ("conflict_pet", "conflict_pet_human"),
+}
+"""The numbers of a sweep's row after the swept keys, each with its keys."""
+
+NUMBERS = st.sampled_from(
+    [
+        Finding(None, n=0, reason="nobody was met"),
+        Finding(None, n=3, reason="every episode failed"),
+        Finding(0.5, 0.4, 0.6, 50, 25, reliable=True),
+        Finding(0.5, 0.3, 0.6, 50, 25, reliable=False, reason="few"),
+        Finding(0.7, 0.6, 0.9, 50, 35, reliable=True),
+    ]
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(
+        st.fixed_dictionaries({key: NUMBERS for keys in SWEPT.values() for key in keys}),
+        min_size=2,
+        max_size=4,
+    )
+)
+def test_a_sweep_has_a_row_a_cell_and_no_column_that_is_empty_or_equal(
+    numbers: list[dict[str, Finding]],
+) -> None:
+    vary = ("pedestrians.flow_per_hour=100,200,300,400", "ego.length_m=4", "crossing.length_m=9")
+    cells = []
+    for cell, own in zip(study({}, *vary).cells, numbers, strict=False):
+        nothing_left_out = {f"{key}_worst": own[key] for key in ("kappa", "time_ratio")}
+        findings = {**USUAL.findings, **own, **nothing_left_out}
+        cells.append(CellFindings(cell.number, cell.varied, cell.scenario, findings))
+    facts = {"seed": 1, "confidence": 0.95}
+    result = run_result("made", Path("made"), cells, planned=9, finished=True, facts=facts)
+    table = result.screen
+    assert len(table.rows) == len(cells)
+    columns = {
+        column.key: [row[place] for row in table.rows] for place, column in enumerate(table.columns)
+    }
+    same = {column.key: entered for column, entered in table.same}
+    order = ["pedestrians.flow_per_hour", "ego.length_m", "crossing.length_m", *SWEPT]
+    assert [*columns] == [key for key in order if key in columns]
+    assert [*same] == [key for key in order if key in same]
+    assert {*columns, *same} == {*order}
+    assert not {*columns} & {*same}
+    headings = [column.heading for column, _ in table.same]
+    assert {"ego.length_m", "crossing.length_m"} <= {*headings}
+    assert columns[order[0]] == [cell.varied[order[0]] for cell in cells]
+    for key, keys in SWEPT.items():
+        own = [[numbers[cell.number][name] for name in keys] for cell in cells]
+        defined = [[None if each.value is None else each for each in of] for of in own]
+        assert (key in same) == all(each == defined[0] for each in defined)
+        entered = columns.get(key) or [same[key]]
+        for each, found in zip(entered, own, strict=False):
+            shown = [each] if len(keys) == 1 else [*each]
+            assert [number.finding for number in shown] == found
+    for record, cell in zip(result.to_dict()["records"], cells, strict=True):
+        assert record["pedestrians.flow_per_hour"] == cell.varied["pedestrians.flow_per_hour"]
+        assert record["delay_s"] == finding_to_dict(cell["delay_s"])
+
+
+def test_a_threshold_that_is_swept_is_in_no_heading() -> None:
+    def fates(_scenario: object, pair: int) -> tuple[Fate, Fate]:
+        return {"pass_time_s": noisy(pair), "pet_s": 1.7}, HUMAN_S
+
+    table = result_of(study({}, "conflicts.pet_s=1.5,2"), fates, 4).screen
+    assert [column.heading for column in table.columns] == ["pet_s", "PET below"]
+    assert [row[0] for row in table.rows] == [1.5, 2.0]
