@@ -1,5 +1,6 @@
 """Runs into folders of parts: the same rows however they are divided, shared or resumed."""
 
+import json
 import multiprocessing
 import re
 import weakref
@@ -186,6 +187,10 @@ def test_damaged_and_missing_parts_are_simulated_again(tmp_path: Path) -> None:
         same_rows(resume(whole.path, workers=0), load_run(tmp_path / "whole"))
         assert part.read_bytes() == content
     assert "part removed" in (whole.path / "log.jsonl").read_text(encoding="utf-8")
+    # Of 25 pairs only the part's five are simulated again, each time.
+    events = [json.loads(line) for line in (tmp_path / "whole" / "log.jsonl").open()]
+    started = [event["pairs"] for event in events if event["event"] == "started"]
+    assert started == [25, 5, 5]
 
 
 def test_parts_of_another_run_are_refused_and_kept(tmp_path: Path) -> None:
