@@ -34,7 +34,7 @@ MOST_ROWS = 40
 SIGNIFICANT = 0.05
 
 _SAME = 1e-9
-_OF_THE_REFERENCE = ("steps", "pedestrians", "pass_time_s", "pedestrian_delay_s")
+_OF_THE_REFERENCE = ("crashed", "steps", "pedestrians", "pass_time_s", "pedestrian_delay_s")
 """Columns that are equal if the reference met the same people and drove alike."""
 
 
@@ -257,11 +257,11 @@ def _refuse_other_people(group: Sequence[Candidate]) -> None:
     first, *others = group
     for other in (each for each in others if each.origin != first.origin):
         pairs = _common(first, other)
-        a, b = first.sample(pairs), other.sample(pairs)
-        same = np.equal(*(np.array(sample.words("ending")[REFERENCE]) for sample in (a, b)))
-        for name in _OF_THE_REFERENCE:
-            x, y = a.arms(name)[REFERENCE], b.arms(name)[REFERENCE]
-            same &= np.isclose(x, y, rtol=_SAME, atol=_SAME, equal_nan=True)
+        a, b = (
+            [each.sample(pairs).arms(name)[REFERENCE] for name in _OF_THE_REFERENCE]
+            for each in (first, other)
+        )
+        same = np.isclose(a, b, rtol=_SAME, atol=_SAME, equal_nan=True).all(axis=0)
         if not same.all():
             raise InputError(
                 str(other.run.path),

@@ -100,6 +100,17 @@ def test_crashes_by_hand_and_holm_over_the_table(result: Result) -> None:
     assert said.startswith(more)
 
 
+def test_more_crashes_come_after_failures_nothing_tested_and_few_pairs() -> None:
+    def fates(scenario: Scenario, pair: int) -> Pair:
+        bold = scenario.arms.av == "constant_speed"
+        return FAILED if pair < 2 else "crashed" if bold else 8.0, HUMAN_S
+
+    made = compare(run_of(study({}, "arms.av=soft_yield,constant_speed"), fates, 40))
+    keys = [note.key for note in made.notes]
+    assert keys[:2] == ["failures", "few_pairs"]
+    assert "more_crashes" in keys
+
+
 def test_each_row_has_its_cells_own_numbers(run: MadeRun, result: Result) -> None:
     keys = [column.key for column in result.screen.columns]
     for row, record in zip(result.screen.rows, result.records, strict=True):
@@ -152,6 +163,48 @@ def test_a_difference_depends_on_neither_the_other_rows_nor_the_run() -> None:
     width = 2 * 1.96 * 0.8 * math.sqrt(2 / 60)
     delay = alone["delay_difference_s"]
     assert delay.high - delay.low == pytest.approx(width, rel=0.35)
+
+
+def test_differences_are_those_of_scipy_on_the_tables() -> None:
+    """Exact sign flips, BCa, McNemar's binomial and Holm's step-down, from the rows alone."""
+    names = ("soft_yield", "hard_yield", "gap_yield")
+
+    def fates(scenario: Scenario, pair: int) -> Pair:
+        number = names.index(scenario.arms.av)
+        crashes = pair % 11 < 2 * number
+        return "crashed" if crashes else noisy(pair, number, 9.0 + number), noisy(pair, 9, 20.0)
+
+    made = run_of(study({}, f"arms.av={','.join(names)}"), fates, 16)
+    crashed, delays = [], []
+    for cell in made.cells:
+        rows = made.rows("episodes", cell.number).to_pandas().query("arm == 'av'")
+        crashed.append((rows["ending"] == "crashed").to_numpy())
+        delays.append(rows["delay_s"].to_numpy(dtype=float))
+    ps: dict[str, list[float]] = {"delay_difference_s": [], "kappa_difference": []}
+    records = list(compare(made).records)
+    for record, (a, b) in zip(records, [(0, 1), (0, 2), (1, 2)], strict=True):
+        both = ~np.isnan(delays[a] - delays[b])
+        differences = (delays[a] - delays[b])[both]
+        flips = stats.permutation_test(
+            (differences,), np.sum, permutation_type="samples", n_resamples=np.inf
+        )
+        only_a, only_b = (int(np.sum(x & ~y)) for x, y in
+                          ((crashed[a], crashed[b]), (crashed[b], crashed[a])))  # fmt: skip
+        ps["delay_difference_s"].append(float(flips.pvalue))
+        ps["kappa_difference"].append(stats.binomtest(only_a, only_a + only_b, 0.5).pvalue)
+        assert record["delay_difference_s"].value == pytest.approx(differences.mean())
+        interval = stats.bootstrap(
+            (differences,), np.mean, method="BCa", n_resamples=20_000, rng=np.random.default_rng(1)
+        ).confidence_interval
+        ends = record["delay_difference_s"].low, record["delay_difference_s"].high
+        assert ends == pytest.approx([*interval], abs=0.05 * (interval.high - interval.low))
+        assert record["kappa_difference"].value == pytest.approx((only_a - only_b) / 16)
+    for key, of in ps.items():
+        assert [record[key].p for record in records] == pytest.approx(of)
+        order = np.argsort(of, kind="stable")
+        steps = np.maximum.accumulate(np.minimum(1, np.array(of)[order] * (3, 2, 1)))
+        adjusted = [records[row][f"{key}_p_holm"] for row in order]
+        assert adjusted == pytest.approx(steps)
 
 
 @pytest.mark.parametrize(("pairs", "reliable"), [(499, False), (500, True)])
