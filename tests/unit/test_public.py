@@ -14,10 +14,10 @@ import click
 import mypy.api
 import pytest
 import typer
-from harness.old.cli.app import app
 from typer.main import get_command
 
 import harness
+from harness.cli.app import application
 from harness.core.resources import shipped_directory
 from harness.measures import MEASURES, EpisodeRecord
 from harness.old.cli.output import print_line
@@ -104,7 +104,7 @@ def commands(group: click.Group, prefix: str = "") -> dict[str, click.Command]:
     return found
 
 
-ALL = commands(get_command(app))  # type: ignore[arg-type]
+ALL = commands(get_command(application()))  # type: ignore[arg-type]
 
 
 def silent(command: click.Command) -> list[str]:

@@ -284,10 +284,6 @@ def test_the_hours_that_a_run_will_simulate(
     assert planned == (words and f"{words}, without the warm-ups")
 
 
-def test_encounters_have_no_hours() -> None:
-    assert _planned_hours(with_settings("cctc")) is None
-
-
 def test_more_than_an_hour_is_announced(tmp_path: Path) -> None:
     few = ("--set", "traffic.flow_per_hour=4", "--set", "pedestrians.flow_per_hour=1", "-q")
     note = "note: 1 cell × 1 pair: 1.5 hours of traffic in each arm, without the warm-ups"
