@@ -76,7 +76,7 @@ def of_differences(cells: Cells, scenario: Scenario) -> Iterator[Named]:
     """What a comparison of two cells gives an interval."""
     first, second = (Sample(of, scenario, CONFIDENCE) for of in cells)
     for each in DIFFERENCES:
-        yield each.key, each.of(first, second, first.sampling)
+        yield f"A − B: {each.key}", each.of(first, second, first.sampling)
 
 
 def of_a_sweep(cells: Cells, scenario: Scenario) -> Iterator[Named]:
@@ -121,7 +121,7 @@ def main() -> None:
         kinds = (INTERVALS[kind]((first, second), scenario) for kind in options.what)
         return dict(named for kind in kinds for named in kind)
 
-    truth = {name: of.number for name, of in found(both).items() if of.number is not None}
+    truth = {name: of.value for name, of in found(both).items() if isinstance(of.value, float)}
     print(f"{options.scenario}, {options.population} pairs, differences to {options.other}")
     print(
         "  truth: " + ", ".join(f"{name} {value:.5g}" for name, value in truth.items()), flush=True

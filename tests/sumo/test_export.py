@@ -169,7 +169,7 @@ def test_trajectories_as_a_table(flow: Path, tmp_path: Path) -> None:
         ("--format openscenario --pair 1 --vehicle 3 --out new", "--vehicle 3"),
         ("--format commonroad --pair 1 --out new", "openscenario"),
         ("--format trajectories --pair 1 --ego free --out new", "openscenario"),
-        ("--format trajectories --csv", "one of the two"),
+        ("--format trajectories --csv", "No such option"),
         ("--pair 1", "--format"),
     ],
 )

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from harness.core.errors import InputError
-from harness.old.studies.batch.experiment import resume
+from harness.studies.run import resume, run
 from tests.batches import CHECKOUT, QUICK, here, options_of, printed, shell
 
 MODULE = """
