@@ -1,11 +1,12 @@
 """Commands that read folders of runs: ``show, report, compare, worst, replay, export``."""
 
+import re
+
 import typer
 
 from harness.cli import options
 from harness.cli.encounters import print_run
 from harness.cli.interruption import unwinding
-from harness.cli.options import not_with
 from harness.cli.output import say, show as show_result, show_rows
 from harness.core.errors import HarnessError, InputError, one_line
 
@@ -90,6 +91,7 @@ def worst(
     most: options.MostOption = 20,
     arm: options.ArmOption = "av",
     cell: options.OnlyCellOption = None,
+    diff: options.DiffOption = None,
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
@@ -97,7 +99,8 @@ def worst(
     from harness.results.run import load_run
     from harness.studies.worst import worst as worst_of
 
-    result = worst_of(load_run(run_folder), by, most, arm, cell)
+    before = None if diff is None else load_run(run_folder)
+    result = worst_of(load_run(diff or run_folder), by, most, arm, cell, before)
     show_result(result, False, quiet, as_json, result.closing)
 
 
@@ -114,7 +117,7 @@ def replay(
 ) -> None:
     """Repeat episodes: with SUMO's output files, in sumo-gui, or in a debugger."""
     if sum((gui, debug, out is not None)) > 1:
-        raise not_with("--out", "--gui or --debug", "one of the three")
+        raise InputError("--out, --gui, --debug", "cannot be combined", "one of the three")
     if screenshots is not None and not gui:
         raise InputError("--screenshots", "needs --gui", "--gui")
     from harness.core.encounter import Arm
@@ -151,11 +154,8 @@ def replay(
 
 def _range_of(text: str) -> range:
     """The pairs of ``7`` or ``1-20``."""
-    first, dash, last = text.partition("-")
-    try:
-        numbers = range(int(first), int(last if dash else first) + 1)
-    except ValueError:
-        numbers = range(0)
+    found = re.fullmatch(r"(\d+)(?:-(\d+))?", text)
+    numbers = range(int(found[1]), int(found[2] or found[1]) + 1) if found else range(0)
     if not numbers:
         raise InputError(f"--pair {text}", "is no number or range", "e.g. 7 or 1-20")
     return numbers

@@ -123,7 +123,7 @@ REFUSED = [
     (f"{REPLAY} --screenshots x", "--screenshots", "needs --gui"),
     ("replay run --pair 3-1", "--pair 3-1", "e.g. 7 or 1-20"),
     ("replay run --pair x", "--pair x", "e.g. 7 or 1-20"),
-    ("run cctc --dask a:1 --workers 2", "--workers", "--dask", "the cluster's own workers"),
+    ("run cctc --dask a:1 --workers 2", "--workers", "--dask", "one of the two"),
     ("show mine", "manifest.json"),
     ("show .", "is not a run folder"),
     ("compare nowhere", "nowhere", "is not a run folder"),
