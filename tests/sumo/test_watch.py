@@ -53,12 +53,11 @@ def watched(*words: object) -> str:
 def test_the_record_is_the_stored_one_and_pictures_show_ego_and_people(
     stored: Run, tmp_path: Path
 ) -> None:
-    options = ("--pace", "100", "--screenshots", tmp_path / "shots", "--every", "1")
-    text = watched("replay", stored.path, "--pair", "2", "--arm", "both", *options)
-    same = "the record is identical to the stored record"
-    assert text.splitlines() == [f"pair 2, arm {arm}: {same}" for arm in ("av", "human")]
+    shots = tmp_path / "shots"
+    text = watched("replay", stored.path, "--pair", "2", "--screenshots", shots)
+    assert text.count("is the stored one") == 2
     for arm in ("av", "human"):
-        pictures = sorted((tmp_path / "shots" / f"2-{arm}").glob("*.png"))
+        pictures = sorted((shots / f"2-{arm}").glob("*.png"))
         assert len(pictures) >= 5
         assert pictures[0].name == "t-000.100-s.png"
         # A car of 5 x 1.8 m at 16 pixels a metre has about 2,300; a fifth of it is its windows.
@@ -76,9 +75,6 @@ def test_without_a_display_it_says_so(stored: Run, monkeypatch: pytest.MonkeyPat
     [
         ({"pairs": range(3, 5)}, "--pair"),
         ({"cell": 1}, "--cell"),
-        ({"pace": 0.0}, "--pace"),
-        ({"pace": float("nan")}, "--pace"),
-        ({"every_s": -1.0}, "--every"),
         ({"screenshots": Path(__file__)}, "--screenshots"),
     ],
 )
