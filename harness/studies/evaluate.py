@@ -14,7 +14,6 @@ import pyarrow.compute as pc
 
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError, refused_at
-from harness.engine.shared import close_engine
 from harness.episode.arms import arm_key
 from harness.results.estimators import CONFIDENCE
 from harness.results.findings import cell_findings
@@ -22,11 +21,10 @@ from harness.results.result import flat
 from harness.scenario import Cell, EngineName, Scenario, Setting, engine_named
 from harness.scenario.file import as_plain
 from harness.scenario.options import whole_number
-from harness.strategies.own import is_of_this_process
 from harness.strategies.registry import source_digests
 from harness.studies.run import checked_models, scenario_file
 from harness.studies.tasks import Task, but_for_drivers
-from harness.studies.workers import InProcess, LocalExecutor, default_workers, supervise
+from harness.studies.workers import executor_for, supervise
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,9 +34,6 @@ MOST_REFERENCES = 16
 
 _MOST_PAIRS = 50
 """Most pairs of a task."""
-
-_executors: dict[int, LocalExecutor] = {}
-"""The workers of this process that stay open between calls, by their number."""
 
 _references: OrderedDict[str, pa.Table] = OrderedDict()
 """The rows of references by what they depend on."""
@@ -89,18 +84,15 @@ def evaluate(
     if not numbers or numbers.step != 1 or numbers.start < 0:
         raise InputError("pairs", f"{pairs!r} is not accepted", "a range of numbers from 0, step 1")
     tasks = _tasks(scenario, candidates, settings or {}, numbers, engine_named(engine))
-    executor = _executor(workers, {name for task in tasks for name in task.code})
+    own = {name for task in tasks for name in task.code}
+    executor = executor_for(workers, own, len(numbers) * len(tasks))
     try:
         humans = [_reference(task, executor) for task in tasks]
         driven = _driven([replace(task, arms=(Arm.AV,)) for task in tasks], executor)
     except BaseException:
-        if isinstance(executor, LocalExecutor):
-            del _executors[executor.workers]
-            executor.abort()
+        executor.abort()
         raise
-    finally:
-        if isinstance(executor, InProcess):
-            close_engine()
+    executor.shutdown()  # its processes go on waiting for tasks
     while len(_references) > MOST_REFERENCES:
         _references.popitem(last=False)
     order = np.arange(2 * len(numbers)).reshape(2, -1).T.ravel()
@@ -161,7 +153,7 @@ def _reference(task: Task, executor: Executor) -> pa.Table:
 
 def _driven(tasks: Sequence[Task], executor: Executor) -> list[pa.Table]:
     """The rows of ``episodes`` of one arm of each task by pair."""
-    pairs, threads = sum(task.count for task in tasks), getattr(executor, "workers", 1)
+    pairs, threads = sum(task.count for task in tasks), getattr(executor, "_max_workers", 1)
     size = max(1, min(_MOST_PAIRS, -(-pairs // (2 * threads))))
     parts = [
         replace(task, first=first, count=min(size, task.pairs.stop - first))
@@ -173,12 +165,3 @@ def _driven(tasks: Sequence[Task], executor: Executor) -> list[pa.Table]:
         number = part.cells[0].number
         found.setdefault(number, []).append(future.result().tables[number]["episodes"])
     return [pa.concat_tables(tables) for tables in found.values()]
-
-
-def _executor(workers: int | None, own: set[str]) -> Executor:
-    count = default_workers() if workers is None else whole_number("workers", workers, 0)
-    if count == 0 or any(map(is_of_this_process, own)):
-        return InProcess()
-    if count not in _executors:
-        _executors[count] = LocalExecutor(count, count * _MOST_PAIRS)
-    return _executors[count]

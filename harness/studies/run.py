@@ -34,11 +34,9 @@ from harness.results.tables import (
 )
 from harness.scenario import EngineName, Scenario, engine_named
 from harness.scenario.file import ScenarioFile, Setting, read_scenario_file
-from harness.scenario.options import whole_number
 from harness.scenario.study import Study, study_from, study_of
-from harness.strategies.own import is_of_this_process
 from harness.studies.tasks import Rows, Task, part_pairs, tasks_of
-from harness.studies.workers import InProcess, LocalExecutor, default_workers, supervise
+from harness.studies.workers import executor_for, supervise
 
 _EACH, _UNKNOWN = 3, 100
 """Tasks that an executor has at a time for each worker, and workers of one that does not say."""
@@ -205,14 +203,11 @@ def _at_work(
     path: Path, study: Study, workers: int | None, executor: Executor | None
 ) -> Iterator[tuple[folders.RunFolder, Executor]]:
     """The folder, locked, and the executor; says how a run continues that ends early."""
-    if workers is not None:
-        workers = whole_number("workers", workers, 0)
-    pairs, folder = study.base.experiment.pairs * len(study.cells), folders.RunFolder(path)
-    chosen = executor or LocalExecutor(min(workers or default_workers(), pairs), pairs)
-    if executor is None and (workers == 0 or any(map(is_of_this_process, study.driven))):
-        chosen = InProcess()
+    pairs = study.base.experiment.pairs * len(study.cells)
+    own = executor_for(workers, study.driven, pairs)  # starts nothing yet
+    folder = folders.RunFolder(path)
     try:
-        yield folder, chosen
+        yield folder, executor or own
     except KeyboardInterrupt:
         if not (path / folders.MANIFEST).is_file():
             raise  # there is nothing to resume
@@ -223,12 +218,7 @@ def _at_work(
         advice = f"finished work is kept: {resume_command(path)}"
         raise HarnessError(f"{error}; {advice}") from None
     finally:
-        if isinstance(chosen, LocalExecutor):
-            chosen.abort()
-        if isinstance(chosen, InProcess):
-            from harness.engine.shared import close_engine
-
-            close_engine()
+        own.abort()
         folder.close()
 
 

@@ -94,6 +94,7 @@ class _Child:
     """
 
     def __init__(self) -> None:
+        self.owner: Event | None = None
         self._code: dict[str, str] = {}
         self._state = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
         self._connection, theirs = Pipe()
@@ -209,13 +210,14 @@ def start_children(number: int) -> None:
         _idle.extend(_Child() for _ in range(number))
 
 
-def stop_children() -> None:
-    """End all child processes of this process; one with a task counts as dead."""
+def stop_children(owner: Event | None = None) -> None:
+    """End the child processes without a task, and those with a task of a ``LocalExecutor``."""
     with _lock:
         idle = [*_idle]
         _idle.clear()
-        for child in [*_children]:
-            child.kill()
+        for child in _children - {*idle}:
+            if owner is not None and child.owner is owner:
+                child.kill()
     for child in idle:
         child.end()
 
@@ -245,14 +247,14 @@ class LocalExecutor(ThreadPoolExecutor):
     """
 
     def __init__(self, workers: int, pairs: int) -> None:
-        self.workers, self._ended, self._numbers = workers, Event(), count()
+        self._ended, self._numbers = Event(), count()
         self._at_once = -(-pairs // QUICK_PAIRS)
         super().__init__(workers, initializer=self._begin)
 
     def abort(self) -> None:
         """End everything at once: the tasks and the children."""
         self._ended.set()
-        stop_children()
+        stop_children(self._ended)
         self.shutdown(cancel_futures=True)
 
     def _begin(self) -> None:
@@ -278,6 +280,36 @@ class InProcess(Executor):
         except Exception as error:
             future.set_exception(error)
         return future
+
+    def shutdown(self, *_: Any, **__: Any) -> None:
+        """Close the engine of this process."""
+        from harness.engine.shared import close_engine
+
+        close_engine()
+
+    abort = shutdown
+
+
+def executor_for(
+    workers: int | None, drivers: Iterable[str], pairs: int
+) -> LocalExecutor | InProcess:
+    """An executor of this machine.
+
+    Args:
+        workers: number of processes; None: as many as there are cores; 0: this process alone.
+        drivers: names of the strategies; classes of a script or notebook need this process.
+        pairs: number of pairs of all cells.
+
+    Raises:
+        InputError: ``workers`` is refused.
+    """
+    from harness.scenario.options import whole_number
+    from harness.strategies.own import is_of_this_process
+
+    number = default_workers() if workers is None else whole_number("workers", workers, 0)
+    if number == 0 or any(map(is_of_this_process, drivers)):
+        return InProcess()
+    return LocalExecutor(min(number, pairs), pairs)
 
 
 def supervise(task: "Task") -> "Rows":
@@ -324,15 +356,19 @@ def supervise(task: "Task") -> "Rows":
 
 def _taken(code: Mapping[str, str]) -> _Child:
     """A child process without a task."""
+    owner: Event | None = getattr(_here, "ended", None)
     with _lock:
-        if hasattr(_here, "ended") and _here.ended.is_set():
+        if owner is not None and owner.is_set():
             raise CancelledError
         while _idle:
             child = _idle.pop(0)
             if child.suits(code):
-                return child
+                break
             child.end()
-        return _Child()
+        else:
+            child = _Child()
+        child.owner = owner
+        return child
 
 
 def dask_executor(address: str, drivers: Iterable[str]) -> Executor:

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -212,3 +213,17 @@ def test_a_run_imports_neither_frames_nor_figures(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_runs_in_one_process_leave_each_others_children_alone(tmp_path: Path) -> None:
+    """The end of quick runs is no death of a child of the slow one."""
+    settings = {**CHANGES, "experiment.decide_limit_s": 100.0}
+    with ThreadPoolExecutor(1) as thread:
+        slow = thread.submit(run, "cctc", settings=settings, pairs=1000, out=tmp_path / "slow")
+        ended = 0
+        while not slow.done():
+            run("cctc", settings=settings, pairs=1, out=tmp_path / f"{ended}", workers=1)
+            ended += 1
+        assert ended
+        assert slow.result().failures == ()
+    assert "tried again" not in (tmp_path / "slow" / "log.jsonl").read_text(encoding="utf-8")
