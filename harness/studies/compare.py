@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from harness.core.errors import InputError
+from harness.core.errors import InputError, resume_command
 from harness.core.seeding import resampling
 from harness.results import estimators
 from harness.results.catalogue import ENTRY_OF, Entry
@@ -137,7 +137,7 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     """
     for number, run in enumerate(runs):
         if not run.finished:
-            raise InputError(str(run.path), "is not finished", "a finished run")
+            raise InputError(str(run.path), "is not finished", f"`{resume_command(run.path)}` first")
         if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:
             raise InputError(str(run.path), "is named twice", "different runs")
     groups = [group for group in groups_of(runs) if len(group) > 1]
