@@ -137,7 +137,8 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     """
     for number, run in enumerate(runs):
         if not run.finished:
-            raise InputError(str(run.path), "is not finished", f"`{resume_command(run.path)}` first")
+            advice = f"`{resume_command(run.path)}` first"
+            raise InputError(str(run.path), "is not finished", advice)
         if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:
             raise InputError(str(run.path), "is named twice", "different runs")
     groups = [group for group in groups_of(runs) if len(group) > 1]

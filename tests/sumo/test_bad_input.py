@@ -229,7 +229,7 @@ def test_a_run_that_was_broken_off(refused: Refuse, tmp_path: Path) -> None:
     for command in (["compare", "broken off"], ["worst", "broken off"]):
         says(refused(*command), "broken off", "is not finished", "harness resume 'broken off'")
         assert sorted(tmp_path.rglob("*")) == before
-    assert "not finished" in here("show", "broken off").stdout
+    says(refused("show", "broken off"), "no pair is finished yet", "harness resume 'broken off'")
 
 
 def test_a_command_with_commands_of_its_own_alone_says_its_help_and_version() -> None:
