@@ -34,7 +34,8 @@ def report(
     from harness.report.page import write_page
     from harness.results.run import load_run
     from harness.studies.allowed import allowed_in
-    from harness.studies.compare import compare as compare_cells, groups_of
+    from harness.studies.candidates import groups_of
+    from harness.studies.compare import compare as compare_cells
     from harness.studies.shown import shown_pairs
 
     run = load_run(run_folder)

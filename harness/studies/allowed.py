@@ -20,7 +20,7 @@ from harness.results.result import Column, Shown, Style, Table
 from harness.scenario.place import name_of
 
 if TYPE_CHECKING:
-    from harness.studies.compare import Candidate
+    from harness.studies.candidates import Candidate
 
 RELIABLE_FROM = 2_000
 """Informative pairs from which on the bound of μ is reliable; an unreliable one decides nothing."""

@@ -1,12 +1,10 @@
 """Compares strategies pair by pair: cells of one run or of several that differ only in the AV."""
 
-import json
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,17 +14,16 @@ from harness.results import estimators
 from harness.results.catalogue import ENTRY_OF, Entry
 from harness.results.columns import AV, REFERENCE, Sample
 from harness.results.estimators import EQUAL, FEW, Sampling
-from harness.results.finding import Finding, Form, Plain
-from harness.results.findings import CellFindings, worst_cases
+from harness.results.finding import Finding, Form
+from harness.results.findings import worst_cases
 from harness.results.notes import Note, notes_of, rank_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
 from harness.results.run import Run
 from harness.results.screens import drivers, scope_of, shown, table_of
-from harness.scenario import Scenario, as_written, flatten
-from harness.scenario.place import name_of, place_in_words
-from harness.strategies.parameters import parameters_of
-from harness.strategies.registry import STRATEGIES
+from harness.scenario import flatten
+from harness.scenario.place import place_in_words
 from harness.studies.allowed import allowed_in, allowed_table
+from harness.studies.candidates import Candidate, groups_of, without_av
 
 MOST_ROWS = 40
 """Rows of the first screen; JSON, CSV and ``--full`` have all."""
@@ -84,32 +81,6 @@ DIFFERENCES = (
 )
 # fmt: on
 """What is compared; a test of each has one family (Holm) over all rows of the table."""
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A cell as one of several strategies that met the same people.
-
-    ``label`` tells it from the others of its group; ``shared`` are the swept keys of the group, and
-    ``own`` those of its AV but for the strategy.  ``origin`` names its run if there are several.
-    """
-
-    run: Run
-    cell: CellFindings
-    label: str
-    shared: Mapping[str, Plain]
-    own: tuple[str, ...]
-    origin: str
-
-    @property
-    def name(self) -> str:
-        """Its name among the cells of all groups and runs."""
-        return ", ".join(filter(None, [name_of(self.shared), self.label]))
-
-    def sample(self, pairs: int) -> Sample:
-        """The columns of its first pairs, without intervals of its own."""
-        rows = self.run.rows("episodes", self.cell.number).slice(0, 2 * pairs)
-        return Sample(rows, self.cell.scenario, 0.0)
 
 
 _Column = tuple[Column, Sequence[Entered]]
@@ -185,72 +156,6 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
             for place, row in enumerate(rows)
         ],
     )
-
-
-def groups_of(runs: Sequence[Run]) -> list[list[Candidate]]:
-    """The cells that differ only in the AV, in groups, in the order of their first cells."""
-    names = Counter(run.path.name for run in runs)
-    members: dict[str, list[tuple[Run, CellFindings, str]]] = {}
-    for run in runs:
-        name = run.path.name if names[run.path.name] == 1 else str(run.path)
-        for cell in run.cells:
-            key = _frozen(without_av(cell.scenario))
-            members.setdefault(key, []).append((run, cell, name if len(runs) > 1 else ""))
-    return [_group(cells) for cells in members.values()]
-
-
-def without_av(scenario: Scenario) -> dict[str, Any]:
-    """What two cells must share to be compared pair by pair.
-
-    The AV's strategy, its parameters, and perception and actuation that the reference does not have
-    are left out, and so are the thresholds of conflicts.
-    """
-    human = scenario.arms.human
-    tree = scenario.model_dump(exclude={"conflicts": True, "arms": {"av"}})
-    del tree["experiment"]["pairs"], tree["experiment"]["decide_limit_s"]
-    for equipment in ("perception", "actuation"):
-        if not tree[equipment]["human"]:
-            del tree[equipment]
-    tree["strategies"] = {human: _parameters(scenario, human)}
-    return tree
-
-
-def _parameters(scenario: Scenario, strategy: str) -> dict[str, Any]:
-    """A strategy's parameters; of a shipped one with its defaults, so that no user code runs."""
-    given = dict(scenario.strategies.get(strategy, {}))
-    if strategy not in STRATEGIES:
-        return given
-    return {item.name: item.default for item in parameters_of(STRATEGIES[strategy])} | given
-
-
-def _of_av(scenario: Scenario) -> dict[str, Any]:
-    """The AV's strategy, parameters and equipment by dotted key."""
-    av = scenario.arms.av
-    equipment = scenario.model_dump(include={"perception", "actuation"})
-    own = flatten({"strategies": {av: _parameters(scenario, av)}, **equipment})
-    return {"arms.av": av, **own}
-
-
-def _group(cells: Sequence[tuple[Run, CellFindings, str]]) -> list[Candidate]:
-    """The cells of a group, each AV of a run once."""
-    owns = [_of_av(cell.scenario) for _, cell, _ in cells]
-    of_any = {key for own in owns for key in own}
-    found: dict[str, Candidate] = {}
-    for (run, cell, origin), own in zip(cells, owns, strict=True):
-        alike = [other for other in owns if other["arms.av"] == own["arms.av"]]
-        varied = [key for key in own if len({_frozen(other.get(key)) for other in alike}) > 1]
-        swept = [key for key in cell.varied if key in own and key != "arms.av"]
-        told = dict.fromkeys([*varied, *swept])
-        words = [f"{key.rpartition('.')[2]}={as_written(own[key])}" for key in told]
-        label = " ".join([own["arms.av"], *words, *([f"({origin})"] if origin else [])])
-        shared = {key: value for key, value in cell.varied.items() if key not in of_any}
-        candidate = Candidate(run, cell, label, shared, tuple(swept), origin)
-        found.setdefault(_frozen([origin, own]), candidate)
-    return [*found.values()]
-
-
-def _frozen(value: object) -> str:
-    return json.dumps(value, sort_keys=True, default=str)
 
 
 def _refuse_other_people(group: Sequence[Candidate]) -> None:

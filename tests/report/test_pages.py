@@ -19,7 +19,8 @@ from harness.report.svg import VARIABLES, inline_svg
 from harness.results.finding import Finding
 from harness.results.run import Run
 from harness.studies.allowed import allowed_in
-from harness.studies.compare import compare, groups_of
+from harness.studies.candidates import groups_of
+from harness.studies.compare import compare
 from harness.studies.run import run
 from harness.studies.shown import shown_pairs
 from tests.report.test_screens import PAPER, result as made_result

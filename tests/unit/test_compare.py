@@ -14,7 +14,8 @@ from harness.results.finding import Finding
 from harness.results.result import Result, Versus
 from harness.scenario import Scenario
 from harness.studies.allowed import allowed_in
-from harness.studies.compare import compare, groups_of
+from harness.studies.candidates import groups_of
+from harness.studies.compare import compare
 from tests.cells import FAILED, HUMAN_S, Fate, MadeRun, noisy, run_of, study
 
 THREE = "arms.av=soft_yield,hard_yield,constant_speed"
