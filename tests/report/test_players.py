@@ -199,7 +199,7 @@ def drawn(page: Any, arm: str) -> dict[str, float]:
 def test_positions_on_the_screen_are_the_trace(page: Any, single: Run) -> None:
     for entry in (0, 3):
         page.locator(f"[data-episode='{entry}']").first.click()
-        rows = single.traces.query(f"pair == {shown_pair(page)}")
+        rows = single.rows("traces", 0).to_pandas().query(f"pair == {shown_pair(page)}")
         for arm in ("av", "human"):
             own = rows[rows["arm"] == arm]
             ego = own[own["object"] == "ego"].set_index("time_s")
@@ -262,7 +262,7 @@ def test_the_list_switches_episodes_and_the_focus_is_seen(page: Any) -> None:
 
 
 def test_the_curves_are_the_trace_and_a_click_moves_the_cursor(page: Any, single: Run) -> None:
-    rows = single.traces.query(f"pair == {shown_pair(page)}")
+    rows = single.rows("traces", 0).to_pandas().query(f"pair == {shown_pair(page)}")
     ego = rows[(rows["object"] == "ego") & (rows["arm"] == "human")]
     assert page.locator("#player-charts svg").count() == 3
     path = page.locator("#player-charts svg").first.locator("path.human").get_attribute("d")
