@@ -24,7 +24,7 @@ from harness.scenario.options import whole_number
 from harness.strategies.registry import source_digests
 from harness.studies.run import checked_models, scenario_file
 from harness.studies.tasks import Task, but_for_drivers
-from harness.studies.workers import executor_for, supervise
+from harness.studies.workers import QUICK_PAIRS, default_workers, executor_for, supervise
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -85,7 +85,8 @@ def evaluate(
         raise InputError("pairs", f"{pairs!r} is not accepted", "a range of numbers from 0, step 1")
     tasks = _tasks(scenario, candidates, settings or {}, numbers, engine_named(engine))
     own = {name for task in tasks for name in task.code}
-    executor = executor_for(workers, own, len(numbers) * len(tasks))
+    # All processes start at once: they serve later calls too.
+    executor = executor_for(workers, own, QUICK_PAIRS * default_workers())
     try:
         humans = [_reference(task, executor) for task in tasks]
         driven = _driven([replace(task, arms=(Arm.AV,)) for task in tasks], executor)

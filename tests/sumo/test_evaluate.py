@@ -47,7 +47,7 @@ def test_the_reference_is_driven_once(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 def test_a_later_call_is_quick() -> None:
     times = []
-    for _ in range(5):
+    for _ in range(15):
         begin = time.perf_counter()
         evaluate("cctc_flow", [{GAP: 1.0}], 20, settings=SETTINGS)
         times.append(time.perf_counter() - begin)
