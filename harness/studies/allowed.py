@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 RELIABLE_FROM = 2_000
 """Informative pairs from which on the bound of μ is reliable; an unreliable one decides nothing."""
 
-_SHARE = "above 0, at most 1"
-
 Verdict = Literal["allowed", "denied", "undecided"]
 
 
@@ -65,11 +63,10 @@ def allowed_in(
     """
     if mu0 is None and kappa0 is None:
         return []
-    for option, limit, least in (("--mu0", mu0, "above 0"), ("--kappa0", kappa0, _SHARE)):
-        if limit is None:
-            raise InputError(option, "is missing", "both limits")
-        if not 0 < limit < math.inf or (least == _SHARE and limit > 1):
-            raise InputError(option, f"{limit:g} is not accepted", least)
+    for option, limit, most in (("--mu0", mu0, math.inf), ("--kappa0", kappa0, 1.0)):
+        if limit is None or not 0 < limit <= most or limit == math.inf:
+            problem = "is missing" if limit is None else f"{limit:g} is not accepted"
+            raise InputError(option, problem, "above 0" + ", at most 1" * (most == 1))
     sweeps: dict[tuple[str, str], list[Candidate]] = {}
     for each in (each for group in groups for each in group):
         if each.own and each.own[0].startswith(f"strategies.{each.cell.scenario.arms.av}."):
@@ -98,7 +95,7 @@ def _judged(
             mu = replace(mu, reliable=False, reason=few)
         verdict = _verdict((mu, kappa), limits)
         rows.append(Judged(float(each.cell.varied[key] or 0), mu, kappa, verdict))
-    return tuple(sorted(rows))
+    return tuple(sorted(rows, key=lambda row: row.value))
 
 
 def _verdict(found: tuple[Finding, Finding], limits: tuple[float, float]) -> Verdict:
@@ -110,17 +107,16 @@ def _verdict(found: tuple[Finding, Finding], limits: tuple[float, float]) -> Ver
     ]
     if any(low >= limit for low, _, limit in known):
         return "denied"
-    below = sum(high < limit for _, high, limit in known)
-    return "allowed" if below == len(found) else "undecided"
+    below = len(found) == sum(high < limit for _, high, limit in known)
+    return "allowed" if below else "undecided"
 
 
 def allowed_table(of: Allowed) -> Table:
     """The values of a parameter with their bounds and verdicts."""
-    mu, kappa = Style(digits=3), Style(Form.SHARE, 2)
     columns = ("value", "μ, all values together", "κ, all values together", "verdict")
     return Table(
         f"{of.key} with μ < {of.mu0:g} and κ < {of.kappa0:g}{of.where and f' ({of.where})'}",
         tuple(Column(name.partition(",")[0], name) for name in columns),
-        tuple((row.value, Shown(row.mu, mu), Shown(row.kappa, kappa), row.verdict)
-              for row in of.rows),
+        tuple((row.value, Shown(row.mu, Style(digits=3)), Shown(row.kappa, Style(Form.SHARE, 2)),
+               row.verdict) for row in of.rows),
     )  # fmt: skip
