@@ -130,7 +130,8 @@ def one_cell(name: str, changes: dict[str, object]) -> Study:
 
 def content(folder: Path) -> dict[str, bytes]:
     """Every file of a finished run but the log, which has a clock in it."""
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != "log.jsonl"}
+    files = (path for path in folder.rglob("*") if path.is_file() and path.name != "log.jsonl")
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def options_of(changes: dict[str, object]) -> list[str]:

@@ -1,5 +1,8 @@
 """Commands about the installation and its parts: ``network``, ``strategies``, ``doctor``."""
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 from harness.cli import options
 from harness.cli.interruption import unwinding
 from harness.cli.options import settings_of
@@ -36,12 +39,14 @@ def strategies(quiet: options.QuietOption = False, as_json: options.JsonOption =
 def doctor(as_json: options.JsonOption = False) -> None:
     """Check this installation: a network is built, and a pair runs in SUMO."""
     from harness.core.versions import versions_of_runs
+    from harness.engine.network import build_network
+    from harness.scenario import load_scenario
     from harness.studies.evaluate import evaluate
 
-    with unwinding():
+    with unwinding(), TemporaryDirectory() as folder:
+        build_network(load_scenario("cctc").crossing, Path(folder), "doctor")
         # The pair runs in a process of its own, because a broken library may kill it.
-        road = {"crossing.length_m": 10.0}  # no shipped network has it
-        failure = evaluate("cctc", [{}], 1, settings=road, workers=1)["failure"][0]
+        failure = evaluate("cctc", [{}], 1, workers=1)["failure"][0]
     if isinstance(failure, str):
         raise HarnessError(f"a pair of cctc does not run in SUMO: {failure}")
     rows = [{"package": name, "version": of} for name, of in versions_of_runs().items()]

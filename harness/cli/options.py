@@ -15,9 +15,6 @@ _VARY = (
     "--vary strategies.soft_yield.p1=0:0.1:0.02. Repeatable: cells form the full grid. It replaces "
     "the [sweep] of the scenario file."
 )
-_DASK = "Run on a Dask cluster, e.g. tcp://127.0.0.1:8786 (pip install crosswalk-harness[cluster])."
-_ENGINE = "plain: the same kinematics, faster, without SUMO's collision check and outputs."
-_DEBUG = "Run in this process without time limits, so that breakpoint() works in decide."
 
 ScenarioArgument = Annotated[str, Argument(help=_SCENARIO)]
 RunArgument = Annotated[Path, Argument(metavar="RUN", help="A run folder.")]
@@ -30,8 +27,8 @@ PairsOption = Annotated[int | None, Option(help="Pairs per cell, instead of the 
 SeedOption = Annotated[int | None, Option(help="Root seed, instead of the scenario's.")]
 WorkersOption = Annotated[int | None, Option(min=1, max=1024, help="Processes; default: cores.")]
 TracesOption = Annotated[bool, Option("--traces", help="Keep every time step.")]
-EngineOption = Annotated[Literal["sumo", "plain"], Option(help=_ENGINE)]
-DaskOption = Annotated[str | None, Option(help=_DASK, metavar="ADDRESS")]
+EngineOption = Annotated[Literal["sumo", "plain"], Option(help="plain: faster, without SUMO.")]
+DaskOption = Annotated[str | None, Option(help="A cluster, e.g. tcp://127.0.0.1:8786.")]
 
 CellOption = Annotated[int, Option(help="Number of the cell in a sweep.")]
 OnlyCellOption = Annotated[int | None, Option(help="Only this cell.")]
@@ -51,7 +48,7 @@ NewFolderOption = Annotated[Path | None, Option(help="A new folder for the files
 
 GuiOption = Annotated[bool, Option("--gui", help="Show it in sumo-gui, one arm after the other.")]
 ScreenshotsOption = Annotated[Path | None, Option(help="With --gui: a new folder for PNGs.")]
-DebugOption = Annotated[bool, Option("--debug", help=_DEBUG)]
+DebugOption = Annotated[bool, Option("--debug", help="Here, so that breakpoint() works in decide.")]
 
 CsvOption = Annotated[bool, Option("--csv", help="Write every table as CSV.")]
 FullOption = Annotated[bool, Option("--full", help="Print every number, with all notes.")]

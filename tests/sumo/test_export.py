@@ -34,8 +34,13 @@ def exported(run: Path, out: Path, *words: object, form: str = "openscenario") -
 
 def stored(run: Path, pair: int, arm: Arm = Arm.AV) -> dict[str, pd.DataFrame]:
     """The states of everybody in a pair, from the run's own table."""
-    rows = load_run(run).traces_of(0, pair)
-    kept = (rows["arm"] == arm.value) & ~rows["object"].str.startswith("shown-")
+    rows = pd.read_parquet(run / "traces")
+    of_arm = (rows["pair"] == pair) & (rows["arm"] == arm.value)
+    kept = of_arm & ~rows["object"].str.startswith("shown-")
+        (rows["pair"] == pair)
+        & (rows["arm"] == arm.value)
+        & ~rows["object"].str.startswith("shown-")
+    )
     return dict([*rows[kept].groupby("object")])
 
 

@@ -7,7 +7,6 @@ signal when a module is imported, or when the n-th file is about to be finished.
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import psutil
@@ -127,7 +126,7 @@ ANY_FILE = [
 def test_while_a_run_writes_any_file(
     tmp_path: Path, whole: Path, name: str, file: int, number: signal.Signals
 ) -> None:
-    """From the first manifest, over shards, tables and summaries, towards the last manifest."""
+    """From the manifest over parts towards the findings."""
     command = RUN if name == "run" else SWEEP
     done = struck(tmp_path, command, f"file:{file}", number)
     out = tmp_path / "here" / "out"
@@ -161,25 +160,6 @@ def test_a_second_signal_does_not_cut_the_clearing_up_short(tmp_path: Path, whol
     out = tmp_path / "here" / "out"
     printed("resume", out, "-q")
     assert content(out) == content(whole / "run")
-
-
-def test_a_later_signal_ends_what_did_not_hear_the_first() -> None:
-    script = """
-import signal
-from harness.old.cli import interruption
-# Whoever started the tests may have let them ignore it.
-signal.signal(signal.SIGINT, signal.default_int_handler)
-with interruption.unwinding():
-    try:
-        signal.raise_signal(signal.SIGINT)
-    except KeyboardInterrupt:
-        interruption._SAME_S = -1.0
-    signal.raise_signal(signal.SIGTERM)
-    print("still here")
-"""
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-    assert (done.returncode, done.stdout) == (143, "")
-    assert done.stderr == "harness: interrupted\n"
 
 
 def test_ctrl_c_ends_a_fit_and_its_workers(tmp_path: Path) -> None:

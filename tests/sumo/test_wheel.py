@@ -75,7 +75,7 @@ def test_what_the_wheel_holds(wheel: Path) -> None:
     shipped = {p.relative_to(CHECKOUT).as_posix() for p in (CHECKOUT / "harness").rglob("*.json")}
     assert shipped
     assert shipped <= held
-    templates = CHECKOUT / "harness" / "report" / "pages" / "templates"
+    templates = CHECKOUT / "harness" / "report" / "templates"
     pages = {path.relative_to(CHECKOUT).as_posix() for path in templates.iterdir()}
     assert len(pages) >= 4
     assert pages | {"harness/py.typed"} <= held
@@ -89,9 +89,9 @@ def test_it_runs_from_another_folder(installed: Path, tmp_path: Path) -> None:
     assert "FAILED" not in run(installed / "harness", "doctor", cwd=tmp_path)
     printed = run(installed / "harness", "run", "cctc", "--pairs", 2, "--json", cwd=tmp_path)
     document = json.loads(printed)
-    assert (tmp_path / document["folder"] / "manifest.json").is_file()
-    manifest = json.loads((tmp_path / document["folder"] / "manifest.json").read_text())
-    assert manifest["counts"]["crossed"] + manifest["counts"]["crashed"] == 4
+    assert (tmp_path / document["facts"]["folder"] / "findings.json").is_file()
+    (record,) = document["records"]
+    assert (record["pairs"]["value"], record["failed"]["value"]) == (2, 0)
 
 
 def interpreter(version: str) -> Path | None:
@@ -134,8 +134,8 @@ def test_an_empty_environment_of_every_python(wheel: Path, tmp_path: Path, versi
     command = ("run", "cctc", "--pairs", "2", "--traces", "--quiet", "--out")
     run(fresh / "harness", *command, tmp_path / "there", cwd=tmp_path)
     run(sys.executable, "-m", "harness", *command, tmp_path / "here", cwd=CHECKOUT)
-    for name in ("episodes", "pedestrians", "pairs", "traces", "cells"):
-        tables = [pq.read_table(tmp_path / side / f"{name}.parquet") for side in ("there", "here")]
+    for name in ("episodes", "pedestrians", "traces"):
+        tables = [pq.read_table(tmp_path / side / name) for side in ("there", "here")]
         assert tables[0].equals(tables[1]), name
-    for name in ("summary.csv", "measures.csv", "conflicts.csv"):
-        assert (tmp_path / "there" / name).read_bytes() == (tmp_path / "here" / name).read_bytes()
+    both = [(tmp_path / side / "summary.csv").read_bytes() for side in ("there", "here")]
+    assert both[0] == both[1]
