@@ -37,10 +37,6 @@ def stored(run: Path, pair: int, arm: Arm = Arm.AV) -> dict[str, pd.DataFrame]:
     rows = pd.read_parquet(run / "traces")
     of_arm = (rows["pair"] == pair) & (rows["arm"] == arm.value)
     kept = of_arm & ~rows["object"].str.startswith("shown-")
-        (rows["pair"] == pair)
-        & (rows["arm"] == arm.value)
-        & ~rows["object"].str.startswith("shown-")
-    )
     return dict([*rows[kept].groupby("object")])
 
 
