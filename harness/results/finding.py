@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
+from pydantic import TypeAdapter
+
 Plain = float | int | str | bool | None
 """A value of a table, of JSON, and of a scenario's key."""
 
@@ -76,5 +78,12 @@ def finding_to_dict(finding: Finding) -> dict[str, Plain]:
 
 
 def finding_from_dict(document: Mapping[str, Any]) -> Finding:
-    """The inverse of ``finding_to_dict``."""
-    return Finding(**document)
+    """The inverse of ``finding_to_dict``.
+
+    Raises:
+        ValueError: a field is missing, unknown, or of another type.
+    """
+    return _STORED.validate_python(document, strict=True)
+
+
+_STORED = TypeAdapter(Finding)

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import filelock
 
 from harness.core.documents import JsonObject, parse_json
-from harness.core.errors import InputError, resume_command
+from harness.core.errors import InputError, in_one_line, resume_command
 from harness.core.files import cannot_write, read_file, write_csv, write_file
 from harness.core.versions import versions_of_runs
 from harness.model.interaction import InteractionModel
@@ -239,9 +239,9 @@ def read_findings(folder: Path, cells: Sequence[Cell]) -> tuple[CellFindings, ..
             stored = document[str(cell.number)].items()
             findings = {key: finding_from_dict(fields) for key, fields in stored}
             found.append(CellFindings(cell.number, cell.varied, cell.scenario, findings))
-    except (AttributeError, KeyError, TypeError) as error:
+    except (AttributeError, KeyError, ValueError) as error:
         allowed = f"delete it; `{resume_command(folder)}` computes it again"
-        raise InputError(str(path), f"is damaged ({error})", allowed) from None
+        raise InputError(str(path), f"is damaged ({in_one_line(error)})", allowed) from None
     return tuple(found)
 
 

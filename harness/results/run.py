@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from harness.core.encounter import Ending
+from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError, resume_command
 from harness.core.files import cannot_write, whole_file
 from harness.results.catalogue import ENTRY_OF
@@ -89,7 +89,7 @@ class Run:
     def pairs(self) -> "pd.DataFrame":
         """One row per cell × pair: ``cell, pair, av_time_s, human_time_s, tau``."""
         times = self.episodes.pivot(index=["cell", "pair"], columns="arm", values="pass_time_s")
-        times = times.rename(columns={"av": "av_time_s", "human": "human_time_s"})
+        times = times.reindex(columns=[*Arm]).set_axis(["av_time_s", "human_time_s"], axis=1)
         times["tau"] = times["av_time_s"] / times["human_time_s"]
         return times.rename_axis(columns=None).reset_index()
 
