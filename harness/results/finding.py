@@ -83,7 +83,7 @@ def finding_from_dict(document: Mapping[str, Any]) -> Finding:
     Raises:
         ValueError: a field is missing, unknown, or of another type.
     """
-    return _STORED.validate_python(document, strict=True)
+    return _STORED.validate_python(document)
 
 
 _STORED = TypeAdapter(Finding)

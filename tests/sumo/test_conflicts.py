@@ -12,13 +12,14 @@ import pandas as pd
 import pytest
 import sumo as sumo_package
 
+import harness
 from harness.core.encounter import Arm
 from harness.measures.catalogue import COLUMNS
 from harness.old.studies.conflicts import ConflictFindings, find_conflicts
 from harness.old.studies.conflicts.vehicle_types import CLASSES
-from harness.old.studies.replay.rerun import replay
+from harness.studies.replay import replay
 from tests import towns
-from tests.batches import one_cell, one_process, printed, refusal, run_inline
+from tests.batches import printed, refusal
 
 HOME = Path(sumo_package.SUMO_HOME)
 ZEBRAS = ("6 10#1 -10#1", "9 -11#2 11#2")
@@ -207,14 +208,11 @@ UNKNOWN = {
 
 
 def test_a_replay_has_the_stored_measures(tmp_path: Path) -> None:
-    study = one_cell(
-        "cctc_flow",
-        {"experiment.pairs": 4, "pedestrians.flow_per_hour": 900.0, "arms.av": "hard_yield"},
-    )
-    run_inline(study, tmp_path / "run", workers=1)
-    stored = pd.read_parquet(tmp_path / "run" / "episodes.parquet").set_index(["pair", "arm"])
+    settings = {"pedestrians.flow_per_hour": 900.0, "arms.av": "hard_yield"}
+    run = harness.run("cctc_flow", pairs=4, settings=settings, out=tmp_path / "run", workers=1)
+    stored = run.episodes.set_index(["pair", "arm"])
     types = tmp_path / "types.xml"
-    vehicle = study.cells[0].scenario.vehicle()
+    vehicle = run.scenario_of(0).vehicle()
     types.write_text(
         f'<routes><vType id="ego" length="{vehicle.length_m}" width="{vehicle.width_m}" '
         f'decel="{vehicle.max_deceleration_mps2}"/></routes>'
@@ -224,11 +222,9 @@ def test_a_replay_has_the_stored_measures(tmp_path: Path) -> None:
         if row["pedestrians"] == 0:
             continue
         out = tmp_path / f"{pair}-{arm}"
-        with one_process():
-            (done,) = replay(tmp_path / "run", pair, [Arm(arm)], 0, out)
-        findings = find_conflicts(
-            [done.folder / "fcd.xml"], done.folder / "site.net.xml", types=[types]
-        )
+        (done,) = replay(run, 0, range(pair, pair + 1), [Arm(arm)], out)
+        assert done.differences == ()
+        findings = find_conflicts([out / "fcd.xml"], out / "site.net.xml", types=[types])
         (passage,) = findings.passages
         assert findings.motion == "ballistic"
         assert passage.record.ending == row["ending"]
