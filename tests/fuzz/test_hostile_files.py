@@ -109,6 +109,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(experiment, "_carry_out", lambda *_: None)
     monkeypatch.setattr(batch, "_report", lambda *_: None)
+    monkeypatch.setattr("harness.studies.run._carried_out", lambda *_: None)
+    monkeypatch.setattr("harness.cli.encounters.print_run", lambda *_: None)
 
 
 def files_of(folder: Path, kind: str) -> list[Path]:
@@ -116,7 +118,7 @@ def files_of(folder: Path, kind: str) -> list[Path]:
     named = {
         "scenario": "*.toml",
         "model": "*.json",
-        "run": f"{RUN}/*",
+        "run": f"{RUN}/**/*",
         "rows": "rows*",
         "network": "*.net.xml",
         "hours": "hours/*",
