@@ -12,7 +12,6 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import psutil
 import pytest
 
 from harness.old.studies.workers.executor import Argument, Result
@@ -65,22 +64,6 @@ class Inline:
         """Nothing runs any more."""
 
 
-class Stopping(Inline):
-    """Stops, as Ctrl-C does, when it is given its n-th task."""
-
-    def __init__(self, tasks: int) -> None:
-        super().__init__(1)
-        self.left = tasks
-
-    def submit(
-        self, function: Callable[[Argument], Result], argument: Argument
-    ) -> "Future[Result]":
-        self.left -= 1
-        if self.left < 0:
-            raise KeyboardInterrupt
-        return super().submit(function, argument)
-
-
 def run_inline(
     study: Study, folder: Path, make: Callable[[int], Any] = Inline, **options: Any
 ) -> "RunData":
@@ -95,14 +78,6 @@ def run_inline(
         return run_study(study, Options(**options), out=folder, make_executor=make)
     finally:
         close_engine()
-
-
-def run_stopped(study: Study, folder: Path, tasks: int, **options: Any) -> None:
-    """A run that is interrupted when it is given its n-th task."""
-    from harness.core.errors import InterruptedRunError
-
-    with pytest.raises(InterruptedRunError, match="harness resume"):
-        run_inline(study, folder, lambda _: Stopping(tasks), **options)
 
 
 def wait_for(condition: Callable[[], object], what: str, seconds: float = 300.0) -> None:
@@ -237,19 +212,3 @@ def start(
 def _hear_interruptions() -> None:
     """A shell lets its background jobs ignore SIGINT, and so would all that these start."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-def workers_of(pid: int) -> list[psutil.Process]:
-    """The worker processes of a run, youngest last."""
-    found = []
-    try:
-        children = psutil.Process(pid).children(recursive=True)
-    except psutil.NoSuchProcess:
-        return []
-    for child in children:
-        try:
-            if any("import serve" in word for word in child.cmdline()):
-                found.append(child)
-        except (psutil.NoSuchProcess, psutil.ZombieProcess):
-            continue
-    return found
