@@ -49,6 +49,20 @@ class Allowed(NamedTuple):
     kappa0: float
     rows: tuple[Judged, ...]
 
+    @property
+    def title(self) -> str:
+        """What is judged, and by which limits."""
+        where = f" ({self.where})" if self.where else ""
+        return f"{self.key} with μ < {self.mu0:g} and κ < {self.kappa0:g}{where}"
+
+    @property
+    def values(self) -> str:
+        """The values of each verdict, as a sentence."""
+        of: dict[str, list[str]] = {}
+        for row in self.rows:
+            of.setdefault(row.verdict, []).append(f"{row.value:g}")
+        return "; ".join(f"{verdict} {', '.join(values)}" for verdict, values in of.items())
+
 
 def allowed_in(
     groups: "Sequence[Sequence[Candidate]]",
@@ -115,7 +129,7 @@ def allowed_table(of: Allowed) -> Table:
     """The values of a parameter with their bounds and verdicts."""
     columns = ("value", "μ, all values together", "κ, all values together", "verdict")
     return Table(
-        f"{of.key} with μ < {of.mu0:g} and κ < {of.kappa0:g}{of.where and f' ({of.where})'}",
+        of.title,
         tuple(Column(name.partition(",")[0], name) for name in columns),
         tuple((row.value, Shown(row.mu, Style(digits=3)), Shown(row.kappa, Style(Form.SHARE, 2)),
                row.verdict) for row in of.rows),

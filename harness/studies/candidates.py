@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from harness.core.encounter import Arm
 from harness.results.columns import Sample
 from harness.results.finding import Plain
 from harness.results.findings import CellFindings
 from harness.results.run import Run
+from harness.results.screens import driver_of
 from harness.scenario import Scenario, as_written, flatten
 from harness.scenario.place import name_of
 from harness.strategies.parameters import parameters_of
@@ -30,6 +32,11 @@ class Candidate:
     shared: Mapping[str, Plain]
     own: tuple[str, ...]
     origin: str
+
+    @property
+    def driven(self) -> str:
+        """The label, with the fallback if it drove most passages that met someone."""
+        return self.label.replace(self.cell.scenario.arms.av, driver_of(self.cell, Arm.AV), 1)
 
     @property
     def name(self) -> str:
@@ -102,6 +109,11 @@ def _group(cells: Sequence[tuple[Run, CellFindings, str]]) -> list[Candidate]:
         candidate = Candidate(run, cell, label, shared, tuple(swept), origin)
         found.setdefault(_frozen([origin, own]), candidate)
     return [*found.values()]
+
+
+def key_of(scenario: Scenario, *, with_av: bool) -> str:
+    """What cells that met the same people have in common, and whether it includes the AV."""
+    return _frozen([without_av(scenario), _of_av(scenario) if with_av else None])
 
 
 def _frozen(value: object) -> str:

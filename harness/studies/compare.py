@@ -14,7 +14,7 @@ from harness.results import estimators
 from harness.results.catalogue import ENTRY_OF, Entry
 from harness.results.columns import AV, REFERENCE, Sample
 from harness.results.estimators import EQUAL, FEW, Sampling
-from harness.results.finding import Finding, Form
+from harness.results.finding import Finding, Form, Plain
 from harness.results.findings import worst_cases
 from harness.results.notes import Note, notes_of, rank_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
@@ -127,7 +127,9 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     }
     candidates = [candidate for group in groups for candidate in group]
     cells = [candidate.cell for candidate in candidates]
+    judged = allowed_in(groups, mu0, kappa0, confidence)
     facts = {"seed": runs[0].manifest["seed"], "confidence": confidence}
+    facts |= {each.title: each.values for each in judged}
     more, done = len(rows) - MOST_ROWS, sum(cell["pairs"].count for cell in cells)
     return Result(
         command="compare",
@@ -138,24 +140,33 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
         screen=_screen(rows[:MOST_ROWS], p_holm["time_ratio_difference"]),
         full=(
             *(_of_all(of, rows, p_holm[of.key]) for of in DIFFERENCES),
-            *map(allowed_table, allowed_in(groups, mu0, kappa0, confidence)),
+            *map(allowed_table, judged),
         ),
         notes=notes_of(cells, _notes(rows, p_holm), [candidate.name for candidate in candidates]),
-        closing=(f"{more:,} more rows: --full.",) if more > 0 else (),
+        closing=(
+            *(f"{each.title}: {each.values}." for each in judged),
+            *([f"{more:,} more rows: --full."] if more > 0 else []),
+        ),
         facts=facts,
         records=[
             {
                 **row.a.shared,
-                "a": row.a.label,
-                "b": row.b.label,
-                **{f"{key}_a": row.a.cell[key] for key in ("time_ratio", "kappa")},
-                **{f"{key}_b": row.b.cell[key] for key in ("time_ratio", "kappa")},
+                **_of_cell("a", row.a),
+                **_of_cell("b", row.b),
+                "pairs": _common(row.a, row.b),
                 **row.found,
                 **{f"{key}_p_holm": values[place] for key, values in p_holm.items()},
             }
             for place, row in enumerate(rows)
         ],
     )
+
+
+def _of_cell(side: str, of: Candidate) -> dict[str, Plain | Finding]:
+    """What a record says of one of its two cells."""
+    said: dict[str, Plain | Finding] = {side: of.label, f"cell_{side}": of.cell.number}
+    said[f"folder_{side}"] = str(of.run.path)
+    return said | {f"{key}_{side}": of.cell[key] for key in ("time_ratio", "kappa")}
 
 
 def _refuse_other_people(group: Sequence[Candidate]) -> None:
@@ -215,8 +226,8 @@ def _table(title: str, rows: Sequence[Row], *columns: _Column, legend: str = "")
             (Column(key, key.rpartition(".")[2]), [row.a.shared.get(key) for row in rows])
             for key in shared
         ),
-        (Column("a", "A"), [row.a.label for row in rows]),
-        (Column("b", "B"), [row.b.label for row in rows]),
+        (Column("a", "A"), [row.a.driven for row in rows]),
+        (Column("b", "B"), [row.b.driven for row in rows]),
     ]
     filled = [(name, tuple(values)) for name, values in (*names, *columns)]
     return table_of(title, filled, legend)
@@ -272,6 +283,7 @@ def _notes(rows: Sequence[Row], p_holm: Mapping[str, Sequence[float]]) -> list[N
     of_times = [row.found["time_ratio_difference"] for row in rows]
     few = [each.n or 0 for each in of_times if each.reliable is False or each.reason == FEW]
     equal, of = sum(each.reason == EQUAL for each in of_times), f"of {len(rows):,}"
+    cut = [row for row in rows if row.a.cell["pairs"].count != row.b.cell["pairs"].count]
     notes = []
     if worse:
         (more, less), others = worse[0], len(worse) - 1
@@ -282,6 +294,10 @@ def _notes(rows: Sequence[Row], p_holm: Mapping[str, Sequence[float]]) -> list[N
         text = f"In {len(few):,} {of} rows few pairs differ: A − B is unreliable (*); the fewest "
         text += f"here: {min(few):,}. It is so below {DIFFERENCES[0].reliable_from:,}."
         notes.append(Note("few_differ", rank_of("few_pairs"), "few pairs differ", text))
+    if cut:
+        text = f"In {len(cut):,} {of} rows A − B is over the {_common(cut[0].a, cut[0].b):,} pairs "
+        text += "that both cells have, and a cell's own number over all of its pairs."
+        notes.append(Note("common_pairs", rank_of("few_pairs"), "A − B over common pairs", text))
     if equal:
         text = f"In {equal:,} {of} rows A − B is the same in every pair, so it has no interval."
         notes.append(Note("equal_rows", rank_of("equal"), "equal in every pair", text))

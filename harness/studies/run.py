@@ -134,7 +134,8 @@ def resume(
             return load_run(path)
         models = checked_models(cell.scenario for cell in study.cells)
         now = folders.simulated_with(study.driven, models)
-        folders.refuse_other_versions(manifest["simulated_with"], now)
+        if done < planned:
+            folders.refuse_other_versions(manifest["simulated_with"], now)
         folder.note("resumed")
         return _carried_out(folder, study, manifest, models, done, chosen, progress)
 

@@ -6,15 +6,31 @@ from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
-from harness.core.encounter import Arm
+from harness.core.encounter import Arm, Ending
 from harness.results.run import Run
 from harness.results.tables import read_cell
 from harness.studies.replay import differences_of, stored_tasks
 from harness.studies.workers import LocalExecutor, default_workers, supervise
-from harness.studies.worst import Key, chosen_pairs
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+ALL_BELOW = 50
+"""If a run has at most this many pairs, all are worth watching."""
+
+_EACH, _MOST_MEDIANS = 5, 12
+"""Number of pairs for each reason, and of cells with a median pair."""
+
+_DANGEROUS = {
+    "smallest PET": "pet_s",
+    "smallest TTC": "min_ttc_s",
+    "largest DRAC": "-max_drac_mps2",
+}
+"""Reasons by danger, with the AV's column; a minus before it selects the largest values."""
+
+Key = tuple[int, int]
+"""Cell and pair."""
 
 
 @dataclass(frozen=True)
@@ -85,3 +101,45 @@ def _simulated(run: Run, keys: Collection[Key]) -> Iterator[tuple[Key, dict[str,
             yield (number, task.first), future.result().tables[number]
     finally:
         executor.abort()
+
+
+def chosen_pairs(run: Run) -> dict[str, list[Key]]:
+    """The pairs worth watching by reason, the most dangerous first.
+
+    Contacts come first, then the AV's smallest PET and TTC and its largest DRAC.  Cells share their
+    pedestrians, so for a measure each pair counts once, in the cell with the most extreme value.
+    The last reason, ``other pairs``, completes a small run.
+    """
+    episodes = run.episodes[run.episodes["ending"] != Ending.ENGINE_FAILED]
+    av, human = (episodes[episodes["arm"] == arm] for arm in Arm)
+    tau = run.pairs.dropna(subset="tau").sort_values("tau", kind="stable")
+    middles = [rows.iloc[[(len(rows) - 1) // 2]] for _, rows in tau.groupby("cell", sort=True)]
+    chosen = {
+        "crash of the AV": _keys(av[av["ending"] == Ending.CRASHED]),
+        "crash of the human": _keys(human[human["ending"] == Ending.CRASHED]),
+        **{reason: _most_striking(av, column) for reason, column in _DANGEROUS.items()},
+        "slowest AV": _most_striking(av, "-pass_time_s"),
+        "timed out": _keys(episodes[episodes["ending"] == Ending.TIMED_OUT]),
+        "fallback": _keys(av[av["fallback"]]),
+        "lowest τ": _keys(tau)[:1],
+        "median τ": [key for middle in middles[:_MOST_MEDIANS] for key in _keys(middle)],
+        "highest τ": _keys(tau.iloc[::-1])[:1],
+    }
+    everyone = _keys(run.pairs, len(run.pairs))
+    if len(everyone) <= ALL_BELOW:
+        shown = {key for keys in chosen.values() for key in keys}
+        chosen["other pairs"] = [key for key in everyone if key not in shown]
+    return {reason: keys for reason, keys in chosen.items() if keys}
+
+
+def _most_striking(rows: "pd.DataFrame", column: str) -> list[Key]:
+    """The pairs of smallest values, or of largest ones if the name begins with a minus."""
+    name = column.removeprefix("-")
+    order = rows.dropna(subset=name).sort_values(name, ascending=name == column, kind="stable")
+    return _keys(order.drop_duplicates("pair"))
+
+
+def _keys(rows: "pd.DataFrame", most: int = _EACH) -> list[Key]:
+    return list(dict.fromkeys(zip(rows["cell"].tolist(), rows["pair"].tolist(), strict=True)))[
+        :most
+    ]

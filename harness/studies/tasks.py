@@ -126,9 +126,6 @@ def tasks_of(
     ]
 
 
-def but_for_drivers(scenario: "Scenario", *, but_for_pairs: bool = False) -> str:
+def but_for_drivers(scenario: "Scenario") -> str:
     """The people and the road of a scenario, as text."""
-    changes: dict[str, object] = dict.fromkeys(_DRIVERS)
-    if but_for_pairs:
-        changes["experiment"] = scenario.experiment.model_copy(update={"pairs": 0})
-    return repr(scenario.model_copy(update=changes))
+    return repr(scenario.model_copy(update=dict.fromkeys(_DRIVERS)))

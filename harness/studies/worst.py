@@ -1,17 +1,17 @@
-"""Finds the worst episodes of a run, and the pairs worth watching."""
+"""Finds the worst episodes of a run."""
 
 import math
 import shlex
-from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError, resume_command, unknown_name
 from harness.measures.catalogue import COLUMNS, MEASURES
 from harness.results.finding import Finding, Plain
+from harness.results.notes import notes_of
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.results.run import Run
-from harness.studies.tasks import but_for_drivers
+from harness.studies.candidates import key_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,22 +28,6 @@ _BEFORE, _SAME = "_before", 1e-9
 _CAPPED = ("pet_s", "min_ttc_s")
 _FINAL = 1_000_000.0
 """Badness above every value, for a crash or (for delay) a time-out."""
-
-ALL_BELOW = 50
-"""If a run has at most this many pairs, all are worth watching."""
-
-_EACH, _MOST_MEDIANS = 5, 12
-"""Number of pairs for each reason, and of cells with a median pair."""
-
-_DANGEROUS = {
-    "smallest PET": "pet_s",
-    "smallest TTC": "min_ttc_s",
-    "largest DRAC": "-max_drac_mps2",
-}
-"""Reasons by danger, with the AV's column; a minus before it selects the largest values."""
-
-Key = tuple[int, int]
-"""Cell and pair."""
 
 
 def worst(
@@ -66,7 +50,8 @@ def worst(
         arm: who drives, ``av`` or ``human``.
         cell: number of the cell; None: all cells.
         before: an earlier run with the same people; only episodes that are worse than in it are
-            listed, the greatest change first.  Cells are matched by their number.
+            listed, the greatest change first.  Cells are matched by people and AV; if each run has
+            one cell, their AVs may differ.
 
     Raises:
         InputError: a run is not finished, the measure, arm or cell does not exist, every episode
@@ -85,8 +70,8 @@ def worst(
         raise InputError("--cell", f"{cell}", f"0 to {len(run.study.cells) - 1}")
     rows = _ranked(run, by, arm, cell)
     if before is not None:
-        _refuse_other_people(run, before)
-        past = _ranked(before, by, arm, cell)[["cell", "pair", by, "badness"]]
+        past = _ranked(before, by, arm, None)[["cell", "pair", by, "badness"]]
+        past["cell"] = past["cell"].map(_same_cells(before, run))
         rows = rows.merge(past, on=["cell", "pair"], suffixes=("", _BEFORE))
         rows["badness"] -= rows.pop(f"badness{_BEFORE}")
     bad = rows[rows["badness"] > (_least(by) if before is None else _SAME)]
@@ -109,12 +94,22 @@ def _ranked(run: Run, by: str, arm: str, cell: int | None) -> "pd.DataFrame":
     return rows.assign(badness=[_badness(by, *of) for of in values])
 
 
-def _refuse_other_people(run: Run, before: Run) -> None:
-    for now, then in zip_longest(*(each.study.cells for each in (run, before))):
-        people = [of and but_for_drivers(of.scenario, but_for_pairs=True) for of in (now, then)]
-        if people[0] != people[1]:
-            allowed = "a run of the same cells, road, people and seed"
-            raise InputError(f"--diff {before.path}", "has other people", allowed)
+def _same_cells(before: Run, run: Run) -> dict[int, int]:
+    """The cell of a run by that of an earlier one: the same people, and the same AV if it can be.
+
+    Raises:
+        InputError: no two cells have the same people, or the AVs of several differ.
+    """
+    alone = len(before.cells) == len(run.cells) == 1
+    of = [
+        {key_of(cell.scenario, with_av=not alone): cell.number for cell in each.cells}
+        for each in (before, run)
+    ]
+    same = {number: of[1][key] for key, number in of[0].items() if key in of[1]}
+    if not same:
+        allowed = "a run of the same road, people, seed and strategies"
+        raise InputError(f"--diff {run.path}", "has no cell in common with the other run", allowed)
+    return same
 
 
 def _badness(by: str, value: float, ending: str, contact_speed_mps: float) -> float:
@@ -172,61 +167,11 @@ def _result(run: Run, rows: "pd.DataFrame", by: str, arm: Arm, before: Run | Non
         about="",
         screen=Table("", tuple(Column(*each) for each in headings.items()), cells),
         full=(),
-        notes=(),
+        notes=notes_of(run.cells),
         closing=tuple(commands),
-        facts={
-            "folder": str(run.path),
-            "by": by,
-            "arm": arm.value,
-            "before": str(before.path) if before else None,
-        },
+        facts={"folder": str(run.path), "by": by, "arm": arm.value},
         records=records,
     )
 
 
 _SPEED = "contact_speed_mps"
-
-
-def chosen_pairs(run: Run) -> dict[str, list[Key]]:
-    """The pairs worth watching by reason, the most dangerous first.
-
-    Contacts come first, then the AV's smallest PET and TTC and its largest DRAC.  Cells share their
-    pedestrians, so for a measure each pair counts once, in the cell with the most extreme value.
-    The last reason, ``other pairs``, completes a small run.
-    """
-    episodes = run.episodes[run.episodes["ending"] != Ending.ENGINE_FAILED]
-    av, human = (episodes[episodes["arm"] == arm] for arm in Arm)
-    tau = run.pairs.dropna(subset="tau").sort_values("tau", kind="stable")
-    middles = [rows.iloc[[(len(rows) - 1) // 2]] for _, rows in tau.groupby("cell", sort=True)]
-    chosen = {
-        "crash of the AV": _keys(av[av["ending"] == Ending.CRASHED]),
-        "crash of the human": _keys(human[human["ending"] == Ending.CRASHED]),
-        **{reason: _most_striking(av, column) for reason, column in _DANGEROUS.items()},
-        "slowest AV": _most_striking(av, "-pass_time_s"),
-        "timed out": _keys(episodes[episodes["ending"] == Ending.TIMED_OUT]),
-        "fallback": _keys(av[av["fallback"]]),
-        "lowest τ": _keys(tau)[:1],
-        "median τ": [key for middle in middles[:_MOST_MEDIANS] for key in _keys(middle)],
-        "highest τ": _keys(tau.iloc[::-1])[:1],
-        "smallest time advantage (calm yielding passes through 0 too)": _most_striking(
-            av, "min_time_advantage_s"
-        ),
-    }
-    everyone = _keys(run.pairs, len(run.pairs))
-    if len(everyone) <= ALL_BELOW:
-        shown = {key for keys in chosen.values() for key in keys}
-        chosen["other pairs"] = [key for key in everyone if key not in shown]
-    return {reason: keys for reason, keys in chosen.items() if keys}
-
-
-def _most_striking(rows: "pd.DataFrame", column: str) -> list[Key]:
-    """The pairs of smallest values, or of largest ones if the name begins with a minus."""
-    name = column.removeprefix("-")
-    order = rows.dropna(subset=name).sort_values(name, ascending=name == column, kind="stable")
-    return _keys(order.drop_duplicates("pair"))
-
-
-def _keys(rows: "pd.DataFrame", most: int = _EACH) -> list[Key]:
-    return list(dict.fromkeys(zip(rows["cell"].tolist(), rows["pair"].tolist(), strict=True)))[
-        :most
-    ]

@@ -12,8 +12,8 @@ from harness.results.tables import read_cell
 from harness.studies.one_pair import run_pair
 from harness.studies.replay import debug, replay
 from harness.studies.run import run
-from harness.studies.shown import shown_pairs
-from harness.studies.worst import chosen_pairs, worst
+from harness.studies.shown import chosen_pairs, shown_pairs
+from harness.studies.worst import worst
 
 FILES = {"fcd.xml", "tripinfo.xml", "collisions.xml", "site.net.xml"}
 
@@ -117,5 +117,19 @@ def test_episodes_that_got_worse_since_an_earlier_run(stored: Run, tmp_path: Pat
     )
     assert not worst(stored, "delay_s", before=stored).records
     seed = run("cctc_flow", pairs=1, seed=2, out=tmp_path / "seed", workers=0)
-    with pytest.raises(InputError, match=r"--diff .*other people"):
+    with pytest.raises(InputError, match=r"--diff .*no cell in common"):
         worst(now, before=seed)
+
+
+def test_cells_of_two_sweeps_are_matched_by_their_av(tmp_path: Path) -> None:
+    """The same strategies in another order: nothing got worse."""
+    orders = ["soft_yield", "constant_speed"], ["constant_speed", "soft_yield"]
+    first, second = (
+        run(
+            "cctc_flow", pairs=12, vary={"arms.av": [*of]}, out=tmp_path / of[0], workers=0,
+            engine="plain",
+        )
+        for of in orders
+    )  # fmt: skip
+    assert worst(first).records
+    assert not worst(second, before=first).records

@@ -448,3 +448,27 @@ def test_two_runs_over_the_same_values_are_judged_apart() -> None:
 def test_limits_out_of_range(run: MadeRun, limits: dict[str, float], words: str) -> None:
     with pytest.raises(InputError, match=words):
         compare(run, **limits)
+
+
+def test_verdicts_stand_on_the_screen_and_in_json() -> None:
+    """Five pairs decide nothing about μ: all values are undecided, or denied by crashes."""
+    swept = run_of(study({}, P1), bolder, 5)
+    (judged,) = allowed_in(groups_of([swept]), 1.0, 0.05, 0.95)
+    result = compare(swept, mu0=1.0, kappa0=0.05)
+    (said,) = result.closing
+    for verdict in {row.verdict for row in judged.rows}:
+        values = [f"{row.value:g}" for row in judged.rows if row.verdict == verdict]
+        assert f"{verdict} {', '.join(values)}" in said
+    assert judged.values in result.to_dict()["facts"].values()
+
+
+def test_runs_of_different_length_say_how_many_pairs_they_have_in_common() -> None:
+    runs = [run_of(study({"arms.av": av}), by_hand, n, name=av) for av, n in TWO_LENGTHS]
+    result = compare(*runs)
+    assert "common_pairs" in [note.key for note in result.notes]
+    (record,) = result.records
+    assert record["pairs"] == 12
+    assert {record["cell_a"], record["cell_b"]} == {0}
+
+
+TWO_LENGTHS = (("soft_yield", 12), ("constant_speed", 30))
