@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from io import StringIO
 
-from rich.console import Console, OverflowMethod, RenderableType
+from rich.console import Console, RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
@@ -71,7 +71,7 @@ def _parts(result: Result, full: bool, console: Console) -> Iterator[RenderableT
     yield from (_marked(note.text if full else note.short) for note in result.notes[:shown])
     if more := result.notes[shown:]:
         labels = "; ".join(dict.fromkeys(note.label for note in more))
-        yield _marked(f"{len(more)} more with --full: {labels}.", whole=False)
+        yield _marked(f"{len(more)} more with --full: {labels}.")
     yield from (Text(printable(remark)) for remark in (result.remarks if full else ()))
 
 
@@ -81,13 +81,10 @@ def confidence_of(result: Result) -> float:
     return confidence if isinstance(confidence, float) else CONFIDENCE
 
 
-def _marked(text: str, whole: bool = True) -> RichTable:
-    """A note behind its mark; its further lines are indented, or if not ``whole``, cut."""
+def _marked(text: str) -> RichTable:
+    """A note behind its mark; its further lines are indented."""
     grid = RichTable.grid(padding=(0, 1, 0, 0))
-    overflow: OverflowMethod = "fold" if whole else "ellipsis"
-    grid.add_row(
-        Text("!", style="bold"), Text(printable(text), overflow=overflow, no_wrap=not whole)
-    )
+    grid.add_row(Text("!", style="bold"), Text(printable(text), overflow="fold"))
     return grid
 
 

@@ -6,6 +6,7 @@ from unicodedata import category
 from harness.results.estimators import CONFIDENCE, zero_bound
 from harness.results.finding import Finding, Form
 from harness.results.result import Entered, Shown, Style, Versus
+from harness.scenario import as_written
 
 DASH = "–"
 """An undefined number; a note, or the finding's reason, says why."""
@@ -27,11 +28,7 @@ def printable(value: object) -> str:
 
 def plain_text(value: object) -> str:
     """A value that is no finding, as a user would write it; empty if there is none."""
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:g}" if isinstance(value, float) else printable(value)
+    return "" if value is None else printable(as_written(value))
 
 
 def value_text(shown: Shown) -> str:

@@ -1,7 +1,4 @@
-"""The folder of a run of encounters: its manifest, its lock, its log, and its findings.
-
-``findings.json`` is written last: a run is finished if it exists.
-"""
+"""The folder of a run of encounters: its manifest, its lock, its log, and its findings."""
 
 import hashlib
 import json
@@ -14,7 +11,7 @@ from typing import Any, Literal
 import filelock
 
 from harness.core.documents import JsonObject, parse_json
-from harness.core.errors import InputError, in_one_line, resume_command
+from harness.core.errors import InputError, one_line, resume_command
 from harness.core.files import cannot_write, read_file, write_csv, write_file
 from harness.core.versions import versions_of_runs
 from harness.model.interaction import InteractionModel
@@ -22,6 +19,7 @@ from harness.results.estimators import CONFIDENCE
 from harness.results.finding import finding_from_dict, finding_to_dict
 from harness.results.findings import CellFindings
 from harness.results.result import flat
+from harness.results.tables import FINDINGS
 from harness.scenario import Cell, EngineName, Study
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
@@ -29,7 +27,7 @@ from harness.strategies.registry import find_strategy, source_digests
 SCHEMA = 4
 """Version of the folder's format."""
 
-MANIFEST, FINDINGS, SUMMARY, LOG = "manifest.json", "findings.json", "summary.csv", "log.jsonl"
+MANIFEST, SUMMARY, LOG = "manifest.json", "summary.csv", "log.jsonl"
 
 _LOCK = ".lock"
 
@@ -208,40 +206,51 @@ def read_manifest(folder: Path) -> JsonObject:
     return document
 
 
-def write_findings(folder: Path, cells: Sequence[CellFindings]) -> None:
+def write_findings(folder: Path, manifest: JsonObject, cells: Sequence[CellFindings]) -> None:
     """Write the findings of all cells, after ``summary.csv`` with a row for each cell.
+
+    Args:
+        folder: the run's folder.
+        manifest: its manifest.
+        cells: the findings of each cell.
 
     Raises:
         HarnessError: the file system refuses.
     """
     rows = [flat({"cell": cell.number, **cell.varied, **cell.findings}) for cell in cells]
-    document = {
+    found = {
         str(cell.number): {key: finding_to_dict(each) for key, each in cell.findings.items()}
         for cell in cells
     }
-    content = _json(document)
+    document = {"run": manifest["digest"], "cells": found}
+    content = _json({**document, "digest": _digest(document)})
     write_csv(folder / SUMMARY, rows)
     write_file(folder / FINDINGS, content)
 
 
-def read_findings(folder: Path, cells: Sequence[Cell]) -> tuple[CellFindings, ...] | None:
+def read_findings(
+    folder: Path, manifest: JsonObject, cells: Sequence[Cell]
+) -> tuple[CellFindings, ...] | None:
     """The findings of a finished run; None if it is not finished.
 
     Raises:
-        InputError: the file is damaged.
+        InputError: the file is damaged, has been edited, or belongs to another run.
     """
     path = folder / FINDINGS
     if not path.is_file():
         return None
-    document, found = _read(path), []
+    found = []
     try:
+        document = parse_json(read_file(path))
+        if (document["run"], document["digest"]) != (manifest["digest"], _digest(document)):
+            raise ValueError("it was edited or is another run's: its digest differs")
         for cell in cells:
-            stored = document[str(cell.number)].items()
+            stored = document["cells"][str(cell.number)].items()
             findings = {key: finding_from_dict(fields) for key, fields in stored}
             found.append(CellFindings(cell.number, cell.varied, cell.scenario, findings))
-    except (AttributeError, KeyError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         allowed = f"delete it; `{resume_command(folder)}` computes it again"
-        raise InputError(str(path), f"is damaged ({in_one_line(error)})", allowed) from None
+        raise InputError(str(path), f"is damaged ({one_line(str(error))[:99]})", allowed) from None
     return tuple(found)
 
 

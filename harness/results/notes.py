@@ -51,7 +51,7 @@ class Said(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """When a note is made, and what it says; see ``Note``."""
+    """When a note is made, and what it says; see ``Note``.  A brace in a label has the weight."""
 
     key: str
     label: str
@@ -130,27 +130,16 @@ def _left_out(cell: CellFindings) -> Said | None:
 
 
 def _fallback(cell: CellFindings) -> Said | None:
-    pairs, parts, weight, arms = cell["pairs"].count, [], 0, cell.scenario.arms
+    pairs, parts, weight, arms = cell["pairs"].count, [], 0.0, cell.scenario.arms
     for arm, strategy, end in (("AV", arms.av, ""), ("reference", arms.human, "_human")):
         if not (count := cell[f"fallbacks{end}"].count):
             continue
-        share = cell[f"fallback_share{end}"].value
-        met = "" if share is None else f" ({100 * share:.2g} % of those that met someone)"
+        percent = 100 * (cell[f"fallback_share{end}"].value or 0)
+        met = f" ({percent:.3g} % of those that met someone)" if percent else ""
         parts.append(f"{fallback_of(strategy)} drove in {count:,} of {pairs:,} {arm} passages{met}")
-        weight = max(weight, count)
+        weight = max(weight, percent or 100 * count / pairs)
     text = f"{'; '.join(parts)}. The strategy of the scenario had no valid plan for these."
-    return Said(text, weight / pairs) if parts else None
-
-
-def _undefined(cell: CellFindings) -> Said | None:
-    reasons: dict[str, list[str]] = {}
-    for entry in on_first_screen(cell):
-        for finding in (cell[key] for key in entry.keys):
-            if finding.value is None and finding.reason:
-                heading = _name(entry.title(cell.scenario.conflicts.model_dump()))
-                reasons.setdefault(finding.reason, []).append(heading)
-    parts = [f"{_listed(names)} ({reason})" for reason, names in reasons.items()]
-    return Said(f"Undefined: {'; '.join(parts)}.", len(parts)) if parts else None
+    return Said(text, weight) if parts else None
 
 
 def _outside_the_model(cell: CellFindings) -> Said | None:
@@ -211,14 +200,13 @@ RULES: tuple[Rule, ...] = (
     Rule("selected", "selected pairs", _selected),
     Rule("few_pairs", "few pairs", _few_pairs),
     Rule("opposite", "another reference disagrees", _opposite),
-    Rule("fallback", "another strategy drove", _fallback),
+    Rule("fallback", "another strategy drove (up to {:.3g} %)", _fallback),
     Rule("left_out", "pairs left out", _left_out),
-    Rule("undefined", "undefined numbers", _undefined),
     Rule("outside_model", "outside the model's data", _outside_the_model),
     Rule("not_validated", "reference not validated", _not_validated),
     Rule("speeding", "speeding", _speeding),
     Rule("repeated", "repeated episodes", _repeated),
-    Rule("equal", "equal in every pair", _equal),
+    Rule("equal", "equal numbers", _equal),
 )
 """The rules, the worst news first; notes about a run as a whole come before them."""
 
@@ -253,7 +241,8 @@ def notes_of(
             same = "likewise" if alike else "similar"
             first += f" ({same} in {others:,} more {'cell' if others == 1 else 'cells'})"
         about = tuple(names[place] if names else cells[place].number for place, _ in told)
-        notes.append(Note(rule.key, rank, rule.label, f"{first}{stop}{more}.", about, weight))
+        label = rule.label.format(weight)
+        notes.append(Note(rule.key, rank, label, f"{first}{stop}{more}.", about, weight))
     return tuple(sorted(notes, key=lambda note: (note.rank, -note.weight)))
 
 

@@ -6,7 +6,7 @@ run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,7 +46,6 @@ class Run:
     finished: bool
     cells: tuple[CellFindings, ...]
     """The findings of every cell that has a pair."""
-    _kept: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def name(self) -> str:
@@ -64,7 +63,11 @@ class Run:
         return self.study.cells[cell].scenario
 
     def rows(self, table: str, cell: int) -> pa.Table:
-        """The rows of a table and cell by pair, the AV's first, up to the first missing pair."""
+        """The rows of a table and cell by pair, the AV's first, up to the first missing pair.
+
+        Raises:
+            InputError: a part is damaged, or the run is finished and a part is missing.
+        """
         return read_cell(self.path, table, cell, self.manifest)
 
     @cached_property
@@ -166,10 +169,11 @@ def load_run(path: Path | str) -> Run:
     path = Path(path)
     manifest = read_manifest(path)
     study = study_from(manifest, str(path / "manifest.json"))
-    stored = read_findings(path, study.cells)
+    stored = read_findings(path, manifest, study.cells)
+    run = Run(path, manifest, study, stored is not None, stored or ())
     if stored and all(cell.findings.keys() == ENTRY_OF.keys() for cell in stored):
-        return Run(path, manifest, study, True, stored)
+        return run
     # The run is unfinished, or the catalogue has other numbers than it had.
-    rows = ((cell, read_cell(path, "episodes", cell.number, manifest)) for cell in study.cells)
-    found = (cell_findings(cell, of, manifest["confidence"]) for cell, of in rows if len(of))
-    return Run(path, manifest, study, stored is not None, tuple(found))
+    rows = ((cell, run.rows("episodes", cell.number)) for cell in study.cells)
+    found = (cell_findings(cell, of, run.confidence) for cell, of in rows if len(of))
+    return replace(run, cells=tuple(found))

@@ -24,11 +24,6 @@ MOSTLY = 0.5
 _MOST_TABLES = 50
 """Cells of a sweep whose every number stands in a table of ``--full``; CSV and JSON have all."""
 
-PAPER_REMARK = (
-    "The paper's column (N = 50) is a reference, not a target: its 2,973 events and fitted "
-    "parameters were never published, so the model here is fitted to other trajectories."
-)
-
 
 def run_result(
     name: str,
@@ -70,10 +65,7 @@ def run_result(
         full=tuple(_every_number(cell, paper) for cell in cells[:_MOST_TABLES]),
         notes=notes_of(cells, notes),
         closing=(f"All measures: harness show {path} --full. Page: harness report {path}",),
-        remarks=(
-            *((PAPER_REMARK,) if paper else ()),
-            *dict.fromkeys(map(validation, scenarios)),
-        ),
+        remarks=tuple(dict.fromkeys(map(validation, scenarios))),
         facts={"name": name, "folder": str(folder), "finished": finished, **facts},
         records=[
             {
@@ -114,8 +106,9 @@ def scope_of(cells: Sequence[CellFindings], done: int, facts: Mapping[str, Plain
     each = [cell["pairs"].count for cell in cells]
     pairs = f"{done:,} pair{'s' * (done != 1)}"
     if len(cells) > 1:
-        most = f" to {max(each):,} pairs" if max(each) > min(each) else " pairs each"
-        pairs = f"{min(each):,}{most}"
+        pairs = f"{min(each):,} pair{'s' * (min(each) != 1)} each"
+    if max(each) > min(each):
+        pairs = f"{min(each):,} to {max(each):,} pairs"
     total = {
         "failed episodes": sum(cell.total("failed") for cell in cells),
         "time-outs": sum(cell.total("timed_out") for cell in cells),
@@ -171,7 +164,8 @@ def _sweep(cells: Sequence[CellFindings]) -> Table:
     swept = any(cell.scenario.conflicts != thresholds for cell in cells)
     for entry in (*map(ENTRY_OF.__getitem__, _SWEEP), *worst_cases(cells)):
         # A threshold that is swept has a column of its own.
-        name = entry.heading.partition(" {")[0] if swept else entry.title(thresholds.model_dump())
+        bare, threshold, _ = entry.heading.partition(" {")
+        name = bare if swept and threshold else entry.title(thresholds.model_dump())
         columns.append((Column(entry.key, name), tuple(_number(entry, cell) for cell in cells)))
     return table_of("", columns, legend="Two numbers in a cell: AV / reference.")
 

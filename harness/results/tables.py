@@ -60,6 +60,9 @@ _TYPES = {float: pa.float64(), int: pa.int64(), bool: pa.bool_(), Leg: _LEGS}
 _DIGEST = b"harness.digest"
 """The key of the manifest's digest in a part's metadata."""
 
+FINDINGS = "findings.json"
+"""The file that is written last: a run is finished if it exists."""
+
 _PART = re.compile(r"(\d{4,})-(\d{8,})\.parquet")
 
 
@@ -219,6 +222,8 @@ def read_cell(
 ) -> pa.Table:
     """The rows of a cell in a table by pair, the AV's first, up to the first part that is missing.
 
+    No part may be missing of a run that is finished.
+
     Args:
         folder: the run's folder.
         name: name of the table.
@@ -227,11 +232,13 @@ def read_cell(
         pair: the only pair to read; None: all.
 
     Raises:
-        InputError: a part is damaged, is another run's, or has a value that no part has.
+        InputError: a part is damaged, is another run's, or has a value that no part has; or one
+            of a finished run is missing.
     """
     size, parts = manifest["pairs_per_part"], [TABLES[name].schema.empty_table()]
     first = 0 if pair is None else pair // size * size
-    while (folder / EPISODES.name / part_name(cell, first)).is_file():
+    finished, place = (folder / FINDINGS).is_file(), folder / EPISODES.name
+    while _pairs_of(first, manifest) and (finished or (place / part_name(cell, first)).is_file()):
         parts.append(read_part(folder, name, cell, first, manifest))
         if pair is not None:
             break
@@ -254,6 +261,11 @@ def read_part(
         rows = rows.replace_schema_metadata().cast(table.schema)
         rows.validate(full=True)
         _check(rows, table, cell, _pairs_of(first, manifest), str(path))
+    except FileNotFoundError:
+        pairs = _pairs_of(first, manifest)
+        ends = " to ".join(map(str, sorted({pairs[0], pairs[-1]})))
+        problem = f"{name} are missing: cell {cell}, pair {ends}"
+        raise DamagedPartError(str(folder), problem, resume_command(folder)) from None
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:
         reason = one_line(str(error))[:99]
         raise DamagedPartError(str(path), f"is damaged ({reason})", again) from None

@@ -200,6 +200,8 @@ def study_from(document: Mapping[str, Any], where: str) -> Study:
 
 def as_written(value: Any) -> str:
     """A value of a scenario as a user would write it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

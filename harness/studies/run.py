@@ -130,7 +130,7 @@ def resume(
     study = study_from(manifest, str(path / folders.MANIFEST))
     with _at_work(path, study, workers, executor) as (folder, chosen):
         done, planned = _whole_parts(folder, study, manifest)
-        if done >= planned and folders.read_findings(path, study.cells) is not None:
+        if done >= planned and folders.read_findings(path, manifest, study.cells) is not None:
             return load_run(path)
         models = checked_models(cell.scenario for cell in study.cells)
         now = folders.simulated_with(study.driven, models)
@@ -251,7 +251,7 @@ def _carried_out(
         progress(planned - missing, planned)
     episodes = ((cell, read_cell(path, "episodes", cell.number, manifest)) for cell in study.cells)
     found = tuple(cell_findings(cell, rows, manifest["confidence"]) for cell, rows in episodes)
-    folders.write_findings(path, found)
+    folders.write_findings(path, manifest, found)
     folder.note("finished")
     return Run(path, manifest, study, True, found)
 

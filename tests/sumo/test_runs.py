@@ -219,6 +219,39 @@ def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
     same_rows(resume(tmp_path / "run", workers=0), whole)
 
 
+def test_a_run_without_a_finished_pair_is_shown_in_one_line_and_exported(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        run("cctc", settings=QUICK, pairs=25, out=tmp_path / "run", executor=Stopping(0))
+    done = shell("show", tmp_path / "run")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch("harness: .*no pair is finished yet.*harness resume .*\n", done.stderr)
+    done = shell("export", tmp_path / "run", "--csv")
+    assert (done.returncode, done.stderr) == (0, "")
+    for name in ("episodes", "pedestrians", "pairs"):
+        (head,) = (tmp_path / "run" / "csv" / f"{name}.csv").read_text().splitlines()
+        assert head.startswith('"cell","pair",')
+
+
+def test_a_run_that_lacks_a_part_is_not_compared(tmp_path: Path) -> None:
+    drivers = {**QUICK, "arms.av": "soft_yield"}
+    run("cctc", settings=QUICK, pairs=5, out=tmp_path / "one", workers=0)
+    run("cctc", settings=drivers, pairs=5, out=tmp_path / "other", workers=0)
+    assert shell("compare", tmp_path / "one", tmp_path / "other").returncode == 0
+    lacking(tmp_path / "other")
+    done = shell("compare", tmp_path / "one", tmp_path / "other")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch("harness: .*other: episodes are missing: cell 0, pair 0; .*\n", done.stderr)
+
+
+def lacking(folder: Path) -> None:
+    (folder / "episodes" / "0000-00000000.parquet").unlink()
+
+
+def recounted(folder: Path) -> None:
+    findings = folder / "findings.json"
+    findings.write_text(findings.read_text().replace('"value": 5', '"value": 6'))
+
+
 def edited(folder: Path) -> None:
     manifest = folder / "manifest.json"
     manifest.write_text(manifest.read_text().replace('"seed": 1', '"seed": 2'))
@@ -236,6 +269,10 @@ def cut(folder: Path) -> None:
         ("resume", edited, "digest differs"),
         ("show", edited, "digest differs"),
         ("worst", cut, "is damaged .*harness resume"),
+        ("worst", lacking, "episodes are missing: cell 0, pair 0; .*harness resume"),
+        ("export --csv", lacking, "episodes are missing: cell 0, pair 0; .*harness resume"),
+        ("show", recounted, "digest differs.*delete it; `harness resume"),
+        ("resume", recounted, "digest differs.*delete it; `harness resume"),
         ("resume", lambda folder: (folder / "manifest.json").write_text("{"), "is damaged"),
     ],
 )

@@ -342,3 +342,6 @@ def test_a_threshold_that_is_swept_is_in_no_heading() -> None:
     table = result_of(study({}, "conflicts.pet_s=1.5,2"), fates, 4).screen
     assert [column.heading for column in table.columns] == ["pet_s", "PET below"]
     assert [row[0] for row in table.rows] == [1.5, 2.0]
+    headings = [column.heading for column, _ in table.same]
+    # What has no threshold keeps its unit.
+    assert headings == ["ratio of times", "delay, s", "people's wait, s", "crashes"]

@@ -1,18 +1,21 @@
 """What a screen may never hide, on findings and notes: of a run, of a sweep, of a comparison."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import pytest
 from hypothesis import given, strategies as st
 
+from harness.report.screen import MOST_NOTES, screen_text
 from harness.results import notes
 from harness.results.catalogue import ENTRIES
 from harness.results.estimators import EQUAL, zero_bound
 from harness.results.finding import Finding, Form
-from harness.results.findings import CellFindings, on_first_screen
+from harness.results.findings import CellFindings, cell_findings, on_first_screen
 from harness.results.notes import RULES, Note, Rule, Said, notes_of
 from harness.results.result import Result, Shown, Style, Versus
+from harness.results.screens import scope_of
 from harness.scenario import PerceptionSection, Scenario, load_scenario
 from harness.scenario.actuation import ActuationSection
 from harness.scenario.place import place_in_words
@@ -26,6 +29,7 @@ from tests.cells import (
     TIMED,
     Fate,
     cell_of,
+    episodes,
     noisy,
     notes_by_key,
     result_of,
@@ -371,6 +375,53 @@ CALM = {"correlation_s", "occlusion", "vehicles_hide", "human"}
 """Fields that are no error by themselves."""
 
 
+def test_the_largest_share_of_another_strategy_stands_in_its_label() -> None:
+    """A note that does not fit, of a sweep whose AV is not swept, has no other place for it."""
+    fell = {100.0: 8, 250.0: 40, 500.0: 12}
+
+    def fates(scenario: Scenario, pair: int) -> Pair:
+        fallen = pair < fell[scenario.pedestrians.flow_per_hour]
+        return (FELL if fallen else usual(pair)[0]), usual(pair)[1]
+
+    for flows, words in (("100,500", "up to 30 %"), ("100,250,500", "up to 100 %")):
+        made = result_of(study({}, f"pedestrians.flow_per_hour={flows}"), fates, 40)
+        labels = {note.key: note.label for note in made.notes}
+        assert labels["fallback"] == f"another strategy drove ({words})"
+        behind = [made.notes[0]._replace(text="Worse.")] * MOST_NOTES
+        text = screen_text(replace(made, notes=(*behind, *made.notes)), 60)
+        assert words in " ".join(text.split())
+
+
+@pytest.mark.parametrize(
+    ("pairs", "words"),
+    [((1, 1), "1 pair each"), ((3, 3), "3 pairs each"), ((1, 3), "1 to 3 pairs")],
+)
+def test_the_pairs_of_a_sweep(pairs: tuple[int, int], words: str) -> None:
+    both = study({}, "pedestrians.flow_per_hour=100,250").cells
+    cells = [
+        cell_findings(cell, episodes([usual(pair) for pair in range(count)], cell.scenario), 0.95)
+        for cell, count in zip(both, pairs, strict=True)
+    ]
+    scope = scope_of(cells, sum(pairs), {"seed": 1})
+    assert scope.startswith(f"{words}, seed") or scope.startswith(f"{words} (")
+
+
+def test_a_boolean_is_written_as_in_a_scenario() -> None:
+    """In a note, in a table and in a title alike."""
+
+    def fates(scenario: Scenario, pair: int) -> Pair:
+        return (FAILED if scenario.perception.human and pair < 3 else 9.0), HUMAN_S
+
+    changes = {"perception.latency_s": 0.3}
+    made = result_of(study(changes, "perception.human=true,false"), fates, 10)
+    (note,) = [note for note in made.notes if note.key == "failures"]
+    assert note.text.startswith("human true: 3 of 20")
+    lines = screen_text(made, 120).splitlines()
+    assert {"true", "false"} <= {line.split()[0] for line in lines if line.strip()}
+    one = result_of(study(changes, "perception.human=true"), fates, 10)
+    assert "human true" in one.title
+
+
 @pytest.mark.parametrize("human", [False, True])
 @pytest.mark.parametrize(
     ("section", "key"),
@@ -424,9 +475,10 @@ def test_speed_and_undefined_numbers() -> None:
     cell = cell_of([({"pass_time_s": 8.0, "max_speed_mps": 6.0}, "crashed")] * 3)
     found = notes_by_key(cell)
     assert "The AV drove at up to 6 m/s, above v0 of 5 m/s" in found["speeding"].text
-    assert "there is no pair in which both vehicles crossed" in found["undefined"].text
+    assert cell["mu"].reason == "there is no pair in which both vehicles crossed"
+    assert "μ and c_v use 0" in found["left_out"].text
     calm = cell_of([({"pass_time_s": 8.0, "max_speed_mps": 5.0}, HUMAN_S)] * 3)
-    assert {"speeding", "undefined"} & {*notes_by_key(calm)} == set()
+    assert {"speeding", "left_out"} & {*notes_by_key(calm)} == set()
 
 
 def test_the_worse_the_news_the_higher() -> None:
@@ -437,7 +489,7 @@ def test_the_worse_the_news_the_higher() -> None:
     bad += [(driven, noisy(pair, 1)) for pair in range(3, 60)]
     found = notes_of([cell_of(bad)])
     keys = [note.key for note in found]
-    order = ["failures", "few_pairs", "opposite", "fallback", "left_out", "undefined"]
+    order = ["failures", "few_pairs", "opposite", "fallback", "left_out"]
     order += ["outside_model", "not_validated", "speeding", "repeated", "equal"]
     assert keys == [key for key in order if key in keys]
     assert {"failures", "few_pairs", "opposite", "left_out", "fallback", "speeding"} <= {*keys}

@@ -4,6 +4,7 @@ import json
 import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from harness.results.findings import CellFindings
 from harness.results.run import load_run
 from harness.results.tables import (
     EPISODES,
+    FINDINGS,
     PEDESTRIANS,
     TABLES,
     DamagedPartError,
@@ -295,28 +297,59 @@ def test_a_folder_is_one_runs(
 
 def test_findings_are_read_as_written(tmp_path: Path) -> None:
     cell = Cell(2, {"ego.length_m": 4.0}, Scenario())
-    assert folders.read_findings(tmp_path, [cell]) is None
+    assert folders.read_findings(tmp_path, MANIFEST, [cell]) is None
     made = {
         "kappa": Finding(0.1, 0.0, 1 / 3, n=4, events=0, reliable=True),
         "mu": Finding(None, reason="no pair"),
         "odd": Finding(float("nan"), float("inf"), n=2),
     }
     found = CellFindings(2, cell.varied, cell.scenario, made)
-    folders.write_findings(tmp_path, [found])
-    (again,) = folders.read_findings(tmp_path, [cell]) or ()
+    folders.write_findings(tmp_path, MANIFEST, [found])
+    (again,) = folders.read_findings(tmp_path, MANIFEST, [cell]) or ()
     assert dict(again.findings) == dict(found.findings)
     head, row = (tmp_path / folders.SUMMARY).read_text().splitlines()
     summary = dict(zip(head.split(","), row.split(","), strict=True))
     assert (summary["ego.length_m"], summary["mu"], summary["mu_reason"]) == ("4.0", "", "no pair")
-    (tmp_path / folders.FINDINGS).write_text('{"2": {"mu": {"colour": 1}}}')
-    with pytest.raises(InputError, match="is damaged"):
-        folders.read_findings(tmp_path, [cell])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        "[1]",
+        "{}",
+        "null",
+        '{"run": "this run"}',
+        "edited",
+        "another run",
+        '{"2": {"mu": {"colour": 1}}}',
+    ],
+)
+def test_findings_that_the_run_did_not_write_are_refused(tmp_path: Path, text: str) -> None:
+    cell = Cell(2, {}, Scenario())
+    found = CellFindings(2, {}, cell.scenario, {"mu": Finding(0.25)})
+    path = tmp_path / FINDINGS
+    folders.write_findings(tmp_path, MANIFEST, [found])
+    written = path.read_text()
+    path.write_text(json.dumps(json.loads(written)))  # the same content, differently spaced
+    assert folders.read_findings(tmp_path, MANIFEST, [cell]) == (found,)
+    if text == "edited":
+        text = written.replace("0.25", "0.75")
+        assert text != written
+    elif text == "another run":
+        folders.write_findings(tmp_path, {**MANIFEST, "digest": text}, [found])
+        text = path.read_text()
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"delete it; `harness resume .*computes it") as raised:
+        folders.read_findings(tmp_path, MANIFEST, [cell])
+    assert "\n" not in str(raised.value)
 
 
 def test_findings_that_cannot_be_written_leave_no_file(tmp_path: Path) -> None:
     odd: Any = {"mu": Finding(np.int64(3))}
     with pytest.raises(TypeError):
-        folders.write_findings(tmp_path, [CellFindings(2, {}, Scenario(), odd)])
+        folders.write_findings(tmp_path, MANIFEST, [CellFindings(2, {}, Scenario(), odd)])
     assert not [*tmp_path.iterdir()]
 
 
@@ -345,23 +378,64 @@ def test_an_unfinished_run_has_the_pairs_before_the_first_gap(half: Path) -> Non
     assert "35 of 80 pairs are done" in result.notes[0].text
 
 
-def test_findings_of_another_catalogue_are_computed_again(half: Path) -> None:
-    computed = load_run(half).cells
-    folders.write_findings(half, computed)
-    path = half / folders.FINDINGS
-    stored = json.loads(path.read_text())
-    stored["0"]["mu"]["value"] = 7.0
-    path.write_text(json.dumps(stored))
-    assert load_run(half).cells[0]["mu"].value == 7.0  # as stored
-    for change in ("more", "less"):
-        changed = json.loads(json.dumps(stored))
-        if change == "more":
-            changed["1"]["of_another_version"] = {"value": 1}
-        else:
-            del changed["1"]["kappa"]
-        path.write_text(json.dumps(changed))
-        assert load_run(half).finished
-        assert load_run(half).cells == computed
+@pytest.fixture
+def whole(half: Path) -> Path:
+    """The same run with all its parts, and its findings."""
+    made = folders.read_manifest(half)
+    for cell in (0, 1):
+        for first in range(0, 40, 5):
+            of = EPISODES.of(rows(first, 5, cell=cell, delay_s=1.0))
+            tables = {"episodes": of, "pedestrians": PEDESTRIANS.of([])}
+            write_part(half, cell, first, tables, made["digest"])
+    folders.write_findings(half, made, load_run(half).cells)
+    return half
+
+
+def test_findings_of_another_catalogue_are_computed_again(whole: Path) -> None:
+    made, computed = folders.read_manifest(whole), load_run(whole).cells
+
+    def stored(cell: int, **changes: Finding | None) -> None:
+        own = {**computed[cell].findings, **changes}
+        kept = {key: finding for key, finding in own.items() if finding is not None}
+        cells = [*computed]
+        cells[cell] = replace(computed[cell], findings=kept)
+        folders.write_findings(whole, made, cells)
+
+    stored(0, mu=Finding(7.0))
+    assert load_run(whole).cells[0]["mu"].value == 7.0  # as stored
+    for changes in ({"of_another_version": Finding(1)}, {"kappa": None}):
+        stored(1, **changes)
+        assert load_run(whole).finished
+        assert load_run(whole).cells == computed
+    (whole / "episodes" / part_name(1, 5)).unlink()
+    with pytest.raises(InputError, match="episodes are missing: cell 1, pair 5 to 9"):
+        load_run(whole)
+
+
+@pytest.mark.parametrize("table", ["episodes", "pedestrians"])
+@pytest.mark.parametrize(("first", "pairs"), [(0, "0 to 4"), (15, "15 to 19"), (35, "35 to 39")])
+@pytest.mark.parametrize("renamed", [False, True])
+def test_a_finished_run_that_lacks_a_part_is_refused(
+    whole: Path, table: str, first: int, pairs: str, renamed: bool
+) -> None:
+    """It would have fewer pairs than it says; cell 0 is whole, and has them all."""
+    part = whole / table / part_name(1, first)
+    if renamed:
+        part.rename(part.with_name(f"copy of {part.name}"))
+    else:
+        part.unlink()
+    run = load_run(whole)
+    assert run.finished
+    assert run.rows("episodes", 0).num_rows == 2 * 40
+    line = f"{table} are missing: cell 1, pair {pairs}; .*harness resume "
+    for pair in (None, first):
+        with pytest.raises(InputError, match=line) as raised:
+            read_cell(whole, table, 1, run.manifest, pair)
+        assert "\n" not in str(raised.value)
+    with pytest.raises(InputError, match=line):
+        getattr(run, table)
+    with pytest.raises(InputError, match=line):
+        run.write_csv()
 
 
 def test_a_column_of_another_type_is_refused(tmp_path: Path) -> None:
