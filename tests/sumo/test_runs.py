@@ -57,7 +57,9 @@ VARIED = {"arms.av": ["soft_yield", "hard_yield"], "pedestrians.flow_per_hour": 
 
 
 @pytest.mark.parametrize(
-    "workers", [1, 2, lambda: ThreadPoolExecutor(2), spawning, forking], ids=str
+    "workers",
+    [1, 2, lambda: ThreadPoolExecutor(2), spawning, forking],
+    ids=["one", "two", "threads", "spawn", "fork"],
 )
 def test_rows_and_findings_are_the_same_for_any_workers(
     tmp_path: Path, here: Run, workers: int | Callable[[], Executor]
