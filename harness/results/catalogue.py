@@ -231,7 +231,7 @@ ENTRIES: tuple[Entry, ...] = (
           "max_deceleration_mps2", _p95, met=True, unit="m/s²", undefined=_NOBODY),
     Entry("jerk_rms_mps3", "jerk, root mean square, pairs that met someone",
           "As the acceleration's.", "rms_jerk_mps3", _rms, met=True, unit="m/s³",
-          reliable_from=200, undefined=_NOBODY),
+          reliable_from=1000, undefined=_NOBODY),
     Entry("max_jerk_p95_mps3", "largest jerk, 95 % quantile, pairs that met someone",
           "As that of the hardest braking.", "max_jerk_mps3", _p95, met=True, unit="m/s³",
           undefined=_NOBODY),
