@@ -50,5 +50,4 @@ def doctor(as_json: options.JsonOption = False) -> None:
     if isinstance(failure, str):
         raise HarnessError(f"a pair of cctc does not run in SUMO: {failure}")
     rows = [{"package": name, "version": of} for name, of in versions_of_runs().items()]
-    title = "A network was built, and a pair ran in SUMO."
-    show_rows("doctor", rows, False, as_json, title=title)
+    show_rows("doctor", rows, False, as_json, title="A network is built, and a pair runs in SUMO.")

@@ -39,6 +39,7 @@ def report(
     from harness.studies.shown import shown_pairs
 
     run = load_run(run_folder)
+    result = run.result()
     with unwinding():
         groups = groups_of([run]) if run.finished else []
         several = any(len(group) > 1 for group in groups)
@@ -49,7 +50,7 @@ def report(
         except HarnessError as error:
             shown = []
             say(one_line(f"harness: the page shows no episodes: {error}"))
-        written = write_page(run, run.result(), out, figures, shown, compared, judged)
+        written = write_page(run, result, out, figures, shown, compared, judged)
     for pair in shown:
         for difference in pair.differences[:1]:
             where = f"cell {pair.cell} pair {pair.pair}"

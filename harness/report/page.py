@@ -172,6 +172,8 @@ def _facts(run: Run, result: Result) -> Iterator[tuple[str, str]]:
         yield f"strategy {name}", f"sha256 {digest[:16]}…"
     for model in run.manifest["simulated_with"]["models"]:
         yield "interaction model", f"{model['name']}, sha256 {model['sha256'][:16]}…"
+    if knowing := run.manifest["know_the_model"]:
+        yield "given the interaction model", ", ".join(knowing)
     yield "traces", "kept" if run.manifest["traces"] else "not kept"
 
 

@@ -24,7 +24,7 @@ from harness.scenario import Cell, EngineName, Study
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
 
-SCHEMA = 4
+SCHEMA = 5
 """Version of the folder's format."""
 
 MANIFEST, SUMMARY, LOG = "manifest.json", "summary.csv", "log.jsonl"
@@ -197,8 +197,8 @@ def read_manifest(folder: Path) -> JsonObject:
     if not path.is_file():
         raise InputError(str(folder), "is not a run folder", f"a folder with {MANIFEST}")
     document = _read(path)
-    if document.get("schema") != SCHEMA:
-        advice = f"{SCHEMA}: run its scenario again, or use the version that wrote it"
+    if document.get("schema") != SCHEMA or document.get("kind") != "encounters":
+        advice = f"encounters of version {SCHEMA}: run its scenario again"
         raise InputError(str(path), f"format version {document.get('schema')!r}", advice)
     if _digest(document) != document.get("digest"):
         problem = "was changed after the run: its digest differs"

@@ -247,7 +247,7 @@ def test_a_manifest_is_read_as_written_and_refused_once_edited(
     for change, line in (
         ({"seed": 77}, "digest differs"),
         ({"scenario": {}}, "digest differs"),
-        ({"schema": 3}, "format version 3"),
+        ({"schema": 4}, "format version 4"),
     ):
         folders.write_manifest(tmp_path, {**made, **change})
         with pytest.raises(InputError, match=line):
