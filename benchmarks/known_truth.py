@@ -170,7 +170,6 @@ def truth_of_cell(episodes: pa.Table) -> dict[str, float]:
     for arm, end in ((av, ""), (human, "_human")):
         crashed = arm["crashed"]
         truth[f"kappa{end}"] = float(crashed.mean())
-        truth[f"kappa_front{end}"] = float(arm["front"].mean())
         truth[f"kappa_avoidable{end}"] = float(arm["avoidable"].mean())
         truth[f"kappa_avoidable_attentive{end}"] = float(arm["attentive"].mean())
         truth[f"delay_s{end}"] = float(np.nanmean(arm["pass_time_s"])) - FREE_S

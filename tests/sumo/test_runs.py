@@ -224,9 +224,10 @@ def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
 def test_a_run_without_a_finished_pair_is_shown_in_one_line_and_exported(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         run("cctc", settings=QUICK, pairs=25, out=tmp_path / "run", executor=Stopping(0))
-    done = shell("show", tmp_path / "run")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert re.fullmatch("harness: .*no pair is finished yet.*harness resume .*\n", done.stderr)
+    for command in ("show", "report"):
+        done = shell(command, tmp_path / "run")
+        assert (done.returncode, done.stdout) == (2, "")
+        assert re.fullmatch("harness: .*no pair is finished yet.*harness resume .*\n", done.stderr)
     done = shell("export", tmp_path / "run", "--csv")
     assert (done.returncode, done.stderr) == (0, "")
     for name in ("episodes", "pedestrians", "pairs"):
