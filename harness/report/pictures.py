@@ -167,7 +167,6 @@ def _tau(axes: Sequence[Axes], scene: Scene) -> str:
 
 def _limits(axes: Sequence[Axes], scene: Scene) -> str:
     """Draw the paper's figure of the influence of aggressiveness."""
-    results = []
     for place, swept in enumerate(scene.allowed[:_MOST]):
         _, strategy, name = swept.key.split(".")
         bolder = aggressiveness_of(strategy).get(name, 0.0)
@@ -179,15 +178,9 @@ def _limits(axes: Sequence[Axes], scene: Scene) -> str:
             (1, "κ", swept.kappa0, [(row.value, row.kappa) for row in swept.rows]),
         ):
             draw.draw_limit(axes[2 * place + panel], points, across, up, limit, allowed)
-        values = ", ".join(f"{row.value:g}" for row in swept.rows if row.verdict == "allowed")
-        of = f"{swept.key}{swept.where and f' ({swept.where})'}"
-        results.append(f"{of}: {values or 'no value is shown'} to be allowed")
-    if more := len(scene.allowed) - len(results):
-        results.append(f"{more} more are not drawn")
-    return (
-        f"{'; '.join(results)}. In μ a reference who crashed counts as driving on; in κ time-outs "
-        "and failures count as crashes."
-    )
+    said = "; ".join(f"{each.title}: {each.values}" for each in scene.allowed)
+    counts = "In μ a reference who crashed counts as driving on; in κ time-outs and failures count "
+    return f"{said}. {counts}as crashes."
 
 
 def _over(axes: Sequence[Axes], scene: Scene, name: str) -> str:

@@ -57,11 +57,8 @@ class Allowed(NamedTuple):
 
     @property
     def values(self) -> str:
-        """The values of each verdict, as a sentence."""
-        of: dict[str, list[str]] = {}
-        for row in self.rows:
-            of.setdefault(row.verdict, []).append(f"{row.value:g}")
-        return "; ".join(f"{verdict} {', '.join(values)}" for verdict, values in of.items())
+        """Each value with its verdict."""
+        return ", ".join(f"{row.value:g} {row.verdict}" for row in self.rows)
 
 
 def allowed_in(
