@@ -123,7 +123,7 @@ def one_process() -> Iterator[None]:
     from harness.old.studies.calibration import jobs
     from harness.old.studies.replay import rerun
     from harness.old.studies.workers import executors
-    from harness.studies import evaluate, replay, run, shown, workers
+    from harness.studies import children, evaluate, replay, run, shown, workers
     from tests.conftest import close_all
 
     close_all()
@@ -137,7 +137,7 @@ def one_process() -> Iterator[None]:
             (shown, "LocalExecutor"),
         ):
             patch.setattr(module, name, lambda *_: workers.InProcess())
-        patch.setattr(workers, "start_children", lambda _: None)
+        patch.setattr(children, "start_children", lambda _: None)
         yield
     close_engine()
 

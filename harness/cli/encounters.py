@@ -32,11 +32,11 @@ def run(
     as_json: options.JsonOption = False,
 ) -> None:
     """Run every pair with the AV and again with the human driver; with --vary, every cell."""
-    from harness.studies.workers import start_children, stop_children, workers_for
+    from harness.studies import children, workers as local
 
     if dask is None:
         # They import their modules while this process imports its own.
-        start_children(workers_for(workers, pairs))
+        children.start_children(local.workers_for(workers, pairs))
     try:
         from harness.scenario import parse_variation, read_scenario_file, remarks, study_of
 
@@ -45,7 +45,7 @@ def run(
         if study.base.kind != "encounters":
             from harness.old.cli.batch import run as run_old
 
-            stop_children()
+            children.stop_children()
             chosen = (scenario, vary, out, pairs, seed, settings, workers, traces, engine, dask)
             run_old(*chosen, full, quiet, as_json)
             return
@@ -67,7 +67,7 @@ def run(
                 progress=advance,
             )
     finally:
-        stop_children()
+        children.stop_children()
     print_run(finished, full, quiet, as_json)
 
 

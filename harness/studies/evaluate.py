@@ -120,9 +120,7 @@ def _tasks(
     file, scenarios = scenario_file(scenario, settings), list[Scenario]()
     people = file.scenario().experiment
     if isinstance(candidates, Mapping | str) or not candidates:
-        raise InputError(
-            "candidates", f"{candidates!r}", "a list of at least one table of settings"
-        )
+        raise InputError("candidates", f"{candidates!r}", "a list of tables of settings")
     for number, given in enumerate(candidates):
         with refused_at(where := f"candidates[{number}]"):
             if not isinstance(given, Mapping) or not all(isinstance(key, str) for key in given):
