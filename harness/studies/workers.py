@@ -186,7 +186,7 @@ def dask_executor(address: str, drivers: Iterable[str]) -> Executor:
     except ImportError:
         allowed = "pip install crosswalk-harness[cluster]"
         raise InputError(where, "Dask is not installed", allowed) from None
-    for name in ("distributed", "distributed.client", "asyncio"):
+    for name in ("distributed", "distributed.client", "asyncio", "tornado.application"):
         logging.getLogger(name).setLevel(logging.CRITICAL)  # a lost scheduler is told in one line
     try:
         # A client with an invalid address would print a second error when it is deleted.
