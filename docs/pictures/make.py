@@ -46,14 +46,14 @@ def save(picture: Path, name: str, box: tuple[int, int, int, int] | None = None)
 
 def figure(run: str, name: str, as_name: str) -> None:
     """Save a figure of a run's report."""
-    harness("report", run, "--quiet", "--figures", "figures")
+    harness("report", run, "--figures", "figures")
     save(Path("figures") / f"{name}.png", as_name)
 
 
 def report() -> None:
     """The page of the paper's experiment: its first part, and its player."""
     harness("run", "cctc", "--traces", "--quiet", "--out", "cctc")
-    harness("report", "cctc", "--quiet")
+    harness("report", "cctc")
     with sync_playwright() as browsers:
         chromium = shutil.which("chromium")
         browser = browsers.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
@@ -62,7 +62,7 @@ def report() -> None:
         page.locator("#player-time").fill("5.3")
         page.locator("#episodes").screenshot(path="player.png")
         page.evaluate("scrollTo({top: 0, behavior: 'instant'})")
-        last = page.locator("#results > details").first.bounding_box()
+        last = page.locator("#results").bounding_box()
         assert last is not None
         upper: FloatRect = {
             "x": 0,
@@ -84,7 +84,7 @@ def sweep() -> None:
         *("sweep", "cctc_flow", "--vary", flows, "--vary", strategies),
         *("--pairs", 1000, "--quiet", "--out", "flows"),
     )
-    figure("flows", "sweep-time-ratio", "sweep")
+    figure("flows", "time-ratio", "sweep")
 
 
 def time_space() -> None:
@@ -95,16 +95,10 @@ def time_space() -> None:
     figure("hour", "time-space", "time-space")
 
 
-def site() -> None:
-    """The paper's crosswalk, drawn from its network."""
-    harness("run", "cctc", "--pairs", 2, "--quiet", "--out", "two")
-    figure("two", "site", "site")
-
-
 def frame(run: str, pair: int, at_s: float) -> Path:
     """The screenshot of the AV's arm in sumo-gui that is nearest to a time after the trigger."""
     folder = Path(f"{run}-{pair}")
-    shown = ("--gui", "--pace", 20, "--screenshots", folder, "--every", 0.5)
+    shown = ("--gui", "--screenshots", folder)
     harness("replay", run, "--pair", pair, "--arm", "av", *shown, display=True)
     return min(folder.rglob("*.png"), key=lambda path: abs(seconds(path) - at_s))
 
@@ -206,7 +200,6 @@ def vehicles_of_both_colours(picture: Path) -> int:
 PICTURES: dict[str, Callable[[], None]] = {
     "report": report,
     "sweep": sweep,
-    "site": site,
     "time-space": time_space,
     "sumo-gui": sumo_gui,
     "own_simulation": own_simulation,
