@@ -1,0 +1,252 @@
+"""Every crosswalk of a SUMO network, and the connections of lanes whose vehicles pass it."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path as FilePath
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import shapely
+
+from harness.site.path import Path, PathLane
+from harness.site.road_network import read_network
+
+if TYPE_CHECKING:
+    from sumolib.net import Net
+    from sumolib.net.connection import Connection as Link
+    from sumolib.net.edge import Edge
+    from sumolib.net.lane import Lane
+    from sumolib.net.node import Node
+
+Manoeuvre = Literal["straight", "left", "right", "turn"]
+
+SIGNAL = "a traffic light controls it"
+RAIL = "a railway leads over it"
+NO_VEHICLES = "no vehicle's connection leads over it"
+
+_MANOEUVRES: Mapping[str, Manoeuvre] = {
+    "s": "straight",
+    **dict.fromkeys(("l", "L"), "left"),
+    **dict.fromkeys(("r", "R"), "right"),
+}
+"""By SUMO's letter of a connection's direction; what is left are turnarounds."""
+
+_RAIL = frozenset(
+    ("rail", "rail_urban", "rail_electric", "rail_fast", "tram", "subway", "cable_car")
+)
+_ON_FOOT = frozenset(("pedestrian", "wheelchair"))
+
+_NEAR_M = 6.0
+"""A body touches only crosswalks that are this near to its front's line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """A connection of two lanes at a junction.
+
+    Attributes:
+        id: ids of the first and the last lane, e.g. ``a_0>b_0``.
+        junction: id of the junction.
+        from_lane: the lane before the junction.
+        via: the lanes inside the junction, in order of travel.
+        to_lane: the lane beyond it.
+        manoeuvre: the direction that SUMO gives it.
+        gives_way: whether it has to yield to another connection for vehicles; crosswalks that it
+            has to yield to do not count.
+    """
+
+    id: str
+    junction: str
+    from_lane: str
+    via: tuple[str, ...]
+    to_lane: str
+    manoeuvre: Manoeuvre
+    gives_way: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Crosswalk:
+    """A crosswalk.
+
+    Attributes:
+        id: id of the crossing's edge, e.g. ``:J7_c0``.
+        junction: id of its junction.
+        roads: ids of the edges that it crosses.
+        axis: its centre line, from the end to which ``along_m`` = 0 belongs.
+        length_m: length of the axis, from kerb to kerb.
+        width_m: its extent along the road.
+        area: the area in which people walk.
+        prioritized: whether vehicles have to give way to people.
+        left_hand: whether traffic keeps left.
+        refused: why no strategy can drive over it, or None.
+    """
+
+    id: str
+    junction: str
+    roads: tuple[str, ...]
+    axis: shapely.LineString
+    length_m: float
+    width_m: float
+    area: shapely.Polygon
+    prioritized: bool
+    left_hand: bool
+    refused: str | None
+
+    def along_m(self, x: float, y: float) -> float:
+        """The distance of a point's foot on the axis from the axis's beginning."""
+        return float(self.axis.project(shapely.Point(x, y)))
+
+    def point(self, along_m: float) -> tuple[float, float]:
+        """x and y of the axis's point at this distance from its beginning."""
+        at = self.axis.interpolate(along_m)
+        return at.x, at.y
+
+
+@dataclass(frozen=True, eq=False)
+class Town:
+    """A network's crosswalks and connections.
+
+    Attributes:
+        crosswalks: by id, in the file's order.
+        left_hand: whether traffic keeps left.
+    """
+
+    crosswalks: Mapping[str, Crosswalk]
+    left_hand: bool
+    _net: "Net" = field(repr=False)
+    _connections: Mapping[str, tuple[Connection, ...]] = field(repr=False)
+
+    @classmethod
+    def read(cls, net: FilePath) -> "Town":
+        """Read a network, packed by gzip or not.
+
+        Raises:
+            InputError: the file cannot be read, or is not a SUMO network.
+        """
+        network = read_network(net)
+        crossings = network.crossings.values()
+        nodes = {edge.getToNode().getID(): edge.getToNode() for edge in crossings}
+        passing = {name: tuple(_passing(network.net, node)) for name, node in nodes.items()}
+        crosswalks, connections = {}, {}
+        for edge in crossings:
+            at = passing[edge.getToNode().getID()]
+            crosswalk = _crosswalk(edge, at, left_hand=network.left_hand)
+            near = [each for each in at if shapely.dwithin(each.line, crosswalk.area, _NEAR_M)]
+            crosswalks[crosswalk.id] = crosswalk
+            connections[crosswalk.id] = tuple(each.connection for each in near)
+        return cls(MappingProxyType(crosswalks), network.left_hand, network.net, connections)
+
+    def connections(self, crosswalk: str) -> tuple[Connection, ...]:
+        """The connections for vehicles that come so near that a long body may touch a crosswalk."""
+        return self._connections[crosswalk]
+
+    def path(self, connection: Connection, before_m: float) -> Path:
+        """The path of a connection from ``before_m`` before the stop line, or a little earlier.
+
+        It begins later, with the connection's first lane or upstream of it, where several lanes or
+        none lead to the next one.
+        """
+        lanes = [self._net.getLane(connection.from_lane)]
+        before_m -= lanes[0].getLength()
+        while before_m > 0.0:
+            links = list(filter(_for_vehicles, lanes[0].getIncomingConnections()))
+            if len(links) != 1 or links[0].getFromLane() in lanes:
+                break
+            ahead = [links[0].getFromLane(), *_via(self._net, links[0])]
+            before_m -= sum(lane.getLength() for lane in ahead)
+            lanes = [*ahead, *lanes]
+        beyond = [self._net.getLane(name) for name in (*connection.via, connection.to_lane)]
+        drawn = [
+            PathLane(each.getID(), each.getShape(), each.getLength(), each.getSpeed())
+            for each in (*lanes, *beyond)
+        ]
+        return Path.along(drawn, len(lanes))
+
+
+class _Passing(NamedTuple):
+    """A connection with its line inside the junction, and what is special about it."""
+
+    connection: Connection
+    line: shapely.LineString
+    signalled: bool
+    rail: bool
+
+
+def _passing(net: "Net", node: "Node") -> Iterator[_Passing]:
+    """The connections for vehicles through a junction."""
+    internal = node.getInternal()
+    feet = {name for name in internal if net.getLane(name).getEdge().getFunction() == "crossing"}
+    for edge in node.getIncoming():
+        for link in (each for lane in edge.getLanes() for each in lane.getOutgoing()):
+            via = _via(net, link)
+            if not via or not _for_vehicles(link):
+                continue
+            names = tuple(lane.getID() for lane in via)
+            start, end = link.getFromLane().getID(), link.getToLane().getID()
+            # Of a connection with a place to wait inside, SUMO lists one of the lanes.
+            index = next((i for i, name in enumerate(internal) if name in names), None)
+            yields = index is not None and any(
+                name not in feet and _yields(node, index, other)
+                for other, name in enumerate(internal)
+            )
+            how = _MANOEUVRES.get(link.getDirection(), "turn")
+            yield _Passing(
+                Connection(f"{start}>{end}", node.getID(), start, names, end, how, yields),
+                shapely.LineString([point for lane in via for point in lane.getShape()]),
+                bool(link.getTLSID()),
+                _classes(via[0]) <= _RAIL,
+            )
+
+
+def _yields(node: "Node", index: int, other: int) -> bool:
+    """Whether a junction's link has to yield to another one; the last bit is that of link 0."""
+    response: str = node._prohibits.get(index, "")
+    return response[-1 - other : len(response) - other] == "1"
+
+
+def _crosswalk(edge: "Edge", at: tuple[_Passing, ...], *, left_hand: bool) -> Crosswalk:
+    lane = edge.getLane(0)
+    axis = shapely.LineString(lane.getShape())
+    area = axis.buffer(lane.getWidth() / 2, cap_style="flat")
+    over = [each for each in at if each.line.intersects(area)]
+    walked = lane.getIncomingConnections()
+    refused = None
+    if any(link.getTLSID() for link in walked) or any(each.signalled for each in over):
+        refused = SIGNAL
+    elif any(each.rail for each in over):
+        refused = RAIL
+    elif not over:
+        refused = NO_VEHICLES
+    return Crosswalk(
+        id=edge.getID(),
+        junction=edge.getToNode().getID(),
+        roads=tuple(road.getID() for road in edge.getCrossingEdges()),
+        axis=axis,
+        length_m=axis.length,
+        width_m=lane.getWidth(),
+        area=area,
+        prioritized=any(link.getState() == "M" for link in walked),
+        left_hand=left_hand,
+        refused=refused,
+    )
+
+
+def _via(net: "Net", link: "Link") -> list["Lane"]:
+    """The lanes of a connection inside the junction."""
+    lanes: list[Lane] = []
+    name = link.getViaLaneID()
+    while name:
+        lanes.append(net.getLane(name))
+        name = next((each.getViaLaneID() for each in lanes[-1].getOutgoing()), "")
+    return lanes
+
+
+def _classes(lane: "Lane") -> frozenset[str]:
+    """The classes of vehicles that may use a lane; sumolib treats "all" as a class of its own."""
+    return frozenset(lane.getPermissions()) - _ON_FOOT
+
+
+def _for_vehicles(link: "Link") -> bool:
+    """Whether a connection leads vehicles from one road to another."""
+    ends = (link.getFromLane(), link.getToLane())
+    return all(_classes(lane) and not lane.getEdge().isSpecial() for lane in ends)
