@@ -9,7 +9,7 @@ from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from harness.episode.cell_constants import CellConstants
 from harness.episode.crowd import Crowd
 from harness.episode.walkers import ChooseSpeed, Walker
 from harness.measures.motion.walking import cleared_s
-from harness.site.town import Crosswalk
+from harness.site.town import Crosswalk, Footpath
 from harness.site.zone import Zone
 
 WAITING_M = 1.0
@@ -38,18 +38,6 @@ WALKER_TYPE = "DEFAULT_PEDTYPE"
 
 _STEPS_TO_COME = 2
 """Steps after which an added person may be moved."""
-
-
-class Footpath(NamedTuple):
-    """Where somebody comes from or goes to at one end of a crosswalk.
-
-    ``edge`` is the sidewalk, ``inside_m`` a position on it near its end, and ``areas`` the walking
-    areas and crossings from there to the crosswalk.
-    """
-
-    edge: str
-    inside_m: float
-    areas: tuple[str, ...]
 
 
 class Axis:
@@ -80,9 +68,8 @@ class Axis:
 
     def point(self, along_m: float) -> tuple[float, float]:
         """x and y of a place on the axis."""
-        for start, ahead, length_m, from_m in self._pieces:
-            if along_m <= from_m + length_m:
-                break
+        pieces = (piece for piece in self._pieces if along_m <= piece[2] + piece[3])
+        start, ahead, _, from_m = next(pieces, self._pieces[-1])
         at = start + (along_m - from_m) * ahead
         return at.real, at.imag
 
@@ -166,10 +153,10 @@ class OwnPeople:
     def _add(self, walker: Walker) -> None:
         near = walker.side is Side.NEAR
         start, goal = self._footpaths if near else self._footpaths[::-1]
-        name, people = self.name_of(walker.index), self._session.people
-        people.add(name, start.edge, start.inside_m, self._session.time_s, WALKER_TYPE)
+        name = self.name_of(walker.index)
+        self._session.add_person(name, start.edge, start.inside_m, WALKER_TYPE)
         way = [start.edge, *start.areas, self._crosswalk, *reversed(goal.areas), goal.edge]
-        people.walk(name, way, goal.inside_m)
+        self._session.people.walk(name, way, goal.inside_m)
 
     def _leave(self, index: int) -> None:
         if self._movable.pop(index, None) is not None:

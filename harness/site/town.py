@@ -2,14 +2,16 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path as FilePath
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import shapely
 
+from harness.core.errors import InputError
 from harness.site.path import Path, PathLane
-from harness.site.road_network import read_network
+from harness.site.road_network import allows, read_network
 
 if TYPE_CHECKING:
     from sumolib.net import Net
@@ -35,6 +37,9 @@ _RAIL = frozenset(
     ("rail", "rail_urban", "rail_electric", "rail_fast", "tram", "subway", "cable_car")
 )
 _ON_FOOT = frozenset(("pedestrian", "wheelchair"))
+
+_INSIDE_M = 2.0
+"""Distance from a junction at which people come onto a sidewalk."""
 
 _NEAR_M = 6.0
 """A body touches only crosswalks that are this near to its front's line."""
@@ -102,6 +107,18 @@ class Crosswalk:
         return at.x, at.y
 
 
+class Footpath(NamedTuple):
+    """Where people come from or go to at an end of a crosswalk.
+
+    ``edge`` is a sidewalk, ``inside_m`` a position on it near its end, and ``areas`` the walking
+    areas and crossings from there to the crosswalk.
+    """
+
+    edge: str
+    inside_m: float
+    areas: tuple[str, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Town:
     """A network's crosswalks and connections.
@@ -161,6 +178,86 @@ class Town:
             for each in (*lanes, *beyond)
         ]
         return Path.along(drawn, len(lanes))
+
+    @lru_cache(maxsize=None)  # noqa: B019 - as long as the town
+    def ahead(self, lane: str) -> tuple[Connection, ...]:
+        """The connections for vehicles from a lane, also where there is no crosswalk."""
+        node = self._net.getLane(lane).getEdge().getToNode()
+        return tuple(
+            each.connection
+            for each in _passing(self._net, node)
+            if each.connection.from_lane == lane
+        )
+
+    @lru_cache(maxsize=None)  # noqa: B019
+    def lane(self, name: str) -> PathLane:
+        """A lane of the network."""
+        lane = self._net.getLane(name)
+        return PathLane(name, lane.getShape(), lane.getLength(), lane.getSpeed())
+
+    def lane_width_m(self, name: str) -> float:
+        """The width of a lane."""
+        return float(self._net.getLane(name).getWidth())
+
+    @lru_cache(maxsize=None)  # noqa: B019
+    def lanes(self, edge: str) -> tuple[str, ...]:
+        """The lanes of an edge that vehicles may use, from the kerb."""
+        lanes = self._net.getEdge(edge).getLanes()
+        return tuple(lane.getID() for lane in lanes if _classes(lane))
+
+    def before(self, edge: str) -> tuple[str, ...]:
+        """The edges whose connections lead to an edge."""
+        return tuple(each.getID() for each in self._net.getEdge(edge).getIncoming())
+
+    def areas(self, crosswalk: str) -> tuple[str, ...]:
+        """Ids of the walking areas at the ends of a crosswalk."""
+        return tuple(
+            sorted({each.getEdge().getID() for end in self._ends(crosswalk) for each in end})
+        )
+
+    def footpaths(self, crosswalk: str) -> tuple[Footpath, Footpath]:
+        """Where people come from at the beginning of a crosswalk's axis, and at its end.
+
+        An end without a sidewalk, a refuge, has the nearest one beyond other crossings.
+
+        Raises:
+            InputError: no sidewalk leads to an end.
+        """
+        start, end = (self._footpath(crosswalk, areas) for areas in self._ends(crosswalk))
+        return start, end
+
+    def _ends(self, crosswalk: str) -> tuple[list["Lane"], list["Lane"]]:
+        """The walking areas at the beginning of a crosswalk's axis, and at its end."""
+        lane = self._net.getEdge(crosswalk).getLane(0)
+        return (
+            [link.getFromLane() for link in lane.getIncomingConnections()],
+            [link.getToLane() for link in lane.getOutgoing()],
+        )
+
+    def _footpath(self, crosswalk: str, areas: list["Lane"]) -> Footpath:
+        ways = [(area,) for area in areas]
+        seen = {self._net.getEdge(crosswalk).getLane(0)}.union(*self._ends(crosswalk))
+        while ways:
+            found = [
+                (lane.getLength(), lane.getEdge().getID(), at_end, way)
+                for way in ways
+                for lane, at_end in _beside(way[0])
+                if not lane.getEdge().isSpecial() and allows(lane, "pedestrian")
+            ]
+            if found:
+                length_m, edge, at_end, way = max(found, key=lambda each: each[:2])
+                inside_m = min(_INSIDE_M, length_m / 2)
+                names = tuple(lane.getEdge().getID() for lane in way)
+                return Footpath(edge, length_m - inside_m if at_end else inside_m, names)
+            ways = [
+                (lane, *way)
+                for way in ways
+                for lane, _ in _beside(way[0])
+                if lane.getEdge().isSpecial() and lane not in seen
+            ]
+            seen.update(way[0] for way in ways)
+        allowed = "a lane for pedestrians at each end (netconvert --sidewalks.guess adds them)"
+        raise InputError(crosswalk, "no footpath leads to an end of it", allowed)
 
 
 class _Passing(NamedTuple):
@@ -239,6 +336,14 @@ def _via(net: "Net", link: "Link") -> list["Lane"]:
         lanes.append(net.getLane(name))
         name = next((each.getViaLaneID() for each in lanes[-1].getOutgoing()), "")
     return lanes
+
+
+def _beside(area: "Lane") -> list[tuple["Lane", bool]]:
+    """The lanes that meet a walking area or a crossing, each with whether it ends there."""
+    return [
+        *((link.getFromLane(), True) for link in area.getIncomingConnections()),
+        *((link.getToLane(), False) for link in area.getOutgoing()),
+    ]
 
 
 def _classes(lane: "Lane") -> frozenset[str]:
