@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache
 from pathlib import Path as FilePath
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, NamedTuple
@@ -179,7 +179,7 @@ class Town:
         ]
         return Path.along(drawn, len(lanes))
 
-    @lru_cache(maxsize=None)  # noqa: B019 - as long as the town
+    @cache  # noqa: B019 - as long as the town
     def ahead(self, lane: str) -> tuple[Connection, ...]:
         """The connections for vehicles from a lane, also where there is no crosswalk."""
         node = self._net.getLane(lane).getEdge().getToNode()
@@ -189,7 +189,7 @@ class Town:
             if each.connection.from_lane == lane
         )
 
-    @lru_cache(maxsize=None)  # noqa: B019
+    @cache  # noqa: B019
     def lane(self, name: str) -> PathLane:
         """A lane of the network."""
         lane = self._net.getLane(name)
@@ -199,7 +199,7 @@ class Town:
         """The width of a lane."""
         return float(self._net.getLane(name).getWidth())
 
-    @lru_cache(maxsize=None)  # noqa: B019
+    @cache  # noqa: B019
     def lanes(self, edge: str) -> tuple[str, ...]:
         """The lanes of an edge that vehicles may use, from the kerb."""
         lanes = self._net.getEdge(edge).getLanes()
@@ -235,7 +235,7 @@ class Town:
         )
 
     def _footpath(self, crosswalk: str, areas: list["Lane"]) -> Footpath:
-        ways = [(area,) for area in areas]
+        ways: list[tuple[Lane, ...]] = [(area,) for area in areas]
         seen = {self._net.getEdge(crosswalk).getLane(0)}.union(*self._ends(crosswalk))
         while ways:
             found = [
