@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import shapely
 
-from harness.core.errors import InputError
+from harness.core.errors import InputError, reading
 from harness.site.path import Path, PathLane
-from harness.site.road_network import allows, read_network
+from harness.site.road_network import RoadNetwork, allows, read_network
 
 if TYPE_CHECKING:
     from sumolib.net import Net
@@ -141,6 +141,12 @@ class Town:
             InputError: the file cannot be read, or is not a SUMO network.
         """
         network = read_network(net)
+        # sumolib does not check that references exist.
+        with reading(net):
+            return cls._of(network)
+
+    @classmethod
+    def _of(cls, network: RoadNetwork) -> "Town":
         crossings = network.crossings.values()
         nodes = {edge.getToNode().getID(): edge.getToNode() for edge in crossings}
         passing = {name: tuple(_passing(network.net, node)) for name, node in nodes.items()}
@@ -271,7 +277,7 @@ class _Passing(NamedTuple):
 
 def _passing(net: "Net", node: "Node") -> Iterator[_Passing]:
     """The connections for vehicles through a junction."""
-    internal = node.getInternal()
+    internal = list(filter(None, node.getInternal()))
     feet = {name for name in internal if net.getLane(name).getEdge().getFunction() == "crossing"}
     for edge in node.getIncoming():
         for link in (each for lane in edge.getLanes() for each in lane.getOutgoing()):
