@@ -127,7 +127,8 @@ class OwnPeople:
         self._session, self._crosswalk, self._axis = session, crosswalk, axis
         self._footpaths, self._rules = footpaths, rules
         self.crowd = Crowd(arrivals, lanes, choose_speed, rules, self._leave)
-        self._movable: dict[int, int] = {}
+        self.moved: dict[int, int] = {}
+        """Those whom SUMO has, each with the step from which they may be moved."""
         self._steps = 0
 
     def name_of(self, index: int) -> str:
@@ -142,11 +143,11 @@ class OwnPeople:
             if walker.start_s is None:
                 continue
             index = walker.index
-            if index not in self._movable:
+            if index not in self.moved:
                 # Moving somebody who is not there yet ends SUMO's process.
-                self._movable[index] = self._steps + _STEPS_TO_COME
+                self.moved[index] = self._steps + _STEPS_TO_COME
                 self._add(walker)
-            elif self._steps >= self._movable[index]:
+            elif self._steps >= self.moved[index]:
                 along_m = min(max(places[index], HELD_M), self._axis.length_m - HELD_M)
                 self._session.move_person(self.name_of(index), *self._axis.point(along_m))
 
@@ -159,7 +160,7 @@ class OwnPeople:
         self._session.people.walk(name, way, goal.inside_m)
 
     def _leave(self, index: int) -> None:
-        if self._movable.pop(index, None) is not None:
+        if self.moved.pop(index, None) is not None:
             self._session.people.remove(self.name_of(index))
 
     def walked(self, begin_s: float) -> Iterator[Walked]:
@@ -180,8 +181,13 @@ class OwnPeople:
 class Coming(Approaching, Protocol):
     """A vehicle that people may see; x is 0 at the crosswalk's centre."""
 
-    passed_at_m: float
-    begun: bool
+    @property
+    def passed_at_m(self) -> float:
+        """x at which its rear leaves the crosswalk."""
+
+    @property
+    def begun(self) -> bool:
+        """Whether it has passed R0."""
 
 
 class SeenLane:
@@ -278,9 +284,17 @@ class PeopleAt:
             self._present = {name: self._present[name] for name in known}
 
     @property
-    def anybody(self) -> bool:
-        """Whether anybody whom SUMO moves is here."""
-        return bool(self._present)
+    def names(self) -> set[str]:
+        """Ids of everybody who is here."""
+        own = () if self.own is None else map(self.own.name_of, self.own.moved)
+        return {*self._present, *own}
+
+    def id_of(self, index: int) -> str:
+        """The id of somebody, by the index that drivers see."""
+        if index >= self._first:
+            return self._came[index - self._first].id
+        assert self.own is not None
+        return self.own.name_of(index)
 
     def views(self, zone: Zone) -> tuple[PedestrianView, ...]:
         """Everybody as the driver of a vehicle with that zone would see them."""
