@@ -3,6 +3,7 @@
 import contextlib
 import io
 import os
+import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module, metadata
@@ -11,6 +12,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_type_hints
 
 from harness.core.errors import EngineError, one_line
 from harness.engine.people import KEEP_ROUTE, MATCH_THRESHOLD_M, NO_ANGLE
+from harness.site.configuration import first_error, sumo_program
 
 Module = Literal["libsumo", "traci", "gui"]
 """Where SUMO runs: in this process, in another one, or in another one with a window."""
@@ -241,7 +243,19 @@ def _started(module: Module, command: Sequence[str]) -> Any:
         with contextlib.redirect_stdout(io.StringIO()):
             api.start([program, *command])
     except (api.TraCIException, api.FatalTraCIError, OSError) as error:
-        text = str(error)
-        why = "its messages say why" if text == "Process Error" else one_line(text)
+        # A simulation that failed counts as loaded.
+        with contextlib.suppress(api.TraCIException, api.FatalTraCIError):
+            api.close()
+        why = _first_error(command) or one_line(str(error))
         raise EngineError(f"SUMO did not start: {why}") from None
     return api
+
+
+def _first_error(command: Sequence[str]) -> str | None:
+    """The first error of SUMO with these options; libsumo only prints it."""
+    again = [sumo_program(), *command, "--begin", "0", "--end", "0"]
+    try:
+        done = subprocess.run(again, capture_output=True, text=True, timeout=60, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return first_error(done.stderr) if done.returncode else None

@@ -11,7 +11,7 @@ import shapely
 
 from harness.core.errors import InputError, reading
 from harness.site.path import Path, PathLane
-from harness.site.road_network import RoadNetwork, allows, read_network
+from harness.site.road_network import allows, read_network
 
 if TYPE_CHECKING:
     from sumolib.net import Net
@@ -26,17 +26,12 @@ SIGNAL = "a traffic light controls it"
 RAIL = "a railway leads over it"
 NO_VEHICLES = "no vehicle's connection leads over it"
 
-_MANOEUVRES: Mapping[str, Manoeuvre] = {
-    "s": "straight",
-    **dict.fromkeys(("l", "L"), "left"),
-    **dict.fromkeys(("r", "R"), "right"),
-}
+_WAYS: Mapping[str, Manoeuvre]
+_WAYS = {"s": "straight", "l": "left", "L": "left", "r": "right", "R": "right"}
 """By SUMO's letter of a connection's direction; what is left are turnarounds."""
 
-_RAIL = frozenset(
-    ("rail", "rail_urban", "rail_electric", "rail_fast", "tram", "subway", "cable_car")
-)
-_ON_FOOT = frozenset(("pedestrian", "wheelchair"))
+_RAIL = {"rail", "rail_urban", "rail_electric", "rail_fast", "tram", "subway", "cable_car"}
+_ON_FOOT = {"pedestrian", "wheelchair"}
 
 _INSIDE_M = 2.0
 """Distance from a junction at which people come onto a sidewalk."""
@@ -131,7 +126,7 @@ class Town:
     crosswalks: Mapping[str, Crosswalk]
     left_hand: bool
     _net: "Net" = field(repr=False)
-    _connections: Mapping[str, tuple[Connection, ...]] = field(repr=False)
+    _passing: Mapping[str, tuple["_Passing", ...]] = field(repr=False)
 
     @classmethod
     def read(cls, net: FilePath) -> "Town":
@@ -141,27 +136,26 @@ class Town:
             InputError: the file cannot be read, or is not a SUMO network.
         """
         network = read_network(net)
+        edges = network.crossings.values()
         # sumolib does not check that references exist.
         with reading(net):
-            return cls._of(network)
-
-    @classmethod
-    def _of(cls, network: RoadNetwork) -> "Town":
-        crossings = network.crossings.values()
-        nodes = {edge.getToNode().getID(): edge.getToNode() for edge in crossings}
-        passing = {name: tuple(_passing(network.net, node)) for name, node in nodes.items()}
-        crosswalks, connections = {}, {}
-        for edge in crossings:
-            at = passing[edge.getToNode().getID()]
-            crosswalk = _crosswalk(edge, at, left_hand=network.left_hand)
-            near = [each for each in at if shapely.dwithin(each.line, crosswalk.area, _NEAR_M)]
-            crosswalks[crosswalk.id] = crosswalk
-            connections[crosswalk.id] = tuple(each.connection for each in near)
-        return cls(MappingProxyType(crosswalks), network.left_hand, network.net, connections)
+            nodes = {edge.getToNode() for edge in edges}
+            passing = {node.getID(): tuple(_passing(network.net, node)) for node in nodes}
+            found = {edge.getID(): _crosswalk(edge, passing, network.left_hand) for edge in edges}
+        return cls(MappingProxyType(found), network.left_hand, network.net, passing)
 
     def connections(self, crosswalk: str) -> tuple[Connection, ...]:
         """The connections for vehicles that come so near that a long body may touch a crosswalk."""
-        return self._connections[crosswalk]
+        return self._within(crosswalk, _NEAR_M)
+
+    def over(self, crosswalk: str) -> tuple[Connection, ...]:
+        """The connections for vehicles whose line leads over a crosswalk."""
+        return self._within(crosswalk, 0.0)
+
+    def _within(self, crosswalk: str, range_m: float) -> tuple[Connection, ...]:
+        at = self.crosswalks[crosswalk]
+        passing = self._passing[at.junction]
+        return tuple(each.connection for each in passing if at.area.dwithin(each.line, range_m))
 
     def path(self, connection: Connection, before_m: float) -> Path:
         """The path of a connection from ``before_m`` before the stop line, or a little earlier.
@@ -178,12 +172,8 @@ class Town:
             ahead = [links[0].getFromLane(), *_via(self._net, links[0])]
             before_m -= sum(lane.getLength() for lane in ahead)
             lanes = [*ahead, *lanes]
-        beyond = [self._net.getLane(name) for name in (*connection.via, connection.to_lane)]
-        drawn = [
-            PathLane(each.getID(), each.getShape(), each.getLength(), each.getSpeed())
-            for each in (*lanes, *beyond)
-        ]
-        return Path.along(drawn, len(lanes))
+        names = [*(lane.getID() for lane in lanes), *connection.via, connection.to_lane]
+        return Path.along([self.lane(name) for name in names], len(lanes))
 
     @cache  # noqa: B019 - as long as the town
     def ahead(self, lane: str) -> tuple[Connection, ...]:
@@ -292,7 +282,7 @@ def _passing(net: "Net", node: "Node") -> Iterator[_Passing]:
                 name not in feet and _yields(node, index, other)
                 for other, name in enumerate(internal)
             )
-            how = _MANOEUVRES.get(link.getDirection(), "turn")
+            how = _WAYS.get(link.getDirection(), "turn")
             yield _Passing(
                 Connection(f"{start}>{end}", node.getID(), start, names, end, how, yields),
                 shapely.LineString([point for lane in via for point in lane.getShape()]),
@@ -307,11 +297,13 @@ def _yields(node: "Node", index: int, other: int) -> bool:
     return response[-1 - other : len(response) - other] == "1"
 
 
-def _crosswalk(edge: "Edge", at: tuple[_Passing, ...], *, left_hand: bool) -> Crosswalk:
-    lane = edge.getLane(0)
+def _crosswalk(
+    edge: "Edge", passing: Mapping[str, tuple[_Passing, ...]], left_hand: bool
+) -> Crosswalk:
+    lane, junction = edge.getLane(0), edge.getToNode().getID()
     axis = shapely.LineString(lane.getShape())
     area = axis.buffer(lane.getWidth() / 2, cap_style="flat")
-    over = [each for each in at if each.line.intersects(area)]
+    over = [each for each in passing[junction] if each.line.intersects(area)]
     walked = lane.getIncomingConnections()
     refused = None
     if any(link.getTLSID() for link in walked) or any(each.signalled for each in over):
@@ -322,7 +314,7 @@ def _crosswalk(edge: "Edge", at: tuple[_Passing, ...], *, left_hand: bool) -> Cr
         refused = NO_VEHICLES
     return Crosswalk(
         id=edge.getID(),
-        junction=edge.getToNode().getID(),
+        junction=junction,
         roads=tuple(road.getID() for road in edge.getCrossingEdges()),
         axis=axis,
         length_m=axis.length,
@@ -352,9 +344,9 @@ def _beside(area: "Lane") -> list[tuple["Lane", bool]]:
     ]
 
 
-def _classes(lane: "Lane") -> frozenset[str]:
+def _classes(lane: "Lane") -> set[str]:
     """The classes of vehicles that may use a lane; sumolib treats "all" as a class of its own."""
-    return frozenset(lane.getPermissions()) - _ON_FOOT
+    return set(lane.getPermissions()) - _ON_FOOT
 
 
 def _for_vehicles(link: "Link") -> bool:

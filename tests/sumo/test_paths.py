@@ -1,5 +1,6 @@
 """Paths, zones and towns against SUMO's own positions, angles and right of way."""
 
+import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from functools import cache
@@ -13,9 +14,10 @@ import shapely
 from harness.core.encounter import FloatArray
 from harness.core.errors import EngineError, InputError
 from harness.engine.session import Session
+from harness.simulation.listing import crossings_of, scenario_text
 from harness.site.town import NO_VEHICLES, RAIL, SIGNAL, Connection, Crosswalk, Town
 from harness.site.zone import Zone, zone_of
-from tests.towns import call, grid, town
+from tests.towns import call, grid, town, write_config
 
 POINT_M = 1e-6
 """Size of a body that is its front point."""
@@ -200,6 +202,52 @@ def test_who_gives_way_and_what_is_refused(junctions: Path) -> None:
     }
 
 
+@pytest.fixture(scope="module")
+def busy(junctions: Path) -> Path:
+    """Within an hour: six vehicles turn left, three go straight on, two people walk."""
+    cars = "".join(
+        f'<flow id="{start}" begin="0" end="3000" number="{number}" from="{start}" to="{end}"/>'
+        for start, end, number in (("w_c", "c_n", 6), ("e_c", "c_w", 3))
+    )
+    people = "".join(
+        f'<person id="p{n}" depart="{1300 + n}" departPos="80"><walk edges="w_c c_w"/></person>'
+        for n in range(2)
+    )
+    (junctions.parent / "r.rou.xml").write_text(f"<routes>{cars}{people}</routes>")
+    files = {"net-file": "net.net.xml", "route-files": "r.rou.xml", "end": "3600"}
+    return write_config(junctions.parent, {**files, "step-length": "1"})
+
+
+def test_who_passes_a_crosswalk(busy: Path, junctions: Path, tmp_path: Path) -> None:
+    rows = {frozenset(each.roads): each for each in crossings_of(busy, tmp_path)}
+    street, zebra = rows[frozenset(["w_c", "c_w"])], rows[frozenset(["n_c", "c_n"])]
+    assert street.vehicles_per_hour == {"straight": 3.0, "left": 6.0, "right": 0.0}
+    assert zebra.vehicles_per_hour == {"left": 6.0, "right": 0.0}
+    assert (street.people_per_hour, zebra.people_per_hour) == (2.0, 0.0)
+    assert next(iter(rows.values())) == street  # the busiest stands first
+    assert [each.refused for each in rows.values()] == [None, None, NO_VEHICLES, RAIL]
+    plain = crossings_of(junctions, tmp_path)
+    assert {each.crosswalk for each in plain} == {each.crosswalk for each in rows.values()}
+    assert all(each.people_per_hour is each.vehicles_per_hour is None for each in plain)
+
+
+def test_a_scenario_for_chosen_crosswalks(busy: Path, tmp_path: Path) -> None:
+    rows = crossings_of(busy, tmp_path)
+    text = scenario_text(busy, [rows[0].crosswalk], busy)
+    scenario = tomllib.loads(text)
+    assert scenario["simulation"]["file"] == busy.as_posix()
+    assert scenario["simulation"]["crossings"] == [rows[0].crosswalk]
+    assert scenario["simulation"]["step_s"] == 0.1  # the configuration's is 1 s
+    # v²/2a with 13.9 m/s and 2 m/s² is 48.3 m; in steps of 5 m.
+    assert scenario["ego"]["trigger_range_m"] == 50.0
+    ways = text.partition("connections over it: ")[2].partition("\n")[0]
+    assert sorted(ways.split(", ")) == ["1 left", "1 right", "2 straight"]
+    with pytest.raises(InputError, match="a railway leads over it"):
+        scenario_text(busy, [rows[-1].crosswalk], busy)
+    with pytest.raises(InputError, match=r"did you mean ':c_c\d'"):
+        scenario_text(busy, [":c_c9"], busy)
+
+
 def test_a_signal_is_a_reason(tmp_path: Path) -> None:
     grid(tmp_path)
     here = Town.read(tmp_path / "net.net.xml")
@@ -229,8 +277,9 @@ def test_one_session_in_a_process(tmp_path: Path) -> None:
     with pytest.raises(EngineError, match="only one SUMO simulation"):
         Session(config, QUIET)
     session.close()
-    with pytest.raises(EngineError, match="SUMO did not start"):
+    with pytest.raises(EngineError, match=r"SUMO did not start: .*nothing\.sumocfg"):
         Session(tmp_path / "nothing.sumocfg", QUIET)
+    Session(config, QUIET).close()  # a start that failed leaves nothing behind
 
 
 @pytest.mark.slow
