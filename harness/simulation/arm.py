@@ -263,17 +263,20 @@ class ArmOfPair:
         names = set(self._always)
         for car in self.control.driven.values():
             names.update(each.crosswalk.id for each in car.passages if each.strategy is not None)
+        self._note_at(names, time_s)
+        self.control.ignore(self._types)
+
+    def _note_at(self, names: Iterable[str], time_s: float) -> None:
         there: dict[str, Sequence[str]] = {}
         for name in names:
             if name not in self.people:
                 self._watch(name)
-            for edge in self.people[name].edges:
+            people = self.people[name]
+            for edge in people.edges:
                 if edge not in there:
                     there[edge] = self.session.people_on(edge)
-        for name in names:
-            self.people[name].note(time_s, there)
-            self._types |= self.people[name].types
-        self.control.ignore(self._types)
+            people.note(time_s, there)
+            self._types |= people.types
 
     def _views(self, passage: Passage, near: bool) -> Sequence[PedestrianView]:
         if passage.updates is not None:
@@ -521,9 +524,8 @@ class ArmOfPair:
                 passage.not_driven = SUMO_IS_REFERENCE
             else:
                 passage.driver = setup.names[driver]
-                if passage.crosswalk.id not in self.people:
-                    self._watch(passage.crosswalk.id)
-                    self.people[passage.crosswalk.id].note(time_s, {})
+                if not passage.chosen:
+                    self._note_at([passage.crosswalk.id], time_s)
                 self.sight.begin(passage, driver)
         passage.note(time_s, car.odometer_m, car.speed_mps)
         if passage.chosen:

@@ -255,10 +255,14 @@ class PeopleAt:
         self._people, self._first = session.people, first
         self._present: dict[str, _Seen] = {}
         self._came: list[_Seen] = []
+        self._noted_s = -math.inf
         self._views: dict[int, tuple[PedestrianView, ...]] = {}
 
     def note(self, time_s: float, there: Mapping[str, Sequence[str]]) -> None:
         """Note where SUMO's people are at the end of a step; ``there`` has them by edge."""
+        if time_s == self._noted_s:
+            return
+        self._noted_s = time_s
         self._views.clear()
         crossing, *areas = self.edges
         known = {name: True for name in there.get(crossing, ()) if not name.startswith(OWN + ":")}
