@@ -21,15 +21,14 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from harness.old.studies.batch.experiment import run_study
 from harness.scenario import (
-    Options,
     Setting,
     Study,
     parse_variation,
     read_scenario_file,
     study_of,
 )
+from harness.studies.run import run
 
 FLOWS = "pedestrians.flow_per_hour=50,100,250,500,1000"
 STRATEGIES = "arms.av=soft_yield,hard_yield"
@@ -61,7 +60,7 @@ class Cost:
 
     @property
     def after_s(self) -> float:
-        """Tables, summary and manifest: from the last finished task to the end."""
+        """Findings: from the last finished task to the end."""
         return self.whole_s - self.finished[-1][0]
 
     @property
@@ -86,12 +85,12 @@ def timed(study: Study, workers: int) -> Cost:
     own, children = cpu_s(resource.RUSAGE_SELF), cpu_s(resource.RUSAGE_CHILDREN)
     begin = time.perf_counter()
 
-    def note(done: int, _planned: int, _what: str) -> None:
-        finished.append((time.perf_counter() - begin, done))
+    def note(done: int, _planned: int, waits_for: str) -> None:
+        if not waits_for:
+            finished.append((time.perf_counter() - begin, done))
 
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "run"
-        run_study(study, Options(workers=workers), out=out, progress=note)
+        run(study, workers=workers, out=Path(folder) / "run", progress=note)
         whole = time.perf_counter() - begin
     return Cost(
         pairs=sum(cell.scenario.experiment.pairs for cell in study.cells),
@@ -116,9 +115,9 @@ def ten_cells(pairs: int) -> Study:
 def command_s(scenario: str, workers: int) -> float:
     """Wall time of ``harness run SCENARIO`` as it stands, from an own process."""
     with tempfile.TemporaryDirectory() as folder:
-        run = [sys.executable, "-m", "harness", "run", scenario, "-q", "--out", f"{folder}/run"]
+        words = [sys.executable, "-m", "harness", "run", scenario, "-q", "--out", f"{folder}/run"]
         begin = time.perf_counter()
-        subprocess.run([*run, "--workers", str(workers)], check=True, capture_output=True)
+        subprocess.run([*words, "--workers", str(workers)], check=True, capture_output=True)
         return time.perf_counter() - begin
 
 

@@ -14,31 +14,26 @@ from multiprocessing import get_context
 import numpy as np
 import pyarrow as pa
 
-from harness.core.encounter import FloatArray
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
 from harness.model.interaction import load_model
-from harness.old.statistics import (
-    ENCOUNTERS,
-    EncounterColumns,
-    Interval,
-    PairColumns,
-    bootstrap_ratio,
-    paired_difference,
-    summarise,
-    swept_value,
-)
-from harness.old.store.episode_tables import episode_rows
-from harness.old.store.summaries import pair_columns
-from harness.scenario import Scenario, Setting, load_scenario
+from harness.results import estimators
+from harness.results.columns import Sample
+from harness.results.estimators import CONFIDENCE, Sampling
+from harness.results.finding import Finding
+from harness.results.findings import cell_findings
+from harness.results.rows import episode_rows
+from harness.scenario import Cell, Scenario, Setting, load_scenario
+from harness.studies.compare import DIFFERENCES
 
 SWEPT = 8
 """Values of the parameter sweep whose upper bound of μ is tried."""
 
-LEVEL = 0.05
+Named = tuple[str, Finding]
+"""A finding with its name."""
 
-Named = tuple[str, Interval]
-"""An interval with the name it is printed under."""
+Cells = tuple[pa.Table, pa.Table]
+"""``episodes`` of the AV's cell and of another AV's, of the same pairs."""
 
 
 def population(scenario_name: str, pairs: range, av: str | None = None) -> pa.Table:
@@ -47,7 +42,7 @@ def population(scenario_name: str, pairs: range, av: str | None = None) -> pa.Ta
     scenario = load_scenario(scenario_name, settings)
     model = load_model(scenario.model.name, scenario.model.path)
     runner = PairRunner(scenario, model, lambda: plain_engine(scenario))
-    return episode_rows(0, runner.run(pairs))
+    return episode_rows(0, [*runner.run(pairs)])
 
 
 def plain_engine(scenario: Scenario) -> PlainEngine:
@@ -55,75 +50,53 @@ def plain_engine(scenario: Scenario) -> PlainEngine:
     return PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
 
 
-def simulate(scenario_name: str, size: int, av: str | None, workers: int) -> PairColumns:
+def simulate(scenario_name: str, size: int, av: str | None, workers: int) -> pa.Table:
     """The population, in blocks on several processes."""
     blocks = [range(begin, min(begin + 500, size)) for begin in range(0, size, 500)]
     count = len(blocks)
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         parts = pool.map(population, [scenario_name] * count, blocks, [av] * count)
-        return pair_columns(pa.concat_tables(parts))
+        return pa.concat_tables(parts).combine_chunks()
 
 
-Times = tuple[float, float]
-"""Time-out and free pass time in s."""
+def chosen_pairs(episodes: pa.Table, chosen: np.ndarray) -> pa.Table:
+    """These pairs of a table as the pairs 0, 1, 2 … of an experiment."""
+    rows = np.stack([2 * chosen, 2 * chosen + 1], axis=1).ravel()
+    place = episodes.schema.get_field_index("pair")
+    numbers = pa.array(np.repeat(np.arange(len(chosen)), 2))
+    return episodes.take(rows).set_column(place, "pair", numbers)
 
 
-def times_of(scenario_name: str) -> Times:
-    """Those of a shipped scenario."""
-    scenario = load_scenario(scenario_name)
-    return scenario.experiment.timeout_s, scenario.vehicle().free_pass_time_s(scenario.crosswalk())
+def of_a_cell(cells: Cells, scenario: Scenario) -> Iterator[Named]:
+    """Every finding of a cell."""
+    yield from cell_findings(Cell(0, {}, scenario), cells[0], CONFIDENCE).findings.items()
 
 
-def of_a_cell(
-    av: PairColumns, _other: PairColumns, times: Times, rng: np.random.Generator
-) -> Iterator[Named]:
-    """Everything that a summary gives an interval."""
-    summary = summarise(EncounterColumns(av, *times, rng))
-    yield from ((name, getattr(summary, name)) for name in names_with_intervals())
-
-
-def names_with_intervals() -> Iterator[str]:
-    """The reported numbers of a cell that have an interval."""
-    for entry in ENCOUNTERS:
-        if entry.interval is not None:
-            yield from filter(None, entry.names)
-
-
-def of_differences(
-    av: PairColumns, other: PairColumns, times: Times, rng: np.random.Generator
-) -> Iterator[Named]:
+def of_differences(cells: Cells, scenario: Scenario) -> Iterator[Named]:
     """What a comparison of two cells gives an interval."""
-    yield "mu_difference", paired_difference(_tau(av), _tau(other), rng)
-    yield "delay_difference_s", paired_difference(av.delay_s[0], other.delay_s[0], rng)
-    (av_s, human_s), (other_s, _) = (of.times_counted(times[0]) for of in (av, other))
-    counted = ~np.isnan(av_s - other_s)
-    saved = (av_s - other_s)[counted]
-    yield "time_ratio_difference", bootstrap_ratio(saved, human_s[counted], rng)
+    first, second = (Sample(of, scenario, CONFIDENCE) for of in cells)
+    for each in DIFFERENCES:
+        yield f"A − B: {each.key}", each.of(first, second, first.sampling)
 
 
-def of_a_sweep(
-    av: PairColumns, _other: PairColumns, _times: Times, rng: np.random.Generator
-) -> Iterator[Named]:
+def of_a_sweep(cells: Cells, scenario: Scenario) -> Iterator[Named]:
     """The upper bound of μ at one of ``SWEPT`` values; it should hold in 1 − 0.05/16."""
-    bound = swept_value(av.tau_all, av.av_missed, av.av_tried, rng, SWEPT, LEVEL).mu
-    yield "mu_bound", Interval(bound.value, None if bound.high is None else -np.inf, bound.high)
+    sample = Sample(cells[0], scenario, CONFIDENCE)
+    sampling = Sampling(sample.sampling.rng, 1 - (1 - CONFIDENCE) / SWEPT)
+    mu = estimators.mean(sample.pairs("tau_all"), sampling)
+    yield "mu_bound", Finding(mu.value, None if mu.low is None else -np.inf, mu.high, mu.n)
 
 
 INTERVALS = {"cell": of_a_cell, "differences": of_differences, "sweep": of_a_sweep}
 
 
-def _tau(pairs: PairColumns) -> FloatArray:
-    tau: FloatArray = pairs.time_s[0] / pairs.time_s[1]
-    return tau
-
-
-def holds(interval: Interval, truth: float) -> bool:
+def holds(finding: Finding, truth: float) -> bool:
     """Whether the interval contains the truth."""
-    if interval.low is None or interval.high is None:
+    if finding.low is None or finding.high is None:
         return False
     # A truth that is the same in every pair is met up to rounding.
     slack = 1e-12 * max(1.0, abs(truth))
-    return interval.low - slack <= truth <= interval.high + slack
+    return finding.low - slack <= truth <= finding.high + slack
 
 
 def main() -> None:
@@ -137,29 +110,36 @@ def main() -> None:
     parser.add_argument("--what", nargs="+", choices=INTERVALS, default=list(INTERVALS))
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
-    times = times_of(options.scenario)
-    av, other = (
+    scenario = load_scenario(options.scenario)
+    both = [
         simulate(options.scenario, options.population, strategy, options.workers)
         for strategy in (None, options.other)
-    )
-    rng = np.random.default_rng(20171)
+    ]
 
-    def intervals(*columns: PairColumns) -> list[Named]:
-        kinds = (INTERVALS[kind](*columns, times, rng) for kind in options.what)
-        return [named for kind in kinds for named in kind]
+    def found(cells: list[pa.Table]) -> dict[str, Finding]:
+        first, second = cells
+        kinds = (INTERVALS[kind]((first, second), scenario) for kind in options.what)
+        return dict(named for kind in kinds for named in kind)
 
-    truth = {name: found.value for name, found in intervals(av, other)}
+    truth = {name: of.value for name, of in found(both).items() if isinstance(of.value, float)}
     print(f"{options.scenario}, {options.population} pairs, differences to {options.other}")
     print(
         "  truth: " + ", ".join(f"{name} {value:.5g}" for name, value in truth.items()), flush=True
     )
+    rng = np.random.default_rng(20171)
     for n, experiments in zip(options.pairs, options.experiments, strict=True):
-        hits = dict.fromkeys(truth, 0)
+        hits, trials = dict.fromkeys(truth, 0), dict.fromkeys(truth, 0)
         for _ in range(experiments):
             chosen = rng.integers(0, options.population, n)
-            for name, interval in intervals(av.where(chosen), other.where(chosen)):
-                hits[name] += holds(interval, truth[name])
-        shares = ", ".join(f"{name} {hit / experiments:.1%}" for name, hit in hits.items())
+            for name, of in found([chosen_pairs(each, chosen) for each in both]).items():
+                if name in truth and of.low is not None:
+                    trials[name] += 1
+                    hits[name] += holds(of, truth[name])
+        shares = ", ".join(
+            f"{name} {hits[name] / tried:.1%}{'' if tried == experiments else f' of {tried}'}"
+            for name, tried in trials.items()
+            if tried
+        )
         print(f"  N = {n}, {experiments} experiments: {shares}", flush=True)
 
 

@@ -257,7 +257,7 @@ def whole_run_us(few: int, many: int) -> float:
                 capture_output=True,
             )
             end = resource.getrusage(resource.RUSAGE_CHILDREN)
-            episodes = pq.read_table(Path(folder) / "run" / "episodes.parquet")
+            episodes = pq.read_table(Path(folder) / "run" / "episodes")
             steps.append(sum(episodes["steps"].to_pylist()))
         times.append(end.ru_utime + end.ru_stime - begin.ru_utime - begin.ru_stime)
     return (times[1] - times[0]) / (steps[1] - steps[0]) * 1e6

@@ -3,7 +3,7 @@
 Its one pedestrian steps off at the trigger, so an episode is a function of his side and of his
 quantile u, which is uniform.  Expectations are integrals over u: here sums over the midpoints of
 equal parts of (0, 1), for either side, each driven through the program's own episode.  There is no
-sampling in them, and nothing of ``harness.old.statistics``.
+sampling in them, and nothing of ``harness.results.estimators``.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 import numpy as np
 import pyarrow as pa
 
-from benchmarks.coverage import plain_engine
+from benchmarks.coverage import chosen_pairs as chosen_pairs, plain_engine
 from harness.core.encounter import Arm, Arrival, FloatArray, Side
 from harness.episode.arms import make_strategy
 from harness.episode.arrivals import planned_arrivals
@@ -20,7 +20,7 @@ from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
 from harness.measures import Outcome, measure
 from harness.model.interaction import InteractionModel, load_model
-from harness.old.store.episode_tables import episode_rows
+from harness.results.rows import episode_rows
 from harness.scenario import Scenario, Setting, load_scenario
 
 SCENARIO = "cctc"
@@ -86,14 +86,6 @@ def planned_nodes(pairs: int, seed: int, per_side: int) -> np.ndarray:
     return np.array([node_of(arrivals[0], per_side) for arrivals in planned])
 
 
-def chosen_pairs(episodes: pa.Table, chosen: np.ndarray) -> pa.Table:
-    """These nodes as the pairs 0, 1, 2 … of an experiment."""
-    rows = np.stack([2 * chosen, 2 * chosen + 1], axis=1).ravel()
-    place = episodes.schema.get_field_index("pair")
-    numbers = pa.array(np.repeat(np.arange(len(chosen)), 2))
-    return episodes.take(rows).set_column(place, "pair", numbers)
-
-
 def simulated(
     cells: Mapping[str, Mapping[str, object]], pairs: int, seed: int, model: InteractionModel
 ) -> dict[str, pa.Table]:
@@ -108,7 +100,7 @@ def simulated(
         scenario = scenario_of({**settings, **reference}, seed)
         engine = plain_engine(scenario)
         outcomes = PairRunner(scenario, model, lambda engine=engine: engine).run(range(pairs))
-        table = episode_rows(0, outcomes)
+        table = episode_rows(0, [*outcomes])
         if human is None:
             human = table.take(np.arange(1, 2 * pairs, 2))
         found[name] = both_arms(table.take(np.arange(0, 2 * pairs, 2)), human)
@@ -140,7 +132,7 @@ def _arm(scenario: Scenario, arm: Arm, quantiles: FloatArray, sides: list[Side])
             for node, trace, record in zip(chunk, traces, measure(traces), strict=True):
                 yield Outcome(node, arm, name, record, trace)
 
-    return episode_rows(0, outcomes())
+    return episode_rows(0, [*outcomes()])
 
 
 def _always(speed_mps: float) -> Callable[..., float]:
@@ -175,17 +167,17 @@ def truth_of_cell(episodes: pa.Table) -> dict[str, float]:
     mean, square = np.nanmean(tau), np.nanmean(tau**2)
     truth["mu"], truth["cv"] = float(mean), float(np.sqrt(square - mean**2) / mean)
     truth |= _left_out(av, human)
-    truth["kappa_front"] = float(av["front"].mean())
     for arm, end in ((av, ""), (human, "_human")):
         crashed = arm["crashed"]
         truth[f"kappa{end}"] = float(crashed.mean())
+        truth[f"kappa_front{end}"] = float(arm["front"].mean())
         truth[f"kappa_avoidable{end}"] = float(arm["avoidable"].mean())
         truth[f"kappa_avoidable_attentive{end}"] = float(arm["attentive"].mean())
-        truth[f"delay{end}_s"] = float(np.nanmean(arm["pass_time_s"])) - FREE_S
-        truth[f"pedestrian_delay{end}_s"] = float(arm["pedestrian_delay_s"].mean())
+        truth[f"delay_s{end}"] = float(np.nanmean(arm["pass_time_s"])) - FREE_S
+        truth[f"pedestrian_wait_s{end}"] = float(arm["pedestrian_delay_s"].mean())
         # The one pedestrian steps off in every pair.
-        truth[f"kappa{end}_met_someone"] = truth[f"kappa{end}"]
-        truth[f"delay{end}_met_someone_s"] = truth[f"delay{end}_s"]
+        truth[f"kappa_met_someone{end}"] = truth[f"kappa{end}"]
+        truth[f"delay_met_someone_s{end}"] = truth[f"delay_s{end}"]
         for name, conflict in (
             ("ttc", arm["min_ttc_s"] < 1.5),
             ("time_advantage", arm["min_time_advantage_s"] < 1.5),
@@ -193,7 +185,7 @@ def truth_of_cell(episodes: pa.Table) -> dict[str, float]:
             ("drac", arm["max_drac_mps2"] > 3.35),
         ):
             share = float((conflict | crashed).mean())
-            truth[f"conflict_{name}{end}"] = truth[f"conflict_{name}_met_someone{end}"] = share
+            truth[f"conflict_{name}{end}"] = share
     return truth
 
 
@@ -206,13 +198,13 @@ def _left_out(av: Columns, human: Columns) -> dict[str, float]:
     return {
         "mu_all": float(np.nanmean(av_s / human_s)),
         "mu_met_someone": float(np.nanmean(av_s / human["pass_time_s"])),
-        "delay_difference_human_s": float(np.nanmean(av_s - human_s)),
+        "delay_difference_s": float(np.nanmean(av_s - human_s)),
         "mu_worst": float(worst.mean()),
         **_ratios(av, human, timeout_s),
         "kappa_worst": float(missing.mean()),
         "kappa_all": float(missing.mean()),
         "delay_worst_s": float(np.where(missing, timeout_s, av_s).mean()) - FREE_S,
-        "delay_human_worst_s": float(np.nan_to_num(human_s, nan=FREE_S).mean()) - FREE_S,
+        "delay_worst_s_human": float(np.nan_to_num(human_s, nan=FREE_S).mean()) - FREE_S,
     }
 
 
@@ -232,7 +224,7 @@ def _ratios(av: Columns, human: Columns, timeout_s: float) -> dict[str, float]:
     return {
         "time_ratio": float(times[0][alive].sum() / times[1][alive].sum()),
         "time_s": float(times[0][alive].mean()),
-        "time_human_s": float(times[1][alive].mean()),
+        "time_s_human": float(times[1][alive].mean()),
         "time_ratio_worst": float(av_worst.sum() / np.where(never, FREE_S, times[1]).sum()),
     }
 

@@ -41,15 +41,15 @@ PARTS = {
     "rows of the tables": r"\(harness/results",
     "waiting": r"_recv \(multiprocessing/connection",
     "imports": r"importlib",
-    "supervision in the worker": r"\(harness/(workers|episode/pairing)|serve \(",
+    "supervision in the worker": r"\(harness/(studies/workers|episode/pairing)",
 }
 """Each part of a worker's time and how a frame of it looks; of several the innermost counts."""
 
 COMMAND = {
-    "intervals": r"\(harness/old/statistics/",
-    "shards": r"\(harness/old/store/(shards|run_folder)",
-    "tables, summary, manifest": r"\(harness/(batch/finish|results)",
-    "waiting": r"(_recv \(multiprocessing|_keep_busy \(|wait \(threading|_read \()",
+    "intervals": r"\(harness/results/(estimators|findings|catalogue|columns)",
+    "parts": r"\(harness/results/tables",
+    "manifest and findings": r"\(harness/results",
+    "waiting": r"(_recv \(multiprocessing|wait \(threading|_read \()",
     "imports": r"importlib",
 }
 """The same of the command itself."""
@@ -107,7 +107,7 @@ def main() -> None:
                 command[part_of(stack, COMMAND)] += samples
             elif "_end_with_parent" not in stack:
                 workers[part_of(stack, PARTS)] += samples
-        steps = sum(pq.read_table(folder / "run" / "episodes.parquet")["steps"].to_pylist())
+        steps = sum(pq.read_table(folder / "run" / "episodes")["steps"].to_pylist())
     floors.append(bare(100, 120).per_step_us)
     for samples in (workers, command):
         samples.pop("waiting", None)

@@ -53,9 +53,11 @@ def reference_rows(folder: Path, table: str) -> pd.DataFrame:
 
 
 def present_rows(folder: Path, table: str) -> pd.DataFrame:
-    """The same of a run folder of this checkout."""
-    cells = cell_words(pd.read_parquet(folder / "cells.parquet"))
-    rows = pd.read_parquet(folder / f"{table}.parquet")
+    """The same of a run folder of this checkout, whose tables are folders of parts."""
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    varied = [{"cell": number, **keys} for number, keys in enumerate(manifest["cells"])]
+    cells = cell_words(pd.DataFrame(varied))
+    rows = pd.read_parquet(folder / table)
     return rows.assign(cell=rows["cell"].map(cells))
 
 

@@ -28,7 +28,8 @@ from rich.table import Table
 from harness.engine.shared import close_engine, engine_for
 from harness.episode.pairing import PairRunner
 from harness.model.interaction import load_model
-from harness.old.store.shards import shards_of
+from harness.results.folder import MANIFEST, read_manifest
+from harness.results.tables import done_parts
 from harness.scenario import load_scenario
 
 COMMAND = "command"
@@ -42,7 +43,7 @@ PARTS = 5
 FRESH_PAIRS = 10
 """Pairs that tell the machine's pace at each look."""
 
-PASSING = {"shards", ".lock"}
+PASSING = {".lock"}
 """What a run folder holds while the run goes on, and no longer."""
 
 
@@ -222,8 +223,10 @@ def _state(process: psutil.Process) -> State:
 
 
 def _pairs_done(run: Path, pairs: int) -> int:
-    """By the shards; all, once they have become tables."""
-    return pairs if (run / "pairs.parquet").exists() else sum(s.pairs for s in shards_of(run))
+    """By the parts."""
+    if not (run / MANIFEST).is_file():
+        return 0
+    return min(pairs, len(done_parts(run)) * int(read_manifest(run)["pairs_per_part"]))
 
 
 def _files(folder: Path) -> list[Path]:

@@ -14,12 +14,12 @@ from .core.encounter import (
 from .core.errors import HarnessError as HarnessError, InputError as InputError
 from .model.interaction import InteractionModel as InteractionModel, load_model as load_model
 from .old.studies.conformance import check_strategy as check_strategy
+from .report import figures as figures
 from .results.finding import Finding as Finding
 from .results.result import Result as Result
 from .results.run import Run as Run, load_run as load_run
 from .rl import CrosswalkEnv as CrosswalkEnv, Transition as Transition
 from .scenario import (
-    Options as Options,
     Scenario as Scenario,
     ScenarioFile as ScenarioFile,
     Setting as Setting,

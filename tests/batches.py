@@ -147,20 +147,20 @@ def one_process() -> Iterator[None]:
     from harness.old.studies.calibration import jobs
     from harness.old.studies.replay import rerun
     from harness.old.studies.workers import executors
-    from harness.studies import evaluate, replay, run, workers
+    from harness.studies import evaluate, replay, run, shown, workers
     from tests.conftest import close_all
-
-    class Here(workers.InProcess):
-        def __init__(self, *_: object) -> None: ...
-
-        def abort(self) -> None: ...
 
     close_all()
     with pytest.MonkeyPatch.context() as patch:
         for module in (executors, jobs, rerun, showing):
             patch.setattr(module, "LocalPool", lambda workers, *_, **__: Inline(workers))
-        for module in (evaluate, replay, run):
-            patch.setattr(module, "LocalExecutor", Here)
+        for module, name in (
+            (evaluate, "executor_for"),
+            (run, "executor_for"),
+            (replay, "LocalExecutor"),
+            (shown, "LocalExecutor"),
+        ):
+            patch.setattr(module, name, lambda *_: workers.InProcess())
         patch.setattr(workers, "start_children", lambda _: None)
         yield
     close_engine()

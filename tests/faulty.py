@@ -38,6 +38,12 @@ def lose_ego(_observation: Observation) -> float:
     return 0.0
 
 
+def babble(_observation: Observation) -> float:
+    for file in (sys.stdout, sys.stderr):
+        print("x" * 2_000_000, file=file)
+    return 0.0
+
+
 FAULTS: dict[str, Fault] = {
     "raises": raise_error,
     "nan": lambda _: float("nan"),
@@ -45,6 +51,9 @@ FAULTS: dict[str, Fault] = {
     "loses_ego": lose_ego,
     "exits": lambda _: sys.exit(3),
     "aborts": lambda _: os.abort(),
+    "leaves": lambda _: os._exit(0),
+    "segfaults": lambda _: ctypes.string_at(0),
+    "babbles": babble,
     "hangs": hang,
     "hangs_in_c": hang_in_c,
 }
@@ -66,6 +75,9 @@ class Faulty:
         loses_ego: float = -1.0,
         exits: float = -1.0,
         aborts: float = -1.0,
+        leaves: float = -1.0,
+        segfaults: float = -1.0,
+        babbles: float = -1.0,
         hangs: float = -1.0,
         hangs_in_c: float = -1.0,
     ) -> None:

@@ -12,12 +12,14 @@ import typer.main
 from pydantic import BaseModel
 
 import harness
+from harness.cli.app import application
 from harness.measures import MEASURES
-from harness.old.cli.app import app
-from harness.old.statistics import ENCOUNTERS, Catalogue, Entry
+from harness.old.statistics import Catalogue, Entry
 from harness.old.store.hour_catalogue import HOURS
 from harness.old.store.schemas import TABLES
 from harness.old.store.simulations.simulation_catalogue import SIMULATIONS
+from harness.results import tables as results
+from harness.results.catalogue import ENTRIES
 from harness.scenario import Scenario, actuation, people, sections, simulation, traffic
 
 UNITS = {
@@ -42,7 +44,6 @@ BOUNDS = {
     "exclusiveMaximum": "< {}",
 }
 CATALOGUES: tuple[tuple[str, Catalogue], ...] = (
-    ("encounters", ENCOUNTERS),
     ("hours of traffic", HOURS),
     ("own simulations", SIMULATIONS),
 )
@@ -202,10 +203,26 @@ def columns_page() -> str:
         "the files. A missing value is null in Parquet and empty in CSV.",
         "",
         "A number with an interval has its two ends in the columns `_ci_low` and `_ci_high`. The",
-        "interval is two-sided, with the `confidence` of the row. A bootstrap interval has its",
-        "number of informative pairs in `_ci_informative`. A share has its counts in `_events` and",
-        "`_n`. [Method](../method.md) and [Measures](../measures.md) have the definitions.",
+        "interval is two-sided, with the `confidence` of the row. A share has its counts in",
+        "`_events` and `_n`. [Method](../method.md) and [Measures](../measures.md) have the",
+        "definitions.",
     ]
+    for name, parts in results.TABLES.items():
+        lines += ["", f"## {name}/ of encounters", ""]
+        lines += table(
+            ("column", "type", "unit", "meaning"),
+            ([f"`{of.name}`", kind_of(of.type), of.unit, of.meaning] for of in parts.columns),
+        )
+    lines += ["", "## summary.csv and findings.json of encounters", ""]
+    lines += table(
+        ("number", "reliable from", "unit", "meaning"),
+        (
+            [f"`{key}`", f"{of.reliable_from:,} pairs" * (of.reliable_from > 0), of.unit, meaning]
+            for of in ENTRIES
+            for key in of.keys
+            for meaning in [of.meaning if key == of.key else f"`{of.key}` of the reference's arm."]
+        ),
+    )
     for name, schema in TABLES.items():
         lines += ["", f"## {name}.parquet", ""]
         lines += table(
@@ -222,7 +239,7 @@ def columns_page() -> str:
             "",
         ]
         lines += table(
-            ("column", "interval", "reliable from", "unit", "meaning"),
+            ("column", "interval", "unit", "meaning"),
             (row_of(entry, name) for entry in catalogue for name in filter(None, entry.names)),
         )
     return "\n".join(lines) + "\n"
@@ -235,12 +252,11 @@ def row_of(entry: Entry[Any], name: str) -> list[str]:
     if av and name == human:
         meaning = f"`{av}` of the reference's arm."
     elif av and name == paired:
-        meaning = entry.paired_meaning
+        meaning = "The AV's value minus the reference's."
     elif human:
         meaning = f"{meaning} The AV's arm."
-    pairs = entry.least(name)
     interval = "" if entry.interval is None else "yes"
-    return [f"`{name}`", interval, f"{pairs:,} pairs" if pairs else "", unit_of(name), meaning]
+    return [f"`{name}`", interval, unit_of(name), meaning]
 
 
 def described(
@@ -288,7 +304,7 @@ def commands_page() -> str:
         "| 2 | the input was refused |",
         "| 130, 143 | the command was interrupted (Ctrl-C, SIGTERM) |",
     ]
-    for name, command in commands(typer.main.get_command(app)):
+    for name, command in commands(typer.main.get_command(application())):
         lines += ["", f"## harness {name}", "", in_markdown(command.help or ""), ""]
         rows = [
             [usage_of(option), (option.help or "").strip(), shown_default(option)]

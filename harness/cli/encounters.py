@@ -6,9 +6,9 @@ import typer
 
 from harness.cli import options
 from harness.cli.interruption import unwinding
-from harness.cli.options import not_with, settings_of
+from harness.cli.options import settings_of
 from harness.cli.output import progress_bar, say, show
-from harness.core.errors import one_line
+from harness.core.errors import InputError, one_line
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -95,7 +95,7 @@ def _cluster(address: str | None, workers: int | None, drivers: list[str]) -> "E
     if address is None:
         return None
     if workers is not None:
-        raise not_with("--workers", "--dask", "the cluster's own workers")
+        raise InputError("--workers", "cannot be combined with --dask", "one of the two")
     from harness.studies.workers import dask_executor
 
     return dask_executor(address, drivers)

@@ -1,13 +1,14 @@
 """Commands that read folders of runs: ``show, report, compare, worst, replay, export``."""
 
+import re
+
 import typer
 
 from harness.cli import options
 from harness.cli.encounters import print_run
 from harness.cli.interruption import unwinding
-from harness.cli.options import not_with
 from harness.cli.output import say, show as show_result, show_rows
-from harness.core.errors import InputError, one_line
+from harness.core.errors import HarnessError, InputError, one_line
 
 
 def show(
@@ -32,8 +33,9 @@ def report(
     """Write one HTML page: results, figures and a player for episodes.  It needs no network."""
     from harness.report.page import write_page
     from harness.results.run import load_run
-    from harness.studies.allowed import allowed_of
-    from harness.studies.compare import compare as compare_cells, groups_of
+    from harness.studies.allowed import allowed_in
+    from harness.studies.candidates import groups_of
+    from harness.studies.compare import compare as compare_cells
     from harness.studies.shown import shown_pairs
 
     run = load_run(run_folder)
@@ -41,10 +43,12 @@ def report(
         groups = groups_of([run]) if run.finished else []
         several = any(len(group) > 1 for group in groups)
         compared = compare_cells(run, mu0=mu0, kappa0=kappa0) if several else None
-        judged = [
-            each for group in groups for each in allowed_of(group, mu0, kappa0, run.confidence)
-        ]
-        shown = shown_pairs(run, out)
+        judged = allowed_in(groups, mu0, kappa0, run.confidence)
+        try:
+            shown = shown_pairs(run)
+        except HarnessError as error:
+            shown = []
+            say(one_line(f"harness: the page shows no episodes: {error}"))
         written = write_page(run, run.result(), out, figures, shown, compared, judged)
     for pair in shown:
         for difference in pair.differences[:1]:
@@ -88,6 +92,7 @@ def worst(
     most: options.MostOption = 20,
     arm: options.ArmOption = "av",
     cell: options.OnlyCellOption = None,
+    diff: options.DiffOption = None,
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
@@ -95,7 +100,8 @@ def worst(
     from harness.results.run import load_run
     from harness.studies.worst import worst as worst_of
 
-    result = worst_of(load_run(run_folder), by, most, arm, cell)
+    before = None if diff is None else load_run(run_folder)
+    result = worst_of(load_run(diff or run_folder), by, most, arm, cell, before)
     show_result(result, False, quiet, as_json, result.closing)
 
 
@@ -112,7 +118,7 @@ def replay(
 ) -> None:
     """Repeat episodes: with SUMO's output files, in sumo-gui, or in a debugger."""
     if sum((gui, debug, out is not None)) > 1:
-        raise not_with("--out", "--gui or --debug", "one of the three")
+        raise InputError("--out, --gui, --debug", "cannot be combined", "one of the three")
     if screenshots is not None and not gui:
         raise InputError("--screenshots", "needs --gui", "--gui")
     from harness.core.encounter import Arm
@@ -149,11 +155,8 @@ def replay(
 
 def _range_of(text: str) -> range:
     """The pairs of ``7`` or ``1-20``."""
-    first, dash, last = text.partition("-")
-    try:
-        numbers = range(int(first), int(last if dash else first) + 1)
-    except ValueError:
-        numbers = range(0)
+    found = re.fullmatch(r"(\d+)(?:-(\d+))?", text)
+    numbers = range(int(found[1]), int(found[2] or found[1]) + 1) if found else range(0)
     if not numbers:
         raise InputError(f"--pair {text}", "is no number or range", "e.g. 7 or 1-20")
     return numbers

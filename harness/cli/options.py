@@ -1,11 +1,10 @@
-"""The options of all commands, and checks of their combinations."""
+"""The options of all commands."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from harness.core.errors import InputError
 from harness.core.resources import shipped_directory
 
 _SHIPPED = ", ".join(sorted(file.stem for file in shipped_directory("scenarios").glob("*.toml")))
@@ -71,8 +70,3 @@ def settings_of(
         *map(parse_setting, settings or []),
         *(Setting(key, of, name) for key, (name, of) in given.items() if of is not None),
     ]
-
-
-def not_with(option: str, other: str, allowed: str) -> InputError:
-    """The error for two options that exclude each other."""
-    return InputError(option, f"cannot be combined with {other}", allowed)

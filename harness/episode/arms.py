@@ -13,7 +13,7 @@ from harness.scenario import Scenario
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.parameters import check_complete, check_parameters, needs
 from harness.strategies.perception.sensor import sensor_of
-from harness.strategies.registry import find_strategy, prepare, table_key
+from harness.strategies.registry import STRATEGIES, find_strategy, prepare, table_key
 
 
 def draws_from(scenario: Scenario, driver: Arm) -> Purpose:
@@ -26,13 +26,16 @@ def draws_from(scenario: Scenario, driver: Arm) -> Purpose:
     return "strategy" if alike or driver is Arm.HUMAN else "av_strategy"
 
 
-def arm_key(scenario: Scenario, arm: Arm) -> str:
+def arm_key(scenario: Scenario, arm: Arm) -> str | None:
     """What an arm's episodes depend on besides the people, the road and the model, as text.
 
     Cells with the same people, road and model share the episodes of an arm if their keys are equal:
-    the same strategy with the same parameters and stream, the same sensor, the same vehicle.
+    the same strategy with the same parameters and stream, the same sensor, the same vehicle.  A
+    user's own strategy has no key, because it may depend on more.
     """
     name = scenario.arms.driver(arm)
+    if name not in STRATEGIES:
+        return None
     drives = name, scenario.strategies.get(name, {}), draws_from(scenario, arm)
     return repr((arm, drives, sensor_of(scenario, arm), scenario.vehicle(arm)))
 

@@ -13,7 +13,7 @@ from harness.core.encounter import Arm, Arrival, Ending, Trace
 from harness.core.errors import StrategyError, in_one_line
 from harness.core.seeding import Given
 from harness.engine.protocol import Engine
-from harness.episode.arms import arm_key, check_arms, draws, draws_of, named_strategy
+from harness.episode.arms import check_arms, draws, draws_of, named_strategy
 from harness.episode.arrivals import already_walking, planned_arrivals
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import Episode, drive, failed_episode
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 CHUNK_PAIRS = 50
 """Number of pairs that are measured together; results do not depend on it."""
 
-EpisodeKey = tuple[str, int]
-"""``arm_key`` and the pair.  Cells with the same people, road and model share episodes by it."""
+ArmOfPair = tuple[Arm, int]
+"""An episode of a cell."""
 
 Begins = Callable[[int, Arm, Episode], None]
 """A callback with the pair, the arm and the episode that begins."""
@@ -58,7 +58,6 @@ class PairRunner:
         self._engine: Engine | None = None
         self._rules = {arm: constants_of(scenario, arm) for arm in Arm}
         self._sensors = {arm: sensor_of(scenario, arm) for arm in Arm}
-        self._keys = {arm: arm_key(scenario, arm) for arm in Arm}
         self._speeds_by = cache(lambda model: WalkingSpeeds(scenario, model))
         self.decisions_s: list[float] | None = None
         """If it is a list, the wall time of each decision is added to it."""
@@ -69,7 +68,7 @@ class PairRunner:
         pairs: Iterable[int],
         begins: Begins = lambda _pair, _arm, _episode: None,
         on_pair: Callable[[], None] = lambda: None,
-        known: Mapping[EpisodeKey, Outcome] = MappingProxyType({}),
+        known: Mapping[ArmOfPair, Outcome] = MappingProxyType({}),
         arms: Sequence[Arm] = tuple(Arm),
         asks: Callable[[int, Arm], None] = lambda _pair, _arm: None,
     ) -> Iterator[Outcome]:
@@ -79,37 +78,31 @@ class PairRunner:
             pairs: indices of the pairs.
             begins: called with every episode before its strategy drives.
             on_pair: called after every simulated pair; the outcomes come later, in chunks.
-            known: episodes of cells with the same people, road and model; shared episodes are not
-                simulated again.
+            known: outcomes of episodes that are not simulated again.
             arms: the arms to simulate, if not both.
             asks: called with pair and arm before an episode's strategy is made.
         """
         remaining = iter(pairs)
         self._engine = None
         while chunk := list(islice(remaining, CHUNK_PAIRS)):
-            traces: dict[EpisodeKey, Trace] = {}
+            traces: dict[ArmOfPair, Trace] = {}
             for pair in chunk:
                 people = self._people(pair)
                 for arm in arms:
-                    key = self.key(arm, pair)
-                    if key not in known:
+                    if (arm, pair) not in known:
                         asks(pair, arm)
-                        traces[key] = self._run_arm(arm, pair, people, begins)
+                        traces[arm, pair] = self._run_arm(arm, pair, people, begins)
                 on_pair()
             records = dict(zip(traces, measure(list(traces.values())), strict=True))
             for pair in chunk:
                 for arm in arms:
-                    key, name = self.key(arm, pair), self._scenario.arms.driver(arm)
+                    key, name = (arm, pair), self._scenario.arms.driver(arm)
                     yield known.get(key) or Outcome(pair, arm, name, records[key], traces[key])
 
     def hung(self, arm: Arm, pair: int, reason: str) -> Outcome:
         """The outcome of an episode whose strategy did not answer in time."""
         trace = failed_episode(StrategyError(reason), self._rules[arm])
         return Outcome(pair, arm, self._scenario.arms.driver(arm), measure([trace])[0], trace)
-
-    def key(self, arm: Arm, pair: int) -> EpisodeKey:
-        """The key that identifies an episode among cells with the same people, road and model."""
-        return self._keys[arm], pair
 
     def run_arm_given(
         self,

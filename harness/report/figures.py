@@ -125,7 +125,11 @@ def draw_tau(
         axes.bar(at, kept, widths, color=AV.colour, alpha=0.55, label=label, **look)
         if fell.any():
             look |= {"fc": "none", "ec": style.VERMILLION, "hatch": "////"}
-            axes.bar(at, hatched, widths, bottom=kept, label="the AV fell back", **look)
+            some = hatched > 0
+            axes.bar(
+                at[some], hatched[some], widths[some], bottom=kept[some],
+                label="the AV fell back", **look,
+            )  # fmt: skip
         _cut_spike(axes, edges, kept + hatched)
         if beyond:
             axes.plot([], [], " ", label=f"last bar: {beyond:,} pairs up to τ = {values.max():.3g}")
@@ -181,39 +185,27 @@ def draw_over(
 
 
 def draw_limit(
-    axes: Axes,
-    points: Points,
-    across: str,
-    up: str,
-    limit: float | None = None,
-    allowed: Sequence[float] = (),
+    axes: Axes, points: Points, across: str, up: str, limit: float, allowed: Sequence[bool]
 ) -> None:
     """Draw μ or κ over a strategy's parameter with its limit, as the paper's figure does.
 
     Args:
         axes: where to draw.
-        points: the findings over the parameter; their intervals are drawn as a band.
+        points: the findings over the parameter, with their intervals as bars.
         across: label of the parameter with its unit.
         up: ``μ`` or ``κ``.
         limit: μ0 or κ0.
-        allowed: the values of the parameter that are allowed, shaded; neighbours share an area.
+        allowed: whether the value of each point is allowed; these have a square around them.
     """
-    points = sorted(points, key=lambda point: point[0])
     x, value, reach = _reach(points, 1.0)
-    low, high = value - reach[0], value + reach[1]
-    band = "bounds for all values together"
-    axes.fill_between(x, low, high, color=AV.colour, alpha=0.18, lw=0, label=band)
-    axes.plot(x, value, color=AV.colour, marker="o", ms=4.5, lw=1.7)
-    if limit is not None:
-        axes.axhline(limit, color=style.VERMILLION, ls="--", lw=1.3, label=f"{up}0 = {limit:g}")
-    narrow = 0.01 * float(np.ptp(x))
-    inside = np.flatnonzero(np.isin(x, np.asarray(allowed, dtype=float)))
-    areas = np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if len(inside) else []
-    for number, area in enumerate(areas):
-        ends = x[area[0]] - narrow, x[area[-1]] + narrow
-        axes.axvspan(*ends, fc=style.GREEN, alpha=0.14, lw=0, label=None if number else "allowed")
-        # The hatch is drawn separately: in SVG a pattern takes its background's opacity.
-        axes.axvspan(*ends, fc="none", ec=style.GREEN, hatch="//", lw=0)
+    axes.errorbar(
+        x, value, reach, color=AV.colour, marker="o", ms=4.5, lw=1.7, elinewidth=1.1, capsize=2.5,
+        label="bounds for all values together",
+    )  # fmt: skip
+    axes.axhline(limit, color=style.VERMILLION, ls="--", lw=1.3, label=f"{up}0 = {limit:g}")
+    if any(allowed):
+        at = np.asarray(allowed, dtype=bool)
+        axes.plot(x[at], value[at], "s", ms=10, mfc="none", mec=style.GREEN, label="allowed")
     _tick(axes, x)
     finish(axes, across, up)
 

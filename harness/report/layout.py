@@ -17,7 +17,7 @@ from harness.results.result import Entered, Shown
 
 _MOST_BOUNDS = 3
 _BETWEEN = 2
-_LEAST_OF_TEXTS = 28
+_LEAST_OF_TEXTS = 20
 """Texts in a column are not wrapped to less than this width before columns move below others."""
 
 
@@ -27,11 +27,12 @@ _Wrapped = Literal["nothing", "headings", "long texts"]
 
 @dataclass(frozen=True)
 class TextColumn:
-    """A column of a table; ``confidence`` is that of its intervals."""
+    """A column of a table; ``confidence`` is that of its intervals; ``kept``: always shown."""
 
     heading: str
     cells: tuple[Entered, ...]
     confidence: float
+    kept: bool = False
 
     @cached_property
     def parts(self) -> list[tuple[str, str]]:
@@ -115,24 +116,17 @@ def _layouts(columns: Sequence[TextColumn], every: bool) -> Iterator[_Layout]:
         yield from (_Layout(gaps(len(order)), wrapped) for wrapped in whole)
         yield from (_Layout(gaps(len(order), "\n"), wrapped) for wrapped in last)
         return
-    for count in range(len(order), 0, -1):
+    least = sum(columns[place].kept for place in order)
+    for count in range(len(order), least, -1):
         yield from (_Layout(gaps(count), wrapped) for wrapped in whole)
-    if order:
-        yield _Layout(gaps(1), "long texts")
-    yield from (_Layout(gaps(0), wrapped) for wrapped in ("nothing", *last))
+    yield from (_Layout(gaps(least), wrapped) for wrapped in ("nothing", *last))
 
 
 def _interval_columns(columns: Sequence[TextColumn]) -> list[int]:
-    """The columns with intervals, the most important first.
-
-    In a table with a row for each cell these are the first ones, those with one number before those
-    with both arms'.  In a table whose rows are measures, so that the styles of a column differ, it
-    is the last one, which compares the others.
-    """
+    """The columns with intervals: those that keep them, with one number, with both arms'."""
     places = [at for at, column in enumerate(columns) if any(ends for _, ends in column.parts)]
-    if any(len({number.style for number in column.numbers}) > 1 for column in columns):
-        return places[-1:] + places[:-1]
-    return sorted(places, key=lambda at: len(columns[at].numbers) > len(columns[at].cells))
+    both = {at: len(columns[at].numbers) > len(columns[at].cells) for at in places}
+    return sorted(places, key=lambda at: (not columns[at].kept, both[at]))
 
 
 def drawn(columns: Sequence[TextColumn], layout: _Layout) -> RichTable:

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,6 +17,7 @@ from harness.report.screen import below, confidence_of, filled
 from harness.report.style import save, styled
 from harness.report.svg import inline_svg
 from harness.report.words import numbers_of, parts_of, plain_text
+from harness.results.notes import Note
 from harness.results.result import Entered, Result, Table
 from harness.results.run import Run
 from harness.scenario import flatten
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _NO_BREAK = "\N{NO-BREAK SPACE}"
-_MOST_FAILURES = 20
+_MOST_FAILURES = 10
 _MOST_VALUES = 12
 
 
@@ -113,11 +115,11 @@ def write_page(
 
 
 def _notes(results: Iterable[Result]) -> Iterator[str]:
-    """Yield the notes of all results; a later result says again what an earlier one said."""
-    keys: set[str] = set()
-    for result in results:
-        yield from (note.text for note in result.notes if note.key not in keys)
-        keys |= {note.key for note in result.notes}
+    """Yield the notes of all results, the worst first; of each kind those of the first result."""
+    found: dict[str, Note] = {}
+    for note in chain.from_iterable(result.notes for result in results):
+        found.setdefault(note.key, note)
+    yield from (note.text for note in sorted(found.values(), key=lambda note: note.rank))
 
 
 def _tables(results: Iterable[Result]) -> Iterator[_Table]:

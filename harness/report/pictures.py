@@ -20,8 +20,8 @@ from harness.results.catalogue import ENTRY_OF
 from harness.results.finding import Finding, Form
 from harness.results.findings import CellFindings
 from harness.results.run import Run
-from harness.results.screens import is_the_papers
 from harness.scenario.units import unit_of
+from harness.strategies.references import is_the_papers
 from harness.strategies.registry import aggressiveness_of
 
 if TYPE_CHECKING:
@@ -169,25 +169,24 @@ def _limits(axes: Sequence[Axes], scene: Scene) -> str:
     """Draw the paper's figure of the influence of aggressiveness."""
     results = []
     for place, swept in enumerate(scene.allowed[:_MOST]):
-        bolder = aggressiveness_of(swept.strategy).get(swept.key.rpartition(".")[2], 0.0)
-        across = f"{axis_label(swept.key)}{' → bolder' if bolder else ''}"
-        verdicts = zip(swept.values, swept.verdicts, strict=True)
-        allowed = [value for value, verdict in verdicts if verdict == "allowed"]
-        for panel, found, up, limit in (
-            (axes[2 * place], swept.mu, "μ", swept.mu0),
-            (axes[2 * place + 1], swept.kappa, "κ", swept.kappa0),
+        _, strategy, name = swept.key.split(".")
+        bolder = aggressiveness_of(strategy).get(name, 0.0)
+        across = f"{axis_label(swept.key)}{' → bolder' if bolder > 0 else ''}"
+        across = f"bolder ← {across}" if bolder < 0 else across
+        allowed = [row.verdict == "allowed" for row in swept.rows]
+        for panel, up, limit, points in (
+            (0, "μ", swept.mu0, [(row.value, row.mu) for row in swept.rows]),
+            (1, "κ", swept.kappa0, [(row.value, row.kappa) for row in swept.rows]),
         ):
-            points = list(zip(swept.values, found, strict=True))
-            draw.draw_limit(panel, points, across, up, limit, allowed)
-            if bolder < 0:
-                panel.invert_xaxis()
-        values = ", ".join(f"{value:g}" for value in allowed)
-        results.append(f"{swept.key}: {values or 'no value is shown'} to be allowed")
-    more = len(scene.allowed) - len(results)
+            draw.draw_limit(axes[2 * place + panel], points, across, up, limit, allowed)
+        values = ", ".join(f"{row.value:g}" for row in swept.rows if row.verdict == "allowed")
+        of = f"{swept.key}{swept.where and f' ({swept.where})'}"
+        results.append(f"{of}: {values or 'no value is shown'} to be allowed")
+    if more := len(scene.allowed) - len(results):
+        results.append(f"{more} more are not drawn")
     return (
-        f"{'; '.join(results)}{f' ({more} more are not drawn)' if more else ''}. In μ a reference "
-        "who crashed counts as driving on; in κ time-outs and failures count as crashes; "
-        f"{_pairs(scene.run.cells)} per value."
+        f"{'; '.join(results)}. In μ a reference who crashed counts as driving on; in κ time-outs "
+        "and failures count as crashes."
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from io import StringIO
 
-from rich.console import Console, RenderableType
+from rich.console import Console, OverflowMethod, RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
@@ -16,7 +16,7 @@ from harness.results.estimators import CONFIDENCE
 from harness.results.result import Result, Table
 
 MOST_NOTES = 3
-"""Notes on a screen; ``--full`` has all."""
+"""Notes on a screen, each with its first sentence; ``--full`` has all, with all their sentences."""
 
 PIPE_COLUMNS = 120
 
@@ -68,10 +68,10 @@ def _parts(result: Result, full: bool, console: Console) -> Iterator[RenderableT
         yield Text()
         yield from _table(table, confidence, console, every=True)
     shown = len(result.notes) if full else MOST_NOTES
-    yield from (_marked(note.text) for note in result.notes[:shown])
+    yield from (_marked(note.text if full else note.short) for note in result.notes[:shown])
     if more := result.notes[shown:]:
         labels = "; ".join(dict.fromkeys(note.label for note in more))
-        yield _marked(f"{len(more)} more with --full: {labels}.")
+        yield _marked(f"{len(more)} more with --full: {labels}.", whole=False)
     yield from (Text(printable(remark)) for remark in (result.remarks if full else ()))
 
 
@@ -81,10 +81,13 @@ def confidence_of(result: Result) -> float:
     return confidence if isinstance(confidence, float) else CONFIDENCE
 
 
-def _marked(text: str) -> RichTable:
-    """A note behind its mark; its further lines are indented."""
+def _marked(text: str, whole: bool = True) -> RichTable:
+    """A note behind its mark; its further lines are indented, or if not ``whole``, cut."""
     grid = RichTable.grid(padding=(0, 1, 0, 0))
-    grid.add_row(Text("!", style="bold"), Text(printable(text), overflow="fold"))
+    overflow: OverflowMethod = "fold" if whole else "ellipsis"
+    grid.add_row(
+        Text("!", style="bold"), Text(printable(text), overflow=overflow, no_wrap=not whole)
+    )
     return grid
 
 
@@ -126,7 +129,12 @@ def _table(
     if table.title:
         yield Text(printable(table.title), style="bold")
     columns = [
-        TextColumn(printable(column.heading), tuple(row[place] for row in table.rows), confidence)
+        TextColumn(
+            printable(column.heading),
+            tuple(row[place] for row in table.rows),
+            confidence,
+            column.interval,
+        )
         for place, column in enumerate(table.columns)
     ]
     blocks = list(blocks_of(columns, every, console.width))

@@ -5,7 +5,7 @@ CSV and the reference in the documentation follow.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
@@ -69,7 +69,7 @@ class Entry:
     def title(self, thresholds: Mapping[str, float]) -> str:
         """The heading with the thresholds of conflicts, and its unit.
 
-        >>> PET.title({"pet_s": 1.5})
+        >>> ENTRY_OF["conflict_pet"].title({"pet_s": 1.5})
         'PET below 1.5 s'
         """
         return self.heading.format(**thresholds) + (self.unit and f", {self.unit}")
@@ -89,17 +89,12 @@ class Entry:
     def _judged(self, finding: Finding) -> Finding:
         """The finding with the reason why it is undefined, or its interval unreliable."""
         if finding.value is None:
-            return Finding(None, n=finding.n, events=finding.events, reason=self.undefined or None)
-        if (
-            finding.low is None
-            or finding.events is not None
-            or (finding.n or 0) >= self.reliable_from
-        ):
+            return replace(finding, reason=self.undefined or finding.reason)
+        n, least = finding.n or 0, self.reliable_from
+        if finding.low is None or finding.events is not None or n >= least:
             return finding
-        few = f"unreliable below {self.reliable_from:,} informative pairs (has {finding.n:,})"
-        return Finding(
-            finding.value, finding.low, finding.high, finding.n, reliable=False, reason=few
-        )
+        few = f"unreliable below {least:,} informative pairs (has {n:,})"
+        return replace(finding, reliable=False, reason=few)
 
 
 def _mean(entry: Entry, sample: Sample, arm: int | None) -> Finding:
@@ -107,9 +102,11 @@ def _mean(entry: Entry, sample: Sample, arm: int | None) -> Finding:
 
 
 def _average(entry: Entry, sample: Sample, arm: int | None) -> Finding:
-    """A mean without an interval, over the episodes of the weight's mask."""
-    values = entry.values(sample, arm)[entry.values(sample, arm, entry.weight)]
-    return Finding(float(np.mean(values)) if len(values) else None)
+    """Σ column / Σ weight over the episodes whose weight is above 0, without an interval."""
+    values, weights = (entry.values(sample, arm, name) for name in (entry.column, entry.weight))
+    counting = weights > 0
+    whole = float(np.sum(weights[counting]))
+    return Finding(float(np.sum(values[counting])) / whole if whole else None)
 
 
 def _cv(entry: Entry, sample: Sample, arm: int | None) -> Finding:
@@ -149,104 +146,89 @@ def _count(entry: Entry, sample: Sample, arm: int | None) -> Finding:
     return estimators.count(entry.values(sample, arm))
 
 
+_MEAN = partial(Entry, estimate=_mean, reliable_from=1_000)
 _SHARE = partial(Entry, estimate=_share, weight="ran", form=Form.SHARE,
                  undefined="every episode failed")  # fmt: skip
 _COUNT = partial(Entry, estimate=_count, form=Form.COUNT, digits=0)
 _MET = "Only pairs in which someone stepped off count."
 _HUMAN_CRASHED = "A reference driver who crashed counts as driving on."
-_AV_MISSING = "An AV that crashed, failed or timed out counts with `timeout_s`."
+_WORST = ("Over all pairs: an AV that crashed, failed or timed out counts with `timeout_s`, a "
+          "reference that did not pass with an undisturbed passage.")  # fmt: skip
+_NO_TIME = "in every pair an episode failed or the AV crashed"
 _NO_TAU = "there is no pair in which both vehicles crossed"
+_NO_AV_TAU = "there is no pair in which the AV crossed and the reference passed"
 _NOT_CROSSED, _NOBODY = "no episode crossed", "nobody was met"
 
 # fmt: off
-PET = _SHARE(
-    "conflict_pet", "PET below {pet_s:g} s", "Share of episodes with a post-encroachment time "
-    "below `conflicts.pet_s`. A crash is a conflict of every kind.", "conflict_pet", digits=0,
-    screen=True)
-
 ENTRIES: tuple[Entry, ...] = (
-    Entry("time_s", "time to cross", f"Mean time to cross, over the pairs in which neither "
-          f"episode failed and the AV did not crash. A time-out counts as `timeout_s`. "
-          f"{_HUMAN_CRASHED}", "counted_time_s", _mean, unit="s", digits=1, reliable_from=1000,
-          screen=True, undefined="in every pair an episode failed or the AV crashed"),
+    _MEAN("time_s", "time to cross", f"Mean over the pairs in which neither episode failed and the "
+          f"AV did not crash. A time-out counts as `timeout_s`. {_HUMAN_CRASHED}",
+          "counted_time_s", unit="s", digits=1, undefined=_NO_TIME, screen=True),
     Entry("time_ratio", "ratio of times", "Sum of the AV's times over the sum of the reference's, "
           "over the pairs of `time_s`.", "counted_time_s", _arms_ratio, of="pair", beside="time_s",
-          reliable_from=1000, undefined="in every pair an episode failed or the AV crashed",
-          screen=True),
-    Entry("time_ratio_worst", "ratio of times, worst case", f"Ratio of times over all pairs. "
-          f"{_AV_MISSING} A reference that did not pass counts with an undisturbed passage.",
-          "worst_time_s", _arms_ratio, of="pair", reliable_from=1000, worst_case=True),
-    Entry("mu", "μ, mean ratio of times", "μ, the mean of τ over the pairs in which both vehicles "
-          "crossed; τ is the AV's time over the reference's.", "tau", _mean, of="pair", digits=3,
-          reliable_from=1000, undefined=_NO_TAU, screen=True, paper="0.7044"),
+          reliable_from=1_000, undefined=_NO_TIME, screen=True),
+    Entry("time_ratio_worst", "ratio of times, worst case", _WORST, "worst_time_s", _arms_ratio,
+          of="pair", beside="kappa_worst", reliable_from=1_000, worst_case=True),
+    _MEAN("mu", "μ, mean ratio of times", "μ, the mean of τ over the pairs in which both vehicles "
+          "crossed; τ is the AV's time over the reference's.", "tau", of="pair", digits=3,
+          undefined=_NO_TAU, screen=True, paper="0.7044"),
     Entry("cv", "c_v, spread of that ratio", "c_v, the coefficient of variation of τ: its "
           "population standard deviation over μ.", "tau", _cv, of="pair", form=Form.SHARE,
-          digits=0, reliable_from=4000,
-          undefined="fewer than two pairs in which both vehicles crossed", screen=True,
-          paper="4.54 %"),
+          digits=0, reliable_from=4_000, screen=True, paper="4.54 %",
+          undefined="fewer than two pairs in which both vehicles crossed"),
     _SHARE("kappa", "crashes", "κ, the share of the episodes that did not fail in which the "
            "vehicle crashed.", "crashed", form=Form.EVENTS, digits=1, screen=True, paper="0"),
-    Entry("kappa_worst", "crashes, worst case", "Share of all pairs in which the AV crashed, "
-          "failed or timed out.", "missing", _share, of="av", weight="every", form=Form.EVENTS,
-          digits=1, worst_case=True),
-    Entry("delay_s", "delay", "Mean delay of the episodes that crossed.", "delay_s", _mean,
-          unit="s", digits=1, reliable_from=200, undefined=_NOT_CROSSED, screen=True),
-    Entry("delay_difference_s", "difference of delays", f"Mean of the AV's delay minus the "
-          f"reference's, over the pairs in which the AV crossed. {_HUMAN_CRASHED}",
-          "delay_difference_s", _mean, of="pair", unit="s", digits=1, beside="delay_s",
-          reliable_from=1000,
-          undefined="there is no pair in which the AV crossed and the reference passed",
-          screen=True),
+    _SHARE("kappa_worst", "crashes, worst case", "Share of all pairs in which the AV crashed, "
+           "failed or timed out.", "missing", of="av", weight="every", form=Form.EVENTS, digits=1,
+           worst_case=True),
+    _MEAN("delay_s", "delay", "Mean over the episodes that crossed.", "delay_s", unit="s",
+          digits=1, reliable_from=200, undefined=_NOT_CROSSED, screen=True),
+    _MEAN("delay_difference_s", "difference of delays", f"The AV's minus the reference's, over the "
+          f"pairs in which the AV crossed. {_HUMAN_CRASHED}", "delay_difference_s", of="pair",
+          unit="s", digits=1, beside="delay_s", undefined=_NO_AV_TAU, screen=True),
     Entry("pedestrian_wait_s", "people's wait", "Mean wait at the kerb: the sum of all waits over "
           "the number of people who arrived, up to the record's end.", "waited_s", _ratio,
           unit="s", weight="arrivals", digits=1, reliable_from=200, undefined="nobody arrived",
           screen=True),
-    PET,
+    _SHARE("conflict_pet", "PET below {pet_s:g} s", "Share of episodes with a post-encroachment "
+           "time below `conflicts.pet_s`. A crash is a conflict of every kind.", "conflict_pet",
+           digits=0, screen=True),
     _SHARE("conflict_ttc", "TTC below {ttc_s:g} s", "The same, of the least time to collision.",
            "conflict_ttc", digits=0),
     _SHARE("conflict_time_advantage", "time advantage below {time_advantage_s:g} s",
            "The same, of the least time advantage.", "conflict_time_advantage", digits=0),
     _SHARE("conflict_drac", "DRAC above {drac_mps2:g} m/s²", "The same, of the deceleration rate "
            "to avoid a crash.", "conflict_drac", digits=0),
-    Entry("mu_all", "μ, all pairs in which the AV crossed", f"μ over these pairs. "
-          f"{_HUMAN_CRASHED}", "tau_all", _mean, of="pair", digits=3, reliable_from=1000,
-          undefined="there is no pair in which the AV crossed and the reference passed"),
-    Entry("mu_worst", "μ, worst case", f"μ over all pairs. {_AV_MISSING} A reference that did not "
-          f"pass counts with an undisturbed passage.", "tau_worst", _mean, of="pair", digits=3,
-          reliable_from=1000),
-    Entry("mu_met_someone", "μ, pairs that met someone", f"μ. {_MET}", "tau", _mean, of="pair",
-          met=True, digits=3, reliable_from=1000, undefined=_NO_TAU),
+    _MEAN("mu_all", "μ, all pairs in which the AV crossed", f"μ over these pairs. "
+          f"{_HUMAN_CRASHED}", "tau_all", of="pair", digits=3, undefined=_NO_AV_TAU),
+    _MEAN("mu_worst", "μ, worst case", _WORST, "tau_worst", of="pair", digits=3),
+    _MEAN("mu_met_someone", "μ, pairs that met someone", f"μ. {_MET}", "tau", of="pair", met=True,
+          digits=3, undefined=_NO_TAU),
     _SHARE("kappa_met_someone", "crashes, pairs that met someone", f"κ. {_MET}", "crashed",
            met=True, undefined=_NOBODY),
     _SHARE("kappa_all", "crashes, time-outs, failures", "κ if time-outs and failures of the AV's "
            "strategy count as crashes. Failures of the engine are left out.", "missed", of="av",
            weight="tried"),
-    _SHARE("kappa_front", "crashes with the vehicle's front", "Share of the episodes that did not "
-           "fail in which the front hit someone.", "front"),
     _SHARE("kappa_avoidable", "crashes avoidable by full braking", "Share of the episodes that "
            "did not fail with a crash that full braking would have prevented.", "crash_avoidable"),
     _SHARE("kappa_avoidable_attentive", "crashes avoidable by an attentive driver",
            "The same, by an attentive human driver (UN Regulation 157).",
            "crash_avoidable_attentive"),
-    Entry("delay_met_someone_s", "delay, pairs that met someone", f"Mean delay of the episodes "
-          f"that crossed. {_MET}", "delay_s", _mean, met=True, unit="s", digits=1,
-          reliable_from=200, undefined=_NOT_CROSSED),
-    Entry("delay_worst_s", "delay, worst case", f"Mean delay over all pairs. {_AV_MISSING} A "
-          f"reference that did not pass counts without delay.", "worst_delay_s", _mean, unit="s",
-          digits=1, reliable_from=1000),
-    Entry("stops", "stops per episode", "Stops per episode that did not fail.", "stops", _average,
+    _MEAN("delay_met_someone_s", "delay, pairs that met someone", f"Delay. {_MET}", "delay_s",
+          met=True, unit="s", digits=1, reliable_from=200, undefined=_NOT_CROSSED),
+    _MEAN("delay_worst_s", "delay, worst case", _WORST, "worst_delay_s", unit="s", digits=1),
+    Entry("stops", "stops per episode", "Of the episodes that did not fail.", "stops", _average,
           weight="ran", undefined="every episode failed"),
-    Entry("stopped_s", "time stopped per episode", "Time stopped per episode that did not fail.",
+    Entry("stopped_s", "time stopped per episode", "Of the episodes that did not fail.",
           "stopped_s", _average, weight="ran", unit="s", undefined="every episode failed"),
-    Entry("max_speed_mps", "largest speed", "Largest speed of the vehicle in any episode.",
-          "max_speed_mps", _largest, unit="m/s", undefined="every episode failed"),
+    Entry("max_speed_mps", "largest speed", "Of the vehicle in any episode.", "max_speed_mps",
+          _largest, unit="m/s", undefined="every episode failed"),
     Entry("acceleration_rms_mps2", "acceleration, root mean square, pairs that met someone",
           f"Over all steps of the episodes that did not fail. {_MET}", "rms_acceleration_mps2",
           _rms, met=True, unit="m/s²", reliable_from=200, undefined=_NOBODY),
     Entry("max_deceleration_p95_mps2", "hardest braking, 95 % quantile, pairs that met someone",
-          f"The value that 95 % of the episodes that did not fail do not exceed, each with its "
-          f"largest. {_MET}", "max_deceleration_mps2", _p95, met=True, unit="m/s²",
-          undefined=_NOBODY),
+          f"Of the largest value of each episode that did not fail. {_MET}",
+          "max_deceleration_mps2", _p95, met=True, unit="m/s²", undefined=_NOBODY),
     Entry("jerk_rms_mps3", "jerk, root mean square, pairs that met someone",
           "As the acceleration's.", "rms_jerk_mps3", _rms, met=True, unit="m/s³",
           reliable_from=200, undefined=_NOBODY),
@@ -260,21 +242,19 @@ ENTRIES: tuple[Entry, ...] = (
            "episode failed.", "met_nobody", of="pair"),
     _COUNT("time_ratio_pairs", "pairs in the ratio of times", "Pairs that the ratio of times "
            "counts.", "in_time_ratio", of="pair"),
-    _COUNT("mu_pairs", "pairs in μ", "Pairs that have a τ: both vehicles crossed.", "in_mu",
-           of="pair"),
+    _COUNT("mu_pairs", "pairs in μ", "Pairs that have a τ.", "in_mu", of="pair"),
     _COUNT("timed_out", "time-outs", "Episodes that timed out.", "timed_out"),
     _COUNT("failed", "failures", "Episodes that failed.", "failed"),
     _COUNT("failed_strategy", "failures of the strategy", "Episodes in which the strategy failed; "
            "the other failures are the engine's.", "failed_strategy"),
-    _COUNT("fallbacks", "episodes with a fallback", "Episodes in which the AV's strategy fell "
-           "back on another one.", "fell_back", of="av"),
-    Entry("fallback_share", "fallbacks among episodes that met someone", "Their share among the "
-          "AV's episodes that met someone.", "fell_back", _average, of="av", weight="met",
-          form=Form.SHARE, undefined=_NOBODY),
-    Entry("clamped_share", "uses of the model outside its data", "How often the interaction model "
-          "was used for a vehicle that was faster or farther away than its data, as a share of "
-          "its uses.", "clamped", lambda entry, sample, arm: _total_share(entry, sample, arm),
-          form=Form.SHARE, weight="conditionings", undefined="the model was not used"),
+    _COUNT("fallbacks", "fallbacks", "Episodes in which the strategy fell back on another one.",
+           "fell_back"),
+    Entry("fallback_share", "fallbacks, episodes that met someone", "Their share among these.",
+          "fell_back", _average, weight="met", form=Form.SHARE, undefined=_NOBODY),
+    Entry("clamped_share", "uses of the model outside its data", "Uses of the interaction model "
+          "for a vehicle that was faster or farther away than its data, among all uses.",
+          "clamped", _average, form=Form.SHARE, weight="conditionings",
+          undefined="the model was not used"),
     Entry("clamped_speed_excess_mps", "largest speed beyond the model's data", "By how much the "
           "vehicle was faster.", "clamped_speed_excess_mps", _largest, unit="m/s",
           undefined="no vehicle was faster than the model's data"),
@@ -284,13 +264,6 @@ ENTRIES: tuple[Entry, ...] = (
 )
 """The catalogue of encounters, in the order in which it is shown."""
 # fmt: on
-
-
-def _total_share(entry: Entry, sample: Sample, arm: int | None) -> Finding:
-    """Σ column / Σ weight, without an interval."""
-    part, whole = (np.nansum(entry.values(sample, arm, n)) for n in (entry.column, entry.weight))
-    return Finding(float(part / whole) if whole else None)
-
 
 ENTRY_OF: Mapping[str, Entry] = {key: entry for entry in ENTRIES for key in entry.keys}
 """The entries by the keys of their numbers."""

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from harness.core.encounter import Contact, Ending, FloatArray
+from harness.core.encounter import Ending, FloatArray
 from harness.core.errors import unknown_name
 from harness.core.seeding import resampling
 from harness.results.estimators import Sampling
@@ -107,6 +107,11 @@ def _is(column: str, value: str) -> Callable[[Sample], BothArms]:
     )
 
 
+def _any(*names: str) -> Callable[[Sample], BothArms]:
+    """Marks episodes that one of some columns marks."""
+    return _each(lambda s, arm: np.logical_or.reduce([s.arms(name)[arm] for name in names]))
+
+
 def _crash_that(column: str) -> Callable[[Sample], BothArms]:
     """Marks crashes for which a column is true."""
     return _each(lambda s, arm: s.arms("crashed")[arm] & (s.arms(column)[arm] == 1))
@@ -179,21 +184,9 @@ ARM_COLUMNS: Mapping[str, Callable[[Sample], BothArms]] = {
     "failed": _is("ending", Ending.ENGINE_FAILED),
     "failed_strategy": _is("failed_in", "strategy"),
     "ran": _each(lambda s, arm: ~s.arms("failed")[arm]),
-    "missed": _each(
-        lambda s, arm: (
-            s.arms("crashed")[arm] | s.arms("timed_out")[arm] | s.arms("failed_strategy")[arm]
-        )
-    ),
-    "tried": _each(lambda s, arm: s.arms("ran")[arm] | s.arms("failed_strategy")[arm]),
-    "missing": _each(
-        lambda s, arm: s.arms("crashed")[arm] | s.arms("timed_out")[arm] | s.arms("failed")[arm]
-    ),
-    "front": _each(
-        lambda s, arm: (
-            s.arms("crashed")[arm]
-            & np.array([contact == Contact.FRONT for contact in s.words("contact")[arm]])
-        )
-    ),
+    "missed": _any("crashed", "timed_out", "failed_strategy"),
+    "tried": _any("ran", "failed_strategy"),
+    "missing": _any("crashed", "timed_out", "failed"),
     "crash_avoidable": _crash_that("avoidable"),
     "crash_avoidable_attentive": _crash_that("avoidable_attentive"),
     "met": _each(lambda s, arm: s.arms("pedestrians")[arm] > 0),
@@ -212,8 +205,6 @@ ARM_COLUMNS: Mapping[str, Callable[[Sample], BothArms]] = {
 PAIR_COLUMNS: Mapping[str, Callable[[Sample], np.ndarray]] = {
     "every": lambda s: np.ones(s.n, dtype=bool),
     "failed": lambda s: np.logical_or(*s.arms("failed")),
-    "failed_strategy": lambda s: np.logical_or(*s.arms("failed_strategy")),
-    "timed_out": lambda s: np.logical_or(*s.arms("timed_out")),
     "met_someone": lambda s: np.logical_or(*s.arms("met")),
     "met_nobody": lambda s: ~s.pairs("met_someone") & ~s.pairs("failed"),
     "tau": lambda s: np.divide(*s.arms("pass_time_s")),

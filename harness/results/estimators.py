@@ -7,13 +7,14 @@ pairs, shares the exact one (Clopper and Pearson 1934), quantiles that between t
 import copy
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy import special
 
 from harness.core.encounter import FloatArray
-from harness.results.finding import UNDEFINED, Finding
+from harness.results.finding import Finding
 
 CONFIDENCE = 0.95
 
@@ -119,11 +120,8 @@ def ratio(numerators: FloatArray, denominators: FloatArray, sampling: Sampling) 
 def root_mean_square(values: FloatArray, steps: FloatArray, sampling: Sampling) -> Finding:
     """√(Σ steps · values² / Σ steps): the root mean square over all steps of some episodes."""
     square = ratio(steps * values**2, steps, sampling)
-    ends = (
-        None if end is None else math.sqrt(end) for end in (square.value, square.low, square.high)
-    )
-    value, low, high = ends
-    return Finding(value, low, high, square.n, reliable=square.reliable, reason=square.reason)
+    value, low, high = (end and math.sqrt(end) for end in (square.value, square.low, square.high))
+    return replace(square, value=value, low=low, high=high)
 
 
 def share(
@@ -157,7 +155,7 @@ def quantile(values: FloatArray, level: float, confidence: float) -> Finding:
     ordered = np.sort(values[~np.isnan(values)])
     n = len(ordered)
     if n == 0:
-        return UNDEFINED
+        return Finding(None)
     value = float(ordered[max(0, math.ceil(level * n - 1e-9) - 1)])
     # P(B ≤ k) for k = 0 … n − 1, with B the number of values below the population's quantile.
     at_most, tail = special.bdtr(np.arange(n), n, level), (1 - confidence) / 2
@@ -170,7 +168,7 @@ def quantile(values: FloatArray, level: float, confidence: float) -> Finding:
 def largest(values: FloatArray) -> Finding:
     """The largest defined value, without an interval."""
     known = values[~np.isnan(values)]
-    return Finding(float(known.max())) if len(known) else UNDEFINED
+    return Finding(float(known.max())) if len(known) else Finding(None)
 
 
 def count(marked: np.ndarray) -> Finding:

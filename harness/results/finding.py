@@ -1,5 +1,6 @@
 """One reported number: its value, its interval, and whether the interval can be trusted."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
@@ -18,12 +19,13 @@ class Form(StrEnum):
     EVENTS = "events"
     """A share, written as events of trials, for example 0 of 50."""
     COUNT = "count"
-    WORD = "word"
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
     """A reported value with its interval.
+
+    A number that is not finite is none: the finding is undefined then.
 
     Attributes:
         value: None if undefined.
@@ -44,17 +46,24 @@ class Finding:
     reason: str | None = None
     p: float | None = None
 
+    def __post_init__(self) -> None:
+        numbers = (self.value, self.low, self.high, self.p)
+        if not all(number is None or math.isfinite(number) for number in numbers):
+            for name in ("value", "low", "high", "reliable", "p"):
+                object.__setattr__(self, name, None)
+            object.__setattr__(self, "reason", "it is no finite number")
+
     @property
     def count(self) -> int:
-        """The value of a count; 0 if it is undefined."""
+        """A count, or the events of a share; 0 if it is undefined."""
+        if self.events is not None:
+            return self.events
         return 0 if self.value is None else int(self.value)
 
     def includes(self, number: float) -> bool:
         """Whether the interval holds a number; False without an interval."""
         return self.low is not None and self.high is not None and self.low <= number <= self.high
 
-
-UNDEFINED = Finding(None)
 
 Findings = Mapping[str, Finding]
 """The findings of one cell by key, in the catalogue's order."""

@@ -148,17 +148,12 @@ def write_manifest(folder: Path, document: JsonObject) -> None:
 
 def simulated_with(drivers: Iterable[str], models: Iterable[InteractionModel]) -> JsonObject:
     """The versions, the user's strategies and the models on which results depend."""
-    entries = {model.name: model_entry(model) for model in models}
+    entries = {model.name: {"name": model.name, "sha256": model.sha256} for model in models}
     return {
         "versions": versions_of_runs(),
         "strategies": source_digests(drivers),
         "models": [*entries.values()],
     }
-
-
-def model_entry(model: InteractionModel) -> JsonObject:
-    """A model in the manifest."""
-    return {"name": model.name, "sha256": model.sha256}
 
 
 def changes(then: JsonObject, now: JsonObject) -> Iterator[str]:
@@ -187,10 +182,9 @@ def refuse_other_versions(then: JsonObject, now: JsonObject) -> None:
 def kind_of_folder(folder: Path) -> Literal["encounters", "old"]:
     """The kind of a folder's content: a run of encounters, or anything else."""
     try:
-        document = parse_json(read_file(folder / MANIFEST))
-    except (InputError, ValueError):
-        return "old"
-    known = isinstance(document, dict) and document.get("kind") == "encounters"
+        known = _read(folder / MANIFEST).get("kind") == "encounters"
+    except InputError:
+        known = False
     return "encounters" if known else "old"
 
 
@@ -221,13 +215,13 @@ def write_findings(folder: Path, cells: Sequence[CellFindings]) -> None:
         HarnessError: the file system refuses.
     """
     rows = [flat({"cell": cell.number, **cell.varied, **cell.findings}) for cell in cells]
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    write_csv(folder / SUMMARY, [{name: row.get(name) for name in names} for row in rows])
     document = {
         str(cell.number): {key: finding_to_dict(each) for key, each in cell.findings.items()}
         for cell in cells
     }
-    write_file(folder / FINDINGS, _json(document))
+    content = _json(document)
+    write_csv(folder / SUMMARY, rows)
+    write_file(folder / FINDINGS, content)
 
 
 def read_findings(folder: Path, cells: Sequence[Cell]) -> tuple[CellFindings, ...] | None:

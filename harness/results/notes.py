@@ -4,38 +4,47 @@ To add a note, add a rule: it says a sentence about a cell from its findings and
 None.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from harness.core.encounter import SPEED_ROUNDING
-from harness.results.catalogue import ENTRIES
 from harness.results.estimators import EQUAL, FEW, REPEATED
-from harness.results.finding import Plain
-from harness.results.findings import CellFindings
-from harness.scenario import as_written
+from harness.results.findings import CellFindings, on_first_screen
+from harness.scenario.place import name_of
 from harness.strategies.references import not_validated, opposite
 from harness.strategies.registry import fallback_of
 
-MOSTLY = 0.5
-"""From this share on, a fallback is said to have driven most passages."""
+FIRST = -10
+"""The rank of a note that comes before those of all rules."""
 
 
 class Note(NamedTuple):
-    """A sentence without which the numbers mislead.
+    """Sentences without which the numbers mislead.
 
-    ``rank`` orders notes, the worst first; ``label`` stands for the note where it does not fit;
-    ``cells`` are the cells of a sweep that it is about.
+    Notes are ordered by ``rank``, the worst first, and at equal rank by ``weight``, the largest
+    first.  ``label`` stands for the note where it does not fit.  ``cells`` are the cells that it is
+    about: of a run their numbers, of a comparison their names.
     """
 
     key: str
     rank: int
     label: str
     text: str
-    cells: tuple[int, ...] = ()
+    cells: tuple[int | str, ...] = ()
+    weight: float = 0.0
+
+    @property
+    def short(self) -> str:
+        """The first sentence, which a first screen shows."""
+        first, more, _ = self.text.partition(". ")
+        return f"{first}." if more else first
 
 
 class Said(NamedTuple):
-    """A sentence about a cell; of several cells, the one of largest ``weight`` is shown."""
+    """Sentences about a cell, the first of which must do alone on a first screen.
+
+    Of several cells, those about the one of largest ``weight`` are shown.
+    """
 
     text: str
     weight: float = 0.0
@@ -50,14 +59,14 @@ class Rule(NamedTuple):
 
 
 def _failures(cell: CellFindings) -> Said | None:
-    av, human = cell["failed"].count, cell["failed_human"].count
-    own = cell["failed_strategy"].count + cell["failed_strategy_human"].count
-    text = (
-        f"{av + human:,} of {2 * cell['pairs'].count:,} episodes failed (AV {av:,}, "
-        f"{cell.scenario.arms.human} {human:,}; by the strategy {own:,}): times and crashes leave "
-        "them out, the worst case counts them against the AV."
+    if not (count := cell.total("failed")):
+        return None
+    return Said(
+        f"{count:,} of {2 * cell['pairs'].count:,} episodes failed ({_by_arm(cell, 'failed')}; by "
+        f"the strategy {cell.total('failed_strategy'):,}). Times and crashes leave them out, the "
+        "worst case counts them against the AV.",
+        count,
     )
-    return Said(text, av + human) if av + human else None
 
 
 def _nothing_tested(cell: CellFindings) -> Said | None:
@@ -77,120 +86,19 @@ def _selected(cell: CellFindings) -> Said | None:
 
 
 def _few_pairs(cell: CellFindings) -> Said | None:
-    names, few = dict[int, list[str]](), []
-    for entry in (each for each in ENTRIES if each.screen):
-        found = [cell[key] for key in entry.keys]
-        if unsure := [each for each in found if each.reliable is False or each.reason == FEW]:
-            names.setdefault(entry.reliable_from, []).append(entry.heading.partition(", ")[0])
-            few += unsure
+    pairs, names, few = cell["pairs"].count, dict[int, list[str]](), list[int]()
+    sampled = _repeated(cell) is None
+    for entry in on_first_screen(cell):
+        for found in (cell[key] for key in entry.keys):
+            equal = found.reason == EQUAL and sampled and pairs < entry.reliable_from
+            if equal or found.reliable is False or found.reason == FEW:
+                names.setdefault(entry.reliable_from, []).append(_name(entry.heading))
+                few.append(pairs if equal else found.n or 0)
     if not few:
         return None
-    fewest = min(finding.n or 0 for finding in few)
-    missing = " or missing" if any(finding.low is None for finding in few) else ""
-    first, *others = sorted(names)
-    parts = [f"{first:,} informative pairs ({_listed(names[first])})"]
-    parts += [f"{least:,} ({_listed(names[least])})" for least in others]
-    text = f"Few pairs: intervals are unreliable{missing} below {', '.join(parts)}; "
-    return Said(f"{text}the fewest here: {fewest:,}.", -fewest)
-
-
-def _time_outs(cell: CellFindings) -> Said | None:
-    av, human = cell["timed_out"].count, cell["timed_out_human"].count
-    text = (
-        f"{av + human:,} of {2 * cell['pairs'].count:,} episodes timed out (AV {av:,}, "
-        f"{cell.scenario.arms.human} {human:,}): the times to cross and their ratio count them "
-        f"with {cell.scenario.experiment.timeout_s:g} s, delays, μ and c_v leave them out."
-    )
-    return Said(text, av + human) if av + human else None
-
-
-def _left_out(cell: CellFindings) -> Said | None:
-    pairs, used = cell["pairs"].count, cell["mu_pairs"].count
-    if used == pairs:
-        return None
-    av, human = cell["kappa"].events or 0, cell["kappa_human"].events or 0
-    crashes = f"crashes (AV {av:,}, {cell.scenario.arms.human} {human:,})" if av or human else ""
-    both = {"failures": ("failed", "failed_human"), "time-outs": ("timed_out", "timed_out_human")}
-    others = [words for words, keys in both.items() if any(cell[key].count for key in keys)]
-    text = (
-        f"The ratio of times uses {cell['time_ratio_pairs'].count:,} of {pairs:,} pairs, μ and c_v "
-        f"use {used:,}, because of {_listed([*filter(None, [crashes]), *others])}."
-    )
-    if human:
-        text += " A reference that crashed counts as driving on in the times and their ratio, and "
-        text += "in the difference of delays."
-    return Said(text, pairs - used)
-
-
-def _biased(cell: CellFindings) -> Said | None:
-    mu, over_all = cell["mu"].value, cell["mu_all"]
-    if mu is None or over_all.low is None or over_all.includes(mu):
-        return None
-    way = "slower" if over_all.high is not None and mu > over_all.high else "faster"
-    text = (
-        f"μ makes the AV look {way} than it is: over all pairs μ is {over_all.value:.3f} "
-        f"({over_all.low:.3f} … {over_all.high:.3f})."
-    )
-    return Said(text, abs(mu - (over_all.value or 0.0)))
-
-
-def _undefined(cell: CellFindings) -> Said | None:
-    reasons: dict[str, list[str]] = {}
-    for entry in ENTRIES:
-        for finding in (cell[key] for key in entry.keys if entry.screen):
-            if finding.value is None and finding.reason:
-                heading = entry.title(cell.scenario.conflicts.model_dump()).partition(", ")[0]
-                reasons.setdefault(finding.reason, []).append(heading)
-    parts = [f"{_listed(names)} ({reason})" for reason, names in reasons.items()]
-    return Said(f"Undefined: {'; '.join(parts)}.", len(parts)) if parts else None
-
-
-def _fallback(cell: CellFindings) -> Said | None:
-    count, share, strategy = (
-        cell["fallbacks"].count,
-        cell["fallback_share"].value,
-        cell.scenario.arms.av,
-    )
-    if not count:
-        return None
-    met = "" if share is None else f" ({100 * share:.2g} % of those that met someone)"
-    text = (
-        f"{fallback_of(strategy)} drove in {count:,} of {cell['pairs'].count:,} passages{met}, "
-        f"for which {strategy} had no valid plan."
-    )
-    return Said(text, count / cell["pairs"].count)
-
-
-def _speeding(cell: CellFindings) -> Said | None:
-    scenario = cell.scenario
-    limit_mps, over = scenario.speed_limit_mps, []
-    for driver, key in (("The AV", "max_speed_mps"), (scenario.arms.human, "max_speed_mps_human")):
-        fastest = cell[key].value
-        if fastest is not None and fastest > limit_mps * (1 + SPEED_ROUNDING):
-            over.append((driver, float(fastest)))
-    if not over:
-        return None
-    driver, fastest = max(over, key=lambda each: each[1])
-    limit = "v0" if scenario.crossing.road_speed_limit_mps is None else "the road's limit"
-    text = f"{driver} drove at up to {fastest:.3g} m/s, above {limit} of {limit_mps:g} m/s."
-    return Said(text, fastest - limit_mps)
-
-
-def _outside_the_model(cell: CellFindings) -> Said | None:
-    arms = (("", "AV"), ("_human", cell.scenario.arms.human))
-    shares = [(float(s), who) for end, who in arms if (s := cell[f"clamped_share{end}"].value)]
-    if not shares:
-        return None
-    beyond = []
-    for key, words in (("speed_excess_mps", "m/s too fast"), ("range_excess_m", "m too far away")):
-        if known := [v for end, _ in arms if (v := cell[f"clamped_{key}{end}"].value)]:
-            beyond.append(f"{max(known):.3g} {words}")
-    used = " and ".join(f"{100 * part:.3g} % ({who})" for part, who in shares)
-    text = (
-        f"In {used} of its uses the interaction model was asked about a vehicle outside its data, "
-        f"up to {' and '.join(beyond)}; it answered for the nearest one in its data."
-    )
-    return Said(text, max(part for part, _ in shares))
+    least = ", ".join(f"{number:,} ({_listed(names[number])})" for number in sorted(names))
+    text = f"Few informative pairs (fewest: {min(few):,}): unreliable (*) or missing intervals. "
+    return Said(f"{text}They are reliable from so many on: {least}.", -min(few))
 
 
 def _opposite(cell: CellFindings) -> Said | None:
@@ -199,58 +107,118 @@ def _opposite(cell: CellFindings) -> Said | None:
     return Said(text) if text else None
 
 
+def _left_out(cell: CellFindings) -> Said | None:
+    pairs, used = cell["pairs"].count, cell["mu_pairs"].count
+    if used == pairs:
+        return None
+    endings = [
+        f"{words} ({_by_arm(cell, key)})"
+        for words, key in (("crashes", "kappa"), ("time-outs", "timed_out"), ("failures", "failed"))
+        if cell.total(key)
+    ]
+    text = (
+        f"The ratio of times uses {cell['time_ratio_pairs'].count:,} of {pairs:,} pairs, μ and c_v "
+        f"use {used:,}. The others had {_listed(endings)}."
+    )
+    if cell.total("timed_out"):
+        limit_s = cell.scenario.experiment.timeout_s
+        text += f" A time-out counts with {limit_s:g} s in the times to cross and their ratio."
+    if cell["kappa_human"].count:
+        text += " A reference that crashed counts as driving on in the times and their ratio, and "
+        text += "in the difference of delays."
+    return Said(text, pairs - used)
+
+
+def _fallback(cell: CellFindings) -> Said | None:
+    pairs, parts, weight, arms = cell["pairs"].count, [], 0, cell.scenario.arms
+    for arm, strategy, end in (("AV", arms.av, ""), ("reference", arms.human, "_human")):
+        if not (count := cell[f"fallbacks{end}"].count):
+            continue
+        share = cell[f"fallback_share{end}"].value
+        met = "" if share is None else f" ({100 * share:.2g} % of those that met someone)"
+        parts.append(f"{fallback_of(strategy)} drove in {count:,} of {pairs:,} {arm} passages{met}")
+        weight = max(weight, count)
+    text = f"{'; '.join(parts)}. The strategy of the scenario had no valid plan for these."
+    return Said(text, weight / pairs) if parts else None
+
+
+def _undefined(cell: CellFindings) -> Said | None:
+    reasons: dict[str, list[str]] = {}
+    for entry in on_first_screen(cell):
+        for finding in (cell[key] for key in entry.keys):
+            if finding.value is None and finding.reason:
+                heading = _name(entry.title(cell.scenario.conflicts.model_dump()))
+                reasons.setdefault(finding.reason, []).append(heading)
+    parts = [f"{_listed(names)} ({reason})" for reason, names in reasons.items()]
+    return Said(f"Undefined: {'; '.join(parts)}.", len(parts)) if parts else None
+
+
+def _outside_the_model(cell: CellFindings) -> Said | None:
+    shares = [(float(s), who) for who, end in cell.arms if (s := cell[f"clamped_share{end}"].value)]
+    if not shares:
+        return None
+    used = " and ".join(f"{100 * part:.3g} % ({who})" for part, who in shares)
+    text = (
+        f"The model was used outside its data, in {used} of its uses. It answered for the nearest "
+        "vehicle in its data; --full has how much faster or farther away this one was."
+    )
+    return Said(text, max(part for part, _ in shares))
+
+
 def _not_validated(cell: CellFindings) -> Said | None:
     text = not_validated(cell.scenario)
     return Said(text) if text else None
 
 
+def _speeding(cell: CellFindings) -> Said | None:
+    scenario, limit_mps = cell.scenario, cell.scenario.speed_limit_mps
+    speeds = ((cell[f"max_speed_mps{end}"].value, who) for who, end in cell.arms)
+    fastest, who = max(((v, who) for v, who in speeds if v is not None), default=(0.0, ""))
+    if fastest <= limit_mps * (1 + SPEED_ROUNDING):
+        return None
+    limit = "v0" if scenario.crossing.road_speed_limit_mps is None else "the road's limit"
+    who = "The AV" if who == "AV" else who
+    text = f"{who} drove at up to {fastest:.3g} m/s, above {limit} of {limit_mps:g} m/s."
+    return Said(text, fastest - limit_mps)
+
+
 def _repeated(cell: CellFindings) -> Said | None:
-    arms = (("the AV", "kappa"), (cell.scenario.arms.human, "kappa_human"))
-    names = [who for who, key in arms if cell[key].reason == REPEATED]
+    names = [who for who, end in cell.arms if cell[f"kappa{end}"].reason == REPEATED]
     if not names:
         return None
-    text = f"All {cell['pairs'].count:,} episodes of {' and of '.join(names)} are the same one"
     return Said(
-        f"{text}: more pairs add nothing about it, and its shares have no interval.", len(names)
+        f"All {cell['pairs'].count:,} episodes are the same one ({_listed(names)}). More pairs "
+        "add nothing about it, and its shares have no interval.",
+        len(names),
     )
 
 
 def _equal(cell: CellFindings) -> Said | None:
-    headings = [
-        entry.heading.partition(", ")[0]
-        for entry in ENTRIES
-        if entry.screen and entry.of == "pair" and cell[entry.key].reason == EQUAL
-    ]
-    if not headings:
+    names = []
+    for entry in on_first_screen(cell):
+        ends = cell.arms[: len(entry.keys)]
+        who = [who for who, end in ends if cell[f"{entry.key}{end}"].reason == EQUAL]
+        if who:
+            names.append(_name(entry.heading) + f" ({_listed(who)})" * (entry.of == "arms"))
+    if not names:
         return None
-    return Said(
-        f"The same in every pair, so without an interval: {_listed(headings)}.", len(headings)
-    )
-
-
-def _no_difference(cell: CellFindings) -> Said | None:
-    if not cell["time_ratio"].includes(1):
-        return None
-    return Said("The interval of the ratio of times includes 1: neither is shown to be faster.")
+    return Said(f"The same in every pair, so without an interval: {_listed(names)}.", len(names))
 
 
 RULES: tuple[Rule, ...] = (
     Rule("failures", "failures", _failures),
-    Rule("nothing_tested", "nothing was tested", _nothing_tested),
-    Rule("selected", "pairs selected by their outcome", _selected),
+    Rule("nothing_tested", "nothing tested", _nothing_tested),
+    Rule("selected", "selected pairs", _selected),
     Rule("few_pairs", "few pairs", _few_pairs),
-    Rule("time_outs", "time-outs", _time_outs),
-    Rule("left_out", "pairs left out", _left_out),
-    Rule("biased", "μ is biased", _biased),
-    Rule("undefined", "undefined numbers", _undefined),
+    Rule("opposite", "another reference disagrees", _opposite),
     Rule("fallback", "another strategy drove", _fallback),
-    Rule("opposite", "another reference says the opposite", _opposite),
-    Rule("outside_model", "the model outside its data", _outside_the_model),
-    Rule("not_validated", "the reference is not validated here", _not_validated),
+    Rule("left_out", "pairs left out", _left_out),
+    Rule("undefined", "undefined numbers", _undefined),
+    Rule("outside_model", "outside the model's data", _outside_the_model),
+    Rule("not_validated", "reference not validated", _not_validated),
     Rule("speeding", "speeding", _speeding),
     Rule("repeated", "repeated episodes", _repeated),
     Rule("equal", "equal in every pair", _equal),
-    Rule("no_difference", "no difference is shown", _no_difference),
 )
 """The rules, the worst news first; notes about a run as a whole come before them."""
 
@@ -268,38 +236,35 @@ def notes_of(
     Args:
         cells: the findings of all cells.
         about_run: notes about the run as a whole.
-        names: the cells' names if they are not cells of one sweep.
+        names: the cells' names if they are compared; then notes have them in place of numbers.
     """
     notes = list(about_run)
     called = names or [name_of(cell.varied) for cell in cells]
     for rank, rule in enumerate(RULES):
-        said = [
-            (name, cell.number, words)
-            for name, cell in zip(called, cells, strict=True)
-            if (words := rule.say(cell)) is not None
-        ]
-        if not said:
+        told = [(place, words) for place, cell in enumerate(cells) if (words := rule.say(cell))]
+        if not told:
             continue
-        worst, _, words = max(said, key=lambda each: each[2].weight)
-        alike, others = len({each.text for *_, each in said}) == 1, len(said) - 1
-        text = words.text
+        worst, (text, weight) = max(told, key=lambda each: each[1].weight)
+        alike, others = len({words.text for _, words in told}) == 1, len(told) - 1
+        first, stop, more = text.removesuffix(".").partition(". ")
         if len(cells) > 1 and not (alike and others):
-            text = f"{worst}: {text}"
+            first = f"{called[worst]}: {first}"
         if others:
             same = "likewise" if alike else "similar"
-            text += f" ({same} in {others:,} more {'cell' if others == 1 else 'cells'})"
-        notes.append(Note(rule.key, rank, rule.label, text, tuple(each for _, each, _ in said)))
-    return tuple(sorted(notes, key=lambda note: note.rank))
+            first += f" ({same} in {others:,} more {'cell' if others == 1 else 'cells'})"
+        about = tuple(names[place] if names else cells[place].number for place, _ in told)
+        notes.append(Note(rule.key, rank, rule.label, f"{first}{stop}{more}.", about, weight))
+    return tuple(sorted(notes, key=lambda note: (note.rank, -note.weight)))
 
 
-def name_of(varied: Mapping[str, Plain]) -> str:
-    """A cell of a sweep by its varied keys, for example ``flow_per_hour 250, soft_yield``."""
-    parts = []
-    for key, value in varied.items():
-        if value is not None:
-            name = "" if isinstance(value, str) else f"{key.rpartition('.')[2]} "
-            parts.append(f"{name}{as_written(value)}")
-    return ", ".join(parts)
+def _by_arm(cell: CellFindings, key: str) -> str:
+    """The count of each arm in words."""
+    return ", ".join(f"{who} {cell[f'{key}{end}'].count:,}" for who, end in cell.arms)
+
+
+def _name(heading: str) -> str:
+    """A heading without its unit and explanation."""
+    return heading.partition(", ")[0]
 
 
 def _listed(names: Sequence[str]) -> str:

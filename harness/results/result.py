@@ -38,14 +38,16 @@ class Versus(NamedTuple):
 Entered = Shown | Versus | Plain
 """What a cell of a table holds."""
 
-Cell = Entered
-
 
 class Column(NamedTuple):
-    """A column of a table: its key in JSON and CSV, and its heading with its unit."""
+    """A column of a table: its key in JSON and CSV, and its heading with its unit.
+
+    ``interval``: its intervals are on every screen, however narrow.
+    """
 
     key: str
     heading: str
+    interval: bool = False
 
 
 @dataclass(frozen=True)
@@ -98,13 +100,15 @@ class Result:
     records: Sequence[Mapping[str, Plain | Finding]] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """The result as JSON: ``command, title, facts, records, notes``; the same for all commands.
+        """The result as JSON, of the same form for all commands; it has all that a screen says.
 
         A number of a record is an object: ``value, low, high, n, events, reliable, reason, p``.
         """
         return {
             "command": self.command,
             "title": self.title,
+            "scope": self.scope,
+            "about": self.about,
             "facts": dict(self.facts),
             "records": [
                 {
@@ -117,6 +121,7 @@ class Result:
                 {"key": note.key, "cells": list(note.cells), "text": note.text}
                 for note in self.notes
             ],
+            "remarks": list(self.remarks),
         }
 
     def frame(self) -> "pd.DataFrame":
@@ -142,24 +147,18 @@ def listed(
 def flat(record: Mapping[str, Plain | Finding]) -> dict[str, Plain]:
     """A record as one row: a number has ``key``, and what else it has beside it.
 
-    That is ``key_ci_low``, ``key_ci_high``, ``key_n``, ``key_events``, ``key_reliable``, ``key_p``.
+    That is ``key_ci_low``, ``key_ci_high``, ``key_n``, ``key_events``, ``key_reliable``,
+    ``key_reason`` and ``key_p``.
     """
     row: dict[str, Plain] = {}
     for key, value in record.items():
         if not isinstance(value, Finding):
             row[key] = value
             continue
-        row[key] = value.value
-        row |= {f"{key}_{name}": part for name, part in _parts(value) if part is not None}
+        parts = finding_to_dict(value)
+        row[key] = parts.pop("value")
+        row |= {f"{key}_{_ENDS.get(name, name)}": part for name, part in parts.items()}
     return row
 
 
-def _parts(finding: Finding) -> Sequence[tuple[str, Plain]]:
-    return (
-        ("ci_low", finding.low),
-        ("ci_high", finding.high),
-        ("n", finding.n),
-        ("events", finding.events),
-        ("reliable", finding.reliable),
-        ("p", finding.p),
-    )
+_ENDS = {"low": "ci_low", "high": "ci_high"}

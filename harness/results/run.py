@@ -16,9 +16,9 @@ import pyarrow as pa
 from harness.core.encounter import Ending
 from harness.core.errors import InputError, resume_command
 from harness.core.files import cannot_write, whole_file
-from harness.model.interaction import InteractionModel, load_model
+from harness.results.catalogue import ENTRY_OF
 from harness.results.findings import CellFindings, cell_findings
-from harness.results.folder import model_entry, read_findings, read_manifest
+from harness.results.folder import read_findings, read_manifest
 from harness.results.result import Result
 from harness.results.screens import run_result
 from harness.results.tables import TABLES, read_cell
@@ -54,11 +54,6 @@ class Run:
         return self.study.name
 
     @property
-    def planned(self) -> int:
-        """Planned pairs of all cells."""
-        return sum(cell.scenario.experiment.pairs for cell in self.study.cells)
-
-    @property
     def confidence(self) -> float:
         """The two-sided confidence of each interval."""
         confidence: float = self.manifest["confidence"]
@@ -76,7 +71,7 @@ class Run:
     def summary(self) -> "pd.DataFrame":
         """One row per cell: ``cell``, the varied keys, the drivers, and every finding.
 
-        A number's interval, pairs and events are in ``_low``, ``_high``, ``_n`` and ``_events``.
+        ``flat`` (``results.result``) has the names of what stands beside a number.
         """
         return self.result().frame()
 
@@ -89,26 +84,6 @@ class Run:
     def pedestrians(self) -> "pd.DataFrame":
         """One row per pedestrian × arm who arrived within the record."""
         return self._frame("pedestrians")
-
-    @cached_property
-    def traces(self) -> "pd.DataFrame":
-        """One row per step and object.  It is large; ``traces_of`` has one pair.
-
-        Raises:
-            InputError: the run kept no traces.
-        """
-        self._refuse_without_traces()
-        return self._frame("traces")
-
-    def traces_of(self, cell: int, pair: int) -> "pd.DataFrame":
-        """The traces of both arms of one pair.
-
-        Raises:
-            InputError: the run kept no traces.
-        """
-        self._refuse_without_traces()
-        rows: pd.DataFrame = self.rows("traces", cell).to_pandas()
-        return rows[rows["pair"] == pair]
 
     @cached_property
     def pairs(self) -> "pd.DataFrame":
@@ -129,17 +104,6 @@ class Run:
                     found.append((cell.number, pair, arm, reason or ""))
         return tuple(found)
 
-    def model_of(self, cell: int) -> InteractionModel:
-        """The interaction model that a cell used.
-
-        Raises:
-            InputError: the model's file is missing or has changed since the run.
-        """
-        model = load_model(*self.scenario_of(cell).model.file_and_refits)
-        if model_entry(model) not in self.manifest["simulated_with"]["models"]:
-            raise InputError(f"model {model.name}", "has changed since the run", "the same file")
-        return model
-
     def result(self) -> Result:
         """What ``harness run`` shows of it.
 
@@ -149,18 +113,13 @@ class Run:
         if not self.cells:
             allowed = f"a run with results: {resume_command(self.path)}"
             raise InputError(str(self.path), "no pair is finished yet", allowed)
-        facts = {
-            "seed": self.manifest["seed"],
-            "confidence": self.confidence,
-            "engine": self.manifest["engine"],
-        }
         return run_result(
             self.name,
             self.path,
             self.cells,
-            planned=self.planned,
+            planned=sum(cell.scenario.experiment.pairs for cell in self.study.cells),
             finished=self.finished,
-            facts=facts,
+            facts={key: self.manifest[key] for key in ("seed", "confidence", "engine")},
         )
 
     def write_csv(self) -> list[Path]:
@@ -171,38 +130,31 @@ class Run:
         """
         from pyarrow import csv
 
-        folder, written = self.path / "csv", []
-        names = ["episodes", "pedestrians", *(["traces"] if self.manifest["traces"] else [])]
+        names = ("episodes", "pedestrians", *["traces"] * self.manifest["traces"])
+        tables = {name: self._table(name) for name in names}
+        people = tables["pedestrians"]
+        legs = [of and json.dumps(of) for of in people["legs"].to_pylist()]
+        place = people.schema.get_field_index("legs")
+        tables["pedestrians"] = people.set_column(place, "legs", pa.array(legs, pa.string()))
+        tables["pairs"] = pa.Table.from_pandas(self.pairs, preserve_index=False)
+        folder = self.path / "csv"
         try:
             folder.mkdir(exist_ok=True)
-            for name in names:
-                parts = [self.rows(name, cell.number) for cell in self.study.cells]
-                table = pa.concat_tables(parts)
-                if "legs" in table.column_names:
-                    texts = [legs and json.dumps(legs) for legs in table["legs"].to_pylist()]
-                    at = table.column_names.index("legs")
-                    table = table.set_column(at, "legs", pa.array(texts, pa.string()))
+            for name, table in tables.items():
                 with whole_file(folder / f"{name}.csv") as file:
                     csv.write_csv(table, file)
-                written.append(folder / f"{name}.csv")
-            with whole_file(folder / "pairs.csv") as file:
-                self.pairs.to_csv(file, index=False)
         except OSError as error:
             raise cannot_write(folder, error) from None
-        return [*written, folder / "pairs.csv"]
+        return [folder / f"{name}.csv" for name in tables]
 
-    def _frame(self, table: str) -> "pd.DataFrame":
-        parts = [self.rows(table, cell.number) for cell in self.study.cells]
-        frame: pd.DataFrame = pa.concat_tables(
-            [TABLES[table].schema.empty_table(), *parts]
-        ).to_pandas()
+    def _table(self, name: str) -> pa.Table:
+        """A table of all cells."""
+        parts = [self.rows(name, cell.number) for cell in self.study.cells]
+        return pa.concat_tables([TABLES[name].schema.empty_table(), *parts])
+
+    def _frame(self, name: str) -> "pd.DataFrame":
+        frame: pd.DataFrame = self._table(name).to_pandas()
         return frame
-
-    def _refuse_without_traces(self) -> None:
-        if not self.manifest["traces"]:
-            raise InputError(
-                str(self.path), "kept no traces", "a run with --traces, or harness replay"
-            )
 
 
 def load_run(path: Path | str) -> Run:
@@ -215,13 +167,9 @@ def load_run(path: Path | str) -> Run:
     manifest = read_manifest(path)
     study = study_from(manifest, str(path / "manifest.json"))
     stored = read_findings(path, study.cells)
-    return Run(
-        path, manifest, study, stored is not None, stored or _computed(path, manifest, study)
-    )
-
-
-def _computed(path: Path, manifest: Mapping[str, Any], study: Study) -> tuple[CellFindings, ...]:
-    """The findings of the cells that have a pair, from the tables."""
+    if stored and all(cell.findings.keys() == ENTRY_OF.keys() for cell in stored):
+        return Run(path, manifest, study, True, stored)
+    # The run is unfinished, or the catalogue has other numbers than it had.
     rows = ((cell, read_cell(path, "episodes", cell.number, manifest)) for cell in study.cells)
-    found = (cell_findings(cell, of, manifest["confidence"]) for cell, of in rows if of.num_rows)
-    return tuple(found)
+    found = (cell_findings(cell, of, manifest["confidence"]) for cell, of in rows if len(of))
+    return Run(path, manifest, study, stored is not None, tuple(found))

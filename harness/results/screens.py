@@ -7,26 +7,26 @@ from pathlib import Path
 from harness.core.encounter import Arm
 from harness.core.errors import resume_command
 from harness.results.catalogue import ENTRIES, ENTRY_OF, Entry
-from harness.results.estimators import CONFIDENCE
-from harness.results.finding import Finding, Plain
-from harness.results.findings import CellFindings
-from harness.results.notes import MOSTLY, Note, notes_of
+from harness.results.finding import Plain
+from harness.results.findings import CellFindings, on_first_screen, worst_cases
+from harness.results.notes import FIRST, Note, notes_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
-from harness.scenario import Scenario
-from harness.scenario.place import place_in_words
-from harness.strategies.references import keeps_its_defaults, validation
+from harness.scenario.place import name_of, place_in_words, short_names
+from harness.strategies.references import is_the_papers, validation
 from harness.strategies.registry import fallback_of
 
 _SWEEP = ("time_ratio", "delay_s", "pedestrian_wait_s", "kappa", "conflict_pet")
 """The numbers of a sweep's row, after the swept keys; worst cases follow if pairs are left out."""
 
+MOSTLY = 0.5
+"""From this share on, a fallback is said to have driven most passages."""
+
 _MOST_TABLES = 50
 """Cells of a sweep whose every number stands in a table of ``--full``; CSV and JSON have all."""
 
 PAPER_REMARK = (
-    "The paper's column is a reference, not a target: its 2,973 events and fitted parameters were "
-    "never published, so the model here is fitted to other trajectories. Soft-Yield has no valid "
-    "plan for walkers under 0.976 m/s at (30 m, 5 m/s); there Hard-Yield takes over."
+    "The paper's column (N = 50) is a reference, not a target: its 2,973 events and fitted "
+    "parameters were never published, so the model here is fitted to other trajectories."
 )
 
 
@@ -38,7 +38,6 @@ def run_result(
     planned: int,
     finished: bool,
     facts: Mapping[str, Plain],
-    about_run: Sequence[Note] = (),
 ) -> Result:
     """The result of a run of encounters.
 
@@ -49,25 +48,22 @@ def run_result(
         planned: planned pairs of all cells.
         finished: whether all of them are done.
         facts: what JSON says of the run: seed, confidence, engine and the like.
-        about_run: notes about the run as a whole.
     """
     scenarios = [cell.scenario for cell in cells]
     paper = len(cells) == 1 and is_the_papers(scenarios[0])
-    notes = list(about_run)
+    notes = []
     done = sum(cell["pairs"].count for cell in cells)
     if not finished:
         text = f"The run is not finished: {done:,} of {planned:,} pairs are done; "
         text += f"{resume_command(folder)} continues it."
-        notes.append(Note("unfinished", -2, "unfinished", text))
-    if agreement := _agreement(cells):
-        notes.append(agreement)
+        notes.append(Note("unfinished", FIRST, "unfinished", text))
     one = len(cells) == 1
-    title = f"{name}: {drivers(cells)}" if one else f"{name}: {len(cells)} cells, {drivers(cells)}"
-    screen = _measures(cells[0], paper) if one else _sweep(cells)
+    which = name_of(cells[0].varied) if one else f"{len(cells)} cells"
+    screen = _rows("", on_first_screen(cells[0]), cells[0], paper) if one else _sweep(cells)
     path = shlex.quote(str(folder))
     return Result(
         command="run",
-        title=title,
+        title=f"{name}: {', '.join(filter(None, [which, drivers(cells)]))}",
         scope=scope_of(cells, done, facts),
         about=place_in_words(scenarios),
         screen=screen,
@@ -97,23 +93,10 @@ def shown(entry: Entry, cell: CellFindings, key: str = "") -> Shown:
     return Shown(cell[key or entry.key], Style(entry.form, entry.digits))
 
 
-def is_the_papers(scenario: Scenario) -> bool:
-    """Whether a scenario is the paper's (Table II, arms, pedestrian), for any N and seed."""
-    ego, people, arms = scenario.ego, scenario.pedestrians, scenario.arms
-    return (
-        (ego.trigger_range_m, scenario.crossing.length_m, ego.initial_speed_mps) == (30, 9, 5)
-        and scenario.crosswalk().lane_centre_m == scenario.crossing.length_m / 4
-        and (arms.av, arms.human) == ("soft_yield", "human_gmm")
-        and all(keeps_its_defaults(scenario, name) for name in (arms.av, arms.human))
-        and (people.behaviour, people.timed) == ("constant", ())
-        and people.first_at_trigger
-        and people.max_count == 1
-    )
-
-
-def av_of(cell: CellFindings) -> str:
-    """The AV's strategy, and the fallback if it drove most passages that met someone."""
-    strategy, share = cell.scenario.arms.av, cell["fallback_share"].value
+def driver_of(cell: CellFindings, arm: Arm) -> str:
+    """An arm's strategy, and the fallback if it drove most passages that met someone."""
+    strategy = cell.scenario.arms.driver(arm)
+    share = cell["fallback_share" if arm is Arm.AV else "fallback_share_human"].value
     if share is None or share < MOSTLY:
         return strategy
     return f"{strategy} ({fallback_of(strategy)} in {100 * share:.0f} %)"
@@ -126,43 +109,22 @@ def drivers(cells: Sequence[CellFindings]) -> str:
     return f"{av} against {references.pop() if len(references) == 1 else 'several references'}"
 
 
-def leaves_out(cells: Sequence[CellFindings]) -> bool:
-    """Whether a pair stands only in some numbers, because one of its episodes did not cross."""
-    return any(cell["mu_pairs"].count < cell["pairs"].count for cell in cells)
-
-
 def scope_of(cells: Sequence[CellFindings], done: int, facts: Mapping[str, Plain]) -> str:
     """Pairs with what is left out of them, and the seed."""
-    each = {cell["pairs"].count for cell in cells}
+    each = [cell["pairs"].count for cell in cells]
     pairs = f"{done:,} pair{'s' * (done != 1)}"
     if len(cells) > 1:
-        pairs = (
-            f"{min(each):,} pairs each"
-            if len(each) == 1
-            else f"{min(each):,} to {max(each):,} pairs"
-        )
+        most = f" to {max(each):,} pairs" if max(each) > min(each) else " pairs each"
+        pairs = f"{min(each):,}{most}"
     total = {
-        words: sum(cell[key].count for cell in cells for key in keys)
-        for words, keys in (
-            ("failed episodes", ("failed", "failed_human")),
-            ("time-outs", ("timed_out", "timed_out_human")),
-            ("pairs met nobody", ("met_nobody",)),
-        )
+        "failed episodes": sum(cell.total("failed") for cell in cells),
+        "time-outs": sum(cell.total("timed_out") for cell in cells),
+        "pairs met nobody": sum(cell["met_nobody"].count for cell in cells),
+        "pairs not in the ratio of times": sum(each)
+        - sum(cell["time_ratio_pairs"].count for cell in cells),
     }
-    without = sum(cell["pairs"].count - cell["time_ratio_pairs"].count for cell in cells)
-    total["pairs not in the ratio of times"] = without
     left = ", ".join(f"{count:,} {words}" for words, count in total.items() if count)
-    parts = [f"{pairs} ({left})" if left else pairs, f"seed {facts['seed']}"]
-    if facts["confidence"] != CONFIDENCE:
-        parts.append(f"{100 * float(facts['confidence'] or 0):.4g} % intervals")
-    return ", ".join(parts)
-
-
-def _measures(cell: CellFindings, paper: bool) -> Table:
-    """The first screen of one cell: a row for each measure, worst cases if pairs are left out."""
-    worst = leaves_out([cell])
-    entries = [entry for entry in ENTRIES if entry.screen or (entry.worst_case and worst)]
-    return _rows("", entries, cell, paper)
+    return f"{pairs}{f' ({left})' * bool(left)}, seed {facts['seed']}"
 
 
 def _every_number(cell: CellFindings, paper: bool) -> Table:
@@ -177,23 +139,22 @@ def _rows(
     beside = {entry.beside: entry for entry in entries if entry.beside}
     rows = []
     for entry in (each for each in entries if not each.beside):
-        numbers: list[Entered] = [None, None, None]
+        own = [] if entry.of == "pair" else [shown(entry, cell, key) for key in entry.keys]
         pair = entry if entry.of == "pair" else beside.get(entry.key)
-        if entry.of != "pair":
-            numbers[: len(entry.keys)] = [shown(entry, cell, key) for key in entry.keys]
-        if pair is not None:
-            numbers[2] = shown(pair, cell)
+        numbers = [*own, *[None] * (2 - len(own)), pair and shown(pair, cell)]
         found = [cell[key] for each in (entry, pair) if each is not None for key in each.keys]
         reasons = "; ".join(dict.fromkeys(filter(None, (finding.reason for finding in found))))
         heading = entry.title(cell.scenario.conflicts.model_dump())
+        if pair is not None and entry.worst_case:
+            heading = "worst case: crashes, time"
         row = (heading, *numbers, *((entry.paper or None,) if paper else ()))
         rows.append((*row, reasons or None) if remarks else row)
     columns = [
         Column("measure", ""),
-        Column("av", av_of(cell)),
-        Column("reference", cell.scenario.arms.human),
-        Column("paired", "AV against reference"),
-        *([Column("paper", "paper, N = 50")] if paper else []),
+        Column("av", driver_of(cell, Arm.AV)),
+        Column("reference", driver_of(cell, Arm.HUMAN)),
+        Column("paired", "AV against reference", True),
+        *([Column("paper", "paper")] if paper else []),
         *([Column("remark", "remark")] if remarks else []),
     ]
     return Table(title, tuple(columns), tuple(rows))
@@ -202,15 +163,16 @@ def _rows(
 def _sweep(cells: Sequence[CellFindings]) -> Table:
     """A row for each cell; what is equal in all cells stands beside the table."""
     columns: list[tuple[Column, tuple[Entered, ...]]] = []
-    for key in cells[0].varied:
-        name = Column(key, key.rpartition(".")[2])
-        own = (av_of(cell) if key == "arms.av" else cell.varied[key] for cell in cells)
-        columns.append((name, tuple(own)))
-    worst = [entry.key for entry in ENTRIES if entry.worst_case and leaves_out(cells)]
-    for key in (*_SWEEP, *worst):
-        entry = ENTRY_OF[key]
-        name = Column(key, entry.title(cells[0].scenario.conflicts.model_dump()))
-        columns.append((name, tuple(_number(entry, cell) for cell in cells)))
+    arms = {f"arms.{arm.value}": arm for arm in Arm}
+    for key, name in short_names([*cells[0].varied]).items():
+        own = (driver_of(cell, arms[key]) if key in arms else cell.varied[key] for cell in cells)
+        columns.append((Column(key, name), tuple(own)))
+    thresholds = cells[0].scenario.conflicts
+    swept = any(cell.scenario.conflicts != thresholds for cell in cells)
+    for entry in (*map(ENTRY_OF.__getitem__, _SWEEP), *worst_cases(cells)):
+        # A threshold that is swept has a column of its own.
+        name = entry.heading.partition(" {")[0] if swept else entry.title(thresholds.model_dump())
+        columns.append((Column(entry.key, name), tuple(_number(entry, cell) for cell in cells)))
     return table_of("", columns, legend="Two numbers in a cell: AV / reference.")
 
 
@@ -218,13 +180,21 @@ def table_of(
     title: str, columns: Sequence[tuple[Column, tuple[Entered, ...]]], legend: str = ""
 ) -> Table:
     """A table of columns with their values; columns that are equal in all rows become ``same``."""
-    rows = len(columns[0][1])
-    same = tuple((name, values[0]) for name, values in columns if rows > 1 and len({*values}) == 1)
-    kept = [(name, values) for name, values in columns if rows == 1 or len({*values}) > 1]
-    names = tuple(name for name, _ in kept)
-    return Table(
-        title, names, tuple(zip(*(values for _, values in kept), strict=True)), same, legend
-    )
+    kept, same = [], []
+    for name, values in columns:
+        if len({*map(_if_defined, values)}) == 1 < len(values):
+            same.append((name, values[0]))
+        else:
+            kept.append((name, values))
+    rows = tuple(zip(*(values for _, values in kept), strict=True))
+    return Table(title, tuple(name for name, _ in kept), rows, tuple(same), legend)
+
+
+def _if_defined(entered: Entered) -> object:
+    """What two cells of a table are compared by: undefined numbers are all alike."""
+    if isinstance(entered, Versus):
+        return tuple(map(_if_defined, entered))
+    return None if isinstance(entered, Shown) and entered.finding.value is None else entered
 
 
 def _number(entry: Entry, cell: CellFindings) -> Entered:
@@ -232,23 +202,3 @@ def _number(entry: Entry, cell: CellFindings) -> Entered:
         av, human = (shown(entry, cell, key) for key in entry.keys)
         return Versus(av, human)
     return shown(entry, cell)
-
-
-def _agreement(cells: Sequence[CellFindings]) -> Note | None:
-    """Whether all references of a sweep over ``arms.human`` agree on who is faster."""
-    if len(cells) < 2 or tuple(cells[0].varied) != ("arms.human",):
-        return None
-    sides: dict[str, list[str]] = {}
-    for cell in cells:
-        ratio: Finding = cell["time_ratio"]
-        side = "undecided"
-        if ratio.low is not None and ratio.high is not None and not ratio.includes(1):
-            side = "less" if ratio.high < 1 else "more"
-        sides.setdefault(side, []).append(cell.scenario.arms.human)
-    parts = [
-        f"{side if side == 'undecided' else f'{side} time than'} {', '.join(names)}"
-        for side, names in sides.items()
-    ]
-    text = f"The AV against each reference: {'; '.join(parts)}."
-    rank = -1 if {"less", "more"} <= sides.keys() else len(sides) + 100
-    return Note("agreement", rank, "the references", text)

@@ -253,14 +253,20 @@ def read_part(
             rows = file.read().select(table.schema.names)
         rows = rows.replace_schema_metadata().cast(table.schema)
         rows.validate(full=True)
-        _check(rows, table, cell, first, str(path))
+        _check(rows, table, cell, _pairs_of(first, manifest), str(path))
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:
         reason = one_line(str(error))[:99]
         raise DamagedPartError(str(path), f"is damaged ({reason})", again) from None
     return rows
 
 
-def _check(rows: pa.Table, table: Table, cell: int, first: int, where: str) -> None:
+def _pairs_of(first: int, manifest: Mapping[str, Any]) -> range:
+    """The pairs of the part that begins with pair ``first``."""
+    planned = manifest["scenario"]["experiment"]["pairs"]
+    return range(first, min(first + manifest["pairs_per_part"], planned))
+
+
+def _check(rows: pa.Table, table: Table, cell: int, expected: range, where: str) -> None:
     """Refuse values that a part never holds; all code that reads a run relies on this."""
     for column in table.columns:
         values, at = rows[column.name], f"{where}: {column.name}"
@@ -276,11 +282,12 @@ def _check(rows: pa.Table, table: Table, cell: int, first: int, where: str) -> N
             if not pc.all(inside, min_count=0).as_py():
                 odd = {v for v in values.drop_null().to_pylist() if not least <= v <= _LARGEST}
                 raise InputError(at, f"{odd.pop()!r}", f"{least:g} to {_LARGEST:g}")
-    pairs, arms = rows["pair"].to_numpy(), rows["arm"].to_pylist()
-    whole = not (pairs[1:] < pairs[:-1]).any() and {*rows["cell"].unique().to_pylist()} <= {cell}
+    pairs = rows["pair"].to_numpy()
+    whole = {*rows["cell"].unique().to_pylist()} <= {cell}
     if table is EPISODES:
-        count = len(pairs) // 2
-        whole = whole and arms == [*Arm] * count and count > 0
-        whole = whole and (pairs == np.repeat(np.arange(first, first + count), 2)).all()
+        whole = whole and np.array_equal(pairs, np.repeat(expected, 2))
+        whole = whole and rows["arm"].to_pylist() == [*Arm] * len(expected)
+    else:
+        whole = whole and not (np.diff(pairs) < 0).any() and {*pairs.tolist()} <= {*expected}
     if not whole:
         raise InputError(where, "has other rows than its name says", "each pair once, av and human")

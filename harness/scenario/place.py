@@ -1,6 +1,7 @@
-"""The place, the people and the cars of a run in one line."""
+"""The place, the people and the cars of a run in one line, and the names of its cells."""
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from harness.scenario.scenario import Scenario
 from harness.scenario.study import as_written
@@ -23,6 +24,29 @@ def place_in_words(scenarios: Sequence[Scenario]) -> str:
         parts.append(texts.pop() if len(texts) == 1 else f"{name} varied")
     line = "; ".join(filter(None, parts))
     return f"{line[0].upper()}{line[1:]}."
+
+
+def short_names(keys: Sequence[str]) -> dict[str, str]:
+    """The names of swept keys: their last part, or the whole key where several end alike.
+
+    >>> short_names(["ego.length_m", "ego.width_m"])
+    {'ego.length_m': 'length_m', 'ego.width_m': 'width_m'}
+    >>> short_names(["ego.length_m", "crossing.length_m"])
+    {'ego.length_m': 'ego.length_m', 'crossing.length_m': 'crossing.length_m'}
+    """
+    last = {key: key.rpartition(".")[2] for key in keys}
+    ends = [*last.values()]
+    return {key: key if ends.count(end) > 1 else end for key, end in last.items()}
+
+
+def name_of(varied: Mapping[str, Any]) -> str:
+    """A cell of a sweep by its varied keys, for example ``flow_per_hour 250, soft_yield``."""
+    names, parts = short_names([*varied]), []
+    for key, value in varied.items():
+        if value is not None:
+            name = "" if isinstance(value, str) else f"{names[key]} "
+            parts.append(f"{name}{as_written(value)}")
+    return ", ".join(parts)
 
 
 def _road(scenario: Scenario) -> str:

@@ -33,6 +33,20 @@ def keeps_its_defaults(scenario: Scenario, strategy: str) -> bool:
     return defaults | scenario.strategies.get(strategy, {}) == defaults
 
 
+def is_the_papers(scenario: Scenario) -> bool:
+    """Whether a scenario is the paper's (Table II, arms, pedestrian), for any N and seed."""
+    ego, people, arms = scenario.ego, scenario.pedestrians, scenario.arms
+    return (
+        (ego.trigger_range_m, scenario.crossing.length_m, ego.initial_speed_mps) == (30, 9, 5)
+        and scenario.crosswalk().lane_centre_m == scenario.crossing.length_m / 4
+        and (arms.av, arms.human) == ("soft_yield", "human_gmm")
+        and all(keeps_its_defaults(scenario, name) for name in (arms.av, arms.human))
+        and (people.behaviour, people.timed) == ("constant", ())
+        and people.first_at_trigger
+        and people.max_count == 1
+    )
+
+
 def is_validated(scenario: Scenario) -> bool:
     """Whether the reference was validated with its parameters, and ``human_gmm`` with its model."""
     name = scenario.arms.human
@@ -58,7 +72,7 @@ def not_validated(scenario: Scenario) -> str | None:
     text = f"{name}{settings} was not validated against real drivers in such scenes"
     if known:
         order = validated()["recordings"]["drivers"][name]["order_right"]
-        text += f"; in recorded crowds (DUT) its order of passing was right for {100 * order:.0f} %"
+        text += f". In recorded crowds (DUT) its order of passing was right for {100 * order:.0f} %"
     return f"{text}."
 
 
@@ -83,7 +97,7 @@ def opposite(scenario: Scenario, time_ratio: float) -> str | None:
     It is known for the scenarios in ``validated.json`` alone.
 
     >>> opposite(load_scenario("cctc", {"arms.av": "gap_yield"}), 0.7)
-    'Against human_recorded gap_yield is slower: the result depends on the reference.'
+    'Against human_recorded gap_yield is slower: it depends on the reference.'
     >>> opposite(load_scenario("cctc", {"ego.initial_speed_mps": 6.0}), 0.7)
     """
     known, av, human = validated()["opposite"], scenario.arms.av, scenario.arms.human
@@ -93,7 +107,7 @@ def opposite(scenario: Scenario, time_ratio: float) -> str | None:
     studied = _studied()[:1] if way == "faster" else _studied()
     if _but_for_arms(scenario) not in studied:
         return None
-    return f"Against {other} {av} is {way}: the result depends on the reference."
+    return f"Against {other} {av} is {way}: it depends on the reference."
 
 
 @cache

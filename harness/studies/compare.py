@@ -1,39 +1,38 @@
 """Compares strategies pair by pair: cells of one run or of several that differ only in the AV."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from harness.core.errors import InputError
+from harness.core.errors import InputError, resume_command
 from harness.core.seeding import resampling
 from harness.results import estimators
-from harness.results.catalogue import ENTRIES, ENTRY_OF, Entry
+from harness.results.catalogue import ENTRY_OF, Entry
 from harness.results.columns import AV, REFERENCE, Sample
 from harness.results.estimators import EQUAL, FEW, Sampling
-from harness.results.finding import Finding, Form, Plain
-from harness.results.findings import CellFindings
-from harness.results.notes import Note, name_of, notes_of, rank_of
+from harness.results.finding import Finding, Form
+from harness.results.findings import worst_cases
+from harness.results.notes import Note, notes_of, rank_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
 from harness.results.run import Run
-from harness.results.screens import drivers, leaves_out, scope_of, shown, table_of
-from harness.scenario import Scenario, as_written, flatten
+from harness.results.screens import drivers, scope_of, shown, table_of
+from harness.scenario import flatten
 from harness.scenario.place import place_in_words
-from harness.strategies.parameters import parameters_of
-from harness.strategies.registry import STRATEGIES
-from harness.studies.allowed import allowed_tables
+from harness.studies.allowed import allowed_in, allowed_table
+from harness.studies.candidates import Candidate, groups_of, without_av
 
 MOST_ROWS = 40
 """Rows of the first screen; JSON, CSV and ``--full`` have all."""
 
-_SAME = 1e-9
-_OF_THE_REFERENCE = ("steps", "pedestrians", "pass_time_s", "pedestrian_delay_s")
-"""Columns that are equal if the reference met the same people and drove alike."""
-
 SIGNIFICANT = 0.05
+
+_SAME = 1e-9
+_OF_THE_REFERENCE = ("crashed", "steps", "pedestrians", "pass_time_s", "pedestrian_delay_s")
+"""Columns that are equal if the reference met the same people and drove alike."""
 
 
 class Difference(NamedTuple):
@@ -54,65 +53,45 @@ def _time_ratio(a: Sample, b: Sample, sampling: Sampling) -> Finding:
     return estimators.ratio_difference(a_s, b_s, reference_s, sampling)
 
 
-def _mean(column: str) -> Callable[[Sample, Sample, Sampling], Finding]:
-    def of(a: Sample, b: Sample, sampling: Sampling) -> Finding:
-        return estimators.mean_difference(a.arms(column)[AV], b.arms(column)[AV], sampling)
-
-    return of
-
-
 def _mu(a: Sample, b: Sample, sampling: Sampling) -> Finding:
     return estimators.mean_difference(a.pairs("tau"), b.pairs("tau"), sampling)
 
 
-def _share(column: str, ran: str) -> Callable[[Sample, Sample, Sampling], Finding]:
-    def of(a: Sample, b: Sample, _sampling: Sampling) -> Finding:
-        marked_a, marked_b = a.arms(column)[AV], b.arms(column)[AV]
-        return estimators.share_difference(marked_a, marked_b, a.arms(ran)[AV], b.arms(ran)[AV])
+def _mean(a: Sample, b: Sample, sampling: Sampling, column: str) -> Finding:
+    return estimators.mean_difference(a.arms(column)[AV], b.arms(column)[AV], sampling)
 
-    return of
+
+def _share(a: Sample, b: Sample, _sampling: Sampling, column: str, ran: str) -> Finding:
+    marked, trials = ([each.arms(name)[AV] for each in (a, b)] for name in (column, ran))
+    return estimators.share_difference(*marked, *trials)
 
 
 _SHARE = Style(Form.SHARE, 1)
+# fmt: off
 DIFFERENCES = (
     Difference("time_ratio_difference", "ratio of times", Style(digits=3), 500, _time_ratio),
     Difference("mu_difference", "μ", Style(digits=3), 500, _mu),
-    Difference("delay_difference_s", "delay, s", Style(), 500, _mean("delay_s")),
-    Difference(
-        "delay_worst_difference_s", "delay, worst case, s", Style(), 1_000, _mean("worst_delay_s")
-    ),
-    Difference("kappa_difference", "crashes", _SHARE, 0, _share("crashed", "ran")),
-    Difference(
-        "kappa_all_difference", "crashes, time-outs, failures", _SHARE, 0, _share("missed", "tried")
-    ),
+    Difference("delay_difference_s", "delay, s", Style(), 500, partial(_mean, column="delay_s")),
+    Difference("delay_worst_difference_s", "delay, worst case, s", Style(), 1_000,
+               partial(_mean, column="worst_delay_s")),
+    Difference("kappa_difference", "crashes", _SHARE, 0,
+               partial(_share, column="crashed", ran="ran")),
+    Difference("kappa_all_difference", "crashes, time-outs, failures", _SHARE, 0,
+               partial(_share, column="missed", ran="tried")),
 )
+# fmt: on
 """What is compared; a test of each has one family (Holm) over all rows of the table."""
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A cell as one of several strategies that met the same people.
+_Column = tuple[Column, Sequence[Entered]]
 
-    ``label`` tells it from the others of its group; ``shared`` are the swept keys of the group, and
-    ``own`` those of its AV but for the strategy.
-    """
 
-    run: Run
-    cell: CellFindings
-    label: str
-    shared: Mapping[str, Plain]
-    own: tuple[str, ...]
+class Row(NamedTuple):
+    """Two strategies with their differences by key."""
 
-    @property
-    def name(self) -> str:
-        """Its name among the cells of all groups."""
-        group = name_of(self.shared)
-        return ", ".join(filter(None, [group, self.label]))
-
-    def sample(self, pairs: int) -> Sample:
-        """The columns of its first pairs, without intervals of its own."""
-        rows = self.run.rows("episodes", self.cell.number).slice(0, 2 * pairs)
-        return Sample(rows, self.cell.scenario, 0.0)
+    a: Candidate
+    b: Candidate
+    found: Mapping[str, Finding]
 
 
 def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -> Result:
@@ -129,148 +108,66 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     """
     for number, run in enumerate(runs):
         if not run.finished:
-            raise InputError(str(run.path), "is not finished", "a finished run")
+            advice = f"`{resume_command(run.path)}` first"
+            raise InputError(str(run.path), "is not finished", advice)
         if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:
             raise InputError(str(run.path), "is named twice", "different runs")
-    groups = groups_of(runs)
-    compared = [group for group in groups if len(group) > 1]
-    if not compared:
+    groups = [group for group in groups_of(runs) if len(group) > 1]
+    if not groups:
         raise _nothing_to_compare(runs)
-    for group in compared:
+    for group in groups:
         _refuse_other_people(group)
     confidence = max(run.confidence for run in runs)
-    rows = [
-        (a, b, _differences(a, b, confidence))
-        for group in compared
-        for a, b in combinations(group, 2)
-    ]
-    adjusted = {
-        of.key: estimators.holm(
-            [1.0 if (p := found[of.key].p) is None else p for *_, found in rows]
-        )
+    pairs = [pair for group in groups for pair in combinations(group, 2)]
+    rows = [Row(a, b, _differences(a, b, confidence)) for a, b in pairs]
+    # An undefined difference is a test that was not made.
+    p_holm = {
+        of.key: estimators.holm([1.0 if (p := row.found[of.key].p) is None else p for row in rows])
         for of in DIFFERENCES
     }
-    candidates = [candidate for group in compared for candidate in group]
-    members = [candidate.cell for candidate in candidates]
-    first = runs[0]
-    facts = {"seed": first.manifest["seed"], "confidence": confidence}
-    done = sum(cell["pairs"].count for cell in members)
-    shown_rows = rows[:MOST_ROWS]
-    extra = len(rows) - len(shown_rows)
+    candidates = [candidate for group in groups for candidate in group]
+    cells = [candidate.cell for candidate in candidates]
+    facts = {"seed": runs[0].manifest["seed"], "confidence": confidence}
+    more, done = len(rows) - MOST_ROWS, sum(cell["pairs"].count for cell in cells)
     return Result(
         command="compare",
-        title=f"{first.name}: {len(rows):,} comparison{'s' * (len(rows) != 1)}, pair by pair, of "
-        f"{drivers(members)}",
-        scope=f"{scope_of(members, done, facts)}; p by Holm over the table",
-        about=place_in_words([cell.scenario for cell in members]),
-        screen=_screen(shown_rows, adjusted["time_ratio_difference"]),
+        title=f"{runs[0].name}: {len(rows):,} comparison{'s' * (len(rows) != 1)}, pair by pair, of "
+        f"{drivers(cells)}",
+        scope=f"{scope_of(cells, done, facts)}; p by Holm over the table",
+        about=place_in_words([cell.scenario for cell in cells]),
+        screen=_screen(rows[:MOST_ROWS], p_holm["time_ratio_difference"]),
         full=(
-            *(_table_of(of, rows, adjusted[of.key]) for of in DIFFERENCES),
-            *allowed_tables(compared, mu0, kappa0, confidence),
+            *(_of_all(of, rows, p_holm[of.key]) for of in DIFFERENCES),
+            *map(allowed_table, allowed_in(groups, mu0, kappa0, confidence)),
         ),
-        notes=notes_of(
-            members,
-            [*_crash_notes(rows, adjusted), *_notes_on_intervals(rows)],
-            [candidate.name for candidate in candidates],
-        ),
-        closing=tuple([f"{extra:,} more rows: --full."] * (extra > 0)),
+        notes=notes_of(cells, _notes(rows, p_holm), [candidate.name for candidate in candidates]),
+        closing=(f"{more:,} more rows: --full.",) if more > 0 else (),
         facts=facts,
         records=[
             {
-                **a.shared,
-                "a": a.label,
-                "b": b.label,
-                **{f"{key}_a": a.cell[key] for key in ("time_ratio", "kappa")},
-                **{f"{key}_b": b.cell[key] for key in ("time_ratio", "kappa")},
-                **found,
-                **{f"{of.key}_p_holm": adjusted[of.key][row] for of in DIFFERENCES},
+                **row.a.shared,
+                "a": row.a.label,
+                "b": row.b.label,
+                **{f"{key}_a": row.a.cell[key] for key in ("time_ratio", "kappa")},
+                **{f"{key}_b": row.b.cell[key] for key in ("time_ratio", "kappa")},
+                **row.found,
+                **{f"{key}_p_holm": values[place] for key, values in p_holm.items()},
             }
-            for row, (a, b, found) in enumerate(rows)
+            for place, row in enumerate(rows)
         ],
     )
-
-
-def groups_of(runs: Sequence[Run]) -> list[list[Candidate]]:
-    """The cells that differ only in the AV, in groups, in the order of their first cells."""
-    members: dict[str, list[tuple[Run, CellFindings]]] = {}
-    for run in runs:
-        for cell in run.cells:
-            members.setdefault(_frozen(without_av(cell.scenario)), []).append((run, cell))
-    return [_group(cells, several=len(runs) > 1) for cells in members.values()]
-
-
-def without_av(scenario: Scenario) -> dict[str, Any]:
-    """What two cells must share to be compared pair by pair.
-
-    The AV's strategy, its parameters, and perception and actuation that the reference does not have
-    are left out, and so are the thresholds of conflicts.
-    """
-    human = scenario.arms.human
-    tree = scenario.model_dump(exclude={"conflicts": True, "arms": {"av"}})
-    del tree["experiment"]["pairs"], tree["experiment"]["decide_limit_s"]
-    for equipment in ("perception", "actuation"):
-        if not tree[equipment]["human"]:
-            del tree[equipment]
-    tree["strategies"] = {human: _parameters(scenario, human)}
-    return tree
-
-
-def _parameters(scenario: Scenario, strategy: str) -> dict[str, Any]:
-    """A strategy's parameters; of a shipped one with its defaults, so that no user code runs."""
-    given = dict(scenario.strategies.get(strategy, {}))
-    if strategy not in STRATEGIES:
-        return given
-    return {item.name: item.default for item in parameters_of(STRATEGIES[strategy])} | given
-
-
-def _of_av(scenario: Scenario) -> dict[str, Any]:
-    """The AV's strategy, parameters and equipment by dotted key."""
-    av = scenario.arms.av
-    equipment = scenario.model_dump(include={"perception", "actuation"})
-    own = flatten({"strategies": {av: _parameters(scenario, av)}, **equipment})
-    return {"arms.av": av, **own}
-
-
-def _group(cells: Sequence[tuple[Run, CellFindings]], *, several: bool) -> list[Candidate]:
-    distinct: dict[str, tuple[Run, CellFindings, dict[str, Any]]] = {}
-    for run, cell in cells:
-        own = _of_av(cell.scenario)
-        distinct.setdefault(_frozen([str(run.path), own]), (run, cell, own))
-    found = []
-    for run, cell, own in distinct.values():
-        alike = [other for *_, other in distinct.values() if other["arms.av"] == own["arms.av"]]
-        varied = [key for key in own if len({_frozen(other.get(key)) for other in alike}) > 1]
-        swept = [key for key in cell.varied if key in own and key != "arms.av"]
-        told = dict.fromkeys([*varied, *swept])
-        words = [f"{key.rpartition('.')[2]}={as_written(own[key])}" for key in told]
-        label = " ".join([own["arms.av"], *words, *([f"({run.path.name})"] if several else [])])
-        shared = {key: value for key, value in cell.varied.items() if key not in _of_any(distinct)}
-        found.append(Candidate(run, cell, label, shared, tuple(swept)))
-    return found
-
-
-def _of_any(distinct: Mapping[str, tuple[Run, CellFindings, dict[str, Any]]]) -> set[str]:
-    """The keys of the AVs of a group."""
-    return {key for *_, own in distinct.values() for key in own}
-
-
-def _frozen(value: object) -> str:
-    return json.dumps(value, sort_keys=True, default=str)
 
 
 def _refuse_other_people(group: Sequence[Candidate]) -> None:
     """Refuse cells of several runs whose references differ, which the AV cannot cause."""
     first, *others = group
-    for other in others:
-        if other.run.path == first.run.path:
-            continue
+    for other in (each for each in others if each.origin != first.origin):
         pairs = _common(first, other)
-        a, b = first.sample(pairs), other.sample(pairs)
-        endings = (np.array(sample.words("ending")[REFERENCE]) for sample in (a, b))
-        same = np.equal(*endings)
-        for name in _OF_THE_REFERENCE:
-            x, y = a.arms(name)[REFERENCE], b.arms(name)[REFERENCE]
-            same &= np.isclose(x, y, rtol=_SAME, atol=_SAME, equal_nan=True)
+        a, b = (
+            [each.sample(pairs).arms(name)[REFERENCE] for name in _OF_THE_REFERENCE]
+            for each in (first, other)
+        )
+        same = np.isclose(a, b, rtol=_SAME, atol=_SAME, equal_nan=True).all(axis=0)
         if not same.all():
             raise InputError(
                 str(other.run.path),
@@ -310,90 +207,82 @@ def _differences(a: Candidate, b: Candidate, confidence: float) -> dict[str, Fin
     return found
 
 
-_Row = tuple[Candidate, Candidate, dict[str, Finding]]
-
-
-def _names(rows: Sequence[_Row]) -> list[tuple[Column, tuple[Entered, ...]]]:
-    """The columns that name a row: the keys that the group shares, and the two strategies."""
-    keys = dict.fromkeys(key for a, *_ in rows for key in a.shared)
-    return [
+def _table(title: str, rows: Sequence[Row], *columns: _Column, legend: str = "") -> Table:
+    """A table whose rows are named by the keys that the group shares, and the two strategies."""
+    shared = dict.fromkeys(key for row in rows for key in row.a.shared)
+    names: list[_Column] = [
         *(
-            (Column(key, key.rpartition(".")[2]), tuple(a.shared.get(key) for a, *_ in rows))
-            for key in keys
+            (Column(key, key.rpartition(".")[2]), [row.a.shared.get(key) for row in rows])
+            for key in shared
         ),
-        (Column("a", "A"), tuple(a.label for a, *_ in rows)),
-        (Column("b", "B"), tuple(b.label for _, b, _ in rows)),
+        (Column("a", "A"), [row.a.label for row in rows]),
+        (Column("b", "B"), [row.b.label for row in rows]),
     ]
+    filled = [(name, tuple(values)) for name, values in (*names, *columns)]
+    return table_of(title, filled, legend)
 
 
-def _screen(rows: Sequence[_Row], p_holm: Sequence[float]) -> Table:
+def _screen(rows: Sequence[Row], p_holm: Sequence[float]) -> Table:
     """The first screen: each cell's own number, their paired difference, and one p."""
-    difference, style = "time_ratio_difference", DIFFERENCES[0].style
-    columns = {
-        Column("time_ratio", "ratio of times"): _both(ENTRY_OF["time_ratio"], rows),
-        Column(difference, "A − B"): tuple(Shown(found[difference], style) for *_, found in rows),
-        Column("p_holm", "p"): _p_values(p_holm[: len(rows)]),
-        Column("kappa", "crashes"): _both(ENTRY_OF["kappa"], rows),
-    }
-    if leaves_out([each.cell for a, b, _ in rows for each in (a, b)]):
-        for entry in (entry for entry in ENTRIES if entry.worst_case):
-            columns[Column(entry.key, entry.heading)] = _both(entry, rows)
-    legend = "Two numbers in a cell: A / B."
-    return table_of("", [*_names(rows), *columns.items()], legend=legend)
 
+    def both(entry: Entry) -> _Column:
+        numbers = [Versus(shown(entry, row.a.cell), shown(entry, row.b.cell)) for row in rows]
+        return Column(entry.key, entry.heading), numbers
 
-def _both(entry: Entry, rows: Sequence[_Row]) -> tuple[Entered, ...]:
-    return tuple(Versus(shown(entry, a.cell), shown(entry, b.cell)) for a, b, _ in rows)
-
-
-def _p_values(values: Sequence[float]) -> tuple[Entered, ...]:
-    return tuple(Shown(Finding(p), Style(digits=3)) for p in values)
-
-
-def _table_of(of: Difference, rows: Sequence[_Row], p_holm: Sequence[float]) -> Table:
-    found = [findings[of.key] for *_, findings in rows]
-    columns = {
-        Column(of.key, "A − B"): tuple(Shown(each, of.style) for each in found),
-        Column("n", "pairs that differ"): tuple(
-            each.n if each.events is None else each.events for each in found
-        ),
-        Column("p_holm", "p (Holm)"): _p_values(p_holm),
-    }
-    return table_of(f"Difference of {of.heading}", [*_names(rows), *columns.items()])
-
-
-def _crash_notes(rows: Sequence[_Row], adjusted: Mapping[str, Sequence[float]]) -> list[Note]:
-    """A note on strategies that crash, time out or fail significantly more often than another."""
-    worse = []
-    for row, (a, b, found) in enumerate(rows):
-        value = found["kappa_all_difference"].value
-        if value and adjusted["kappa_all_difference"][row] < SIGNIFICANT:
-            worse.append((a.label, b.label) if value > 0 else (b.label, a.label))
-    if not worse:
-        return []
-    more, less = worse[0]
-    text = f"{more} crashes, times out or fails more often than {less}"
-    text += f", and likewise in {len(worse) - 1:,} more rows." if len(worse) > 1 else "."
-    return [Note("more_crashes", -2, "more crashes", text)]
-
-
-def _notes_on_intervals(rows: Sequence[_Row]) -> list[Note]:
-    """Notes on rows whose A − B has an unreliable interval, or none."""
-    found, least = (
-        [each["time_ratio_difference"] for *_, each in rows],
-        DIFFERENCES[0].reliable_from,
+    worst = worst_cases([each.cell for row in rows for each in (row.a, row.b)])
+    return _table(
+        "",
+        rows,
+        both(ENTRY_OF["time_ratio"]),
+        _difference(DIFFERENCES[0], rows),
+        _p_values("p", p_holm[: len(rows)]),
+        both(ENTRY_OF["kappa"]),
+        *map(both, worst),
+        legend="Two numbers in a cell: A / B.",
     )
-    few = [each.n or 0 for each in found if each.reliable is False or each.reason == FEW]
-    equal, notes = sum(each.reason == EQUAL for each in found), []
+
+
+def _difference(of: Difference, rows: Sequence[Row]) -> _Column:
+    return Column(of.key, "A − B", True), [Shown(row.found[of.key], of.style) for row in rows]
+
+
+def _p_values(heading: str, values: Sequence[float]) -> _Column:
+    return Column("p_holm", heading), [Shown(Finding(p), Style(digits=3)) for p in values]
+
+
+def _of_all(of: Difference, rows: Sequence[Row], p_holm: Sequence[float]) -> Table:
+    found = [row.found[of.key] for row in rows]
+    differ = [each.n if each.events is None else each.events for each in found]
+    return _table(
+        f"Difference of {of.heading}",
+        rows,
+        _difference(of, rows),
+        (Column("n", "pairs that differ"), differ),
+        _p_values("p (Holm)", p_holm),
+    )
+
+
+def _notes(rows: Sequence[Row], p_holm: Mapping[str, Sequence[float]]) -> list[Note]:
+    """Notes on rows: more crashes, an unreliable interval of A − B, or none."""
+    worse = []
+    for (a, b, found), p in zip(rows, p_holm["kappa_all_difference"], strict=True):
+        value = found["kappa_all_difference"].value
+        if value and p < SIGNIFICANT:
+            worse.append((a, b) if value > 0 else (b, a))
+    of_times = [row.found["time_ratio_difference"] for row in rows]
+    few = [each.n or 0 for each in of_times if each.reliable is False or each.reason == FEW]
+    equal, of = sum(each.reason == EQUAL for each in of_times), f"of {len(rows):,}"
+    notes = []
+    if worse:
+        (more, less), others = worse[0], len(worse) - 1
+        text = f"{more.name} crashes, times out or fails more often than {less.label}"
+        text += f" (similar in {others:,} more row{'s' * (others > 1)})." if others else "."
+        notes.append(Note("more_crashes", rank_of("left_out"), "more crashes", text))
     if few:
-        text = (
-            f"In {len(few):,} of {len(rows):,} rows too few pairs differ for a reliable interval "
-        )
-        text += f"of A − B: {least:,} are needed, the fewest here: {min(few):,}."
+        text = f"In {len(few):,} {of} rows few pairs differ: A − B is unreliable (*); the fewest "
+        text += f"here: {min(few):,}. It is so below {DIFFERENCES[0].reliable_from:,}."
         notes.append(Note("few_differ", rank_of("few_pairs"), "few pairs differ", text))
     if equal:
-        text = f"In {equal:,} of {len(rows):,} rows A − B is the same in every pair, so it has no "
-        notes.append(
-            Note("equal_rows", rank_of("equal"), "equal in every pair", f"{text}interval.")
-        )
+        text = f"In {equal:,} {of} rows A − B is the same in every pair, so it has no interval."
+        notes.append(Note("equal_rows", rank_of("equal"), "equal in every pair", text))
     return notes

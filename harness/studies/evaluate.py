@@ -14,7 +14,6 @@ import pyarrow.compute as pc
 
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError, refused_at
-from harness.engine.shared import close_engine
 from harness.episode.arms import arm_key
 from harness.results.estimators import CONFIDENCE
 from harness.results.findings import cell_findings
@@ -22,17 +21,13 @@ from harness.results.result import flat
 from harness.scenario import Cell, EngineName, Scenario, Setting, engine_named
 from harness.scenario.file import as_plain
 from harness.scenario.options import whole_number
-from harness.strategies.own import is_of_this_process
 from harness.strategies.registry import source_digests
 from harness.studies.run import checked_models, scenario_file
-from harness.studies.tasks import Rows, Task, but_for_drivers
-from harness.studies.workers import InProcess, LocalExecutor, default_workers, supervise
+from harness.studies.tasks import Task, but_for_drivers
+from harness.studies.workers import QUICK_PAIRS, default_workers, executor_for, supervise
 
 if TYPE_CHECKING:
     import pandas as pd
-
-WALL_TIMES = ("decision_wall_s_mean", "decision_wall_s_p99")
-"""The columns that are not reproducible."""
 
 MOST_REFERENCES = 16
 """Number of references whose episodes are kept; the oldest is forgotten first."""
@@ -40,11 +35,8 @@ MOST_REFERENCES = 16
 _MOST_PAIRS = 50
 """Most pairs of a task."""
 
-_executors: dict[int, LocalExecutor] = {}
-"""The workers of this process that stay open between calls, by their number."""
-
-_references: OrderedDict[str, dict[int, pa.Table]] = OrderedDict()
-"""The rows of references by what they depend on, and by pair."""
+_references: OrderedDict[str, pa.Table] = OrderedDict()
+"""The rows of references by what they depend on."""
 
 
 def evaluate(
@@ -59,8 +51,8 @@ def evaluate(
 ) -> "pd.DataFrame":
     """The numbers of each candidate on the same pairs; nothing is written.
 
-    The reference's episodes are simulated once and kept between calls, as long as what they depend
-    on stays the same.  The workers stay open between calls too; Ctrl-C ends them.
+    The episodes of a shipped reference are simulated once and kept between calls, as long as what
+    they depend on stays the same.  The workers stay open between calls too; Ctrl-C ends them.
 
     Args:
         scenario: a scenario, a file, or the name of a shipped scenario.
@@ -74,9 +66,8 @@ def evaluate(
         engine: ``sumo``, or ``plain`` for the same kinematics without SUMO.
 
     Returns:
-        A row for each candidate, in order: its settings, the columns of ``summary.csv``, its first
-        ``failure``, and mean and 99 % quantile of the wall time that the AV's strategy took for a
-        decision, in s.  ``frame.attrs["not_reproducible"]`` names these two columns.
+        A row for each candidate, in order: its settings, the columns of ``summary.csv``, and its
+        first ``failure``.
 
     Raises:
         InputError: there is no candidate, or one is refused; the message has its number in the
@@ -93,35 +84,29 @@ def evaluate(
     if not numbers or numbers.step != 1 or numbers.start < 0:
         raise InputError("pairs", f"{pairs!r} is not accepted", "a range of numbers from 0, step 1")
     tasks = _tasks(scenario, candidates, settings or {}, numbers, engine_named(engine))
-    executor = _executor(workers, {name for task in tasks for name in task.code})
+    own = {name for task in tasks for name in task.code}
+    # All processes start at once: they serve later calls too.
+    executor = executor_for(workers, own, QUICK_PAIRS * default_workers())
     try:
         humans = [_reference(task, executor) for task in tasks]
-        driven = _driven([replace(task, arms=(Arm.AV,), timed=True) for task in tasks], executor)
+        driven = _driven([replace(task, arms=(Arm.AV,)) for task in tasks], executor)
     except BaseException:
-        if isinstance(executor, LocalExecutor):
-            del _executors[executor.workers]
-            executor.abort()
+        executor.abort()
         raise
-    finally:
-        if isinstance(executor, InProcess):
-            close_engine()
+    executor.shutdown()  # its processes go on waiting for tasks
     while len(_references) > MOST_REFERENCES:
         _references.popitem(last=False)
     order = np.arange(2 * len(numbers)).reshape(2, -1).T.ravel()
     frame = []
-    for given, task, human, (av, times) in zip(candidates, tasks, humans, driven, strict=True):
+    for given, task, human, av in zip(candidates, tasks, humans, driven, strict=True):
         rows = pa.concat_tables([av, human]).take(order).combine_chunks()
         found = cell_findings(task.cells[0], rows, CONFIDENCE if intervals else 0.0).findings
         values = flat(found) if intervals else {key: each.value for key, each in found.items()}
         known: dict[str, Any] = {k: math.nan if of is None else of for k, of in values.items()}
-        walls = (np.mean(times), np.quantile(times, 0.99)) if times else (math.nan, math.nan)
-        known |= dict(zip(WALL_TIMES, map(float, walls), strict=True))
         failed = rows.filter(pc.equal(rows["ending"], Ending.ENGINE_FAILED.value)).to_pylist()
         whys = (f"pair {row['pair']} {row['arm']}: {row['reason']}" for row in failed)
         frame.append({**as_plain(given), **known, "failure": next(whys, None)})
-    result = pd.DataFrame(frame)
-    result.attrs["not_reproducible"] = list(WALL_TIMES)
-    return result
+    return pd.DataFrame(frame)
 
 
 def _tasks(
@@ -159,43 +144,25 @@ def _tasks(
 def _reference(task: Task, executor: Executor) -> pa.Table:
     """The reference's rows of ``episodes`` by pair; those that are known are not driven again."""
     scenario = task.cells[0].scenario
-    drives = arm_key(scenario, Arm.HUMAN), task.code.get(scenario.arms.human)
-    key = repr((but_for_drivers(scenario), drives, task.model.sha256, task.engine))
-    kept = _references.setdefault(key, {})
+    drives = arm_key(scenario, Arm.HUMAN)
+    key = repr((but_for_drivers(scenario), drives, task.model.sha256, task.engine, task.pairs))
+    if drives is None or key not in _references:
+        (_references[key],) = _driven([replace(task, arms=(Arm.HUMAN,))], executor)
     _references.move_to_end(key)
-    missing = [pair for pair in task.pairs if pair not in kept]
-    if missing:
-        whole = replace(task, first=missing[0], count=missing[-1] - missing[0] + 1)
-        ((rows, _),) = _driven([replace(whole, arms=(Arm.HUMAN,))], executor)
-        kept |= {pair: rows.slice(place, 1) for place, pair in enumerate(whole.pairs)}
-    return pa.concat_tables([kept[pair] for pair in task.pairs])
+    return _references[key]
 
 
-def _driven(tasks: Sequence[Task], executor: Executor) -> list[tuple[pa.Table, list[float]]]:
-    """The rows of ``episodes`` of one arm of each task by pair, and the times of its decisions."""
-    pairs, threads = sum(task.count for task in tasks), getattr(executor, "workers", 1)
+def _driven(tasks: Sequence[Task], executor: Executor) -> list[pa.Table]:
+    """The rows of ``episodes`` of one arm of each task by pair."""
+    pairs, threads = sum(task.count for task in tasks), getattr(executor, "_max_workers", 1)
     size = max(1, min(_MOST_PAIRS, -(-pairs // (2 * threads))))
     parts = [
         replace(task, first=first, count=min(size, task.pairs.stop - first))
         for task in tasks
         for first in task.pairs[::size]
     ]
-    found: dict[int, list[Rows]] = {}
+    found: dict[int, list[pa.Table]] = {}
     for part, future in [(part, executor.submit(supervise, part)) for part in parts]:
-        found.setdefault(part.cells[0].number, []).append(future.result())
-    return [
-        (
-            pa.concat_tables([each.tables[number]["episodes"] for each in rows]),
-            [seconds for each in rows for seconds in each.decisions_s[number]],
-        )
-        for number, rows in found.items()
-    ]
-
-
-def _executor(workers: int | None, own: set[str]) -> Executor:
-    count = default_workers() if workers is None else whole_number("workers", workers, 0)
-    if count == 0 or any(map(is_of_this_process, own)):
-        return InProcess()
-    if count not in _executors:
-        _executors[count] = LocalExecutor(count, count * _MOST_PAIRS)
-    return _executors[count]
+        number = part.cells[0].number
+        found.setdefault(number, []).append(future.result().tables[number]["episodes"])
+    return [pa.concat_tables(tables) for tables in found.values()]

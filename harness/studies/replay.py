@@ -48,9 +48,7 @@ class Replayed:
     traceback: str | None = None
 
 
-def replay(
-    run: Run, cell: int, pairs: range, arms: Sequence[Arm], out: Path, workers: int | None = None
-) -> list[Replayed]:
+def replay(run: Run, cell: int, pairs: range, arms: Sequence[Arm], out: Path) -> list[Replayed]:
     """Run episodes again; SUMO's files of each are in ``out/<pair>-<arm>``.
 
     Those of a single episode are in ``out``.  Times in SUMO's files are one step later than in the
@@ -62,7 +60,6 @@ def replay(
         pairs: numbers of the pairs.
         arms: the arms.
         out: a new or empty folder.
-        workers: number of processes; None uses all cores.
 
     Raises:
         InputError: the cell or a pair does not exist, or ``out`` is not empty or cannot be written.
@@ -72,7 +69,7 @@ def replay(
     folders = [out / f"{each.first}-{each.arms[0]}" for each in tasks] if len(tasks) > 1 else [out]
     tasks = [replace(task, outputs=place) for task, place in zip(tasks, folders, strict=True)]
     net = network_of(run.scenario_of(cell))
-    executor = LocalExecutor(min(workers or default_workers(), len(tasks)), len(tasks))
+    executor = LocalExecutor(min(default_workers(), len(tasks)), len(tasks))
     try:
         for place in folders:
             place.mkdir(parents=True, exist_ok=True)

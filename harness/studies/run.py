@@ -1,9 +1,9 @@
 """Runs a study of encounters into a folder of parts, and resumes it."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -21,31 +21,34 @@ from harness.core.errors import (
 from harness.engine.installation import check_packages
 from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel, load_model
-from harness.results import folder as folders, tables
-from harness.results.findings import CellFindings, cell_findings
+from harness.results import folder as folders
+from harness.results.findings import cell_findings
 from harness.results.run import Run, load_run
+from harness.results.tables import (
+    DamagedPartError,
+    done_parts,
+    part_name,
+    read_cell,
+    read_part,
+    write_part,
+)
 from harness.scenario import EngineName, Scenario, engine_named
 from harness.scenario.file import ScenarioFile, Setting, read_scenario_file
-from harness.scenario.options import whole_number
-from harness.scenario.study import Cell, Study, study_from, study_of
-from harness.strategies.own import is_of_this_process
+from harness.scenario.study import Study, study_from, study_of
 from harness.studies.tasks import Rows, Task, part_pairs, tasks_of
-from harness.studies.workers import InProcess, LocalExecutor, default_workers, supervise
+from harness.studies.workers import executor_for, supervise
 
-_SUBMITTED = 1_000
-"""Number of tasks that an executor has at a time."""
-
-_SILENT_S = 2.0
-"""If no task ends for this time, the progress names the episodes in flight."""
+_EACH, _UNKNOWN = 3, 100
+"""Tasks that an executor has at a time for each worker, and workers of one that does not say."""
 
 Part = tuple[int, int]
 """Cell and first pair."""
 
-Progress = Callable[[int, int, str], None]
-"""Receives the numbers of finished and planned pairs, and what is waited for, if anything."""
+Progress = Callable[[int, int], None]
+"""Receives the numbers of finished and planned pairs."""
 
 
-def _quiet(_done: int, _planned: int, _waits_for: str) -> None:
+def _quiet(_done: int, _planned: int) -> None:
     """No progress is shown."""
 
 
@@ -106,8 +109,7 @@ def run(
     path = folders.claim_folder(out, study.name)
     with _at_work(path, study, workers, executor) as (folder, chosen):
         folders.write_manifest(path, manifest)
-        tasks = tasks_of(study, models, manifest)
-        return _Work(folder, study, manifest, tasks, set(), chosen, progress).carry_out()
+        return _carried_out(folder, study, manifest, models, (), chosen, progress)
 
 
 def resume(
@@ -134,8 +136,7 @@ def resume(
         now = folders.simulated_with(study.driven, models)
         folders.refuse_other_versions(manifest["simulated_with"], now)
         folder.note("resumed")
-        tasks = tasks_of(study, models, manifest)
-        return _Work(folder, study, manifest, tasks, done, chosen, progress).carry_out()
+        return _carried_out(folder, study, manifest, models, done, chosen, progress)
 
 
 def scenario_file(scenario: Scenario | str | Path, settings: Mapping[str, Any]) -> ScenarioFile:
@@ -180,15 +181,17 @@ def _whole_parts(
     """
     firsts = range(0, study.base.experiment.pairs, manifest["pairs_per_part"])
     planned = {(cell.number, first) for cell in study.cells for first in firsts}
-    done = tables.done_parts(folder.path)
+    for left in folder.path.rglob(".*.partial"):  # by a process that was killed
+        left.unlink()
+    done = done_parts(folder.path)
     for cell, first in sorted(done):
-        path = folder.path / "episodes" / tables.part_name(cell, first)
+        path = folder.path / "episodes" / part_name(cell, first)
         if (cell, first) not in planned:
             raise InputError(str(path), "is no part that this run plans", "the parts of this run")
         try:
             for name in ("episodes", "pedestrians", *["traces"] * manifest["traces"]):
-                tables.read_part(folder.path, name, cell, first, manifest)
-        except tables.DamagedPartError as error:
+                read_part(folder.path, name, cell, first, manifest)
+        except DamagedPartError as error:
             folder.note("part removed", reason=str(error))
             path.unlink()
             done.remove((cell, first))
@@ -200,14 +203,11 @@ def _at_work(
     path: Path, study: Study, workers: int | None, executor: Executor | None
 ) -> Iterator[tuple[folders.RunFolder, Executor]]:
     """The folder, locked, and the executor; says how a run continues that ends early."""
-    if workers is not None:
-        workers = whole_number("workers", workers, 0)
-    pairs, folder = study.base.experiment.pairs * len(study.cells), folders.RunFolder(path)
-    chosen = executor or LocalExecutor(min(workers or default_workers(), pairs), pairs)
-    if executor is None and (workers == 0 or any(map(is_of_this_process, study.driven))):
-        chosen = InProcess()
+    pairs = study.base.experiment.pairs * len(study.cells)
+    own = executor_for(workers, study.driven, pairs)  # starts nothing yet
+    folder = folders.RunFolder(path)
     try:
-        yield folder, chosen
+        yield folder, executor or own
     except KeyboardInterrupt:
         if not (path / folders.MANIFEST).is_file():
             raise  # there is nothing to resume
@@ -218,101 +218,61 @@ def _at_work(
         advice = f"finished work is kept: {resume_command(path)}"
         raise HarnessError(f"{error}; {advice}") from None
     finally:
-        if isinstance(chosen, LocalExecutor):
-            chosen.abort()
-        if isinstance(chosen, InProcess):
-            from harness.engine.shared import close_engine
-
-            close_engine()
+        own.abort()
         folder.close()
 
 
-@dataclass
-class _Work:
-    """What is to be done for a run, and the parts that are done."""
+def _carried_out(
+    folder: folders.RunFolder,
+    study: Study,
+    manifest: JsonObject,
+    models: Sequence[InteractionModel],
+    done: Container[Part],
+    executor: Executor,
+    progress: Progress,
+) -> Run:
+    """Simulate the parts that are not done; compute and write the findings."""
+    path = folder.path
+    tasks = [
+        replace(task, cells=cells)
+        for task in tasks_of(study, models, manifest)
+        if (cells := tuple(cell for cell in task.cells if (cell.number, task.first) not in done))
+    ]
+    planned = study.base.experiment.pairs * len(study.cells)
+    missing = sum(task.count * len(task.cells) for task in tasks)
+    folder.note("started", pairs=missing, tasks=len(tasks))
+    for task, rows in _rows_of(tasks, executor):
+        for event in rows.events:
+            folder.note(**event)
+        for number, of_cell in rows.tables.items():
+            write_part(path, number, task.first, of_cell, manifest["digest"])
+        missing -= task.count * len(task.cells)
+        progress(planned - missing, planned)
+    episodes = ((cell, read_cell(path, "episodes", cell.number, manifest)) for cell in study.cells)
+    found = tuple(cell_findings(cell, rows, manifest["confidence"]) for cell, rows in episodes)
+    folders.write_findings(path, found)
+    folder.note("finished")
+    return Run(path, manifest, study, True, found)
 
-    folder: folders.RunFolder
-    study: Study
-    manifest: JsonObject
-    tasks: list[Task]
-    done: set[Part]
-    executor: Executor
-    progress: Progress
-    counts: tuple[int, int] = (0, 0)
 
-    def carry_out(self) -> Run:
-        """Simulate what is missing, and compute and write the findings."""
-        path, study = self.folder.path, self.study
-        found = {number: self._findings(study.cells[number]) for number in self._finished_cells()}
-        cells = tuple(found[cell.number] for cell in study.cells)
-        folders.write_findings(path, cells)
-        self.folder.note("finished")
-        return Run(path, self.manifest, study, True, cells)
-
-    def _findings(self, cell: Cell) -> CellFindings:
-        rows = tables.read_cell(self.folder.path, "episodes", cell.number, self.manifest)
-        return cell_findings(cell, rows, self.manifest["confidence"])
-
-    def _finished_cells(self) -> Iterator[int]:
-        """Write the parts that are missing.
-
-        Yields:
-            The number of each cell when its last part is there.
-        """
-        size, done, pairs = (
-            self.manifest["pairs_per_part"],
-            self.done,
-            self.study.base.experiment.pairs,
-        )
-        left = {
-            cell.number: {
-                first for first in range(0, pairs, size) if (cell.number, first) not in done
-            }
-            for cell in self.study.cells
-        }
-        yield from (number for number, firsts in left.items() if not firsts)
-        tasks = [
-            replace(task, cells=cells)
-            for task in self.tasks
-            if (cells := tuple(cell for cell in task.cells if task.first in left[cell.number]))
-        ]
-        planned = pairs * len(self.study.cells)
-        missing = sum(task.count * len(task.cells) for task in tasks)
-        self.counts = (planned - missing, planned)
-        self.folder.note("started", pairs=missing, tasks=len(tasks))
-        for task, rows in self._carried_out(tasks):
-            for event in rows.events:
-                self.folder.note(**event)
-            for cell, of_cell in rows.tables.items():
-                tables.write_part(
-                    self.folder.path, cell, task.first, of_cell, self.manifest["digest"]
-                )
-                done.add((cell, task.first))
-                left[cell].remove(task.first)
-            self.counts = (self.counts[0] + task.count * len(task.cells), planned)
-            self.progress(*self.counts, "")
-            yield from (cell for cell in rows.tables if not left[cell])
-
-    def _carried_out(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Rows]]:
-        """Each task with its rows, in the order in which they end."""
-        waiting, running = iter(tasks), dict[Future[Rows], Task]()
-        try:
-            while True:
-                for task in islice(waiting, _SUBMITTED - len(running)):
-                    running[self.executor.submit(supervise, task)] = task
-                if not running:
-                    return
-                ended, _ = wait(running, _SILENT_S, return_when=FIRST_COMPLETED)
-                if not ended and isinstance(self.executor, LocalExecutor):
-                    self.progress(*self.counts, self.executor.in_flight)
-                for future in ended:
-                    yield running.pop(future), future.result()
-        except HarnessError:
-            raise
-        except CancelledError:
-            raise HarnessError("the workers are gone") from None
-        except Exception as error:
-            raise HarnessError(f"a worker failed: {in_one_line(error)}") from error
-        finally:
-            for future in running:
-                future.cancel()
+def _rows_of(tasks: Iterable[Task], executor: Executor) -> Iterator[tuple[Task, Rows]]:
+    """Each task with its rows, in the order in which they end."""
+    most = _EACH * getattr(executor, "_max_workers", _UNKNOWN)  # of the standard library's
+    waiting, running = iter(tasks), dict[Future[Rows], Task]()
+    try:
+        while True:
+            for task in islice(waiting, most - len(running)):
+                running[executor.submit(supervise, task)] = task
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()
+    except HarnessError:
+        raise
+    except CancelledError:
+        raise HarnessError("the workers are gone") from None
+    except Exception as error:
+        raise HarnessError(f"a worker failed: {in_one_line(error)}") from error
+    finally:
+        for future in running:
+            future.cancel()

@@ -1,22 +1,15 @@
-"""The pairs worth watching with their traces, simulated again if the run kept none.
+"""The pairs worth watching with their traces, simulated again if the run kept none."""
 
-Those of a run without traces are parts in ``RUN/shown``, or next to the page if the run cannot be
-written.
-"""
-
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pyarrow as pa
+
 from harness.core.encounter import Arm
-from harness.core.errors import HarnessError, InputError
 from harness.results.run import Run
-from harness.results.tables import read_cell, write_part
-from harness.studies.replay import RECORDS, differences_of, stored_tasks
-from harness.studies.tasks import Task
+from harness.results.tables import read_cell
+from harness.studies.replay import differences_of, stored_tasks
 from harness.studies.workers import LocalExecutor, default_workers, supervise
 from harness.studies.worst import Key, chosen_pairs
 
@@ -45,81 +38,50 @@ class ShownPair:
     differences: tuple[str, ...] = ()
 
 
-def shown_pairs(
-    run: Run, page: Path | None = None, say: Callable[[str], None] = lambda _text: None
-) -> list[ShownPair]:
+def shown_pairs(run: Run) -> list[ShownPair]:
     """The pairs of ``chosen_pairs`` with their traces, each once.
 
     Args:
         run: a run with at least one finished pair.
-        page: the file that shows the pairs, if it is not in the run folder.
-        say: called with the reason if pairs could not be simulated again and are left out.
+
+    Raises:
+        HarnessError: pairs cannot be simulated again.
     """
     reasons: dict[Key, list[str]] = {}
     for reason, keys in chosen_pairs(run).items():
         for key in keys:
             reasons.setdefault(key, []).append(reason)
     kept = bool(run.manifest["traces"])
-    places = [run.path / "shown", *([] if page is None else [page.parent / f"{page.stem}-shown"])]
-    found = {} if kept else {key: _repeated(run, key, places) for key in reasons}
-    missing = [key for key, pair in found.items() if pair is None or pair.differences]
-    try:
-        _simulate(run, missing, places)
-    except HarnessError as error:
-        say(f"pairs could not be simulated again: {error}")
-    found |= {key: _repeated(run, key, places) for key in missing}
-    pairs = {key: _kept(run, key) if kept else found[key] for key in reasons}
-    return [
-        replace(pair, reasons=tuple(reasons[key]))
-        for key, pair in pairs.items()
-        if pair is not None
+    if kept:
+        names = ("episodes", "pedestrians", "traces")
+        found = {
+            (cell, pair): {
+                name: read_cell(run.path, name, cell, run.manifest, pair) for name in names
+            }
+            for cell, pair in reasons
+        }
+    else:
+        found = dict(_simulated(run, reasons))
+    shown = []
+    for (cell, pair), whys in reasons.items():
+        tables = found[cell, pair]
+        traces, people = tables["traces"].to_pandas(), tables["pedestrians"].to_pandas()
+        differences = () if kept else differences_of(run, cell, pair, tables, tuple(Arm))
+        shown.append(ShownPair(cell, pair, tuple(whys), traces, people, not kept, differences))
+    return shown
+
+
+def _simulated(run: Run, keys: Collection[Key]) -> Iterator[tuple[Key, dict[str, pa.Table]]]:
+    engine, arms = run.manifest["engine"], tuple(Arm)
+    tasks = [
+        replace(task, arms=arms, traces=True, engine=engine)
+        for cell in sorted({cell for cell, _ in keys})
+        for task in stored_tasks(run, cell, [pair for of, pair in keys if of == cell], [Arm.AV])
     ]
-
-
-def _kept(run: Run, key: Key) -> ShownPair:
-    cell, pair = key
-    read = (read_cell(run.path, name, cell, run.manifest, pair) for name in ("traces", RECORDS[1]))
-    traces, people = (table.to_pandas() for table in read)
-    return ShownPair(cell, pair, (), traces, people)
-
-
-def _repeated(run: Run, key: Key, places: Sequence[Path]) -> ShownPair | None:
-    """A pair that was simulated again; None if it was not, or if its part is damaged."""
-    manifest = {**run.manifest, "pairs_per_part": 1}
-    for place in places:
-        try:
-            names = (*RECORDS, "traces")
-            tables = {name: read_cell(place, name, key[0], manifest, key[1]) for name in names}
-        except InputError:
-            continue
-        if tables["episodes"].num_rows:
-            traces, people = tables["traces"].to_pandas(), tables["pedestrians"].to_pandas()
-            found = differences_of(run, *key, tables, tuple(Arm))
-            return ShownPair(*key, (), traces, people, True, found)
-    return None
-
-
-def _simulate(run: Run, missing: Sequence[Key], places: Sequence[Path]) -> None:
-    """Simulate pairs again, and write each as a part.
-
-    Raises:
-        HarnessError: the model, a strategy or the folder cannot be used.
-    """
-    tasks: list[Task] = []
-    for cell in sorted({cell for cell, _ in missing}):
-        pairs = sorted(pair for of, pair in missing if of == cell)
-        engine, arms = run.manifest["engine"], tuple(Arm)
-        for task in stored_tasks(run, cell, pairs, [Arm.AV]):
-            tasks.append(replace(task, arms=arms, traces=True, engine=engine))
-    if not tasks:
-        return
-    place = next((each for each in places if os.access(each.parent, os.W_OK)), places[0])
-    place.mkdir(exist_ok=True)
     executor = LocalExecutor(min(default_workers(), len(tasks)), len(tasks))
     try:
-        futures = {executor.submit(supervise, task): task for task in tasks}
-        for future in as_completed(futures):
-            for cell, tables in future.result().tables.items():
-                write_part(place, cell, futures[future].first, tables, run.manifest["digest"])
+        for task, future in [(task, executor.submit(supervise, task)) for task in tasks]:
+            number = task.cells[0].number
+            yield (number, task.first), future.result().tables[number]
     finally:
         executor.abort()

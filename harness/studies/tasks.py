@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 _PART_PAIRS = ((20, 1), (80, 5), (200, 10), (800, 25), (3_000, 50), (10_000, 100))
 _MOST_PAIRS = 250
 
+_DRIVERS = ("arms", "strategies", "perception", "actuation", "conflicts")
+"""The sections of a scenario on which neither people nor road depend."""
+
 
 class EpisodeId(NamedTuple):
     """An episode of a run."""
@@ -44,7 +47,6 @@ class Task:
         arms: the arms to simulate.
         traces: whether the rows of ``traces`` are returned.
         engine: the engine.
-        timed: whether the wall times of the decisions are returned.
         outputs: the folder for SUMO's own outputs, for a task of one episode.
         code: digests of the user's strategies that drive; a process that has imported another
             version is not used.
@@ -58,7 +60,6 @@ class Task:
     arms: tuple[Arm, ...] = tuple(Arm)
     traces: bool = False
     engine: "EngineName" = "sumo"
-    timed: bool = False
     outputs: Path | None = None
     code: Mapping[str, str] = field(default_factory=dict)
     given_up: Mapping[EpisodeId, Failure] = field(default_factory=dict)
@@ -73,21 +74,17 @@ class Task:
         (scenario,) = (cell.scenario for cell in self.cells if cell.number == episode.cell)
         return scenario.arms.driver(episode.arm)
 
-    def without(self, failures: Mapping[EpisodeId, Failure]) -> "Task":
-        """The same task, with further episodes given up."""
-        return replace(self, given_up={**self.given_up, **failures})
+    def without(self, episode: EpisodeId, failure: Failure) -> "Task":
+        """The same task, with a further episode given up."""
+        return replace(self, given_up={**self.given_up, episode: failure})
 
 
 @dataclass(frozen=True)
 class Rows:
-    """What a task returns: the tables of each cell by its number, and lines for the log.
-
-    ``decisions_s`` are the wall times of the decisions of each cell's AV, if the task is timed.
-    """
+    """What a task returns: the tables of each cell by its number, and lines for the log."""
 
     tables: "Mapping[int, Tables]"
     events: "tuple[Row, ...]" = ()
-    decisions_s: Mapping[int, list[float]] = field(default_factory=dict)
 
 
 def part_pairs(pairs: int) -> int:
@@ -129,7 +126,9 @@ def tasks_of(
     ]
 
 
-def but_for_drivers(scenario: "Scenario") -> str:
+def but_for_drivers(scenario: "Scenario", *, but_for_pairs: bool = False) -> str:
     """The people and the road of a scenario, as text."""
-    drivers = ("arms", "strategies", "perception", "actuation", "conflicts")
-    return repr(scenario.model_copy(update=dict.fromkeys(drivers)))
+    changes: dict[str, object] = dict.fromkeys(_DRIVERS)
+    if but_for_pairs:
+        changes["experiment"] = scenario.experiment.model_copy(update={"pairs": 0})
+    return repr(scenario.model_copy(update=changes))

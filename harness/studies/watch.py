@@ -11,8 +11,11 @@ from harness.engine.network import place_of
 from harness.engine.protocol import Engine
 from harness.results.run import Run
 from harness.scenario import Scenario
-from harness.studies.encounters import run_on
+from harness.studies.encounters import run_task
 from harness.studies.replay import Replayed, refuse_in_use, replayed, stored_tasks
+
+_EVERY_S = 0.5
+"""Simulated time between two screenshots."""
 
 
 def watch(
@@ -20,30 +23,22 @@ def watch(
     cell: int,
     pairs: range,
     arms: Sequence[Arm],
-    pace: float = 1.0,
     screenshots: Path | None = None,
-    every_s: float = 0.5,
 ) -> list[Replayed]:
-    """Run episodes again in sumo-gui, one after the other.
+    """Run episodes again in sumo-gui in real time, one after the other.
 
     Args:
         run: a run.
         cell: number of the cell.
         pairs: numbers of the pairs.
         arms: the arms.
-        pace: speed of the display; 1 is real time, and infinite means no pauses.
         screenshots: a new or empty folder for PNG files; several episodes each have one in it.
-        every_s: simulated time between two screenshots.
 
     Raises:
         InputError: the cell or a pair does not exist, there is no display, or the folder is not
             empty.
         EngineError: sumo-gui did not start, or its window was closed.
     """
-    if not pace > 0:
-        raise InputError("--pace", f"{pace:g}", "above 0, e.g. 0.5 or 4")
-    if not every_s > 0:
-        raise InputError("--every", f"{every_s:g} s", "above 0")
     if screenshots is not None:
         refuse_in_use(screenshots, "--screenshots")
     tasks = stored_tasks(run, cell, pairs, arms)
@@ -64,13 +59,13 @@ def watch(
 
         def window(scenario: Scenario, arm: Arm = arm, folder: Path | None = folder) -> Engine:
             step_s = scenario.experiment.step_s
-            gui = Gui(1000 * step_s / pace, folder, every_s)
+            gui = Gui(1000 * step_s, folder, _EVERY_S)
             place, crossing = place_of(scenario), scenario.crosswalk()
             engine = gui_engine(place, scenario.vehicle(), crossing, step_s, gui)
             engine.automated = arm is Arm.AV
             return engine
 
-        rows = run_on(task, window)
+        rows = run_task(task, make_engine=window)
         (episode,) = rows.tables[cell]["episodes"].to_pylist()
         if episode["ending"] == Ending.ENGINE_FAILED:
             raise EngineError(f"sumo-gui: {episode['reason']}")

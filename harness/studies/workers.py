@@ -20,7 +20,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -73,8 +72,18 @@ _here = local()
 """``ended``: an event that tells this thread to begin nothing more."""
 
 
-class _HungError(Exception):
-    """A child gave no news for too long."""
+class _LostError(Exception):
+    """A child died or gave no news for too long.
+
+    Args:
+        reason: what happened, in words.
+        episode: the episode in flight; None between two episodes.
+        stack: the stacks of its threads, if it hung.
+    """
+
+    def __init__(self, reason: str, episode: "EpisodeId | None", stack: str | None = None) -> None:
+        super().__init__(reason)
+        self.episode, self.stack = episode, stack
 
 
 class _Child:
@@ -85,7 +94,7 @@ class _Child:
     """
 
     def __init__(self) -> None:
-        self.ready = False
+        self.owner: Event | None = None
         self._code: dict[str, str] = {}
         self._state = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
         self._connection, theirs = Pipe()
@@ -113,50 +122,41 @@ class _Child:
         """The rows of a task.
 
         Raises:
-            _HungError: no news for too long.
-            EOFError, OSError: the child died.
-            HarnessError: an import failed, or the task raised an exception.
+            _LostError: it died, or there was no news for too long.
+            HarnessError: the task raised an exception.
         """
         self._code |= task.code
-        limit_s = task.cells[0].scenario.experiment.decide_limit_s
-        if not self.ready:
-            self._answer(SLOW_S)
-            self.ready = True
         os.pwrite(self._state.fileno(), bytes(_HEAD), 0)
-        self._connection.send(task)
-        rows: Rows = self._answer(limit_s)
-        return rows
+        try:
+            self._connection.send(task)
+            self._wait(task.cells[0].scenario.experiment.decide_limit_s)
+            problem, rows = self._connection.recv()
+        except (EOFError, OSError):
+            raise _LostError("the worker process died", _episode_in(self._head())) from None
+        if problem is not None:
+            raise HarnessError(f"a worker process failed: {problem}")
+        found: Rows = rows
+        return found
 
-    def _answer(self, limit_s: float) -> Any:
+    def _wait(self, limit_s: float) -> None:
         last, since = b"", time.monotonic()
         while not self._connection.poll(min(limit_s / 10, 1.0)):
+            # What it has started may keep the pipe open.
             if self._process.poll() is not None and not self._connection.poll():
                 raise EOFError
             state, now = self._head(), time.monotonic()
             if state != last:
                 last, since = state, now
             elif _DECIDES in state and now - since > limit_s:
-                raise _HungError(f"decide gave no answer within {limit_s:g} s")
+                why = f"decide gave no answer within {limit_s:g} s"
+                raise _LostError(why, _episode_in(state), self._stack())
             elif now - since > SLOW_S:
-                raise _HungError(f"nothing happened for {SLOW_S:g} s")
-        problem, answer = self._connection.recv()
-        if problem is not None:
-            raise HarnessError(f"a worker process failed: {problem}")
-        return answer
+                why = f"nothing happened for {SLOW_S:g} s"
+                raise _LostError(why, _episode_in(state), self._stack())
 
-    @property
-    def episode(self) -> "EpisodeId | None":
-        """The episode in flight; None between two episodes."""
-        from harness.core.encounter import Arm
-        from harness.studies.tasks import EpisodeId
-
-        words = self._head().strip(b"\0 ").split()
-        if len(words) < len(EpisodeId._fields):
-            return None
-        return EpisodeId(int(words[0]), int(words[1]), Arm(words[2].decode()))
-
-    def stack(self) -> str:
+    def _stack(self) -> str:
         """The Python stacks of its threads, also if it hangs in C code."""
+        # The signal may wake it, so its state is not read again.
         with suppress(ProcessLookupError):
             os.kill(self._process.pid, signal.SIGUSR1)
         time.sleep(0.2)
@@ -183,19 +183,41 @@ class _Child:
         return os.pread(self._state.fileno(), _HEAD, 0)
 
 
+def _episode_in(state: bytes) -> "EpisodeId | None":
+    from harness.core.encounter import Arm
+    from harness.studies.tasks import EpisodeId
+
+    words = state.strip(b"\0 ").split()
+    if len(words) < len(EpisodeId._fields):
+        return None
+    return EpisodeId(int(words[0]), int(words[1]), Arm(words[2].decode()))
+
+
+def _forget() -> None:
+    """In a process that was forked, the children are its parent's."""
+    global _lock
+    _lock = Lock()
+    _idle.clear()
+    _children.clear()
+
+
+os.register_at_fork(after_in_child=_forget)
+
+
 def start_children(number: int) -> None:
     """Start child processes, which import what they need while this process goes on."""
     with _lock:
         _idle.extend(_Child() for _ in range(number))
 
 
-def stop_children() -> None:
-    """End all child processes of this process; one with a task counts as dead."""
+def stop_children(owner: Event | None = None) -> None:
+    """End the child processes without a task, and those with a task of a ``LocalExecutor``."""
     with _lock:
         idle = [*_idle]
         _idle.clear()
-        for child in [*_children]:
-            child.kill()
+        for child in _children - {*idle}:
+            if owner is not None and child.owner is owner:
+                child.kill()
     for child in idle:
         child.end()
 
@@ -225,21 +247,14 @@ class LocalExecutor(ThreadPoolExecutor):
     """
 
     def __init__(self, workers: int, pairs: int) -> None:
-        self.workers, self._ended, self._numbers = workers, Event(), count()
+        self._ended, self._numbers = Event(), count()
         self._at_once = -(-pairs // QUICK_PAIRS)
         super().__init__(workers, initializer=self._begin)
-
-    @property
-    def in_flight(self) -> str:
-        """The episodes that children simulate now, in words."""
-        with _lock:
-            episodes = [child.episode for child in [*_children]]
-        return "; ".join(f"pair {each.pair} ({each.arm})" for each in episodes if each)
 
     def abort(self) -> None:
         """End everything at once: the tasks and the children."""
         self._ended.set()
-        stop_children()
+        stop_children(self._ended)
         self.shutdown(cancel_futures=True)
 
     def _begin(self) -> None:
@@ -255,16 +270,46 @@ class InProcess(Executor):
     """
 
     def submit(self, function: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
-        """Run a task at once."""
+        """Run a task at once, without ``supervise``."""
         from harness.studies.encounters import run_task
 
+        assert function is supervise
         future: Future[Any] = Future()
-        here = run_task if function is supervise else function
         try:
-            future.set_result(here(*arguments, **options))
+            future.set_result(run_task(*arguments, **options))
         except Exception as error:
             future.set_exception(error)
         return future
+
+    def shutdown(self, *_: Any, **__: Any) -> None:
+        """Close the engine of this process."""
+        from harness.engine.shared import close_engine
+
+        close_engine()
+
+    abort = shutdown
+
+
+def executor_for(
+    workers: int | None, drivers: Iterable[str], pairs: int
+) -> LocalExecutor | InProcess:
+    """An executor of this machine.
+
+    Args:
+        workers: number of processes; None: as many as there are cores; 0: this process alone.
+        drivers: names of the strategies; classes of a script or notebook need this process.
+        pairs: number of pairs of all cells.
+
+    Raises:
+        InputError: ``workers`` is refused.
+    """
+    from harness.scenario.options import whole_number
+    from harness.strategies.own import is_of_this_process
+
+    number = default_workers() if workers is None else whole_number("workers", workers, 0)
+    if number == 0 or any(map(is_of_this_process, drivers)):
+        return InProcess()
+    return LocalExecutor(min(number, pairs), pairs)
 
 
 def supervise(task: "Task") -> "Rows":
@@ -280,16 +325,15 @@ def supervise(task: "Task") -> "Rows":
     from harness.strategies.registry import STRATEGIES
     from harness.studies.tasks import Failure
 
-    deaths: Counter[EpisodeId | None] = Counter()
+    died: set[EpisodeId | None] = set()
     events: list[dict[str, Any]] = []
     while True:
-        child, reason, stack = _taken(task.code), "", None
+        child = _taken(task.code)
         try:
             rows = child.run(task)
-        except _HungError as error:
-            reason, stack = str(error), child.stack()
-        except (EOFError, OSError):
-            pass
+        except _LostError as lost:
+            code, episode, stack = child.end(), lost.episode, lost.stack
+            reason = f"{lost} (exit code {code})" if stack is None else str(lost)
         except BaseException:
             child.end()
             raise
@@ -297,31 +341,34 @@ def supervise(task: "Task") -> "Rows":
             with _lock:
                 _idle.append(child)
             return replace(rows, events=(*events, *rows.events))
-        episode, code = child.episode, child.end()
-        reason = reason or f"the worker process died (exit code {code})"
-        deaths[episode] += 1
-        gives_up = stack is not None or deaths[episode] > 1
-        if gives_up and episode is None:
-            raise HarnessError(reason if child.ready else f"no worker became ready: {reason}")
         where = {"first": task.first, "count": task.count} if episode is None else episode._asdict()
-        what = "episode given up" if gives_up else "tried again"
-        events.append({"event": what, **where, "reason": reason, "stack": stack})
-        if gives_up and episode is not None:
+        event = {**where, "reason": reason, "stack": stack}
+        if stack is None and episode not in died:
+            died.add(episode)
+            events.append({"event": "tried again", **event})
+        elif episode is None:
+            raise HarnessError(reason)
+        else:
             own = task.driver(episode) not in STRATEGIES
-            task = task.without({episode: Failure(reason, "strategy" if own else "engine")})
+            task = task.without(episode, Failure(reason, "strategy" if own else "engine"))
+            events.append({"event": "episode given up", **event})
 
 
 def _taken(code: Mapping[str, str]) -> _Child:
     """A child process without a task."""
+    owner: Event | None = getattr(_here, "ended", None)
     with _lock:
-        if hasattr(_here, "ended") and _here.ended.is_set():
+        if owner is not None and owner.is_set():
             raise CancelledError
         while _idle:
             child = _idle.pop(0)
             if child.suits(code):
-                return child
+                break
             child.end()
-        return _Child()
+        else:
+            child = _Child()
+        child.owner = owner
+        return child
 
 
 def dask_executor(address: str, drivers: Iterable[str]) -> Executor:
@@ -355,15 +402,22 @@ def dask_executor(address: str, drivers: Iterable[str]) -> Executor:
     if not client.nthreads():
         client.close()
         raise InputError(where, "the scheduler has no workers", "dask worker ADDRESS")
-    with tempfile.TemporaryDirectory() as folder:
-        for file in _uploads(drivers, Path(folder)):
-            client.upload_file(str(file), load=file.suffix == ".zip")
+    try:
+        for file in _own_modules(where, drivers):
+            client.upload_file(file, load=False)
+    except InputError:
+        client.close()
+        raise
     executor: Executor = client.get_executor(pure=False, retries=0)
     return executor
 
 
-def _uploads(drivers: Iterable[str], folder: Path) -> Iterator[Path]:
-    """The files of the user's own modules; a package is zipped.  Installed ones are left out."""
+def _own_modules(where: str, drivers: Iterable[str]) -> Iterator[str]:
+    """The files of the user's own modules; installed ones are left out.
+
+    Raises:
+        InputError: one is in a package.
+    """
     import importlib.util
     import sysconfig
 
@@ -373,18 +427,16 @@ def _uploads(drivers: Iterable[str], folder: Path) -> Iterator[Path]:
         spec = importlib.util.find_spec(module)
         if spec is None or spec.origin is None or spec.origin.startswith(installed):
             continue
-        file = Path(spec.origin)
         if spec.submodule_search_locations:
-            root = file.parent.parent
-            file = Path(shutil.make_archive(str(folder / module), "zip", root, module))
-        yield file
+            allowed = "a single module, or a package that is installed on every worker"
+            raise InputError(where, f"{module} is a package of your own", allowed)
+        yield spec.origin
 
 
 def serve(pipe: int, state: int) -> None:
     """Carry out tasks in a child process until the pipe is closed.
 
-    An answer is an exception in words or None, and the rows.  The first one, after the imports, has
-    no rows.
+    An answer is an exception in words or None, and the rows.
 
     Args:
         pipe: descriptor of the pipe.
@@ -398,28 +450,21 @@ def serve(pipe: int, state: int) -> None:
     fcntl.fcntl(0, fcntl.F_SETFL, fcntl.fcntl(0, fcntl.F_GETFL) | os.O_ASYNC)
     connection, tell = Connection(pipe), _teller(state)
 
-    def answer(work: Callable[[], Any]) -> None:
+    def answer() -> tuple[str | None, "Rows | None"]:
         try:
-            done: tuple[str | None, Any] = None, work()
+            from harness.studies.encounters import run_task
+
+            return None, run_task(connection.recv(), tell)
         except BaseException as error:
-            done = (str(error) if isinstance(error, HarnessError) else in_one_line(error)), None
-        connection.send(done)
-
-    def carry_out() -> "Rows":
-        from harness.studies.encounters import run_task
-
-        return run_task(connection.recv(), tell)
+            return (str(error) if isinstance(error, HarnessError) else in_one_line(error)), None
 
     # A broken pipe means that the parent has ended.
     with suppress(EOFError, OSError):
-        answer(_import)
+        with suppress(Exception):  # the task raises it again
+            import harness.engine.sumo
+            import harness.studies.encounters  # noqa: F401
         while connection.poll(_IDLE_S):
-            answer(carry_out)
-
-
-def _import() -> None:
-    import harness.engine.sumo
-    import harness.studies.encounters  # noqa: F401
+            connection.send(answer())
 
 
 def _teller(state: int) -> "Callable[[EpisodeId | None, Sized | None], None]":

@@ -2,6 +2,7 @@
 
 import math
 import shlex
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from harness.core.encounter import Arm, Ending
@@ -10,6 +11,7 @@ from harness.measures.catalogue import COLUMNS, MEASURES
 from harness.results.finding import Finding, Plain
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.results.run import Run
+from harness.studies.tasks import but_for_drivers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -19,6 +21,9 @@ RANKED = {measure.column: measure for measure in MEASURES if measure.worse is no
 
 CONFLICT_S = 5.0
 """A larger PET or TTC counts as this value: no conflict (SSAM's maximum, FHWA-HRT-08-051)."""
+
+_BEFORE, _SAME = "_before", 1e-9
+"""Suffix of the earlier run's columns; a smaller change of badness is none."""
 
 _CAPPED = ("pet_s", "min_ttc_s")
 _FINAL = 1_000_000.0
@@ -42,7 +47,12 @@ Key = tuple[int, int]
 
 
 def worst(
-    run: Run, by: str = "pet_s", most: int = 20, arm: Arm | str = Arm.AV, cell: int | None = None
+    run: Run,
+    by: str = "pet_s",
+    most: int = 20,
+    arm: Arm | str = Arm.AV,
+    cell: int | None = None,
+    before: Run | None = None,
 ) -> Result:
     """The worst episodes of a run; ``closing`` has the commands that show them in sumo-gui.
 
@@ -55,10 +65,12 @@ def worst(
         most: maximum number of episodes, 1 or more.
         arm: who drives, ``av`` or ``human``.
         cell: number of the cell; None: all cells.
+        before: an earlier run with the same people; only episodes that are worse than in it are
+            listed, the greatest change first.  Cells are matched by their number.
 
     Raises:
-        InputError: the run is not finished, the measure, arm or cell does not exist, or every
-            episode failed.
+        InputError: a run is not finished, the measure, arm or cell does not exist, every episode
+            failed, or the earlier run has other people.
     """
     if by not in RANKED:
         if by in COLUMNS:
@@ -71,6 +83,19 @@ def worst(
         raise unknown_name("--arm", "arm", str(arm), [*Arm])
     if cell is not None and not 0 <= cell < len(run.study.cells):
         raise InputError("--cell", f"{cell}", f"0 to {len(run.study.cells) - 1}")
+    rows = _ranked(run, by, arm, cell)
+    if before is not None:
+        _refuse_other_people(run, before)
+        past = _ranked(before, by, arm, cell)[["cell", "pair", by, "badness"]]
+        rows = rows.merge(past, on=["cell", "pair"], suffixes=("", _BEFORE))
+        rows["badness"] -= rows.pop(f"badness{_BEFORE}")
+    bad = rows[rows["badness"] > (_least(by) if before is None else _SAME)]
+    order = bad.sort_values(["badness", "cell", "pair"], ascending=[False, True, True])[:most]
+    return _result(run, order, by, Arm(arm), before)
+
+
+def _ranked(run: Run, by: str, arm: str, cell: int | None) -> "pd.DataFrame":
+    """The episodes of an arm that did not fail, each with its badness."""
     if not run.finished:
         advice = f"`{resume_command(run.path)}` finishes it"
         raise InputError(str(run.path), "is not finished", advice)
@@ -81,10 +106,15 @@ def worst(
         problem = f"all {len(of_arm)} episodes of {arm} failed, e.g. {of_arm['reason'].iloc[0]}"
         raise InputError(str(run.path), problem, "a run with an episode that did not fail")
     values = zip(rows[by], rows["ending"], rows["contact_speed_mps"], strict=True)
-    rows = rows.assign(badness=[_badness(by, *of) for of in values])
-    bad = rows[rows["badness"] > _least(by)]
-    order = bad.sort_values(["badness", "cell", "pair"], ascending=[False, True, True])[:most]
-    return _result(run, order, by, Arm(arm))
+    return rows.assign(badness=[_badness(by, *of) for of in values])
+
+
+def _refuse_other_people(run: Run, before: Run) -> None:
+    for now, then in zip_longest(*(each.study.cells for each in (run, before))):
+        people = [of and but_for_drivers(of.scenario, but_for_pairs=True) for of in (now, then)]
+        if people[0] != people[1]:
+            allowed = "a run of the same cells, road, people and seed"
+            raise InputError(f"--diff {before.path}", "has other people", allowed)
 
 
 def _badness(by: str, value: float, ending: str, contact_speed_mps: float) -> float:
@@ -94,10 +124,8 @@ def _badness(by: str, value: float, ending: str, contact_speed_mps: float) -> fl
         return _FINAL
     if measure.about == "conflict" and ending == Ending.CRASHED:
         return _FINAL + contact_speed_mps
-    if math.isnan(value):
-        return math.nan
     if by in _CAPPED:
-        return -min(value, CONFLICT_S)
+        return -CONFLICT_S if math.isnan(value) else -min(value, CONFLICT_S)
     return float(value if measure.worse == "large" else -value)
 
 
@@ -108,13 +136,14 @@ def _least(by: str) -> float:
     return -math.inf if RANKED[by].worse == "small" or by == "delay_s" else 0.0
 
 
-def _result(run: Run, rows: "pd.DataFrame", by: str, arm: Arm) -> Result:
+def _result(run: Run, rows: "pd.DataFrame", by: str, arm: Arm, before: Run | None) -> Result:
     several, unit = len(run.study.cells) > 1, {each.column: each.unit for each in MEASURES}[by]
     keys = {"cell": "cell", **{key: key.rpartition(".")[2] for key in run.study.varied_keys}}
     headings = {
         **(keys if several else {}),
         **{name: name for name in ("pair", "driver", "ending", "contact")},
         **{_SPEED: "speed at contact, m/s", by: f"{by}, {unit}" if unit else by},
+        **({} if before is None else {by + _BEFORE: "before"}),
     }
     records: list[dict[str, Plain | Finding]] = []
     commands = []
@@ -126,7 +155,7 @@ def _result(run: Run, rows: "pd.DataFrame", by: str, arm: Arm) -> Result:
         found = {
             name: row[name] if row[name] == row[name] else None for name in headings if name in row
         }
-        numbers = {name: Finding(found[name]) for name in (_SPEED, by)}
+        numbers = {name: Finding(found[name]) for name in headings if name.startswith((_SPEED, by))}
         records.append({"cell": number, **run.study.cells[number].varied, **found, **numbers})
     cells = tuple(
         tuple(
@@ -135,16 +164,22 @@ def _result(run: Run, rows: "pd.DataFrame", by: str, arm: Arm) -> Result:
         )
         for record in records
     )
+    what = "worst" if before is None else "worsened"
     return Result(
         command="worst",
-        title=f"{run.name}: the worst episodes of {arm} by {by}",
+        title=f"{run.name}: the {what} episodes of {arm} by {by}",
         scope=f"{len(records)} of {len(run.episodes) // len(Arm):,}",
         about="",
         screen=Table("", tuple(Column(*each) for each in headings.items()), cells),
         full=(),
         notes=(),
         closing=tuple(commands),
-        facts={"folder": str(run.path), "by": by, "arm": arm.value},
+        facts={
+            "folder": str(run.path),
+            "by": by,
+            "arm": arm.value,
+            "before": str(before.path) if before else None,
+        },
         records=records,
     )
 

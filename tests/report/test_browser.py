@@ -10,15 +10,15 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar
 
+import harness.old.report.pages.encounter_parts as parts_module
 import pytest
 
-import harness
-import harness.old.report.pages.encounter_parts as parts_module
 import harness.old.report.pages.simulation_parts as simulation_parts
 from harness.old.report.pages.risk_page import write_risk_page
 from harness.old.report.pages.validation_page import write_validation
 from harness.old.studies.risk.asking import Settings
 from harness.old.studies.risk.folder import estimate_risk
+from harness.old.studies.runs.opening import load_run
 from harness.old.studies.runs.run_data import RunData
 from harness.scenario import Scenario, parse_variation, read_scenario_file, study_of
 from harness.strategies.hard_yield import HardYield
@@ -134,7 +134,7 @@ def page(opened: Opened) -> Any:
 
 @pytest.fixture(scope="module")
 def run(single: Path) -> RunData:
-    return harness.load_run(single)
+    return load_run(single)
 
 
 def shown_time(page: Any) -> float:
@@ -285,7 +285,7 @@ def drawn(page: Any, arm: str) -> dict[str, float]:
 def test_positions_on_the_screen_are_the_trace(page: Any, run: RunData) -> None:
     for entry in (0, 3):
         page.locator(f"[data-episode='{entry}']").first.click()
-        rows = run.traces_of(0, shown_pair(page))
+        rows = run.traces[run.traces["pair"] == shown_pair(page)]
         for arm in ("av", "human"):
             own = rows[rows["arm"] == arm]
             ego = own[own["object"] == "ego"].set_index("time_s")
@@ -348,7 +348,7 @@ def test_the_list_switches_episodes_and_the_focus_is_seen(page: Any) -> None:
 
 
 def test_the_curves_are_the_trace_and_a_click_moves_the_cursor(page: Any, run: RunData) -> None:
-    rows = run.traces_of(0, shown_pair(page))
+    rows = run.traces[run.traces["pair"] == shown_pair(page)]
     ego = rows[(rows["object"] == "ego") & (rows["arm"] == "human")]
     assert page.locator("#player-charts svg").count() == 3
     path = page.locator("#player-charts svg").first.locator("path.human").get_attribute("d")
@@ -376,7 +376,7 @@ def column(page: Any, heading: str) -> list[float]:
 
 def test_the_table_sorts_by_mouse_and_by_key(opened_sweep: Opened, swept: Path) -> None:
     page = opened_sweep.page
-    expected = sorted(harness.load_run(swept).summary["mu"])
+    expected = sorted(load_run(swept).summary["mu"])
     head = page.locator("#cells th", has_text="μ, mean ratio of times")
     head.locator("button").click()
     assert head.get_attribute("aria-sort") == "ascending"

@@ -12,10 +12,16 @@ from harness.core.encounter import Arm
 from harness.episode.traffic.saturation import Growth
 from harness.old.report.drawing import style
 from harness.old.report.pages.hour_pictures import hour_pictures
-from harness.old.statistics import Interval, proportion
+from harness.old.statistics import Interval, Proportion
 from harness.old.store.hour_catalogue import HOURS
 from harness.old.store.hour_summaries import ArmOfHours, HoursSummary
 from harness.scenario import parse_variation, read_scenario_file, study_of
+
+
+def proportion(events: int, trials: int) -> Proportion:
+    """A share without an interval."""
+    return Proportion(events / trials, None, None, events, trials)
+
 
 CALM = ArmOfHours(
     not_through=0,

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from harness.old.store.reading import read_table
 from harness.old.store.simulations.simulation_traces import has_passages, only_passages
 from harness.old.store.walk_rows import stored_walk
 from harness.old.studies.batch.showing import write_shown
+from harness.old.studies.runs.opening import load_run
 from harness.old.studies.runs.run_data import RunData
 from harness.old.studies.runs.shown import SHOWN, missing_pairs, shown_pairs
 from harness.old.studies.runs.simulation_choice import (
@@ -31,7 +33,46 @@ from harness.old.studies.runs.simulation_choice import (
 from harness.scenario import parse_variation, read_scenario_file, study_of
 from tests.batches import one_process, printed, refusal, run_inline
 from tests.own_scenario import CROSSING, own_study, write_scenario
-from tests.report.test_page import Page
+
+VOID = {"meta", "link", "input", "img", "br", "hr"}
+
+
+class Page(HTMLParser):
+    """What a browser would find: elements with attributes, and the text of each kind of element."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: dict[str, list[str]] = {}
+        self._open: list[str] = []
+        self.source = path.read_text(encoding="utf-8")
+        self.feed(self.source)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        while self._open and self._open.pop() != tag:
+            pass
+
+    def handle_data(self, data: str) -> None:
+        self.texts.setdefault(self._open[-1] if self._open else "", []).append(data)
+
+    @property
+    def words(self) -> str:
+        """All text but scripts and styles, spaces made single."""
+        kept = (
+            text for tag, of in self.texts.items() if tag not in ("script", "style") for text in of
+        )
+        return " ".join(" ".join(kept).split())
+
+    def attributes(self, name: str) -> list[str]:
+        return [str(found[name]) for _, found in self.elements if name in found]
+
+    def has(self, *words: str) -> None:
+        assert [text for text in words if text not in self.words] == []
 
 
 @pytest.fixture(scope="module")
@@ -201,7 +242,7 @@ def test_an_episode_shows_the_same_vehicle_in_both_arms(traced: RunData) -> None
 
 def test_who_did_not_pass_in_the_other_arm_is_said(plain: RunData) -> None:
     """As if the reference's arm had other passages: its rows lose the vehicle."""
-    run = harness.load_run(plain.path)
+    run = load_run(plain.path)
     rows = run.passages_over
     gone = chosen_passages(run)[0].vehicle
     changed = rows["vehicle"].where((rows["arm"] == "av") | (rows["vehicle"] != gone), "other")
@@ -244,7 +285,7 @@ def test_a_folder_that_lost_its_scenes_is_refused(traced: RunData, tmp_path: Pat
     shutil.copytree(traced.path, folder)
     (folder / "scenes_over.parquet").unlink()
     with pytest.raises(harness.InputError, match="scenes_over"):
-        harness.load_run(folder)
+        load_run(folder)
 
 
 def test_a_run_is_shown_after_its_scenario_has_changed(traced: RunData, tmp_path: Path) -> None:
@@ -255,7 +296,7 @@ def test_a_run_is_shown_after_its_scenario_has_changed(traced: RunData, tmp_path
         problem = refusal("replay", traced.path, "--pair", "0", "--out", tmp_path / "again")
         assert "simulation.config: the files of" in problem
         config.unlink()
-        assert harness.load_run(traced.path).summary.equals(traced.summary)
+        assert load_run(traced.path).summary.equals(traced.summary)
         for command in ("report", "worst"):
             printed(command, traced.path)
     finally:

@@ -14,6 +14,8 @@ from harness.results.estimators import clopper_pearson
 from harness.results.finding import Finding, Form
 from harness.results.notes import Note
 from harness.results.result import Column, Result, Shown, Style, Table, Versus
+from harness.scenario import Scenario
+from tests.cells import HUMAN_S, Fate, noisy, result_of, study
 
 WIDTHS = st.integers(40, 200)
 NUMBERS = st.floats(-1e4, 1e4, allow_subnormal=False)
@@ -164,7 +166,10 @@ def test_two_numbers_in_a_cell_share_their_ends() -> None:
 
 PAPER = Table(
     "",
-    tuple(Column(name, name) for name in ("", "AV", "human_gmm", "AV against reference")),
+    (
+        *(Column(name, name) for name in ("", "AV", "human_gmm")),
+        Column("paired", "AV against reference", interval=True),
+    ),
     tuple(
         (name, *(Shown(Finding(of, of - 0.5, of + 0.5, 50), Style(digits=d)) for of in (9, 12, 3)))
         for d, name in enumerate(["time to cross, s", "delay, s", "spread of that ratio"])
@@ -173,13 +178,13 @@ PAPER = Table(
 
 
 def test_the_comparison_keeps_its_interval_longest() -> None:
-    """The last column of a table whose rows are measures, the first of one with a row a cell."""
+    """However narrow the screen; without such a column the first ones keep theirs."""
     intervals = [screen_text(result(PAPER), width).count("…") for width in (60, 75, 100, 120)]
     assert intervals == sorted(intervals)
     assert "3.00 (2.50 … 3.50)" in screen_text(result(PAPER), 66)
     assert "9.00 (8.50" not in screen_text(result(PAPER), 66)
-    cells = Table("", PAPER.columns, PAPER.rows[:1])
-    assert "9 (8 … 10)" in screen_text(result(cells), 50)
+    columns = tuple(column._replace(interval=False) for column in PAPER.columns)
+    assert "9 (8 … 10)" in screen_text(result(Table("", columns, PAPER.rows[:1])), 50)
 
 
 def test_three_notes_the_worst_first_and_the_others_by_their_labels() -> None:
@@ -189,6 +194,10 @@ def test_three_notes_the_worst_first_and_the_others_by_their_labels() -> None:
     assert said[:MOST_NOTES] == [f"! {note}" for note in notes[:MOST_NOTES]]
     assert said[MOST_NOTES:] == ["! 3 more with --full: label 3; label 4; label 5."]
     assert all(f"! {note}" in screen_text(result(PAPER, *notes), 80, full=True) for note in notes)
+    long = screen_text(result(PAPER, *["First sentence. And a second."] * 20), 80)
+    assert "And a second" not in long
+    assert "17 more with --full: label 3" in long
+    assert "And a second" in screen_text(result(PAPER, "First sentence. And a second."), 80, True)
     assert "more with" not in screen_text(result(PAPER, *notes[:3]), 80)
 
 
@@ -225,3 +234,22 @@ def test_a_pipe_is_as_wide_as_columns_says(
 ) -> None:
     monkeypatch.setenv("COLUMNS", columns)
     assert make_console().width == width
+
+
+@pytest.mark.parametrize("width", [80, 100, 120])
+@pytest.mark.parametrize("pairs", [5, 20, 50, 200])
+def test_the_papers_numbers_have_16_lines(pairs: int, width: int) -> None:
+    """With crashes, fallbacks and few pairs, so that all notes and the worst case are there."""
+
+    def fates(_scenario: Scenario, pair: int) -> tuple[Fate, Fate]:
+        fell = {"pass_time_s": noisy(pair), "fallback": True}
+        return (fell if pair % 4 == 0 else noisy(pair)), ("crashed" if pair == 2 else HUMAN_S)
+
+    made = result_of(study({"experiment.pairs": pairs}), fates, pairs)
+    text = screen_text(made, width)
+    assert len(text.splitlines()) <= 16
+    words = ("0.7044", "4.54 %", f"1 of {pairs}", "(*)", "hard_yield drove", "below", "worst case")
+    assert [each for each in words if each not in text] == []
+    assert f"{len(made.notes) - MOST_NOTES} more with --full" in text
+    whole = re.sub(r"\s+", "", screen_text(made, width, full=True))
+    assert [note for note in made.notes if re.sub(r"\s+", "", note.text) not in whole] == []

@@ -1,35 +1,31 @@
 """Whether intervals and tests hold what they say: by enumeration where possible, else simulated."""
 
-from functools import cache
 from itertools import combinations
-from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from scipy import stats
 
-from benchmarks.coverage import INTERVALS, holds, population, times_of
-from harness.old.statistics import (
-    DIFFERENCES,
-    ENCOUNTERS,
-    MU_BOUND_FROM,
-    Interval,
-    PairColumns,
-    Resampled,
+from benchmarks.coverage import INTERVALS, Named, chosen_pairs, holds, population
+from harness.results.catalogue import ENTRIES
+from harness.results.estimators import (
+    Sampling,
+    clopper_pearson,
     holm,
-    mcnemar,
-    paired_difference,
-    proportion,
+    mean_difference,
     ratio_difference,
+    share_difference,
     sign_flip_p,
 )
-from harness.old.statistics.entries import ALIKE_FROM
-from harness.old.store.summaries import pair_columns
+from harness.scenario import load_scenario
+from harness.studies.allowed import RELIABLE_FROM
+from harness.studies.compare import DIFFERENCES
 
 
-def least_coverage(intervals: list[Any]) -> float:
+def least_coverage(intervals: list[tuple[float, float]]) -> float:
     """The smallest coverage over shares p of intervals for 0 … n successes, summed exactly."""
-    low, high = (np.array([getattr(item, end) for item in intervals]) for end in ("low", "high"))
+    low, high = (np.array(ends) for ends in zip(*intervals, strict=True))
     n = len(low) - 1
     # Coverage falls to its local minima at the intervals' own ends.
     ends = np.concatenate([low, high])
@@ -42,9 +38,9 @@ def least_coverage(intervals: list[Any]) -> float:
 
 @pytest.mark.parametrize("n", [1, 2, 5, 10, 50, 200])
 def test_clopper_pearson_covers_at_least_95_percent(n: int) -> None:
-    assert least_coverage([proportion(successes, n) for successes in range(n + 1)]) >= 0.95 - 1e-7
+    assert least_coverage([clopper_pearson(k, n, 0.95) for k in range(n + 1)]) >= 0.95 - 1e-7
     # Another interval would be caught: Wilson's covers 95 % on average, but not everywhere.
-    wilson = [stats.binomtest(k, 50).proportion_ci(0.95, "wilson") for k in range(51)]
+    wilson = [tuple(stats.binomtest(k, 50).proportion_ci(0.95, "wilson")) for k in range(51)]
     assert least_coverage(wilson) < 0.9
 
 
@@ -53,7 +49,7 @@ def test_mcnemar_rejects_at_most_5_percent() -> None:
     for discordant in range(1, 80):
         ran = np.ones(discordant, dtype=bool)
         counts, order = np.arange(discordant + 1), np.arange(discordant)
-        p = [mcnemar(order < k, order >= k, ran, ran).p for k in counts]
+        p = [share_difference(order < k, order >= k, ran, ran).p for k in counts]
         chances = stats.binom.pmf(counts, discordant, 0.5)
         assert chances[np.array(p) < 0.05].sum() <= 0.05
 
@@ -72,15 +68,15 @@ def test_two_strategies_alike() -> None:
     for _ in range(trials):
         shared = rng.lognormal(-0.2, 0.4, pairs)
         first, second = (shared * rng.gamma(50.0, 1 / 50.0, pairs) for _ in range(2))
-        covered += holds(paired_difference(first, second, rng), 0.0)
+        covered += holds(mean_difference(first, second, Sampling(rng)), 0.0)
         danger = rng.beta(0.5, 4.0, pairs)
         crashes = (rng.random(pairs) < danger for _ in range(2))
         ran = np.ones(pairs, dtype=bool)
-        rejected += mcnemar(*crashes, ran, ran).p < 0.05
+        rejected += share_difference(*crashes, ran, ran).p < 0.05
     assert believable(covered, trials, 0.95), f"{covered} of {trials}"
     assert rejected <= stats.binom.ppf(0.999, trials, 0.05), f"{rejected} of {trials}"
     # A difference of a tenth is found, so that the test can tell.
-    assert not holds(paired_difference(1.1 * first, second, rng), 0.0)
+    assert not holds(mean_difference(1.1 * first, second, Sampling(rng)), 0.0)
 
 
 def test_family_of_strategies_alike() -> None:
@@ -91,77 +87,58 @@ def test_family_of_strategies_alike() -> None:
     for _ in range(trials):
         danger = rng.beta(2.0, 4.0, pairs)
         cells = rng.random((5, pairs)) < danger
-        p = [mcnemar(cells[a], cells[b], ran, ran).p for a in range(5) for b in range(a)]
+        p = [share_difference(cells[a], cells[b], ran, ran).p for a in range(5) for b in range(a)]
         wrong += min(holm(p)) < 0.05
         unadjusted += min(p) < 0.05
     assert wrong <= stats.binom.ppf(0.999, trials, 0.05), f"{wrong} of {trials}"
     assert unadjusted > stats.binom.ppf(0.999, trials, 0.05)
 
 
-@cache
-def simulated(scenario: str) -> tuple[PairColumns, PairColumns]:
-    """Pairs of a shipped scenario on the plain engine, with its AV and with Hard-Yield."""
-    av, other = (pair_columns(population(scenario, range(6_000), s)) for s in (None, "hard_yield"))
-    return av, other
-
-
 LEAST = {
-    name: entry.least(name)
-    for entry in (*ENCOUNTERS, *DIFFERENCES)
-    for name in filter(None, entry.names)
-    if entry.reliable_from is not None
-} | {"mu_bound": MU_BOUND_FROM}
-"""Informative pairs from which on an interval covers what it says, by name."""
-
-
-def unreliable(name: str, interval: Interval, met: int) -> bool:
-    """As ``Entry.finding`` judges, of intervals with another one-sided bound too."""
-    if interval.low is None:
-        # Few pairs give a quantile no interval (method.md), so nothing is claimed.
-        return "_p95_" in name
-    if not isinstance(interval, Resampled):
-        return False
-    return interval.informative < LEAST[name] if interval.informative else met < ALIKE_FROM
+    **{key: entry.reliable_from for entry in ENTRIES for key in entry.keys},
+    **{f"A − B: {each.key}": each.reliable_from for each in DIFFERENCES},
+    "mu_bound": RELIABLE_FROM,
+}
+"""Informative pairs from which on an interval covers what it says, by name; 0: exact."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scenario", ["cctc", "cctc_flow"])
-def test_intervals_hold_where_they_are_not_called_unreliable(scenario: str) -> None:
-    columns = simulated(scenario)
-    times = times_of(scenario)
+@pytest.mark.parametrize("name", ["cctc", "cctc_flow"])
+def test_intervals_hold_where_they_are_not_called_unreliable(name: str) -> None:
+    """Pairs of a shipped scenario on the plain engine, with its AV and with Hard-Yield."""
+    scenario = load_scenario(name)
+    both = [population(name, range(6_000), av) for av in (None, "hard_yield")]
     rng = np.random.default_rng(13)
 
-    def intervals(*columns: PairColumns) -> list[tuple[str, Interval]]:
-        kinds = (kind(*columns, times, rng) for kind in INTERVALS.values())
+    def intervals(first: pa.Table, second: pa.Table) -> list[Named]:
+        kinds = (kind((first, second), scenario) for kind in INTERVALS.values())
         return [named for kind in kinds for named in kind]
 
-    # Pairs that are no episodes of a table have no conflicts: test_known_truth.py has those.
-    truth = {name: of.value for name, of in intervals(*columns) if of.value is not None}
-    for n in sorted({*LEAST.values()}):
+    truth = {key: of.value for key, of in intervals(*both) if isinstance(of.value, float)}
+    for n in sorted({*LEAST.values()} - {0}):
         hits, trials = dict.fromkeys(truth, 0), dict.fromkeys(truth, 0)
         for _ in range(100):
             chosen = rng.integers(0, 6_000, n)
-            both = columns[0].where(chosen)
-            met = int((both.met_someone & ~np.isnan(both.tau)).sum())
-            for name, interval in intervals(*(part.where(chosen) for part in columns)):
-                if name in truth and not unreliable(name, interval, met):
-                    trials[name] += 1
-                    hits[name] += holds(interval, truth[name])
-        for name, hit in hits.items():
-            least = stats.binom.ppf(0.001, trials[name], 0.935)
-            assert hit >= least, f"N = {n}, {name}: {hit} of {trials[name]}"
+            for key, of in intervals(*(chosen_pairs(each, chosen) for each in both)):
+                if key in truth and of.low is not None and (of.n or 0) >= LEAST[key]:
+                    trials[key] += 1
+                    hits[key] += holds(of, truth[key])
+        assert sum(trials.values()) > 0
+        for key, hit in hits.items():
+            least = stats.binom.ppf(0.001, trials[key], 0.935)
+            assert hit >= least, f"N = {n}, {key}: {hit} of {trials[key]}"
 
 
 def told_apart(times: np.ndarray, missed: np.ndarray, rng: np.random.Generator) -> bool:
     """Whether ``harness compare`` calls any of these cells faster or safer than another."""
     both = list(combinations(range(len(times)), 2))
     ran = np.ones(times.shape[1], dtype=bool)
-    tests = [mcnemar(missed[a], missed[b], ran, ran).p for a, b in both]
+    tests = [share_difference(missed[a], missed[b], ran, ran).p for a, b in both]
     adjusted = holm([sign_flip_p(times[a] - times[b]) for a, b in both] + tests)
     if min(adjusted[len(both) :]) < 0.05:
         return True
     found = (
-        ratio_difference(times[a], times[b], times[0], rng)
+        ratio_difference(times[a], times[b], times[0], Sampling(rng))
         for p, (a, b) in zip(adjusted, both, strict=False)
         if p < 0.05
     )

@@ -15,15 +15,15 @@ from scipy import stats
 from scipy.optimize import brentq
 
 from benchmarks import known_truth
-from benchmarks.coverage import Named, holds, names_with_intervals
+from benchmarks.coverage import Named, holds, of_differences
 from benchmarks.known_truth import CELLS, COMPARED
 from harness.core.encounter import FloatArray, Side
-from harness.core.seeding import resampling
 from harness.episode import pairing
 from harness.episode.arrivals import planned_arrivals
-from harness.old.statistics import CONFIDENCE, Interval, Proportion, paired_difference, proportion
-from harness.old.store.summaries import pair_columns, summarise_cell
 from harness.old.studies.calibration.scores import HeldOut
+from harness.results.estimators import CONFIDENCE, clopper_pearson
+from harness.results.finding import Finding
+from harness.results.findings import cell_findings
 from harness.scenario import Cell, Scenario
 
 PER_SIDE, PAIRS = 200, 200
@@ -32,9 +32,6 @@ SUMMARISED = ("soft", "constant")
 """Cells of which every interval is tried: the paper's AV, which never crashes, and one that does.
 
 Both have the same human, who is tried in the first."""
-
-NOT_TRIED = ("acceleration_rms", "max_deceleration_p95", "jerk_rms", "max_jerk")
-"""Intervals of numbers whose truth ``known_truth`` does not compute: comfort."""
 
 
 @cache
@@ -108,21 +105,20 @@ def intervals(seed: int) -> Iterator[Named]:
     cells = {name: known_truth.chosen_pairs(of, planned) for name, of in nodes().items()}
     for name in SUMMARISED:
         scenario = known_truth.scenario_of(CELLS[name], seed)
-        summary = summarise_cell(cells[name], Cell(0, {}, scenario), CONFIDENCE)
-        for key in names_with_intervals():
+        found = cell_findings(Cell(0, {}, scenario), cells[name], CONFIDENCE).findings
+        for key, of in found.items():
             again = name != SUMMARISED[0] and "human" in key
-            if not key.startswith(NOT_TRIED) and not again:
-                yield f"{name}: {key}", getattr(summary, key)
+            if f"{name}: {key}" in truth() and not again:
+                yield f"{name}: {key}", of
     for a, b in COMPARED:
-        first, second = (pair_columns(cells[name]) for name in (a, b))
-        tau = [columns.time_s[0] / columns.time_s[1] for columns in (first, second)]
-        rng = resampling(seed, "comparison")
-        yield f"{a} − {b}: mu_difference", paired_difference(*tau, rng)
-        delays = (first.delay_s[0], second.delay_s[0])
-        yield f"{a} − {b}: delay_difference_s", paired_difference(*delays, rng)
+        scenario = known_truth.scenario_of(CELLS[a], seed)
+        for key, of in of_differences((cells[a], cells[b]), scenario):
+            name = key.replace("A − B", f"{a} − {b}")
+            if name in truth():
+                yield name, of
 
 
-def repeated(experiments: int) -> dict[str, list[Interval]]:
+def repeated(experiments: int) -> dict[str, list[Finding]]:
     """The intervals of so many experiments, by name."""
     found = defaultdict(list)
     for seed in range(experiments):
@@ -137,7 +133,7 @@ def means() -> dict[str, FloatArray]:
     tau = {name: known_truth.tau_of(episodes) for name, episodes in cells.items()}
     times = {name: known_truth.columns_of(of)[0]["pass_time_s"] for name, of in cells.items()}
     human = known_truth.columns_of(cells["soft"])[1]["pass_time_s"]
-    found = {"soft: delay_s": times["soft"], "soft: delay_human_s": human}
+    found = {"soft: delay_s": times["soft"], "soft: delay_s_human": human}
     found |= {"constant: mu": tau["constant"]}
     found["soft − hard: mu_difference"] = tau["soft"] - tau["hard"]
     for a, b in COMPARED:
@@ -162,14 +158,15 @@ HEAVY_TAILED = (*(f"soft: {name}" for name in _OF_TAU), "mu_difference")
 """Few pairs do not show the tail of τ: 93 % at N = 200 (docs/method.md)."""
 
 CERTAIN = ("constant: time_s", "constant: delay_s", "constant: delay_met_someone_s")
-CERTAIN += ("pedestrian_delay_s", "pedestrian_delay_human_s")
+CERTAIN += ("pedestrian_wait_s", "pedestrian_wait_s_human")
 """The same in every pair: nobody slows constant speed down, and the pedestrian never waits."""
 
 
-def exact_coverage(of: Proportion, share: float) -> float:
+def exact_coverage(trials: int, share: float) -> float:
     """Of a share's interval, summed over the binomial distribution."""
-    chances = stats.binom.pmf(np.arange(of.trials + 1), of.trials, share)
-    held = [holds(proportion(k, of.trials), share) for k in range(of.trials + 1)]
+    chances = stats.binom.pmf(np.arange(trials + 1), trials, share)
+    ends = [clopper_pearson(k, trials, CONFIDENCE) for k in range(trials + 1)]
+    held = [low - 1e-12 <= share <= high + 1e-12 for low, high in ends]
     return float(chances @ held)
 
 
@@ -185,11 +182,11 @@ def test_intervals_hold_as_often_as_they_should() -> None:
         return bool(low <= held[key] <= high)
 
     def as_often_as_it_should(key: str) -> bool:
-        if isinstance(found[key][0], Proportion):
-            exact = exact_coverage(found[key][0], truth()[key])
+        if found[key][0].events is not None:
+            exact = exact_coverage(found[key][0].n or 0, truth()[key])
             return believable(key, exact, exact)
-        if key.endswith(CERTAIN):
-            return held[key] == experiments
+        if key.endswith(CERTAIN):  # equal in all pairs, so there is no interval
+            return all(of.low is None for of in found[key])
         least = 0.85 if key == "soft: cv" else 0.92 if key.endswith(HEAVY_TAILED) else 0.94
         return believable(key, least, 0.955)
 

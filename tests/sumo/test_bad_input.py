@@ -6,14 +6,18 @@ calls; a few in a process of their own, to see what a user sees.
 
 import json
 from collections.abc import Callable
+from concurrent.futures import Future
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import harness
+from harness.core.errors import InterruptedRunError
 from harness.model.interaction.file import SHIPPED
-from tests.batches import here, refusal, run_stopped, shell, sweep
+from harness.studies.workers import InProcess
+from tests.batches import here, refusal, shell
 
 Refuse = Callable[..., str]
 Change = Callable[[dict[str, Any]], object]
@@ -123,11 +127,11 @@ REFUSED = [
     (f"{REPLAY} --screenshots x", "--screenshots", "needs --gui"),
     ("replay run --pair 3-1", "--pair 3-1", "e.g. 7 or 1-20"),
     ("replay run --pair x", "--pair x", "e.g. 7 or 1-20"),
-    ("run cctc --dask a:1 --workers 2", "--workers", "--dask", "the cluster's own workers"),
+    ("run cctc --dask a:1 --workers 2", "--workers", "--dask", "one of the two"),
     ("show mine", "manifest.json"),
     ("show .", "is not a run folder"),
     ("compare nowhere", "nowhere", "is not a run folder"),
-    ("compare nowhere --out mine", "--out mine", "exists already"),
+    ("compare nowhere --out file", "--out file", "exists already"),
     ("report nowhere --out none/page.html", "nowhere", "is not a run folder"),
     ("strategies --set ego.lane=0", "--set"),
 ]
@@ -205,17 +209,27 @@ def test_broken_model(refused: Refuse, tmp_path: Path, change: Change | bytes, p
     says(line, "model.json", part)
 
 
+class Stopping(InProcess):
+    """Carries out one task and then stops, as by Ctrl-C."""
+
+    tasks = 0
+
+    def submit(self, function: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
+        self.tasks += 1
+        if self.tasks > 1:
+            raise KeyboardInterrupt
+        return super().submit(function, *arguments, **options)
+
+
 def test_a_run_that_was_broken_off(refused: Refuse, tmp_path: Path) -> None:
-    study = sweep("cctc", {"experiment.pairs": 3}, "arms.av=constant_speed,hard_yield")
-    run_stopped(study, tmp_path / "broken off", 1, traces=True)
+    arms = {"arms.av": ["constant_speed", "hard_yield"]}
+    with pytest.raises(InterruptedRunError, match="harness resume"):
+        harness.run("cctc", pairs=3, vary=arms, out=tmp_path / "broken off", executor=Stopping())
     before = sorted(tmp_path.rglob("*"))
-    for command in (
-        ["replay", "broken off", "--pair", "0", "--out", "new"],
-        ["compare", "broken off"],
-        ["export", "broken off", "--csv"],
-    ):
+    for command in (["compare", "broken off"], ["worst", "broken off"]):
         says(refused(*command), "broken off", "is not finished", "harness resume 'broken off'")
         assert sorted(tmp_path.rglob("*")) == before
+    says(refused("show", "broken off"), "no pair is finished yet", "harness resume 'broken off'")
 
 
 def test_a_command_with_commands_of_its_own_alone_says_its_help_and_version() -> None:

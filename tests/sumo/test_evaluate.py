@@ -8,7 +8,7 @@ import pytest
 
 from harness.core.errors import InputError
 from harness.studies import evaluate as evaluation
-from harness.studies.evaluate import WALL_TIMES, evaluate
+from harness.studies.evaluate import evaluate
 from harness.studies.run import run
 
 SETTINGS = {"arms.av": "gap_yield"}
@@ -26,8 +26,6 @@ def test_the_numbers_are_those_of_a_run(tmp_path: Path) -> None:
                 float("nan") if value is None else value, nan_ok=True
             )
     assert frame[GAP].tolist() == [1.0, 3.0]
-    assert frame.attrs["not_reproducible"] == list(WALL_TIMES)
-    assert frame[list(WALL_TIMES)].gt(0).all(axis=None)
 
 
 def test_the_reference_is_driven_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -49,7 +47,7 @@ def test_the_reference_is_driven_once(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 def test_a_later_call_is_quick() -> None:
     times = []
-    for _ in range(5):
+    for _ in range(15):
         begin = time.perf_counter()
         evaluate("cctc_flow", [{GAP: 1.0}], 20, settings=SETTINGS)
         times.append(time.perf_counter() - begin)

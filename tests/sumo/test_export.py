@@ -12,11 +12,11 @@ import pytest
 
 from harness.core.encounter import Arm
 from harness.engine.network import place_of
-from harness.old.studies.batch.experiment import run_study
-from harness.old.studies.runs.opening import load_run
-from harness.scenario import Options, Scenario, ScenarioFile, study_of
+from harness.results.run import load_run
+from harness.scenario import Scenario, ScenarioFile, study_of
 from harness.site import read_site
-from tests.batches import Inline, printed, refusal
+from harness.studies.run import run
+from tests.batches import printed, refusal
 from tests.exported import Read, checked, front, lanes_in, off_centre_m, places, read
 
 pytest.importorskip("scenariogeneration")
@@ -24,9 +24,7 @@ pytest.importorskip("scenariogeneration")
 
 def ran(tree: dict[str, object], folder: Path, *, traces: bool = True) -> Path:
     study = study_of(ScenarioFile("flow", "test", tree, None, (), folder.parent))
-    return run_study(
-        study, Options(traces=traces, workers=1), out=folder, make_executor=Inline
-    ).path
+    return run(study, traces=traces, workers=0, out=folder).path
 
 
 def exported(run: Path, out: Path, *words: object, form: str = "openscenario") -> Path:
@@ -171,7 +169,7 @@ def test_trajectories_as_a_table(flow: Path, tmp_path: Path) -> None:
         ("--format openscenario --pair 1 --vehicle 3 --out new", "--vehicle 3"),
         ("--format commonroad --pair 1 --out new", "openscenario"),
         ("--format trajectories --pair 1 --ego free --out new", "openscenario"),
-        ("--format trajectories --csv", "one of the two"),
+        ("--format trajectories --csv", "No such option"),
         ("--pair 1", "--format"),
     ],
 )

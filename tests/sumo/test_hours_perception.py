@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import harness
 from harness.core.encounter import Arm
 from harness.core.errors import InterruptedRunError
 from harness.core.seeding import stream
 from harness.old.store.schemas import HOUR_TABLES
 from harness.old.studies.batch.experiment import resume, run_study
+from harness.old.studies.runs.opening import load_run
 from harness.old.studies.workers.pool import LocalPool
 from harness.scenario import Options, Study, read_scenario_file, study_of, validate
 from harness.strategies.perception.sensor import Sensor, sensor_of
@@ -163,7 +163,7 @@ def test_whom_vehicles_hide_is_recomputed_from_the_traces(tmp_path: Path) -> Non
     study = study_in(tmp_path, HIDES, 50)
     options = Options(traces=True, workers=1)
     run = run_study(study, options, out=tmp_path / "run", make_executor=Inline)
-    traces = harness.load_run(run.path).traces_of(0, 0)
+    traces = load_run(run.path).traces.query("cell == 0 and pair == 0")
     for arm in ("av", "human"):
         hidden, visible, wrong = wrongly_shown(traces[traces["arm"] == arm])
         assert wrong == []

@@ -12,11 +12,10 @@ from harness.core.encounter import Arm
 from harness.core.errors import InputError
 from harness.old.studies.replay.moment import _end_s, moments_of
 from harness.old.studies.replay.rerun import debug
-from harness.old.studies.replay.watch import watch
 from harness.old.studies.runs.stored import StoredCell
 from harness.old.studies.runs.worst import worst
 from harness.scenario.own_simulation import setting_of
-from tests.batches import one_cell, printed, refusal, run_inline
+from tests.batches import printed, refusal, run_inline
 from tests.own_scenario import CROSSING, own_study
 from tests.sumo.test_watch import PEDESTRIAN, needs_xvfb, pixels, watched
 
@@ -132,14 +131,8 @@ def test_the_moment_ends_after_a_contact() -> None:
     assert _end_s({"trigger_s": 600.0, "passed_s": 607.0, "contact_time_s": None}) == 607.0
 
 
-def test_the_options_are_refused_elsewhere(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_options_are_refused_elsewhere(run: Path) -> None:
     assert "--vehicle" in refusal("replay", run, "--pair", "0", "--vehicle", "v1", "--out", "x")
-    other = run_inline(one_cell("cctc_flow", {"experiment.pairs": 1}), tmp_path / "run").path
-    monkeypatch.setenv("DISPLAY", ":nothing")
-    with pytest.raises(InputError, match=r"--crosswalk c: is not supported.*\[simulation\]"):
-        watch(other, 0, [Arm.AV], crosswalk="c")
 
 
 @pytest.mark.slow

@@ -7,94 +7,63 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 import sumo as sumo_package
 
 from harness.core.encounter import Arm
-from harness.core.errors import InputError
-from harness.old.studies.batch.experiment import run_study
-from harness.old.studies.kinds.outputs import SUMO_FILES
-from harness.old.studies.replay.rerun import replay
-from harness.scenario import Options
+from harness.results.run import Run
 from harness.site import Place, read_site
+from harness.studies.replay import replay
+from harness.studies.run import run as simulate
 from tests.batches import (
     CHECKOUT,
     FLOW,
     HARNESS,
     QUICK,
     here,
-    one_cell,
     one_process,
     options_of,
-    printed,
-    refusal,
-    run_inline,
-    shell,
-    sweep,
 )
-from tests.faulty import FAULTS, NAME, raise_error, struck
-from tests.scenes import refuses
 
 HOME = Path(sumo_package.SUMO_HOME)
 FLOW_PER_HOUR = "pedestrians.flow_per_hour"
-PAIRS = 8
-
-
 # Replay starts a SUMO of its own, and only one can run in a process.
+FILES = ("fcd.xml", "tripinfo.xml", "collisions.xml")
+
 pytestmark = pytest.mark.usefixtures("no_simulation")
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """A sweep of two flows with traces."""
-    folder = tmp_path_factory.mktemp("replay") / "run"
-    study = sweep("cctc_flow", {**FLOW, "experiment.pairs": PAIRS}, f"{FLOW_PER_HOUR}=200,1000")
-    with one_process():
-        run_study(study, Options(traces=True), out=folder)
-    return folder
+    vary = {FLOW_PER_HOUR: [200, 1000]}
+    out = tmp_path_factory.mktemp("replay") / "run"
+    settings = {**FLOW, "experiment.pairs": 8}
+    return simulate("cctc_flow", settings=settings, vary=vary, traces=True, workers=0, out=out)
 
 
-def outputs(run: Path, pair: int, arm: str, cell: int) -> Path:
-    folder = run.parent / f"{cell}-{pair}-{arm}"
+def outputs(run: Run, pair: int, arm: Arm, cell: int) -> Path:
+    folder = run.path.parent / f"{cell}-{pair}-{arm}"
     if not folder.exists():
-        (replayed,) = replay(run, pair, [Arm(arm)], cell, folder)
+        (replayed,) = replay(run, cell, range(pair, pair + 1), [arm], folder)
         assert replayed.differences == ()
     return folder
 
 
-def stored(run: Path, name: str, pair: int, arm: str, cell: int) -> list[dict[str, Any]]:
-    rows = pq.read_table(run / f"{name}.parquet").to_pylist()
-    return [r for r in rows if (r["pair"], r["arm"], r["cell"]) == (pair, arm, cell)]
+def stored(run: Run, name: str, pair: int, arm: str, cell: int) -> list[dict[str, Any]]:
+    rows = run.rows(name, cell).to_pylist()
+    return [row for row in rows if (row["pair"], row["arm"]) == (pair, arm)]
 
 
-def busiest(run: Path, cell: int) -> int:
+def busiest(run: Run, cell: int) -> int:
     """The pair whose AV met most pedestrians."""
-    rows = pq.read_table(run / "episodes.parquet").to_pylist()
-    met = {r["pair"]: r["pedestrians"] for r in rows if (r["arm"], r["cell"]) == ("av", cell)}
+    rows = run.rows("episodes", cell).to_pylist()
+    met = {row["pair"]: row["pedestrians"] for row in rows if row["arm"] == "av"}
     return max(met, key=lambda pair: met[pair])
 
 
-def test_a_stored_record_that_was_changed_is_noticed(run: Path, tmp_path: Path) -> None:
-    other = tmp_path / "run"
-    other.mkdir()
-    for path in run.glob("*.*"):
-        (other / path.name).write_bytes(path.read_bytes())
-    table = pq.read_table(other / "episodes.parquet")
-    steps = table["steps"].to_pylist()
-    position = table.schema.get_field_index("steps")
-    more = pa.array([step + 1 for step in steps], type=pa.int32())
-    changed = table.set_column(position, table.schema.field("steps"), more)
-    pq.write_table(changed, other / "episodes.parquet")
-    done = here("replay", other, "--pair", 0, "--arm", "av", "--out", tmp_path / "out")
-    assert done.returncode == 1
-    assert f"episodes.steps: {steps[0]} instead of {steps[0] + 1}" in done.stdout
-
-
 @pytest.mark.parametrize("arm", list(Arm))
-def test_fcd_agrees_with_the_trace(run: Path, arm: Arm) -> None:
+def test_fcd_agrees_with_the_trace(run: Run, arm: Arm) -> None:
     pair = busiest(run, 1)
     folder = outputs(run, pair, arm, 1)
     site = read_site(Place(folder / "site.net.xml"))
@@ -136,12 +105,11 @@ def test_fcd_agrees_with_the_trace(run: Path, arm: Arm) -> None:
     assert compared["pedestrian"] > 50
 
 
-def test_the_files_are_whole_and_time_lost_is_the_delay(run: Path) -> None:
-    rows = pd.read_parquet(run / "episodes.parquet")
-    rows = rows.query("cell == 1 and arm == 'av' and ending == 'crossed' and delay_s > 1")
+def test_the_files_are_whole_and_time_lost_is_the_delay(run: Run) -> None:
+    rows = run.episodes.query("cell == 1 and arm == 'av' and ending == 'crossed' and delay_s > 1")
     pair = int(rows["pair"].iloc[0])
     folder = outputs(run, pair, Arm.AV, 1)
-    roots = {name: ET.parse(folder / name).getroot() for name in SUMO_FILES.values()}
+    roots = {name: ET.parse(folder / name).getroot() for name in FILES}
     (trip,) = roots["tripinfo.xml"]
     assert trip.get("id") == "ego-0"
     (episode,) = stored(run, "episodes", pair, "av", 1)
@@ -151,7 +119,7 @@ def test_the_files_are_whole_and_time_lost_is_the_delay(run: Path) -> None:
 
 
 @pytest.mark.slow
-def test_sumos_own_plot_of_the_trajectories(run: Path, tmp_path: Path) -> None:
+def test_sumos_own_plot_of_the_trajectories(run: Run, tmp_path: Path) -> None:
     folder = outputs(run, 0, Arm.AV, 0)
     picture = tmp_path / "plot.png"
     tool = HOME / "tools" / "plot_trajectories.py"
@@ -160,63 +128,6 @@ def test_sumos_own_plot_of_the_trajectories(run: Path, tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, env=env, timeout=120)
     assert done.returncode == 0, done.stderr
     assert picture.read_bytes().startswith(b"\x89PNG")
-
-
-def test_refused(run: Path, tmp_path: Path) -> None:
-    full = tmp_path / "full"
-    full.mkdir()
-    (full / "file").touch()
-    for pair, cell, out, word in (
-        (PAIRS, 0, tmp_path / "out", "0 to 7"),
-        (-1, 0, tmp_path / "out", "0 to 7"),
-        (0, 2, tmp_path / "out", "0 to 1"),
-        (0, 0, full, "not empty"),
-        (0, 0, full / "file", "not empty"),
-        (0, 0, full / "file" / "deeper", "cannot be written"),
-    ):
-        with pytest.raises(InputError, match=word):
-            replay(run, pair, [Arm.AV], cell, out)
-    refuses("not a run folder", lambda: replay(tmp_path, 0, [Arm.AV], 0, tmp_path / "out"))
-    wrong = refusal("replay", run, "--pair", "0", "--arm", "ego", "--out", tmp_path / "out")
-    assert "'ego' is not one of 'av', 'human', 'both'" in wrong
-    assert not (tmp_path / "out").exists()
-
-
-def test_both_arms_from_the_command_line(run: Path, tmp_path: Path) -> None:
-    text = printed("replay", run, "--pair", "3", "--cell", "1", "--out", tmp_path / "out")
-    assert text.count("identical") == 2
-    names = {"site.net.xml", *SUMO_FILES.values()}
-    for arm in ("av", "human"):
-        assert {path.name for path in (tmp_path / "out" / arm).iterdir()} == names
-
-
-def test_an_episode_that_kills_its_process_ends_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # A run in this process, which has to live; the replay's own process has the real fault.
-    monkeypatch.setitem(FAULTS, "aborts", raise_error)
-    changes = {**QUICK, "arms.av": NAME, "experiment.pairs": 2, **struck({"aborts": 1})}
-    run_inline(one_cell("cctc", changes), tmp_path / "run")
-    done = shell(
-        *("replay", tmp_path / "run", "--pair", 1, "--arm", "av", "--out", tmp_path / "again"),
-        cwd=CHECKOUT,
-    )
-    assert done.returncode == 1
-    (line,) = [line for line in done.stderr.splitlines() if line.startswith("harness:")]
-    # 6 is SIGABRT's number on every POSIX system.
-    assert "died (exit code -6)" in line
-    assert done.stdout == ""
-
-
-def test_an_episode_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(FAULTS, "hangs", raise_error)
-    changes = {**QUICK, "arms.av": NAME, "experiment.pairs": 1, **struck({"hangs": 0})}
-    changes["experiment.timeout_s"] = 5.0
-    run_inline(one_cell("cctc", changes), tmp_path / "run")
-    (again,) = replay(tmp_path / "run", 0, [Arm.AV], 0, tmp_path / "again", hang_after_s=1.0)
-    assert again.problem is not None
-    assert "no pair finished within" in again.problem
-    assert "in hang" in (tmp_path / "again" / "stack.txt").read_text(encoding="utf-8")
 
 
 RAISES = """
@@ -248,10 +159,11 @@ TIMED = [{"name": "CPFA-50", "side": "far", "impact_share": 0.5, **RUNNER}]
 
 def test_walks_of_every_behaviour_are_replayed(tmp_path: Path) -> None:
     changes = {**FLOW, "experiment.pairs": 2, "experiment.timeout_s": 30.0, FLOW_PER_HOUR: 900.0}
-    behaviours = "pedestrians.behaviour=constant,gap_acceptance,threshold,reactive"
-    study = sweep("cctc_flow", {**changes, "pedestrians.timed": TIMED}, behaviours)
-    run_inline(study, tmp_path / "run", traces=True)
-    pedestrians = pq.read_table(tmp_path / "run" / "pedestrians.parquet").to_pylist()
+    vary = {"pedestrians.behaviour": ["constant", "gap_acceptance", "threshold", "reactive"]}
+    settings = {**changes, "pedestrians.timed": TIMED}
+    out = tmp_path / "run"
+    run = simulate("cctc_flow", settings=settings, vary=vary, traces=True, workers=0, out=out)
+    pedestrians = [row for cell in range(4) for row in run.rows("pedestrians", cell).to_pylist()]
     walked = [row for row in pedestrians if row["start_s"] is not None]
     with_legs = {row["cell"] for row in walked if row["legs"] is not None and row["index"] > 0}
     assert with_legs == {3}
@@ -260,5 +172,5 @@ def test_walks_of_every_behaviour_are_replayed(tmp_path: Path) -> None:
     assert all(row["legs"] is not None for row in walked if row["index"] == 0)
     with one_process():
         for cell in range(4):
-            for again in replay(tmp_path / "run", 1, list(Arm), cell, tmp_path / f"again-{cell}"):
-                assert again.differences == (), (cell, again.arm)
+            for again in replay(run, cell, range(1, 2), list(Arm), tmp_path / f"again-{cell}"):
+                assert again.differences == (), again.name

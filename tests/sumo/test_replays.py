@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
 from harness.results.run import Run
+from harness.results.tables import read_cell
 from harness.studies.one_pair import run_pair
 from harness.studies.replay import debug, replay
 from harness.studies.run import run
@@ -45,16 +47,28 @@ def test_what_does_not_exist_is_refused(stored: Run, cell: int, pairs: range, li
         debug(stored, cell, pairs, [Arm.AV])
 
 
-def test_a_difference_from_the_record_is_named(
-    stored: Run, monkeypatch: pytest.MonkeyPatch
+OWN = """
+class Brakes:
+    def decide(self, observation):
+        return -{brake}
+"""
+
+
+def test_a_difference_from_the_record_is_named_after_what_has_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (same,) = debug(stored, 0, range(1, 2), [Arm.AV])
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    file = tmp_path / "brakes_replayed.py"
+    file.write_text(OWN.format(brake=0.5))
+    settings = {"arms.av": "brakes_replayed:Brakes", "experiment.timeout_s": 60.0}
+    stored = run("cctc", settings=settings, pairs=1, out="run", workers=1)
+    (same,) = replay(stored, 0, range(1), [Arm.AV], Path("same"))
     assert same.differences == ()
-    monkeypatch.setitem(stored.manifest["simulated_with"]["versions"], "sumo", "0.1")
-    monkeypatch.setattr("harness.studies.replay.TOLERANCE", -1.0)
-    (other,) = debug(stored, 0, range(1, 2), [Arm.AV])
-    assert other.differences[0].startswith("the run was simulated with sumo 0.1")
-    assert any("episodes.pass_time_s" in line for line in other.differences)
+    file.write_text(OWN.format(brake=1.5))
+    (other,) = replay(stored, 0, range(1), [Arm.AV], Path("other"))
+    assert other.differences[0].endswith("Brakes has been edited since the run")
+    assert any("episodes.max_deceleration_mps2" in line for line in other.differences)
 
 
 def test_one_pair_has_the_records_of_the_run(stored: Run) -> None:
@@ -64,13 +78,16 @@ def test_one_pair_has_the_records_of_the_run(stored: Run) -> None:
     assert pair.human.record.pass_time_s == rows.loc["human", "pass_time_s"]
 
 
-def test_shown_pairs_are_simulated_once(stored: Run) -> None:
-    first = shown_pairs(stored)
-    assert {(pair.cell, pair.pair) for pair in first} == {(0, pair) for pair in range(8)}
-    assert all(pair.repeated and not pair.differences and len(pair.traces) for pair in first)
-    times = {path: path.stat().st_mtime_ns for path in (stored.path / "shown").rglob("*.parquet")}
-    assert len(shown_pairs(stored)) == len(first)
-    assert times == {path: path.stat().st_mtime_ns for path in times}
+@pytest.mark.parametrize("kept", [False, True])
+def test_shown_pairs_have_the_traces_of_the_record(stored: Run, tmp_path: Path, kept: bool) -> None:
+    traced = run("cctc_flow", pairs=8, traces=True, out=tmp_path / "run", workers=0)
+    shown = shown_pairs(traced if kept else stored)
+    assert {(pair.cell, pair.pair) for pair in shown} == {(0, pair) for pair in range(8)}
+    for pair in shown:
+        assert pair.repeated is not kept
+        assert pair.differences == ()
+        expected = read_cell(traced.path, "traces", 0, traced.manifest, pair.pair).to_pandas()
+        pd.testing.assert_frame_equal(pair.traces, expected)
 
 
 def test_the_worst_come_first_and_each_has_its_command(stored: Run) -> None:
@@ -82,3 +99,23 @@ def test_the_worst_come_first_and_each_has_its_command(stored: Run) -> None:
     for by, line in (("delays", "unknown measure"), ("arrivals", "neither small nor large")):
         with pytest.raises(InputError, match=line):
             worst(stored, by)
+
+
+def test_episodes_that_got_worse_since_an_earlier_run(stored: Run, tmp_path: Path) -> None:
+    other = {"arms.av": "hard_yield"}
+    now = run("cctc_flow", settings=other, pairs=12, out=tmp_path / "now", workers=0)
+    result = worst(now, "delay_s", 3, before=stored)
+    then, later = (
+        of.episodes[of.episodes["arm"] == "av"].set_index("pair")["delay_s"] for of in (stored, now)
+    )
+    change = (later - then).dropna()
+    expected = change[change > 0].nlargest(3)
+    assert [record["pair"] for record in result.records] == expected.index.tolist()
+    record = result.records[0]
+    assert record["delay_s"].value - record["delay_s_before"].value == pytest.approx(
+        expected.iloc[0]
+    )
+    assert not worst(stored, "delay_s", before=stored).records
+    seed = run("cctc_flow", pairs=1, seed=2, out=tmp_path / "seed", workers=0)
+    with pytest.raises(InputError, match=r"--diff .*other people"):
+        worst(now, before=seed)

@@ -1,17 +1,27 @@
 """Runs into folders of parts: the same rows however they are divided, shared or resumed."""
 
-from concurrent.futures import ThreadPoolExecutor
+import json
+import multiprocessing
+import re
+import weakref
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
 
-from harness.core.errors import HarnessError, InputError
+from harness.core.encounter import Observation
+from harness.core.errors import InputError
+from harness.episode.pairing import PairRunner
+from harness.results.folder import RunFolder
 from harness.results.run import Run, load_run
-from harness.scenario import Precision
+from harness.studies.evaluate import evaluate
 from harness.studies.run import resume, run
 from harness.studies.workers import InProcess
+from tests.batches import shell
+from tests.faulty import NAME as FAULTY_NAME, struck
 from tests.unit.test_parts import longest_file
 
 QUICK: dict[str, Any] = {
@@ -22,17 +32,47 @@ QUICK: dict[str, Any] = {
 
 
 def same_rows(one: Run, other: Run) -> None:
-    for table in ("episodes", "pedestrians"):
-        pd.testing.assert_frame_equal(getattr(one, table), getattr(other, table))
+    assert len(one.cells) == len(other.cells)
+    for cell in one.study.cells:
+        for table in ("episodes", "pedestrians", *["traces"] * one.manifest["traces"]):
+            assert one.rows(table, cell.number).equals(other.rows(table, cell.number))
 
 
-def test_rows_are_the_same_for_any_workers(tmp_path: Path) -> None:
-    here = run("cctc_flow", pairs=25, out=tmp_path / "here", workers=0)
-    with ThreadPoolExecutor(2) as executor:
-        there = run("cctc_flow", pairs=25, out=tmp_path / "there", executor=executor)
+def spawning() -> Executor:
+    return ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn"))
+
+
+def forking() -> Executor:
+    return ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("fork"))
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A sweep in this process."""
+    out = tmp_path_factory.mktemp("here") / "run"
+    return run("cctc_flow", vary=VARIED, pairs=25, traces=True, out=out, workers=0)
+
+
+VARIED = {"arms.av": ["soft_yield", "hard_yield"], "pedestrians.flow_per_hour": [300.0, 900.0]}
+
+
+@pytest.mark.parametrize(
+    "workers", [1, 2, lambda: ThreadPoolExecutor(2), spawning, forking], ids=str
+)
+def test_rows_and_findings_are_the_same_for_any_workers(
+    tmp_path: Path, here: Run, workers: int | Callable[[], Executor]
+) -> None:
+    options: dict[str, Any] = {"vary": VARIED, "pairs": 25, "traces": True, "out": tmp_path / "run"}
+    if isinstance(workers, int):
+        there = run("cctc_flow", workers=workers, **options)
+    else:
+        # This process has a child of its own, which is no fork's.
+        evaluate("cctc_flow", [{}], 1, workers=1)
+        with workers() as executor:
+            there = run("cctc_flow", executor=executor, **options)
     same_rows(here, there)
-    assert [cell.findings for cell in here.cells] == [cell.findings for cell in there.cells]
-    assert [cell.findings for cell in load_run(here.path).cells] == [
+    assert [cell.findings for cell in there.cells] == [cell.findings for cell in here.cells]
+    assert [cell.findings for cell in load_run(there.path).cells] == [
         cell.findings for cell in here.cells
     ]
 
@@ -43,20 +83,38 @@ def test_a_run_of_fewer_pairs_is_the_beginning_of_a_longer_one(tmp_path: Path) -
     pd.testing.assert_frame_equal(few, many[many["pair"] < 7].reset_index(drop=True))
 
 
+FAULTY = {
+    **{"arms.human": "human_gmm", "experiment.timeout_s": 30.0},
+    **struck({"raises": 1, "nan": 3}),
+}
+SEES_BADLY = {
+    "perception.latency_s": 0.3,
+    "perception.detection_probability": 0.8,
+    "perception.human": True,
+}
+
+
 @pytest.mark.parametrize(
-    ("key", "values", "simulated"),
+    ("key", "values", "settings", "simulated"),
     [
-        ("arms.av", ["soft_yield", "hard_yield"], 3),
-        ("arms.human", ["human_gmm", "constant_speed"], 3),
-        ("perception.latency_s", [0.0, 0.4], 3),
-        ("ego.length_m", [4.0, 5.0], 4),
+        ("arms.av", ["soft_yield", "hard_yield"], {}, 3),
+        ("arms.av", ["soft_yield", "human_yield", "human_gmm"], SEES_BADLY, 4),
+        ("arms.av", ["soft_yield", FAULTY_NAME], FAULTY, 3),
+        ("arms.human", ["human_gmm", "human_yield"], {}, 3),
+        ("perception.latency_s", [0.0, 0.4], {}, 3),
+        ("conflicts.pet_s", [1.0, 2.0], {}, 2),
+        ("conflicts.pet_s", [1.0, 2.0], {"arms.av": FAULTY_NAME, **FAULTY}, 3),
+        ("ego.length_m", [4.0, 5.0], {}, 4),
     ],
 )
 def test_a_shared_arm_is_simulated_once_and_its_rows_are_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, key: str, values: list[Any], simulated: int
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    key: str,
+    values: list[Any],
+    settings: dict[str, Any],
+    simulated: int,
 ) -> None:
-    from harness.episode.pairing import PairRunner
-
     episodes, begins = [], PairRunner._run_arm
 
     def counted(self: PairRunner, *arguments: Any, **options: Any) -> Any:
@@ -64,17 +122,47 @@ def test_a_shared_arm_is_simulated_once_and_its_rows_are_the_same(
         return begins(self, *arguments, **options)
 
     monkeypatch.setattr(PairRunner, "_run_arm", counted)
-    sweep = run("cctc_flow", vary={key: values}, pairs=4, out=tmp_path / "all", workers=0)
-    assert len(episodes) == simulated * 4
+    options: dict[str, Any] = {"pairs": 6, "traces": True, "workers": 0}
+    sweep = run("cctc_flow", vary={key: values}, settings=settings, out=tmp_path / "all", **options)
+    assert len(episodes) == simulated * 6
     for cell, value in enumerate(values):
-        alone = run(
-            "cctc_flow", settings={key: value}, pairs=4, out=tmp_path / f"{cell}", workers=0
-        )
-        for table in ("episodes", "pedestrians"):
-            rows = getattr(sweep, table)
-            rows = rows[rows["cell"] == cell].drop(columns="cell").reset_index(drop=True)
-            expected = getattr(alone, table).drop(columns="cell")
-            pd.testing.assert_frame_equal(rows, expected, check_dtype=False)
+        of_cell = {**settings, key: value}
+        if FAULTY_NAME not in of_cell.values():
+            of_cell = {name: of for name, of in of_cell.items() if FAULTY_NAME not in name}
+        alone = run("cctc_flow", settings=of_cell, out=tmp_path / f"{cell}", **options)
+        for table in ("episodes", "pedestrians", "traces"):
+            rows = sweep.rows(table, cell).drop_columns("cell")
+            assert rows.equals(alone.rows(table, 0).drop_columns("cell"))
+
+
+def test_a_strategy_that_depends_on_more_than_it_says_is_never_copied(tmp_path: Path) -> None:
+    """Its episodes are those that it drove, as in a run of one cell."""
+    drives = {"arms.av": f"{__name__}:Moody", "experiment.timeout_s": 60.0}
+    sweep = run(
+        "cctc",
+        vary={"conflicts.pet_s": [1.0, 2.0]},
+        settings=drives,
+        pairs=8,
+        workers=0,
+        out=tmp_path / "run",
+    )
+    one, other = (sweep.rows("episodes", cell)["pass_time_s"].to_pylist()[::2] for cell in (0, 1))
+    both = [pair for pair in zip(one, other, strict=True) if None not in pair]
+    assert len(both) > 4
+    assert all(a != b for a, b in both)
+
+
+class Moody:
+    """Brakes more in each episode that it ever drives."""
+
+    episodes = 0
+
+    def __init__(self) -> None:
+        Moody.episodes += 1
+        self._brake_mps2 = Moody.episodes * 0.01
+
+    def decide(self, observation: Observation) -> float:
+        return -self._brake_mps2 if observation.time_s < 2 else 0.0
 
 
 class Stopping(InProcess):
@@ -99,6 +187,10 @@ def test_damaged_and_missing_parts_are_simulated_again(tmp_path: Path) -> None:
         same_rows(resume(whole.path, workers=0), load_run(tmp_path / "whole"))
         assert part.read_bytes() == content
     assert "part removed" in (whole.path / "log.jsonl").read_text(encoding="utf-8")
+    # Of 25 pairs only the part's five are simulated again, each time.
+    events = [json.loads(line) for line in (tmp_path / "whole" / "log.jsonl").open()]
+    started = [event["pairs"] for event in events if event["event"] == "started"]
+    assert started == [25, 5, 5]
 
 
 def test_parts_of_another_run_are_refused_and_kept(tmp_path: Path) -> None:
@@ -117,25 +209,57 @@ def test_parts_of_another_run_are_refused_and_kept(tmp_path: Path) -> None:
 
 def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
     whole = run("cctc", settings=QUICK, pairs=250, out=tmp_path / "whole", workers=0)
-    with longest_file(8_000), pytest.raises(HarnessError, match=r"File too large.*harness resume"):
-        run("cctc", settings=QUICK, pairs=250, out=tmp_path / "run", workers=0)
+    arguments = ("run", "cctc", "--pairs", 250, "-q", "--out", tmp_path / "run", "--workers", 1)
+    quick = [word for each in QUICK.items() for word in ("--set", "{}={}".format(*each))]
+    with longest_file(8_000):
+        done = shell(*arguments, *(word.replace("True", "true") for word in quick))
+    assert done.returncode == 1
+    assert re.fullmatch(r"harness: .*File too large.*harness resume .*\n", done.stderr)
     assert not list((tmp_path / "run").rglob("*.partial"))
     same_rows(resume(tmp_path / "run", workers=0), whole)
 
 
-def test_a_run_never_writes_into_another(tmp_path: Path) -> None:
-    run("cctc", settings=QUICK, pairs=1, out=tmp_path / "run", workers=0)
-    with pytest.raises(InputError, match=r"already holds a run.*harness resume"):
-        run("cctc", settings=QUICK, pairs=1, out=tmp_path / "run", workers=0)
+def edited(folder: Path) -> None:
+    manifest = folder / "manifest.json"
+    manifest.write_text(manifest.read_text().replace('"seed": 1', '"seed": 2'))
 
 
-def test_until_stops_at_a_look_over_whole_parts(tmp_path: Path) -> None:
-    stopped = run(
-        "cctc", settings=QUICK, pairs=3_000, until=Precision("kappa", 0.2), out=tmp_path / "run"
-    )
-    assert stopped.cells[0]["pairs"].value == 1_000
-    assert stopped.confidence == pytest.approx(1 - 0.05 / 3)
-    assert resume(stopped.path).cells[0]["pairs"].value == 1_000
+def cut(folder: Path) -> None:
+    part = folder / "episodes" / "0000-00000000.parquet"
+    part.write_bytes(part.read_bytes()[:1_000])
+
+
+@pytest.mark.parametrize(
+    ("command", "change", "line"),
+    [
+        ("run cctc --pairs 5 --out", lambda _: None, "already holds a run.*harness resume"),
+        ("resume", edited, "digest differs"),
+        ("show", edited, "digest differs"),
+        ("worst", cut, "is damaged .*harness resume"),
+        ("resume", lambda folder: (folder / "manifest.json").write_text("{"), "is damaged"),
+    ],
+)
+def test_a_folder_that_cannot_be_used_is_refused_in_one_line_and_kept(
+    tmp_path: Path, command: str, change: Callable[[Path], object], line: str
+) -> None:
+    run("cctc", settings=QUICK, pairs=5, out=tmp_path / "run", workers=0)
+    change(tmp_path / "run")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    done = shell(*command.split(), tmp_path / "run")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch(f"harness: .*{line}.*\n", done.stderr)
+    assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+
+def test_two_runs_never_work_in_one_folder(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        run("cctc", settings=QUICK, pairs=25, out=tmp_path / "run", executor=Stopping(2))
+    held = RunFolder(tmp_path / "run")
+    done = shell("resume", tmp_path / "run")
+    assert done.returncode == 2
+    assert re.fullmatch("harness: .*another process is working on this run.*\n", done.stderr)
+    held.close()
+    assert resume(tmp_path / "run").finished
 
 
 @pytest.mark.parametrize(
@@ -156,9 +280,30 @@ def test_what_is_refused_writes_no_manifest(
     assert not (tmp_path / "run" / "manifest.json").exists()
 
 
-def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
+@pytest.mark.parametrize("tasks", range(5))
+def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path, tasks: int) -> None:
     whole = run("cctc", settings=QUICK, pairs=25, out=tmp_path / "whole", workers=0)
     with pytest.raises(KeyboardInterrupt, match="harness resume"):
-        run("cctc", settings=QUICK, pairs=25, out=tmp_path / "run", executor=Stopping(2))
+        run("cctc", settings=QUICK, pairs=25, out=tmp_path / "run", executor=Stopping(tasks))
     assert not load_run(tmp_path / "run").finished
     same_rows(resume(tmp_path / "run", workers=0), whole)
+
+
+class Counting(ThreadPoolExecutor):
+    """Counts the tasks that are submitted and have not ended, and those alive."""
+
+    def __init__(self) -> None:
+        self.most, self._futures = 0, weakref.WeakSet[Future[Any]]()
+        super().__init__(2)
+
+    def submit(self, function: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
+        future = super().submit(function, *arguments, **options)
+        self._futures.add(future)
+        self.most = max(self.most, len(self._futures))
+        return future
+
+
+def test_few_tasks_and_rows_are_in_memory_at_a_time(tmp_path: Path) -> None:
+    with Counting() as executor:
+        run("cctc", settings=QUICK, pairs=790, out=tmp_path / "run", executor=executor)
+    assert executor.most <= 4 * 2

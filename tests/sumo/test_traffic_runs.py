@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import harness
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, InterruptedRunError
 from harness.episode.traffic.demand import scheduled_vehicle
@@ -22,6 +21,7 @@ from harness.old.store.schemas import HOUR_TABLES
 from harness.old.studies.batch.experiment import resume, run_study
 from harness.old.studies.batch.showing import write_shown
 from harness.old.studies.replay.rerun import replay
+from harness.old.studies.runs.opening import load_run
 from harness.old.studies.runs.reported import reported
 from harness.old.studies.runs.shown import shown_pairs
 from harness.old.studies.workers.pool import LocalPool
@@ -33,7 +33,6 @@ from harness.scenario import (
     study_of,
 )
 from tests.batches import Inline, one_process, printed, run_inline, shell, start, wait_for
-from tests.scenes import refuses
 from tests.sumo.test_watch import PEDESTRIAN, needs_xvfb, pixels, watched
 
 AV = (0, 114, 178)
@@ -143,7 +142,7 @@ def test_throughput_is_what_queues_let_through_and_levels_are_of_control_delay(
 
 
 def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
-    run = harness.load_run(runs[0])
+    run = load_run(runs[0])
     assert len(run.hours) == 2 * 2
     assert set(run.passages["direction"]) == {"forward", "oncoming"}
     mean_of_hours = run.passages.groupby(["arm", "pair"])["delay_s"].mean().groupby("arm").mean()
@@ -171,13 +170,11 @@ def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
     for words in ("Each hour of traffic is simulated twice", again, 'id="figure-time-space"'):
         assert words in text
     assert written.differing == ()
-    # What hours do not have is refused.
-    refuses("is a run of hours of traffic", lambda: harness.compare(runs[0]))
 
 
 def test_the_player_shows_every_vehicle_where_it_was(runs: list[Path]) -> None:
     """As it passes: the rear at the crosswalk's far edge, the front its length and 2 m beyond."""
-    run = harness.load_run(runs[1])
+    run = load_run(runs[1])
     (hour,) = shown_pairs(run)
     assert (hour.begin_s, hour.end_s) == (0.0, 70.0)
     (episode,) = json.loads(run_player(run, [hour]).json)["episodes"]
@@ -205,7 +202,7 @@ def test_an_hour_without_vehicles_has_a_page(tmp_path: Path) -> None:
 
 
 def test_traces_have_everybody_from_where_they_enter_on(runs: list[Path]) -> None:
-    own = harness.load_run(runs[1]).traces_of(0, 0)
+    own = load_run(runs[1]).traces.query("cell == 0 and pair == 0")
     first = own[own["object"].str.startswith("vehicle")].groupby(["arm", "object"])["x_m"]
     assert (first.agg(lambda x: abs(x.iloc[0])) > 290.0).all()
     came = own[own["object"].str.startswith("pedestrian")]
@@ -224,7 +221,7 @@ def again(runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_diagram_tells_avs_and_lanes_apart(runs: list[Path]) -> None:
-    run = harness.load_run(runs[1])
+    run = load_run(runs[1])
     (hour,) = shown_pairs(run)
     av, human = time_space(run, hour).figure.axes
     labels = [set(panel.get_legend_handles_labels()[1]) for panel in (av, human)]
@@ -240,7 +237,7 @@ def test_the_diagram_tells_avs_and_lanes_apart(runs: list[Path]) -> None:
 
 
 def rows_of(run: Path, table: str, arm: str, pair: int = 0) -> list[dict[str, Any]]:
-    rows = getattr(harness.load_run(run), table)
+    rows = getattr(load_run(run), table)
     return [*rows[(rows["arm"] == arm) & (rows["pair"] == pair)].to_dict("records")]
 
 
@@ -366,5 +363,5 @@ def test_crashes_are_said_before_any_delay(runs: list[Path], tmp_path: Path) -> 
     (note,) = [note.text for note in cell.notes if "after a crash" in note.text]
     assert note.startswith("constant_speed's arm: ")
     assert "the delays do not include the cost of a crash" in note
-    (calm,) = reported(harness.load_run(runs[0])).cells
+    (calm,) = reported(load_run(runs[0])).cells
     assert not any("after a crash" in note.text for note in calm.notes)

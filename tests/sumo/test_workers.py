@@ -11,11 +11,13 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import psutil
+import pyarrow as pa
 import pytest
 
 from harness.results.run import Run
@@ -30,6 +32,8 @@ CULPRITS = {
     "loses_ego": (4, "engine", "SUMO failed during the episode"),
     "exits": (9, "strategy", "the strategy raised SystemExit: 3 at t = 0.300 s"),
     "aborts": (12, "strategy", "the worker process died (exit code -6)"),
+    "leaves": (19, "strategy", "the worker process died (exit code 0)"),
+    "segfaults": (20, "strategy", "the worker process died (exit code -11)"),
     "hangs": (13, "strategy", "decide gave no answer within 1 s"),
     "hangs_in_c": (17, "strategy", "decide gave no answer within 1 s"),
 }
@@ -43,11 +47,15 @@ CHANGES: dict[str, Any] = {
 }
 
 
+BABBLES = 22
+"""The pair in which a strategy prints megabytes, which is no fault."""
+
+
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Run]:
     """The same run without a fault and with every fault."""
     folder = tmp_path_factory.mktemp("faults")
-    faults = struck({name: pair for name, (pair, _, _) in CULPRITS.items()})
+    faults = struck({"babbles": BABBLES, **{name: pair for name, (pair, _, _) in CULPRITS.items()}})
     clean = run("cctc", settings=CHANGES, pairs=24, out=folder / "clean")
     faulty = run("cctc", settings={**CHANGES, **faults}, pairs=24, out=folder / "faulty")
     return clean, faulty
@@ -56,31 +64,44 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Run]:
 @pytest.mark.parametrize("fault", CULPRITS)
 def test_a_fault_is_one_failed_episode_in_one_arm(runs: tuple[Run, Run], fault: str) -> None:
     pair, blamed, reason = CULPRITS[fault]
+    found = [failure for failure in runs[1].failures if failure[1] == pair]
+    assert [(cell, arm) for cell, _, arm, _ in found] == [(0, "av")]
+    assert reason in found[0][-1]
+    assert "\n" not in found[0][-1]
     rows = runs[1].episodes.set_index(["pair", "arm"])
-    assert rows.loc[(pair, "av"), "ending"] == "engine_failed"
     assert rows.loc[(pair, "av"), "failed_in"] == blamed
-    assert reason in rows.loc[(pair, "av"), "reason"]
-    assert rows.loc[(pair, "human"), "ending"] != "engine_failed"
-    assert [line for _, of, arm, line in runs[1].failures if of == pair and "\n" in line] == []
 
 
-def test_all_others_keep_their_rows(runs: tuple[Run, Run]) -> None:
-    clean, faulty = (each.episodes.set_index(["pair", "arm"]) for each in runs)
-    ran = faulty["reason"].isna()
-    assert (~ran).sum() == len(CULPRITS)
-    pd.testing.assert_frame_equal(clean[ran], faulty[ran], check_dtype=False)
+@pytest.mark.parametrize("table", ["episodes", "pedestrians"])
+def test_all_others_keep_their_rows(runs: tuple[Run, Run], table: str) -> None:
+    failed = {(pair, arm) for _, pair, arm, _ in runs[1].failures}
+    assert failed == {(pair, "av") for pair, _, _ in CULPRITS.values()}
+
+    def others(of: Run) -> pa.Table:
+        rows = of.rows(table, 0)
+        keys = zip(rows["pair"].to_pylist(), rows["arm"].to_pylist(), strict=True)
+        return rows.filter(pa.array([key not in failed for key in keys]))
+
+    clean, faulty = map(others, runs)
+    assert clean.num_rows > 2 * 24 - len(CULPRITS) - 1
+    assert faulty.equals(clean)
 
 
-def test_the_log_has_the_stacks_and_the_traceback(runs: tuple[Run, Run]) -> None:
+def test_the_log_has_one_line_a_fault_with_its_stacks_and_traceback(runs: tuple[Run, Run]) -> None:
     events = [json.loads(line) for line in (runs[1].path / "log.jsonl").open(encoding="utf-8")]
-    stacks = {e["pair"]: e["stack"] for e in events if e["event"] == "episode given up"}
+    by_event = {
+        name: {event["pair"]: event for event in events if event["event"] == name}
+        for name in ("episode given up", "tried again", "episode failed")
+    }
+    stacks = {pair: event["stack"] for pair, event in by_event["episode given up"].items()}
     assert "in hang" in stacks[CULPRITS["hangs"][0]]
     assert "in hang_in_c" in stacks[CULPRITS["hangs_in_c"][0]]
-    retried = [event["pair"] for event in events if event["event"] == "tried again"]
-    assert retried == [CULPRITS["aborts"][0]]
-    failed = {event["pair"]: event for event in events if event["event"] == "episode failed"}
-    assert {*failed} == {pair for pair, _, _ in CULPRITS.values()}
-    assert "in raise_error" in failed[CULPRITS["raises"][0]]["traceback"]
+    died = {CULPRITS[name][0] for name in ("aborts", "leaves", "segfaults")}
+    assert {*by_event["tried again"]} == died == {pair for pair, of in stacks.items() if of is None}
+    assert {*by_event["episode failed"]} == {pair for pair, _, _ in CULPRITS.values()}
+    counted = Counter((event["event"], event.get("pair")) for event in events)
+    assert {*counted.values()} == {1}
+    assert "in raise_error" in by_event["episode failed"][CULPRITS["raises"][0]]["traceback"]
 
 
 SCRIPT = """
@@ -138,22 +159,32 @@ def content(folder: Path) -> dict[str, bytes]:
 OFTEN = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(10, 30)]
 
 
-@pytest.mark.parametrize("seed", [1, *OFTEN])
+@pytest.mark.parametrize("seed", [1, 2, *OFTEN])
 def test_parts_are_the_same_after_a_kill_and_resume(tmp_path: Path, seed: int) -> None:
-    """SIGKILL to the command or to one of its children, at any moment."""
+    """At any moment, the command is killed or interrupted, or one of its children is killed."""
     settings = {**CHANGES, "experiment.decide_limit_s": 100.0}
     run("cctc", settings=settings, pairs=400, out=tmp_path / "whole")
     dice, folder = random.Random(seed), tmp_path / "run"
     running = started(folder, {}, 400)
     children = children_of(running, dice.uniform(0.0, 3.0))
+    number = dice.choice([signal.SIGKILL, signal.SIGINT])
     victim = dice.choice([running.pid, *(child.pid for child in children)])
     if running.poll() is None:
-        os.kill(victim, signal.SIGKILL)
+        os.kill(victim, number if victim == running.pid else signal.SIGKILL)
     running.communicate(timeout=120)
+    _, alive = psutil.wait_procs(children, timeout=10)
+    assert alive == []
     if (folder / "manifest.json").is_file():
-        assert resume(folder).finished
+        parts = {path: path.stat().st_mtime_ns for path in folder.glob("episodes/*.parquet")}
+        resumed = resume(folder)
+        assert resumed.failures == ()
+        assert parts.items() <= {path: path.stat().st_mtime_ns for path in parts}.items()
+        assert not [*folder.rglob("*.partial")]
     else:
         run("cctc", settings=settings, pairs=400, out=folder)
+    log = (folder / "log.jsonl").read_text(encoding="utf-8")
+    assert "given up" not in log
+    assert ("tried again" in log) <= (victim != running.pid)
     assert content(folder) == content(tmp_path / "whole")
 
 
@@ -182,3 +213,17 @@ def test_a_run_imports_neither_frames_nor_figures(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_runs_in_one_process_leave_each_others_children_alone(tmp_path: Path) -> None:
+    """The end of quick runs is no death of a child of the slow one."""
+    settings = {**CHANGES, "experiment.decide_limit_s": 100.0}
+    with ThreadPoolExecutor(1) as thread:
+        slow = thread.submit(run, "cctc", settings=settings, pairs=1000, out=tmp_path / "slow")
+        ended = 0
+        while not slow.done():
+            run("cctc", settings=settings, pairs=1, out=tmp_path / f"{ended}", workers=1)
+            ended += 1
+        assert ended
+        assert slow.result().failures == ()
+    assert "tried again" not in (tmp_path / "slow" / "log.jsonl").read_text(encoding="utf-8")

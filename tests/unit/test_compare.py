@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from harness.results.estimators import EQUAL, FEW
 from harness.results.finding import Finding
 from harness.results.result import Result, Versus
 from harness.scenario import Scenario
-from harness.studies.allowed import Allowed, allowed_of
-from harness.studies.compare import compare, groups_of
+from harness.studies.allowed import allowed_in
+from harness.studies.candidates import groups_of
+from harness.studies.compare import compare
 from tests.cells import FAILED, HUMAN_S, Fate, MadeRun, noisy, run_of, study
 
 THREE = "arms.av=soft_yield,hard_yield,constant_speed"
@@ -95,7 +97,19 @@ def test_crashes_by_hand_and_holm_over_the_table(result: Result) -> None:
     at = [column.key for column in table.columns].index("p_holm")
     assert [row[at].finding.value for row in table.rows] == pytest.approx(adjusted)
     said = {note.key: note.text for note in result.notes}["more_crashes"]
-    assert said.startswith("constant_speed crashes, times out or fails more often than soft_yield")
+    more = "flow_per_hour 50, constant_speed crashes, times out or fails more often than soft_yield"
+    assert said.startswith(more)
+
+
+def test_more_crashes_come_after_failures_nothing_tested_and_few_pairs() -> None:
+    def fates(scenario: Scenario, pair: int) -> Pair:
+        bold = scenario.arms.av == "constant_speed"
+        return FAILED if pair < 2 else "crashed" if bold else 8.0, HUMAN_S
+
+    made = compare(run_of(study({}, "arms.av=soft_yield,constant_speed"), fates, 40))
+    keys = [note.key for note in made.notes]
+    assert keys[:2] == ["failures", "few_pairs"]
+    assert "more_crashes" in keys
 
 
 def test_each_row_has_its_cells_own_numbers(run: MadeRun, result: Result) -> None:
@@ -152,6 +166,48 @@ def test_a_difference_depends_on_neither_the_other_rows_nor_the_run() -> None:
     assert delay.high - delay.low == pytest.approx(width, rel=0.35)
 
 
+def test_differences_are_those_of_scipy_on_the_tables() -> None:
+    """Exact sign flips, BCa, McNemar's binomial and Holm's step-down, from the rows alone."""
+    names = ("soft_yield", "hard_yield", "gap_yield")
+
+    def fates(scenario: Scenario, pair: int) -> Pair:
+        number = names.index(scenario.arms.av)
+        crashes = pair % 11 < 2 * number
+        return "crashed" if crashes else noisy(pair, number, 9.0 + number), noisy(pair, 9, 20.0)
+
+    made = run_of(study({}, f"arms.av={','.join(names)}"), fates, 16)
+    crashed, delays = [], []
+    for cell in made.cells:
+        rows = made.rows("episodes", cell.number).to_pandas().query("arm == 'av'")
+        crashed.append((rows["ending"] == "crashed").to_numpy())
+        delays.append(rows["delay_s"].to_numpy(dtype=float))
+    ps: dict[str, list[float]] = {"delay_difference_s": [], "kappa_difference": []}
+    records = list(compare(made).records)
+    for record, (a, b) in zip(records, [(0, 1), (0, 2), (1, 2)], strict=True):
+        both = ~np.isnan(delays[a] - delays[b])
+        differences = (delays[a] - delays[b])[both]
+        flips = stats.permutation_test(
+            (differences,), np.sum, permutation_type="samples", n_resamples=np.inf
+        )
+        only_a, only_b = (int(np.sum(x & ~y)) for x, y in
+                          ((crashed[a], crashed[b]), (crashed[b], crashed[a])))  # fmt: skip
+        ps["delay_difference_s"].append(float(flips.pvalue))
+        ps["kappa_difference"].append(stats.binomtest(only_a, only_a + only_b, 0.5).pvalue)
+        assert record["delay_difference_s"].value == pytest.approx(differences.mean())
+        interval = stats.bootstrap(
+            (differences,), np.mean, method="BCa", n_resamples=20_000, rng=np.random.default_rng(1)
+        ).confidence_interval
+        ends = record["delay_difference_s"].low, record["delay_difference_s"].high
+        assert ends == pytest.approx([*interval], abs=0.05 * (interval.high - interval.low))
+        assert record["kappa_difference"].value == pytest.approx((only_a - only_b) / 16)
+    for key, of in ps.items():
+        assert [record[key].p for record in records] == pytest.approx(of)
+        order = np.argsort(of, kind="stable")
+        steps = np.maximum.accumulate(np.minimum(1, np.array(of)[order] * (3, 2, 1)))
+        adjusted = [records[row][f"{key}_p_holm"] for row in order]
+        assert adjusted == pytest.approx(steps)
+
+
 @pytest.mark.parametrize(("pairs", "reliable"), [(499, False), (500, True)])
 def test_from_500_pairs_that_differ_on_an_interval_is_reliable(pairs: int, reliable: bool) -> None:
     made = compare(run_of(study({}, "arms.av=soft_yield,hard_yield"), drawn, pairs))
@@ -197,8 +253,10 @@ def test_two_runs_are_told_apart_by_their_folders_and_share_their_first_pairs() 
     assert "20 to 30 pairs" in made.scope
     # A note of a cell has its name, though neither run varies anything.
     late = compare(version("a", 9.0), replace_fates(version("b", 9.0), "timed_out"))
-    (note,) = [note for note in late.notes if note.key == "time_outs"]
-    assert note.text.startswith("gap_yield (b): 30 of 60 episodes timed out")
+    (note,) = [note for note in late.notes if note.key == "left_out"]
+    assert note.text.startswith(
+        "gap_yield (b): The ratio of times uses 30 of 30 pairs, μ and c_v use 0"
+    )
 
 
 def replace_fates(run: MadeRun, fate: Fate) -> MadeRun:
@@ -259,15 +317,24 @@ def swept() -> MadeRun:
     return run_of(study({}, P1), bolder, 2_700)
 
 
-def judged(run: MadeRun, mu0: float, kappa0: float) -> Allowed:
-    (group,) = groups_of([run])
-    (found,) = allowed_of(group, mu0, kappa0, 0.95)
-    return found
+class Judged(NamedTuple):
+    """The columns of the verdicts."""
+
+    values: tuple[float, ...]
+    mu: tuple[Finding, ...]
+    kappa: tuple[Finding, ...]
+    verdicts: tuple[str, ...]
+
+
+def judged(run: MadeRun, mu0: float, kappa0: float) -> Judged:
+    (found,) = allowed_in(groups_of([run]), mu0, kappa0, 0.95)
+    assert (found.key, found.where) == ("strategies.soft_yield.p1", "")
+    return Judged(*zip(*found.rows, strict=True))
 
 
 def test_bounds_hold_over_all_values_together(swept: MadeRun) -> None:
     found = judged(swept, 1.0, 0.05)
-    assert (found.key, found.values) == ("strategies.soft_yield.p1", (0.1, 0.2, 0.3))
+    assert found.values == (0.1, 0.2, 0.3)
     assert found.verdicts == ("denied", "allowed", "denied")
     # Three values have six upper bounds, each at 1 − 0.05/6 (Bonferroni).
     level = 0.05 / 6
@@ -338,10 +405,31 @@ def test_values_of_a_grid_are_not_judged_as_one_sweep() -> None:
     """With another key of the AV varied, a value of p1 stands for several cells."""
     grid = run_of(study({}, P1, "perception.latency_s=0.0,0.3"), bolder, 3)
     (group,) = groups_of([grid])
-    assert (len(group), allowed_of(group, 1.0, 0.05, 0.95)) == (6, [])
+    assert (len(group), allowed_in([group], 1.0, 0.05, 0.95)) == (6, [])
     # The people's keys are no part of it: each flow has its own sweep.
     flows = run_of(study({}, P1, FLOWS), bolder, 3)
-    assert [len(allowed_of(group, 1.0, 0.05, 0.95)) for group in groups_of([flows])] == [1, 1]
+    found = allowed_in(groups_of([flows]), 1.0, 0.05, 0.95)
+    assert [each.where for each in found] == ["flow_per_hour 50", "flow_per_hour 250"]
+
+
+def test_two_runs_over_the_same_values_are_judged_apart() -> None:
+    """Nine values of one sweep would have wider bounds, and each value two verdicts."""
+    of = study({}, P1)
+    runs = [run_of(of, bolder, 5, name=f"{place}/sweep") for place in ("here", "there")]
+    found = allowed_in(groups_of(runs), 1.0, 0.05, 0.95)
+    assert [each.where for each in found] == ["here/sweep", "there/sweep"]
+    alone = allowed_in(groups_of(runs[:1]), 1.0, 0.05, 0.95)
+    assert [each.rows for each in found] == [each.rows for each in alone] * 2
+    made = compare(*runs, mu0=1.0, kappa0=0.05)
+    titles = [table.title for table in made.full if "μ <" in table.title]
+    assert [title.partition(" (")[2] for title in titles] == ["here/sweep)", "there/sweep)"]
+    # Folders of the same name are told apart by their paths, in rows as in notes.
+    names = [(row["a"], row["b"]) for row in made.records]
+    assert len({name for pair in names for name in pair}) == 6
+    assert ("soft_yield p1=0.3 (here/sweep)", "soft_yield p1=0.3 (there/sweep)") in names
+    (few,) = [note for note in made.notes if note.key == "few_pairs"]
+    assert len({*few.cells}) == 6
+    assert "soft_yield p1=0.1 (there/sweep)" in few.cells
 
 
 @pytest.mark.parametrize(

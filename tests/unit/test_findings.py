@@ -1,18 +1,21 @@
-"""The findings of a cell, from nine pairs counted by hand; and a number that is added."""
+"""The findings of a cell, from nine pairs counted by hand; and a sweep's rows."""
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 from scipy import stats
 
-from harness.results import catalogue, findings, notes, screens
+from harness.results import catalogue
 from harness.results.columns import Sample
 from harness.results.estimators import EQUAL, FEW, REPEATED
-from harness.results.finding import Finding
-from harness.results.findings import CellFindings, cell_findings, confidence_of, looks
+from harness.results.finding import Finding, finding_to_dict
+from harness.results.findings import CellFindings, cell_findings
 from harness.results.result import flat
+from harness.results.screens import run_result
 from tests.cells import (
     FAILED,
     FREE_S,
@@ -57,6 +60,9 @@ PAIRS = [  # the AV, the reference: time to cross, or how else it ended
 ]
 
 
+USUAL = cell_of([(noisy(pair), noisy(pair, 1)) for pair in range(20)])
+
+
 @pytest.fixture(scope="module")
 def nine() -> CellFindings:
     return cell_of(PAIRS)
@@ -87,6 +93,7 @@ def nine() -> CellFindings:
         # 20 s of waits of 8 people: those of the episode that failed do not count.
         ("pedestrian_wait_s", 20 / 8),
         ("fallback_share", 1 / 6),
+        ("fallback_share_human", 0),
     ],
 )
 def test_values_by_hand(nine: CellFindings, key: str, value: float) -> None:
@@ -99,7 +106,6 @@ def test_values_by_hand(nine: CellFindings, key: str, value: float) -> None:
         # Eight AV episodes ran; four crashed, failed or timed out in nine pairs.
         ("kappa", 2, 8),
         ("kappa_human", 2, 9),
-        ("kappa_front", 1, 8),
         ("kappa_avoidable", 1, 8),
         ("kappa_avoidable_attentive", 1, 8),
         ("kappa_avoidable_human", 0, 9),
@@ -192,7 +198,8 @@ def test_conflicts_by_thresholds(
 
 def test_equal_single_and_repeated_pairs_have_no_interval() -> None:
     equal = cell_of([(8.0, HUMAN_S)] * 30)["mu"]
-    assert equal == Finding(pytest.approx(0.8), n=0, reason=EQUAL)
+    assert equal == Finding(equal.value, n=0, reason=EQUAL)
+    assert equal.value == pytest.approx(0.8)
     single = cell_of([(8.0, HUMAN_S)])["mu"]
     assert (single.value, single.low, single.reliable, single.reason) == (0.8, None, None, FEW)
     drivers = {"arms__av": "constant_speed", "arms__human": "hard_yield"}
@@ -211,9 +218,7 @@ def test_intervals_are_those_of_the_numbers_with_these_pairs() -> None:
     assert cell["delay_met_someone_s_human"] == cell["delay_s_human"]
     (only,) = study({}).cells
     rows = episodes([(noisy(pair), noisy(pair, 1)) for pair in range(50)], only.scenario)
-    some = cell_findings(only, rows, 0.95, {"mu", "kappa_human"})
-    assert {*some.findings} == {"mu", "kappa", "kappa_human"}
-    assert some["mu"] == cell["mu"]
+    assert cell_findings(only, rows, 0.95) == cell
     assert cell_findings(only, rows, 0.0)["mu"] == Finding(cell["mu"].value, n=50)
     wider = cell_findings(only, rows, 0.99)["mu"]
     assert wider.low < cell["mu"].low < cell["mu"].high < wider.high
@@ -236,36 +241,12 @@ def test_few_pairs_are_said_to_be_few(entry: catalogue.Entry) -> None:
         assert found.reason == (None if reliable else few)
 
 
-def test_looks_share_the_error() -> None:
-    """Bonferroni: three looks at 1,000, 2,000 and 3,500 pairs, each at 1 − 0.05/3."""
-    assert (looks(1_000), looks(3_500)) == ([1_000], [1_000, 2_000, 3_500])
-    assert confidence_of(3_500, until=True) == pytest.approx(1 - 0.05 / 3)
-    assert confidence_of(3_500, until=False) == 0.95
-
-
-def test_an_entry_on_a_column_is_a_number_everywhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    entry = catalogue.Entry(
-        *("gap_m", "smallest gap", "Mean smallest gap.", "min_gap_m", catalogue._mean),
-        unit="m",
-        screen=True,
-    )
-    entries = (*catalogue.ENTRIES, entry)
-    for module in (catalogue, findings, notes, screens):
-        monkeypatch.setattr(module, "ENTRIES", entries)
-    monkeypatch.setattr(catalogue, "ENTRY_OF", {**catalogue.ENTRY_OF, "gap_m": entry})
-
-    def fates(_scenario: object, pair: int) -> tuple[Fate, Fate]:
-        return {"pass_time_s": 9.0, "min_gap_m": 1.0 + pair}, {"pass_time_s": 9.0, "min_gap_m": 5.0}
-
-    result = result_of(study({}), fates, 4)
-    (record,) = result.to_dict()["records"]
-    assert (record["gap_m"]["value"], record["gap_m_human"]["value"]) == (2.5, 5.0)
-    row = result.frame().iloc[0]
-    assert (row["gap_m"], row["gap_m_human"]) == (2.5, 5.0)
-    assert row["gap_m_ci_low"] < 2.5 < row["gap_m_ci_high"]
-    for table in (result.screen, *result.full):
-        (shown,) = [line for line in table.rows if line[0] == "smallest gap, m"]
-        assert (shown[1].finding.value, shown[2].finding.value) == (2.5, 5.0)
+@pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf, np.float64("nan")])
+@pytest.mark.parametrize("place", ["value", "low", "high", "p"])
+def test_no_finding_is_a_number_that_is_not_finite(odd: float, place: str) -> None:
+    numbers = {"value": 0.4, "low": 0.3, "high": 0.5, "p": 0.1, "reliable": True, place: odd}
+    found = Finding(n=7, **numbers)
+    assert found == Finding(None, n=7, reason="it is no finite number")
 
 
 def test_flat_names() -> None:
@@ -280,7 +261,84 @@ def test_flat_names() -> None:
         "kappa_n": 50,
         "kappa_events": 2,
         "kappa_reliable": True,
+        "kappa_reason": "a reason",
         "kappa_p": 0.2,
         "mu": None,
         "mu_n": 0,
+        "mu_reason": "why",
     }
+
+
+SWEPT = {
+    "time_ratio": ("time_ratio",),
+    "delay_s": ("delay_s", "delay_s_human"),
+    "pedestrian_wait_s": ("pedestrian_wait_s", "pedestrian_wait_s_human"),
+    "kappa": ("kappa", "kappa_human"),
+    "conflict_pet": ("conflict_pet", "conflict_pet_human"),
+}
+"""The numbers of a sweep's row after the swept keys, each with its keys."""
+
+NUMBERS = st.sampled_from(
+    [
+        Finding(None, n=0, reason="nobody was met"),
+        Finding(None, n=3, reason="every episode failed"),
+        Finding(0.5, 0.4, 0.6, 50, 25, reliable=True),
+        Finding(0.5, 0.3, 0.6, 50, 25, reliable=False, reason="few"),
+        Finding(0.7, 0.6, 0.9, 50, 35, reliable=True),
+    ]
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(
+        st.fixed_dictionaries({key: NUMBERS for keys in SWEPT.values() for key in keys}),
+        min_size=2,
+        max_size=4,
+    )
+)
+def test_a_sweep_has_a_row_a_cell_and_no_column_that_is_empty_or_equal(
+    numbers: list[dict[str, Finding]],
+) -> None:
+    vary = ("pedestrians.flow_per_hour=100,200,300,400", "ego.length_m=4", "crossing.length_m=9")
+    cells = []
+    for cell, own in zip(study({}, *vary).cells, numbers, strict=False):
+        nothing_left_out = {f"{key}_worst": own[key] for key in ("kappa", "time_ratio")}
+        findings = {**USUAL.findings, **own, **nothing_left_out}
+        cells.append(CellFindings(cell.number, cell.varied, cell.scenario, findings))
+    facts = {"seed": 1, "confidence": 0.95}
+    result = run_result("made", Path("made"), cells, planned=9, finished=True, facts=facts)
+    table = result.screen
+    assert len(table.rows) == len(cells)
+    columns = {
+        column.key: [row[place] for row in table.rows] for place, column in enumerate(table.columns)
+    }
+    same = {column.key: entered for column, entered in table.same}
+    order = ["pedestrians.flow_per_hour", "ego.length_m", "crossing.length_m", *SWEPT]
+    assert [*columns] == [key for key in order if key in columns]
+    assert [*same] == [key for key in order if key in same]
+    assert {*columns, *same} == {*order}
+    assert not {*columns} & {*same}
+    headings = [column.heading for column, _ in table.same]
+    assert {"ego.length_m", "crossing.length_m"} <= {*headings}
+    assert columns[order[0]] == [cell.varied[order[0]] for cell in cells]
+    for key, keys in SWEPT.items():
+        own = [[numbers[cell.number][name] for name in keys] for cell in cells]
+        defined = [[None if each.value is None else each for each in of] for of in own]
+        assert (key in same) == all(each == defined[0] for each in defined)
+        entered = columns.get(key) or [same[key]]
+        for each, found in zip(entered, own, strict=False):
+            shown = [each] if len(keys) == 1 else [*each]
+            assert [number.finding for number in shown] == found
+    for record, cell in zip(result.to_dict()["records"], cells, strict=True):
+        assert record["pedestrians.flow_per_hour"] == cell.varied["pedestrians.flow_per_hour"]
+        assert record["delay_s"] == finding_to_dict(cell["delay_s"])
+
+
+def test_a_threshold_that_is_swept_is_in_no_heading() -> None:
+    def fates(_scenario: object, pair: int) -> tuple[Fate, Fate]:
+        return {"pass_time_s": noisy(pair), "pet_s": 1.7}, HUMAN_S
+
+    table = result_of(study({}, "conflicts.pet_s=1.5,2"), fates, 4).screen
+    assert [column.heading for column in table.columns] == ["pet_s", "PET below"]
+    assert [row[0] for row in table.rows] == [1.5, 2.0]

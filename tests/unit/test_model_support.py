@@ -10,10 +10,8 @@ from harness.episode.arms import check_arms
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.measures import Outcome
 from harness.model.interaction import ModelUseCounter, check_support
-from harness.old.statistics import ENCOUNTERS
-from harness.old.store.episode_tables import episode_rows
-from harness.old.store.summaries import summarise_cell
-from harness.old.studies.runs.notes import encounter_notes
+from harness.results.findings import cell_findings
+from harness.results.rows import episode_rows
 from harness.scenario import Cell, Scenario, load_scenario
 from tests.scenes import on_plain, scenario
 
@@ -83,13 +81,9 @@ def test_the_issues_case_says_how_often_the_model_was_asked_outside(model) -> No
             assert record.clamped_range_excess_m >= max(r for r, _ in outside) - 60.0 - 1e-9
         else:
             assert outcome.arm is Arm.HUMAN or record.clamped_speed_excess_mps is None
-    episodes = episode_rows(0, outcomes)
-    summary = summarise_cell(episodes, Cell(0, {}, scene), 0.95)
-    assert summary.clamped_share > 0.5
-    assert summary.clamped_speed_excess_mps == pytest.approx(13.89 - 8.0, abs=0.01)
-    said = " ".join(note.text for note in encounter_notes(scene, summary.findings, ENCOUNTERS))
-    assert "outside the data of the interaction model" in said
-    assert "5.89 m/s too fast" in said
+    found = cell_findings(Cell(0, {}, scene), episode_rows(0, outcomes), 0.0)
+    assert float(found["clamped_share"].value) > 0.5
+    assert found["clamped_speed_excess_mps"].value == pytest.approx(13.89 - 8.0, abs=0.01)
 
 
 def test_near_and_standing_cars_are_counted_apart_and_the_last_bit_decides_nothing(model) -> None:

@@ -4,14 +4,15 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import pytest
+from hypothesis import given, strategies as st
 
 from harness.results import notes
 from harness.results.catalogue import ENTRIES
 from harness.results.estimators import EQUAL, zero_bound
 from harness.results.finding import Finding, Form
-from harness.results.findings import CellFindings
-from harness.results.notes import RULES, Rule, Said, notes_of
-from harness.results.result import Result, Shown, Versus
+from harness.results.findings import CellFindings, on_first_screen
+from harness.results.notes import RULES, Note, Rule, Said, notes_of
+from harness.results.result import Result, Shown, Style, Versus
 from harness.scenario import PerceptionSection, Scenario, load_scenario
 from harness.scenario.actuation import ActuationSection
 from harness.scenario.place import place_in_words
@@ -108,14 +109,14 @@ def some(fate: Fate, others: Callable[[int], Pair] = usual) -> Callable[[int], P
         ),
         (
             "timed_out",
-            "time_outs",
-            "3 of 80 episodes timed out (AV 3, human_gmm 0)",
+            "left_out",
+            "had time-outs (AV 3, human_gmm 0). A time-out counts with 60 s in the times",
             ("3 time-outs",),
         ),
         (
             "crashed",
             "left_out",
-            "uses 37 of 40 pairs, μ and c_v use 37, because of crashes (AV 3, human_gmm 0)",
+            "uses 37 of 40 pairs, μ and c_v use 37. The others had crashes (AV 3, human_gmm 0)",
             ("3 pairs not in the ratio of times",),
         ),
     ],
@@ -128,8 +129,8 @@ def test_what_did_not_cross_is_counted_and_the_worst_case_stands_beside(
     assert [each for each in scope if each not in told.result.scope] == []
     assert told.cell["kappa_worst"].events == 3
     for worst in (entry for entry in ENTRIES if entry.worst_case):
-        assert worst.heading in told.headings
         assert told.shows(told.cell[worst.key])
+    assert "worst case" in told.headings
     # Nothing is left out, so nothing is said.
     calm = tell(usual)
     assert {key, "left_out"} & {*calm.notes} == set()
@@ -144,18 +145,22 @@ def test_the_worst_case_stands_beside_what_the_reference_leaves_out(
     told = tell(lambda pair: (usual(pair)[0], fate if pair < 3 else usual(pair)[1]))
     assert told.shows(told.cell["time_ratio_worst"])
     assert "μ and c_v use 37" in told.notes["left_out"]
-    assert ("AV 0, human_gmm 3" in told.notes["left_out"]) == (fate == "crashed")
+    assert "AV 0, human_gmm 3" in told.notes["left_out"]
+    assert ("driving on" in told.notes["left_out"]) == (fate == "crashed")
 
 
-def test_trials_and_the_bound_stand_beside_no_crash(tell: Callable[..., Told]) -> None:
-    told = tell(usual)
-    kappas = [each for each in _shown(told.result) if each.style.form is Form.EVENTS]
-    assert kappas
-    for _, style in kappas:
-        assert style.digits == 1
+@pytest.mark.parametrize("crashes", [0, 3])
+def test_trials_stand_beside_crashes_and_the_bound_beside_none(
+    tell: Callable[..., Told], crashes: int
+) -> None:
+    told = tell(some("crashed") if crashes else usual)
+    kappas = [each for each in _shown(told.result) if each.style == Style(Form.EVENTS, 1)]
+    assert told.shows(told.cell["kappa"])
+    assert (told.cell["kappa"].events, told.cell["kappa"].n) == (crashes, 40)
     for finding, _ in kappas:
-        assert (finding.events, finding.n, finding.reliable) == (0, 40, True)
-        assert zero_bound(finding.high) == pytest.approx(1 - 0.05 ** (1 / 40))
+        assert (finding.n, finding.reliable) == (40, True)
+        if finding.events == 0:
+            assert zero_bound(finding.high) == pytest.approx(1 - 0.05 ** (1 / 40))
 
 
 @pytest.mark.parametrize("pairs", [1, 2, 5, 50, 199])
@@ -164,11 +169,45 @@ def test_few_pairs_come_first_however_few(tell: Callable[..., Told], pairs: int)
     keys = [note.key for note in told.result.notes]
     assert {"few_pairs", "opposite", "not_validated"} <= {*keys}
     assert {*keys[: keys.index("few_pairs")]} <= {"few_differ"}
-    assert f"the fewest here: {pairs:,}" in told.notes["few_pairs"]
-    assert "below 200 informative pairs (delay" in told.notes["few_pairs"]
+    assert f"(fewest: {pairs:,})" in told.notes["few_pairs"]
+    assert "from so many on: 200 (delay" in told.notes["few_pairs"]
     assert "1,000 (time to cross, ratio of times, μ" in told.notes["few_pairs"]
-    # One pair has no interval at all, and nothing that could be marked as unreliable.
-    assert ("missing" in told.notes["few_pairs"]) == (pairs == 1)
+
+
+@pytest.mark.parametrize("pairs", [2, 5, 199])
+def test_few_pairs_are_said_to_be_few_if_they_are_all_equal(
+    tell: Callable[..., Told], pairs: int
+) -> None:
+    """They have no interval that could be unreliable, and say even less."""
+    told = tell(lambda _: (8.0, HUMAN_S), pairs)
+    assert "from so many on: 200 (delay), 1,000 (time to cross, ratio" in told.notes["few_pairs"]
+    assert f"(fewest: {pairs:,})" in told.notes["few_pairs"]
+    assert "few_pairs" not in notes_by_key(cell_of([(8.0, HUMAN_S)] * 4_000))
+
+
+def test_the_worst_case_can_have_too_few_pairs(tell: Callable[..., Told]) -> None:
+    told = tell(lambda pair: (noisy(pair), "timed_out") if pair < 25 else usual(pair))
+    assert told.cell["time_ratio_worst"].reliable is False
+    assert told.shows(told.cell["time_ratio_worst"])
+    assert "ratio of times" in told.notes["few_pairs"]
+
+
+def test_every_interval_of_the_first_screen_that_is_unreliable_or_missing_has_its_reason(
+    tell: Callable[..., Told],
+) -> None:
+    """Also those of one arm: here the AV's delay is the same in all pairs."""
+    told = tell(lambda pair: (9.0, noisy(pair, 1)), 300)
+    assert told.cell["delay_s"].reason == EQUAL
+    text = told.notes["equal"]
+    assert "delay (AV)" in text
+    # A wait of 0 in all episodes of both arms has no row.
+    assert "people's wait" not in text
+    for entry in on_first_screen(told.cell):
+        for key in entry.keys:
+            found, name = told.cell[key], entry.heading.partition(", ")[0]
+            where = {EQUAL: "equal", None: None}.get(found.reason, "few_pairs")
+            if where:
+                assert name in told.notes[where], key
 
 
 def test_few_informative_pairs_among_many() -> None:
@@ -176,23 +215,43 @@ def test_few_informative_pairs_among_many() -> None:
     nobody = {**NOBODY, "pass_time_s": FREE_S}
     cell = cell_of([(noisy(pair), noisy(pair, 1)) for pair in range(3)] + [(nobody, nobody)] * 1197)
     assert (cell["mu"].n, cell["mu"].reliable) == (3, False)
-    assert "the fewest here: 3." in notes_by_key(cell)["few_pairs"].text
+    assert "(fewest: 3)" in notes_by_key(cell)["few_pairs"].text
     calm = cell_of([usual(pair) for pair in range(4_000)])
     assert "few_pairs" not in notes_by_key(calm)
 
 
+FELL = {"pass_time_s": 12.0, "fallback": True}
+
+
 def test_who_drove_instead_and_in_what_share(tell: Callable[..., Told]) -> None:
-    told = tell(some({"pass_time_s": 12.0, "fallback": True}))
-    assert (
-        "hard_yield drove in 3 of 40 passages (7.5 % of those that met someone)"
-        in (told.notes["fallback"])
-    )
+    told = tell(some(FELL))
+    words = "hard_yield drove in 3 of 40 AV passages (7.5 % of those that met someone)"
+    assert words in told.notes["fallback"]
+    assert "reference" not in told.notes["fallback"]
+    assert (told.cell["fallbacks"].value, told.cell["fallbacks_human"].value) == (3, 0)
 
 
-def test_the_fallback_that_drove_most_stands_in_the_heading() -> None:
-    fell = {"pass_time_s": 12.0, "fallback": True}
-    result = result_of(study({}), lambda _, pair: (fell if pair < 30 else 9.0, HUMAN_S), 40)
-    assert "soft_yield (hard_yield in 75 %)" in [column.heading for column in result.screen.columns]
+def test_who_drove_instead_of_the_reference(tell: Callable[..., Told]) -> None:
+    def news(pair: int) -> Pair:
+        return usual(pair)[0], (FELL if pair < 8 else usual(pair)[1])
+
+    told = tell(news, arms__human="soft_yield")
+    words = "hard_yield drove in 8 of 40 reference passages (20 % of those that met someone)"
+    assert words in told.notes["fallback"]
+    assert "AV" not in told.notes["fallback"].partition("hard_yield")[2]
+    assert told.cell["fallback_share_human"].value == 8 / 40
+
+
+@pytest.mark.parametrize("place", [1, 2])
+def test_the_fallback_that_drove_most_stands_in_the_heading(place: int) -> None:
+    def fates(_scenario: Scenario, pair: int) -> Pair:
+        most = FELL if pair < 30 else 9.0
+        return (most, HUMAN_S) if place == 1 else (9.0, most)
+
+    result = result_of(study({"arms.human": "soft_yield"}), fates, 40)
+    headings = [column.heading for column in result.screen.columns]
+    assert headings[place] == "soft_yield (hard_yield in 75 %)"
+    assert headings[3 - place] == "soft_yield"
 
 
 def test_the_model_outside_its_data(tell: Callable[..., Told]) -> None:
@@ -203,8 +262,7 @@ def test_the_model_outside_its_data(tell: Callable[..., Told]) -> None:
         return {**asked, "clamped": 1}, {**asked, "clamped": 3}
 
     words = tell(news).notes["outside_model"]
-    assert "In 25 % (AV) and 75 % (human_gmm) of its uses" in words
-    assert "up to 5.39 m/s too fast and 12 m too far away" in words
+    assert "outside its data, in 25 % (AV) and 75 % (human_gmm) of its uses" in words
     inside = {"pass_time_s": 8.0, "conditionings": 4, "clamped": 0}
     assert "outside_model" not in tell(lambda _: (inside, inside)).notes
 
@@ -238,7 +296,7 @@ def test_another_reference_says_the_opposite_at_any_number_of_pairs(
     tell: Callable[..., Told], pairs: int
 ) -> None:
     told = tell(usual, pairs)
-    assert "_yield is slower: the result depends on the reference" in told.notes["opposite"]
+    assert "_yield is slower: it depends on the reference" in told.notes["opposite"]
     assert told.notes["opposite"].count("Against human_recorded ") == 1
 
 
@@ -348,33 +406,18 @@ def test_what_differs_between_cells_is_said_to_vary() -> None:
 
 def test_equal_in_every_pair_so_no_interval(tell: Callable[..., Told]) -> None:
     told = tell(lambda _: (8.0, HUMAN_S), 30)
-    assert told.cell["mu"] == Finding(pytest.approx(0.8), n=0, reason=EQUAL)
-    assert (
-        "The same in every pair, so without an interval: ratio of times, μ" in (told.notes["equal"])
-    )
+    mu = told.cell["mu"]
+    assert (mu.value, mu.low, mu.n, mu.reason) == (pytest.approx(0.8), None, 0, EQUAL)
+    words = "The same in every pair, so without an interval: time to cross (AV and human_gmm), "
+    assert f"{words}ratio of times, μ" in told.notes["equal"]
 
 
 def test_all_episodes_are_the_same_one() -> None:
     drivers = {"arms__av": "constant_speed", "arms__human": "hard_yield"}
     cell = cell_of([(8.0, HUMAN_S)] * 30, **TIMED, **drivers)
     words = notes_by_key(cell)["repeated"].text
-    assert words.startswith("All 30 episodes of the AV and of hard_yield are the same one")
+    assert words.startswith("All 30 episodes are the same one (AV and hard_yield)")
     assert "repeated" not in notes_by_key(cell_of([usual(pair) for pair in range(3)]))
-
-
-def test_mu_says_which_way_it_errs() -> None:
-    # Where the reference crashes, slow people are about: the AV waits 35 s.
-    def pair(number: int, slow: float) -> Pair:
-        if number % 4:
-            return 8.0 + 0.1 * (number % 3), 10.0
-        crashed = {"ending": "crashed", "pass_time_ignoring_contact_s": 8.0}
-        return slow + number % 3 / 10, crashed
-
-    slower = cell_of([pair(number, 35.0) for number in range(40)])
-    assert "μ makes the AV look faster than it is" in notes_by_key(slower)["biased"].text
-    faster = cell_of([pair(number, 2.0) for number in range(40)])
-    assert "μ makes the AV look slower than it is" in notes_by_key(faster)["biased"].text
-    assert "biased" not in notes_by_key(cell_of([usual(number) for number in range(40)]))
 
 
 def test_speed_and_undefined_numbers() -> None:
@@ -394,11 +437,19 @@ def test_the_worse_the_news_the_higher() -> None:
     bad += [(driven, noisy(pair, 1)) for pair in range(3, 60)]
     found = notes_of([cell_of(bad)])
     keys = [note.key for note in found]
-    order = ["failures", "few_pairs", "time_outs", "left_out", "fallback", "opposite"]
-    assert keys == [*order, "outside_model", "not_validated", "speeding", *keys[9:]]
-    assert [note.rank for note in found] == sorted(note.rank for note in found)
-    first = [rule.key for rule in RULES][:4]
-    assert first == ["failures", "nothing_tested", "selected", "few_pairs"]
+    order = ["failures", "few_pairs", "opposite", "fallback", "left_out", "undefined"]
+    order += ["outside_model", "not_validated", "speeding", "repeated", "equal"]
+    assert keys == [key for key in order if key in keys]
+    assert {"failures", "few_pairs", "opposite", "left_out", "fallback", "speeding"} <= {*keys}
+    first = [rule.key for rule in RULES][:5]
+    assert first == ["failures", "nothing_tested", "selected", "few_pairs", "opposite"]
+
+
+@given(st.lists(st.tuples(st.integers(-10, 20), st.floats(-9, 9)), max_size=8))
+def test_notes_are_ordered_by_rank_and_then_by_weight(of: list[tuple[int, float]]) -> None:
+    given_notes = [Note("k", rank, "k", "k", weight=weight) for rank, weight in of]
+    found = [(note.rank, -note.weight) for note in notes_of([], given_notes)]
+    assert found == sorted((rank, -weight) for rank, weight in of)
 
 
 def test_columns_that_are_equal_in_all_rows_stand_beside_with_their_value() -> None:
@@ -422,13 +473,13 @@ def test_a_note_of_a_sweep_is_about_its_worst_cell_and_counts_the_others() -> No
     cells = run_of(study({}, vary), fates, 10).cells
     (note,) = [note for note in notes_of(cells) if note.key == "failures"]
     assert note.text.startswith("flow_per_hour 100: 3 of 20 episodes failed")
-    assert note.text.endswith("(similar in 2 more cells)")
+    assert note.short.endswith("(similar in 2 more cells).")
     assert note.cells == (0, 1, 2)
     (note,) = [note for note in notes_of(cells[2:]) if note.key == "failures"]
     assert note.text.startswith("flow_per_hour 250: 2 of 20")
     (alike,) = [note for note in notes_of(cells[:1] * 2) if note.key == "failures"]
     assert alike.text.startswith("1 of 20")
-    assert alike.text.endswith("(likewise in 1 more cell)")
+    assert alike.short.endswith("(likewise in 1 more cell).")
 
 
 def test_a_rule_is_a_note_everywhere(tell: Callable[..., Told], monkeypatch) -> None:
@@ -441,11 +492,40 @@ def test_a_rule_is_a_note_everywhere(tell: Callable[..., Told], monkeypatch) -> 
     assert "It took 8 s." in str(told.result.to_dict()["notes"])
 
 
-def test_references_that_disagree_are_said_at_once() -> None:
-    def fates(scenario: Scenario, pair: int) -> Pair:
-        human_s = 14.0 if scenario.arms.human == "human_gmm" else 6.0
-        return noisy(pair), noisy(pair, 1, human_s)
+def test_cells_of_a_note_cannot_be_mixed_up() -> None:
+    """In a run they are its cells' numbers; in a comparison of two runs both have a cell 0."""
+    vary = "arms.av=gap_yield,soft_yield"
+    both = study({}, vary)
+    runs = [
+        run_of(both, lambda _, pair: some(FAILED)(pair), 40, name=f"runs/{name}")
+        for name in ("first", "second")
+    ]
+    (note,) = [note for note in runs[0].result().notes if note.key == "failures"]
+    assert note.cells == (0, 1)
+    result = compare(*runs)
+    (note,) = [note for note in result.notes if note.key == "failures"]
+    assert len({*note.cells}) == len(note.cells) == 4
+    named = {record[side] for record in result.records for side in ("a", "b")}
+    assert {*note.cells} == named
 
-    result = result_of(study({}, "arms.human=human_gmm,human_recorded"), fates, 30)
-    assert result.notes[0].key == "agreement"
-    assert "less time than human_gmm; more time than human_recorded" in result.notes[0].text
+
+def test_one_cell_of_a_sweep_keeps_its_name() -> None:
+    """An unfinished sweep may have one cell only, and ``--vary`` may have one value."""
+    vary = ("pedestrians.flow_per_hour=250", "ego.length_m=4", "crossing.length_m=12")
+    result = result_of(study({}, *vary), lambda _, pair: usual(pair), 3, finished=False)
+    for name in ("flow_per_hour 250", "ego.length_m 4", "crossing.length_m 12"):
+        assert name in result.title
+
+
+def test_json_and_csv_hide_nothing_that_the_screen_says(tell: Callable[..., Told]) -> None:
+    told = tell(some(FAILED), actuation__dead_time_s=0.3)
+    document = told.result.to_dict()
+    assert "dead time 0.3 s" in document["about"]
+    assert "3 failed episodes" in document["scope"]
+    assert [note["text"] for note in document["notes"]] == [n.text for n in told.result.notes]
+    row = told.result.frame().iloc[-1]
+    for key, finding in told.result.records[-1].items():
+        if isinstance(finding, Finding) and finding.reason is not None:
+            assert row[f"{key}_reason"] == finding.reason
+            assert document["records"][-1][key]["reason"] == finding.reason
+    assert [name for name in row.index if name.endswith("_reason")]

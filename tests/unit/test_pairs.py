@@ -9,7 +9,7 @@ import pytest
 
 from harness.core.encounter import Arm, Side
 from harness.core.seeding import stream
-from harness.episode.arms import make_strategy
+from harness.episode.arms import arm_key, make_strategy
 from harness.episode.arrivals import planned_arrivals
 from harness.measures import Outcome
 from harness.model.interaction import InteractionModel, load_model
@@ -156,10 +156,15 @@ def test_an_av_that_draws_gets_no_number_of_the_reference_unless_it_is_the_refer
 
 
 def test_cells_share_only_episodes_in_which_the_driver_draws_alike(model) -> None:
-    alike = on_plain(
-        validate({**FLOW, "arms": {"av": "human_yield", "human": "human_yield"}}, ""), model
-    )
-    known = {alike.key(outcome.arm, outcome.pair): outcome for outcome in alike.run(range(20))}
-    other = validate({**FLOW, "arms": {"av": "human_yield", "human": "hard_yield"}}, "")
-    shared = [content(outcome) for outcome in on_plain(other, model).run(range(20), known=known)]
-    assert shared == [content(outcome) for outcome in on_plain(other, model).run(range(20))]
+    """Of drivers who draw, those are alike whose strategy, parameters and stream are the same."""
+    yields = {"av": "human_yield", "human": "human_yield"}
+    first = validate({**FLOW, "arms": yields}, "")
+    for arms in ({**yields, "human": "hard_yield"}, {**yields, "av": "hard_yield"}, yields):
+        other = validate({**FLOW, "arms": arms}, "")
+        of_both = [on_plain(each, model).run(range(20)) for each in (first, other)]
+        for one, two in zip(*of_both, strict=True):
+            alike = arm_key(first, one.arm) == arm_key(other, two.arm)
+            assert not alike or content(one) == content(two)
+        kept = [arm for arm in Arm if arm_key(first, arm) == arm_key(other, arm)]
+        same = [*Arm] if arms == yields else [Arm.HUMAN] * (arms["human"] == "human_yield")
+        assert kept == same

@@ -2,11 +2,12 @@
 
 import json
 import resource
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -18,6 +19,7 @@ from harness.model.interaction import InteractionModel
 from harness.results import folder as folders
 from harness.results.finding import Finding
 from harness.results.findings import CellFindings
+from harness.results.run import load_run
 from harness.results.tables import (
     EPISODES,
     PEDESTRIANS,
@@ -31,7 +33,14 @@ from harness.results.tables import (
 from harness.scenario import Cell, Scenario, Study, load_scenario
 from harness.studies.tasks import part_pairs, tasks_of
 
-MANIFEST = {"pairs_per_part": 3, "digest": "this run"}
+
+def manifest(pairs: int, size: int = 3) -> dict[str, Any]:
+    """What reading a part needs of a manifest."""
+    planned = {"experiment": {"pairs": pairs}}
+    return {"pairs_per_part": size, "digest": "this run", "scenario": planned}
+
+
+MANIFEST = manifest(12)
 
 
 def rows(first: int, count: int, **more: Any) -> list[dict[str, Any]]:
@@ -69,10 +78,10 @@ def test_rows_do_not_depend_on_the_division(
     folder = tmp_path_factory.mktemp("parts")
     for first in reversed(range(0, pairs, size)):
         write(folder, first, rows(first, min(size, pairs - first)))
-    read = read_cell(folder, "episodes", 2, {**MANIFEST, "pairs_per_part": size})
+    read = read_cell(folder, "episodes", 2, manifest(pairs, size))
     assert read.equals(EPISODES.of(rows(0, pairs)))
     assert done_parts(folder) == {(2, first) for first in range(0, pairs, size)}
-    one = read_cell(folder, "episodes", 2, {**MANIFEST, "pairs_per_part": size}, pairs - 1)
+    one = read_cell(folder, "episodes", 2, manifest(pairs, size), pairs - 1)
     assert one.to_pylist() == EPISODES.of(rows(pairs - 1, 1)).to_pylist()
 
 
@@ -83,16 +92,11 @@ def test_what_follows_a_missing_part_is_left_out(tmp_path: Path) -> None:
     assert not read_cell(tmp_path, "episodes", 7, MANIFEST).num_rows
 
 
-def cut(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:-40])
-
-
-@pytest.mark.parametrize("damage", [cut, lambda path: path.write_bytes(b"")])
-def test_damaged_parts_are_named_in_one_line(
-    tmp_path: Path, damage: Callable[[Path], object]
-) -> None:
+@pytest.mark.parametrize("kept", [0.0, 0.1, 0.5, 0.9, 0.999])
+def test_a_part_that_is_cut_off_is_named_in_one_line(tmp_path: Path, kept: float) -> None:
     path = write(tmp_path, 0, rows(0, 3))
-    damage(path)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(kept * len(content))])
     with pytest.raises(DamagedPartError) as raised:
         read_cell(tmp_path, "episodes", 2, MANIFEST)
     line = str(raised.value)
@@ -123,6 +127,8 @@ BAD_ROWS = {
     "other rows: a pair twice": [*rows(0, 2), *rows(1, 1)],
     "other rows: another cell": [*rows(0, 2), *rows(2, 1, cell=3)],
     "other rows: other pairs": rows(3, 3),
+    "other rows: the next part's as well": rows(0, 6),
+    "other rows: too few": rows(0, 2),
     "other rows: none": [],
 }
 
@@ -133,6 +139,22 @@ def test_values_that_no_part_has_are_refused(tmp_path: Path, what: str) -> None:
     with pytest.raises(InputError, match=what.partition(":")[0]) as raised:
         read_cell(tmp_path, "episodes", 2, MANIFEST)
     assert not isinstance(raised.value, DamagedPartError)
+
+
+def test_people_of_other_pairs_are_refused(tmp_path: Path) -> None:
+    """A copy of another part under this name would count its people twice."""
+    people = [
+        {"cell": 2, "pair": pair, "arm": "av", "index": 0, "arrival_s": 1.0, "side": "near"}
+        for pair in (0, 2)
+    ]
+    tables = {"episodes": EPISODES.of(rows(0, 3)), "pedestrians": PEDESTRIANS.of(people)}
+    write_part(tmp_path, 2, 0, tables, "this run")
+    assert read_cell(tmp_path, "pedestrians", 2, MANIFEST).num_rows == 2
+    write(tmp_path, 3, rows(3, 3))
+    part = tmp_path / "pedestrians" / part_name(2, 0)
+    (tmp_path / "pedestrians" / part_name(2, 3)).write_bytes(part.read_bytes())
+    with pytest.raises(InputError, match="other rows"):
+        read_cell(tmp_path, "pedestrians", 2, MANIFEST)
 
 
 def test_a_part_of_another_run_is_refused(tmp_path: Path) -> None:
@@ -277,15 +299,69 @@ def test_findings_are_read_as_written(tmp_path: Path) -> None:
     made = {
         "kappa": Finding(0.1, 0.0, 1 / 3, n=4, events=0, reliable=True),
         "mu": Finding(None, reason="no pair"),
+        "odd": Finding(float("nan"), float("inf"), n=2),
     }
     found = CellFindings(2, cell.varied, cell.scenario, made)
     folders.write_findings(tmp_path, [found])
     (again,) = folders.read_findings(tmp_path, [cell]) or ()
     assert dict(again.findings) == dict(found.findings)
-    assert (tmp_path / folders.SUMMARY).read_text().startswith("cell,ego.length_m,")
+    head, row = (tmp_path / folders.SUMMARY).read_text().splitlines()
+    summary = dict(zip(head.split(","), row.split(","), strict=True))
+    assert (summary["ego.length_m"], summary["mu"], summary["mu_reason"]) == ("4.0", "", "no pair")
     (tmp_path / folders.FINDINGS).write_text('{"2": {"mu": {"colour": 1}}}')
     with pytest.raises(InputError, match="is damaged"):
         folders.read_findings(tmp_path, [cell])
+
+
+def test_findings_that_cannot_be_written_leave_no_file(tmp_path: Path) -> None:
+    odd: Any = {"mu": Finding(np.int64(3))}
+    with pytest.raises(TypeError):
+        folders.write_findings(tmp_path, [CellFindings(2, {}, Scenario(), odd)])
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.fixture
+def half(tmp_path: Path, model: InteractionModel) -> Path:
+    """A run of two cells of 40 pairs: 20 and 15 pairs, and a part behind a gap in each."""
+    made = manifest_in(tmp_path, model)
+    for cell, done in ((0, (0, 5, 10, 15, 30)), (1, (0, 5, 10, 35))):
+        for first in done:
+            of = EPISODES.of(rows(first, 5, cell=cell, delay_s=1.0))
+            tables = {"episodes": of, "pedestrians": PEDESTRIANS.of([])}
+            write_part(tmp_path, cell, first, tables, made["digest"])
+    return tmp_path
+
+
+def test_an_unfinished_run_has_the_pairs_before_the_first_gap(half: Path) -> None:
+    """Those that finish first are the fast ones: what comes after a gap would flatter them."""
+    run = load_run(half)
+    assert not run.finished
+    assert [cell["pairs"].value for cell in run.cells] == [20, 15]
+    # The AV's time of pair i is 5.5 + i, the reference's 5 + i.
+    assert run.cells[1]["time_s"].value == pytest.approx(5.5 + 7)
+    assert [len(run.episodes), len(run.pairs)] == [2 * 35, 35]
+    result = run.result()
+    assert result.notes[0].key == "unfinished"
+    assert "35 of 80 pairs are done" in result.notes[0].text
+
+
+def test_findings_of_another_catalogue_are_computed_again(half: Path) -> None:
+    computed = load_run(half).cells
+    folders.write_findings(half, computed)
+    path = half / folders.FINDINGS
+    stored = json.loads(path.read_text())
+    stored["0"]["mu"]["value"] = 7.0
+    path.write_text(json.dumps(stored))
+    assert load_run(half).cells[0]["mu"].value == 7.0  # as stored
+    for change in ("more", "less"):
+        changed = json.loads(json.dumps(stored))
+        if change == "more":
+            changed["1"]["of_another_version"] = {"value": 1}
+        else:
+            del changed["1"]["kappa"]
+        path.write_text(json.dumps(changed))
+        assert load_run(half).finished
+        assert load_run(half).cells == computed
 
 
 def test_a_column_of_another_type_is_refused(tmp_path: Path) -> None:

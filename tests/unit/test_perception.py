@@ -12,7 +12,7 @@ from harness.core.encounter import Arm, Arrival, Observation, PedestrianView, Si
 from harness.episode.arrivals import planned_arrivals
 from harness.measures import measure
 from harness.model.interaction import load_model
-from harness.old.store.episode_tables import trace_rows
+from harness.results.rows import trace_rows
 from harness.scenario import Scenario, load_scenario, remarks, validate
 from harness.scenario.file import Setting
 from harness.strategies.perception.occlusion import Rectangle, is_hidden, outline

@@ -17,9 +17,9 @@ import typer
 from typer.main import get_command
 
 import harness
+from harness.cli.app import application
 from harness.core.resources import shipped_directory
 from harness.measures import MEASURES, EpisodeRecord
-from harness.old.cli.app import app
 from harness.old.cli.output import print_line
 
 ROOT = Path(harness.__file__).parents[1]
@@ -64,18 +64,18 @@ def test_the_type_of_a_measure_says_whether_it_may_be_undefined() -> None:
 @pytest.mark.slow
 def test_type_checkers_see_the_types_of_measures(tmp_path: Path) -> None:
     script = """
-from harness import Arm, EpisodeOutcome, ScenarioFile, WorstEpisode, worst
+from harness import Arm, PairOutcome, Result, Run, ScenarioFile, worst
 
-def read(one: EpisodeOutcome, file: ScenarioFile, arm: Arm) -> list[WorstEpisode]:
-    pet_s: float | None = one.record.pet_s
-    stops: int = one.record.stops
-    avoidable: bool | None = one.record.avoidable
+def read(one: PairOutcome, file: ScenarioFile, run: Run, arm: Arm) -> list[Result]:
+    pet_s: float | None = one.av.record.pet_s
+    stops: int = one.av.record.stops
+    avoidable: bool | None = one.av.record.avoidable
     print(pet_s, stops, avoidable, file.name)
-    return [*worst("run", arm="human"), *worst("run", arm=arm)]
+    return [worst(run, arm="human"), worst(run, arm=arm)]
 
-def wrong(one: EpisodeOutcome) -> float:
-    print(one.record.pett_s)
-    return one.record.pet_s
+def wrong(one: PairOutcome) -> float:
+    print(one.av.record.pett_s)
+    return one.av.record.pet_s
 """
     (tmp_path / "script.py").write_text(script, encoding="utf-8")
     out, _, code = mypy.api.run(["--no-error-summary", str(tmp_path / "script.py")])
@@ -104,7 +104,7 @@ def commands(group: click.Group, prefix: str = "") -> dict[str, click.Command]:
     return found
 
 
-ALL = commands(get_command(app))  # type: ignore[arg-type]
+ALL = commands(get_command(application()))  # type: ignore[arg-type]
 
 
 def silent(command: click.Command) -> list[str]:

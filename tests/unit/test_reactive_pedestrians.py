@@ -7,7 +7,7 @@ import pytest
 
 from harness.core.encounter import Arrival, Contact, Ending, Side, Walk
 from harness.measures import measure
-from harness.old.store.episode_tables import pedestrian_rows, trace_rows
+from harness.results.rows import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, validate
 from tests.scenes import Recorder, episode, on_plain, outcome_of
 

@@ -53,7 +53,7 @@ def lines_of(width: int = 100, **changes: Finding) -> list[str]:
     cell = CellFindings(
         0, {}, "soft_yield", "sumo_driver", 2, SCENARIO.conflicts.model_dump(), numbers, notes
     )
-    run = RunFindings(SIMULATIONS, "town", "runs/town", "seed 1", 0.95, False, (cell,))
+    run = RunFindings(SIMULATIONS, "town", "runs/town", "seed 1", 0.95, (cell,))
     return screen_lines(screen_of(run), width)
 
 

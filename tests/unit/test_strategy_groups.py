@@ -1,22 +1,22 @@
-"""Which cells of a study are comparable, and which sweep one parameter."""
+"""Which cells of a study are comparable."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from harness.old.studies.runs.strategy_groups import groups_over, parameter_sweeps, strategy_groups
+from harness.old.studies.runs.strategy_groups import groups_over
 from harness.scenario import Cell, Setting, Study
 from tests.batches import one_cell, scenario_file, sweep
 from tests.own_scenario import own_study
 
 
 def numbers(study: Study) -> list[list[int]]:
-    return [[member.cell.number for member in group.cells] for group in strategy_groups(study)]
+    return [[member.cell.number for member in group.cells] for group in groups_over([study])]
 
 
 def labels(study: Study) -> list[str]:
-    return [member.label for group in strategy_groups(study) for member in group.cells]
+    return [member.label for group in groups_over([study]) for member in group.cells]
 
 
 def test_groups_by_flow_and_by_parameters_of_either_arm() -> None:
@@ -24,7 +24,7 @@ def test_groups_by_flow_and_by_parameters_of_either_arm() -> None:
         "cctc_flow", {}, "arms.av=soft_yield,hard_yield", "pedestrians.flow_per_hour=50,250"
     )
     assert numbers(study) == [[0, 2], [1, 3]]
-    groups = strategy_groups(study)
+    groups = groups_over([study])
     expected = [{"pedestrians.flow_per_hour": 50}, {"pedestrians.flow_per_hour": 250}]
     assert [group.shared for group in groups] == expected
     assert labels(study) == ["soft_yield", "hard_yield"] * 2
@@ -38,7 +38,7 @@ def test_groups_by_flow_and_by_parameters_of_either_arm() -> None:
         "strategies.human_gmm.decision_interval_s=0.5,1.0",
     )
     assert numbers(study) == [[0, 2], [1, 3]]
-    assert [group.shared for group in strategy_groups(study)] == [
+    assert [group.shared for group in groups_over([study])] == [
         {"strategies.human_gmm.decision_interval_s": 0.5},
         {"strategies.human_gmm.decision_interval_s": 1.0},
     ]
@@ -55,7 +55,7 @@ def test_anything_else_sets_cells_apart(key: str) -> None:
 def test_cells_that_are_the_same_are_kept_once_with_defaults_written_out_too() -> None:
     # The parameter of a strategy that does not drive changes nothing.
     study = sweep("cctc", {}, "arms.av=soft_yield,hard_yield", "strategies.soft_yield.p1=0.01,0.02")
-    (group,) = strategy_groups(study)
+    (group,) = groups_over([study])
     assert [member.cell.number for member in group.cells] == [0, 1, 2]
     assert group.repeats == 1
     file = scenario_file("cctc", {})
@@ -66,47 +66,13 @@ def test_cells_that_are_the_same_are_kept_once_with_defaults_written_out_too() -
     study = study_of(file, [("strategies.soft_yield.p1", [0.0169, 0.02])])
     plain = one_cell("cctc", {})
     # The shipped file writes all three defaults out, this one leaves two to the class.
-    expected = strategy_groups(plain)[0].cells[0].parameters
-    assert strategy_groups(study)[0].cells[0].parameters == expected
-
-
-def test_sweeps_over_one_parameter_over_two_and_over_words() -> None:
-    study = sweep("cctc", {}, "arms.av=soft_yield,hard_yield", "strategies.soft_yield.p1=0.2,0,0.1")
-    (group,) = strategy_groups(study)
-    (found,) = parameter_sweeps(group)
-    assert found.key == "strategies.soft_yield.p1"
-    # Rising, wherever the cells stand.
-    assert found.values == (0.0, 0.1, 0.2)
-    assert found.cells == (1, 2, 0)
-    assert (found.fixed, found.aggressiveness) == ({}, None)
-    study = sweep(
-        "cctc", {}, "strategies.soft_yield.p1=0,0.1", "strategies.soft_yield.p3=0.01,0.02"
-    )
-    found = parameter_sweeps(strategy_groups(study)[0])
-    assert [(line.parameter, line.fixed, line.cells) for line in found] == [
-        ("p1", {"p3": 0.01}, (0, 2)),
-        ("p1", {"p3": 0.02}, (1, 3)),
-        ("p3", {"p1": 0}, (0, 1)),
-        ("p3", {"p1": 0.1}, (2, 3)),
-    ]
-    study = sweep(
-        "cctc",
-        {"arms.human": "hard_yield", "arms.av": "human_gmm"},
-        "strategies.human_gmm.speed=mode,sampled",
-    )
-    (group,) = strategy_groups(study)
-    assert len(group.cells) == 2
-    assert parameter_sweeps(group) == []
-    from harness.old.studies.runs.strategy_groups import ParameterSweep
-
-    line = ParameterSweep("gap_yield", "critical_gap_s", {}, (0, 1, 2), (0.0, 1.5, 3.0))
-    assert line.aggressiveness == (0.0, -1.5, -3.0)
-    assert str(line.aggressiveness[0]) == "0.0"
+    expected = groups_over([plain])[0].cells[0].parameters
+    assert groups_over([study])[0].cells[0].parameters == expected
 
 
 def test_perception_of_the_av_stays_within_a_group() -> None:
     study = sweep("cctc", {}, "arms.av=soft_yield,gap_yield", "perception.latency_s=0,0.3,0.5")
-    (group,) = strategy_groups(study)
+    (group,) = groups_over([study])
     assert group.shared == {}
     assert labels(study)[:3] == [f"soft_yield latency_s={late}" for late in ("0", "0.3", "0.5")]
     # What differs is named where the strategies differ, too.
@@ -122,10 +88,6 @@ def test_perception_of_the_av_stays_within_a_group() -> None:
         plain = file.scenario([])
         cells = (Cell(0, {"arms.av": "soft_yield"}, plain), Cell(1, varied, file.scenario(changes)))
         assert labels(replace(one_cell("cctc", {}), cells=cells)) == expected
-    swept = parameter_sweeps(group)
-    assert [(line.strategy, line.key, line.values) for line in swept] == [
-        (name, "perception.latency_s", (0.0, 0.3, 0.5)) for name in ("soft_yield", "gap_yield")
-    ]
     # The human's arm changes with it where it is shared.
     shared = sweep("cctc", {"perception.human": True}, "perception.latency_s=0,0.3")
     assert numbers(shared) == [[0], [1]]

@@ -9,7 +9,7 @@ from harness.core.encounter import Arrival, Contact, Ending, Leg, Observation, S
 from harness.core.errors import InputError
 from harness.episode.arrivals import planned_arrivals
 from harness.measures import measure
-from harness.old.store.episode_tables import pedestrian_rows, trace_rows
+from harness.results.rows import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, read_scenario_file, study_of, validate
 from tests.scenes import Recorder, drive, episode, outcome_of, refusal_of
 

@@ -17,28 +17,25 @@ if TYPE_CHECKING:
     from harness.old.studies.runs.run_data import RunData
     from harness.old.studies.workers.cluster import DaskCluster
     from harness.old.studies.workers.executor import Executor
-    from harness.scenario import Study
+    from harness.scenario import EngineName, Study
 
 
 def run(
-    scenario: options.ScenarioArgument,
-    vary: options.VaryOption = None,
-    out: options.OutOption = None,
-    pairs: options.PairsOption = None,
-    seed: options.SeedOption = None,
-    settings: options.SetOption = None,
-    workers: options.WorkersOption = None,
-    traces: options.TracesOption = False,
-    engine: options.EngineOption = "sumo",
-    dask: options.DaskOption = None,
-    full: options.FullOption = False,
-    quiet: options.QuietOption = False,
-    as_json: options.JsonOption = False,
+    scenario: str,
+    vary: list[str] | None,
+    out: Path | None,
+    pairs: int | None,
+    seed: int | None,
+    settings: list[str] | None,
+    workers: int | None,
+    traces: bool,
+    engine: "EngineName",
+    dask: str | None,
+    full: bool,
+    quiet: bool,
+    as_json: bool,
 ) -> None:
-    """Run every pair with the AV and again with the human driver.
-
-    With --vary, the command runs every cell of the sweep.
-    """
+    """Run every pair with the AV and again with the human driver."""
     from harness.scenario import Options, parse_variation, read_scenario_file, remarks, study_of
     from harness.scenario.variation import flatten
 
@@ -50,7 +47,6 @@ def run(
     for remark in dict.fromkeys([study.remark, *notes]):
         if remark is not None:
             say(f"harness: {remark}")
-    _refuse_workers_with_dask(workers, dask)
     choices = Options(traces, workers, engine=engine)
     from harness.old.studies.workers.executors import executor_for
 
@@ -109,7 +105,8 @@ def _resume_run(
 ) -> None:
     from harness.old.studies.batch.experiment import resume as resume_run
 
-    _refuse_workers_with_dask(workers, dask)
+    if dask is not None and workers is not None:
+        raise not_with("--workers", "--dask", "the cluster's own workers")
     with progress_bar("pairs", quiet or as_json) as advance, unwinding():
         finished = resume_run(
             run_folder,
@@ -118,11 +115,6 @@ def _resume_run(
             make_executor=None if dask is None else lambda _: _cluster(dask),
         )
     _report(finished, full, quiet, as_json)
-
-
-def _refuse_workers_with_dask(workers: int | None, dask: str | None) -> None:
-    if dask is not None and workers is not None:
-        raise not_with("--workers", "--dask", "the cluster's own workers")
 
 
 def _cluster(address: str) -> "DaskCluster":
@@ -137,14 +129,9 @@ def _report(finished: "RunData", full: bool, quiet: bool, as_json: bool) -> None
 
     show = partial(print_run, finished, full)
     emit(quiet, as_json, partial(run_document, finished), [finished.path], show)
-    problems = {
-        "episodes failed": finished.failures,
-    }
-    for problem, failures in problems.items():
-        if failures:
-            first = (f"cell {cell} pair {pair} {arm}: {why}" for cell, pair, arm, why in failures)
-            more = f" and {len(failures) - 3} more (log.jsonl)" if len(failures) > 3 else ""
-            examples = "; ".join(islice(first, 3))
-            say(one_line(f"harness: {len(failures)} {problem}: {examples}{more}"))
-    if any(problems.values()):
+    if failures := finished.failures:
+        first = (f"cell {cell} pair {pair} {arm}: {why}" for cell, pair, arm, why in failures)
+        more = f" and {len(failures) - 3} more (log.jsonl)" if len(failures) > 3 else ""
+        examples = "; ".join(islice(first, 3))
+        say(one_line(f"harness: {len(failures)} episodes failed: {examples}{more}"))
         raise typer.Exit(1)

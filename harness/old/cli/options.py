@@ -69,15 +69,6 @@ EngineOption = Annotated[
 TracesOption = Annotated[
     bool, typer.Option("--traces", help="Write every time step to traces.parquet.")
 ]
-OverModelOption = Annotated[
-    bool,
-    typer.Option(
-        "--over-model",
-        help="Spread the pairs over the model's refits (harness fit --refits), and print the "
-        "intervals that include the model's fit. Every number is then a mean over the refits. "
-        "The same as --set model.over_refits=true.",
-    ),
-]
 FullOption = Annotated[
     bool, typer.Option("--full", help="Print every number, not only the first screen.")
 ]
@@ -95,9 +86,8 @@ def settings_of(
     settings: list[str] | None,
     pairs: int | None = None,
     seed: int | None = None,
-    over_model: bool = False,
 ) -> list[Any]:
-    """Return the changes of --set, --pairs, --seed and --over-model in the order of application."""
+    """Return the changes of --set, --pairs and --seed in the order of application."""
     from harness.scenario import Setting, parse_setting
 
     chosen = [parse_setting(text) for text in settings or []]
@@ -105,8 +95,6 @@ def settings_of(
         chosen.append(Setting("experiment.pairs", pairs, "--pairs"))
     if seed is not None:
         chosen.append(Setting("experiment.seed", seed, "--seed"))
-    if over_model:
-        chosen.append(Setting("model.over_refits", True, "--over-model"))
     return chosen
 
 

@@ -2,7 +2,7 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -10,10 +10,7 @@ from harness.core.errors import InputError, one_line
 from harness.old.cli import options
 from harness.old.cli.interruption import unwinding
 from harness.old.cli.options import not_with, refuse_without
-from harness.old.cli.output import emit, print_line, progress_bar, say
-
-if TYPE_CHECKING:
-    from harness.old.studies.runs.run_data import RunData
+from harness.old.cli.output import emit, print_line, say
 
 
 def replay(
@@ -143,12 +140,6 @@ def compare(
             help="A finished sweep, or several finished runs with the same pedestrians.",
         ),
     ],
-    mu0: Annotated[
-        float | None, typer.Option(help="Upper limit for μ of swept values; needs --kappa0.")
-    ] = None,
-    kappa0: Annotated[
-        float | None, typer.Option(help="Upper limit for κ of swept values; needs --mu0.")
-    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Write the comparisons to a new CSV file.", metavar="FILE"),
@@ -157,51 +148,14 @@ def compare(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Compare strategies pair by pair, within or between runs.
-
-    With limits of μ and κ, the command lists the parameter values that stay within them.
-    """
-    from harness.old.report.screens.comparison_document import comparison_document, comparison_rows
-    from harness.old.report.screens.terminal import print_comparison
-    from harness.old.studies.runs.compare import compare as compare_runs
-    from harness.old.studies.runs.opening import load_run
-
-    if out is not None:
-        if out.exists():
-            raise InputError(f"--out {out}", "exists already", "a new file")
-        if not out.parent.is_dir():
-            raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a new file")
-    opened = [load_run(folder) for folder in run_folders]
-    if not any(run.kind.compared for run in opened):
-        _compare_arms(opened, mu0 or kappa0, out, full, quiet, as_json)
-        return
-    with progress_bar("comparisons", hidden=quiet or as_json) as advance:
-        result = compare_runs(*opened, mu0=mu0, kappa0=kappa0, progress=advance)
-    if out is not None:
-        from harness.core.files import write_csv
-
-        write_csv(out, comparison_rows(result))
-    written, screen = [out] if out is not None else [], partial(print_comparison, result, full)
-    emit(quiet, as_json, partial(comparison_document, result), written, screen)
-
-
-def _compare_arms(
-    runs: "list[RunData]",
-    limit: float | None,
-    out: Path | None,
-    full: bool,
-    quiet: bool,
-    as_json: bool,
-) -> None:
     """Compare the AV's arms of several runs with [traffic] or [simulation]."""
     from harness.core.files import write_csv
     from harness.old.report.screens.run_document import arms_document, arms_rows
     from harness.old.report.screens.terminal import print_arms
     from harness.old.studies.runs.compare_arms import compare_arms
+    from harness.old.studies.runs.opening import load_run
 
-    section = runs[0].kind.section
-    if limit is not None:
-        raise InputError("--mu0, --kappa0", f"are not supported with {section}", "neither")
+    runs = [load_run(folder) for folder in run_folders]
     findings = compare_arms(runs)
     if out is not None:
         write_csv(out, arms_rows(findings))
@@ -217,14 +171,6 @@ def worst(
         typer.Option(help="Measure to rank by, e.g. min_ttc_s, delay_s, stops."),
     ] = "pet_s",
     most: Annotated[int, typer.Option("-n", help="Number of episodes.", metavar="N")] = 20,
-    diff: Annotated[
-        Path | None,
-        typer.Option(
-            help="Another finished run with the same pedestrians: list the episodes that are worse "
-            "there than in RUN.",
-            metavar="RUN_B",
-        ),
-    ] = None,
     arm: options.ArmOption = "av",
     cell: Annotated[int | None, typer.Option(help="Only this cell.")] = None,
     quiet: Annotated[
@@ -235,16 +181,13 @@ def worst(
     """List the worst episodes and the commands that replay them."""
     from harness.old.report.screens.worst_tables import worst_document, worst_tables
     from harness.old.studies.conflicts import is_conflicts
-    from harness.old.studies.runs.worst import got_worse, worst as worst_of
+    from harness.old.studies.runs.worst import worst as worst_of
 
     if is_conflicts(run_folder):
-        refuse_without("a run of pairs", False, diff=diff, cell=cell)
+        refuse_without("a run of pairs", False, cell=cell)
         _worst_passages(run_folder, by, most, quiet, as_json)
         return
-    if diff is None:
-        episodes = worst_of(run_folder, by, most, arm, cell)
-    else:
-        episodes = got_worse(diff, run_folder, by, most, arm, cell)
+    episodes = worst_of(run_folder, by, most, arm, cell)
 
     def show() -> None:
         from harness.old.report.screens.console import make_console, print_table

@@ -1,26 +1,6 @@
-"""Aligned columns of pairs in; estimates, intervals, tests and findings out."""
+"""Aligned columns of pairs in; estimates, intervals and findings out."""
 
-from harness.old.statistics.allowed import (
-    MU_BOUND_FROM,
-    AllowedInterval,
-    Judgement,
-    Limits,
-    SweepVerdict,
-    SweptValue,
-    Verdict,
-    allowed_interval,
-    swept_value,
-)
-from harness.old.statistics.bootstrap import (
-    Resampled,
-    bootstrap_mean,
-    bootstrap_mean_and_cv,
-    bootstrap_ratio,
-)
-from harness.old.statistics.catalogue import ENCOUNTERS, ENTRIES, anything_left_out
 from harness.old.statistics.conflicts import CONFLICTS, Conflict
-from harness.old.statistics.differences import DIFFERENCES, ComparedColumns
-from harness.old.statistics.encounter_columns import EncounterColumns, count
 from harness.old.statistics.entries import (
     Catalogue,
     Entry,
@@ -40,83 +20,34 @@ from harness.old.statistics.intervals import (
     Interval,
     Proportion,
     clustered_proportion,
-    proportion,
-    quantile,
     student_mean,
     student_ratio,
     zero_bound,
 )
-from harness.old.statistics.over_model import OverModel, over_model
-from harness.old.statistics.pair_columns import BothArms, PairColumns
-from harness.old.statistics.paired import (
-    CrashTest,
-    Difference,
-    holm,
-    mcnemar,
-    paired_difference,
-    ratio_difference,
-    sign_flip_p,
-)
-from harness.old.statistics.summary import Summary, summarise
 
 __all__ = [
     "CONFIDENCE",
     "CONFLICTS",
-    "DIFFERENCES",
-    "ENCOUNTERS",
-    "ENTRIES",
-    "MU_BOUND_FROM",
     "UNDEFINED",
-    "AllowedInterval",
-    "BothArms",
     "Catalogue",
     "CellFindings",
-    "ComparedColumns",
     "Conflict",
-    "CrashTest",
-    "Difference",
-    "EncounterColumns",
     "Entry",
     "Finding",
     "Findings",
     "Form",
     "Interval",
-    "Judgement",
-    "Limits",
     "Note",
-    "OverModel",
-    "PairColumns",
     "Plain",
     "Proportion",
     "Rank",
-    "Resampled",
     "RunFindings",
-    "Summary",
-    "SweepVerdict",
-    "SweptValue",
-    "Verdict",
-    "allowed_interval",
-    "anything_left_out",
-    "bootstrap_mean",
-    "bootstrap_mean_and_cv",
-    "bootstrap_ratio",
     "clustered_proportion",
     "columns_of",
-    "count",
     "findings_from",
     "findings_of",
-    "holm",
-    "mcnemar",
-    "over_model",
-    "paired_difference",
-    "proportion",
-    "quantile",
-    "ratio_difference",
     "row_of",
-    "sign_flip_p",
     "student_mean",
     "student_ratio",
-    "summarise",
-    "swept_value",
     "zero_bound",
 ]

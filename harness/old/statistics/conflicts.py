@@ -1,14 +1,6 @@
-"""Kinds of conflict, and the entries of their rates."""
+"""Kinds of conflict."""
 
 from dataclasses import dataclass
-
-from harness.old.statistics.encounter_columns import EncounterColumns
-from harness.old.statistics.entries import Entry, Form
-from harness.old.statistics.intervals import Proportion
-
-MET = "Only pairs in which someone stepped off count."
-ALL_FAILED = "every episode failed"
-NOBODY = "nobody was met"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,31 +37,3 @@ CONFLICTS = (
         heading="DRAC above {drac_mps2:g} m/s²",
     ),
 )
-
-
-def conflict_entries(conflict: Conflict) -> tuple[Entry[EncounterColumns], Entry[EncounterColumns]]:
-    """The rate of a kind of conflict over all pairs, and over pairs that met someone."""
-    name = conflict.name
-    return (
-        Entry(
-            f"conflict_{name}",
-            conflict.heading,
-            f"Share of episodes with a conflict, by the threshold "
-            f"`conflicts.{conflict.threshold}`; a crash counts as a conflict of every kind.",
-            form=Form.SHARE,
-            digits=0,
-            interval=Proportion,
-            of_arm=lambda c, arm: c.conflict_rate(name, arm),
-            undefined=ALL_FAILED,
-            first_screen=name == "pet",
-        ),
-        Entry(
-            f"conflict_{name}_met_someone",
-            f"{conflict.heading}, pairs that met someone",
-            f"Share of episodes with such a conflict. {MET}",
-            form=Form.SHARE,
-            interval=Proportion,
-            of_arm=lambda c, arm: c.met.conflict_rate(name, arm),
-            undefined=NOBODY,
-        ),
-    )

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, Generic, TypeVar
 
-from harness.old.statistics.bootstrap import Resampled
 from harness.old.statistics.intervals import Interval, Proportion
 
 Source = TypeVar("Source", contravariant=True)
@@ -16,15 +15,6 @@ Plain = float | int | str | bool | None
 
 Reported = Interval | Plain
 """The result of an entry's computation: a value with its interval, or a value alone."""
-
-ALIKE_COUNT = "defined_pairs_met_someone"
-"""The count of pairs that met someone and in which both vehicles crossed.
-
-The values of these pairs enter every bootstrapped number, and none of them is a time-out.
-"""
-
-ALIKE_FROM = 20
-"""With fewer such pairs, an interval is unreliable even if all values are equal."""
 
 
 class Form(StrEnum):
@@ -43,7 +33,6 @@ _LIMITS = (("_ci_low", "low", float), ("_ci_high", "high", float))
 _STORED: Mapping[type[Interval] | None, tuple[tuple[str, str, type], ...]] = {
     None: (),
     Interval: _LIMITS,
-    Resampled: (*_LIMITS, ("_ci_informative", "n", int)),
     Proportion: (*_LIMITS, ("_events", "events", int), ("_n", "n", int)),
 }
 """Columns of ``summary.csv`` beside a value: suffix, field of the finding, type."""
@@ -105,20 +94,12 @@ class Entry(Generic[Source]):
         keys: the names of the three numbers in ``summary.csv``; a number with an empty name is not
             reported.  By default the AV's is ``key``, the reference's ``key_human`` and the paired
             one ``key_difference``, or ``key`` if no single arm has a number.
-        reliable_from: the least number of informative pairs for a reliable bootstrap interval.
         undefined: the reason if the number is undefined.
         first_screen: whether the first screen shows it; ``--full`` shows every entry.
         may_be_absent: whether it is undefined because nothing of the kind is there, so that the
             first screen needs neither a row nor a note of it.
-        worst_case: whether the first screen shows it if anything was left out.
         crashes: whether it reports crashes.  The first screen of every sweep has these columns,
             directly after its first one.
-        paper: the value in Chen, Zhao, Peng (2017), section III-E, as it is printed there.
-        paired_heading: the name of the paired number with its unit, if each arm has a number too;
-            by default the name of a difference of the arms.
-        paired_meaning: the meaning of the paired number, if each arm has a number too.
-        paired_digits: decimals of the paired number; None means ``digits``.
-        paired_from: ``reliable_from`` of the paired number; None means ``reliable_from``.
     """
 
     key: str
@@ -131,17 +112,10 @@ class Entry(Generic[Source]):
     paired: Callable[[Source], Reported] | None = None
     interval: type[Interval] | None = None
     keys: tuple[str, str, str] | None = None
-    reliable_from: int | None = None
     undefined: str = ""
     first_screen: bool = False
     may_be_absent: bool = False
-    worst_case: bool = False
     crashes: bool = False
-    paper: str = ""
-    paired_heading: str = ""
-    paired_meaning: str = "The AV's value minus the reference's."
-    paired_digits: int | None = None
-    paired_from: int | None = None
 
     @property
     def names(self) -> tuple[str | None, str | None, str | None]:
@@ -176,16 +150,9 @@ class Entry(Generic[Source]):
         'delay of the reference, s'
         """
         paired = self.of_arm is not None and name == self.names[2]
-        if paired and self.paired_heading:
-            return self.paired_heading
         arm = " of the AV" if name == self.names[0] else " of the reference"
         end = ", AV − reference" if paired else arm if self.of_arm else ""
         return f"{self.title(thresholds)}{end}{self.unit and ', ' + self.unit}"
-
-    def least(self, name: str) -> int | None:
-        """The least number of informative pairs for a reliable interval of that name."""
-        paired = name == self.names[2] and self.paired_from is not None
-        return self.paired_from if paired else self.reliable_from
 
     def interval_of(self, name: str) -> type[Interval] | None:
         """The kind of interval of that number; ``Interval`` for a difference of shares."""
@@ -201,32 +168,25 @@ class Entry(Generic[Source]):
             columns |= {f"{name}{end}": kind for end, _, kind in _STORED[self.interval_of(name)]}
         return columns
 
-    def findings(self, source: Source, alike: int) -> dict[str, Finding]:
-        """The entry's findings by name.
-
-        Args:
-            source: the columns of one cell.
-            alike: the cell's value of the count that ``ALIKE_COUNT`` names.
-        """
+    def findings(self, source: Source) -> dict[str, Finding]:
+        """The entry's findings by name."""
         reported: dict[str, Reported] = {}
         for arm, name in enumerate(self.names[:2]):
             if self.of_arm is not None and name is not None:
                 reported[name] = self.of_arm(source, arm)
         if self.paired is not None and self.names[2] is not None:
             reported[self.names[2]] = self.paired(source)
-        return {name: self.finding(name, value, alike) for name, value in reported.items()}
+        return {name: self.finding(value) for name, value in reported.items()}
 
-    def finding(self, name: str, reported: Reported, alike: int) -> Finding:
+    def finding(self, reported: Reported) -> Finding:
         """A computed value as the finding of that name."""
         if not isinstance(reported, Interval):
-            return self._judged(name, Finding(reported), alike)
+            return self._judged(Finding(reported))
         n = events = None
         if isinstance(reported, Proportion):
             n, events = reported.trials, reported.successes
-        elif isinstance(reported, Resampled):
-            n = reported.informative
         finding = Finding(reported.value, reported.low, reported.high, n, events)
-        return self._judged(name, finding, alike)
+        return self._judged(finding)
 
     def row(self, findings: Findings) -> dict[str, Plain]:
         """The entry's findings as columns of ``summary.csv``."""
@@ -238,44 +198,22 @@ class Entry(Generic[Source]):
             row |= {f"{name}{end}": getattr(finding, field) for end, field, _ in stored}
         return row
 
-    def from_row(self, row: Mapping[str, Any], alike: int) -> dict[str, Finding]:
+    def from_row(self, row: Mapping[str, Any]) -> dict[str, Finding]:
         """The entry's findings from columns of ``summary.csv``; the inverse of ``row``."""
         findings = {}
         for name in filter(None, self.names):
             stored = _STORED[self.interval_of(name)]
             ends = {field: row[f"{name}{end}"] for end, field, _ in stored}
-            findings[name] = self._judged(name, Finding(row[name], **ends), alike)
+            findings[name] = self._judged(Finding(row[name], **ends))
         return findings
 
-    def _judged(self, name: str, finding: Finding, alike: int) -> Finding:
+    def _judged(self, finding: Finding) -> Finding:
         """The finding with the reason why it is undefined or its interval is unreliable."""
         if finding.value is None:
             return replace(finding, reliable=None, reason=self.undefined or None)
         if finding.low is None:
             return replace(finding, reliable=None)
-        least = self.least(name)
-        if self.interval is not Resampled or least is None:
-            return finding
-        return with_reliability(finding, least, alike)
-
-
-def with_reliability(finding: Finding, least: int, alike: int) -> Finding:
-    """A finding with a bootstrap interval, with the reason if its interval is unreliable.
-
-    Args:
-        finding: the finding; ``n`` is its number of informative pairs.
-        least: the least number of informative pairs for a reliable interval.
-        alike: the cell's value of the count that ``ALIKE_COUNT`` names.
-    """
-    if finding.n:
-        few = f"unreliable below {least:,} informative pairs (has {finding.n:,})"
-        return replace(finding, reliable=False, reason=few) if finding.n < least else finding
-    # All values are equal, and the interval is a point.
-    few = (
-        f"unreliable: all values are equal, and only {alike:,} are of pairs that met someone "
-        f"and crossed (below {ALIKE_FROM})"
-    )
-    return replace(finding, reliable=False, reason=few) if alike < ALIKE_FROM else finding
+        return finding
 
 
 Catalogue = Sequence[Entry[Any]]
@@ -286,15 +224,11 @@ def findings_of(
     catalogue: Catalogue, source: object, names: Collection[str] | None = None
 ) -> dict[str, Finding]:
     """The findings of a cell, from its columns; with ``names`` those of their entries alone."""
-    alike = 0
-    for entry in catalogue:
-        if entry.key == ALIKE_COUNT:
-            alike = entry.findings(source, 0)[ALIKE_COUNT].count
     return {
         name: finding
         for entry in catalogue
         if names is None or {*names} & {*entry.names}
-        for name, finding in entry.findings(source, alike).items()
+        for name, finding in entry.findings(source).items()
     }
 
 
@@ -310,7 +244,4 @@ def row_of(catalogue: Catalogue, findings: Findings) -> dict[str, Plain]:
 
 def findings_from(catalogue: Catalogue, row: Mapping[str, Any]) -> dict[str, Finding]:
     """The findings of a cell from columns of ``summary.csv``; the inverse of ``row_of``."""
-    alike = row.get(ALIKE_COUNT, 0)
-    return {
-        name: finding for entry in catalogue for name, finding in entry.from_row(row, alike).items()
-    }
+    return {name: finding for entry in catalogue for name, finding in entry.from_row(row).items()}

@@ -4,11 +4,10 @@ Terminal, page, JSON and CSV are views of findings; they compute nothing.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 
 from harness.old.statistics.entries import Catalogue, Findings, Plain
-from harness.old.statistics.over_model import OverModel
 
 
 class Rank(IntEnum):
@@ -43,7 +42,6 @@ class Note:
 class CellFindings:
     """The findings of one cell, with everything that screens show of it.
 
-    ``over_model`` has the intervals over pairs and refits by name, if pairs are spread over refits.
     ``varied`` maps the keys that a sweep varies to the cell's values.  ``av`` and ``reference``
     are the drivers' names as screens show them.  ``thresholds`` are the thresholds of conflicts,
     for ``Entry.title``.  ``notes`` are in the order of their ranks.
@@ -57,7 +55,6 @@ class CellFindings:
     thresholds: Mapping[str, float]
     findings: Findings
     notes: tuple[Note, ...]
-    over_model: Mapping[str, OverModel] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +62,8 @@ class RunFindings:
     """The findings of a run: its cells, and the notes about the run as a whole.
 
     ``catalogue`` is the catalogue of the run's kind.  ``scope`` describes the run apart from its
-    pairs, for example its seed and its engine.  ``paper`` says whether the run's only cell is the
-    paper's experiment.  ``site`` describes the place, the flows and the share of AVs.
+    pairs, for example its seed.  ``site`` describes the place, the
+    flows and the share of AVs.
     ``between_avs`` is true of a comparison in which another AV takes the reference's place.
     """
 
@@ -75,7 +72,6 @@ class RunFindings:
     folder: str
     scope: str
     confidence: float
-    paper: bool
     cells: tuple[CellFindings, ...]
     notes: tuple[Note, ...] = ()
     site: str = ""

@@ -33,18 +33,6 @@ class Interval:
             return self
         return Interval(self.value, max(self.low, least), min(self.high, most))
 
-    def columns(self, name: str, kind: str = "ci") -> dict[str, float | None]:
-        """The value under ``name``, its limits under ``<name>_<kind>_low`` and ``_high``."""
-        return {name: self.value, f"{name}_{kind}_low": self.low, f"{name}_{kind}_high": self.high}
-
-    def words(self, form: str) -> str:
-        """The value with its limits, if there are any; ``form`` is a format specification."""
-        if self.value is None:
-            return "undefined"
-        if self.low is None or self.high is None:
-            return f"{self.value:{form}}"
-        return f"{self.value:{form}} ({self.low:{form}} … {self.high:{form}})"
-
 
 UNDEFINED = Interval(None, None, None)
 
@@ -115,57 +103,6 @@ def student_ratio(
         return Interval(value, None, None)
     root = math.sqrt(max(0.0, linear**2 - square * constant))
     return Interval(value, (linear - root) / square, (linear + root) / square)
-
-
-def proportion(
-    successes: int, trials: int, confidence: float = CONFIDENCE, *, repeated: bool = False
-) -> Proportion:
-    """A proportion with its Clopper–Pearson interval; undefined if there are no trials.
-
-    Trials that all repeat the same one (``repeated``) are no sample and have no interval.
-    """
-    if trials == 0:
-        return UNKNOWN_PROPORTION
-    share = successes / trials
-    if repeated:
-        return Proportion(share, None, None, successes, trials)
-    return Proportion(share, *clopper_pearson(successes, trials, confidence), successes, trials)
-
-
-def quantile(values: FloatArray, share: float, confidence: float = CONFIDENCE) -> Interval:
-    """The quantile of a sample, with the interval between two of its order statistics.
-
-    The quantile is the smallest value that is at least ``share`` of the values.  The number of
-    values below the population's quantile is at most binomial, so the limits are the order
-    statistics at the binomial's quantiles, each with error (1 − confidence) / 2.  They hold for
-    every distribution (Hahn and Meeker 1991, section 5.2).
-
-    Args:
-        values: the sample, shape (n,), finite.
-        share: between 0 and 1.
-        confidence: two-sided confidence of the interval; 0: none is computed.
-
-    Returns:
-        Undefined if there is no value; there is no interval if too few values lie beyond the
-        quantile.
-
-    >>> quantile(np.arange(1.0, 101.0), 0.95)
-    Interval(value=95.0, low=90.0, high=100.0)
-    >>> quantile(np.arange(1.0, 51.0), 0.95)
-    Interval(value=48.0, low=None, high=None)
-    """
-    count = len(values)
-    if count == 0:
-        return UNDEFINED
-    ordered, tail = np.sort(values), (1 - confidence) / 2
-    value = float(ordered[max(0, math.ceil(share * count - 1e-9) - 1)])
-    # P(B ≤ k) for k = 0 … n − 1, with B the number of values below the population's quantile.
-    at_most = special.bdtr(np.arange(count), count, share)
-    above = np.flatnonzero(at_most >= 1 - tail)
-    below = np.flatnonzero(at_most <= tail)
-    if not confidence or not len(above) or not len(below):
-        return Interval(value, None, None)
-    return Interval(value, float(ordered[below[-1]]), float(ordered[above[0]]))
 
 
 def clustered_proportion(

@@ -1,4 +1,4 @@
-"""The kinds of run: encounters, hours of traffic, and users' own simulations.
+"""The kinds of run: hours of traffic, and users' own simulations.
 
 A kind says which tables a run has, and how its findings are computed from them.  The rooms that
 write, read and show runs use this Protocol, so they need not know which kind a run is.  Functions
@@ -13,10 +13,10 @@ from typing import Protocol
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.core.encounter import Arm, Ending, FailedIn
+from harness.core.encounter import Arm
+from harness.core.errors import InputError
 from harness.old.statistics import (
     CONFIDENCE,
-    ENCOUNTERS,
     Catalogue,
     Finding,
     Findings,
@@ -24,22 +24,18 @@ from harness.old.statistics import (
     findings_of,
 )
 from harness.old.store.arm_columns import arm_columns
-from harness.old.store.episode_tables import pair_rows
 from harness.old.store.hour_catalogue import HOURS
 from harness.old.store.hour_columns import hour_columns
-from harness.old.store.measure_tables import conflict_rows, measure_rows
 from harness.old.store.schemas import (
     HOUR_TABLES,
     HOUR_TRACES,
     SIMULATION_TABLES,
     SIMULATION_TRACES,
-    encounter_tables,
     hour_tables,
 )
 from harness.old.store.simulations.simulation_catalogue import SIMULATIONS
 from harness.old.store.simulations.simulation_statistics import crosswalk_rows
 from harness.old.store.simulations.simulation_tables import crosswalks_of_cell
-from harness.old.store.summaries import columns_of_cell
 from harness.scenario import Cell, Scenario, Study
 
 Rows = list[dict[str, Plain]]
@@ -53,8 +49,7 @@ class Kind(Protocol):
 
     Attributes:
         name: the key of the kind in the literal tables.
-        section: the table of a scenario that selects this kind, for messages; empty for encounters.
-        compared: whether ``harness compare`` compares its cells pair by pair.
+        section: the table of a scenario that selects this kind, for messages.
         ranked: the table whose rows ``harness worst`` ranks, and the columns that identify a row
             within its arm.  The table has the columns of the table ``episodes``.
         records: the tables with the results of a pair.
@@ -69,9 +64,6 @@ class Kind(Protocol):
 
     @property
     def section(self) -> str: ...
-
-    @property
-    def compared(self) -> bool: ...
 
     @property
     def ranked(self) -> tuple[str, tuple[str, ...]]: ...
@@ -115,10 +107,6 @@ class Kind(Protocol):
         """The rows of further CSV files about a cell, by file name, without the cell's keys."""
         ...
 
-    def conflicts(self, cell: Cell, findings: Findings) -> Mapping[str, Rows]:
-        """The rows of a cell in ``conflicts.csv``; empty if its findings contain these rates."""
-        ...
-
     def counts(self, rows: pa.Table) -> dict[str, int]:
         """The counts of some rows for the manifest."""
         ...
@@ -127,72 +115,9 @@ class Kind(Protocol):
         """The rows of arms that failed."""
         ...
 
-    def given_up(self, scenario: Scenario, reason: str, failed_in: FailedIn) -> Rows:
+    def given_up(self, reason: str) -> Rows:
         """The two rows of a pair that no worker survived, without ``cell`` and ``pair``."""
         ...
-
-
-@dataclass(frozen=True)
-class EncounterKind:
-    """Encounters of one ego with the people of a pair."""
-
-    name: str = "encounters"
-    section: str = ""
-    compared: bool = True
-    ranked: tuple[str, tuple[str, ...]] = ("episodes", ())
-    records: tuple[str, ...] = ("episodes", "pedestrians")
-    shown: tuple[str, str] = ("traces", "pedestrians")
-    catalogue: Catalogue = ENCOUNTERS
-    rows: str = "episodes"
-    derived: Mapping[str, Derive] = field(default_factory=lambda: {"pairs": pair_rows})
-
-    def tables(self, *, traces: bool) -> list[str]:
-        """See ``Kind``."""
-        return encounter_tables(traces=traces)
-
-    def findings(
-        self,
-        rows: pa.Table,
-        cell: Cell,
-        confidence: float,
-        names: Collection[str] | None = None,
-    ) -> dict[str, Finding]:
-        """See ``Kind``."""
-        return findings_of(self.catalogue, columns_of_cell(rows, cell, confidence), names)
-
-    def statistics(self, rows: pa.Table, cell: Cell, findings: Findings) -> Mapping[str, Rows]:
-        """See ``Kind``."""
-        return {"measures": measure_rows(rows), **self.conflicts(cell, findings)}
-
-    def conflicts(self, cell: Cell, findings: Findings) -> Mapping[str, Rows]:
-        """See ``Kind``."""
-        return {"conflicts": conflict_rows(findings, cell.scenario.conflicts)}
-
-    def counts(self, rows: pa.Table) -> dict[str, int]:
-        """See ``Kind``."""
-        endings = rows["ending"].to_pylist()
-        by_ending = {ending.value: endings.count(ending.value) for ending in Ending}
-        return {"pairs": rows.num_rows // 2, "episodes": rows.num_rows, **by_ending}
-
-    def failed(self, rows: pa.Table) -> pa.Table:
-        """See ``Kind``."""
-        return rows.filter(pc.equal(rows["ending"], Ending.ENGINE_FAILED.value))
-
-    def given_up(self, scenario: Scenario, reason: str, failed_in: FailedIn) -> Rows:
-        """See ``Kind``."""
-        return [
-            {
-                "arm": arm.value,
-                "strategy": scenario.arms.driver(arm),
-                "reason": reason,
-                "ending": Ending.ENGINE_FAILED.value,
-                "failed_in": failed_in,
-                "fallback": False,
-                "steps": 0,
-                "pedestrians": 0,
-            }
-            for arm in Arm
-        ]
 
 
 @dataclass(frozen=True)
@@ -201,7 +126,6 @@ class HourKind:
 
     name: str = "hours of traffic"
     section: str = "[traffic]"
-    compared: bool = False
     ranked: tuple[str, tuple[str, ...]] = ("episodes", ())
     records: tuple[str, ...] = HOUR_TABLES
     shown: tuple[str, str] = HOUR_TRACES
@@ -227,10 +151,6 @@ class HourKind:
         """See ``Kind``."""
         return {}
 
-    def conflicts(self, cell: Cell, findings: Findings) -> Mapping[str, Rows]:  # noqa: ARG002
-        """See ``Kind``."""
-        return {}
-
     def counts(self, rows: pa.Table) -> dict[str, int]:
         """See ``Kind``."""
         failed = rows.num_rows - rows["reason"].null_count
@@ -240,7 +160,7 @@ class HourKind:
         """See ``Kind``."""
         return rows.filter(pc.is_valid(rows["reason"]))
 
-    def given_up(self, scenario: Scenario, reason: str, failed_in: FailedIn) -> Rows:  # noqa: ARG002
+    def given_up(self, reason: str) -> Rows:
         """See ``Kind``."""
         return [{"arm": arm.value, "reason": reason} for arm in Arm]
 
@@ -290,14 +210,18 @@ class SimulationKind(HourKind):
         return {"pairs": rows.num_rows // 2, "arms": rows.num_rows, "engine_failed": failed}
 
 
-KINDS: Mapping[str, Kind] = {
-    kind.name: kind for kind in (EncounterKind(), HourKind(), SimulationKind())
-}
+KINDS: Mapping[str, Kind] = {kind.name: kind for kind in (HourKind(), SimulationKind())}
 """Every kind by name."""
 
 
 def kind_of(scenario: Scenario) -> Kind:
-    """The kind of a run of this scenario."""
+    """The kind of a run of this scenario.
+
+    Raises:
+        InputError: the run is one of encounters, in the format of an earlier version.
+    """
+    if scenario.kind not in KINDS:
+        raise InputError("scenario", f"is one of {scenario.kind}", " or ".join(KINDS))
     return KINDS[scenario.kind]
 
 

@@ -26,8 +26,7 @@ def origin_of(study: Study, models: Iterable[InteractionModel]) -> JsonObject:
 def _simulated_now(driven: Iterable[str], models: Iterable[InteractionModel]) -> JsonObject:
     used: dict[str, JsonObject] = {}
     for model in models:
-        if model.refits is not None or model.name not in used:
-            used[model.name] = model_entry(model)
+        used[model.name] = model_entry(model)
     return {
         "versions": versions_of_runs(),
         "strategies": source_digests(driven),
@@ -36,18 +35,8 @@ def _simulated_now(driven: Iterable[str], models: Iterable[InteractionModel]) ->
 
 
 def model_entry(model: InteractionModel) -> JsonObject:
-    """A model in the manifest, with its refits if pairs are spread over them."""
-    entry: JsonObject = {"name": model.name, "sha256": model.sha256}
-    refits = model.refits
-    if refits is not None:
-        vehicles = refits.effective_vehicles
-        used = {
-            "count": len(refits.models),
-            "effective_vehicles": vehicles,
-            "sha256": refits.sha256,
-        }
-        entry["refits"] = used
-    return entry
+    """A model in the manifest."""
+    return {"name": model.name, "sha256": model.sha256}
 
 
 def manifest_of(
@@ -129,8 +118,6 @@ def _changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
         if before != model["sha256"]:
             had = "" if before is None else f" (sha256 {model['sha256'][:8]}…, not {before[:8]}…)"
             yield f"the interaction model {model['name']} has changed since the run{had}"
-        elif not model.items() <= entry.items():
-            yield f"the refits of the interaction model {model['name']} have changed since the run"
     for name, version in now["versions"].items():
         before = then["versions"].get(name)
         if before != version:

@@ -31,17 +31,9 @@ class _ScoredWith(BaseModel):
     versions: dict[str, str]
 
 
-class _Refits(BaseModel):
-    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
-
-    count: Annotated[int, Field(ge=1)]
-    effective_vehicles: Annotated[float, Field(ge=1)]
-    sha256: str
-
-
 class _SimulatedWith(_ScoredWith):
     strategies: dict[str, str]
-    models: list[dict[Literal["name", "sha256", "refits"], str | _Refits]]
+    models: list[dict[Literal["name", "sha256"], str]]
 
 
 class _Manifest(BaseModel):
@@ -90,15 +82,6 @@ def read_manifest(folder: Path) -> JsonObject:
     check_form(_Manifest, document, str(path))
     checked: JsonObject = document
     return checked
-
-
-def is_finished(folder: Path) -> bool:
-    """Whether a folder holds a finished run.
-
-    Raises:
-        InputError: see ``read_manifest``; a folder without a run is not refused.
-    """
-    return (folder / MANIFEST).is_file() and read_manifest(folder)["counts"] is not None
 
 
 def read_finished_manifest(folder: Path) -> JsonObject:

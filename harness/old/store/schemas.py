@@ -34,19 +34,6 @@ _FACTS = {
 _PASSAGE_COLUMNS = ("strategy", "delay_s")
 """Columns of a passage that do not come from its record; its delay is relative to its schedule."""
 
-MODEL_USE = {
-    "conditionings": pa.int32(),
-    "clamped": pa.int32(),
-    "near_clamped": pa.int32(),
-    "clamped_speed_excess_mps": pa.float64(),
-    "clamped_range_excess_m": pa.float64(),
-}
-"""Columns of an episode that do not follow from its traces: the uses of the model."""
-
-EPISODES = pa.schema(
-    [*_KEYS, *(_FACTS | _MEASURES).items(), ("failed_in", pa.string()), *MODEL_USE.items()]
-)
-
 _LEG = pa.struct([(name, pa.float64()) for name in Leg._fields])
 
 PEDESTRIANS = pa.schema(
@@ -67,16 +54,6 @@ PEDESTRIANS = pa.schema(
         ("legs", pa.list_(_LEG)),
         ("delay_s", pa.float64()),
         ("let_go", pa.bool_()),
-    ]
-)
-
-PAIRS = pa.schema(
-    [
-        ("cell", pa.int32()),
-        ("pair", pa.int64()),
-        ("av_time_s", pa.float64()),
-        ("human_time_s", pa.float64()),
-        ("tau", pa.float64()),
     ]
 )
 
@@ -251,9 +228,7 @@ TABLES = {
     "hours": HOURS,
     "passages": PASSAGES,
     "queues": QUEUES,
-    "episodes": EPISODES,
     "pedestrians": PEDESTRIANS,
-    "pairs": PAIRS,
     "traces": TRACES,
     "walks": PEDESTRIANS,
     "simulations": SIMULATIONS,
@@ -264,12 +239,7 @@ TABLES = {
 """Every table with a fixed schema, by name; ``cells`` depends on what a study varies."""
 
 
-def encounter_tables(*, traces: bool) -> list[str]:
-    """The tables that the tasks of a run of encounters return, and its shards hold."""
-    return ["episodes", "pedestrians", *["traces"] * traces]
-
-
-ROWS_BY_PAIR = ("hours", "episodes", "simulations")
+ROWS_BY_PAIR = ("hours", "simulations")
 """The tables with one row for each arm of a pair; a run has one of them."""
 
 SIMULATION_TABLES = ("simulations", "passages_over")

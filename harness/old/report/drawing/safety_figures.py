@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from harness.core.encounter import FloatArray
-from harness.old.report.drawing.style import AV, HUMAN, INK, VERMILLION, finish
+from harness.old.report.drawing.style import AV, HUMAN, finish
 
 _MOST_STEPS = 400
 _BINS = 24
@@ -47,24 +47,3 @@ def draw_shares(
     axes.set_ylim(0, 1.02 if highest > 0.5 else max(0.05, 1.25 * highest))
     total = max((len(column) for column in values.values()), default=0)
     finish(axes, across, up, f"n = {total:,} per arm" if count is None else count)
-
-
-def draw_walking_speeds(
-    axes: Axes, speeds_mps: FloatArray, grid_mps: FloatArray, density: FloatArray
-) -> None:
-    """Draw walking speeds of a run and the model's density under the same conditions.
-
-    Args:
-        speeds_mps: (n,) the speed of everyone who stepped off.
-        grid_mps, density: (m,) speeds, and the mean of the model's conditional densities in s/m.
-    """
-    if len(speeds_mps):
-        edges = np.linspace(grid_mps[0], grid_mps[-1], _BINS + 1)
-        axes.hist(
-            speeds_mps, edges.tolist(), density=True, color=AV.colour, alpha=0.45, ec=INK, lw=0.5,
-            label="in the run",
-        )  # fmt: skip
-    axes.plot(grid_mps, density, color=VERMILLION, ls="--", lw=1.8, label="model")
-    axes.set_ylim(bottom=0)
-    axes.margins(x=0)
-    finish(axes, "walking speed v_p (m/s)", "probability density (s/m)", f"n = {len(speeds_mps):,}")

@@ -13,7 +13,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from harness.core.encounter import FloatArray
 from harness.old.report.drawing import style
-from harness.old.report.drawing.style import AV, MUTED, figure_text, finish
+from harness.old.report.drawing.style import MUTED, figure_text, finish
 
 _WIDE = 12.0
 """The axis is logarithmic if values differ by more than this factor."""
@@ -77,33 +77,6 @@ def _tick(axes: Axes, values: FloatArray) -> None:
     if len(values) <= 9:
         axes.set_xticks(values, [f"{value:g}" for value in values])
         axes.set_xticks([], minor=True)
-
-
-def draw_aggressiveness(
-    axes: Axes,
-    line: Line,
-    across: str,
-    up: str,
-    count: str,
-    band: str = "95 % interval",
-) -> None:
-    """Draw a measure over a strategy's aggressiveness.
-
-    The figure follows the paper's figure of the influence of aggressiveness.
-
-    Args:
-        line: values with intervals, drawn as a band.
-        across, up: labels with units.
-        count: the number of pairs per point.
-        band: the label of the line's intervals.
-    """
-    order = np.argsort(line.x)
-    x, value = line.x[order], line.value[order]
-    low, high = line.low[order], line.high[order]
-    axes.fill_between(x, low, high, color=AV.colour, alpha=0.18, lw=0, label=band)
-    axes.plot(x, value, color=AV.colour, marker="o", ms=4.5, lw=1.7, label=figure_text(line.label))
-    _tick(axes, x)
-    finish(axes, figure_text(across), up, count)
 
 
 def lines_of(rows: pd.DataFrame, x: Sequence[float], by: Sequence[str], measure: str) -> list[Line]:

@@ -2,14 +2,12 @@
 
 from collections.abc import Mapping
 
-from harness.old.report.pages.encounter_parts import ENCOUNTER_PARTS
 from harness.old.report.pages.hour_parts import HOUR_PARTS
 from harness.old.report.pages.parts import PageParts
 from harness.old.report.pages.simulation_parts import SIMULATION_PARTS
 from harness.old.studies.runs.run_data import RunData
 
 PARTS: Mapping[str, PageParts] = {
-    "encounters": ENCOUNTER_PARTS,
     "hours of traffic": HOUR_PARTS,
     "own simulations": SIMULATION_PARTS,
 }

@@ -1,7 +1,5 @@
 """Writes the page of a run folder."""
 
-import math
-import shlex
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,28 +11,21 @@ from harness.old.report.pages.inputs import models_of, strategies_of
 from harness.old.report.pages.kinds import parts_of
 from harness.old.report.pages.player import run_player
 from harness.old.report.pages.template import Failures, Page, drawn, flat, page_in, write_page
-from harness.old.report.screens.comparison_sentences import comparison_lines
-from harness.old.report.screens.comparison_tables import comparison_tables
 from harness.old.report.screens.result_screen import screen_of
 from harness.old.report.screens.result_tables import cells_table, full_tables
 from harness.old.report.screens.screen import screen_lines
 from harness.old.report.screens.tables import Table, counted
-from harness.old.studies.runs.compare import compare
 from harness.old.studies.runs.model_use import model_cells
 from harness.old.studies.runs.notes import sentence
 from harness.old.studies.runs.reported import remarks as remarks_on, reported
 from harness.old.studies.runs.run_data import RunData
 from harness.old.studies.runs.shown import shown_pairs
-from harness.old.studies.runs.strategy_groups import strategy_groups
 from harness.scenario import as_written, remarks
 
 _MOST_FAILURES = 20
 _MOST_VALUES = 12
 _MOST_TABLES = 50
 """Maximum number of cells whose full tables are on the page; ``summary.csv`` has all cells."""
-
-_MOST_COMPARISONS = 60
-"""Maximum number of comparisons; each takes about 1 s at 10,000 pairs."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +83,6 @@ def _content(run: RunData) -> Page:
     scenario = run.scenario
     arms = f"{scenario.arms.av} against {scenario.arms.human}"
     heading = f"{run.name}: a sweep" if run.varied_keys else f"{run.name}: {arms}"
-    compared_tables, compared_lines = _compared(run) if run.kind.compared else ([], [])
     screen, results = _results(run)
     return Page(
         title=f"{heading}, run report",
@@ -100,13 +90,12 @@ def _content(run: RunData) -> Page:
         folder=str(run.path),
         opening=[parts_of(run).opening(run)],
         screen=screen,
-        tables=[*compared_tables, *results],
+        tables=results,
         remarks=[
             *dict.fromkeys(
                 sentence(line) for cell in run.study.cells for line in remarks(cell.scenario)
             ),
             *remarks_on(run),
-            *compared_lines,
         ],
         failures=_failures(run),
         facts=list(_facts(run)),
@@ -127,19 +116,6 @@ def _results(run: RunData) -> tuple[list[str], list[Table]]:
     else:
         tables = full_tables(findings)
     return screen, [*tables, *parts_of(run).tables(run)]
-
-
-def _compared(run: RunData) -> tuple[list[Table], list[str]]:
-    """Return the comparison of a sweep's strategies, or its command if it takes too long here."""
-    groups = strategy_groups(run.study)
-    comparisons = sum(math.comb(len(group.cells), 2) for group in groups)
-    if comparisons == 0:
-        return [], []
-    if comparisons > _MOST_COMPARISONS:
-        command = f"harness compare {shlex.quote(str(run.path))}"
-        return [], [f"{command} compares the strategies pair by pair and tests the differences."]
-    comparison = compare(run)
-    return comparison_tables(comparison), comparison_lines(comparison)
 
 
 def _failures(run: RunData) -> Failures | None:

@@ -5,17 +5,20 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from harness.old.report.pages.player import Player, run_player
+from harness.core.documents import JsonObject
+from harness.old.report.pages.player import Player
 from harness.old.report.pages.template import Page, flat, page_in, write_page
 from harness.old.report.screens.risk_terminal import heading, risk_screen, risk_tables
 from harness.old.report.screens.screen import screen_lines
-from harness.old.store.reading import CRITICAL, is_finished
+from harness.old.store.reading import CRITICAL
+from harness.old.studies.batch.showing import is_shown
 from harness.old.studies.risk.asking import SettingsDocument
 from harness.old.studies.risk.folder import read_risk, read_settings
-from harness.old.studies.runs.opening import load_run
-from harness.old.studies.runs.run_data import RunData
-from harness.old.studies.runs.shown import shown_folders, shown_pairs
+from harness.old.studies.runs.shown import shown_folders
+from harness.report.player import player_of
+from harness.results.run import Run, load_run
 from harness.scenario import as_written
+from harness.studies.shown import shown_pairs
 
 _BY_BRUTE_FORCE = (
     "The estimate is by brute force: the share of events among independent nominal draws, which "
@@ -68,21 +71,28 @@ def write_risk_page(folder: Path, out: Path | None = None, missing: str = "") ->
     return page
 
 
-def _shown_run(folder: Path, page: Path) -> RunData | None:
+def _shown_run(folder: Path, page: Path) -> Run | None:
     """Return the run of the likeliest events; None if they were not simulated again."""
-    for shown in shown_folders(folder, page):
-        if is_finished(shown):
-            return load_run(shown)
-    return None
+    return next((load_run(shown) for shown in shown_folders(folder, page) if is_shown(shown)), None)
 
 
-def _player(run: RunData) -> Player | None:
+def _player(run: Run) -> Player | None:
     """Return the player of the likeliest events."""
     if not (pairs := shown_pairs(run)):
         return None
-    player = run_player(run, pairs)
+    player = player_of(run, pairs)
+    episodes = [
+        {**each, "from": 0.0, "speed": 1, "arms": [*map(_with_vehicles, each["arms"])]}
+        for each in player.episodes
+    ]
     words = "The likeliest events of the estimate, simulated again in SUMO. "
-    return replace(player, words=words + player.words)
+    return Player(words + player.words, player.scenes, episodes, player.groups)
+
+
+def _with_vehicles(arm: JsonObject) -> JsonObject:
+    """Return an arm of a pair with its ego as the only vehicle."""
+    ego = {"name": "ego", "filled": True, "oncoming": False, **arm["ego"]}
+    return {**arm, "vehicles": [ego] if ego["t"] else []}
 
 
 def _facts(settings: SettingsDocument) -> Iterator[tuple[str, str]]:

@@ -9,9 +9,9 @@ import pandas as pd
 
 from harness.core.documents import JsonObject
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, FloatArray, Vehicle
-from harness.old.report.drawing.episode_figures import time_advantage
 from harness.old.report.screens.tables import named_values
 from harness.old.studies.runs.run_data import RunData
+from harness.report.player import time_advantage
 
 MOST_STATES = 1_500
 """Maximum number of states in one arm of an encounter; longer traces are thinned evenly."""

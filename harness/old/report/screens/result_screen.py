@@ -1,14 +1,13 @@
 """The first screen of a run, a view of its findings."""
 
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from harness.old.report.screens.joined_notes import joined_notes
 from harness.old.report.screens.result_texts import (
     both_arms,
     no_spread,
-    over_model_limits,
     tested,
     with_limits,
     zero_lines,
@@ -23,16 +22,12 @@ from harness.old.report.screens.tables import (
 )
 from harness.old.statistics import CONFIDENCE
 from harness.old.statistics.entries import Entry, Finding, Form
-from harness.old.statistics.findings import CellFindings, Rank, RunFindings
+from harness.old.statistics.findings import CellFindings, RunFindings
 from harness.old.studies.runs.notes import short_name
 from harness.scenario import as_written
 
 MOST_CELLS = 2_000
 """Maximum number of a sweep's cells on a screen; the run folder's files have all cells."""
-
-PAPER_HEADING = "paper, N = 50"
-MODEL_HEADING = "with the model"
-_NO_FINDING = Finding(None)
 
 
 def screen_of(run: RunFindings) -> Screen:
@@ -45,21 +40,16 @@ def screen_of(run: RunFindings) -> Screen:
 
 def _one_cell(run: RunFindings, cell: CellFindings, footer: str) -> Screen:
     rows = [
-        _entry_row(entry, cell, run.paper)
+        _entry_row(entry, cell)
         for entry in run.catalogue
         if entry.first_screen and _has_something(entry, cell)
     ]
-    if left_out(cell) and any(entry.worst_case for entry in run.catalogue):
-        parts = [f"{worst_name(entry)} {text}" for entry, text in _worst_values(run, cell)]
-        rows.append(("worst case", ", ".join(parts)))
-    headings = ("", "AV", cell.reference, "AV against reference", PAPER_HEADING)
-    if cell.over_model:
-        headings = (*headings[:4], MODEL_HEADING)
+    headings = ("", "AV", cell.reference, "AV against reference")
     if run.between_avs:
-        headings = ("", cell.av, cell.reference, "difference", "")
+        headings = ("", cell.av, cell.reference, "difference")
     return Screen(
         title=f"{run.name}: {cell.av} against {cell.reference}",
-        scope=f"{counted(cell.pairs, 'pair')}{_met_nobody([cell])}, {run.scope}{_level(cell)}",
+        scope=f"{counted(cell.pairs, 'pair')}, {run.scope}{_level(cell)}",
         headings=headings,
         rows=tuple(rows),
         notes=tuple(sorted((*run.notes, *cell.notes), key=lambda note: note.rank)),
@@ -69,7 +59,7 @@ def _one_cell(run: RunFindings, cell: CellFindings, footer: str) -> Screen:
     )
 
 
-def _entry_row(entry: Entry[Any], cell: CellFindings, paper: bool) -> tuple[str, ...]:
+def _entry_row(entry: Entry[Any], cell: CellFindings) -> tuple[str, ...]:
     av, reference, both = (None if name is None else cell.findings[name] for name in entry.names)
     return (
         entry_heading(entry, cell.thresholds),
@@ -78,7 +68,6 @@ def _entry_row(entry: Entry[Any], cell: CellFindings, paper: bool) -> tuple[str,
         both_arms(entry, av, reference, cell)
         if both is None
         else f"{with_limits(entry, both)}{no_spread(entry, both, cell)}",
-        over_model_limits(entry, cell) if cell.over_model else entry.paper if paper else "",
     )
 
 
@@ -96,35 +85,6 @@ def _has_something(entry: Entry[Any], cell: CellFindings) -> bool:
 
 def _has_number(entry: Entry[Any], cell: CellFindings) -> bool:
     return any(cell.findings[name].value is not None for name in entry.names if name is not None)
-
-
-def _met_nobody(cells: Sequence[CellFindings]) -> str:
-    """Return the number of pairs that met nobody, because they make crashes seem rarer."""
-    count = sum(cell.findings.get("met_nobody", _NO_FINDING).count for cell in cells)
-    total = f" of {sum(cell.pairs for cell in cells):,}" if len(cells) > 1 else ""
-    return f" ({count:,}{total} met nobody)" if count else ""
-
-
-def left_out(cell: CellFindings) -> bool:
-    """Return whether a pair of the cell failed, timed out, or counts only in some rows."""
-    ranks = {Rank.FAILURES, Rank.TIME_OUTS, Rank.LEFT_OUT, Rank.UNENDED}
-    return any(note.rank in ranks for note in cell.notes)
-
-
-def worst_name(entry: Entry[Any]) -> str:
-    """Return the name of the number whose worst case is given."""
-    return entry.heading.removesuffix(", worst case")
-
-
-def _worst_values(run: RunFindings, cell: CellFindings) -> Iterable[tuple[Entry[Any], str]]:
-    """Yield the AV's worst cases, or the joint worst cases of both arms."""
-    for entry in run.catalogue:
-        if entry.worst_case:
-            av, _, both = entry.names
-            digits = entry.paired_digits if both else None
-            finding = cell.findings.get(both or av or "", _NO_FINDING)
-            unit = f" {entry.unit}" if entry.unit and finding.value is not None else ""
-            yield entry, entry_value(entry, finding, digits) + unit
 
 
 def _sweep(run: RunFindings, footer: str) -> Screen:
@@ -146,14 +106,13 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
     # Columns that do not fit are left out from the right, except crashes.
     rest = sorted(entries[1:], key=lambda entry: not entry.crashes)
     entries = [*entries[:1], *rest]
-    worst = any(entry.worst_case for entry in run.catalogue) and any(map(left_out, shown))
     labels, pairs = cell_labels(shown), [f"{cell.pairs:,}" for cell in shown]
     scope = f"{run.scope}{_level(shown[0])}"
     if len({*pairs}) == 1:
-        scope = f"{counted(shown[0].pairs, 'pair')} each{_met_nobody(shown)}, {scope}"
+        scope = f"{counted(shown[0].pairs, 'pair')} each, {scope}"
     else:
         labels["pairs"] = pairs
-        scope = f"{counted(sum(cell.pairs for cell in shown), 'pair')}{_met_nobody(shown)}, {scope}"
+        scope = f"{counted(sum(cell.pairs for cell in shown), 'pair')}, {scope}"
     headings, columns = [*labels], [*labels.values()]
     always = len(headings) + 1 + sum(entry.crashes for entry in rest)
     for place, entry in enumerate(entries):
@@ -167,13 +126,6 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
             name += _trials(entry, shown)
         headings.append(name)
         columns.append([_sweep_text(entry, cell, both, limits=place == 0) for cell in shown])
-        if place == 0 and any(cell.over_model for cell in shown):
-            headings.append(MODEL_HEADING)
-            columns.append([over_model_limits(entry, cell) for cell in shown])
-            always += 1
-        if len(headings) == always and worst:
-            headings.append("worst case")
-            columns.append([_first_worst(run, cell) for cell in shown])
     zeros = [
         line
         for entry in entries
@@ -237,7 +189,7 @@ def _sweep_text(entry: Entry[Any], cell: CellFindings, both: str | None, limits:
     if both is not None and limits:
         return with_limits(entry, cell.findings[both])
     if both is not None:
-        return entry_value(entry, cell.findings[both], entry.paired_digits)
+        return entry_value(entry, cell.findings[both])
     arms = [entry_value(entry, cell.findings[name]) for name in entry.names[:2] if name is not None]
     texts = [text.split(" of ")[0] for text in arms]
     if all(text.endswith(" %") for text in texts):
@@ -254,11 +206,6 @@ def _trials(entry: Entry[Any], cells: Sequence[CellFindings]) -> str:
 def _arms_of(entry: Entry[Any], cells: Sequence[CellFindings]) -> list[Finding]:
     names = [name for name in entry.names[:2] if name is not None]
     return [cell.findings[name] for cell in cells for name in names]
-
-
-def _first_worst(run: RunFindings, cell: CellFindings) -> str:
-    """Return the worst case of the first entry, which is shown next to it."""
-    return next((text for _, text in _worst_values(run, cell)), "") if left_out(cell) else ""
 
 
 def cell_name(cell: CellFindings) -> str:

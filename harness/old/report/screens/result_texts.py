@@ -14,7 +14,6 @@ from harness.old.report.screens.tables import (
 from harness.old.statistics import CONFIDENCE, Interval, zero_bound
 from harness.old.statistics.entries import Entry, Finding, Form
 from harness.old.statistics.findings import CellFindings, Rank
-from harness.old.statistics.over_model import OverModel
 from harness.old.studies.runs.notes import short_name
 
 
@@ -26,31 +25,10 @@ def no_spread(entry: Entry[Any], both: Finding, cell: CellFindings) -> str:
     return " (no spread)" if several and both.low is None else ""
 
 
-def over_model_limits(entry: Entry[Any], cell: CellFindings) -> str:
-    """Return the limits over pairs and refits: of both arms' number, or of each arm's share."""
-    if (both := entry.names[2]) is not None:
-        found = cell.over_model.get(both)
-        return "" if found is None else f"({_limits_of(entry, found, entry.paired_digits)})"
-    arms = [cell.over_model.get(name) for name in entry.names[:2] if name is not None]
-    if all(found is None or found.low == found.high for found in arms):
-        return ""
-    texts = [DASH if found is None else _limits_of(entry, found, None) for found in arms]
-    percent = " %" if entry.form in (Form.EVENTS, Form.SHARE) else ""
-    return f"{' / '.join(texts)}{percent}"
-
-
-def _limits_of(entry: Entry[Any], found: OverModel, digits: int | None) -> str:
-    return entry_limits(entry, Finding(found.value, found.low, found.high), digits) or DASH
-
-
 def with_limits(entry: Entry[Any], both: Finding) -> str:
     """Return a number of both arms with its interval."""
-    value = entry_value(entry, both, entry.paired_digits)
-    limits = entry_limits(entry, both, entry.paired_digits)
-    if both.reliable is not False or both.low != both.high:
-        return f"{value} ({limits})" if limits else value
-    # Too few equal pairs have no spread, but that does not make the number certain.
-    return DASH if entry.form is Form.SHARE else value
+    value, limits = entry_value(entry, both), entry_limits(entry, both)
+    return f"{value} ({limits})" if limits else value
 
 
 def both_arms(

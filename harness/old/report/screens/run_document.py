@@ -19,7 +19,6 @@ def run_document(run: RunData) -> Document:
     return {
         "schema": SCHEMA,
         "folder": str(run.path),
-        "engine": run.engine,
         "cells": _cells(run),
         "failures": _records(run.failures, "reason"),
     }
@@ -45,11 +44,7 @@ def arms_rows(findings: RunFindings) -> list[dict[str, Plain]]:
 
 def _cells(run: RunData) -> list[Document]:
     findings = reported(run)
-    cells: list[Document] = []
-    for cell, result in zip(findings.cells, run.results, strict=True):
-        conflicts = run.kind.conflicts(result.cell, result.findings)
-        cells.append({**_cell(findings.catalogue, cell), **conflicts})
-    return cells
+    return [_cell(findings.catalogue, cell) for cell in findings.cells]
 
 
 def _cell(catalogue: Catalogue, cell: CellFindings) -> Document:
@@ -59,15 +54,8 @@ def _cell(catalogue: Catalogue, cell: CellFindings) -> Document:
         "caveats": [note.text for note in cell.notes],
         "summary": row_of(catalogue, cell.findings),
         "findings": {name: asdict(finding) for name, finding in cell.findings.items()},
-        **_over_model(cell),
         "indicative": [name for name, of in cell.findings.items() if of.reliable is False],
     }
-
-
-def _over_model(cell: CellFindings) -> Document:
-    """Return the intervals over pairs and refits, if pairs are spread over refits."""
-    intervals = {name: asdict(found) for name, found in cell.over_model.items()}
-    return {"over_model": intervals} if intervals else {}
 
 
 def _records(records: Sequence[Failure], last: str) -> list[Document]:

@@ -101,13 +101,6 @@ def limits(interval: Interval, digits: int) -> str:
     return f"{interval.low:z.{digits}f} … {interval.high:z.{digits}f}"
 
 
-def share_limits(share: Interval, decimals: int = 1) -> str:
-    """Format the limits of a share's interval in per cent; empty if there are none."""
-    if share.low is None or share.high is None:
-        return ""
-    return f"{per_cent(share.low, decimals)} … {per_cent(share.high, decimals)} %"
-
-
 DASH = "–"
 """An undefined number.  A note, or the remark in its row, gives the reason."""
 
@@ -160,8 +153,6 @@ def entry_cell(entry: Entry[Any], findings: Findings, name: str | None) -> Table
     if name is None:
         return TableCell("")
     finding, digits = findings[name], entry.digits
-    if name == entry.names[2] and entry.paired_digits is not None:
-        digits = entry.paired_digits
     digits += 1  # a table has more room than the first screen
     limits = entry_limits(entry, finding, digits)
     percent = " %" if limits and entry.form in (Form.EVENTS, Form.SHARE) else ""
@@ -197,14 +188,6 @@ def interval_cell(interval: Interval, digits: int, star: str = "") -> TableCell:
     """Return a value above the limits of its interval, with the star after the value."""
     text = number(interval.value, digits) + star
     return TableCell(text, limits(interval, digits), sort_key(interval.value))
-
-
-def share_cell(share: Interval, star: str = "") -> TableCell:
-    """Return a share in per cent above the limits of its interval."""
-    if share.value is None:
-        return TableCell("undefined", sort="")
-    text = f"{per_cent(share.value, 1)} %{star}"
-    return TableCell(text, share_limits(share), sort_key(share.value))
 
 
 def sort_key(value: float | None) -> str:

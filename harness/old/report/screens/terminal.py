@@ -4,17 +4,12 @@ from dataclasses import replace
 
 from rich.console import Console
 
-from harness.old.report.screens.comparison_screen import comparison_screen
-from harness.old.report.screens.comparison_sentences import comparison_lines
-from harness.old.report.screens.comparison_tables import comparison_tables
 from harness.old.report.screens.console import make_console, print_table
 from harness.old.report.screens.paired_tables import paired_tables
 from harness.old.report.screens.result_screen import screen_of
 from harness.old.report.screens.result_tables import full_tables
 from harness.old.report.screens.screen import Screen, screen_lines
 from harness.old.statistics import RunFindings
-from harness.old.studies.runs.comparisons import RunComparison
-from harness.old.studies.runs.references import reference_lines
 from harness.old.studies.runs.reported import remarks, reported
 from harness.old.studies.runs.run_data import RunData
 
@@ -45,19 +40,3 @@ def print_screen(console: Console, screen: Screen) -> None:
     """Print a first screen in the terminal's width."""
     for line in screen_lines(screen, console.width):
         console.print(line, soft_wrap=True)
-
-
-def print_comparison(result: RunComparison, full: bool = False) -> None:
-    """Print the first screen of a comparison, or with ``full`` its tables and explanations."""
-    console = make_console()
-    screen = comparison_screen(result)
-    print_screen(console, replace(screen, most_lines=None) if full else screen)
-    if not full:
-        return
-    for table in comparison_tables(result):
-        print_table(console, table)
-    for line in comparison_lines(result):
-        console.print(line)
-    cells = [member.cell for group in result.groups for member in group.group.cells]
-    for line in reference_lines(cell.scenario for cell in cells):
-        console.print(line)

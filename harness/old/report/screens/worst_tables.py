@@ -13,8 +13,7 @@ _SPEED = "contact_speed_mps"
 
 
 def worst_tables(episodes: Sequence[WorstEpisode], by: str) -> Table:
-    """Return a table of the episodes, with the value in the earlier run if runs are compared."""
-    compared = any(episode.ending_before is not None for episode in episodes)
+    """Return a table of the episodes."""
     # The option --cell needs the cell's number; its keys describe the cell.
     keys = list(episodes[0].varied) if episodes else []
     names = list(episodes[0].names) if episodes else []
@@ -27,18 +26,15 @@ def worst_tables(episodes: Sequence[WorstEpisode], by: str) -> Table:
             TableCell(episode.driver),
             TableCell(episode.contact or DASH),
             *([] if by == _SPEED else [_speed(episode.contact_speed_mps)]),
-            *([_outcome(episode.before, episode.ending_before)] if compared else []),
             _outcome(episode.value, episode.ending),
         )
         for episode in episodes
     ]
-    words = "got worse" if compared else "worst"
     contact = ("contact", *([] if by == _SPEED else [_SPEED]))
-    values = [f"{by} before", by] if compared else [by]
-    headings = ("cell", *keys, "pair", *names, "driver", *contact, *values)
+    headings = ("cell", *keys, "pair", *names, "driver", *contact, by)
     if not episodes:
         return Table("worst", f"no episode to look at, by {by}", headings, ())
-    caption = f"{words} by {by}: {episodes[0].run}, {episodes[0].arm.value}"
+    caption = f"worst by {by}: {episodes[0].run}, {episodes[0].arm.value}"
     return Table("worst", caption, headings, tuple(rows))
 
 
@@ -58,8 +54,6 @@ def worst_document(episodes: Sequence[WorstEpisode], by: str) -> Mapping[str, ob
                 "contact": episode.contact,
                 _SPEED: episode.contact_speed_mps,
                 by: episode.value,
-                "before": episode.before,
-                "ending_before": episode.ending_before,
                 "command": episode.command,
             }
             for episode in episodes
@@ -79,8 +73,8 @@ def _speed(value: float | None) -> TableCell:
     return TableCell(DASH if value is None else number(value, 2), sort=sort_key(value))
 
 
-def _outcome(value: float | None, ending: Ending | None) -> TableCell:
+def _outcome(value: float | None, ending: Ending) -> TableCell:
     """Return the value, and below it the ending if the vehicle did not pass."""
-    small = "" if ending in (None, Ending.CROSSED) else str(ending)
+    small = "" if ending is Ending.CROSSED else str(ending)
     text = "none" if value is None else number(value, 3)
     return TableCell(text, small, sort_key(value))

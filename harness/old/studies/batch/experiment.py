@@ -22,10 +22,6 @@ from harness.old.studies.workers.executors import executor_for
 from harness.old.studies.workers.pool import workers_for
 from harness.scenario import Cell, Options, Study, hang_limit_s
 
-SHORTEST_S, LONGEST_S = 0.02, 5.0
-"""Shortest and longest duration of a task.  Tasks get shorter at the end of a run, so that all
-workers end together.  The upper bound keeps all workers busy even if a strategy is slow."""
-
 _OPTIONS = Options()
 
 MakeExecutor = Callable[[int], Executor]
@@ -138,8 +134,6 @@ class _Work:
             lambda _workers: executor_for(plan.study, plan.options)
         )
         self.executor: Executor | None = None
-        self.pair_s: float | None = None
-        """Duration of a pair in the task that finished last."""
 
     def run(self) -> None:
         """Run the missing pairs of each cell."""
@@ -155,16 +149,10 @@ class _Work:
         begin, done = time.perf_counter(), total - left
         executor = self.executor = self.make_executor(workers_for(total, self.plan.options))
         self.folder.note("started", pairs=left, workers=executor.workers)
-        tasks = self._tasks(missing, left, executor.workers)
-
-        def waits_for(episodes: str) -> None:
-            self.progress(done, total, f"pairs, waiting for {episodes}")
-
-        for task, result in run_tasks(executor, tasks, self.folder.note, waits_for):
+        for task, result in run_tasks(executor, self._tasks(missing), self.folder.note):
             self.folder.write_shard(task.cell, task.first_pair, task.count, result.tables)
             for failure in result.failures:
                 self.folder.note("episode failed", **failure)
-            self.pair_s = result.took_s / task.count
             done += task.count
             self.progress(done, total, "pairs")
         rate = left / (time.perf_counter() - begin)
@@ -175,51 +163,23 @@ class _Work:
         if self.executor is not None:
             self.executor.stop()
 
-    def _tasks(self, missing: dict[int, list[int]], left: int, workers: int) -> Iterator[Task]:
-        """Yield tasks of consecutive pairs.
-
-        Each task is made when a worker is free.  Its size follows from the duration of earlier
-        pairs.  Tasks get smaller towards the end, so that no worker ends late.
-        """
+    def _tasks(self, missing: dict[int, list[int]]) -> Iterator[Task]:
+        """Yield a task for each pair, with its twins."""
         for cells in self._twins(missing):
-            pairs = missing[cells[0].number]
-            begin = 0
-            while begin < len(pairs):
-                size = self._size(len(cells), left // (4 * workers * len(cells)))
-                end = begin + 1
-                while end < len(pairs) and end - begin < size and pairs[end] == pairs[end - 1] + 1:
-                    end += 1
-                first, *others = (self._task(cell, pairs[begin], end - begin) for cell in cells)
+            for pair in missing[cells[0].number]:
+                first, *others = (self._task(cell, pair, 1) for cell in cells)
                 yield replace(first, twins=tuple(others))
-                left -= (end - begin) * len(cells)
-                begin = end
-
-    def _size(self, cells: int, share: int) -> int:
-        """Return the number of pairs of the next task, within the bounds on its duration.
-
-        Args:
-            cells: number of cells that the task covers.
-            share: the task's share of the remaining pairs.
-        """
-        if self.plan.study.long_pairs or self.pair_s is None:
-            return 1
-        each_s = max(self.pair_s, 1e-6) * cells
-        most = min(self.plan.options.task_pairs, int(LONGEST_S / each_s))
-        return max(1, min(most, max(share, int(SHORTEST_S / each_s))))
 
     def _twins(self, missing: dict[int, list[int]]) -> Iterable[list[Cell]]:
         """Group cells that share episodes and lack the same pairs.
 
-        They differ only in their arms.  Cells with long pairs have the same AV, too, and no
-        reference drives in its arm.
+        They differ only in their reference, and no reference drives in the AV's arm.
         """
         groups: dict[object, list[Cell]] = {}
         for cell in self.plan.study.cells:
             if pairs := missing.get(cell.number):
-                same: object = cell.but_for_arms
-                if self.plan.study.long_pairs:
-                    alone = cell.scenario.av_drives_alone
-                    same = (same, cell.scenario.arms.av) if alone else cell.number
+                alone = cell.scenario.av_drives_alone
+                same = (cell.but_for_arms, cell.scenario.arms.av) if alone else cell.number
                 groups.setdefault((same, tuple(pairs)), []).append(cell)
         return groups.values()
 
@@ -234,6 +194,5 @@ class _Work:
             traces=options.traces,
             hang_after_s=hang_limit_s(options.hang_after_s, cell.scenario),
             stack_file=self.folder.stack_file(f"{cell.number}-{first}-{count}"),
-            engine=options.engine,
             outputs=self.folder.outputs_of(cell.scenario),
         )

@@ -8,7 +8,6 @@ import pyarrow as pa
 
 from harness.core.files import write_csv
 from harness.old.statistics import CONFIDENCE, Findings, Plain
-from harness.old.store.over_model import findings_over_model, over_model_rows
 from harness.old.store.run_folder import RunFolder
 from harness.old.store.summary_table import write_summary
 from harness.old.store.tables import write_parquet
@@ -31,11 +30,7 @@ def finish(folder: RunFolder, plan: Plan) -> RunData:
     for cell, (_, rows) in zip(cells, folder.rows_by_cell(kind.rows), strict=True):
         findings.append(kind.findings(rows, cell, CONFIDENCE))
         keys = {"cell": cell.number, **cell.varied}
-        over = findings_over_model(kind, rows, cell, findings[-1], plan.origin)
-        parts = {**kind.statistics(rows, cell, findings[-1])}
-        if over:
-            parts["over_model"] = [*over_model_rows(over)]
-        for name, part in parts.items():
+        for name, part in kind.statistics(rows, cell, findings[-1]).items():
             statistics.setdefault(name, []).extend(keys | row for row in part)
         counts.update(kind.counts(rows))
     write_summary(folder.path, kind.catalogue, cells, findings)

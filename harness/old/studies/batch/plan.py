@@ -11,10 +11,8 @@ from harness.old.store.kinds import Kind, kind_of_study
 from harness.old.store.manifest import manifest_of, options_of, origin_of
 from harness.old.store.reading import MANIFEST
 from harness.old.studies.kinds.table import simulation_of
-from harness.scenario import Options, Scenario, Study, study_from
-from harness.strategies.parameters import knows_the_model
+from harness.scenario import Options, Study, study_from
 from harness.strategies.program import is_program
-from harness.strategies.registry import find_strategy
 
 
 @dataclass(frozen=True)
@@ -56,9 +54,9 @@ def plan_of(study: Study, options: Options) -> Plan:
         InputError: a model, a strategy, a network or a limit is refused.
     """
     kind = kind_of_study(study)
-    if options.engine == "plain" and kind.section:
+    if options.engine == "plain":
         raise InputError("--engine plain", f"{kind.section} needs SUMO", "--engine sumo")
-    for cell in study.cells if study.long_pairs else ():
+    for cell in study.cells:
         for arm, name in cell.scenario.arms.model_dump().items():
             if is_program(name):
                 problem = f"{name} drives one vehicle at a time"
@@ -67,30 +65,9 @@ def plan_of(study: Study, options: Options) -> Plan:
     for cell in study.cells:
         models[cell.number] = load(*cell.scenario.model.file_and_refits)
         check_arms(cell.scenario, models[cell.number])
-        _check_refits(cell.scenario, models[cell.number])
+        cell.scenario.refuse_refits(f"a run of {kind.name}")
         simulation_of(cell.scenario).check(cell.scenario)
-    if len({model.refits.sha256 for model in models.values() if model.refits is not None}) > 1:
-        raise InputError("--over-model", "the cells use several models", "one model")
     return Plan(study, models, options, origin_of(study, models.values()))
-
-
-def _check_refits(scenario: Scenario, model: InteractionModel) -> None:
-    """Refuse refits if nothing depends on the model, or if a refit would get no pair."""
-    if model.refits is None:
-        return
-    walk = scenario.walks_by_model and scenario.simulation is None
-    names = scenario.arms.model_dump().values()
-    if not walk and not any(knows_the_model(find_strategy(name, "arms")) for name in names):
-        problem = "nothing here depends on the interaction model"
-        allowed = "pedestrians or a driver by the model, for example human_gmm"
-        raise InputError("--over-model", problem, allowed)
-    pairs, refits = scenario.experiment.pairs, len(model.refits.models)
-    if pairs < refits:
-        raise InputError(
-            "--over-model",
-            f"{pairs} pairs for {refits} refits",
-            f"at least {refits} pairs, one for each refit",
-        )
 
 
 def recall_plan(document: JsonObject, workers: int | None = None) -> Plan:

@@ -9,10 +9,9 @@ import pyarrow.compute as pc
 from harness.core.encounter import Arm
 from harness.core.errors import HarnessError, InputError
 from harness.core.files import cannot_write, write_file
-from harness.old.store.reading import CRITICAL, MANIFEST, is_finished
+from harness.old.store.reading import CRITICAL, MANIFEST
 from harness.old.store.shards import encode_shard, shard_name
 from harness.old.store.simulations.simulation_traces import only_passages
-from harness.old.studies.batch.experiment import resume, run_study
 from harness.old.studies.kinds.table import simulation_of
 from harness.old.studies.kinds.tasks import Task, TaskResult
 from harness.old.studies.runs.run_data import RunData
@@ -21,8 +20,10 @@ from harness.old.studies.runs.simulation_choice import Key
 from harness.old.studies.runs.views import view_of
 from harness.old.studies.workers.execution import run_tasks
 from harness.old.studies.workers.pool import LocalPool, default_workers
-from harness.scenario import Options, hang_limit_s, read_scenario_file, study_of
+from harness.results.run import load_run
+from harness.scenario import hang_limit_s
 from harness.scenario.options import HANG_AFTER_S
+from harness.studies.run import resume, run
 
 _WORKERS = 2
 """Number of processes.  The page shows only a few pairs."""
@@ -74,16 +75,20 @@ def write_shown_risk(folder: Path, page: Path | None = None) -> str:
     folders = shown_folders(folder, page)
     shown = next((each for each in folders if os.access(each.parent, os.W_OK)), folders[0])
     try:
-        if any(map(is_finished, folders)):
+        if any(map(is_shown, folders)):
             return ""
         if (shown / MANIFEST).is_file():
             resume(shown, workers=_WORKERS)
         else:
-            study = study_of(read_scenario_file(str(folder / CRITICAL)))
-            run_study(study, Options(traces=True, workers=_WORKERS), out=shown)
+            run(str(folder / CRITICAL), traces=True, workers=_WORKERS, out=shown)
     except HarnessError as error:
         return f"The likeliest events could not be simulated again: {error}."
     return ""
+
+
+def is_shown(folder: Path) -> bool:
+    """Return whether a folder holds the finished run of a risk's likeliest events."""
+    return (folder / MANIFEST).is_file() and load_run(folder).finished
 
 
 def traced_pair(
@@ -141,7 +146,6 @@ def _task(run: RunData, cell: int, pair: int) -> Task:
         traces=True,
         hang_after_s=hang_limit_s(HANG_AFTER_S, scenario),
         stack_file=None,
-        engine=run.engine,
     )
 
 

@@ -1,6 +1,5 @@
 """Simulates hours of traffic in the one SUMO of the process."""
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,8 +14,7 @@ from harness.old.store.hour_traces import hour_trace_rows
 from harness.old.studies.kinds.outputs import SUMO_FILES, outputs_in
 from harness.old.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation
 from harness.old.studies.kinds.tasks import Task, TaskResult
-from harness.old.studies.kinds.watchdog import Watch, watchdog
-from harness.scenario import Scenario
+from harness.old.studies.kinds.watchdog import watchdog
 
 if TYPE_CHECKING:
     from harness.engine.traci import Gui
@@ -68,15 +66,11 @@ def _result_of(task: Task, outcomes: list[HourOutcome]) -> TaskResult:
     return TaskResult(tables, failures)
 
 
-def _decide_limit_s(_scenario: Scenario) -> float:
-    return math.inf
-
-
 def _in_this_process(arm: ArmOfPair) -> ArmRows:
     return _run_arm(arm, lambda: road_for(arm.scenario))
 
 
-def _with_outputs(arm: ArmOfPair, folder: Path, _watch: Watch) -> ArmRows:
+def _with_outputs(arm: ArmOfPair, folder: Path) -> ArmRows:
     from harness.engine.sumo import libsumo_road
 
     scenario = arm.scenario
@@ -117,7 +111,6 @@ def _run_arm(arm: ArmOfPair, get_road: Callable[[], SumoRoad]) -> ArmRows:
 
 HOUR_SIMULATION = Simulation(
     run=_run,
-    decide_limit_s=_decide_limit_s,
     in_this_process=_in_this_process,
     with_outputs=_with_outputs,
     in_gui=_in_gui,

@@ -9,7 +9,6 @@ from harness.core.encounter import Arm
 from harness.model.interaction import InteractionModel
 from harness.old.store.tables import Tables
 from harness.old.studies.kinds.tasks import Task, TaskResult
-from harness.old.studies.kinds.watchdog import Watch
 from harness.scenario import Cell, Scenario
 
 if TYPE_CHECKING:
@@ -55,7 +54,6 @@ class Simulation:
 
     Attributes:
         run: runs every pair of a task and returns the results of ``task.each``.
-        decide_limit_s: longest time of one decision in s; infinite if only the pair has a limit.
         in_this_process: runs an arm on the simulation of this process.
         with_outputs: runs an arm in a fresh SUMO that writes its outputs into a folder.
         in_gui: runs an arm in sumo-gui.
@@ -64,9 +62,8 @@ class Simulation:
     """
 
     run: Callable[[Task], tuple[TaskResult, ...]]
-    decide_limit_s: Callable[[Scenario], float]
     in_this_process: Callable[[ArmOfPair], ArmRows]
-    with_outputs: Callable[[ArmOfPair, Path, Watch], ArmRows]
+    with_outputs: Callable[[ArmOfPair, Path], ArmRows]
     in_gui: "Callable[[ArmOfPair, Gui], ArmRows]"
     check: Callable[[Scenario], object]
     network: Callable[[Scenario], Path]

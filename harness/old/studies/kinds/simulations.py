@@ -1,6 +1,5 @@
 """Simulates a user's own scenario.  Every arm is one SUMO simulation from begin to end."""
 
-import math
 import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -20,7 +19,7 @@ from harness.old.store.simulations.simulation_traces import simulation_trace_row
 from harness.old.studies.kinds.outputs import PRECISION
 from harness.old.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation
 from harness.old.studies.kinds.tasks import Task, TaskResult
-from harness.old.studies.kinds.watchdog import Watch, watchdog
+from harness.old.studies.kinds.watchdog import watchdog
 from harness.scenario import Scenario
 from harness.scenario.own_simulation import setting_of
 
@@ -103,7 +102,7 @@ def _in_this_process(arm: ArmOfPair) -> ArmRows:
     return _rows(arm, runner)
 
 
-def _with_outputs(arm: ArmOfPair, folder: Path, watch: Watch) -> ArmRows:
+def _with_outputs(arm: ArmOfPair, folder: Path) -> ArmRows:
     """Run an arm, and run it again for FCD.
 
     SUMO has one precision for all files, and the record is made of trips in that of the scenario.
@@ -115,7 +114,6 @@ def _with_outputs(arm: ArmOfPair, folder: Path, watch: Watch) -> ArmRows:
             arm.scenario, arm.model, lambda _pair, _arm: _kept(folder), more=_COLLISIONS
         ),
     )
-    watch.alive()
     fcd = {"fcd-output": str(folder.absolute() / _FCD), "precision": PRECISION}
     again = _rows(
         arm, SimulationRunner(arm.scenario, arm.model, lambda _pair, _arm: _scratch(), more=fcd)
@@ -145,7 +143,6 @@ def _rows(arm: ArmOfPair, runner: SimulationRunner) -> ArmRows:
 
 OWN_SIMULATION = Simulation(
     run=_run,
-    decide_limit_s=lambda _scenario: math.inf,
     in_this_process=_in_this_process,
     with_outputs=_with_outputs,
     in_gui=_in_gui,

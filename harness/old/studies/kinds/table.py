@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 
 from harness.engine.shared import close_engine
-from harness.old.studies.kinds.encounters import ENCOUNTER_SIMULATION
 from harness.old.studies.kinds.hours import HOUR_SIMULATION
 from harness.old.studies.kinds.simulation import Simulation
 from harness.old.studies.kinds.simulations import OWN_SIMULATION
@@ -11,7 +10,6 @@ from harness.old.studies.kinds.tasks import Task, TaskResult
 from harness.scenario import Scenario
 
 SIMULATIONS: Mapping[str, Simulation] = {
-    "encounters": ENCOUNTER_SIMULATION,
     "hours of traffic": HOUR_SIMULATION,
     "own simulations": OWN_SIMULATION,
 }

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from harness.core.encounter import Arm
     from harness.model.interaction import InteractionModel
     from harness.old.store.tables import Tables
-    from harness.scenario import EngineName, Scenario
+    from harness.scenario import Scenario
 
 Failure = tuple[int, int, str, str]
 """Cell, pair, arm and reason of an episode that has no result."""
@@ -23,13 +22,7 @@ class Task:
     """Some pairs of one cell.
 
     ``twins`` are tasks of the same pairs in cells that differ only in their arms.  Episodes that
-    they share are simulated once.  ``engine`` simulates the egos.
-
-    ``hung`` is set only for a task of one pair.  It holds the arm whose strategy gave no answer,
-    and the reason.  Only the other arm is then simulated.
-
-    ``only`` is the only arm to simulate, for encounters; None means both.  If ``timed``, the wall
-    times of the decisions are returned.
+    they share are simulated once.
 
     ``outputs`` is the folder in which SUMO's own outputs of a user's simulation are kept.
 
@@ -46,11 +39,7 @@ class Task:
     hang_after_s: float
     stack_file: Path | None
     outputs: Path | None = None
-    engine: "EngineName" = "sumo"
     twins: "tuple[Task, ...]" = ()
-    hung: "tuple[Arm, str] | None" = None
-    only: "Arm | None" = None
-    timed: bool = False
 
     @property
     def each(self) -> "tuple[Task, ...]":
@@ -70,13 +59,7 @@ class Task:
 
 @dataclass(frozen=True)
 class TaskResult:
-    """The tables by name, and the log's details of failed episodes.
-
-    ``took_s`` is the wall time of the task in its worker, and ``decisions_s`` that of each decision
-    if the task is timed.
-    """
+    """The tables by name, and the log's details of failed episodes."""
 
     tables: "Tables"
     failures: tuple[LoggedFailure, ...] = ()
-    took_s: float = 0.0
-    decisions_s: tuple[float, ...] = ()

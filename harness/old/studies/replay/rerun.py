@@ -17,7 +17,7 @@ from harness.old.studies.kinds.watchdog import watchdog
 from harness.old.studies.runs.stored import Rows, StoredCell, record_differences
 from harness.old.studies.workers.execution import reason_of
 from harness.old.studies.workers.pool import LocalPool
-from harness.scenario import EngineName, hang_limit_s
+from harness.scenario import hang_limit_s
 from harness.scenario.options import HANG_AFTER_S
 
 
@@ -49,7 +49,6 @@ class Repetition:
 
     arm: ArmOfPair
     rows: Rows
-    engine: EngineName
     folder: Path
     hang_after_s: float
 
@@ -165,15 +164,13 @@ def repetition(
         raise InputError(str(folder), why, "a writable folder") from None
     limit_s = hang_limit_s(hang_after_s, scenario)
     rows = stored.rows_of(pair, arm)
-    return Repetition(stored.arm(pair, arm), rows, stored.engine, folder, limit_s)
+    return Repetition(stored.arm(pair, arm), rows, folder, limit_s)
 
 
 def run_again(job: Repetition) -> Repeated:
     """Run an arm of a pair in a new SUMO in this process."""
     close_engine()
-    simulation = simulation_of(job.arm.scenario)
-    limit_s = simulation.decide_limit_s(job.arm.scenario)
-    with watchdog(job.hang_after_s, job.stack_file, limit_s) as watch:
-        rows = simulation.with_outputs(job.arm, job.folder, watch)
-    differences = record_differences(rows.tables, job.rows, job.engine)
+    with watchdog(job.hang_after_s, job.stack_file):
+        rows = simulation_of(job.arm.scenario).with_outputs(job.arm, job.folder)
+    differences = record_differences(rows.tables, job.rows)
     return Repeated(tuple(differences), rows.traceback)

@@ -129,7 +129,7 @@ class RiskFindings(Document):
         doubt = next((note.text for note in self.notes if note.rank is Rank.FEW_PAIRS), None)
         values: dict[str, Finding] = {}
         for entry in ENTRIES:
-            values |= entry.findings(self, 0)
+            values |= entry.findings(self)
         estimate = values["probability"]
         if doubt is not None and estimate.value is not None:
             values["probability"] = replace(estimate, reliable=False, reason=doubt)

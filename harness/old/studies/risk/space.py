@@ -154,7 +154,8 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
 
 def _refuse_unsampled(scenario: Scenario) -> None:
     pedestrians = scenario.pedestrians
-    if section := kind_of(scenario).section:
+    if scenario.kind != "encounters":
+        section = kind_of(scenario).section
         problem = "is not supported by a risk estimate"
         raise InputError(section.strip("[]"), problem, f"a scenario without {section}")
     if isinstance(pedestrians.flow_per_hour, tuple):

@@ -62,7 +62,6 @@ def compare_arms(runs: Sequence[RunData]) -> RunFindings:
         folder=str(runs[0].path),
         scope=f"seed {runs[0].manifest['seed']}",
         confidence=confidence,
-        paper=False,
         cells=cells,
         notes=(Note(Rank.REFERENCE, together),) if len(cells) > 1 else (),
         site=site_words([member.cell.scenario for couple in couples for member in couple]),

@@ -2,8 +2,8 @@
 
 from typing import Literal, NamedTuple
 
-from harness.old.studies.runs.references import MEASURED, is_measured
 from harness.scenario import PedestriansSection, Scenario
+from harness.strategies.references import is_validated, validated
 
 SceneKind = Literal["crowd", "one pedestrian", "flow", "own simulation", "timed"]
 
@@ -90,7 +90,7 @@ def nearness(scenario: Scenario) -> str:
     sentence says this, and names the nearest measured scene of the driver, if any.
     """
     name, kind, people = scenario.arms.human, scene_kind(scenario), scenario.pedestrians
-    measured = is_measured(scenario)
+    measured = is_validated(scenario)
     held = ""
     if kind == "crowd" and measured:
         held = _in_crowds(name, full=True)
@@ -100,7 +100,8 @@ def nearness(scenario: Scenario) -> str:
         held = _at_sites(people.behaviour, _at_sites_driver(scenario))
     if held:
         return f"{name} {held}."
-    settings = " with these settings" if name in MEASURED and not measured else ""
+    drivers = validated()["recordings"]["drivers"]
+    settings = " with these settings" if name in drivers and not measured else ""
     nearest = ""
     if kind == "own simulation":
         nearest = _at_a_zebra("sumo", name)
@@ -126,19 +127,19 @@ def _at_sites_driver(scenario: Scenario) -> str:
     if name == "human_yield":
         given = {key: given[key] for key in given.keys() - {"yield_rate", "treatment"}}
     plain = scenario.model_copy(update={"strategies": {name: given}})
-    return name if is_measured(plain) else ""
+    return name if is_validated(plain) else ""
 
 
 def _in_crowds(name: str, *, full: bool = False) -> str:
-    human = MEASURED.get(name)
+    human = validated()["recordings"]["drivers"].get(name)
     if human is None:
         return ""
-    order = f"{100 * human.order_right:.0f} %"
+    order = f"{100 * human['order_right']:.0f} %"
     if not full:
         return f"in crowds (DUT): order right for {order}"
     return (
         f"in recorded crowds (DUT): order of passing right for {order}, pass time off by "
-        f"{human.pass_time_off_s:.1f} s (median)"
+        f"{human['pass_time_off_s']:.1f} s (median)"
     )
 
 

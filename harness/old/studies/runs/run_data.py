@@ -1,8 +1,4 @@
-"""A finished run folder in Python.
-
-run = harness.load_run("runs/cctc-1")
-run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean()
-"""
+"""A finished run folder of hours of traffic or own simulations in Python."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,20 +12,16 @@ import pyarrow.compute as pc
 
 from harness.core.errors import InputError
 from harness.model.interaction import InteractionModel, load_model
-from harness.old.statistics import CONFIDENCE, OverModel, PairColumns, columns_of, row_of
+from harness.old.statistics import CONFIDENCE, Findings, columns_of, row_of
 from harness.old.store.hour_summaries import HoursSummary, hours_summary
 from harness.old.store.kinds import Kind, kind_of_study
 from harness.old.store.manifest import model_entry
-from harness.old.store.measure_tables import measure_rows
-from harness.old.store.over_model import findings_over_model
 from harness.old.store.reading import read_table
 from harness.old.store.schemas import TABLES
-from harness.old.store.summaries import pair_columns
 from harness.old.store.summary_table import read_summary
 from harness.old.store.tables import Row
 from harness.old.studies.kinds.tasks import Failure
-from harness.old.studies.runs.cell_result import CellResult
-from harness.scenario import Cell, EngineName, Scenario, Study
+from harness.scenario import Cell, Scenario, Study
 
 
 @dataclass(frozen=True)
@@ -76,18 +68,8 @@ class RunData:
         return _frame(self.table("cells"))
 
     @cached_property
-    def episodes(self) -> pd.DataFrame:
-        """One row per cell × pair × arm.
-
-        ``cell, pair, arm, strategy, ending, reason, contact, contact_index, contact_time_s,
-        sumo_collision, fallback, steps, pedestrians`` and a column for each of
-        ``harness.measures.MEASURES`` (``pass_time_s, delay_s, min_ttc_s …``).
-        """
-        return _frame(self.table("episodes"))
-
-    @cached_property
     def ranked(self) -> pd.DataFrame:
-        """The rows that ``harness worst`` ranks: episodes, or a user's simulation's passages."""
+        """The rows that ``harness worst`` ranks: a user's simulation's passages."""
         return _frame(self.table(self.kind.ranked[0]))
 
     @cached_property
@@ -128,28 +110,22 @@ class RunData:
     @property
     def hour_results(self) -> tuple[tuple[Cell, HoursSummary], ...]:
         """The summary of every cell of a run in traffic."""
-        return tuple((result.cell, hours_summary(result.findings)) for result in self.results)
-
-    @cached_property
-    def pairs(self) -> pd.DataFrame:
-        """One row per cell × pair: ``cell, pair, av_time_s, human_time_s, tau``."""
-        return _frame(self.table("pairs"))
+        return tuple((cell, hours_summary(findings)) for cell, findings in self.results)
 
     @cached_property
     def summary(self) -> pd.DataFrame:
         """One row per cell: ``cell``, the varied keys and the columns of ``summary.csv``.
 
-        ``pairs, defined_pairs, mu, mu_ci_low, mu_ci_high, cv …, kappa …`` (docs/files.md).  It is
-        computed from the episodes if ``summary.parquet`` does not exist yet or lacks a newer
-        column.
+        It is computed from the rows if ``summary.parquet`` does not exist yet or lacks a newer
+        column (docs/files.md).
         """
         rows = [
             {
-                "cell": result.cell.number,
-                **result.cell.varied,
-                **row_of(self.kind.catalogue, result.findings),
+                "cell": cell.number,
+                **cell.varied,
+                **row_of(self.kind.catalogue, findings),
             }
-            for result in self.results
+            for cell, findings in self.results
         ]
         frame = pd.DataFrame(rows)
         # A column that is undefined in every cell still has a numeric type.
@@ -157,60 +133,15 @@ class RunData:
         return frame.astype({name: types[name] for name in frame.columns if name in types})
 
     @cached_property
-    def results(self) -> tuple[CellResult, ...]:
-        """The findings of every cell."""
+    def results(self) -> tuple[tuple[Cell, Findings], ...]:
+        """Every cell with its findings."""
         kind, cells = self.kind, self.study.cells
         stored = read_summary(self.path, kind.catalogue, cells)
         if stored is not None:
-            return tuple(CellResult(cell, stored[cell.number]) for cell in cells)
+            return tuple((cell, stored[cell.number]) for cell in cells)
         return tuple(
-            CellResult(cell, kind.findings(rows, cell, CONFIDENCE))
+            (cell, kind.findings(rows, cell, CONFIDENCE))
             for cell, rows in self._by_cell(self.kind.rows)
-        )
-
-    @cached_property
-    def over_model(self) -> Mapping[int, Mapping[str, OverModel]]:
-        """The intervals over pairs and refits of the model together, by cell and number.
-
-        A cell without ``model.over_refits`` has none.
-        """
-        results = {result.cell.number: result for result in self.results}
-        return {
-            number: findings_over_model(
-                self.kind, self.rows_of_cell(number), result.cell, result.findings, self.manifest
-            )
-            for number, result in results.items()
-        }
-
-    @cached_property
-    def measures(self) -> pd.DataFrame:
-        """Statistics of every measure, one row per cell × arm × measure, as in ``measures.csv``.
-
-        ``cell``, the varied keys, ``arm, measure, defined, mean, p05, p50, p95``.  The last five
-        exist a second time with ``_met_someone``, over the pairs in which either arm met somebody.
-        """
-        return pd.DataFrame(
-            [
-                {"cell": cell.number, **cell.varied, **row}
-                for cell, rows in self._by_cell(self.kind.rows)
-                for row in measure_rows(rows)
-            ]
-        )
-
-    @cached_property
-    def conflicts(self) -> pd.DataFrame:
-        """Conflict rates, one row per cell × arm × kind of conflict, as in ``conflicts.csv``.
-
-        ``cell``, the varied keys, ``arm, conflict, threshold, episodes, conflicts, rate, ci_low,
-        ci_high``.  ``episodes``, ``conflicts`` and ``rate`` exist a second time with
-        ``_met_someone``.
-        """
-        return pd.DataFrame(
-            [
-                {"cell": result.cell.number, **result.cell.varied, **row}
-                for result in self.results
-                for row in result.conflicts
-            ]
         )
 
     @cached_property
@@ -227,15 +158,6 @@ class RunData:
         self._refuse_without_traces()
         return _frame(self._checked("traces"))
 
-    def traces_of(self, cell: int, pair: int) -> pd.DataFrame:
-        """Return the rows of ``traces`` of both arms of one pair.
-
-        Raises:
-            InputError: the run kept no traces.
-        """
-        self._refuse_without_traces()
-        return _frame(self.rows_of("traces", cell, pair))
-
     def rows_of(self, name: str, cell: int, pair: int) -> pa.Table:
         """Return the stored rows of one pair in ``episodes``, ``pedestrians`` or ``traces``."""
         if name == "traces":
@@ -251,18 +173,12 @@ class RunData:
 
     def statistics(self, name: str) -> list[Row]:
         """Return the rows of all cells in ``<name>.csv``, with ``cell``; empty if there is none."""
-        findings = {result.cell.number: result.findings for result in self.results}
+        findings = {cell.number: findings for cell, findings in self.results}
         return [
             {"cell": cell.number, **row}
             for cell, rows in self._by_cell(self.kind.rows)
             for row in self.kind.statistics(rows, cell, findings[cell.number]).get(name, ())
         ]
-
-    @property
-    def engine(self) -> EngineName:
-        """The engine of the run: ``sumo`` or ``plain``."""
-        engine: EngineName = self.manifest["engine"]
-        return engine
 
     @cached_property
     def failures(self) -> tuple[Failure, ...]:
@@ -270,11 +186,6 @@ class RunData:
         failed = self.kind.failed(self.table(self.kind.rows))
         columns = (failed[name].to_pylist() for name in ("cell", "pair", "arm", "reason"))
         return tuple((*where, reason or "") for *where, reason in zip(*columns, strict=True))
-
-    def pair_columns_of(self, cell: int) -> PairColumns:
-        """Return the columns from which a cell's summary is computed, one entry for each pair."""
-        episodes = self.table("episodes")
-        return pair_columns(episodes.filter(pc.equal(episodes["cell"], cell)))
 
     def model_of(self, cell: int) -> InteractionModel:
         """Return the interaction model that a cell used.
@@ -294,11 +205,6 @@ class RunData:
     def __repr__(self) -> str:
         """Return the text that a debugger shows."""
         return f"<RunData {self.name} in {self.path}>"
-
-    def _repr_html_(self) -> str:
-        """Return the summary as HTML for a notebook."""
-        html: str = self.summary.to_html(index=False)
-        return html
 
     def table(self, name: str) -> pa.Table:
         """Return all rows of a table other than ``traces``; it is read once and kept.

@@ -1,7 +1,6 @@
 """Reads the rows of a stored cell, and compares repeated episodes with them."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import repeat
 from pathlib import Path
 
 import pyarrow as pa
@@ -14,8 +13,7 @@ from harness.old.store.manifest import explained
 from harness.old.store.reading import MANIFEST, read_finished_manifest, read_table
 from harness.old.store.tables import Row, Tables
 from harness.old.studies.kinds.simulation import ArmOfPair, ArmRows
-from harness.old.studies.runs.same_pairs import TOLERANCE
-from harness.scenario import Cell, EngineName, study_from
+from harness.scenario import Cell, study_from
 
 Rows = dict[str, list[Row]]
 """Rows by the name of their table."""
@@ -40,7 +38,6 @@ class StoredCell:
         if not 0 <= number < len(cells):
             raise InputError("--cell", f"{number}", f"0 to {len(cells) - 1}")
         self.cell: Cell = cells[number]
-        self.engine: EngineName = document["engine"]
         self._document = document
         section = self.cell.scenario.model
         self.model: InteractionModel = load_model(*section.file_and_refits)
@@ -64,57 +61,33 @@ class StoredCell:
     def differences(self, arm: ArmOfPair, rows: ArmRows) -> tuple[str, ...]:
         """Return sentences about how a repeated arm differs from its stored record."""
         stored = self.rows_of(arm.pair, arm.arm)
-        return self.explained(record_differences(rows.tables, stored, self.engine))
+        return self.explained(record_differences(rows.tables, stored))
 
     def explained(self, differences: Iterable[str]) -> tuple[str, ...]:
         """Prepend what changed since the run, such as the code of a strategy."""
         return explained(differences, self._document, self.cell.scenario, self.model)
 
 
-def record_differences(tables: Tables, stored: Rows, engine: EngineName) -> Iterator[str]:
-    """Yield sentences about how an arm that SUMO repeated differs from its stored rows.
-
-    If SUMO made the stored record, all values must be equal.  If the plain engine made it, numbers
-    must agree within ``TOLERANCE``, and SUMO's verdict on collisions is not compared.
+def record_differences(tables: Tables, stored: Rows) -> Iterator[str]:
+    """Yield sentences about how a repeated arm differs from its stored rows.
 
     Args:
         tables: rows of the repeated arm.
         stored: its stored rows by table.
-        engine: the engine that made the stored record.
     """
-    near = TOLERANCE if engine == "plain" else 0.0
-    unknown = ("sumo_collision",) if engine == "plain" else ()
     for name, rows in stored.items():
-        known = [{key: row[key] for key in row if key not in unknown} for row in rows]
-        yield from differences_of(name, tables[name].to_pylist(), known, near)
+        yield from differences_of(name, tables[name].to_pylist(), rows)
 
 
-def differences_of(
-    name: str, now: Sequence[Row], stored: Sequence[Row], near: float = 0.0
-) -> Iterator[str]:
-    """Yield sentences about how new rows of a table differ from stored rows.
-
-    Numbers are equal if they differ by at most ``near``, absolutely or relatively.
-    """
+def differences_of(name: str, now: Sequence[Row], stored: Sequence[Row]) -> Iterator[str]:
+    """Yield sentences about how new rows of a table differ from stored rows."""
     if len(stored) != len(now):
         yield f"{name}: {len(now)} rows instead of {len(stored)}"
         return
     for old, new in zip(stored, now, strict=True):
         for column in old:
-            if not _same(old[column], new[column], near):
+            if old[column] != new[column]:
                 yield f"{name}.{column}: {new[column]!r} instead of {old[column]!r}"
-
-
-def _same(old: object, new: object, near: float) -> bool:
-    if old == new:
-        return True
-    if isinstance(old, float) and isinstance(new, float):
-        return abs(old - new) <= near * max(1.0, abs(old))
-    if isinstance(old, list) and isinstance(new, list):
-        return len(old) == len(new) and all(map(_same, old, new, repeat(near)))
-    if isinstance(old, dict) and isinstance(new, dict):
-        return all(_same(old[key], new.get(key), near) for key in old)
-    return False
 
 
 def _by_episode(table: pa.Table) -> dict[tuple[int, str], list[Row]]:

@@ -1,4 +1,4 @@
-"""Groups cells that differ only in the AV's strategy, and finds sweeps of one parameter.
+"""Groups cells that differ only in the AV's strategy.
 
 Two cells of one study or of several are comparable if they differ only in ``arms.av``, the
 parameters of the AV's strategy and its perception.  If the strategy also drives the reference arm,
@@ -14,7 +14,7 @@ from typing import Any
 from harness.core.encounter import Parameters
 from harness.scenario import Cell, Scenario, Study, as_written
 from harness.strategies.parameters import parameters_of
-from harness.strategies.registry import STRATEGIES, aggressiveness_of, table_key
+from harness.strategies.registry import STRATEGIES, table_key
 
 _EQUIPMENT = ("perception.", "actuation.")
 """Sections that belong to the AV, unless they apply to the reference too (``human``)."""
@@ -50,51 +50,13 @@ class StrategyGroup:
     repeats: int
 
 
-@dataclass(frozen=True)
-class ParameterSweep:
-    """Cells of a group that differ in one numeric parameter of one strategy.
-
-    ``cells`` are positions in the group, and ``values`` are the parameter's ascending values there.
-    ``fixed`` has the strategy's other parameters if the group varies them too.
-    """
-
-    strategy: str
-    parameter: str
-    fixed: Parameters
-    cells: tuple[int, ...]
-    values: tuple[float, ...]
-
-    @property
-    def key(self) -> str:
-        """The parameter's key in a scenario."""
-        if self.of_equipment:
-            return self.parameter
-        return f"{table_key(self.strategy)}.{self.parameter}"
-
-    @property
-    def of_equipment(self) -> bool:
-        """Whether it is a key of ``[perception]`` or ``[actuation]``, not of the strategy."""
-        return self.parameter.startswith(_EQUIPMENT)
-
-    @property
-    def aggressiveness(self) -> tuple[float, ...] | None:
-        """The aggressiveness at every value; None if the parameter does not determine it."""
-        sign = aggressiveness_of(self.strategy).get(self.parameter)
-        # Adding 0 removes a negative zero, because a margin of 0 is an aggressiveness of 0.
-        return None if sign is None else tuple(sign * value + 0.0 for value in self.values)
-
-
 _Numbered = tuple[int, int, Cell]
 """Index of the run, index among the cells of all runs, and the cell."""
 
 
-def strategy_groups(study: Study) -> list[StrategyGroup]:
-    """Return the groups of a study, also groups of one cell, in order of their first cells."""
-    return groups_over([study])
-
-
 def groups_over(studies: Sequence[Study], names: Sequence[str] = ("",)) -> list[StrategyGroup]:
-    """Return the groups of the cells of several studies; see ``strategy_groups``.
+    """Return the groups of the cells of several studies, also those of one cell, in order of
+    their first cells.
 
     Args:
         studies: the studies, in order of their numbers.
@@ -108,43 +70,6 @@ def groups_over(studies: Sequence[Study], names: Sequence[str] = ("",)) -> list[
             members.setdefault(key, []).append((run, number, cell))
             number += 1
     return [_group(cells, names) for cells in members.values()]
-
-
-def parameter_sweeps(group: StrategyGroup) -> list[ParameterSweep]:
-    """Return every set of at least two cells that differ only in one numeric parameter."""
-    sweeps = []
-    for strategy in dict.fromkeys(member.strategy for member in group.cells):
-        sets = {i: m.parameters for i, m in enumerate(group.cells) if m.strategy == strategy}
-        varied = _varied(sets.values())
-        for parameter in varied:
-            lines: dict[str, list[int]] = {}
-            for position, parameters in sets.items():
-                if _is_number(parameters.get(parameter)):
-                    others = {name: parameters.get(name) for name in varied if name != parameter}
-                    key = _frozen([group.cells[position].run, others])
-                    lines.setdefault(key, []).append(position)
-            for positions in lines.values():
-                if len(positions) > 1:
-                    sweeps.append(_sweep(strategy, parameter, varied, positions, sets))
-    return sweeps
-
-
-def _sweep(
-    strategy: str,
-    parameter: str,
-    varied: list[str],
-    positions: list[int],
-    parameters: Mapping[int, Parameters],
-) -> ParameterSweep:
-    ordered = sorted(positions, key=lambda position: parameters[position][parameter])
-    first = parameters[ordered[0]]
-    return ParameterSweep(
-        strategy,
-        parameter,
-        {name: first.get(name) for name in varied if name != parameter},
-        tuple(ordered),
-        tuple(float(parameters[position][parameter]) for position in ordered),
-    )
 
 
 def _group(cells: list[_Numbered], names: Sequence[str]) -> StrategyGroup:
@@ -240,10 +165,6 @@ def _varied(tables: Iterable[Mapping[str, Any]]) -> list[str]:
     all_of = list(tables)
     names = dict.fromkeys(name for table in all_of for name in table)
     return [name for name in names if len({_frozen(table.get(name)) for table in all_of}) > 1]
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _frozen(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""Finds the worst episodes of a run, or the episodes that became worse since an earlier run."""
+"""Finds the worst passages of a run."""
 
 import math
 import shlex
@@ -15,8 +15,6 @@ from harness.measures.catalogue import COLUMNS, MEASURES
 from harness.old.store.summaries import known
 from harness.old.studies.runs.opening import opened_run
 from harness.old.studies.runs.run_data import RunData
-from harness.old.studies.runs.same_pairs import TOLERANCE, check_same_pairs, names_of
-from harness.old.studies.runs.strategy_groups import StrategyCell, groups_over
 
 RANKED = {measure.column: measure for measure in MEASURES if measure.worse is not None}
 """Measures that can rank episodes."""
@@ -25,9 +23,6 @@ CONFLICT_S = 5.0
 """A larger PET or TTC counts as this value: no conflict (SSAM's maximum, FHWA-HRT-08-051)."""
 
 _CAPPED = ("pet_s", "min_ttc_s")
-
-_BEFORE = "_before"
-"""Suffix of the columns of the earlier run."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +33,7 @@ class WorstEpisode:
     ``driver`` is the strategy that drove; ``sumo`` if none may drive the passage.  ``contact`` is
     the side of the vehicle that touched a pedestrian, and ``contact_speed_mps`` its speed then in
     m/s; None without a contact.
-    ``before`` and ``ending_before`` are value and ending in the earlier run; None if there is no
-    earlier run.  ``varied`` has the cell's varied keys.  ``names`` identifies a passage within its
+    ``varied`` has the cell's varied keys.  ``names`` identifies a passage within its
     arm by crosswalk, vehicle and time of R0; it is empty for an episode.
     """
 
@@ -52,8 +46,6 @@ class WorstEpisode:
     driver: str
     contact: Contact | None
     contact_speed_mps: float | None
-    before: float | None = None
-    ending_before: Ending | None = None
     varied: Mapping[str, Any] = field(default_factory=dict)
     names: Mapping[str, Any] = field(default_factory=dict)
 
@@ -98,63 +90,14 @@ def worst(
     data = opened_run(run)
     rows = _episodes(data, by, arm, cell)
     bad = rows[rows["badness"] > least(by)].nlargest(most, "badness", keep="all")
-    return _ranked(data, bad, "badness", by, arm)[:most]
+    return _ranked(data, bad, by, arm)[:most]
 
 
-def got_worse(
-    run: RunData | str | Path,
-    since: RunData | str | Path,
-    by: str = "pet_s",
-    most: int = 20,
-    arm: Arm | str = Arm.AV,
-    cell: int | None = None,
-) -> list[WorstEpisode]:
-    """Return the episodes that are worse than in an earlier run, the greatest change first.
-
-    Cells are matched as in ``compare``: they have the same strategy and parameters, or they are the
-    only cell of their run in a group.  A PET or TTC that exceeds 5 s or is undefined counts as 5 s.
-    An episode without contact has an impact speed of 0 m/s.  For other measures, episodes with an
-    undefined value are excluded.  New crashes (for delay, new time-outs) come first.
-
-    Args:
-        run: a finished run or its folder.
-        since: the earlier run, with the same pedestrians.
-        by: one of ``RANKED``.
-        most: maximum number of episodes, 1 or more.
-        arm: driver of the episodes; the human's episodes are the same in both runs.
-        cell: number of the cell of ``run``; None: all cells.
-
-    Raises:
-        InputError: see ``worst``; or the runs cannot be compared pair by pair.
-    """
-    arm = _check(by, most, arm)
-    now, then = opened_run(run), opened_run(since)
-    for data in (now, then):
-        if not data.kind.compared:
-            problem = f"is a run of {data.kind.name}, whose passages differ between runs"
-            raise InputError(f"--diff {data.path}", problem, f"a run without {data.kind.section}")
-    groups = groups_over([then.study, now.study], names_of([then, now]))
-    check_same_pairs([then, now], groups)
-    old, new = _episodes(then, by, arm), _episodes(now, by, arm, cell)
-    parts = []
-    for before, after in [match for group in groups for match in _matches(group.cells)]:
-        past = old.loc[old["cell"] == before.cell.number, ["pair", "badness", by, "ending"]]
-        present = new[new["cell"] == after.cell.number]
-        parts.append(present.merge(past, on="pair", suffixes=("", _BEFORE)))
-    if not parts:
-        allowed = "the same strategy and parameters in both, or one cell of each"
-        raise InputError(
-            str(now.path), f"none of its cells has a unique counterpart in {then.path}", allowed
-        )
-    rows = pd.concat(parts)
-    rows["change"] = rows["badness"] - rows[f"badness{_BEFORE}"]
-    worse = rows[rows["change"] > TOLERANCE].nlargest(most, "change", keep="all")
-    return _ranked(now, worse, "change", by, arm)[:most]
-
-
-def _ranked(run: RunData, rows: pd.DataFrame, key: str, by: str, arm: Arm) -> list[WorstEpisode]:
+def _ranked(run: RunData, rows: pd.DataFrame, by: str, arm: Arm) -> list[WorstEpisode]:
     names = ["cell", "pair", *run.kind.ranked[1]]
-    order = rows.sort_values([key, *names], ascending=[False, *[True] * len(names)], kind="stable")
+    order = rows.sort_values(
+        ["badness", *names], ascending=[False, *[True] * len(names)], kind="stable"
+    )
     return [_episode(run, row, by, arm) for _, row in order.iterrows()]
 
 
@@ -170,18 +113,6 @@ def _check(by: str, most: int, arm: Arm | str) -> Arm:
     if arm not in (*Arm,):
         raise unknown_name("--arm", "arm", str(arm), [*Arm])
     return Arm(arm)
-
-
-def _matches(cells: tuple[StrategyCell, ...]) -> list[tuple[StrategyCell, StrategyCell]]:
-    """Match the cells of the first run with their counterparts in the second."""
-    first, second = ([cell for cell in cells if cell.run == run] for run in (0, 1))
-    same = [
-        (a, b)
-        for a in first
-        for b in second
-        if (a.strategy, a.parameters) == (b.strategy, b.parameters)
-    ]
-    return same or ([(first[0], second[0])] if len(first) == len(second) == 1 else [])
 
 
 def _episodes(run: RunData, by: str, arm: Arm, cell: int | None = None) -> pd.DataFrame:
@@ -237,7 +168,6 @@ def least(by: str) -> float:
 
 
 def _episode(run: RunData, row: "pd.Series[Any]", by: str, arm: Arm) -> WorstEpisode:
-    compared = f"ending{_BEFORE}" in row
     return WorstEpisode(
         run.path,
         int(row["cell"]),
@@ -248,8 +178,6 @@ def _episode(run: RunData, row: "pd.Series[Any]", by: str, arm: Arm) -> WorstEpi
         row["strategy"],
         None if pd.isna(row["contact"]) else Contact(row["contact"]),
         known(row["contact_speed_mps"]),
-        known(row[f"{by}{_BEFORE}"]) if compared else None,
-        Ending(row[f"ending{_BEFORE}"]) if compared else None,
         run.study.cells[int(row["cell"])].varied,
         {name: row[name] for name in run.kind.ranked[1]},
     )

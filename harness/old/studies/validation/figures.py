@@ -256,12 +256,10 @@ def findings_of(
     findings = {}
     for entry in ENTRIES:
         assert entry.paired is not None
-        finding = entry.finding(entry.key, entry.paired(drives), 0)
+        finding = entry.finding(entry.paired(drives))
         finding = replace(finding, n=defined.get(entry.key))
         if entry.form is not Form.COUNT:
-            values = [
-                entry.finding(entry.key, entry.paired(sample), 0).number for sample in resampled
-            ]
+            values = [entry.finding(entry.paired(sample)).number for sample in resampled]
             low, high = middle(values) or (None, None)
             reliable = None if finding.value is None else doubt is None
             reason = finding.reason or doubt

@@ -29,6 +29,4 @@ def executor_for(study: Study, options: Options, dask: str | None = None) -> Exe
 
         return ThisProcess()
     pairs = sum(cell.scenario.experiment.pairs for cell in study.cells)
-    # A few quick pairs do not need all workers, so the workers start in stages.
-    at_once = pairs if study.long_pairs else -(-pairs // options.task_pairs)
-    return LocalPool(workers_for(pairs, options), at_once=at_once)
+    return LocalPool(workers_for(pairs, options))

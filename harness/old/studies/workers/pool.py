@@ -44,9 +44,6 @@ each worker.  From its first lines on it ends when its parent ends."""
 
 _STANDARD_ERROR = 2
 
-LATER_S = 3.0
-"""Delay after which further workers start if there are still tasks."""
-
 _STARTS = 3
 """How many times a worker may die before it is ready.  No task causes these deaths."""
 
@@ -69,8 +66,6 @@ class LocalPool:
         workers: number of processes.
         folder: working directory of the workers, in which they find the user's own strategies.
             None means the working directory of this process.
-        at_once: number of workers that start at once; None means all.  The others start if there is
-            still work after ``LATER_S``, because a start takes as long as some hundred quick pairs.
         imports: modules of the functions to run, separated by commas.  A worker imports them before
             its first job, while this process is still importing its own.
         environment: further environment variables of the workers.
@@ -81,7 +76,6 @@ class LocalPool:
         workers: int,
         folder: Path | None = None,
         *,
-        at_once: int | None = None,
         imports: str = "harness.engine.sumo,harness.old.studies.kinds.table",
         environment: Mapping[str, str] | None = None,
     ) -> None:
@@ -93,11 +87,7 @@ class LocalPool:
         self._stopped = Event()
         self._problem = "the workers are stopped"
         self._alive: set[subprocess.Popen[bytes]] = set()
-        first = workers if at_once is None else at_once
-        self._threads = [
-            Thread(target=self._keep_busy, args=(number < first,), daemon=True)
-            for number in range(workers)
-        ]
+        self._threads = [Thread(target=self._keep_busy, daemon=True) for _ in range(workers)]
         for thread in self._threads:
             thread.start()
 
@@ -120,13 +110,9 @@ class LocalPool:
         for thread in self._threads:
             thread.join()
 
-    def _keep_busy(self, at_once: bool) -> None:
+    def _keep_busy(self) -> None:
         """Give one job after the other to a worker; if it dies, a new worker gets the next job."""
-        worker = None
-        if at_once:
-            worker = self._ready()
-        else:
-            self._stopped.wait(LATER_S)
+        worker = self._ready()
         while (job := self._queue.get()) is not None:
             if worker is not None and worker.process.poll() is not None:
                 # The worker died between two jobs, so no job caused its death.

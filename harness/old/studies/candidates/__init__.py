@@ -1,1 +1,0 @@
-"""Many candidates on the same people, without a run folder."""

@@ -1,0 +1,188 @@
+"""The page of a run and its figures: its text, without a browser."""
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from matplotlib.figure import Figure
+from scipy import stats
+
+from harness.core.encounter import Observation
+from harness.core.errors import HarnessError
+from harness.report import style
+from harness.report.figures import draw_limit, draw_over, draw_running_mean, draw_tau
+from harness.report.page import write_page
+from harness.report.svg import VARIABLES, inline_svg
+from harness.results.finding import Finding
+from harness.results.run import Run
+from harness.studies.allowed import allowed_in
+from harness.studies.candidates import groups_of
+from harness.studies.compare import compare
+from harness.studies.run import run
+from harness.studies.shown import shown_pairs
+from tests.report.test_screens import PAPER, result as made_result
+
+HOSTILE = '</script><script>document.title = "owned"</script><img src=x onerror=alert(1)> & $\\x$'
+QUICK = {"engine": "plain", "workers": 0}
+
+
+class Page(HTMLParser):
+    """The elements and the visible text of a page."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.words: list[str] = []
+        self.summaries: list[str] = []
+        self._inside = ""
+        self.source = path.read_text(encoding="utf-8")
+        self.feed(self.source)
+        self.text = re.sub(r"\s+", " ", " ".join(self.words).replace("\u200b", ""))
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attributes)))
+        self._inside = tag
+
+    def handle_data(self, data: str) -> None:
+        if self._inside not in ("script", "style"):
+            self.words.append(data)
+        if self._inside == "summary" and data.strip():
+            self.summaries.append(data)
+
+    def figures(self) -> list[str]:
+        found = (str(of.get("id")) for tag, of in self.tags if tag == "figure")
+        return [name.removeprefix("figure-") for name in found]
+
+
+def written(run: Run, page: Path, **more: object) -> Page:
+    return Page(write_page(run, run.result(), page, **more).page)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def single(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    out = tmp_path_factory.mktemp("single")
+    return run("cctc", pairs=12, traces=True, out=out, **QUICK)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    vary = {"strategies.soft_yield.time_margin_s": [0.0, 1.0, 2.0]}
+    return run("cctc_flow", pairs=8, vary=vary, out=tmp_path_factory.mktemp("swept"), **QUICK)  # type: ignore[arg-type]
+
+
+PROFILES = ["speed-place", "speed-time", "place-time"]
+OVER = ["time-ratio", "kappa", "delay", "pet"]
+
+
+def test_every_number_is_on_the_page_and_every_figure_in_the_folder(
+    single: Run, tmp_path: Path
+) -> None:
+    result, figures = single.result(), tmp_path / "figures"
+    made = write_page(single, result, tmp_path / "page.html", figures, shown_pairs(single))
+    page = Page(made.page)
+    assert page.figures() == ["tau-mean", "tau-distribution", *PROFILES]
+    suffixes = {f"{name}.{suffix}" for name in page.figures() for suffix in ("png", "pdf")}
+    assert {path.name for path in made.figures} == suffixes == {p.name for p in figures.iterdir()}
+    for table in (result.screen, *result.full):
+        for row in table.rows:
+            assert str(row[0]) in page.text
+    for words in (result.title, result.scope, result.about, *(n.text for n in result.notes)):
+        assert words in page.text
+    assert "crossing.length_m" in page.text
+    assert not [of for _, of in page.tags if {"src", "srcset"} & of.keys()]
+    assert not re.findall(r"""(?:href|url\()=?["']?(?!#|data:)[a-z]+:""", page.source)
+
+
+def test_a_sweep_has_its_numbers_over_its_key_and_under_limits_the_papers_figure(
+    swept: Run, tmp_path: Path
+) -> None:
+    page = written(swept, tmp_path / "page.html")
+    assert page.figures() == OVER
+    allowed = allowed_in(groups_of([swept]), 1.2, 0.5, swept.confidence)
+    compared = compare(swept, mu0=1.2, kappa0=0.5)
+    judged = written(swept, tmp_path / "judged.html", compared=compared, allowed=allowed)
+    assert judged.figures() == ["aggressiveness", *OVER]
+    assert "μ0 = 1.2" in judged.text
+    assert "κ0 = 0.5" in judged.text
+    assert compared.full[-1].title in judged.text
+    assert [table.title for table in compared.full] == [
+        title for title in judged.summaries if title.startswith(("Difference", "strategies."))
+    ]
+    keys = [note.key for note in (*swept.result().notes, *compared.notes)]
+    notes = judged.source.partition('class="notes"')[2].partition("</ul>")[0]
+    assert notes.count("<li>") == len({*keys})
+    ids = [name for _, of in judged.tags if (name := of.get("id"))]
+    assert len(ids) == len({*ids})
+    used = {name for _, of in judged.tags for name in str(of.get("aria-labelledby") or "").split()}
+    assert used - {*ids} == set()
+
+
+class Failing:
+    """Fails at once."""
+
+    def decide(self, _observation: Observation, /) -> float:
+        raise RuntimeError(HOSTILE)
+
+
+def test_what_a_run_is_called_and_fails_with_stays_text(tmp_path: Path) -> None:
+    """Only our two scripts run, whose hashes the page names; failures are listed."""
+    failed = run("cctc_flow", pairs=2, settings={"arms.av": Failing}, out=tmp_path / "run", **QUICK)  # type: ignore[arg-type]
+    hostile = made_result(PAPER, HOSTILE, full=(PAPER,), title=HOSTILE)
+    page = Page(write_page(failed, hostile, shown=shown_pairs(failed)).page)
+    scripts = [of for tag, of in page.tags if tag == "script"]
+    assert [of.get("type") for of in scripts] == ["application/json", None, None]
+    assert {"img", "b"}.isdisjoint(tag for tag, _ in page.tags)
+    assert page.text.count('document.title = "owned"') >= 4
+    assert f"cell 0, pair 1, av: the strategy raised RuntimeError: {HOSTILE[:40]}" in page.text
+
+
+def test_a_page_that_cannot_be_written_is_one_line(single: Run, tmp_path: Path) -> None:
+    with pytest.raises(HarnessError, match=str(tmp_path)):
+        write_page(single, single.result(), tmp_path)
+    (tmp_path / "file").touch()
+    with pytest.raises(HarnessError, match="file"):
+        write_page(single, single.result(), tmp_path / "page.html", tmp_path / "file" / "figures")
+
+
+@given(st.lists(st.floats(0.1, 5) | st.just(float("nan")), min_size=1, max_size=40))
+@settings(deadline=None)
+def test_the_running_mean_has_students_band(tau: list[float]) -> None:
+    axes = Figure().subplots()
+    draw_running_mean(axes, tau, paper=0.7044)
+    values = np.array([value for value in tau if not np.isnan(value)])
+    lines = {line.get_label(): np.asarray(line.get_ydata(), float) for line in axes.lines}
+    means = [values[: n + 1].mean() for n in range(len(values))]
+    np.testing.assert_allclose(lines["mean of the first n"], means)
+    np.testing.assert_allclose(lines["paper: 0.7044"], 0.7044)
+    if len(values) >= 5 and np.ptp(values) > 1e-3:
+        low, high = stats.t.interval(0.95, 4, values[:5].mean(), stats.sem(values[:5]))
+        corners = np.asarray(axes.collections[0].get_paths()[0].vertices, dtype=float)
+        at_5 = {round(float(y), 9) for x, y in corners if x == 5}
+        assert at_5 == {round(low, 9), round(high, 9)}
+
+
+@given(st.lists(st.floats(0.1, 50), min_size=1, max_size=200), st.data())
+@settings(deadline=None)
+def test_the_histogram_counts_every_pair_once(tau: list[float], data: st.DataObject) -> None:
+    axes = Figure().subplots()
+    fallback = data.draw(st.lists(st.booleans(), min_size=len(tau), max_size=len(tau)))
+    draw_tau(axes, tau, Finding(1.0, 0.9, 1.1), fallback=fallback)
+    heights = [bar.get_height() for bars in axes.containers for bar in bars]
+    assert sum(heights) == len(tau)
+    assert axes.get_title(loc="right") == f"n = {len(tau)}"
+
+
+def test_every_colour_of_a_figure_is_one_of_the_pages() -> None:
+    with style.styled():
+        figure, (above, below) = style.new_figure(2)
+        points = [(x, Finding(0.1 * x, 0.0, 0.3, 50)) for x in (1.0, 2.0, 40.0)]
+        draw_over(above, {f"line {n}": points for n in range(6)}, "x", "y", level=(1.0, "one"))
+        draw_limit(below, points, "x", "κ", 0.2, allowed=[True, True, False])
+        svg = inline_svg(figure, "f", "title", "words")
+    assert {*re.findall(r"#[0-9a-f]{6}\b", svg)} <= {"#000000"}
+    assert {f"var({name})" for name in VARIABLES.values()} - {*re.findall(r"var\([a-z-]+\)", svg)}
+    assert above.get_xscale() == "log"
+    assert "allowed" in below.get_legend_handles_labels()[1]

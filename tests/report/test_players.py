@@ -1,0 +1,424 @@
+"""The page and its player in a real browser, from disk: Debian's Chromium without a window.
+
+Skipped where there is none; `.ci/run` installs it.
+"""
+
+import re
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+
+from harness.report import page as pages
+from harness.report.page import write_page
+from harness.results.run import Run
+from harness.studies.compare import compare
+from harness.studies.run import run
+from harness.studies.shown import shown_pairs
+from tests.report.test_pages import HOSTILE, Failing
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+
+CHROMIUM = shutil.which("chromium")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
+
+FLAGS = [
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+]
+WIDE = {"width": 1280, "height": 900}
+
+
+class Opened:
+    """A page in the browser, with what it said and asked for since it was opened."""
+
+    said: ClassVar[list[str]] = []
+    """By all pages: a test in which one of them says anything fails, see ``_nothing_is_said``."""
+
+    def __init__(self, browser: Any, path: Path) -> None:
+        self.asked: list[str] = []
+        self.page = browser.new_page(viewport=WIDE)
+        self.page.on("console", lambda message: self.said.append(message.text))
+        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.address = path.as_uri()
+        self.page.goto(self.address)
+
+
+@pytest.fixture(autouse=True)
+def _nothing_is_said() -> Iterator[None]:
+    yield
+    said = Opened.said.copy()
+    Opened.said.clear()
+    assert said == []
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with sync_api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield chromium
+        chromium.close()
+
+
+def opened_page(browser: Any, of: Run, **more: Any) -> Opened:
+    """The page of a run with its player, in the browser; figures are looked at in ``every``."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not more.pop("every", False):
+            patch.setattr(pages, "pictures_of", lambda _scene: iter(()))
+        return Opened(browser, write_page(of, of.result(), shown=shown_pairs(of), **more).page)
+
+
+QUICK: dict[str, Any] = {"engine": "plain", "workers": 0}
+
+
+@pytest.fixture(scope="module")
+def single(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The paper's experiment with traces."""
+    return run("cctc", pairs=12, traces=True, out=tmp_path_factory.mktemp("single"), **QUICK)
+
+
+@pytest.fixture(scope="module")
+def opened(browser: Any, single: Run) -> Opened:
+    return opened_page(browser, single, every=True)
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Two flows and two strategies, one of which fails in every episode; no traces."""
+    vary = {"pedestrians.flow_per_hour": [300.0, 900.0], "arms.av": [Failing, "constant_speed"]}
+    out = tmp_path_factory.mktemp("swept")
+    return run("cctc_flow", pairs=4, vary=vary, out=out, **QUICK)
+
+
+@pytest.fixture(scope="module")
+def opened_sweep(browser: Any, swept: Run) -> Opened:
+    return opened_page(browser, swept, compared=compare(swept), every=True)
+
+
+@pytest.fixture
+def all_opened(opened: Opened, opened_sweep: Opened) -> tuple[Opened, ...]:
+    return opened, opened_sweep
+
+
+@pytest.fixture
+def page(opened: Opened) -> Any:
+    """The single run's page as it is after opening."""
+    opened.page.set_viewport_size(WIDE)
+    opened.page.emulate_media(color_scheme="light", media="screen", reduced_motion="no-preference")
+    opened.page.locator("[data-episode='0']").first.click()
+    return opened.page
+
+
+def shown_time(page: Any) -> float:
+    return float(page.locator("#player").get_attribute("data-time"))
+
+
+def shown_pair(page: Any) -> int:
+    """Which pair the player shows."""
+    title: str = page.locator("#player-title").inner_text()
+    return int(title.removeprefix("pair ").split(":")[0])
+
+
+def wait_until(page: Any, condition: Callable[[], bool]) -> None:
+    """The page's own policy lets nobody evaluate text, so the waiting is done here."""
+    end = time.monotonic() + 20
+    while not condition():
+        assert time.monotonic() < end
+        page.wait_for_timeout(15)
+
+
+def scrub(page: Any, time_s: float) -> None:
+    """As a finger on the slider."""
+    page.evaluate(
+        """time => { const slider = document.getElementById("player-time");
+        slider.value = time; slider.dispatchEvent(new Event("input")); }""",
+        time_s,
+    )
+
+
+def test_opens_from_disk_without_a_request(all_opened: tuple[Opened, ...]) -> None:
+    for one in all_opened:
+        assert one.address.startswith("file://")
+        assert one.asked == [one.address]
+        assert one.page.locator("#player").is_visible()
+
+
+def test_what_a_strategy_raises_is_text_and_every_button_works(opened_sweep: Opened) -> None:
+    page = opened_sweep.page
+    for button in page.locator("button:visible").all():
+        button.click()
+    assert page.title() != "owned"
+    assert page.evaluate("document.images.length + document.querySelectorAll('b').length") == 0
+    assert HOSTILE[:30] in page.locator("#results").inner_text()
+    assert opened_sweep.asked == [opened_sweep.address]
+
+
+def test_plays_pauses_and_stops_at_the_end(page: Any) -> None:
+    assert shown_time(page) == 0
+    page.locator("#player-speed").select_option("1")
+    page.locator("#player-play").click()
+    wait_until(page, lambda: shown_time(page) > 0.15)
+    assert page.locator("#player-play").inner_text() == "Pause"
+    page.locator("#player-play").click()
+    stopped = shown_time(page)
+    page.wait_for_timeout(120)
+    assert shown_time(page) == stopped
+    scrub(page, 1e6)
+    end = shown_time(page)
+    scrub(page, end - 0.3)
+    page.locator("#player-speed").select_option("10")
+    page.locator("#player-play").click()
+    wait_until(page, lambda: page.locator("#player").get_attribute("data-playing") == "false")
+    assert shown_time(page) == end
+
+
+def drawn(page: Any, arm: str) -> dict[str, float]:
+    """Where the ego's front and the pedestrian are on the screen, in metres of the road."""
+    found: dict[str, float] = page.evaluate(
+        """arm => {
+            const svg = document.querySelector(`.view[data-arm="${arm}"] svg`);
+            const box = svg.getBoundingClientRect(), view = svg.viewBox.baseVal;
+            const scale = box.width / view.width;
+            const across = (px) => (px - box.left) / scale + view.x;
+            const up = (px) => -((px - box.top) / scale + view.y);
+            const ego = svg.querySelector(".ego").getBoundingClientRect();
+            const walker = svg.querySelector("[data-pedestrian] .walker").getBoundingClientRect();
+            return { x: across(ego.right), lane: up((ego.top + ego.bottom) / 2),
+                     length: ego.width / scale, across: across((walker.left + walker.right) / 2),
+                     y: walker.width ? up((walker.top + walker.bottom) / 2) : null };
+        }""",
+        arm,
+    )
+    return found
+
+
+def test_positions_on_the_screen_are_the_trace(page: Any, single: Run) -> None:
+    for entry in (0, 3):
+        page.locator(f"[data-episode='{entry}']").first.click()
+        rows = single.rows("traces", 0).to_pandas().query(f"pair == {shown_pair(page)}")
+        for arm in ("av", "human"):
+            own = rows[rows["arm"] == arm]
+            ego = own[own["object"] == "ego"].set_index("time_s")
+            walker = own[own["object"] == "pedestrian-0"].set_index("time_s")
+            for step in (0, 17, 41, len(walker) - 2):
+                at = float(ego.index[step])
+                scrub(page, at)
+                places = {"x": ego.loc[at, "x_m"], "y": walker.loc[at, "y_m"], "across": 0.0}
+                # A pixel is about a tenth of a metre here.
+                expected = {"lane": 2.25, "length": 5.0, **places}
+                assert drawn(page, arm) == pytest.approx(expected, abs=0.06)
+                speed = float(page.locator(f".view[data-arm='{arm}']").get_attribute("data-v"))
+                assert speed == pytest.approx(ego.loc[at, "speed_mps"], abs=6e-4)
+
+
+def test_keys_step_jump_and_change_the_episode(page: Any) -> None:
+    page.locator("#player-play").focus()
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("ArrowRight")
+    assert shown_time(page) == pytest.approx(0.2)
+    page.keyboard.press("Shift+ArrowRight")
+    assert shown_time(page) == pytest.approx(1.2)
+    page.keyboard.press("ArrowLeft")
+    assert shown_time(page) == pytest.approx(1.1)
+    page.keyboard.press("End")
+    assert shown_time(page) == float(page.locator("#player-time").get_attribute("max"))
+    page.keyboard.press("Home")
+    assert shown_time(page) == 0
+    before = shown_pair(page)
+    page.keyboard.press("n")
+    assert page.locator("#player").get_attribute("data-shown") == "1"
+    assert shown_pair(page) != before
+    page.keyboard.press("p")
+    assert shown_pair(page) == before
+    page.keyboard.press(" ")
+    wait_until(page, lambda: shown_time(page) > 0)
+    page.keyboard.press(" ")
+    assert page.locator("#player").get_attribute("data-playing") == "false"
+    page.keyboard.press("-")
+    assert page.locator("#player-speed").input_value() != "1"
+
+
+def test_the_list_switches_episodes_and_the_focus_is_seen(page: Any) -> None:
+    """Motion is reduced on request."""
+    entry = page.locator(".list [data-episode]").nth(4)
+    entry.click()
+    assert entry.get_attribute("aria-current") == "true"
+    assert shown_pair(page) == int(entry.inner_text().split()[1])
+    assert shown_time(page) == 0
+    assert page.locator(".view").count() == 2
+    page.locator("#theme").focus()
+    page.keyboard.press("Tab")
+    outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
+    assert outline == "solid"
+    scrolling = "getComputedStyle(document.documentElement).scrollBehavior"
+    for motion, behaviour in (("reduce", "auto"), ("no-preference", "smooth")):
+        page.emulate_media(reduced_motion=motion)
+        assert page.evaluate(scrolling) == behaviour
+    assert page.locator("#player").get_attribute("data-playing") == "false"
+
+
+def test_the_curves_are_the_trace_and_a_click_moves_the_cursor(page: Any, single: Run) -> None:
+    rows = single.rows("traces", 0).to_pandas().query(f"pair == {shown_pair(page)}")
+    ego = rows[(rows["object"] == "ego") & (rows["arm"] == "human")]
+    assert page.locator("#player-charts svg").count() == 3
+    path = page.locator("#player-charts svg").first.locator("path.human").get_attribute("d")
+    assert path.count("L") == len(ego) - 1
+    # ``click`` waits until the chart no longer moves; its box may change while the page loads.
+    chart = page.locator("#player-charts svg").nth(1)
+    box = chart.bounding_box()
+    chart.click(position={"x": box["width"] / 2, "y": box["height"] / 2})
+    half = float(page.locator("#player-time").get_attribute("max")) / 2
+    assert shown_time(page) == pytest.approx(half, rel=0.05)
+    cursor = page.locator("#player-charts .cursor").first.get_attribute("x1")
+    assert float(cursor) == pytest.approx(box["width"] / 2, abs=2)
+
+
+def test_both_arms_show_the_same_moment(page: Any) -> None:
+    """An arm that has ended keeps its last state while the other goes on."""
+    ends = page.evaluate(
+        """() => JSON.parse(document.getElementById("player-data").textContent).episodes[0].arms
+        .map((arm) => arm.ego.t[arm.ego.t.length - 1])"""
+    )
+    first = "av" if ends[0] < ends[1] else "human"
+    other = "human" if first == "av" else "av"
+    scrub(page, min(ends))
+    before = drawn(page, first)["x"], drawn(page, other)["x"]
+    page.locator("#player-time").focus()
+    page.keyboard.press("End")
+    assert shown_time(page) == pytest.approx(max(ends))
+    assert drawn(page, first)["x"] == pytest.approx(before[0])
+    assert drawn(page, other)["x"] > before[1]
+
+
+def test_the_table_sorts_by_mouse_and_by_key(opened_sweep: Opened) -> None:
+    """Numbers by their value, undefined ones last; one column at a time."""
+    page = opened_sweep.page
+    values = """heading => { const table = document.getElementById("screen");
+        const heads = [...table.tHead.rows[0].cells].map((head) => head.textContent);
+        const place = heads.findIndex((head) => head.replace("\u200b", "").startsWith(heading));
+        return [...table.tBodies[0].rows].map((row) => row.cells[place].dataset.value); }"""
+    head = page.locator("#screen th", has_text="delay").first
+    head.locator("button").click()
+    assert head.get_attribute("aria-sort") == "ascending"
+    found = page.evaluate(values, "delay")
+    assert found[2:] == ["", ""]
+    assert [float(value) for value in found[:2]] == sorted(float(value) for value in found[:2])
+    head.locator("button").press("Enter")
+    assert head.get_attribute("aria-sort") == "descending"
+    assert page.evaluate(values, "delay")[2:] == ["", ""]
+    flows = page.locator("#screen th").first
+    flows.locator("button").click()
+    assert head.get_attribute("aria-sort") is None
+    assert [float(value) for value in page.evaluate(values, "flow")] == [300, 300, 900, 900]
+
+
+CONTRAST = """() => {
+  const parse = (text) => {
+    const numbers = text.match(/[\\d.]+/g).map(Number);
+    return { rgb: numbers.slice(0, 3), alpha: numbers.length > 3 ? numbers[3] : 1 };
+  };
+  const channel = (value) => { value /= 255;
+    return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4; };
+  const light = ([r, g, b]) => 0.2126 * channel(r) + 0.7152 * channel(g) + 0.0722 * channel(b);
+  const ground = (element) => {
+    for (let e = element; e; e = e.parentElement) {
+      const colour = parse(getComputedStyle(e).backgroundColor);
+      if (colour.alpha === 1) return colour.rgb;
+    }
+    return [255, 255, 255];
+  };
+  const found = [];
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const element = walker.currentNode.parentElement;
+    const words = walker.currentNode.textContent.trim();
+    if (!words || element.closest("script, style, noscript, title, desc")) continue;
+    if (!element.getClientRects().length) continue;
+    const style = getComputedStyle(element);
+    const inside = element instanceof SVGElement;
+    const [a, b] = [light(parse(inside ? style.fill : style.color).rgb), light(ground(element))];
+    const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+    found.push([ratio, words.slice(0, 40)]);
+  }
+  return found;
+}"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_has_contrast_and_lines_of_figures_stand_out(
+    all_opened: tuple[Opened, ...], opened: Opened, scheme: str
+) -> None:
+    """3 : 1 against the ground for every colour a figure's lines may have."""
+    for one in all_opened:
+        one.page.emulate_media(color_scheme=scheme)
+        found = one.page.evaluate(CONTRAST)
+        assert len(found) > 150
+        assert [entry for entry in found if entry[0] < 4.5] == []
+    names = ["--blue", "--vermillion", "--green", "--purple", "--orange", "--ink", "--muted"]
+    colours = opened.page.evaluate(
+        """names => names.map((name) => { const probe = document.createElement("i");
+        probe.style.color = `var(${name})`; document.body.append(probe);
+        const found = getComputedStyle(probe).color; probe.remove(); return found; })""",
+        ["--card", *names],
+    )
+    card, *lines = map(luminance, colours)
+    for name, line in zip(names, lines, strict=True):
+        bright, dark = max(card, line), min(card, line)
+        assert (bright + 0.05) / (dark + 0.05) >= 3, name
+
+
+def luminance(colour: str) -> float:
+    """Relative luminance of ``rgb(r, g, b)`` (WCAG 2)."""
+    parts = [int(part) / 255 for part in re.findall(r"\d+", colour)]
+    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+@pytest.mark.parametrize("width", [400, 1_000, 1_600])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_overflows(all_opened: tuple[Opened, ...], width: int, scheme: str) -> None:
+    for one in all_opened:
+        one.page.set_viewport_size({"width": width, "height": 900})
+        one.page.emulate_media(color_scheme=scheme)
+        wide = one.page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
+        assert wide[0] <= wide[1]
+
+
+def test_the_toggle_overrides_the_system(page: Any) -> None:
+    ground = "getComputedStyle(document.body).backgroundColor"
+    light = page.evaluate(ground)
+    toggle = page.locator("#theme")
+    toggle.click()
+    page.emulate_media(color_scheme="dark")
+    assert page.evaluate(ground) == light
+    toggle.click()
+    page.emulate_media(color_scheme="light")
+    assert page.evaluate(ground) != light
+    assert toggle.inner_text() == "Colours: dark"
+    toggle.click()
+    assert page.evaluate(ground) == light
+
+
+def test_on_paper_it_is_dark_on_white_and_nothing_is_cut_off(
+    all_opened: tuple[Opened, ...], page: Any
+) -> None:
+    page.emulate_media(color_scheme="dark", media="print")
+    words = page.evaluate("getComputedStyle(document.querySelector('h1')).color")
+    assert words == "rgb(27, 31, 36)"
+    assert not page.locator(".controls").is_visible()
+    right = """Math.max(...[...document.querySelectorAll("td, th, figure, p, .view")].map(
+        (element) => element.getBoundingClientRect().right))"""
+    for one in all_opened:
+        one.page.evaluate("dispatchEvent(new Event('beforeprint'))")
+        assert one.page.locator("details:not([open])").count() == 0
+        # A4 less two margins of 12 mm, at 96 pixels an inch.
+        one.page.set_viewport_size({"width": 703, "height": 1030})
+        one.page.emulate_media(media="print")
+        assert one.page.evaluate(right) <= 703.5
+        one.page.emulate_media(media="screen")
+        one.page.evaluate("dispatchEvent(new Event('afterprint'))")
+        assert one.page.locator("details[open]").count() == 0
