@@ -81,7 +81,7 @@ class Path:
             share = done / done[-1] if done[-1] else np.linspace(0.0, 1.0, len(done))
             knots.append(at_m + share * lane.length_m)
             points.append(shape)
-            scale = lane.length_m / done[-1] if done[-1] else 1.0
+            scale = lane.length_m / float(done[-1]) if done[-1] else 1.0
             end_m = at_m + lane.length_m
             stretches.append(Stretch(lane.lane, at_m, end_m, lane.limit_mps, scale))
             at_m = end_m

@@ -101,7 +101,7 @@ def step_of(hits: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> int | None:
 
 
 TOWNS = [("stretched", 25, 150), ("left", 24, 150)]
-SLOW = [("", 21, 1200), ("", 22, 1200), ("", 27, 1200), ("lanes", 23, 600), ("zebras", 26, 600)]
+SLOW = [("", 21, 600), ("", 22, 600), ("", 27, 600), ("lanes", 23, 300), ("zebras", 26, 300)]
 
 
 @pytest.mark.parametrize(
