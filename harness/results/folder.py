@@ -9,6 +9,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
 
 import filelock
@@ -26,7 +27,7 @@ from harness.scenario import Cell, EngineName, Study
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
 
-SCHEMA = 4
+SCHEMA = 5
 """Version of the folder's format."""
 
 MANIFEST, FINDINGS, SUMMARY, LOG = "manifest.json", "findings.json", "summary.csv", "log.jsonl"
@@ -113,12 +114,14 @@ def manifest_of(
     traces: bool,
     engine: EngineName,
     pairs_per_part: int,
+    files: Mapping[str, str] = MappingProxyType({}),
 ) -> JsonObject:
     """The manifest: everything on which a run depends.
 
     Args:
         study: the study.
         models: the interaction model of each cell.
+        files: hashes of the user's files that are simulated, by their paths.
         traces: whether traces are kept.
         engine: the engine.
         pairs_per_part: number of pairs of a part.
@@ -136,7 +139,7 @@ def manifest_of(
         "pairs_per_part": pairs_per_part,
         "seed": study.base.experiment.seed,
         "know_the_model": know,
-        "simulated_with": simulated_with(study.driven, models),
+        "simulated_with": simulated_with(study.driven, models, files),
     }
     return {**document, "digest": _digest(document)}
 
@@ -146,13 +149,18 @@ def write_manifest(folder: Path, document: JsonObject) -> None:
     write_file(folder / MANIFEST, _json(document))
 
 
-def simulated_with(drivers: Iterable[str], models: Iterable[InteractionModel]) -> JsonObject:
-    """The versions, the user's strategies and the models on which results depend."""
+def simulated_with(
+    drivers: Iterable[str],
+    models: Iterable[InteractionModel],
+    files: Mapping[str, str] = MappingProxyType({}),
+) -> JsonObject:
+    """The versions, the user's strategies and files, and the models on which results depend."""
     entries = {model.name: {"name": model.name, "sha256": model.sha256} for model in models}
     return {
         "versions": versions_of_runs(),
         "strategies": source_digests(drivers),
         "models": [*entries.values()],
+        "files": dict(files),
     }
 
 
@@ -161,6 +169,9 @@ def changes(then: JsonObject, now: JsonObject) -> Iterator[str]:
     for name, digest in now["strategies"].items():
         if then["strategies"].get(name) != digest:
             yield f"the strategy {name} has been edited since the run"
+    for name, digest in now["files"].items():
+        if then["files"].get(name) != digest:
+            yield f"{name} has changed since the run"
     for model in now["models"]:
         if model not in then["models"]:
             yield f"the interaction model {model['name']} has changed since the run"

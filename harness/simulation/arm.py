@@ -88,6 +88,7 @@ class Setup:
         late: how late a vehicle obeys a driver.
         sensors: the sensor of each driver; without any, all see the truth.
         own: the harness's people, by crosswalk.
+        until_empty: whether an arm ends once nobody is on the way after the counted time.
     """
 
     config: SumoConfig
@@ -106,6 +107,7 @@ class Setup:
     late: Callable[[Vehicle, Arm], Vehicle] = lambda vehicle, _driver: vehicle
     sensors: Mapping[Arm, Sensor | None] = field(default_factory=dict)
     own: Mapping[str, Behaving] = field(default_factory=dict)
+    until_empty: bool = False
 
     def counts(self, time_s: float) -> bool:
         """Whether a time is within the counted time."""
@@ -186,7 +188,7 @@ class ArmOfPair:
         session, setup = self.session, self.setup
         end_s = setup.config.end_s
         sample = max(1, round(SAMPLE_S / session.step_s))
-        while session.goes_on(end_s):
+        while session.goes_on(end_s) and not self._is_empty():
             now_s = session.time_s
             self._begin_people(now_s)
             self.control.command(now_s)
@@ -214,6 +216,16 @@ class ArmOfPair:
         self.log.passages.sort(key=lambda each: (each.time_s[0], each.car.name, each.crosswalk.id))
         return self.log
 
+    def __len__(self) -> int:
+        """The number of simulated steps."""
+        return self._steps
+
+    def _is_empty(self) -> bool:
+        """Whether nobody is left whom the arm waits for."""
+        session, setup = self.session, self.setup
+        late = setup.until_empty and session.time_s >= setup.end_s
+        return late and not session.goes_on(None)
+
     # People
 
     def _watch(self, name: str) -> None:
@@ -229,7 +241,7 @@ class ArmOfPair:
         for connection in setup.town.connections(name):
             found = setup.zones.at(connection, crosswalk, *_CAR_M)
             if found is not None:
-                lane = self._lanes[name, connection.id] = SeenLane(found[0])
+                lane = self._lanes[name, connection.id] = SeenLane(found[0], found[1].lane_width_m)
                 lanes.append(lane)
         length_m = crosswalk.length_m
         rules = CellConstants(
@@ -589,6 +601,13 @@ class ArmOfPair:
         speed = self._vehicles.speed_mps
         for crosswalk, edges in self._approaches.items():
             names = {name for edge in edges for name in self.session.vehicles_on(edge)}
+            # The first one may wait inside the junction.
+            names.update(
+                car.name
+                for car in self._near.values()
+                for each in car.passages
+                if each.crosswalk.id == crosswalk and each.begun and car.odometer_m < each.first_m
+            )
             self.log.queues[crosswalk].append(sum(speed(name) < QUEUED_MPS for name in names))
 
 

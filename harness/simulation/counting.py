@@ -5,21 +5,24 @@ from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from harness.core.errors import EngineError
 from harness.simulation.arm import Log, Setup
 from harness.simulation.passages import Columns
 
 
-def vehicles(file: Path, log: Log) -> Columns:
-    """The rows of the table ``vehicles``: every trip that was due, also those that never began.
+def vehicles(file: Path, log: Log, setup: Setup) -> Columns:
+    """The rows of the table ``vehicles``: every trip that was due in the counted time.
 
+    Trips that never began are among them.
     A trip that has not ended counts with the time until the end.  Delays before the departure are
     part of ``time_loss_s``.
 
     Args:
         file: SUMO's ``tripinfo`` output, with unfinished and undeparted trips.
         log: the arm's log.
+        setup: has the counted time.
 
     Raises:
         EngineError: the file is cut off.
@@ -28,15 +31,17 @@ def vehicles(file: Path, log: Log) -> Columns:
     try:
         for _, trip in ET.iterparse(file):
             if trip.tag == "tripinfo":
-                for column, value in _trip(trip.attrib, log).items():
-                    table[column].append(value)
+                row = _trip(trip.attrib, log)
+                if setup.counts(row["due_s"]):
+                    for column, value in row.items():
+                        table[column].append(value)
                 trip.clear()
     except (ET.ParseError, OSError, ValueError) as error:
         raise EngineError(f"SUMO's tripinfo cannot be read: {error}") from None
     return dict(table)
 
 
-def _trip(trip: Mapping[str, str], log: Log) -> Mapping[str, object]:
+def _trip(trip: Mapping[str, str], log: Log) -> Mapping[str, Any]:
     depart_s, arrival_s = float(trip["depart"]), float(trip["arrival"])
     delay_s, departed = float(trip["departDelay"]), depart_s >= 0
     return {

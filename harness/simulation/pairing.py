@@ -1,7 +1,9 @@
 """Both arms of a pair: one configuration, run twice with one seed."""
 
+from collections.abc import Callable, Mapping, Sized
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 from harness.core.encounter import Arm
 from harness.core.errors import EngineError, StrategyError
@@ -19,8 +21,9 @@ class Outcome:
     Attributes:
         pair, arm: which arm.
         passages, vehicles, people, crosswalks: the columns of its tables.
-        events: (collisions, teleports, emergency stops) in the counted time, and the end in s.
         collisions: collider, victim, lane and position of vehicles that hit each other.
+        teleports, emergency_stops, person_collisions: their numbers in the counted time.
+        counted_s, end_s: the counted time, and when the simulation ended.
         reason, traceback: why it failed.
     """
 
@@ -33,6 +36,8 @@ class Outcome:
     collisions: tuple[tuple[str, str, str, float], ...] = ()
     teleports: int = 0
     emergency_stops: int = 0
+    person_collisions: int = 0
+    counted_s: float = 0.0
     end_s: float = 0.0
     reason: str | None = None
     traceback: str | None = None
@@ -47,6 +52,8 @@ def run_arm(
     step_s: float | None = None,
     outputs: frozenset[str] = frozenset(),
     module: Module = "libsumo",
+    more: Mapping[str, str] = MappingProxyType({}),
+    begins: Callable[[Sized | None], None] = lambda _steps: None,
 ) -> Outcome:
     """Simulate one arm of a pair; if a strategy fails in one vehicle, the whole arm fails.
 
@@ -59,13 +66,18 @@ def run_arm(
         step_s: a step other than the configuration's.
         outputs: the outputs that are kept (``Kept``).
         module: where SUMO runs.
+        more: further options of SUMO.
+        begins: receives what grows with every step when the first step is about to begin, and None
+            after the last one.
     """
     session: Session | None = None
     try:
-        session = Session(
-            write_config(setup.config, Kept(folder, outputs), seed, step_s), module=module
-        )
-        log = ArmOfPair(setup, session, pair, arm, seed).run()
+        kept = Kept(folder, outputs)
+        session = Session(write_config(setup.config, kept, seed, step_s, more), module=module)
+        running = ArmOfPair(setup, session, pair, arm, seed)
+        begins(running)
+        log = running.run()
+        begins(None)
         length_s = session.step_s
         session.close()
         session = None
@@ -91,11 +103,13 @@ def outcome(setup: Setup, pair: int, arm: Arm, log: Log, folder: Path, step_s: f
         pair=pair,
         arm=arm,
         passages=passed,
-        vehicles=vehicles(folder / TRIPS_FILE, log),
+        vehicles=vehicles(folder / TRIPS_FILE, log, setup),
         people=people(log, setup, fronts_s),
         crosswalks=crosswalks(log, setup),
         collisions=tuple(log.collisions),
         teleports=log.teleports,
         emergency_stops=log.emergency_stops,
+        person_collisions=log.person_collisions.total(),
+        counted_s=min(setup.end_s, log.end_s) - setup.begin_s,
         end_s=log.end_s,
     )

@@ -195,11 +195,14 @@ class SeenLane:
 
     Args:
         zone: the zone of a car on that connection.
+        lane_width_m: the width of its lane.
     """
 
-    def __init__(self, zone: Zone) -> None:
-        low, high = sorted((zone.y_of(zone.from_m), zone.y_of(zone.to_m)))
-        self.centre_m, self.edges_m = (low + high) / 2, (low, high)
+    def __init__(self, zone: Zone, lane_width_m: float) -> None:
+        self.centre_m = zone.y_of((zone.from_m + zone.to_m) / 2)
+        half_m, length_m = lane_width_m / 2, zone.crosswalk_m
+        low, high = self.centre_m - half_m, self.centre_m + half_m
+        self.edges_m = (max(low, 0.0), min(high, length_m))
         self.coming: list[Coming] = []
         """The vehicles, the first one first."""
 
