@@ -515,6 +515,7 @@ class ArmOfPair:
             replace(
                 car.vehicle,
                 initial_speed_mps=max(v0_mps, 0.1),
+                width_m=passage.zone.to_m - passage.zone.from_m,
                 trigger_range_m=-x_m if inside and x_m < 0.0 else setup.range_m,
             ),
             driver,

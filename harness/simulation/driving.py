@@ -148,7 +148,8 @@ class Passage:
         chosen: whether it is one of the run's; others are driven over, and not measured.
         connection, zone, crossing: where the vehicle meets it.
         stop_m: the odometer at the stop line.
-        vehicle: the car's constants; with v0 and R0 of this passage, once it has begun.
+        vehicle: the car's constants; once it has begun, with v0 and R0 of this passage and the
+            width of its zone: the straight frame's body covers the same part of the crosswalk.
         begun: whether it has passed R0.
         driver: who drives, or ``sumo``.
         strategy: the strategy that drives, until the passage has ended.

@@ -181,9 +181,9 @@ def strike_of(
         path: the vehicle's path.
         walkers: those who stepped off, in the trace's order.
         axis: the crosswalk's.
-        passage: has the time at which the trace begins.
+        passage: has the time at which the trace begins, and the vehicle's size.
     """
-    begin_s, vehicle = passage.time_s[0], trace.vehicle
+    begin_s, vehicle = passage.time_s[0], passage.car.vehicle
     half_m, radius = trace.crossing.width_m / 2, PEDESTRIAN_RADIUS_M
     steps = len(trace.x_m) - 1
     inside = np.flatnonzero(
