@@ -516,7 +516,7 @@ class ArmOfPair:
                 car.vehicle,
                 initial_speed_mps=max(v0_mps, 0.1),
                 width_m=passage.zone.to_m - passage.zone.from_m,
-                trigger_range_m=-x_m if inside and x_m < 0.0 else setup.range_m,
+                trigger_range_m=max(-x_m, 0.1) if inside else setup.range_m,
             ),
             driver,
         )
