@@ -159,6 +159,8 @@ class Passage:
         limited: number of driven steps by what limited them (``LIMITS``).
         ended: how it ended; None while it goes on.
         passed: whether its rear has left.
+        first_m, last_m: the odometer at which the body first and last touches the crosswalk.
+        centre_m: the odometer at x = 0 of the straight frame.
         updates, shown: the driver's sensor and what it showed at each step; None: the truth.
         hides: whether vehicles hide people from it.
     """
@@ -189,20 +191,15 @@ class Passage:
     shown: list[Views] | None = None
     hides: bool = False
 
-    @property
-    def first_m(self) -> float:
-        """The odometer at which the body first touches the crosswalk."""
-        return self.stop_m + self.zone.first_m
+    first_m: float = 0.0
+    last_m: float = 0.0
+    centre_m: float = 0.0
 
-    @property
-    def last_m(self) -> float:
-        """The odometer at which the body last touches it."""
-        return self.stop_m + self.zone.last_m
-
-    @property
-    def centre_m(self) -> float:
-        """The odometer at x = 0 of the straight frame."""
-        return self.stop_m + self.zone.centre_m
+    def __post_init__(self) -> None:
+        """Compute the places of the zone, which are read at every step."""
+        self.first_m = self.stop_m + self.zone.first_m
+        self.last_m = self.stop_m + self.zone.last_m
+        self.centre_m = self.stop_m + self.zone.centre_m
 
     @property
     def x_m(self) -> float:
@@ -234,7 +231,8 @@ class Passage:
         """Measure the whole passage on the connection of a lane to which the vehicle changed."""
         shift_m = self.centre_m - other.centre_m
         self.connection, self.zone, self.crossing = other.connection, other.zone, other.crossing
-        self.stop_m = other.stop_m
+        self.stop_m, self.first_m = other.stop_m, other.first_m
+        self.last_m, self.centre_m = other.last_m, other.centre_m
         if shift_m:
             self.xs_m = array("d", (x_m + shift_m for x_m in self.xs_m))
 

@@ -175,6 +175,10 @@ def test_people_of_the_harness(tmp_path: Path) -> None:
     assert len(walked) > 40
     taken_s = walked["cleared_s"] - walked["start_s"]
     assert np.allclose(taken_s, axis.length_m / walked["speed_mps"])
+    walks = {
+        name: (float(a), float(b)) for name, a, b in walked[["start_s", "speed_mps"]].itertuples()
+    }
+    from_near = set(walked.index[walked["side"] == Side.NEAR])
     seen, off_m = 0, []
     for step in ET.parse(tmp_path / "arm" / "fcd.xml").getroot():
         # SUMO names a step by its beginning, and writes the places at its end.
@@ -182,12 +186,11 @@ def test_people_of_the_harness(tmp_path: Path) -> None:
         for each in step.iter("person"):
             if each.get("id") not in walked.index or each.get("edge") != axis.id:
                 continue
-            row = walked.loc[each.get("id")]
-            start_s, speed_mps = map(float, row[["start_s", "speed_mps"]].tolist())
+            start_s, speed_mps = walks[each.get("id")]
             way_m = (time_s - start_s) * speed_mps
             if not 0.1 < way_m < axis.length_m - 0.1:
                 continue
-            along_m = way_m if row["side"] == Side.NEAR else axis.length_m - way_m
+            along_m = way_m if each.get("id") in from_near else axis.length_m - way_m
             x, y = axis.point(along_m)
             off_m.append(math.hypot(float(each.get("x", "")) - x, float(each.get("y", "")) - y))
             seen += 1
