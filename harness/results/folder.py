@@ -1,4 +1,4 @@
-"""The folder of a run of encounters: its manifest, its lock, its log, and its findings.
+"""The folder of a run: its manifest, its lock, its log, and its findings.
 
 ``findings.json`` is written last: a run is finished if it exists.
 """
@@ -23,6 +23,8 @@ from harness.results.estimators import CONFIDENCE
 from harness.results.finding import finding_from_dict, finding_to_dict
 from harness.results.findings import CellFindings
 from harness.results.result import flat
+from harness.results.screens import records_of
+from harness.results.tables import TABLES_OF, RunKind, kind_of
 from harness.scenario import Cell, EngineName, Study
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
@@ -129,7 +131,7 @@ def manifest_of(
     know = [name for name in study.driven if knows_the_model(find_strategy(name, "arms"))]
     document = {
         "schema": SCHEMA,
-        "kind": "encounters",
+        "kind": kind_of(study.base),
         "name": study.name,
         "scenario": study.base.model_dump(),
         "cells": [dict(cell.varied) for cell in study.cells],
@@ -190,20 +192,20 @@ def refuse_other_versions(then: JsonObject, now: JsonObject) -> None:
         raise InputError("resume", change, "the versions, strategies and model of its beginning")
 
 
-def kind_of_folder(folder: Path) -> Literal["encounters", "old"]:
-    """The kind of a folder's content: a run of encounters, or anything else."""
+def kind_of_folder(folder: Path) -> RunKind | Literal["old"]:
+    """The kind of a folder's content: that of its run, or anything else."""
     try:
-        known = _read(folder / MANIFEST).get("kind") == "encounters"
+        kind = _read(folder / MANIFEST).get("kind")
     except InputError:
-        known = False
-    return "encounters" if known else "old"
+        return "old"
+    return next((known for known in TABLES_OF if known == kind), "old")
 
 
 def read_manifest(folder: Path) -> JsonObject:
     """The manifest of a run folder.
 
     Raises:
-        InputError: the folder holds no run of encounters, or its manifest has another version, has
+        InputError: the folder holds no run, or its manifest has another version, has
             been edited, or is damaged.
     """
     path = folder / MANIFEST
@@ -222,13 +224,17 @@ def read_manifest(folder: Path) -> JsonObject:
 def write_findings(folder: Path, cells: Sequence[CellFindings]) -> None:
     """Write the findings of all cells, after ``summary.csv`` with a row for each cell.
 
+    Those of a simulation's crosswalks follow: rows with a ``crosswalk``, and objects whose name has
+    it behind the cell's number.
+
     Raises:
         HarnessError: the file system refuses.
     """
-    rows = [flat({"cell": cell.number, **cell.varied, **cell.findings}) for cell in cells]
+    rows = [flat(record) for cell in cells for record in records_of(cell)]
     document = {
-        str(cell.number): {key: finding_to_dict(each) for key, each in cell.findings.items()}
+        f"{cell.number} {name}".rstrip(): {key: finding_to_dict(of) for key, of in found.items()}
         for cell in cells
+        for name, found in {"": cell.findings, **cell.by_crosswalk}.items()
     }
     content = _json(document)
     write_csv(folder / SUMMARY, rows)
@@ -247,9 +253,15 @@ def read_findings(folder: Path, cells: Sequence[Cell]) -> tuple[CellFindings, ..
     document, found = _read(path), []
     try:
         for cell in cells:
-            stored = document[str(cell.number)].items()
-            findings = {key: finding_from_dict(fields) for key, fields in stored}
-            found.append(CellFindings(cell.number, cell.varied, cell.scenario, findings))
+            own = {name: of for name, of in document.items() if name.split()[0] == str(cell.number)}
+            whole, *each = (
+                {key: finding_from_dict(fields) for key, fields in of.items()}
+                for of in (own.pop(str(cell.number)), *own.values())
+            )
+            names = [name.partition(" ")[2] for name in own]
+            by_crosswalk = dict(zip(names, each, strict=True))
+            made = CellFindings(cell.number, cell.varied, cell.scenario, whole, by_crosswalk)
+            found.append(made)
     except (AttributeError, KeyError, TypeError) as error:
         allowed = f"delete it; `{resume_command(folder)}` computes it again"
         raise InputError(str(path), f"is damaged ({error})", allowed) from None

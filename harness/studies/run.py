@@ -22,13 +22,11 @@ from harness.engine.installation import check_packages
 from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel, load_model
 from harness.results import folder as folders
-from harness.results.findings import cell_findings
-from harness.results.run import Run, load_run
+from harness.results.run import Run, computed, load_run
 from harness.results.tables import (
     DamagedPartError,
     done_parts,
     part_name,
-    read_cell,
     read_part,
     write_part,
 )
@@ -248,8 +246,7 @@ def _carried_out(
             write_part(path, number, task.first, of_cell, manifest["digest"])
         missing -= task.count * len(task.cells)
         progress(planned - missing, planned)
-    episodes = ((cell, read_cell(path, "episodes", cell.number, manifest)) for cell in study.cells)
-    found = tuple(cell_findings(cell, rows, manifest["confidence"]) for cell, rows in episodes)
+    found = computed(path, manifest, study)
     folders.write_findings(path, found)
     folder.note("finished")
     return Run(path, manifest, study, True, found)
