@@ -1,7 +1,6 @@
 """Simulations whose rows are made by hand: every number of them can be counted."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -104,9 +103,11 @@ def ordinary(pair: int, av: bool = True, slower_s: float = 0.0) -> dict[str, Row
     automated = np.random.default_rng(pair).uniform(size=120) < 0.5
     passages = [
         passage(
-            f"v{n}", crosswalk=[*PLACES][n % 2], automated=bool(automated[n]), driven=bool(automated[n]),
+            f"v{n}", crosswalk=[*PLACES][n % 2],
+            automated=bool(automated[n]), driven=bool(automated[n]),
             driver="gap_yield" if automated[n] else "sumo", trigger_s=due_s[n] + 20,
-            front_s=due_s[n] + 24 + delay_s[n], rear_s=due_s[n] + 26 + delay_s[n], delay_s=delay_s[n],
+            front_s=due_s[n] + 24 + delay_s[n], rear_s=due_s[n] + 26 + delay_s[n],
+            delay_s=delay_s[n],
             not_driven_because=None if automated[n] else "it is no AV",
             share_strategy=0.7, share_leader=0.2, share_lane=0.1, pet_s=float(rng.uniform(0.5, 8)),
             min_ttc_s=float(rng.uniform(0.5, 8)), max_drac_mps2=float(rng.uniform(0, 4)),
@@ -133,7 +134,3 @@ def study_of_shares(*shares: float) -> Study:
     """A sweep over the share of AVs."""
     file = read_scenario_file("traffic", [])
     return study_of(file, [parse_variation(f"traffic.av_share={','.join(map(str, shares))}")])
-
-
-__all__ = [name for name in dir() if not name.startswith("_")]
-_ = Path

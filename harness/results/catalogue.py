@@ -187,8 +187,7 @@ def _growth(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
     return Finding(float(np.nansum(found)) / total if total else None)
 
 
-_HOURS = partial(Entry, estimate=_hourly, of="both", unit="s", digits=1, reliable_from=5,
-                 kinds=SIMULATIONS)  # fmt: skip
+_HOURS = partial(Entry, estimate=_hourly, of="both", unit="s", digits=1, kinds=SIMULATIONS)
 _PASSAGES = partial(Entry, estimate=_of_passages, of="both", form=Form.SHARE, kinds=SIMULATIONS)
 _PER_1000 = partial(_PASSAGES, weight="count passages.vehicle reached", form=Form.NUMBER, digits=1,
                     scale=1_000, undefined="no vehicle reached a crosswalk")  # fmt: skip
@@ -318,7 +317,8 @@ ENTRIES: tuple[Entry, ...] = (
     _HOURS("people_wait_s", "people's wait", "Mean wait at the kerb, until stepping off or the "
            "end.", "mean people.wait_s all", undefined="nobody came", screen=True),
     _HOURS("queue_p95", "queue, 95 %, vehicles", "Number of vehicles that stand before a "
-           "crosswalk, 95 % quantile over seconds and crosswalks.", "queue_p95", unit="", screen=True),
+           "crosswalk, 95 % quantile over seconds and crosswalks.", "queue_p95", unit="",
+           screen=True),
     _PER_1000("conflicts_pet_per_1000", "PET below {pet_s:g} s, per 1,000", "Conflicts and "
               "contacts per 1,000 vehicles that reached a crosswalk or touched somebody.",
               "count passages.vehicle pet", screen=True),
@@ -326,8 +326,8 @@ ENTRIES: tuple[Entry, ...] = (
               "vehicles that reached a crosswalk or touched somebody.",
               "count passages.vehicle touched", weight="count passages.vehicle reached", digits=1,
               form=Form.EVENTS, undefined="no vehicle reached a crosswalk", screen=True),
-    *(_PASSAGES(f"share_{name}", f"AVs' steps by {words}", "Decided by it, as a share of the steps in "
-                "which a strategy drove AVs; in the reference's arm the same vehicles.",
+    *(_PASSAGES(f"share_{name}", f"AVs' steps by {words}", "Decided by it, as a share of the steps "
+                "in which a strategy drove AVs; in the reference's arm the same vehicles.",
                 f"sum passages.{name} av_driven", weight="sum passages.steps av_driven", digits=0,
                 undefined="no strategy drove", screen=name == "strategy", optional=True)
       for name, words in zip(LIMITED_BY, ("the strategy", "the actuator", "a lane or curve",

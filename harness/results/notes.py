@@ -11,13 +11,11 @@ from typing import NamedTuple
 from harness.core.encounter import SPEED_ROUNDING
 from harness.results.estimators import EQUAL, FEW, REPEATED
 from harness.results.findings import CellFindings, on_first_screen
+from harness.results.student import RELIABLE_FROM
 from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
 from harness.scenario.place import name_of
 from harness.strategies.references import not_validated, opposite
 from harness.strategies.registry import fallback_of
-
-FEW_HOURS = 5
-"""Pairs of simulations from which on Student's t intervals are reliable."""
 
 GROWTH = 0.05
 """A road fills if its vehicles grow by more than this share of those who come."""
@@ -247,10 +245,10 @@ def _collisions(cell: CellFindings) -> Said | None:
 
 def _few_hours(cell: CellFindings) -> Said | None:
     ran = cell["people_wait_s_difference"].n or 0
-    if ran >= FEW_HOURS:
+    if ran >= RELIABLE_FROM:
         return None
     rests = f"each interval rests on {ran:,} pairs" if ran > 1 else "one pair has no intervals"
-    return Said(f"Few pairs: {rests}. They are reliable from {FEW_HOURS} pairs on.", -ran)
+    return Said(f"Few pairs: {rests}. They are reliable from {RELIABLE_FROM} pairs on.", -ran)
 
 
 def _who_drove(cell: CellFindings) -> Said | None:
@@ -263,7 +261,8 @@ def _who_drove(cell: CellFindings) -> Said | None:
         f"{words} {100 * (cell[f'share_{name}'].value or 0):.0f} %"
         for words, name in others.items()
     )
-    text = f"SUMO decided {100 * (1 - share):.0f} % of {cell.scenario.arms.av}'s steps: {', '.join(by)}."
+    text = f"SUMO decided {100 * (1 - share):.0f} % of {cell.scenario.arms.av}'s steps: "
+    text += f"{', '.join(by)}."
     if left := passages - driven.count:
         text += f" It did not drive {left:,} of {passages:,} passages: {cell['not_driven'].reason}."
     return Said(text, 1 - share)

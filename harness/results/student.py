@@ -13,6 +13,9 @@ from harness.core.encounter import FloatArray
 from harness.results.estimators import EQUAL, clopper_pearson, informative
 from harness.results.finding import Finding
 
+RELIABLE_FROM = 5
+"""Pairs from which on intervals are reliable; hours are skewed, and t is for normal ones."""
+
 ONE = "one pair has no interval"
 ALONE = "of one pair, as if its passages were independent"
 NO_EVENT = "no event in either arm, so the difference has no interval"
@@ -108,4 +111,6 @@ def _t(value: float, parts: FloatArray, confidence: float, least: float = -math.
     error = float(np.std(parts, ddof=1)) / math.sqrt(n)
     reach = float(special.stdtrit(n - 1, (1 + confidence) / 2)) * error
     p = 2 * float(special.stdtr(n - 1, -abs(value) / error))
-    return Finding(value, max(value - reach, least), value + reach, n, reliable=True, p=p)
+    few = f"unreliable below {RELIABLE_FROM} pairs (has {n})" if n < RELIABLE_FROM else None
+    low, high = max(value - reach, least), value + reach
+    return Finding(value, low, high, n, reliable=not few, reason=few, p=p)
