@@ -12,7 +12,6 @@ from harness.core.encounter import SPEED_ROUNDING
 from harness.results.estimators import EQUAL, FEW, REPEATED
 from harness.results.findings import CellFindings, on_first_screen
 from harness.results.student import RELIABLE_FROM
-from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
 from harness.scenario.place import name_of
 from harness.strategies.references import not_validated, opposite
 from harness.strategies.registry import fallback_of
@@ -60,12 +59,12 @@ class Said(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """When a note is made, what it says, and of which kinds of run; see ``Note``."""
+    """When a note is made, and what it says of encounters and of simulations; see ``Note``."""
 
     key: str
     label: str
-    say: Callable[[CellFindings], Said | None]
-    kinds: tuple[RunKind, ...] = ENCOUNTERS
+    say: Callable[[CellFindings], Said | None] | None
+    simulated: Callable[[CellFindings], Said | None] | None = None
 
 
 def _failures(cell: CellFindings) -> Said | None:
@@ -291,29 +290,24 @@ def _people_of_sumo(cell: CellFindings) -> Said | None:
     return Said(f"SUMO's people {_listed(whys)}.", count) if whys else None
 
 
-_ALL = (*ENCOUNTERS, *SIMULATIONS)
-
 RULES: tuple[Rule, ...] = (
-    Rule("failures", "failures", _failures),
-    Rule("failed_arms", "failures", _failed_arms, SIMULATIONS),
-    Rule("nothing_tested", "nothing tested", _nothing_tested),
-    Rule("nobody_met", "nothing tested", _nobody_met, SIMULATIONS),
-    Rule("collisions", "collisions of vehicles", _collisions, SIMULATIONS),
+    Rule("failures", "failures", _failures, _failed_arms),
+    Rule("nothing_tested", "nothing tested", _nothing_tested, _nobody_met),
     Rule("selected", "selected pairs", _selected),
-    Rule("few_pairs", "few pairs", _few_pairs),
-    Rule("few_hours", "few pairs", _few_hours, SIMULATIONS),
-    Rule("fills", "roads fill", _fills, SIMULATIONS),
+    Rule("few_pairs", "few pairs", _few_pairs, _few_hours),
     Rule("opposite", "another reference disagrees", _opposite),
-    Rule("who_drove", "SUMO drove", _who_drove, SIMULATIONS),
-    Rule("people_of_sumo", "SUMO's people", _people_of_sumo, SIMULATIONS),
-    Rule("fallback", "another strategy drove", _fallback, _ALL),
+    Rule("collisions", "collisions of vehicles", None, _collisions),
+    Rule("fills", "roads fill", None, _fills),
+    Rule("who_drove", "SUMO drove", None, _who_drove),
+    Rule("people_of_sumo", "SUMO's people", None, _people_of_sumo),
+    Rule("fallback", "another strategy drove", _fallback, _fallback),
     Rule("left_out", "pairs left out", _left_out),
-    Rule("undefined", "undefined numbers", _undefined, _ALL),
-    Rule("outside_model", "outside the model's data", _outside_the_model, _ALL),
-    Rule("not_validated", "reference not validated", _not_validated, _ALL),
+    Rule("undefined", "undefined numbers", _undefined, _undefined),
+    Rule("outside_model", "outside the model's data", _outside_the_model, _outside_the_model),
+    Rule("not_validated", "reference not validated", _not_validated, _not_validated),
     Rule("speeding", "speeding", _speeding),
     Rule("repeated", "repeated episodes", _repeated),
-    Rule("equal", "equal in every pair", _equal, _ALL),
+    Rule("equal", "equal in every pair", _equal, _equal),
 )
 """The rules, the worst news first; notes about a run as a whole come before them."""
 
@@ -336,11 +330,8 @@ def notes_of(
     notes = list(about_run)
     called = names or [name_of(cell.varied) for cell in cells]
     for rank, rule in enumerate(RULES):
-        told = [
-            (place, words)
-            for place, cell in enumerate(cells)
-            if cell.kind in rule.kinds and (words := rule.say(cell))
-        ]
+        say = rule.say if cells[0].kind == "encounters" else rule.simulated
+        told = [(place, words) for place, cell in enumerate(cells) if say and (words := say(cell))]
         if not told:
             continue
         worst, (text, weight) = max(told, key=lambda each: each[1].weight)
