@@ -65,13 +65,17 @@ def failed(reason: str = "the strategy raised") -> dict[str, Rows]:
     return {"arms": [{"reason": reason}]}
 
 
-def tables_of(pairs: Sequence[tuple[dict[str, Rows], dict[str, Rows]]], cell: int = 0) -> Tables:
-    """The tables of a cell, from both arms of each pair."""
+def tables_of(
+    pairs: Sequence[tuple[dict[str, Rows], dict[str, Rows]]], cell: int = 0, first: int = 0
+) -> Tables:
+    """The tables of a cell, from both arms of each pair, beginning with pair ``first``."""
     parts = []
-    for number, both in enumerate(pairs):
+    for number, both in enumerate(pairs, first):
         for which, rows in zip(Arm, both, strict=True):
             places = [
-                {"crosswalk": k, "prioritized": v, "length_m": 7.0} for k, v in PLACES.items()
+                {"crosswalk": name, "prioritized": PLACES[name], "length_m": 7.0}
+                | {"x_m": 90.0 * n, "y_m": 40.0 * n}
+                for n, name in enumerate(PLACES)
             ]
             rows = {"crosswalks": places, **rows} if "passages" in rows else rows
             columns = {
