@@ -264,9 +264,10 @@ def draw_map(
         "no clear difference": AV,
     }
     for words, look in looks.items():
-        names = [name for name in places if _sign(slower[name]) == words]
+        if not (names := [name for name in places if _sign(slower[name]) == words]):
+            continue
         area = [30 + (300 * (sizes[name] or 0.0) / most if most else 0) for name in names]
-        at = np.array([places[name] for name in names]).reshape(-1, 2)
+        at = np.array([places[name] for name in names])
         axes.scatter(
             at[:, 0],
             at[:, 1],

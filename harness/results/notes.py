@@ -330,7 +330,8 @@ def notes_of(
     notes = list(about_run)
     called = names or [name_of(cell.varied) for cell in cells]
     for rank, rule in enumerate(RULES):
-        say = rule.say if cells[0].kind == "encounters" else rule.simulated
+        simulated = any(cell.kind == "simulations" for cell in cells)
+        say = rule.simulated if simulated else rule.say
         told = [(place, words) for place, cell in enumerate(cells) if say and (words := say(cell))]
         if not told:
             continue
