@@ -24,7 +24,6 @@ _TOUCHED = _OF("contact_person").is_valid()
 _REACHED = _OF("front_s").is_valid() | _TOUCHED
 _DRIVEN = _OF("automated") & _OF("driven")
 _MET = _OF("pedestrians") > 0
-_FAILED = _OF("reason").is_valid()
 
 # fmt: off
 WHICH: Mapping[str, Callable[[ConflictsSection], pc.Expression]] = {
@@ -49,7 +48,7 @@ WHICH: Mapping[str, Callable[[ConflictsSection], pc.Expression]] = {
     "unfinished": lambda _: _OF("arrival_s").is_null(),
     "prioritized": lambda _: _OF("prioritized"),
     "unprioritized": lambda _: ~_OF("prioritized"),
-    "failed": lambda _: _FAILED,
+    "failed": lambda _: _OF("reason").is_valid(),
 }
 # fmt: on
 """The rows of a table that a column counts; a contact is a conflict of every kind."""
@@ -71,19 +70,14 @@ class SimulationSample:
         self, tables: Tables, scenario: Scenario, confidence: float, crosswalk: str | None = None
     ) -> None:
         self.scenario, self.sampling, self._all = scenario, Sampling(None, confidence), tables
-        arms = tables["arms"]
-        self._pairs = arms["pair"].to_numpy()[::2]
-        self.n = len(self._pairs)
-        left_out = _OF("pair").isin(arms.filter(_FAILED)["pair"].combine_chunks())
-        kept = {name: of if name == "arms" else of.filter(~left_out) for name, of in tables.items()}
-        if crosswalk is not None:
-            here = _OF("crosswalk") == crosswalk
-            kept |= {name: kept[name].filter(here) for name in _AT_CROSSWALKS}
+        here = pc.scalar(True) if crosswalk is None else _OF("crosswalk") == crosswalk
+        self.tables = tables | {name: tables[name].filter(here) for name in _AT_CROSSWALKS}
+        passages, steps = self.tables["passages"], self.tables["passages"]["steps"]
         for name in LIMITED_BY:
-            rows = kept["passages"]
-            steps = pc.multiply(rows["steps"], rows[f"share_{name}"])
-            kept["passages"] = rows.append_column(name, steps)
-        self.tables = kept
+            passages = passages.append_column(name, pc.multiply(steps, passages[f"share_{name}"]))
+        self.tables["passages"] = passages
+        self._pairs = tables["arms"]["pair"].to_numpy()[::2]
+        self.n = len(self._pairs)
         self._arms: dict[str, BothArms] = {}
 
     def at(self, crosswalk: str) -> "SimulationSample":

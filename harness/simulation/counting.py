@@ -45,7 +45,7 @@ def _trip(trip: Mapping[str, str], log: Log) -> Mapping[str, Any]:
     depart_s, arrival_s = float(trip["depart"]), float(trip["arrival"])
     delay_s, departed = float(trip["departDelay"]), depart_s >= 0
     return {
-        "id": trip["id"],
+        "vehicle": trip["id"],
         "type": trip.get("vType", ""),
         "automated": departed and log.kinds[trip["id"]][2],
         "due_s": (depart_s if departed else log.end_s) - delay_s,
@@ -53,18 +53,16 @@ def _trip(trip: Mapping[str, str], log: Log) -> Mapping[str, Any]:
         "arrival_s": arrival_s if arrival_s >= 0 else None,
         "depart_delay_s": delay_s,
         "time_loss_s": delay_s + float(trip["timeLoss"]),
-        "duration_s": delay_s + float(trip["duration"]),
-        "route_m": float(trip["routeLength"]),
     }
 
 
 def people(log: Log, setup: Setup, fronts_s: Mapping[str, Sequence[float]]) -> Columns:
     """The rows of the table ``people``: one for each way over a chosen crosswalk.
 
-    Who crosses two crosswalks has two rows with one ``id``.  ``side`` is the end of the crosswalk's
-    axis from which they come.  ``let_go`` says of those who waited whether they went before the
-    first vehicle: before the first that kept them waiting, if they are the harness's; before any,
-    if they are SUMO's.
+    Who crosses two crosswalks has two rows with one ``person``.  ``side`` is the end of the
+    crosswalk's axis from which they come.  ``let_go`` says of those who waited whether they went
+    before the first vehicle: before the first that kept them waiting, if they are the harness's;
+    before any, if they are SUMO's.
 
     Args:
         log: the arm's log.
@@ -87,7 +85,7 @@ def people(log: Log, setup: Setup, fronts_s: Mapping[str, Sequence[float]]) -> C
                 let_go = bisect_right(fronts, arrival_s) == bisect_right(fronts, until_s)
             row = {
                 "crosswalk": crosswalk,
-                "id": person.id,
+                "person": person.id,
                 "own": person.own,
                 "side": walk.arrival.side,
                 "arrival_s": arrival_s,
@@ -104,17 +102,20 @@ def people(log: Log, setup: Setup, fronts_s: Mapping[str, Sequence[float]]) -> C
 
 
 def crosswalks(log: Log, setup: Setup) -> Columns:
-    """The rows of the table ``crosswalks``: the queues before each, and SUMO's hits there."""
+    """The rows of the table ``crosswalks``, with the queues before each."""
     table: Columns = defaultdict(list)
     for name, queue in log.queues.items():
         crosswalk = setup.town.crosswalks[name]
+        centre = crosswalk.axis.interpolate(0.5, normalized=True)
         row = {
             "crosswalk": name,
             "prioritized": crosswalk.prioritized,
             "length_m": crosswalk.length_m,
+            "width_m": crosswalk.width_m,
+            "x_m": centre.x,
+            "y_m": centre.y,
             "mean_queue": sum(queue) / len(queue) if queue else None,
             "max_queue": max(queue, default=None),
-            "sumo_person_collisions": log.person_collisions[name],
         }
         for column, value in row.items():
             table[column].append(value)

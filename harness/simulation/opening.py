@@ -2,12 +2,16 @@
 
 import hashlib
 import math
+import os
+import subprocess
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from harness.core.encounter import Arm, Strategy
 from harness.core.errors import EngineError, InputError, StrategyError, in_one_line, nearest_name
+from harness.engine.starting import scratch_prefix
 from harness.episode.arms import asks_model, make_strategy
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.walking_speeds import WalkingSpeeds
@@ -19,9 +23,15 @@ from harness.scenario.sight import check_sight
 from harness.simulation import demand
 from harness.simulation.arm import Behaving, Setup
 from harness.simulation.driving import Zones
-from harness.simulation.files import check_outputs
+from harness.simulation.files import Kept, check_outputs, write_config
 from harness.simulation.shares import number_of
-from harness.site.configuration import SumoConfig, people_come, read_config
+from harness.site.configuration import (
+    SumoConfig,
+    first_error,
+    people_come,
+    read_config,
+    sumo_program,
+)
 from harness.site.town import Town
 from harness.site.vehicle_types import types_that_come
 from harness.strategies.perception.sensor import sensor_of
@@ -66,13 +76,21 @@ class Opened:
     step_s: float | None = None
     outputs: frozenset[str] = frozenset()
 
-    def setup(self, model: InteractionModel) -> Setup:
+    def seed(self, pair: int) -> int:
+        """SUMO's seed of a pair."""
+        # That of ``[traffic]`` has been written for its pair.
+        traffic = self.scenario.traffic is not None
+        return self.config.seed if traffic else sumo_seed(self.scenario, self.config.seed, pair)
+
+    def setup(self, model: InteractionModel, speeds: list[WalkingSpeeds]) -> Setup:
         """What all arms share.
 
         Args:
             model: the interaction model.
+            speeds: receives what counts the uses of the model for each crosswalk of an arm.
         """
         scenario, ego = self.scenario, self.scenario.ego
+        comes = scenario.pedestrians.anyone_comes
 
         def make(driver: Arm, pair: int, vehicle: str) -> Strategy | None:
             if scenario.arms.driver(driver) == SUMO_DRIVER:
@@ -100,21 +118,21 @@ class Opened:
             make=make,
             late=scenario.late,
             sensors={driver: sensor_of(scenario, driver) for driver in Arm},
-            own=dict.fromkeys(self.crosswalks, self._behaving(model)) if self.people_come else {},
+            own=dict.fromkeys(self.crosswalks, self._behaving(model, speeds)) if comes else {},
             until_empty=scenario.traffic is not None,
         )
 
-    @property
-    def people_come(self) -> bool:
-        """Whether people of the harness come."""
-        return self.scenario.pedestrians.anyone_comes
-
-    def _behaving(self, model: InteractionModel) -> Behaving:
+    def _behaving(self, model: InteractionModel, speeds: list[WalkingSpeeds]) -> Behaving:
         """The harness's people; in its own network they have the streams of an encounter's."""
         scenario, since_s = self.scenario, self.config.begin_s
         last_s = self.config.end_s
         horizon_s = (self.end_s if last_s is None else last_s) - since_s
         people = scenario.pedestrians
+
+        def choose_speed(pair: int) -> WalkingSpeeds:
+            speeds.append(WalkingSpeeds(scenario, model.of_pair(pair)))
+            return speeds[-1]
+
         return Behaving(
             arrivals=lambda pair, crosswalk: planned_arrivals(
                 scenario,
@@ -123,7 +141,7 @@ class Opened:
                 begin_s=self.begin_s - since_s,
                 key=() if crosswalk == demand.CROSSWALK else (number_of(crosswalk),),
             ),
-            choose_speed=lambda pair: WalkingSpeeds(scenario, model.of_pair(pair)),
+            choose_speed=choose_speed,
             behaviour=people.behaviour,
             kerb_wait_s=people.kerb_wait_s,
             threshold=people.threshold,
@@ -204,6 +222,21 @@ def check_roads(found: Opened, model: InteractionModel) -> None:
             where = f"the limit before {name} (simulation.crossings)"
             for limit_mps in _limits_mps(found.town, name):
                 check_support(model, scenario.ego.trigger_range_m, limit_mps, where)
+
+
+def check_demand(config: SumoConfig) -> None:
+    """Refuse a configuration with a route that SUMO cannot build.
+
+    Raises:
+        InputError: SUMO does not begin with all routes loaded.
+    """
+    with TemporaryDirectory(prefix=scratch_prefix(os.getpid())) as scratch:
+        now = {"route-steps": "0", "end": f"{config.begin_s + config.step_s:.3f}"}
+        path = write_config(config, Kept(Path(scratch), frozenset()), config.seed, None, now)
+        command = [sumo_program(), "-c", str(path)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise InputError(str(config.path), f"SUMO refuses it ({first_error(done.stderr)})")
 
 
 def digests(config: SumoConfig) -> Mapping[str, str]:

@@ -21,9 +21,8 @@ class Outcome:
     Attributes:
         pair, arm: which arm.
         passages, vehicles, people, crosswalks: the columns of its tables.
+        counts: the numbers of its row of ``arms``.
         collisions: collider, victim, lane and position of vehicles that hit each other.
-        teleports, emergency_stops, person_collisions: their numbers in the counted time.
-        counted_s, end_s: the counted time, and when the simulation ended.
         reason, traceback: why it failed.
     """
 
@@ -33,12 +32,8 @@ class Outcome:
     vehicles: Columns = field(default_factory=dict)
     people: Columns = field(default_factory=dict)
     crosswalks: Columns = field(default_factory=dict)
+    counts: Mapping[str, float] = field(default_factory=dict)
     collisions: tuple[tuple[str, str, str, float], ...] = ()
-    teleports: int = 0
-    emergency_stops: int = 0
-    person_collisions: int = 0
-    counted_s: float = 0.0
-    end_s: float = 0.0
     reason: str | None = None
     traceback: str | None = None
 
@@ -83,8 +78,9 @@ def run_arm(
         session = None
         return outcome(setup, pair, arm, log, folder, length_s)
     except EngineError as error:
-        text = error.traceback if isinstance(error, StrategyError) else None
-        return Outcome(pair, arm, reason=str(error), traceback=text)
+        if isinstance(error, StrategyError):
+            return Outcome(pair, arm, reason=str(error), traceback=error.traceback)
+        return Outcome(pair, arm, reason=f"{setup.config.path.name}: {error}")
     finally:
         if session is not None:
             session.close()
@@ -99,17 +95,25 @@ def outcome(setup: Setup, pair: int, arm: Arm, log: Log, folder: Path, step_s: f
             fronts_s.setdefault(name, []).append(front_s)
     for times in fronts_s.values():
         times.sort()
+    walked = people(log, setup, fronts_s)
+    own = walked.get("own", [])
     return Outcome(
         pair=pair,
         arm=arm,
         passages=passed,
         vehicles=vehicles(folder / TRIPS_FILE, log, setup),
-        people=people(log, setup, fronts_s),
+        people=walked,
         crosswalks=crosswalks(log, setup),
+        counts={
+            "begin_s": setup.begin_s,
+            "counted_s": min(setup.end_s, log.end_s) - setup.begin_s,
+            "vehicle_collisions": len(log.collisions),
+            "person_collisions": log.person_collisions.total(),
+            "teleports": log.teleports,
+            "emergency_stops": log.emergency_stops,
+            "overlaps": sum(lane.startswith(":") for _, _, lane, _ in log.collisions),
+            "harness_people": sum(own),
+            "sumo_people": len(own) - sum(own),
+        },
         collisions=tuple(log.collisions),
-        teleports=log.teleports,
-        emergency_stops=log.emergency_stops,
-        person_collisions=log.person_collisions.total(),
-        counted_s=min(setup.end_s, log.end_s) - setup.begin_s,
-        end_s=log.end_s,
     )

@@ -24,7 +24,7 @@ from harness.core.encounter import (
 )
 from harness.measures import EpisodeRecord, crossing_time, measure
 from harness.measures.contacts import Strike
-from harness.measures.efficiency import beyond
+from harness.measures.efficiency import STANDING_MPS, beyond
 from harness.measures.ego import ego_state
 from harness.measures.motion.walking import states_at
 from harness.simulation.arm import PASSED, Log, Setup
@@ -48,24 +48,29 @@ def passages(log: Log, setup: Setup, step_s: float) -> Columns:
     ]
     axes = {name: Axis(setup.town.crosswalks[name]) for name in setup.crosswalks}
     spans = {name: _spans(people) for name, people in log.people.items()}
-    traces, strikes = [], []
+    traces, strikes, ids = [], [], []
     for each in kept:
         name = each.crosswalk.id
         here = [log.people[name][i] for i in _there(each, spans[name])]
+        ids.append({person.walk.arrival.index: person.id for person in here})
         trace, walkers = _trace(each, here, setup, step_s)
         traces.append(trace)
         path = setup.zones.path(each.connection)
         strikes.append(strike_of(trace, each.zone.centre_m, path, walkers, axes[name], each))
     records = _records(traces, strikes)
     table: Columns = defaultdict(list)
-    for each, trace, record in zip(kept, traces, records, strict=True):
-        for column, value in _row(each, trace, record, setup).items():
+    for each, trace, record, names in zip(kept, traces, records, ids, strict=True):
+        for column, value in _row(each, trace, record, names, setup).items():
             table[column].append(value)
     return dict(table)
 
 
 def _row(
-    passage: Passage, trace: Trace, record: EpisodeRecord, setup: Setup
+    passage: Passage,
+    trace: Trace,
+    record: EpisodeRecord,
+    names: Mapping[int, str],
+    setup: Setup,
 ) -> Mapping[str, object]:
     car, begin_s = passage.car, passage.time_s[0]
     driven = sum(passage.limited)
@@ -83,7 +88,7 @@ def _row(
         "connection": passage.connection.id,
         "manoeuvre": passage.connection.manoeuvre,
         "automated": car.automated,
-        "strategy": passage.driver,
+        "driver": passage.driver,
         "driven": passage.not_driven is None,
         "not_driven_because": passage.not_driven,
         "trigger_s": trigger_s,
@@ -96,14 +101,27 @@ def _row(
             f"share_{name}": count / driven if driven else None
             for name, count in zip(LIMITS, passage.limited, strict=True)
         },
-        "split": passage.zone.split,
         "pedestrians": record.pedestrians,
         "contact": record.contact,
-        "contact_index": record.contact_index,
-        "contact_time_s": record.contact_time_s,
-        "sumo_collision": passage.collided,
+        "contact_person": None if record.contact_index is None else names[record.contact_index],
+        "sumo_contact": passage.collided,
+        **_longest_stop(trace, begin_s),
         "fallback": passage.fallback,
         **values,
+    }
+
+
+def _longest_stop(trace: Trace, begin_s: float) -> Mapping[str, float | None]:
+    """Begin and end of the longest stop before the crosswalk."""
+    stands = (trace.speed_mps < STANDING_MPS) & (trace.x_m <= -trace.crossing.width_m / 2)
+    ends = np.flatnonzero(np.diff(np.concatenate(([False], stands, [False])))).reshape(-1, 2)
+    if not len(ends):
+        return {"stop_begin_s": None, "stop_end_s": None}
+    low, high = ends[np.argmax(np.diff(ends, axis=1))].tolist()
+    last = min(high, len(stands) - 1)
+    return {
+        "stop_begin_s": begin_s + low * trace.step_s,
+        "stop_end_s": begin_s + last * trace.step_s,
     }
 
 

@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Any
 from harness.core.errors import HarnessError, InputError, in_one_line
 
 if TYPE_CHECKING:
-    from harness.studies.tasks import EpisodeId, Rows, Task
+    from harness.studies.tasks import EpisodeId, Rows, Task, Tell
 
 SLOW_S = 120.0
 """Longest time without news outside a strategy's ``decide``: imports, its constructor, measures."""
@@ -271,8 +271,6 @@ class InProcess(Executor):
 
     def submit(self, function: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
         """Run a task at once, without ``supervise``."""
-        from harness.studies.encounters import run_task
-
         assert function is supervise
         future: Future[Any] = Future()
         try:
@@ -452,8 +450,6 @@ def serve(pipe: int, state: int) -> None:
 
     def answer() -> tuple[str | None, "Rows | None"]:
         try:
-            from harness.studies.encounters import run_task
-
             return None, run_task(connection.recv(), tell)
         except BaseException as error:
             return (str(error) if isinstance(error, HarnessError) else in_one_line(error)), None
@@ -465,6 +461,17 @@ def serve(pipe: int, state: int) -> None:
             import harness.studies.encounters  # noqa: F401
         while connection.poll(_IDLE_S):
             connection.send(answer())
+
+
+def run_task(task: "Task", tell: "Tell" = lambda _episode, _steps: None) -> "Rows":
+    """Simulate a task; see ``encounters.run_task`` and ``simulations.run_task``."""
+    if task.cells[0].scenario.kind == "encounters":
+        from harness.studies import encounters
+
+        return encounters.run_task(task, tell)
+    from harness.studies import simulations
+
+    return simulations.run_task(task, tell)
 
 
 def _teller(state: int) -> "Callable[[EpisodeId | None, Sized | None], None]":

@@ -90,7 +90,7 @@ def test_nobody_driven_is_sumo_untouched(tmp_path: Path) -> None:
     ours = trips(tmp_path / "arm" / TRIPS_FILE)
     assert ours == trips(plain)
     rows = pd.DataFrame(outcome.vehicles)
-    assert rows["id"].tolist() == [trip["id"] for trip in ours]
+    assert rows["vehicle"].tolist() == [trip["id"] for trip in ours]
     lost = [float(trip["timeLoss"]) + float(trip["departDelay"]) for trip in ours]
     assert rows["time_loss_s"].tolist() == pytest.approx(lost)
     passed = pd.DataFrame(outcome.passages)
@@ -117,7 +117,7 @@ def test_everybody_driven(tmp_path: Path) -> None:
     assert (done["front_s"] < done["rear_s"]).all()
     early = done[done["delay_s"] < -0.5]
     assert early.empty, early[["vehicle", "connection", "trigger_s", "rear_s", "delay_s"]]
-    missed = passed[passed["sumo_collision"] & passed["contact"].isna()]
+    missed = passed[passed["sumo_contact"] & passed["contact"].isna()]
     assert (missed["min_gap_m"] < 0.6).all()
     everybody = pd.DataFrame(outcome.people)
     assert (everybody["wait_s"] >= 0.0).all()
@@ -128,7 +128,7 @@ def test_both_arms_have_the_same_avs(tmp_path: Path) -> None:
     config = grid(tmp_path / "town", END_S)
     setup = setup_at(config, share=0.4, crosswalks=3)
     arms = [run(setup, tmp_path / arm, arm) for arm in Arm]
-    av, human = (pd.DataFrame(each.vehicles).set_index("id")["automated"] for each in arms)
+    av, human = (pd.DataFrame(each.vehicles).set_index("vehicle")["automated"] for each in arms)
     both = av.index.intersection(human.index)
     assert (av[both] == human[both]).all()
     assert 0.25 < av.mean() < 0.55
@@ -167,8 +167,8 @@ def test_people_of_the_harness(tmp_path: Path) -> None:
     outcome = run(setup, tmp_path / "arm", outputs=frozenset({"fcd"}))
     passed, everybody = pd.DataFrame(outcome.passages), pd.DataFrame(outcome.people)
     assert passed["driven"].all()
-    assert set(passed["strategy"]) == {"gap_yield"}
-    own = everybody[everybody["own"]].set_index("id")
+    assert set(passed["driver"]) == {"gap_yield"}
+    own = everybody[everybody["own"]].set_index("person")
     assert len(own) == len(PEOPLE)
     axis = setup.town.crosswalks[setup.crosswalks[0]]
     walked = own.dropna(subset=["cleared_s"])
