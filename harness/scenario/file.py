@@ -282,6 +282,8 @@ def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]
     if _NUMBER in first["loc"] and isinstance(first["input"], list | tuple):
         first = others[0]
     path = [str(part) for part in first["loc"] if part not in (_NUMBER, _NUMBERS)]
+    if path[:1] == ["simulation"]:
+        del path[1:2]  # which of the two ways to describe a simulation
     if path[:1] == ["strategies"]:
         path = path[:3]  # the rest is the type of a parameter's value
     key = ".".join(part if _BARE.fullmatch(part) else f'"{part}"' for part in path)
@@ -307,6 +309,8 @@ def _keys_of(path: list[str]) -> list[str]:
     for name in path:
         if not name.isdecimal():  # a number is an index into an array of tables
             annotation: Any = section.model_fields[name].annotation
+            if name == "simulation":
+                annotation = SimulatedSection
             # An optional table is a union with None.
             section = next(iter(get_args(annotation)), annotation)
     return list(section.model_fields)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 
 import pyarrow as pa
 
@@ -35,6 +36,9 @@ from harness.strategies.registry import STRATEGIES
 from harness.studies.tasks import EpisodeId, Rows, Task, Tell
 
 _TABLES = ("passages", "vehicles", "people", "crosswalks")
+
+REPLAYED = {"fcd-output": "fcd.xml.gz"}
+"""Outputs of a replay besides those of the configuration."""
 
 FILES = "sumo"
 """The folder of a run for what SUMO reads and writes, with a folder for each cell and pair."""
@@ -66,7 +70,7 @@ def run_task(
     task: Task,
     tell: Tell = lambda _episode, _steps: None,
     module: Module = "libsumo",
-    more: Mapping[str, str] | None = None,
+    more: Mapping[str, str] = MappingProxyType({}),
 ) -> Rows:
     """Simulate every arm of a task's pair; those that were given up are recorded as failed.
 
@@ -103,12 +107,12 @@ def run_task(
                         found.setup(task.model, speeds),
                         pair,
                         arm,
-                        arms / arm,
+                        arms / (arm if task.outputs is None else ""),
                         found.seed(pair),
                         found.step_s,
-                        found.outputs,
+                        found.outputs if task.outputs is None else frozenset(["all"]),
                         module,
-                        more or {},
+                        {**more, **({} if task.outputs is None else REPLAYED)},
                         partial(tell, episode),
                     )
                     outcome = replace(outcome, counts={**outcome.counts, **_uses(speeds)})

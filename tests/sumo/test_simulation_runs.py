@@ -1,5 +1,7 @@
 """Runs of simulations through `harness.run`, the command and the written files."""
 
+import gzip
+import json
 import math
 import subprocess
 import sys
@@ -17,6 +19,7 @@ from harness.simulation.demand import CONFIG_FILE, vehicles_due, write_demand
 from harness.simulation.shares import number_of
 from harness.studies.run import resume, run
 from tests import faulty, towns
+from tests.batches import here, printed
 
 HOUR: dict[str, Any] = {
     "arms.av": "gap_yield",
@@ -306,5 +309,76 @@ def test_a_hostile_configuration_is_refused_in_one_line_or_works(tmp_path: Path,
         return
     with pytest.raises(InputError, match=str(refused)) as caught:
         run(file, pairs=1, out=tmp_path / "run", workers=0)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.fixture(scope="module")
+def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a town with a scenario that ``harness crossings`` wrote."""
+    folder = tmp_path_factory.mktemp("town")
+    config = towns.grid(folder, end_s=90)
+    printed("crossings", config, "--write", folder / "town.toml", "--edge", USABLE)
+    return folder
+
+
+def test_crossings_lists_who_passes_and_all_with_reasons(town: Path) -> None:
+    few, every = (printed("crossings", town / "town.sumocfg", *more) for more in ([], ["--all"]))
+    assert USABLE in few
+    # The reasons of a narrow screen are wrapped.
+    assert "controls it" not in few
+    assert "controls it" in every
+    done = here("crossings", town / "town.sumocfg", "--write", town / "no.toml", "--edge", ":C2_c0")
+    assert (done.returncode, "a traffic light controls it" in done.stderr) == (2, True)
+    assert not (town / "no.toml").exists()
+
+
+def test_a_written_scenario_runs_and_its_worst_passage_is_replayed(
+    town: Path, tmp_path: Path
+) -> None:
+    printed("run", town / "town.toml", "--pairs", 1, "--out", tmp_path / "run", "-q")
+    by_delay = ("worst", tmp_path / "run", "--by", "delay_s", "--driver")
+    worst = json.loads(printed(*by_delay, "av", "--json"))
+    assert {row["driver"] for row in worst["records"]} == {"gap_yield"}
+    assert "the simulation ended" not in {row["ended"] for row in worst["records"]}
+    others = here(*by_delay, "other")
+    assert others.returncode == 2
+    out = tmp_path / "again"
+    told = printed("replay", tmp_path / "run", "--pair", 0, "--arm", "av", "--out", out)
+    assert "is the stored one" in told
+    # Who drove is in SUMO's own file: the least speed of a vehicle is in it.
+    places = gzip.decompress((out / "fcd.xml.gz").read_bytes()).decode()
+    row = worst["records"][0]
+    assert f'id="{row["vehicle"]}"' in places
+
+
+@pytest.mark.parametrize(
+    ("settings", "line"),
+    [
+        ({"simulation.crossings": [":B1_c9"]}, "no crossing ':B1_c9'"),
+        ({"simulation.crossings": [":C2_c0"]}, "a traffic light controls it"),
+        ({"simulation.av_types": ["bus"]}, "no vehicle of 'bus' comes"),
+        ({"simulation.end": 100.0}, "simulation.end: 100 s is not accepted|at most 90 s"),
+        ({"simulation.outputs": ["fcd"]}, "writes no output 'fcd'"),
+        ({"simulation.av_shares": 1}, "did you mean 'av_share'"),
+        ({"simulation.step_s": 0.5}, "simulation.step_s"),
+        ({"ego.trigger_range_m": 10.0}, "nobody stops within 10 m from 13.89 m/s"),
+        ({"ego.length_m": 4.0}, "whose vehicle types define it"),
+        ({"crossing.length_m": 4.0}, "whose network defines it"),
+        ({"pedestrians.flow_per_hour": 100.0}, "sumo_driver passes people of the harness"),
+        (
+            {"pedestrians.flow_per_hour": 100.0, "arms.human": "human_yield"},
+            "the limit before :B1_c0",
+        ),
+        ({"pedestrians.first_at_trigger": True}, "first_at_trigger"),
+        ({"traffic.av_share": 1.0}, r"traffic: cannot be combined with \[simulation\]"),
+        ({"arms.av": "nobody"}, "unknown strategy"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_anything_is_written(
+    town: Path, tmp_path: Path, settings: dict[str, Any], line: str
+) -> None:
+    with pytest.raises(InputError, match=line) as caught:
+        run(town / "town.toml", settings=settings, pairs=1, out=tmp_path / "run", workers=0)
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "run").exists()
