@@ -118,7 +118,7 @@ def _routes(scenario: Scenario, pair: int) -> ET.Element:
     for name, vehicle in zip(kinds, scenario.vehicles(), strict=True):
         values = {"id": name, **_type(vehicle, scenario)}.items()
         ET.SubElement(root, "vType", {key: str(value) for key, value in values})
-    for way in _DIRECTIONS:
+    for way in _DIRECTIONS[: 1 + (scenario.crossing.oncoming_lanes > 0)]:
         ET.SubElement(root, "route", id=f"{way}way", edges=f"{way}approach {way}exit")
     for due in sorted(vehicles_due(scenario, pair), key=lambda due: (due.depart_s, due.name)):
         lane = str(due.lane + strip)
