@@ -178,7 +178,7 @@ def _of_passages(entry: Entry, sample: SimulationSample, arm: int | None) -> Fin
 
 
 def _not_driven(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
-    return replace(_count(entry, sample, arm), reason=sample.why_not_driven() or None)
+    return replace(_count(entry, sample, arm), reason=sample.why_not_driven())
 
 
 def _growth(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
@@ -187,10 +187,12 @@ def _growth(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
     return Finding(float(np.nansum(found)) / total if total else None)
 
 
-_HOURS = partial(Entry, estimate=_hourly, of="both", unit="s", digits=1, kinds=SIMULATIONS)
-_PASSAGES = partial(Entry, estimate=_of_passages, of="both", form=Form.SHARE, kinds=SIMULATIONS)
-_PER_1000 = partial(_PASSAGES, weight="count passages.vehicle reached", form=Form.NUMBER, digits=1,
-                    scale=1_000, undefined="no vehicle reached a crosswalk")  # fmt: skip
+_HOURS = partial(Entry, estimate=_hourly, of="both", unit="s", digits=1, kinds=SIMULATIONS,
+                 undefined="there is none of these")  # fmt: skip
+_PASSAGES = partial(_HOURS, estimate=_of_passages, weight="count passages reached", unit="",
+                    form=Form.SHARE)  # fmt: skip
+_PER_1000 = partial(_PASSAGES, form=Form.NUMBER, scale=1_000)
+_REACHED = "Only vehicles that reached a crosswalk or touched somebody count."
 _MEAN = partial(Entry, estimate=_mean, reliable_from=1_000)
 _SHARE = partial(Entry, estimate=_share, weight="ran", form=Form.SHARE,
                  undefined="every episode failed")  # fmt: skip
@@ -205,7 +207,6 @@ _NO_AV_TAU = "there is no pair in which the AV crossed and the reference passed"
 _NOT_CROSSED, _NOBODY = "no episode crossed", "nobody was met"
 _BOTH = (*ENCOUNTERS, *SIMULATIONS)
 _TOTAL = partial(_COUNT, kinds=SIMULATIONS)
-_NO_PASSAGE, _NO_TRIP = "there is no such passage", "there is no such trip"
 
 # fmt: off
 ENTRIES: tuple[Entry, ...] = (
@@ -309,79 +310,64 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("clamped_range_excess_m", "largest distance beyond the model's data", "By how much it "
           "was farther away.", "clamped_range_excess_m", _largest, unit="m",
           undefined="no vehicle was farther away than the model's data"),
-    _HOURS("av_delay_s", "AVs' delay", "Mean delay at the crosswalks of the vehicles that "
-           "`arms.av` drives, in the reference's arm of the same vehicles. Means are those of an "
-           "arm, over pairs.", "mean passages.delay_s av", undefined=_NO_PASSAGE, screen=True),
-    _HOURS("other_delay_s", "other vehicles' delay", "Mean delay of all others.",
-           "mean passages.delay_s other", undefined=_NO_PASSAGE, screen=True, optional=True),
-    _HOURS("people_wait_s", "people's wait", "Mean wait at the kerb, until stepping off or the "
-           "end.", "mean people.wait_s all", undefined="nobody came", screen=True),
-    _HOURS("queue_p95", "queue, 95 %, vehicles", "Number of vehicles that stand before a "
-           "crosswalk, 95 % quantile over seconds and crosswalks.", "queue_p95", unit="",
-           screen=True),
+    _HOURS("av_delay_s", "AVs' delay", "At the crosswalks, of the vehicles that `arms.av` drives; "
+           "in the reference's arm of the same.", "mean passages.delay_s av", screen=True),
+    _HOURS("other_delay_s", "other vehicles' delay", "Of all others at the crosswalks.",
+           "mean passages.delay_s other", screen=True, optional=True),
+    _HOURS("people_wait_s", "people's wait", "At the kerb, until stepping off or the end.",
+           "mean people.wait_s", screen=True),
+    _HOURS("queue_p95", "queue, 95 %, vehicles", "Vehicles that stand before a crosswalk, quantile "
+           "over seconds and crosswalks.", "queue_p95", unit="", screen=True),
     _PER_1000("conflicts_pet_per_1000", "PET below {pet_s:g} s, per 1,000", "Conflicts and "
-              "contacts per 1,000 vehicles that reached a crosswalk or touched somebody.",
-              "count passages.vehicle pet", screen=True),
-    _PASSAGES("contacts", "contacts with people", "By the vehicle's oriented outline, among the "
-              "vehicles that reached a crosswalk or touched somebody.",
-              "count passages.vehicle touched", weight="count passages.vehicle reached", digits=1,
-              form=Form.EVENTS, undefined="no vehicle reached a crosswalk", screen=True),
-    *(_PASSAGES(f"share_{name}", f"AVs' steps by {words}", "Decided by it, as a share of the steps "
-                "in which a strategy drove AVs; in the reference's arm the same vehicles.",
+              f"contacts per 1,000 passages. {_REACHED}", "count passages pet", screen=True),
+    _PASSAGES("contacts", "contacts with people", f"By the vehicle's oriented outline. {_REACHED}",
+              "count passages touched", form=Form.EVENTS, screen=True),
+    *(_PASSAGES(f"share_{name}", f"AVs' steps by {words}", "Share that it decided of the steps in "
+                "which a strategy drove AVs, in the reference's arm the same vehicles.",
                 f"sum passages.{name} av_driven", weight="sum passages.steps av_driven", digits=0,
-                undefined="no strategy drove", screen=name == "strategy", optional=True)
-      for name, words in zip(LIMITED_BY, ("the strategy", "the actuator", "a lane or curve",
-                                          "a leader", "right of way"), strict=True)),
-    _PASSAGES("driven", "AVs' passages driven", "Share of the passages of AVs that a strategy "
-              "drove.", "count passages.vehicle av_driven", weight="count passages.vehicle av",
-              digits=1, undefined=_NO_PASSAGE),
-    Entry("not_driven", "AVs' passages not driven", "In the AV's arm, with the reasons.",
-          "count passages.vehicle av_left", _not_driven, of="av", form=Form.COUNT, digits=0,
-          kinds=SIMULATIONS),
+                screen=name == "strategy", optional=True)
+      for name, words in zip(LIMITED_BY, ("the strategy", "the actuator", "lanes and curves",
+                                          "leaders", "right of way"), strict=True)),
+    _PASSAGES("driven", "AVs' passages driven", "By a strategy.", "count passages av_driven",
+              weight="count passages av"),
+    _TOTAL("not_driven", "AVs' passages not driven", "In the AV's arm, with the reasons.",
+           "count passages av_left", estimate=_not_driven, of="av"),
     _PER_1000("conflicts_ttc_per_1000", "TTC below {ttc_s:g} s, per 1,000", "As PET.",
-              "count passages.vehicle ttc"),
+              "count passages ttc"),
     _PER_1000("conflicts_drac_per_1000", "DRAC above {drac_mps2:g} m/s², per 1,000", "As PET.",
-              "count passages.vehicle drac"),
-    _HOURS("people_delay_s", "people's delay", "Mean delay against an undisturbed walk.",
-           "mean people.delay_s all", undefined="nobody came"),
-    Entry("people_los", "level of service, people", "By their mean wait (HCM 2010, exhibit 19-2); "
-          "JSON has the wait.", "mean people.wait_s all", _hourly, form=Form.LEVEL,
-          undefined="nobody came", kinds=SIMULATIONS),
-    _PASSAGES("let_go", "people for whom the first driver yielded", "Among those who waited.",
-              "count people.person let_go", weight="count people.person waited", digits=0,
-              undefined="nobody waited"),
+              "count passages drac"),
+    _HOURS("people_delay_s", "people's delay", "Against an undisturbed walk.",
+           "mean people.delay_s"),
+    _HOURS("people_los", "level of service, people", "Of the HCM (2010, exhibit 19-2), by "
+           "`people_wait_s`; JSON has the wait.", "mean people.wait_s", of="arms", form=Form.LEVEL),
+    _PASSAGES("let_go", "people for whom the first driver yielded", "Of those who waited.",
+              "count people let_go", weight="count people waited", digits=0),
     _HOURS("throughput_per_hour", "throughput", "Vehicles over the crosswalks; with a queue that "
            "grows, the capacity.", "throughput_per_hour", unit="1/h", digits=0),
-    _HOURS("av_time_loss_s", "time loss of AVs", "Mean time loss of trips through the whole "
-           "network with the wait for departure, of AVs and of the same vehicles in the other arm.",
-           "mean vehicles.time_loss_s av", network=True, undefined=_NO_TRIP),
+    _HOURS("av_time_loss_s", "time loss of AVs", "Of trips through the whole network with the wait "
+           "for departure.", "mean vehicles.time_loss_s av", network=True),
     _HOURS("other_time_loss_s", "time loss of other vehicles", "As that of AVs.",
-           "mean vehicles.time_loss_s other", network=True, undefined=_NO_TRIP),
-    _HOURS("depart_delay_s", "wait for departure", "Mean of all trips.",
-           "mean vehicles.depart_delay_s all", network=True, undefined=_NO_TRIP),
-    Entry("growth", "growth of the vehicles on the network", "From the second third of the time to "
-          "the last, as a share of the vehicles due in a third; what the roads do not serve.",
-          "growth", _growth, weight="count vehicles.vehicle all", form=Form.SHARE, network=True,
-          kinds=SIMULATIONS, undefined="trips are longer than a third of the counted time"),
-    *(_TOTAL(key, words, f"Number of rows, or their sum: `{column}`.", column,
-             network=not column.partition(" ")[2].startswith("p"))
+           "mean vehicles.time_loss_s other", network=True),
+    _HOURS("depart_delay_s", "wait for departure", "Of all trips.", "mean vehicles.depart_delay_s",
+           network=True),
+    _TOTAL("growth", "growth of the vehicles on the network", "From the second third of the time "
+           "to the last, as a share of the vehicles due in a third: those not served.", "growth",
+           estimate=_growth, weight="count vehicles", form=Form.SHARE, digits=1, network=True,
+           undefined="trips are longer than a third of the counted time"),
+    *(_TOTAL(key, words, f"`{column}`.", column, network=column.partition(" ")[2][0] != "p")
       for key, words, column in (
-          ("passages", "passages", "count passages.vehicle all"),
-          ("met_somebody", "passages that met someone", "count passages.vehicle met"),
-          ("cut_off", "passages that did not end", "count passages.vehicle cut_off"),
-          ("people", "people", "count_distinct people.person all"),
-          ("never_went", "people who never went", "count people.person never_went"),
-          ("vehicles", "trips", "count vehicles.vehicle all"),
-          ("avs", "trips of AVs", "count vehicles.vehicle av"),
-          ("unfinished", "trips that did not end", "count vehicles.vehicle unfinished"),
-          ("sumo_people", "SUMO's people", "sum arms.sumo_people all"),
-          ("prioritized", "prioritized crosswalks", "count crosswalks.crosswalk prioritized"),
-          ("unprioritized", "other crosswalks", "count crosswalks.crosswalk unprioritized"),
-          ("vehicle_collisions", "collisions of vehicles", "sum arms.vehicle_collisions all"),
-          ("person_collisions", "SUMO's collisions with people", "sum arms.person_collisions all"),
-          ("teleports", "teleports", "sum arms.teleports all"),
-          ("emergency_stops", "emergency stops", "sum arms.emergency_stops all"),
-          ("overlaps", "overlaps inside junctions", "sum arms.overlaps all"))),
+          ("passages", "passages", "count passages"),
+          ("met_somebody", "passages that met someone", "count passages met"),
+          ("cut_off", "passages that did not end", "count passages cut_off"),
+          ("people", "people", "count_distinct people.person"),
+          ("never_went", "people who never went", "count people never_went"),
+          ("vehicles", "trips", "count vehicles"), ("avs", "trips of AVs", "count vehicles av"),
+          ("unfinished", "trips that did not end", "count vehicles unfinished"),
+          ("prioritized", "prioritized crosswalks", "count crosswalks prioritized"),
+          ("unprioritized", "other crosswalks", "count crosswalks unprioritized"),
+          *((name, name.replace("_", " "), f"sum arms.{name}") for name in (
+              "sumo_people", "vehicle_collisions", "person_collisions", "teleports",
+              "emergency_stops", "overlaps")))),
 )
 """The catalogue, in the order in which it is shown."""
 # fmt: on

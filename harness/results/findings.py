@@ -82,8 +82,8 @@ def cell_findings(cell: Cell, rows: pa.Table | Tables, confidence: float) -> Cel
 
     Args:
         cell: the cell.
-        rows: its rows by pair, the AV's first, with at least one pair: those of ``episodes``, or
-            all tables of simulations.
+        rows: its rows by pair, the AV's first, with at least one pair: those of ``episodes``, alone
+            or by that name, or all tables of simulations.
         confidence: two-sided confidence of each interval; 0: no intervals.
     """
 
@@ -95,8 +95,9 @@ def cell_findings(cell: Cell, rows: pa.Table | Tables, confidence: float) -> Cel
             {k: v for entry in entries for k, v in entry.findings(sample).items()}
         )
 
-    if isinstance(rows, pa.Table):
-        one = found(Sample(rows, cell.scenario, confidence))
+    if isinstance(rows, pa.Table) or "episodes" in rows:
+        episodes = rows if isinstance(rows, pa.Table) else rows["episodes"]
+        one = found(Sample(episodes, cell.scenario, confidence))
         return CellFindings(cell.number, cell.varied, cell.scenario, one)
     sample = SimulationSample(rows, cell.scenario, confidence)
     each = {name: found(sample.at(name), network=False) for name in sample.crosswalks}

@@ -253,14 +253,12 @@ def read_findings(folder: Path, cells: Sequence[Cell]) -> tuple[CellFindings, ..
     document, found = _read(path), []
     try:
         for cell in cells:
-            own = {name: of for name, of in document.items() if name.split()[0] == str(cell.number)}
-            whole, *each = (
-                {key: finding_from_dict(fields) for key, fields in of.items()}
-                for of in (own.pop(str(cell.number)), *own.values())
-            )
-            names = [name.partition(" ")[2] for name in own]
-            by_crosswalk = dict(zip(names, each, strict=True))
-            made = CellFindings(cell.number, cell.varied, cell.scenario, whole, by_crosswalk)
+            own = {
+                name.partition(" ")[2]: {key: finding_from_dict(of) for key, of in each.items()}
+                for name, each in document.items()
+                if name.partition(" ")[0] == str(cell.number)
+            }
+            made = CellFindings(cell.number, cell.varied, cell.scenario, own.pop(""), own)
             found.append(made)
     except (AttributeError, KeyError, TypeError) as error:
         allowed = f"delete it; `{resume_command(folder)}` computes it again"

@@ -190,13 +190,11 @@ def load_run(path: Path | str) -> Run:
 
 def computed(path: Path, manifest: Mapping[str, Any], study: Study) -> tuple[CellFindings, ...]:
     """The findings of every cell that has a pair, from the tables."""
-    found = []
+    found, kind = [], kind_of(study.base)
     for cell in study.cells:
-        first, *others = TABLES_OF[kind_of(study.base)]
-        rows = read_cell(path, first.name, cell.number, manifest)
-        if kind_of(study.base) == "simulations":
-            each = {of.name: read_cell(path, of.name, cell.number, manifest) for of in others}
-            rows = {first.name: rows, **each}
-        if len(rows[first.name] if isinstance(rows, dict) else rows):
+        # Of encounters the rows of episodes suffice.
+        names = [of.name for of in TABLES_OF[kind]][: 1 if kind == "encounters" else None]
+        rows = {name: read_cell(path, name, cell.number, manifest) for name in names}
+        if len(rows[names[0]]):
             found.append(cell_findings(cell, rows, manifest["confidence"]))
     return tuple(found)

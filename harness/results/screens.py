@@ -190,9 +190,9 @@ def _rows(
         Column("measure", ""),
         Column("av", driver_of(cell, Arm.AV)),
         Column("reference", driver_of(cell, Arm.HUMAN)),
-        Column("paired", "difference" if simulated else "AV against reference", True),
+        Column("paired", "difference in all" if simulated else "AV against reference", True),
         *([Column("paper", "paper")] if paper else []),
-        *(Column(name, f"at {name}") for name in crosswalks),
+        *(Column(name, name) for name in crosswalks),
         *([Column("remark", "remark")] if remarks else []),
     ]
     return Table(title, tuple(columns), tuple(rows))

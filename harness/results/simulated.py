@@ -16,6 +16,7 @@ from harness.results.estimators import Sampling
 from harness.results.tables import LIMITED_BY, TABLES_OF, Tables
 from harness.scenario import ConflictsSection, Scenario
 
+_TABLES = TABLES_OF["simulations"]
 _EVERY_PAIR = ("every", "failed")
 _AT_CROSSWALKS = ("crosswalks", "passages", "people")
 
@@ -24,31 +25,23 @@ _TOUCHED = _OF("contact_person").is_valid()
 _REACHED = _OF("front_s").is_valid() | _TOUCHED
 _DRIVEN = _OF("automated") & _OF("driven")
 _MET = _OF("pedestrians") > 0
+_FAILED = _OF("reason").is_valid()
 
 # fmt: off
-WHICH: Mapping[str, Callable[[ConflictsSection], pc.Expression]] = {
-    "all": lambda _: pc.scalar(True),
-    "av": lambda _: _OF("automated"),
-    "other": lambda _: ~_OF("automated"),
-    "av_driven": lambda _: _DRIVEN,
-    "av_left": lambda _: _OF("automated") & ~_OF("driven"),
-    "reached": lambda _: _REACHED,
-    "passed": lambda _: _OF("rear_s").is_valid(),
-    "cut_off": lambda _: _OF("rear_s").is_null(),
-    "touched": lambda _: _TOUCHED,
-    "met": lambda _: _MET,
-    "av_met": lambda _: _DRIVEN & _MET,
-    "fell_back": lambda _: _DRIVEN & _MET & _OF("fallback"),
+WHICH: Mapping[str, pc.Expression | Callable[[ConflictsSection], pc.Expression]] = {
     "pet": lambda limits: _REACHED & ((_OF("pet_s") < limits.pet_s) | _TOUCHED),
     "ttc": lambda limits: _REACHED & ((_OF("min_ttc_s") < limits.ttc_s) | _TOUCHED),
     "drac": lambda limits: _REACHED & ((_OF("max_drac_mps2") > limits.drac_mps2) | _TOUCHED),
-    "waited": lambda _: _OF("let_go").is_valid(),
-    "let_go": lambda _: _OF("let_go"),
-    "never_went": lambda _: _OF("start_s").is_null(),
-    "unfinished": lambda _: _OF("arrival_s").is_null(),
-    "prioritized": lambda _: _OF("prioritized"),
-    "unprioritized": lambda _: ~_OF("prioritized"),
-    "failed": lambda _: _OF("reason").is_valid(),
+    "all": pc.scalar(True),
+    "failed": _FAILED,
+    "av": _OF("automated"), "other": ~_OF("automated"),
+    "av_driven": _DRIVEN, "av_left": _OF("automated") & ~_OF("driven"),
+    "reached": _REACHED, "cut_off": _OF("rear_s").is_null(),
+    "touched": _TOUCHED,
+    "met": _MET, "av_met": _DRIVEN & _MET, "fell_back": _DRIVEN & _MET & _OF("fallback"),
+    "waited": _OF("let_go").is_valid(), "let_go": _OF("let_go"),
+    "never_went": _OF("start_s").is_null(), "unfinished": _OF("arrival_s").is_null(),
+    "prioritized": _OF("prioritized"), "unprioritized": ~_OF("prioritized"),
 }
 # fmt: on
 """The rows of a table that a column counts; a contact is a conflict of every kind."""
@@ -70,14 +63,19 @@ class SimulationSample:
         self, tables: Tables, scenario: Scenario, confidence: float, crosswalk: str | None = None
     ) -> None:
         self.scenario, self.sampling, self._all = scenario, Sampling(None, confidence), tables
-        here = pc.scalar(True) if crosswalk is None else _OF("crosswalk") == crosswalk
-        self.tables = tables | {name: tables[name].filter(here) for name in _AT_CROSSWALKS}
-        passages, steps = self.tables["passages"], self.tables["passages"]["steps"]
-        for name in LIMITED_BY:
-            passages = passages.append_column(name, pc.multiply(steps, passages[f"share_{name}"]))
-        self.tables["passages"] = passages
-        self._pairs = tables["arms"]["pair"].to_numpy()[::2]
+        arms = tables["arms"]
+        self._pairs = arms["pair"].to_numpy()[::2]
         self.n = len(self._pairs)
+        left_out = _OF("pair").isin(arms.filter(_FAILED)["pair"].combine_chunks())
+        kept = {name: of if name == "arms" else of.filter(~left_out) for name, of in tables.items()}
+        if crosswalk is not None:
+            here = _OF("crosswalk") == crosswalk
+            kept |= {name: kept[name].filter(here) for name in _AT_CROSSWALKS}
+        for name in LIMITED_BY:
+            rows = kept["passages"]
+            steps = pc.multiply(rows["steps"], rows[f"share_{name}"])
+            kept["passages"] = rows.append_column(name, steps)
+        self.tables = kept
         self._arms: dict[str, BothArms] = {}
 
     def at(self, crosswalk: str) -> "SimulationSample":
@@ -93,8 +91,9 @@ class SimulationSample:
     def arms(self, name: str) -> BothArms:
         """A column of both arms: a key of ``COLUMNS``, or what such a one stands for.
 
-        That is ``mean``, ``sum``, ``count`` or ``count_distinct`` of a column of a table, as
-        ``TABLE.COLUMN``, and a key of ``WHICH``.  Means are NaN where no row counts.
+        That is ``mean``, ``sum``, ``count`` or ``count_distinct``, then ``TABLE.COLUMN``, or the
+        table alone if rows are counted, and at most one key of ``WHICH``.  Means are NaN where no
+        row counts.
 
         Raises:
             InputError: there is no such column.
@@ -116,27 +115,27 @@ class SimulationSample:
         return self.arms(name)[AV]
 
     def _found(self, name: str) -> FloatArray:
-        how, column, which = name.split() if len(name.split()) == 3 else ("", name, "")
-        table, _, column = column.partition(".")
-        if (names := self.tables.get(table)) is None or column not in names.column_names:
-            known = [
-                f"{of.name}.{each}" for of in TABLES_OF["simulations"] for each in of.schema.names
-            ]
-            raise unknown_name("column", "column", name, [*COLUMNS, *known])
-        rows = self.tables[table].filter(WHICH[which](self.scenario.conflicts))
-        found = rows.group_by(["pair", "arm"]).aggregate([(column, how)])
+        how, place, which, *_ = [*name.split(), "all", "all"]
+        table, _, column = place.partition(".")
+        column = column or "pair"
+        if (rows := self.tables.get(table)) is None or column not in rows.column_names:
+            known = [f"{of.name}.{each}" for of in _TABLES for each in of.schema.names]
+            raise unknown_name("column", "column", place, known)
+        kept = WHICH[which]
+        kept = kept(self.scenario.conflicts) if callable(kept) else kept
+        found = rows.filter(kept).group_by(["pair", "arm"]).aggregate([(column, how)])
         values = np.full((self.n, 2), np.nan if how == "mean" else 0.0)
         arm = pc.equal(found["arm"], Arm.HUMAN.value).to_numpy().astype(int)
         pair = np.searchsorted(self._pairs, found["pair"].to_numpy())
         values[pair, arm] = found[f"{column}_{how}"].cast(pa.float64()).to_numpy()
         return values
 
-    def why_not_driven(self) -> str:
+    def why_not_driven(self) -> str | None:
         """Why no strategy drove AVs in the AV's arm, with the numbers of passages, in words."""
         of_av = (_OF("arm") == Arm.AV.value) & _OF("automated") & ~_OF("driven")
         whys = self.tables["passages"].filter(of_av)["not_driven_because"].to_pylist()
         found = Counter(why or "for no known reason" for why in whys)
-        return "; ".join(f"{count:,} {why}" for why, count in found.most_common())
+        return "; ".join(f"{count:,} {why}" for why, count in found.most_common()) or None
 
 
 def _each(
@@ -177,11 +176,11 @@ def _per_hour(_: SimulationSample, rows: pa.Table, from_s: float, until_s: float
 
 COLUMNS: Mapping[str, str | Callable[[SimulationSample], FloatArray]] = {
     "every": lambda sample: np.ones((sample.n, 2)),
-    "failed": "count arms.pair failed",
-    "met": "count passages.vehicle av_met",
-    "fell_back": "count passages.vehicle fell_back",
-    "conditionings": "sum arms.conditionings all",
-    "clamped": "sum arms.clamped all",
+    "failed": "count arms failed",
+    "met": "count passages av_met",
+    "fell_back": "count passages fell_back",
+    "conditionings": "sum arms.conditionings",
+    "clamped": "sum arms.clamped",
     "queue_p95": _each("passages", _queue),
     "growth": _each("vehicles", _growth),
     "throughput_per_hour": _each("passages", _per_hour),

@@ -22,12 +22,12 @@ NO_EVENT = "no event in either arm, so the difference has no interval"
 
 
 def t_mean(values: FloatArray, confidence: float, least: float = -math.inf) -> Finding:
-    """The mean of the defined values with Student's t interval and the p of a mean of 0.
+    """The mean of the defined values with Student's t interval, and the p of a mean of 0.
 
     Args:
         values: one value a pair, NaN where undefined.
         confidence: two-sided confidence of the interval; 0: there is none.
-        least: the least possible value, at which the interval is cut.
+        least: the least possible value, at which the interval is cut; of 0 there is no p.
 
     Returns:
         Undefined without a value.  Equal values do not show their spread, so they have no interval.
@@ -110,7 +110,7 @@ def _t(value: float, parts: FloatArray, confidence: float, least: float = -math.
         return Finding(value, n=n, reason=(ONE if n == 1 else EQUAL) if confidence else None)
     error = float(np.std(parts, ddof=1)) / math.sqrt(n)
     reach = float(special.stdtrit(n - 1, (1 + confidence) / 2)) * error
-    p = 2 * float(special.stdtr(n - 1, -abs(value) / error))
+    p = 2 * float(special.stdtr(n - 1, -abs(value) / error)) if least < 0 else None
     few = f"unreliable below {RELIABLE_FROM} pairs (has {n})" if n < RELIABLE_FROM else None
     low, high = max(value - reach, least), value + reach
     return Finding(value, low, high, n, reliable=not few, reason=few, p=p)
