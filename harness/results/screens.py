@@ -170,7 +170,8 @@ def _rows(
     title: str, entries: Sequence[Entry], cell: CellFindings, paper: bool, remarks: bool = False
 ) -> Table:
     beside = {entry.beside: entry for entry in entries if entry.beside}
-    crosswalks = {} if remarks else dict([*cell.by_crosswalk.items()][:_MOST_CROSSWALKS])
+    several = len(cell.by_crosswalk) > 1 and not remarks
+    crosswalks = dict([*cell.by_crosswalk.items()][: _MOST_CROSSWALKS if several else 0])
     rows = []
     for entry in (each for each in entries if not each.beside):
         own = [] if entry.of == "pair" else [shown(entry, cell, key) for key in entry.keys[:2]]
