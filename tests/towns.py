@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from random import Random
+from xml.etree import ElementTree
 
 import sumo
 
@@ -171,6 +173,44 @@ def with_demand(
             **options,
         },
     )
+
+
+@_built_once
+def town(folder: Path, seed: int, end_s: int = 300, kind: str = "", **options: str) -> Path:
+    """A random town with sidewalks, crosswalks, cars and trucks of 12 m; people if asked for.
+
+    ``kind`` is empty or one of: lanes (up to three lanes), left (a left-hand country, two lanes),
+    stretched (edges 0.6 to 2.5 times as long as they are drawn), zebras (people have priority).
+    """
+    more = {"lanes": ("--rand.random-lanenumber", "-L", "3"), "left": ("--lefthand", "-L", "2")}
+    rand = ("--rand", "--rand.iterations", "80", "--seed", str(seed), "-j", "priority")
+    call(folder, "netgenerate", *rand, *_WALKABLE, *more.get(kind, ()), "-o", "net.net.xml")
+    if kind in ("stretched", "zebras"):
+        call(folder, "netconvert", "-s", "net.net.xml", "--plain-output-prefix", "plain")
+        edges, random = ElementTree.parse(folder / "plain.edg.xml"), Random(seed)
+        nodes = {
+            node.get("id"): complex(float(node.get("x", "")), float(node.get("y", "")))
+            for node in ElementTree.parse(folder / "plain.nod.xml").iter("node")
+        }
+        crossings = ElementTree.parse(folder / "plain.con.xml")
+        for edge in edges.iter("edge") if kind == "stretched" else ():
+            apart_m = abs(nodes[edge.get("to")] - nodes[edge.get("from")])
+            edge.set("length", f"{apart_m * random.uniform(0.6, 2.5):.2f}")
+        for crossing in crossings.iter("crossing") if kind == "zebras" else ():
+            crossing.set("priority", "1")
+        edges.write(folder / "plain.edg.xml")
+        crossings.write(folder / "plain.con.xml")
+        files = ("-n", "plain.nod.xml", "-e", "plain.edg.xml", "-x", "plain.con.xml")
+        call(folder, "netconvert", *files, "--no-turnarounds", "-o", "net.net.xml")
+    additional = {"additional-files": "lorries.add.xml", **options}
+    config = with_demand(folder, end_s, 1.0, 2.0, **additional)
+    lorry = '<vType id="lorry" vClass="truck" length="12" width="2.5"/>'
+    (folder / "lorries.add.xml").write_text(f"<additional>{lorry}</additional>")
+    trips = folder / "vehicles.trips.xml"
+    cars = trips.read_text().split("<trip ")
+    every = (f'type="lorry" {each}' if n % 6 == 5 else each for n, each in enumerate(cars))
+    trips.write_text("<trip ".join(every))
+    return config
 
 
 def scenario_of(config: Path, crossings: Sequence[str], **settings: object) -> Scenario:

@@ -18,8 +18,7 @@ from harness.old.statistics import Catalogue, Entry
 from harness.old.store.hour_catalogue import HOURS
 from harness.old.store.schemas import TABLES
 from harness.old.store.simulations.simulation_catalogue import SIMULATIONS
-from harness.results import tables as results
-from harness.results.catalogue import ENTRIES
+from harness.results import catalogue as results_catalogue, tables as results
 from harness.scenario import Scenario, actuation, people, sections, simulation, traffic
 
 UNITS = {
@@ -193,6 +192,13 @@ def in_markdown(text: str) -> str:
     return " ".join(text.split()).replace("``", "`")
 
 
+def meanings_of(entry: results_catalogue.Entry) -> Iterator[str]:
+    """The meanings of the numbers of an entry: the AV's, the reference's, and their difference."""
+    yield entry.meaning
+    yield f"`{entry.key}` of the reference's arm."
+    yield f"`{entry.key}`, the AV's minus the reference's, pair by pair."
+
+
 def columns_page() -> str:
     """Every column of every table of a run."""
     meanings = meanings_of_columns()
@@ -207,22 +213,22 @@ def columns_page() -> str:
         "`_events` and `_n`. [Method](../method.md) and [Measures](../measures.md) have the",
         "definitions.",
     ]
-    for name, parts in results.TABLES.items():
-        lines += ["", f"## {name}/ of encounters", ""]
+    for kind, of_kind in results.TABLES_OF.items():
+        for parts in of_kind:
+            lines += ["", f"## {parts.name}/ of {kind}", ""]
+            lines += table(
+                ("column", "type", "unit", "meaning"),
+                ([f"`{of.name}`", kind_of(of.type), of.unit, of.meaning] for of in parts.columns),
+            )
+        lines += ["", f"## summary.csv and findings.json of {kind}", ""]
         lines += table(
-            ("column", "type", "unit", "meaning"),
-            ([f"`{of.name}`", kind_of(of.type), of.unit, of.meaning] for of in parts.columns),
+            ("number", "reliable from", "unit", "meaning"),
+            (
+                [f"`{key}`", f"{of.reliable_from:,} pairs" * (of.reliable_from > 0), of.unit, text]
+                for of in results_catalogue.entries_of(kind)
+                for key, text in zip(of.keys, meanings_of(of), strict=False)
+            ),
         )
-    lines += ["", "## summary.csv and findings.json of encounters", ""]
-    lines += table(
-        ("number", "reliable from", "unit", "meaning"),
-        (
-            [f"`{key}`", f"{of.reliable_from:,} pairs" * (of.reliable_from > 0), of.unit, meaning]
-            for of in ENTRIES
-            for key in of.keys
-            for meaning in [of.meaning if key == of.key else f"`{of.key}` of the reference's arm."]
-        ),
-    )
     for name, schema in TABLES.items():
         lines += ["", f"## {name}.parquet", ""]
         lines += table(

@@ -23,7 +23,7 @@ COMMANDS: Mapping[str, str] = {
         "cli.about": "network strategies doctor",
         "old.cli.export": "export",
         "old.cli.risk": "risk",
-        "old.cli.crossings": "crossings",
+        "cli.crossings": "crossings",
         "old.cli.conflicts": "conflicts",
         "old.cli.model": "extract fit model",
         "old.cli.validation": "validate",

@@ -42,7 +42,7 @@ def run(
 
         file = read_scenario_file(scenario, settings_of(settings, pairs, seed))
         study = study_of(file, [parse_variation(text) for text in vary or []])
-        if study.base.kind != "encounters":
+        if study.base.kind == "own simulations":
             from harness.old.cli.batch import run as run_old
 
             children.stop_children()

@@ -94,15 +94,16 @@ def worst(
     arm: options.ArmOption = "av",
     cell: options.OnlyCellOption = None,
     diff: options.DiffOption = None,
+    driver: options.DriverOption = None,
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """List the worst episodes and the commands that replay them."""
+    """List the worst episodes, or passages of simulations, and the commands that replay them."""
     from harness.results.run import load_run
     from harness.studies.worst import worst as worst_of
 
     before = None if diff is None else load_run(run_folder)
-    result = worst_of(load_run(diff or run_folder), by, most, arm, cell, before)
+    result = worst_of(load_run(diff or run_folder), by, most, arm, cell, before, driver)
     show_result(result, False, quiet, as_json, result.closing)
 
 

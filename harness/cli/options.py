@@ -38,6 +38,8 @@ ArmsOption = Annotated[Literal["av", "human", "both"], Option(help="Arm to repea
 ByOption = Annotated[str, Option(help="Measure to rank by, e.g. min_ttc_s, delay_s, stops.")]
 MostOption = Annotated[int, Option("-n", help="Number of episodes.", metavar="N")]
 DiffOption = Annotated[Path | None, Option(help="A run with what is worse in it than in RUN.")]
+_DRIVER = "Of simulations: AVs that a strategy drove, or others."
+DriverOption = Annotated[Literal["av", "other"] | None, Option(help=_DRIVER)]
 Mu0Option = Annotated[float | None, Option(help="Upper limit of μ: the paper's allowed interval.")]
 Kappa0Option = Annotated[float | None, Option(help="Upper limit of κ: the same.")]
 PageOption = Annotated[Path | None, Option(help="The page; default RUN/report.html.")]
@@ -45,6 +47,11 @@ FiguresOption = Annotated[Path | None, Option(help="Folder for the figures, PNG 
 TableOption = Annotated[Path | None, Option(help="Write the rows to a new CSV file.")]
 FolderOption = Annotated[Path, Option(help="Folder for the sources and the network.")]
 NewFolderOption = Annotated[Path | None, Option(help="A new folder for the files.")]
+
+TownArgument = Annotated[Path, Argument(help="A SUMO configuration (.sumocfg) or network.")]
+WriteOption = Annotated[Path | None, Option(help="A new scenario file.", metavar="SCENARIO.toml")]
+EdgeOption = Annotated[list[str] | None, Option(help="A crosswalk to write. Repeatable.")]
+AllOption = Annotated[bool, Option("--all", help="List those that are not usable, too.")]
 
 GuiOption = Annotated[bool, Option("--gui", help="Show it in sumo-gui, one arm after the other.")]
 ScreenshotsOption = Annotated[Path | None, Option(help="With --gui: a new folder for PNGs.")]

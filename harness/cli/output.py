@@ -49,18 +49,18 @@ def say(text: str) -> None:
 
 
 @contextmanager
-def progress_bar(hidden: bool) -> Iterator[Callable[..., None]]:
-    """Draw a progress bar of pairs on stderr unless it is hidden.
+def progress_bar(hidden: bool, what: str = "pairs") -> Iterator[Callable[..., None]]:
+    """Draw a progress bar on stderr unless it is hidden.
 
     Yields:
-        A function that takes the numbers of finished and planned pairs.
+        A function that takes the finished and planned numbers.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
     columns = BarColumn(), MofNCompleteColumn(), "{task.fields[rate]}", TimeRemainingColumn()
     bar = Progress("{task.description}", *columns, console=Console(stderr=True), disable=hidden)
-    task = bar.add_task("pairs", rate="")
+    task = bar.add_task(what, rate="")
 
     def advance(done: int, planned: int, *_: object) -> None:
         if hidden:

@@ -9,11 +9,25 @@ from harness.core.encounter import Vehicle
 class Approaching(Protocol):
     """A vehicle that approaches the crosswalk, in its state at the beginning of the step."""
 
-    x_m: float
-    speed_mps: float
-    acceleration_mps2: float
-    passed: bool
-    vehicle: Vehicle
+    @property
+    def x_m(self) -> float:
+        """Position of the front bumper along the road."""
+
+    @property
+    def speed_mps(self) -> float:
+        """Its speed."""
+
+    @property
+    def acceleration_mps2(self) -> float:
+        """Its acceleration."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether its rear has left the crosswalk."""
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """Its constants."""
 
 
 class LaneAhead(Protocol):

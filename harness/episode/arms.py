@@ -9,7 +9,7 @@ from harness.core.encounter import Arm, Strategy
 from harness.core.errors import InputError, in_one_line
 from harness.core.seeding import Given, Purpose, beginning_with, stream
 from harness.model.interaction import InteractionModel, check_support
-from harness.scenario import Scenario
+from harness.scenario import Scenario, SimulatedSection
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.parameters import check_complete, check_parameters, needs
 from harness.strategies.perception.sensor import sensor_of
@@ -134,6 +134,8 @@ def check_arms(scenario: Scenario, model: InteractionModel) -> None:
 def _check_support(scenario: Scenario, model: InteractionModel) -> None:
     """Refuse a v0 or R0 outside the model's box; in own simulations limits are taken as v0."""
     range_m = scenario.ego.trigger_range_m
+    if isinstance(scenario.simulation, SimulatedSection):
+        return  # The limits of its roads are known when its network has been read.
     if scenario.simulation is None:
         check_support(model, range_m, scenario.ego.initial_speed_mps)
         return

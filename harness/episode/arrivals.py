@@ -25,6 +25,7 @@ def planned_arrivals(
     given: Given | None = None,
     horizon_s: float | None = None,
     begin_s: float = 0.0,
+    key: tuple[int, ...] = (),
 ) -> tuple[Arrival, ...]:
     """All pedestrians who may arrive during an episode of this pair, by arrival time.
 
@@ -47,6 +48,7 @@ def planned_arrivals(
             the pair, if any.
         horizon_s: the last possible arrival time; None for ``timeout_s``.
         begin_s: the time at which the first quarter of an hour of λ begins.
+        key: distinguishes the crosswalks of a pair that has several.
 
     Returns:
         At most ``max_count`` arrivals at times in [0, horizon], and the timed pedestrians.
@@ -55,7 +57,7 @@ def planned_arrivals(
     if given is None and pedestrians.drawn:
         drawn = pedestrians.drawn[pair]
         pair, given = drawn.episode, drawn.uniforms
-    uniforms = _Uniforms(experiment.seed, pair, given or {})
+    uniforms = _Uniforms(experiment.seed, (pair, *key), given or {})
     horizon_s = experiment.timeout_s if horizon_s is None else horizon_s
     times = _arrival_times(pedestrians, uniforms, horizon_s, begin_s)
     groups = _groups(pedestrians, uniforms, len(times))
@@ -163,12 +165,12 @@ def critical_gap_s(uniform: float, gaps: GapAcceptanceSection) -> float:
 class _Uniforms:
     """The uniforms of a pair's streams; given values replace the first draws."""
 
-    def __init__(self, seed: int, pair: int, given: Given) -> None:
-        self._seed, self._pair, self._given = seed, pair, given
+    def __init__(self, seed: int, key: tuple[int, ...], given: Given) -> None:
+        self._seed, self._key, self._given = seed, key, given
 
     def first(self, purpose: Purpose, count: int) -> NDArray[np.float64]:
         """The first ``count`` uniforms of a purpose."""
-        values = stream(self._seed, purpose, self._pair).random(count)
+        values = stream(self._seed, purpose, *self._key).random(count)
         given = self._given.get(purpose, ())[:count]
         values[: len(given)] = given
         return values

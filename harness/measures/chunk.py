@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -83,11 +83,18 @@ class Chunk:
         return -self.smallest(trace, -values)
 
 
-def chunk_of(traces: Sequence[Trace]) -> Chunk:
-    """Find contacts and ends of some episodes, at least one."""
+def chunk_of(traces: Sequence[Trace], strikes: Sequence[Strike | None] | None = None) -> Chunk:
+    """Find contacts and ends of some episodes, at least one; see ``measure``."""
     ego, legs, step_s = ego_states(traces), legs_of(traces), traces[0].step_s
     rows = rows_of(legs, ego, step_s)
-    strikes = strikes_of(traces, rows)
+    if strikes is None:
+        strikes = strikes_of(traces, rows)
+    else:
+        begins = np.searchsorted(legs.walk_trace, np.arange(len(traces))).tolist()
+        strikes = [
+            strike and replace(strike, walk=begin + strike.walk)
+            for strike, begin in zip(strikes, begins, strict=True)
+        ]
     passes = [_pass_time(trace) for trace in traces]
     ends = np.array(list(map(_end, traces, strikes, passes)))
     in_time = np.array(

@@ -8,7 +8,7 @@ from typing import Any
 from harness.core.encounter import Arm, Contact, Ending, FailedIn, Trace
 from harness.measures.catalogue import COLUMNS, MEASURES, Measure, Measured
 from harness.measures.chunk import Chunk, chunk_of
-from harness.measures.contacts import strikes_of
+from harness.measures.contacts import Strike, strikes_of
 from harness.measures.ego import ego_states
 from harness.measures.steps import legs_of, rows_of
 
@@ -66,16 +66,20 @@ def has_contact(trace: Trace) -> bool:
     return strikes_of([trace], rows_of(legs, ego, trace.step_s))[0] is not None
 
 
-def measure(traces: Sequence[Trace]) -> list[EpisodeRecord]:
+def measure(
+    traces: Sequence[Trace], strikes: Sequence[Strike | None] | None = None
+) -> list[EpisodeRecord]:
     """The record of every trace, in order.
 
     Args:
         traces: traces with the same vehicle, crossing and step (a chunk of one cell).  v0 and the
             trigger range of the vehicle may differ, and how late it obeys.
+        strikes: the first contact of each trace, if its lane is not straight; its ``walk`` counts
+            those of the trace's walkers who stepped off.  None: they are found in the traces.
     """
     if not traces:
         return []
-    chunk = chunk_of(traces)
+    chunk = chunk_of(traces, strikes)
     columns = [_values(entry, chunk) for entry in MEASURES]
     return [
         _record(chunk, number, dict(zip(COLUMNS, values, strict=True)))

@@ -32,6 +32,7 @@ Points = Sequence[tuple[float, Finding]]
 _MOST_MEANS = 400
 _MOST_DOTS = 1_000
 _FIRST_BAND, _SETTLED = 5, 30
+_MOST_NAMED = 12
 _WIDE = 12.0
 """An axis is logarithmic if its values differ by more than this factor."""
 _APART_INCH, _APART = 0.05, 0.16
@@ -236,6 +237,57 @@ def draw_cells(
     axes.set_yticks(range(len(names)), [figure_text(name) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     finish(axes, across, "")
+
+
+def draw_map(
+    axes: Axes,
+    roads: Sequence[ArrayLike],
+    places: Mapping[str, tuple[float, float]],
+    sizes: Mapping[str, float | None],
+    slower: Mapping[str, Finding],
+) -> None:
+    """Draw a network with its crosswalks.
+
+    Args:
+        axes: where to draw.
+        roads: the shape (n, 2) of each road.
+        places: x and y of each crosswalk.
+        sizes: a number ≥ 0 of each, which the area of its mark stands for.
+        slower: a difference of each, whose interval's sign its colour and marker stand for.
+    """
+    for road in roads:
+        axes.plot(*np.asarray(road, dtype=float)[:, :2].T, color=style.GRID, lw=1.2, zorder=1)
+    most = max((size for size in sizes.values() if size), default=0.0)
+    looks = {
+        "longer delay": style.HUMAN,
+        "shorter delay": style.SERIES[2],
+        "no clear difference": AV,
+    }
+    for words, look in looks.items():
+        if not (names := [name for name in places if _sign(slower[name]) == words]):
+            continue
+        area = [30 + (300 * (sizes[name] or 0.0) / most if most else 0) for name in names]
+        at = np.array([places[name] for name in names])
+        axes.scatter(
+            at[:, 0],
+            at[:, 1],
+            area,
+            color=look.colour,
+            marker=look.marker,
+            alpha=0.75,
+            label=words,
+            zorder=2,
+        )
+    for name, (x_m, y_m) in [*places.items()][:_MOST_NAMED]:
+        axes.annotate(figure_text(name), (x_m, y_m), (6, 4), textcoords="offset points", fontsize=8)
+    axes.set_aspect("equal", adjustable="datalim")
+    finish(axes, "x (m)", "y (m)", counted(len(places), "crosswalk"))
+
+
+def _sign(difference: Finding) -> str:
+    if difference.low is None or difference.high is None or difference.includes(0.0):
+        return "no clear difference"
+    return "longer delay" if difference.low > 0 else "shorter delay"
 
 
 def draw_speed_over_place(

@@ -20,6 +20,7 @@ from harness.report.words import numbers_of, parts_of, plain_text
 from harness.results.notes import Note
 from harness.results.result import Entered, Result, Table
 from harness.results.run import Run
+from harness.results.tables import TABLES_OF
 from harness.scenario import flatten
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def write_page(
         notes=list(_notes(results)),
         failures=list(_failures(run)),
         pictures=pictures,
-        player=player_of(run, shown) if shown else None,
+        player=player_of(run, shown) if shown and run.kind == "encounters" else None,
         tables=list(_tables(results)),
         remarks=[remark for of in results for remark in of.remarks],
         facts=list(_facts(run, result)),
@@ -158,7 +159,7 @@ def _failures(run: Run) -> Iterator[str]:
     for cell, pair, arm, reason in run.failures[:_MOST_FAILURES]:
         yield f"cell {cell}, pair {pair}, {arm}: {reason}"
     if (more := len(run.failures) - _MOST_FAILURES) > 0:
-        yield f"… and {more:,} more, in the table episodes."
+        yield f"… and {more:,} more, in the table {TABLES_OF[run.kind][0].name}."
 
 
 def _facts(run: Run, result: Result) -> Iterator[tuple[str, str]]:

@@ -6,12 +6,15 @@ To add a picture, add a function that draws into axes and returns a caption, and
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from harness.core.encounter import Arm
+from harness.core.errors import HarnessError
 from harness.report import figures as draw
 from harness.report.player import pair_name
 from harness.report.style import HEIGHT_INCH, MUTED, SERIES, new_figure
@@ -20,7 +23,11 @@ from harness.results.catalogue import ENTRY_OF
 from harness.results.finding import Finding, Form
 from harness.results.findings import CellFindings
 from harness.results.run import Run
+from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
+from harness.scenario.simulated import SimulatedSection
 from harness.scenario.units import unit_of
+from harness.site.configuration import read_config
+from harness.site.road_network import read_network
 from harness.strategies.references import is_the_papers
 from harness.strategies.registry import aggressiveness_of
 
@@ -34,6 +41,8 @@ _MOST = 3
 """Most pairs of one figure, and most parameters."""
 
 _CELLS = ("time_ratio", "kappa", "conflict_pet")
+_OVER = ("av_delay_s", "other_delay_s", "people_wait_s", "conflicts_pet_per_1000")
+_AT = ("av_delay_s", "conflicts_pet_per_1000")
 
 
 class Scene(NamedTuple):
@@ -53,6 +62,7 @@ class Picture(NamedTuple):
         wanted: whether a run has it.
         draw: draws it into its axes, from top to bottom, and returns its caption.
         size: returns the number of its axes, and the height of each in inch.
+        kinds: the kinds of run that may have it.
     """
 
     name: str
@@ -60,12 +70,13 @@ class Picture(NamedTuple):
     wanted: Callable[[Scene], bool]
     draw: Callable[[Sequence[Axes], Scene], str]
     size: Callable[[Scene], tuple[int, float]] = lambda _scene: (1, HEIGHT_INCH)
+    kinds: tuple[RunKind, ...] = ENCOUNTERS
 
 
 def pictures_of(scene: Scene) -> Iterator[tuple[Picture, str, Figure]]:
     """Yield the pictures of a run with captions; call this inside ``style.styled``."""
     for picture in PICTURES:
-        if picture.wanted(scene):
+        if scene.run.kind in picture.kinds and picture.wanted(scene):
             panels, height = picture.size(scene)
             figure, axes = new_figure(panels, panels * height)
             yield (picture, picture.draw(axes, scene), figure)
@@ -95,7 +106,7 @@ def _with_traces(scene: Scene) -> bool:
 
 
 def _over_a_key(scene: Scene) -> bool:
-    return 0 < len(_lines(scene.run, "time_ratio")) <= len(SERIES)
+    return 0 < len(_lines(scene.run, "pairs")) <= len(SERIES)
 
 
 def _across(run: Run) -> str | None:
@@ -209,6 +220,59 @@ def _cells(axes: Sequence[Axes], scene: Scene) -> str:
     )
 
 
+def _curves(axes: Sequence[Axes], scene: Scene) -> str:
+    run, key = scene.run, _across(scene.run) or ""
+    for panel, name in zip(axes, _OVER, strict=True):
+        count = f"{_pairs(run.cells)} per point"
+        draw.draw_over(panel, _lines(run, name), axis_label(key), _title(name, run)[0], count)
+    return (
+        f"Over {key}, with {level_text(run.confidence)} intervals over pairs (Student's t). In the "
+        "reference's arm AVs are the vehicles that are AVs in the other one."
+    )
+
+
+def _by_crosswalk(axes: Sequence[Axes], scene: Scene) -> str:
+    found = scene.run.cells[0].by_crosswalk
+    names = [*found][:_MOST_CELLS]
+    for panel, key in zip(axes, _AT, strict=True):
+        keys = zip(Arm, ENTRY_OF[key].keys, strict=False)
+        arms = {arm: [found[name][own] for name in names] for arm, own in keys}
+        draw.draw_cells(panel, names, arms, _title(key, scene.run)[0])
+    more = f" The first {len(names)} of {len(found)} crosswalks." if len(found) > len(names) else ""
+    level = level_text(scene.run.confidence)
+    return f"Each crosswalk with {level} intervals; {_pairs(scene.run.cells)}.{more}"
+
+
+def _places(run: Run) -> dict[str, tuple[float, float]]:
+    """Where the crosswalks are, of those whose place is known."""
+    rows = run.rows("crosswalks", run.cells[0].number).to_pylist()
+    found = {row["crosswalk"]: (row["x_m"], row["y_m"]) for row in rows}
+    return {name: at for name, at in found.items() if None not in at}
+
+
+def _map(axes: Sequence[Axes], scene: Scene) -> str:
+    found, places = scene.run.cells[0].by_crosswalk, _places(scene.run)
+    sizes = {name: found[name]["conflicts_pet_per_1000"].value for name in places}
+    slower = {name: found[name]["av_delay_s_difference"] for name in places}
+    draw.draw_map(axes[0], _roads(scene.run), places, sizes, slower)
+    return (
+        f"Area: {_title('conflicts_pet_per_1000', scene.run)[0]} in the AV's arm. Colour and "
+        "marker: the AVs' delay against that of the same vehicles in the reference's arm."
+    )
+
+
+def _roads(run: Run) -> "list[ArrayLike]":
+    """The shapes of the network's edges; none if it is not where it was, or not the user's."""
+    simulation = run.cells[0].scenario.simulation
+    if not isinstance(simulation, SimulatedSection):
+        return []
+    try:
+        net = read_network(read_config(Path(simulation.file)).net).net
+    except HarnessError:
+        return []
+    return [edge.getShape() for edge in net.getEdges(withInternal=False)]
+
+
 def _traces(scene: Scene) -> "Mapping[str, ShownPair]":
     """A few shown pairs by name, those first that were chosen for their τ."""
     several = len(scene.run.study.cells) > 1
@@ -242,7 +306,17 @@ PICTURES = (
             partial(_motion, of=draw.draw_speed_over_place, what="speed over its distance")),
     Picture("speed-time", "Speed over time", _with_traces,
             partial(_motion, of=draw.draw_speed_over_time, what="speed over time")),
+    Picture("map", "Crosswalks", lambda scene: _of_one_cell(scene) and bool(_places(scene.run)),
+            _map, lambda _scene: (1, 5.0), SIMULATIONS),
+    Picture("crosswalks", "Delay and PET by crosswalk",
+            lambda scene: _of_one_cell(scene) and bool(scene.run.cells[0].by_crosswalk),
+            _by_crosswalk, lambda scene: (
+                len(_AT), 1.4 + 0.26 * len([*scene.run.cells[0].by_crosswalk][:_MOST_CELLS])),
+            SIMULATIONS),
+    Picture("curves", "Delays, waits and PET over a key", _over_a_key, _curves,
+            lambda _scene: (len(_OVER), 3.0), SIMULATIONS),
     Picture("place-time", "Place over time", _with_traces,
-            partial(_motion, of=draw.draw_place_over_time, what="place on the road over time")),
+            partial(_motion, of=draw.draw_place_over_time, what="place on the road over time"),
+            kinds=(*ENCOUNTERS, *SIMULATIONS)),
 )  # fmt: skip
 """Every picture of a page, in its order."""

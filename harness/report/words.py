@@ -3,6 +3,7 @@
 import math
 from unicodedata import category
 
+from harness.measures.queues import level_of_service
 from harness.results.estimators import CONFIDENCE, zero_bound
 from harness.results.finding import Finding, Form
 from harness.results.result import Entered, Shown, Style, Versus
@@ -45,6 +46,8 @@ def value_text(shown: Shown) -> str:
     if finding.value is None:
         return DASH
     star = "*" if finding.reliable is False else ""
+    if style.form is Form.LEVEL:
+        return f"{level_of_service(finding.value)}{star}"
     if style.form is Form.EVENTS:
         return f"{finding.events or 0:,} of {finding.n or 0:,}{star}"
     decimals = _decimals(finding, style)
@@ -65,6 +68,8 @@ def interval_text(shown: Shown, confidence: float = CONFIDENCE) -> str:
     '0.71 … 0.82'
     >>> interval_text(Shown(Finding(0.0, 0.0, 0.0711, 50, 0), Style(Form.EVENTS, 1)))
     'below 5.8 %'
+    >>> interval_text(Shown(Finding(11.0, 4.9, 17.1), Style(Form.LEVEL)))
+    'A … C'
     """
     finding, style = shown
     low, high = finding.low, finding.high
@@ -73,6 +78,8 @@ def interval_text(shown: Shown, confidence: float = CONFIDENCE) -> str:
     if is_bound(shown):
         bound = Finding(zero_bound(high, confidence))
         return f"below {_number(bound.value or 0.0, _decimals(bound, style), style)} %"
+    if style.form is Form.LEVEL:
+        return f"{level_of_service(low)} … {level_of_service(high)}"
     decimals = _decimals(finding, style)
     percent = " %" if style.form in _SHARES else ""
     return f"{_number(low, decimals, style)} … {_number(high, decimals, style)}{percent}"

@@ -1,4 +1,4 @@
-"""Every number that a run of encounters reports, each defined once.
+"""Every number that a run reports, each defined once.
 
 To report another number, add an entry: it names a column and an estimator.  Screens, page, JSON,
 CSV and the reference in the documentation follow.
@@ -7,21 +7,25 @@ CSV and the reference in the documentation follow.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from harness.results import estimators
+from harness.results import estimators, student
 from harness.results.columns import AV, REFERENCE, Sample
 from harness.results.finding import Finding, Form
+from harness.results.simulated import SimulationSample
+from harness.results.tables import ENCOUNTERS, LIMITED_BY, SIMULATIONS, RunKind
 
-Estimate = Callable[["Entry", Sample, int | None], Finding]
+AnySample = Sample | SimulationSample
+
+Estimate = Callable[["Entry", Any, int | None], Finding]
 """Computes an entry of a cell: of an arm (0 is the AV's, 1 the reference's), or of its pairs."""
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A reported number of a cell: one of each arm, one of the AV's arm, or one of its pairs.
+    """A reported number of a cell: of each arm, of the AV's arm, of its pairs, or of several.
 
     Attributes:
         key: its name in JSON and CSV, with its unit; the reference's number is ``key_human``.
@@ -29,9 +33,9 @@ class Entry:
             in braces, see ``title``.
         meaning: for the reference in the documentation.
         column: the column of ``episodes``, of ``ARM_COLUMNS`` or, if ``of`` is "pair", of
-            ``PAIR_COLUMNS`` (``results.columns``).
+            ``PAIR_COLUMNS`` (``results.columns``); of simulations see ``SimulationSample.arms``.
         estimate: how the column becomes a number.
-        of: "arms", "av", or "pair".
+        of: "arms", "av", "pair", or "both": each arm and the paired difference.
         weight: a second column: denominators of a ratio, trials of a share, steps.
         met: whether only pairs count in which someone stepped off, in either arm.
         form, unit, digits: how it is written; a share's unit is per cent.
@@ -41,6 +45,10 @@ class Entry:
         beside: the entry of both arms in whose row a number of pairs stands.
         worst_case: whether the first screen has it as soon as a pair was left out.
         paper: the value in Chen, Zhao, Peng (2017), section III-E, as it is printed there.
+        kinds: the kinds of run that have it.
+        scale: what the estimate is multiplied by.
+        network: whether it is of the whole network, so that there is none by crosswalk.
+        optional: whether the first screen has it only where it is defined.
     """
 
     key: str
@@ -48,7 +56,7 @@ class Entry:
     meaning: str
     column: str
     estimate: Estimate
-    of: Literal["arms", "av", "pair"] = "arms"
+    of: Literal["arms", "av", "pair", "both"] = "arms"
     weight: str = ""
     met: bool = False
     form: Form = Form.NUMBER
@@ -60,11 +68,16 @@ class Entry:
     beside: str = ""
     worst_case: bool = False
     paper: str = ""
+    kinds: tuple[RunKind, ...] = ENCOUNTERS
+    scale: float = 1.0
+    network: bool = False
+    optional: bool = False
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """The names of its numbers: the AV's, and the reference's if it has one."""
-        return (self.key, f"{self.key}_human") if self.of == "arms" else (self.key,)
+        """The names of its numbers: the AV's, the reference's and the difference if it has them."""
+        number = {"arms": 2, "both": 3}.get(self.of, 1)
+        return (self.key, f"{self.key}_human", f"{self.key}_difference")[:number]
 
     def title(self, thresholds: Mapping[str, float]) -> str:
         """The heading with the thresholds of conflicts, and its unit.
@@ -74,13 +87,13 @@ class Entry:
         """
         return self.heading.format(**thresholds) + (self.unit and f", {self.unit}")
 
-    def findings(self, sample: Sample) -> dict[str, Finding]:
+    def findings(self, sample: AnySample) -> dict[str, Finding]:
         """The entry's findings of a cell by key."""
-        arms = {"arms": (AV, REFERENCE), "av": (AV,), "pair": (None,)}[self.of]
+        arms = (None,) if self.of == "pair" else (AV, REFERENCE, None)[: len(self.keys)]
         found = (self.estimate(self, sample, arm) for arm in arms)
         return dict(zip(self.keys, map(self._judged, found), strict=True))
 
-    def values(self, sample: Sample, arm: int | None, name: str = "") -> np.ndarray:
+    def values(self, sample: AnySample, arm: int | None, name: str = "") -> np.ndarray:
         """The entry's column, or another one, of an arm or of the pairs that count."""
         name = name or self.column
         values = sample.pairs(name) if arm is None else sample.arms(name)[arm]
@@ -142,10 +155,44 @@ def _largest(entry: Entry, sample: Sample, arm: int | None) -> Finding:
     return estimators.largest(entry.values(sample, arm))
 
 
-def _count(entry: Entry, sample: Sample, arm: int | None) -> Finding:
-    return estimators.count(entry.values(sample, arm))
+def _count(entry: Entry, sample: AnySample, arm: int | None) -> Finding:
+    return Finding(int(np.nansum(entry.values(sample, arm))))
 
 
+def _hourly(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
+    columns, confidence = sample.arms(entry.column), sample.sampling.confidence
+    if arm is None:
+        return student.t_mean(np.subtract(*columns), confidence)
+    return student.t_mean(columns[arm], confidence, least=0.0)
+
+
+def _of_passages(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
+    (av, human), trials = sample.arms(entry.column), sample.arms(entry.weight)
+    confidence = sample.sampling.confidence
+    if arm is None:
+        found = student.t_ratio_difference((av, trials[AV]), (human, trials[REFERENCE]), confidence)
+    else:
+        found = student.clustered_share((av, human)[arm], trials[arm], confidence)
+    value, low, high = (end and end * entry.scale for end in (found.value, found.low, found.high))
+    return replace(found, value=value, low=low, high=high)
+
+
+def _not_driven(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
+    return replace(_count(entry, sample, arm), reason=sample.why_not_driven())
+
+
+def _growth(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
+    found, due = entry.values(sample, arm), entry.values(sample, arm, entry.weight)
+    total = float(np.sum(due[~np.isnan(found)])) / 3
+    return Finding(float(np.nansum(found)) / total if total else None)
+
+
+_HOURS = partial(Entry, estimate=_hourly, of="both", unit="s", digits=1, kinds=SIMULATIONS,
+                 undefined="there is none of these")  # fmt: skip
+_PASSAGES = partial(_HOURS, estimate=_of_passages, weight="count passages reached", unit="",
+                    form=Form.SHARE)  # fmt: skip
+_PER_1000 = partial(_PASSAGES, form=Form.NUMBER, scale=1_000)
+_REACHED = "Only vehicles that reached a crosswalk or touched somebody count."
 _MEAN = partial(Entry, estimate=_mean, reliable_from=1_000)
 _SHARE = partial(Entry, estimate=_share, weight="ran", form=Form.SHARE,
                  undefined="every episode failed")  # fmt: skip
@@ -158,6 +205,8 @@ _NO_TIME = "in every pair an episode failed or the AV crashed"
 _NO_TAU = "there is no pair in which both vehicles crossed"
 _NO_AV_TAU = "there is no pair in which the AV crossed and the reference passed"
 _NOT_CROSSED, _NOBODY = "no episode crossed", "nobody was met"
+_BOTH = (*ENCOUNTERS, *SIMULATIONS)
+_TOTAL = partial(_COUNT, kinds=SIMULATIONS)
 
 # fmt: off
 ENTRIES: tuple[Entry, ...] = (
@@ -235,7 +284,7 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("max_jerk_p95_mps3", "largest jerk, 95 % quantile, pairs that met someone",
           "As that of the hardest braking.", "max_jerk_mps3", _p95, met=True, unit="m/s³",
           undefined=_NOBODY),
-    _COUNT("pairs", "pairs", "Number of pairs.", "every", of="pair"),
+    _COUNT("pairs", "pairs", "Number of pairs.", "every", of="pair", kinds=_BOTH),
     _COUNT("met_someone", "pairs that met someone", "Pairs in which someone stepped off, in "
            "either episode.", "met_someone", of="pair"),
     _COUNT("met_nobody", "pairs that met nobody", "Pairs in which nobody stepped off and neither "
@@ -244,16 +293,16 @@ ENTRIES: tuple[Entry, ...] = (
            "counts.", "in_time_ratio", of="pair"),
     _COUNT("mu_pairs", "pairs in μ", "Pairs that have a τ.", "in_mu", of="pair"),
     _COUNT("timed_out", "time-outs", "Episodes that timed out.", "timed_out"),
-    _COUNT("failed", "failures", "Episodes that failed.", "failed"),
+    _COUNT("failed", "failures", "Episodes or arms that failed.", "failed", kinds=_BOTH),
     _COUNT("failed_strategy", "failures of the strategy", "Episodes in which the strategy failed; "
            "the other failures are the engine's.", "failed_strategy"),
-    _COUNT("fallbacks", "fallbacks", "Episodes in which the strategy fell back on another one.",
-           "fell_back"),
+    _COUNT("fallbacks", "fallbacks", "Episodes or passages in which the strategy fell back on "
+           "another one.", "fell_back", kinds=_BOTH),
     Entry("fallback_share", "fallbacks, episodes that met someone", "Their share among these.",
-          "fell_back", _average, weight="met", form=Form.SHARE, undefined=_NOBODY),
+          "fell_back", _average, weight="met", form=Form.SHARE, undefined=_NOBODY, kinds=_BOTH),
     Entry("clamped_share", "uses of the model outside its data", "Uses of the interaction model "
           "for a vehicle that was faster or farther away than its data, among all uses.",
-          "clamped", _average, form=Form.SHARE, weight="conditionings",
+          "clamped", _average, form=Form.SHARE, weight="conditionings", kinds=_BOTH,
           undefined="the model was not used"),
     Entry("clamped_speed_excess_mps", "largest speed beyond the model's data", "By how much the "
           "vehicle was faster.", "clamped_speed_excess_mps", _largest, unit="m/s",
@@ -261,9 +310,73 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("clamped_range_excess_m", "largest distance beyond the model's data", "By how much it "
           "was farther away.", "clamped_range_excess_m", _largest, unit="m",
           undefined="no vehicle was farther away than the model's data"),
+    _HOURS("av_delay_s", "AVs' delay", "At the crosswalks, of the vehicles that `arms.av` drives; "
+           "in the reference's arm of the same.", "mean passages.delay_s av", screen=True),
+    _HOURS("other_delay_s", "other vehicles' delay", "Of all others at the crosswalks.",
+           "mean passages.delay_s other", screen=True, optional=True),
+    _HOURS("people_wait_s", "people's wait", "At the kerb, until stepping off or the end.",
+           "mean people.wait_s", screen=True),
+    _HOURS("queue_p95", "queue, 95 %, vehicles", "Vehicles that stand before a crosswalk, quantile "
+           "over seconds and crosswalks.", "queue_p95", unit="", screen=True),
+    _PER_1000("conflicts_pet_per_1000", "PET below {pet_s:g} s, per 1,000", "Conflicts and "
+              f"contacts per 1,000 passages. {_REACHED}", "count passages pet", screen=True),
+    _PASSAGES("contacts", "contacts with people", f"By the vehicle's oriented outline. {_REACHED}",
+              "count passages touched", form=Form.EVENTS, screen=True),
+    *(_PASSAGES(f"share_{name}", f"AVs' steps by {words}", "Share that it decided of the steps in "
+                "which a strategy drove AVs, in the reference's arm the same vehicles.",
+                f"sum passages.{name} av_driven", weight="sum passages.steps av_driven", digits=0,
+                screen=name == "strategy", optional=True)
+      for name, words in zip(LIMITED_BY, ("the strategy", "the actuator", "lanes and curves",
+                                          "leaders", "right of way"), strict=True)),
+    _PASSAGES("driven", "AVs' passages driven", "By a strategy.", "count passages av_driven",
+              weight="count passages av"),
+    _TOTAL("not_driven", "AVs' passages not driven", "In the AV's arm, with the reasons.",
+           "count passages av_left", estimate=_not_driven, of="av"),
+    _PER_1000("conflicts_ttc_per_1000", "TTC below {ttc_s:g} s, per 1,000", "As PET.",
+              "count passages ttc"),
+    _PER_1000("conflicts_drac_per_1000", "DRAC above {drac_mps2:g} m/s², per 1,000", "As PET.",
+              "count passages drac"),
+    _HOURS("people_delay_s", "people's delay", "Against an undisturbed walk.",
+           "mean people.delay_s"),
+    _HOURS("people_los", "level of service, people", "Of the HCM (2010, exhibit 19-2), by "
+           "`people_wait_s`; JSON has the wait.", "mean people.wait_s", of="arms", form=Form.LEVEL),
+    _PASSAGES("let_go", "people for whom the first driver yielded", "Of those who waited.",
+              "count people let_go", weight="count people waited", digits=0),
+    _HOURS("throughput_per_hour", "throughput", "Vehicles over the crosswalks; with a queue that "
+           "grows, the capacity.", "throughput_per_hour", unit="1/h", digits=0),
+    _HOURS("av_time_loss_s", "time loss of AVs", "Of trips through the whole network with the wait "
+           "for departure.", "mean vehicles.time_loss_s av", network=True),
+    _HOURS("other_time_loss_s", "time loss of other vehicles", "As that of AVs.",
+           "mean vehicles.time_loss_s other", network=True),
+    _HOURS("depart_delay_s", "wait for departure", "Of all trips.", "mean vehicles.depart_delay_s",
+           network=True),
+    _TOTAL("growth", "growth of the vehicles on the network", "From the second third of the time "
+           "to the last, as a share of the vehicles due in a third: those not served.", "growth",
+           estimate=_growth, weight="count vehicles", form=Form.SHARE, digits=1, network=True,
+           undefined="trips are longer than a third of the counted time"),
+    *(_TOTAL(key, words, f"`{column}`.", column, network=column.partition(" ")[2][0] != "p")
+      for key, words, column in (
+          ("passages", "passages", "count passages"),
+          ("met_somebody", "passages that met someone", "count passages met"),
+          ("cut_off", "passages that did not end", "count passages cut_off"),
+          ("people", "people", "count_distinct people.person"),
+          ("never_went", "people who never went", "count people never_went"),
+          ("vehicles", "trips", "count vehicles"), ("avs", "trips of AVs", "count vehicles av"),
+          ("unfinished", "trips that did not end", "count vehicles unfinished"),
+          ("prioritized", "prioritized crosswalks", "count crosswalks prioritized"),
+          ("unprioritized", "other crosswalks", "count crosswalks unprioritized"),
+          *((name, name.replace("_", " "), f"sum arms.{name}") for name in (
+              "sumo_people", "vehicle_collisions", "person_collisions", "teleports",
+              "emergency_stops", "overlaps")))),
 )
-"""The catalogue of encounters, in the order in which it is shown."""
+"""The catalogue, in the order in which it is shown."""
 # fmt: on
+
+
+def entries_of(kind: RunKind) -> list[Entry]:
+    """The entries of a kind of run."""
+    return [entry for entry in ENTRIES if kind in entry.kinds]
+
 
 ENTRY_OF: Mapping[str, Entry] = {key: entry for entry in ENTRIES for key in entry.keys}
 """The entries by the keys of their numbers."""

@@ -171,11 +171,6 @@ def largest(values: FloatArray) -> Finding:
     return Finding(float(known.max())) if len(known) else Finding(None)
 
 
-def count(marked: np.ndarray) -> Finding:
-    """The number of marked entries."""
-    return Finding(int(np.count_nonzero(marked)))
-
-
 def clopper_pearson(events: float, trials: float, confidence: float) -> tuple[float, float]:
     """The exact two-sided interval of a share (Clopper and Pearson 1934), by beta quantiles."""
     tail, rest = (1 - confidence) / 2, trials - events

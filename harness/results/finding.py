@@ -21,6 +21,8 @@ class Form(StrEnum):
     EVENTS = "events"
     """A share, written as events of trials, for example 0 of 50."""
     COUNT = "count"
+    LEVEL = "level"
+    """People's mean delay in s, written as the level of service of the HCM."""
 
 
 @dataclass(frozen=True, slots=True)

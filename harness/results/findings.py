@@ -1,26 +1,42 @@
-"""The findings of a cell, from its episodes."""
+"""The findings of a cell, from its episodes or simulations."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import pyarrow as pa
 
-from harness.results.catalogue import ENTRIES, Entry
+from harness.results.catalogue import AnySample, Entry, entries_of
 from harness.results.columns import Sample
 from harness.results.estimators import EQUAL
 from harness.results.finding import Finding, Findings, Plain
+from harness.results.simulated import SimulationSample
+from harness.results.tables import RunKind, Tables, kind_of
 from harness.scenario import Cell, Scenario
 
 
 @dataclass(frozen=True)
 class CellFindings:
-    """The findings of one cell.  ``varied`` has the swept keys with this cell's values."""
+    """The findings of one cell.
+
+    Attributes:
+        number: the cell's number.
+        varied: the swept keys with this cell's values.
+        scenario: its scenario.
+        findings: of the whole cell.
+        by_crosswalk: of each crosswalk of a simulation, without those of the whole network.
+    """
 
     number: int
     varied: Mapping[str, Plain]
     scenario: Scenario
     findings: Findings
+    by_crosswalk: Mapping[str, Findings] = field(default_factory=dict)
+
+    @property
+    def kind(self) -> RunKind:
+        """The kind of its run."""
+        return kind_of(self.scenario)
 
     def __getitem__(self, key: str) -> Finding:
         """The finding of a key of the catalogue."""
@@ -40,7 +56,7 @@ def worst_cases(cells: Sequence[CellFindings]) -> list[Entry]:
     """The worst cases that differ from the number itself in a cell, because pairs are left out."""
     return [
         entry
-        for entry in ENTRIES
+        for entry in entries_of(cells[0].kind)
         if entry.worst_case
         and any(cell[entry.key] != cell[entry.key.removesuffix("_worst")] for cell in cells)
     ]
@@ -54,20 +70,35 @@ def on_first_screen(cell: CellFindings) -> list[Entry]:
     worst = bool(worst_cases([cell]))
     return [
         entry
-        for entry in ENTRIES
+        for entry in entries_of(cell.kind)
         if (entry.screen or (entry.worst_case and worst))
         and not all((cell[key].value, cell[key].reason) == (0, EQUAL) for key in entry.keys)
+        and not (entry.optional and all(cell[key].value is None for key in entry.keys))
     ]
 
 
-def cell_findings(cell: Cell, episodes: pa.Table, confidence: float) -> CellFindings:
+def cell_findings(cell: Cell, rows: pa.Table | Tables, confidence: float) -> CellFindings:
     """The findings of a cell.
 
     Args:
         cell: the cell.
-        episodes: its rows of ``episodes`` by pair, the AV's first; at least one pair.
+        rows: its rows by pair, the AV's first, with at least one pair: those of ``episodes``, alone
+            or by that name, or all tables of simulations.
         confidence: two-sided confidence of each interval; 0: no intervals.
     """
-    sample = Sample(episodes, cell.scenario, confidence)
-    found = {key: each for entry in ENTRIES for key, each in entry.findings(sample).items()}
-    return CellFindings(cell.number, cell.varied, cell.scenario, MappingProxyType(found))
+
+    def found(sample: AnySample, network: bool = True) -> Findings:
+        entries = (
+            each for each in entries_of(kind_of(cell.scenario)) if network or not each.network
+        )
+        return MappingProxyType(
+            {k: v for entry in entries for k, v in entry.findings(sample).items()}
+        )
+
+    if isinstance(rows, pa.Table) or "episodes" in rows:
+        episodes = rows if isinstance(rows, pa.Table) else rows["episodes"]
+        one = found(Sample(episodes, cell.scenario, confidence))
+        return CellFindings(cell.number, cell.varied, cell.scenario, one)
+    sample = SimulationSample(rows, cell.scenario, confidence)
+    each = {name: found(sample.at(name), network=False) for name in sample.crosswalks}
+    return CellFindings(cell.number, cell.varied, cell.scenario, found(sample), each)

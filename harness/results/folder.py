@@ -1,4 +1,4 @@
-"""The folder of a run of encounters: its manifest, its lock, its log, and its findings."""
+"""The folder of a run: its manifest, its lock, its log, and its findings."""
 
 import hashlib
 import json
@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
 
 import filelock
@@ -19,7 +20,8 @@ from harness.results.estimators import CONFIDENCE
 from harness.results.finding import finding_from_dict, finding_to_dict
 from harness.results.findings import CellFindings
 from harness.results.result import flat
-from harness.results.tables import FINDINGS
+from harness.results.screens import records_of
+from harness.results.tables import FINDINGS, TABLES_OF, RunKind, kind_of
 from harness.scenario import Cell, EngineName, Study
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
@@ -111,12 +113,14 @@ def manifest_of(
     traces: bool,
     engine: EngineName,
     pairs_per_part: int,
+    files: Mapping[str, str] = MappingProxyType({}),
 ) -> JsonObject:
     """The manifest: everything on which a run depends.
 
     Args:
         study: the study.
         models: the interaction model of each cell.
+        files: hashes of the user's files that are simulated, by their paths.
         traces: whether traces are kept.
         engine: the engine.
         pairs_per_part: number of pairs of a part.
@@ -124,7 +128,7 @@ def manifest_of(
     know = [name for name in study.driven if knows_the_model(find_strategy(name, "arms"))]
     document = {
         "schema": SCHEMA,
-        "kind": "encounters",
+        "kind": kind_of(study.base),
         "name": study.name,
         "scenario": study.base.model_dump(),
         "cells": [dict(cell.varied) for cell in study.cells],
@@ -134,7 +138,7 @@ def manifest_of(
         "pairs_per_part": pairs_per_part,
         "seed": study.base.experiment.seed,
         "know_the_model": know,
-        "simulated_with": simulated_with(study.driven, models),
+        "simulated_with": simulated_with(study.driven, models, files),
     }
     return {**document, "digest": _digest(document)}
 
@@ -144,13 +148,18 @@ def write_manifest(folder: Path, document: JsonObject) -> None:
     write_file(folder / MANIFEST, _json(document))
 
 
-def simulated_with(drivers: Iterable[str], models: Iterable[InteractionModel]) -> JsonObject:
-    """The versions, the user's strategies and the models on which results depend."""
+def simulated_with(
+    drivers: Iterable[str],
+    models: Iterable[InteractionModel],
+    files: Mapping[str, str] = MappingProxyType({}),
+) -> JsonObject:
+    """The versions, the user's strategies and files, and the models on which results depend."""
     entries = {model.name: {"name": model.name, "sha256": model.sha256} for model in models}
     return {
         "versions": versions_of_runs(),
         "strategies": source_digests(drivers),
         "models": [*entries.values()],
+        "files": dict(files),
     }
 
 
@@ -159,6 +168,9 @@ def changes(then: JsonObject, now: JsonObject) -> Iterator[str]:
     for name, digest in now["strategies"].items():
         if then["strategies"].get(name) != digest:
             yield f"the strategy {name} has been edited since the run"
+    for name, digest in now["files"].items():
+        if then["files"].get(name) != digest:
+            yield f"{name} has changed since the run"
     for model in now["models"]:
         if model not in then["models"]:
             yield f"the interaction model {model['name']} has changed since the run"
@@ -177,28 +189,28 @@ def refuse_other_versions(then: JsonObject, now: JsonObject) -> None:
         raise InputError("resume", change, "the versions, strategies and model of its beginning")
 
 
-def kind_of_folder(folder: Path) -> Literal["encounters", "old"]:
-    """The kind of a folder's content: a run of encounters, or anything else."""
+def kind_of_folder(folder: Path) -> RunKind | Literal["old"]:
+    """The kind of a folder's content: that of its run, or anything else."""
     try:
-        known = _read(folder / MANIFEST).get("kind") == "encounters"
+        kind = _read(folder / MANIFEST).get("kind")
     except InputError:
-        known = False
-    return "encounters" if known else "old"
+        return "old"
+    return next((known for known in TABLES_OF if known == kind), "old")
 
 
 def read_manifest(folder: Path) -> JsonObject:
     """The manifest of a run folder.
 
     Raises:
-        InputError: the folder holds no run of encounters, or its manifest has another version, has
+        InputError: the folder holds no run, or its manifest has another version, has
             been edited, or is damaged.
     """
     path = folder / MANIFEST
     if not path.is_file():
         raise InputError(str(folder), "is not a run folder", f"a folder with {MANIFEST}")
     document = _read(path)
-    if document.get("schema") != SCHEMA or document.get("kind") != "encounters":
-        advice = f"encounters of version {SCHEMA}: run its scenario again"
+    if document.get("schema") != SCHEMA or document.get("kind") not in TABLES_OF:
+        advice = f"version {SCHEMA}: run its scenario again"
         raise InputError(str(path), f"format version {document.get('schema')!r}", advice)
     if _digest(document) != document.get("digest"):
         problem = "was changed after the run: its digest differs"
@@ -209,6 +221,9 @@ def read_manifest(folder: Path) -> JsonObject:
 def write_findings(folder: Path, manifest: JsonObject, cells: Sequence[CellFindings]) -> None:
     """Write the findings of all cells, after ``summary.csv`` with a row for each cell.
 
+    Those of a simulation's crosswalks follow: rows with a ``crosswalk``, and objects whose name has
+    it behind the cell's number.
+
     Args:
         folder: the run's folder.
         manifest: its manifest.
@@ -217,12 +232,13 @@ def write_findings(folder: Path, manifest: JsonObject, cells: Sequence[CellFindi
     Raises:
         HarnessError: the file system refuses.
     """
-    rows = [flat({"cell": cell.number, **cell.varied, **cell.findings}) for cell in cells]
-    found = {
-        str(cell.number): {key: finding_to_dict(each) for key, each in cell.findings.items()}
+    rows = [flat(record) for cell in cells for record in records_of(cell)]
+    written = {
+        f"{cell.number} {name}".rstrip(): {key: finding_to_dict(of) for key, of in found.items()}
         for cell in cells
+        for name, found in {"": cell.findings, **cell.by_crosswalk}.items()
     }
-    document = {"run": manifest["digest"], "cells": found}
+    document = {"run": manifest["digest"], "cells": written}
     content = _json({**document, "digest": _digest(document)})
     write_csv(folder / SUMMARY, rows)
     write_file(folder / FINDINGS, content)
@@ -245,9 +261,13 @@ def read_findings(
         if (document["run"], document["digest"]) != (manifest["digest"], _digest(document)):
             raise ValueError("it was edited or is another run's: its digest differs")
         for cell in cells:
-            stored = document["cells"][str(cell.number)].items()
-            findings = {key: finding_from_dict(fields) for key, fields in stored}
-            found.append(CellFindings(cell.number, cell.varied, cell.scenario, findings))
+            own = {
+                name.partition(" ")[2]: {key: finding_from_dict(of) for key, of in each.items()}
+                for name, each in document["cells"].items()
+                if name.partition(" ")[0] == str(cell.number)
+            }
+            made = CellFindings(cell.number, cell.varied, cell.scenario, own.pop(""), own)
+            found.append(made)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         allowed = f"delete it; `{resume_command(folder)}` computes it again"
         raise InputError(str(path), f"is damaged ({one_line(str(error))[:99]})", allowed) from None

@@ -4,15 +4,23 @@ To add a note, add a rule: it says a sentence about a cell from its findings and
 None.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from harness.core.encounter import SPEED_ROUNDING
 from harness.results.estimators import EQUAL, FEW, REPEATED
 from harness.results.findings import CellFindings, on_first_screen
+from harness.results.student import RELIABLE_FROM
 from harness.scenario.place import name_of
 from harness.strategies.references import not_validated, opposite
 from harness.strategies.registry import fallback_of
+
+GROWTH = 0.05
+"""A road fills if its vehicles grow by more than this share of those who come."""
+
+MOSTLY, DRIVEN = 0.9, 0.97
+"""A note says who drove below these shares of steps that the strategy decided, and of passages."""
 
 FIRST = -10
 """The rank of a note that comes before those of all rules."""
@@ -51,11 +59,15 @@ class Said(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """When a note is made, and what it says; see ``Note``.  A brace in a label has the weight."""
+    """When a note is made, and what it says of encounters and of simulations; see ``Note``.
+
+    A brace in a label has the weight.
+    """
 
     key: str
     label: str
-    say: Callable[[CellFindings], Said | None]
+    say: Callable[[CellFindings], Said | None] | None
+    simulated: Callable[[CellFindings], Said | None] | None = None
 
 
 def _failures(cell: CellFindings) -> Said | None:
@@ -130,7 +142,8 @@ def _left_out(cell: CellFindings) -> Said | None:
 
 
 def _fallback(cell: CellFindings) -> Said | None:
-    pairs, parts, weight, arms = cell["pairs"].count, [], 0.0, cell.scenario.arms
+    of = "pairs" if cell.kind == "encounters" else "passages"
+    pairs, parts, weight, arms = cell[of].count, [], 0.0, cell.scenario.arms
     for arm, strategy, end in (("AV", arms.av, ""), ("reference", arms.human, "_human")):
         if not (count := cell[f"fallbacks{end}"].count):
             continue
@@ -194,19 +207,98 @@ def _equal(cell: CellFindings) -> Said | None:
     return Said(f"The same in every pair, so without an interval: {_listed(names)}.", len(names))
 
 
+def _failed_arms(cell: CellFindings) -> Said | None:
+    if not (count := cell.total("failed")):
+        return None
+    text = f"{count:,} simulations failed ({_by_arm(cell, 'failed')}). No number has their pairs."
+    return Said(text, count)
+
+
+def _nobody_met(cell: CellFindings) -> Said | None:
+    if not cell["avs"].count:
+        return Said("No vehicle was an AV: nothing was tested.", 2)
+    if not cell.total("met_somebody"):
+        return Said("No vehicle met a pedestrian at the crosswalks: nothing was tested.", 1)
+    return None
+
+
+def _collisions(cell: CellFindings) -> Said | None:
+    names = {"vehicle_collisions": "collisions of vehicles", "teleports": "teleports"}
+    names |= {"emergency_stops": "emergency stops", "overlaps": "overlaps inside junctions"}
+    more = {key: cell[key].count - cell[f"{key}_human"].count for key in names}
+    parts = [f"{names[key]} ({_by_arm(cell, key)})" for key, count in more.items() if count > 0]
+    return (
+        Said(f"More than with the reference: {_listed(parts)}.", sum(more.values()))
+        if parts
+        else None
+    )
+
+
+def _few_hours(cell: CellFindings) -> Said | None:
+    ran = cell["people_wait_s_difference"].n or 0
+    if ran >= RELIABLE_FROM:
+        return None
+    rests = f"each interval rests on {ran:,} pairs" if ran > 1 else "one pair has no intervals"
+    return Said(f"Few pairs: {rests}. They are reliable from {RELIABLE_FROM} pairs on.", -ran)
+
+
+def _who_drove(cell: CellFindings) -> Said | None:
+    share, driven = cell["share_strategy"].value, cell["driven"]
+    passages = driven.n or 0
+    if share is None or (share > MOSTLY and driven.count > DRIVEN * passages):
+        return None
+    others = {"leaders": "leader", "right of way": "right_of_way", "lanes and curves": "lane"}
+    by = (
+        f"{words} {100 * (cell[f'share_{name}'].value or 0):.0f} %"
+        for words, name in others.items()
+    )
+    text = f"SUMO decided {100 * (1 - share):.0f} % of {cell.scenario.arms.av}'s steps: "
+    text += f"{', '.join(by)}."
+    if left := passages - driven.count:
+        text += f" It did not drive {left:,} of {passages:,} passages: {cell['not_driven'].reason}."
+    return Said(text, 1 - share)
+
+
+def _fills(cell: CellFindings) -> Said | None:
+    """The number of vehicles grows by more than chance explains (docs/method.md)."""
+    parts, most = [], 0.0
+    for who, end in cell.arms:
+        share, due = cell[f"growth{end}"].value, cell[f"vehicles{end}"].count / 3
+        if share is not None and share > max(GROWTH, 2.33 * math.sqrt(2.5 / max(due, 1))):
+            parts.append(f"{100 * share:.0f} % of those who come ({who})")
+            most = max(most, share)
+    text = f"The roads fill: their vehicles grow by {_listed(parts)}" if parts else ""
+    return Said(f"{text}. A longer time would have longer delays.", most) if parts else None
+
+
+def _people_of_sumo(cell: CellFindings) -> Said | None:
+    if not (count := cell.total("sumo_people")):
+        return None
+    whys = []
+    if cell["unprioritized"].count:
+        whys.append("go only once the car stands, so slowing down does nothing for them")
+    if cell["prioritized"].count:
+        whys.append("do not look where they have priority")
+    return Said(f"SUMO's people {_listed(whys)}.", count) if whys else None
+
+
 RULES: tuple[Rule, ...] = (
-    Rule("failures", "failures", _failures),
-    Rule("nothing_tested", "nothing tested", _nothing_tested),
+    Rule("failures", "failures", _failures, _failed_arms),
+    Rule("nothing_tested", "nothing tested", _nothing_tested, _nobody_met),
     Rule("selected", "selected pairs", _selected),
-    Rule("few_pairs", "few pairs", _few_pairs),
+    Rule("few_pairs", "few pairs", _few_pairs, _few_hours),
     Rule("opposite", "another reference disagrees", _opposite),
-    Rule("fallback", "another strategy drove (up to {:.3g} %)", _fallback),
+    Rule("collisions", "collisions of vehicles", None, _collisions),
+    Rule("fills", "roads fill", None, _fills),
+    Rule("who_drove", "SUMO drove", None, _who_drove),
+    Rule("people_of_sumo", "SUMO's people", None, _people_of_sumo),
+    Rule("fallback", "another strategy drove (up to {:.3g} %)", _fallback, _fallback),
     Rule("left_out", "pairs left out", _left_out),
-    Rule("outside_model", "outside the model's data", _outside_the_model),
-    Rule("not_validated", "reference not validated", _not_validated),
+    Rule("outside_model", "outside the model's data", _outside_the_model, _outside_the_model),
+    Rule("not_validated", "reference not validated", _not_validated, _not_validated),
     Rule("speeding", "speeding", _speeding),
     Rule("repeated", "repeated episodes", _repeated),
-    Rule("equal", "equal numbers", _equal),
+    Rule("equal", "equal numbers", _equal, _equal),
 )
 """The rules, the worst news first; notes about a run as a whole come before them."""
 
@@ -229,7 +321,9 @@ def notes_of(
     notes = list(about_run)
     called = names or [name_of(cell.varied) for cell in cells]
     for rank, rule in enumerate(RULES):
-        told = [(place, words) for place, cell in enumerate(cells) if (words := rule.say(cell))]
+        simulated = any(cell.kind == "simulations" for cell in cells)
+        say = rule.simulated if simulated else rule.say
+        told = [(place, words) for place, cell in enumerate(cells) if say and (words := say(cell))]
         if not told:
             continue
         worst, (text, weight) = max(told, key=lambda each: each[1].weight)

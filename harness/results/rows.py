@@ -1,14 +1,14 @@
 """Episodes in; the rows of a run's tables out, and a stored walk back."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import pyarrow as pa
 
-from harness.core.encounter import Arrival, FloatArray, Leg, Side, Trace, Walk
+from harness.core.encounter import Arm, Arrival, FloatArray, Leg, Side, Trace, Walk
 from harness.measures import Outcome
 from harness.measures.motion.walking import cleared_s, states_at
-from harness.results.tables import EPISODES, PEDESTRIANS, TRACES, Row, Tables
+from harness.results.tables import EPISODES, PEDESTRIANS, TABLES_OF, TRACES, Row, Tables
 
 _RECORDED = EPISODES.schema.names[EPISODES.schema.get_field_index("ending") :]
 _NUMBERS = TRACES.schema.names[TRACES.schema.get_field_index("x_m") :]
@@ -24,6 +24,29 @@ def rows_of(cell: int, outcomes: Sequence[Outcome], *, traces: bool) -> Tables:
         PEDESTRIANS.name: pedestrian_rows(cell, outcomes),
     }
     return tables | ({TRACES.name: trace_rows(cell, outcomes)} if traces else {})
+
+
+def simulation_rows(
+    cell: int, pair: int, arm: Arm, columns: Mapping[str, Mapping[str, Sequence[object]]]
+) -> Tables:
+    """The rows of one simulation in every table of a run.
+
+    Args:
+        cell, pair, arm: which simulation.
+        columns: the columns of each table by name, without cell, pair and arm; a simulation that
+            failed has only ``arms``.
+
+    Raises:
+        ValueError: a column is not declared, or columns differ in length.
+    """
+    keys, tables = {"cell": cell, "pair": pair, "arm": arm.value}, {}
+    for table in TABLES_OF["simulations"]:
+        own = columns.get(table.name, {})
+        if unknown := own.keys() - {*table.schema.names}:
+            raise ValueError(f"{table.name} has no column {min(unknown)}")
+        rows = zip(*own.values(), strict=True)
+        tables[table.name] = table.of([keys | dict(zip(own, row, strict=True)) for row in rows])
+    return tables
 
 
 def episode_rows(cell: int, outcomes: Sequence[Outcome]) -> pa.Table:

@@ -1,4 +1,4 @@
-"""A run folder of encounters in Python, finished or unfinished.
+"""A run folder in Python, finished or unfinished.
 
 run = harness.load_run("runs/cctc-1")
 run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean()
@@ -6,22 +6,22 @@ run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from harness.core.encounter import Arm, Ending
-from harness.core.errors import InputError, resume_command
+from harness.core.encounter import Arm
+from harness.core.errors import InputError, resume_command, unknown_name
 from harness.core.files import cannot_write, whole_file
-from harness.results.catalogue import ENTRY_OF
+from harness.results.catalogue import entries_of
 from harness.results.findings import CellFindings, cell_findings
 from harness.results.folder import read_findings, read_manifest
 from harness.results.result import Result
 from harness.results.screens import run_result
-from harness.results.tables import TABLES, read_cell
+from harness.results.tables import TABLES, TABLES_OF, TRACES, RunKind, kind_of, read_cell
 from harness.scenario import Scenario, Study, study_from
 
 if TYPE_CHECKING:
@@ -66,9 +66,22 @@ class Run:
         """The rows of a table and cell by pair, the AV's first, up to the first missing pair.
 
         Raises:
-            InputError: a part is damaged, or the run is finished and a part is missing.
+            InputError: runs of this kind have no such table, a part is damaged, or the run is
+                finished and a part is missing.
         """
+        if table not in (names := [each.name for each in TABLES_OF[self.kind]]):
+            raise unknown_name(str(self.path), "table", table, names)
         return read_cell(self.path, table, cell, self.manifest)
+
+    @property
+    def kind(self) -> RunKind:
+        """The kind of the run."""
+        return kind_of(self.study.base)
+
+    def table(self, name: str) -> "pd.DataFrame":
+        """A table of all cells as a frame."""
+        frame: pd.DataFrame = self._table(name).to_pandas()
+        return frame
 
     @cached_property
     def summary(self) -> "pd.DataFrame":
@@ -81,12 +94,12 @@ class Run:
     @cached_property
     def episodes(self) -> "pd.DataFrame":
         """One row per cell × pair × arm: how it ended, and every measure (docs/files.md)."""
-        return self._frame("episodes")
+        return self.table("episodes")
 
     @cached_property
     def pedestrians(self) -> "pd.DataFrame":
         """One row per pedestrian × arm who arrived within the record."""
-        return self._frame("pedestrians")
+        return self.table("pedestrians")
 
     @cached_property
     def pairs(self) -> "pd.DataFrame":
@@ -98,13 +111,15 @@ class Run:
 
     @cached_property
     def failures(self) -> tuple[Failure, ...]:
-        """Every episode in which the engine or the strategy failed."""
+        """Every episode or simulation that failed."""
         found: list[Failure] = []
         for cell in self.study.cells:
-            rows = self.rows("episodes", cell.number).select(["pair", "arm", "ending", "reason"])
-            for pair, arm, ending, reason in zip(*rows.to_pydict().values(), strict=True):
-                if ending == Ending.ENGINE_FAILED:
-                    found.append((cell.number, pair, arm, reason or ""))
+            rows = self.rows(TABLES_OF[self.kind][0].name, cell.number)
+            for pair, arm, why in zip(
+                *rows.select(["pair", "arm", "reason"]).to_pydict().values(), strict=True
+            ):
+                if why is not None:
+                    found.append((cell.number, pair, arm, why))
         return tuple(found)
 
     def result(self) -> Result:
@@ -133,13 +148,14 @@ class Run:
         """
         from pyarrow import csv
 
-        names = ("episodes", "pedestrians", *["traces"] * self.manifest["traces"])
+        kept = (each.name for each in TABLES_OF[self.kind] if each is not TRACES)
+        names = (*kept, *["traces"] * self.manifest["traces"])
         tables = {name: self._table(name) for name in names}
-        people = tables["pedestrians"]
-        legs = [of and json.dumps(of) for of in people["legs"].to_pylist()]
-        place = people.schema.get_field_index("legs")
-        tables["pedestrians"] = people.set_column(place, "legs", pa.array(legs, pa.string()))
-        tables["pairs"] = pa.Table.from_pandas(self.pairs, preserve_index=False)
+        if (people := tables.get("pedestrians")) is not None:
+            legs = [of and json.dumps(of) for of in people["legs"].to_pylist()]
+            place = people.schema.get_field_index("legs")
+            tables["pedestrians"] = people.set_column(place, "legs", pa.array(legs, pa.string()))
+            tables["pairs"] = pa.Table.from_pandas(self.pairs, preserve_index=False)
         folder = self.path / "csv"
         try:
             folder.mkdir(exist_ok=True)
@@ -155,25 +171,31 @@ class Run:
         parts = [self.rows(name, cell.number) for cell in self.study.cells]
         return pa.concat_tables([TABLES[name].schema.empty_table(), *parts])
 
-    def _frame(self, name: str) -> "pd.DataFrame":
-        frame: pd.DataFrame = self._table(name).to_pandas()
-        return frame
-
 
 def load_run(path: Path | str) -> Run:
-    """Read a run folder of encounters, finished or not.
+    """Read a run folder, finished or not.
 
     Raises:
-        InputError: the folder holds no such run, or its files are damaged.
+        InputError: the folder holds no run, or its files are damaged.
     """
     path = Path(path)
     manifest = read_manifest(path)
     study = study_from(manifest, str(path / "manifest.json"))
     stored = read_findings(path, manifest, study.cells)
-    run = Run(path, manifest, study, stored is not None, stored or ())
-    if stored and all(cell.findings.keys() == ENTRY_OF.keys() for cell in stored):
-        return run
+    keys = {key for entry in entries_of(kind_of(study.base)) for key in entry.keys}
+    if stored and all(cell.findings.keys() == keys for cell in stored):
+        return Run(path, manifest, study, True, stored)
     # The run is unfinished, or the catalogue has other numbers than it had.
-    rows = ((cell, run.rows("episodes", cell.number)) for cell in study.cells)
-    found = (cell_findings(cell, of, run.confidence) for cell, of in rows if len(of))
-    return replace(run, cells=tuple(found))
+    return Run(path, manifest, study, stored is not None, computed(path, manifest, study))
+
+
+def computed(path: Path, manifest: Mapping[str, Any], study: Study) -> tuple[CellFindings, ...]:
+    """The findings of every cell that has a pair, from the tables."""
+    found, kind = [], kind_of(study.base)
+    for cell in study.cells:
+        # Of encounters the rows of episodes suffice.
+        names = [of.name for of in TABLES_OF[kind]][: 1 if kind == "encounters" else None]
+        rows = {name: read_cell(path, name, cell.number, manifest) for name in names}
+        if len(rows[names[0]]):
+            found.append(cell_findings(cell, rows, manifest["confidence"]))
+    return tuple(found)

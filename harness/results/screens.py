@@ -2,21 +2,32 @@
 
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from harness.core.encounter import Arm
 from harness.core.errors import resume_command
-from harness.results.catalogue import ENTRIES, ENTRY_OF, Entry
-from harness.results.finding import Plain
+from harness.results.catalogue import ENTRY_OF, Entry, entries_of
+from harness.results.finding import Finding, Findings, Form, Plain
 from harness.results.findings import CellFindings, on_first_screen, worst_cases
 from harness.results.notes import FIRST, Note, notes_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
+from harness.results.tables import RunKind
 from harness.scenario.place import name_of, place_in_words, short_names
 from harness.strategies.references import is_the_papers, validation
 from harness.strategies.registry import fallback_of
 
-_SWEEP = ("time_ratio", "delay_s", "pedestrian_wait_s", "kappa", "conflict_pet")
+_SWEEP: Mapping[RunKind, Sequence[str]] = {
+    "encounters": ("time_ratio", "delay_s", "pedestrian_wait_s", "kappa", "conflict_pet"),
+    "simulations": (
+        *("av_delay_s", "other_delay_s", "people_wait_s", "queue_p95"),
+        *("conflicts_pet_per_1000", "contacts", "share_strategy"),
+    ),
+}
 """The numbers of a sweep's row, after the swept keys; worst cases follow if pairs are left out."""
+
+_MOST_CROSSWALKS = 3
+"""Crosswalks whose differences stand on the first screen; ``--full`` has all."""
 
 MOSTLY = 0.5
 """From this share on, a fallback is said to have driven most passages."""
@@ -34,7 +45,7 @@ def run_result(
     finished: bool,
     facts: Mapping[str, Plain],
 ) -> Result:
-    """The result of a run of encounters.
+    """The result of a run.
 
     Args:
         name: the run's name.
@@ -62,27 +73,33 @@ def run_result(
         scope=scope_of(cells, done, facts),
         about=place_in_words(scenarios),
         screen=screen,
-        full=tuple(_every_number(cell, paper) for cell in cells[:_MOST_TABLES]),
+        full=tuple(each for cell in cells for each in _every_number(cell, paper))[:_MOST_TABLES],
         notes=notes_of(cells, notes),
         closing=(f"All measures: harness show {path} --full. Page: harness report {path}",),
         remarks=tuple(dict.fromkeys(map(validation, scenarios))),
         facts={"name": name, "folder": str(folder), "finished": finished, **facts},
-        records=[
-            {
-                "cell": cell.number,
-                **cell.varied,
-                "av": cell.scenario.arms.av,
-                "reference": cell.scenario.arms.human,
-                **cell.findings,
-            }
-            for cell in cells
-        ],
+        records=[record for cell in cells for record in records_of(cell, arms=True)],
     )
 
 
-def shown(entry: Entry, cell: CellFindings, key: str = "") -> Shown:
+def records_of(cell: CellFindings, arms: bool = False) -> list[dict[str, Plain | Finding]]:
+    """The numbers of a cell, then of each of its crosswalks; ``arms``: with who drove."""
+    who = {"av": cell.scenario.arms.av, "reference": cell.scenario.arms.human} if arms else {}
+    names: list[tuple[str | None, Findings]] = [(None, cell.findings), *cell.by_crosswalk.items()]
+    return [
+        {
+            **{"cell": cell.number, **cell.varied, **who},
+            **({"crosswalk": name} if cell.by_crosswalk else {}),
+            **found,
+        }
+        for name, found in names
+    ]
+
+
+def shown(entry: Entry, found: CellFindings | Findings, key: str = "") -> Shown:
     """A number of a cell as a table shows it."""
-    return Shown(cell[key or entry.key], Style(entry.form, entry.digits))
+    form = Form.SHARE if key.endswith("_difference") and entry.form is Form.EVENTS else entry.form
+    return Shown(found[key or entry.key], Style(form, entry.digits))
 
 
 def driver_of(cell: CellFindings, arm: Arm) -> str:
@@ -109,45 +126,67 @@ def scope_of(cells: Sequence[CellFindings], done: int, facts: Mapping[str, Plain
         pairs = f"{min(each):,} pair{'s' * (min(each) != 1)} each"
     if max(each) > min(each):
         pairs = f"{min(each):,} to {max(each):,} pairs"
-    total = {
-        "failed episodes": sum(cell.total("failed") for cell in cells),
-        "time-outs": sum(cell.total("timed_out") for cell in cells),
-        "pairs met nobody": sum(cell["met_nobody"].count for cell in cells),
-        "pairs not in the ratio of times": sum(each)
-        - sum(cell["time_ratio_pairs"].count for cell in cells),
-    }
+    failed = sum(cell.total("failed") for cell in cells)
+    total = (
+        {"failed arms": failed}
+        if cells[0].kind == "simulations"
+        else {
+            "failed episodes": failed,
+            "time-outs": sum(cell.total("timed_out") for cell in cells),
+            "pairs met nobody": sum(cell["met_nobody"].count for cell in cells),
+            "pairs not in the ratio of times": sum(each)
+            - sum(cell["time_ratio_pairs"].count for cell in cells),
+        }
+    )
     left = ", ".join(f"{count:,} {words}" for words, count in total.items() if count)
     return f"{pairs}{f' ({left})' * bool(left)}, seed {facts['seed']}"
 
 
-def _every_number(cell: CellFindings, paper: bool) -> Table:
-    """Every number of one cell."""
+def _every_number(cell: CellFindings, paper: bool) -> list[Table]:
+    """Every number of one cell, and of each of its crosswalks."""
     where = f"cell {cell.number}, {drivers([cell])}" if cell.varied else drivers([cell])
-    return _rows(f"Every number: {where}", ENTRIES, cell, paper, remarks=True)
+    entries, title = entries_of(cell.kind), f"Every number: {where}"
+    at = [
+        _rows(
+            f"{title}, {name}",
+            [e for e in entries if not e.network],
+            replace(cell, findings=found),
+            paper,
+            True,
+        )
+        for name, found in cell.by_crosswalk.items()
+    ]
+    return [_rows(title, entries, cell, paper, remarks=True), *at]
 
 
 def _rows(
     title: str, entries: Sequence[Entry], cell: CellFindings, paper: bool, remarks: bool = False
 ) -> Table:
     beside = {entry.beside: entry for entry in entries if entry.beside}
+    several = len(cell.by_crosswalk) > 1 and not remarks
+    crosswalks = dict([*cell.by_crosswalk.items()][: _MOST_CROSSWALKS if several else 0])
     rows = []
     for entry in (each for each in entries if not each.beside):
-        own = [] if entry.of == "pair" else [shown(entry, cell, key) for key in entry.keys]
-        pair = entry if entry.of == "pair" else beside.get(entry.key)
-        numbers = [*own, *[None] * (2 - len(own)), pair and shown(pair, cell)]
+        own = [] if entry.of == "pair" else [shown(entry, cell, key) for key in entry.keys[:2]]
+        pair = entry if entry.of in ("pair", "both") else beside.get(entry.key)
+        paired = pair and shown(pair, cell, pair.keys[-1])
+        numbers = [*own, *[None] * (2 - len(own)), paired]
         found = [cell[key] for each in (entry, pair) if each is not None for key in each.keys]
         reasons = "; ".join(dict.fromkeys(filter(None, (finding.reason for finding in found))))
         heading = entry.title(cell.scenario.conflicts.model_dump())
         if pair is not None and entry.worst_case:
             heading = "worst case: crashes, time"
         row = (heading, *numbers, *((entry.paper or None,) if paper else ()))
-        rows.append((*row, reasons or None) if remarks else row)
+        at = [shown(entry, of, pair.keys[-1]) if pair else None for of in crosswalks.values()]
+        rows.append((*row, *at, *((reasons or None,) if remarks else ())))
+    simulated = cell.kind == "simulations"
     columns = [
         Column("measure", ""),
         Column("av", driver_of(cell, Arm.AV)),
         Column("reference", driver_of(cell, Arm.HUMAN)),
-        Column("paired", "AV against reference", True),
+        Column("paired", "difference in all" if simulated else "AV against reference", True),
         *([Column("paper", "paper")] if paper else []),
+        *(Column(name, name) for name in crosswalks),
         *([Column("remark", "remark")] if remarks else []),
     ]
     return Table(title, tuple(columns), tuple(rows))
@@ -162,7 +201,7 @@ def _sweep(cells: Sequence[CellFindings]) -> Table:
         columns.append((Column(key, name), tuple(own)))
     thresholds = cells[0].scenario.conflicts
     swept = any(cell.scenario.conflicts != thresholds for cell in cells)
-    for entry in (*map(ENTRY_OF.__getitem__, _SWEEP), *worst_cases(cells)):
+    for entry in (*map(ENTRY_OF.__getitem__, _SWEEP[cells[0].kind]), *worst_cases(cells)):
         # A threshold that is swept has a column of its own.
         bare, threshold, _ = entry.heading.partition(" {")
         name = bare if swept and threshold else entry.title(thresholds.model_dump())
@@ -192,7 +231,7 @@ def _if_defined(entered: Entered) -> object:
 
 
 def _number(entry: Entry, cell: CellFindings) -> Entered:
-    if entry.of == "arms":
-        av, human = (shown(entry, cell, key) for key in entry.keys)
+    if entry.of in ("arms", "both"):
+        av, human = (shown(entry, cell, key) for key in entry.keys[:2])
         return Versus(av, human)
     return shown(entry, cell)

@@ -1,7 +1,7 @@
-"""The tables of a run of encounters, and their parts: the rows of one task, a Parquet file each.
+"""The tables of a run, and their parts: the rows of one task, a Parquet file each.
 
 ``pd.read_parquet("RUN/episodes")`` reads a whole table.  A part appears complete or not at all,
-that of ``episodes`` last: if it exists, its task is done.
+that of ``episodes`` or ``arms`` last: if it exists, its task is done.
 """
 
 import re
@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -21,6 +21,7 @@ from harness.core.encounter import Arm, Contact, Ending, Leg, Side
 from harness.core.errors import InputError, one_line, resume_command
 from harness.core.files import cannot_write, whole_file
 from harness.measures.catalogue import MEASURES
+from harness.scenario import Scenario
 
 
 class _NoPandas:
@@ -175,7 +176,116 @@ TRACES = Table(
 )
 """One row for each step and object, of a run that keeps traces."""
 
-TABLES: Mapping[str, Table] = {table.name: table for table in (EPISODES, PEDESTRIANS, TRACES)}
+# fmt: off
+ARMS = Table("arms", (
+    *_KEYS,
+    Column("reason", str, "", "why it failed"),
+    Column("begin_s", float, "s", "begin of the counted time, a time of the simulation"),
+    Column("counted_s", float, "s", "duration of the counted time"),
+    Column("vehicle_collisions", int, "", "collisions of vehicles that SUMO reports"),
+    Column("person_collisions", int, "", "collisions of vehicles and people that it reports"),
+    Column("teleports", int, "", "vehicles that SUMO teleported"),
+    Column("emergency_stops", int, "", "emergency stops that SUMO reports"),
+    Column("overlaps", int, "", "overlaps behind a vehicle that waits inside a junction"),
+    Column("harness_people", int, "", "the harness's people who arrived"),
+    Column("sumo_people", int, "", "SUMO's people who came to a chosen crosswalk"),
+    Column("conditionings", int, "", "uses of the interaction model"),
+    Column("clamped", int, "", "of these, with a vehicle faster or farther than in its data"),
+))
+"""One row for each simulation: the AV's arm and the reference's of each pair."""
+
+LIMITED_BY = ("strategy", "actuator", "lane", "leader", "right_of_way")
+"""What decides a driven vehicle's speed in a step; a lane's limit includes curves."""
+
+PASSAGES = Table("passages", (
+    *_KEYS,
+    Column("crosswalk", str, "", "id of the crosswalk", required=True),
+    Column("vehicle", str, "", "SUMO's id of the vehicle", required=True),
+    Column("type", str, "", "its vType", required=True),
+    Column("automated", bool, "", "whether it is an AV, in the AV's arm", required=True),
+    Column("connection", str, "", "its first and last lane", required=True),
+    Column("manoeuvre", str, "", "`straight`, `left`, `right` or `turn`", required=True),
+    Column("driver", str, "", "the strategy, or `sumo`", required=True),
+    Column("driven", bool, "", "whether a strategy drove", required=True),
+    Column("not_driven_because", str, "", "why no strategy drove"),
+    Column("fallback", bool, "", "whether the strategy's fallback drove"),
+    Column("trigger_s", float, "s", "time at which it passed R0", required=True),
+    Column("front_s", float, "s", "time at which its front reached the crosswalk"),
+    Column("rear_s", float, "s", "time at which its rear left the crosswalk"),
+    Column("ended", str, "", "`passed`, or why the passage ended before", required=True),
+    Column("steps", int, "", "steps in which the strategy drove"),
+    *(Column(f"share_{each}", float, "", f"share of them limited by {each}")
+      for each in LIMITED_BY),
+    Column("pedestrians", int, "", "people who stepped off during the passage"),
+    Column("contact_person", str, "", "whom the vehicle's oriented outline touched first"),
+    Column("sumo_contact", bool, "", "whether SUMO itself reported a collision"),
+    Column("stop_begin_s", float, "s", "begin of its longest stop before the crosswalk"),
+    Column("stop_end_s", float, "s", "end of that stop"),
+    Column("min_speed_mps", float, "m/s", "least speed"),
+    *(Column(each.column, each.kind, each.unit, each.formula) for each in MEASURES),
+))
+"""One row for each vehicle over a chosen crosswalk in the counted time."""
+
+VEHICLES = Table("vehicles", (
+    *_KEYS,
+    Column("vehicle", str, "", "SUMO's id", required=True),
+    Column("type", str, "", "its vType", required=True),
+    Column("automated", bool, "", "whether it is an AV, in the AV's arm", required=True),
+    Column("due_s", float, "s", "time at which it was to depart"),
+    Column("depart_s", float, "s", "time of its departure"),
+    Column("arrival_s", float, "s", "time of its arrival"),
+    Column("depart_delay_s", float, "s", "wait for its departure", required=True),
+    Column("time_loss_s", float, "s", "time lost, with that wait", required=True),
+))
+"""One row for each vehicle that was to depart in the counted time."""
+
+PEOPLE = Table("people", (
+    *_KEYS,
+    Column("crosswalk", str, "", "id of the crosswalk", required=True),
+    Column("person", str, "", "SUMO's id, or the harness's", required=True),
+    Column("own", bool, "", "whether it is the harness's", required=True),
+    Column("side", str, "", "the end of the crosswalk from which they come", required=True),
+    Column("arrival_s", float, "s", "time of arrival at the kerb", required=True),
+    Column("start_s", float, "s", "time of stepping off"),
+    Column("cleared_s", float, "s", "time at which they left the crosswalk"),
+    Column("wait_s", float, "s", "wait at the kerb, until stepping off or the end"),
+    Column("delay_s", float, "s", "delay against an undisturbed walk"),
+    Column("let_go", bool, "", "whether they went before the vehicle that made them wait"),
+))
+"""One row for each person and crosswalk."""
+
+CROSSWALKS = Table("crosswalks", (
+    *_KEYS,
+    Column("crosswalk", str, "", "id of the crosswalk", required=True),
+    Column("prioritized", bool, "", "whether vehicles have to give way", required=True),
+    Column("length_m", float, "m", "from kerb to kerb", required=True),
+    Column("width_m", float, "m", "extent along the road"),
+    Column("x_m", float, "m", "place of its centre in the network"),
+    Column("y_m", float, "m", "place of its centre in the network"),
+))
+"""One row for each chosen crosswalk."""
+# fmt: on
+
+RunKind = Literal["encounters", "simulations"]
+
+ENCOUNTERS: tuple[RunKind, ...] = ("encounters",)
+SIMULATIONS: tuple[RunKind, ...] = ("simulations",)
+
+TABLES_OF: Mapping[RunKind, tuple[Table, ...]] = {
+    "encounters": (EPISODES, PEDESTRIANS, TRACES),
+    "simulations": (ARMS, PASSAGES, VEHICLES, PEOPLE, CROSSWALKS),
+}
+"""The tables of each kind of run, that which is written last first; `traces` may be left out."""
+
+TABLES: Mapping[str, Table] = {each.name: each for of in TABLES_OF.values() for each in of}
+
+
+def kind_of(scenario: Scenario) -> RunKind:
+    """The kind of a run of this scenario."""
+    return "encounters" if scenario.kind == "encounters" else "simulations"
+
+
+_LAST = tuple(tables[0] for tables in TABLES_OF.values())
 
 
 def part_name(cell: int, first: int) -> str:
@@ -185,15 +295,15 @@ def part_name(cell: int, first: int) -> str:
 
 def done_parts(folder: Path) -> set[tuple[int, int]]:
     """The finished parts of a run folder: cell and first pair."""
-    place = folder / EPISODES.name
-    found = (_PART.fullmatch(path.name) for path in place.glob("*.parquet"))
+    places = (folder / table.name for table in _LAST)
+    found = (_PART.fullmatch(path.name) for at in places for path in at.glob("*.parquet"))
     return {(int(match[1]), int(match[2])) for match in found if match}
 
 
 def write_part(
     folder: Path, cell: int, first: int, tables: Mapping[str, pa.Table], digest: str
 ) -> None:
-    """Write the parts of a task's rows of one cell, ``episodes`` last.
+    """Write the parts of a task's rows of one cell, ``episodes`` or ``arms`` last.
 
     Args:
         folder: the run's folder.
@@ -205,7 +315,7 @@ def write_part(
     Raises:
         HarnessError: the file system refuses (full, read-only); no half-written file stays.
     """
-    for name in sorted(tables, key=EPISODES.name.__eq__):
+    for name in sorted(tables, key=[table.name for table in _LAST].__contains__):
         path = folder / name / part_name(cell, first)
         try:
             path.parent.mkdir(exist_ok=True)
@@ -237,8 +347,10 @@ def read_cell(
     """
     size, parts = manifest["pairs_per_part"], [TABLES[name].schema.empty_table()]
     first = 0 if pair is None else pair // size * size
-    finished, place = (folder / FINDINGS).is_file(), folder / EPISODES.name
-    while _pairs_of(first, manifest) and (finished or (place / part_name(cell, first)).is_file()):
+    finished = (folder / FINDINGS).is_file()
+    while _pairs_of(first, manifest) and (
+        finished or any((folder / of.name / part_name(cell, first)).is_file() for of in _LAST)
+    ):
         parts.append(read_part(folder, name, cell, first, manifest))
         if pair is not None:
             break
@@ -296,7 +408,7 @@ def _check(rows: pa.Table, table: Table, cell: int, expected: range, where: str)
                 raise InputError(at, f"{odd.pop()!r}", f"{least:g} to {_LARGEST:g}")
     pairs = rows["pair"].to_numpy()
     whole = {*rows["cell"].unique().to_pylist()} <= {cell}
-    if table is EPISODES:
+    if table in _LAST:
         whole = whole and np.array_equal(pairs, np.repeat(expected, 2))
         whole = whole and rows["arm"].to_pylist() == [*Arm] * len(expected)
     else:

@@ -28,6 +28,7 @@ from harness.scenario.sections import (
     ExperimentSection,
     PerceptionSection,
 )
+from harness.scenario.simulated import SimulatedSection
 from harness.scenario.study import (
     Cell,
     Study,
@@ -52,6 +53,7 @@ __all__ = [
     "Scenario",
     "ScenarioFile",
     "Setting",
+    "SimulatedSection",
     "Study",
     "ThresholdSection",
     "TrafficSection",

@@ -4,14 +4,28 @@ import math
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, Side
 from harness.core.errors import InputError
+from harness.scenario.people import PedestriansSection
 from harness.scenario.people_consistency import check_pedestrians, check_quarters
 from harness.scenario.scenario import Scenario
-from harness.scenario.sections import ROUNDING_M
+from harness.scenario.sections import (
+    ROUNDING_M,
+    CrossingSection,
+    EgoSection,
+    ExperimentSection,
+    Section,
+)
 from harness.scenario.sight import check_sight, check_steps, remarks_on_sight
+from harness.scenario.simulated import SimulatedSection
 from harness.scenario.traffic import TrafficSection, by_quarter
 
 SUMO_DRIVER = "sumo_driver"
 """The strategy that leaves the driving to SUMO."""
+
+_OF_EVERY_VEHICLE = ("trigger_range_m", "detection_range_m", "resume_acceleration_mps2")
+"""Keys of ``[ego]`` that apply to every vehicle; vehicle types define the others."""
+
+_NEED_A_TRIGGER = ("first_at_trigger", "timed", "timed_case", "drawn", "warm_up_s")
+"""Keys of ``[pedestrians]`` that need an encounter."""
 
 WIDEST_USUAL_LANE_M = 6.0
 """A wider lane gets a remark, because users may enter the width of two lanes as that of one."""
@@ -28,6 +42,11 @@ def check_consistency(scenario: Scenario, source: str) -> None:
         InputError: keys do not fit together; the message names the key to change.
     """
     ego, crossing, experiment = scenario.ego, scenario.crossing, scenario.experiment
+    if isinstance(scenario.simulation, SimulatedSection):
+        _check_simulation(scenario, source)
+        check_pedestrians(scenario, f"{source}: pedestrians")
+        _check_drivers(scenario, source)
+        return
     if (crossing.latitude_deg is None) is not (crossing.longitude_deg is None):
         missing = "latitude_deg" if crossing.latitude_deg is None else "longitude_deg"
         raise InputError(f"{source}: crossing.{missing}", "is not given", "both or neither")
@@ -127,9 +146,17 @@ def _check_car(scenario: Scenario, source: str) -> None:
                     problem = f"with {grade:g} a vehicle could not {what}: {limit:.3g} m/s²"
                     allowed = "a flatter road, or more crossing.friction"
                     raise InputError(f"{source}: crossing.grade", problem, allowed)
+    _check_drivers(scenario, source)
+
+
+def _check_drivers(scenario: Scenario, source: str) -> None:
+    """Refuse SUMO's own driver where it cannot drive, or does not mind the people who come."""
     for driver in Arm:
         if scenario.arms.driver(driver) != SUMO_DRIVER:
             continue
+        if isinstance(scenario.simulation, SimulatedSection) and scenario.pedestrians.anyone_comes:
+            problem = f"{SUMO_DRIVER} passes people of the harness (pedestrians.flow_per_hour)"
+            raise InputError(f"{source}: arms.{driver}", problem, "another strategy, or no flow")
         if scenario.simulation is None:
             problem = f"{SUMO_DRIVER} drives only with [simulation]"
             raise InputError(f"{source}: arms.{driver}", problem, "another strategy")
@@ -211,3 +238,48 @@ def _check_flow(
         plural = "" if lanes == 1 else "s"
         problem = f"{max(values):g} vehicles per hour on {lanes} lane{plural}"
         raise InputError(where, problem, allowed)
+
+
+def _check_simulation(scenario: Scenario, source: str) -> None:
+    """Refuse keys that the configuration defines, or that need an encounter.
+
+    Raises:
+        InputError: names the key.
+    """
+    simulation, people = scenario.simulation, scenario.pedestrians
+    assert isinstance(simulation, SimulatedSection)
+    if scenario.traffic is not None:
+        problem = "cannot be combined with [simulation], whose demand is the configuration's"
+        raise InputError(f"{source}: traffic", problem, "one of the two")
+    if key := _changed(scenario.crossing, CrossingSection(), ()):
+        problem = "cannot be combined with [simulation], whose network defines it"
+        raise InputError(f"{source}: crossing.{key}", problem, "simulation.crossings")
+    if key := _changed(scenario.ego, EgoSection(), _OF_EVERY_VEHICLE):
+        problem = "cannot be combined with [simulation], whose vehicle types define it"
+        raise InputError(f"{source}: ego.{key}", problem, ", ".join(_OF_EVERY_VEHICLE))
+    times = ("pairs", "seed", "decide_limit_s")
+    if key := _changed(scenario.experiment, ExperimentSection(), times):
+        problem = "cannot be combined with [simulation]"
+        raise InputError(f"{source}: experiment.{key}", problem, "simulation.step_s")
+    where = f"{source}: pedestrians"
+    for key in _NEED_A_TRIGGER:
+        if getattr(people, key) != getattr(PedestriansSection(), key):
+            problem = "is not supported with [simulation]: no vehicle has a trigger"
+            raise InputError(f"{where}.{key}", problem, "none")
+    if isinstance(people.flow_per_hour, tuple):
+        problem = "a list is not supported with [simulation]"
+        raise InputError(f"{where}.flow_per_hour", problem, "one flow")
+    if people.behaviour == "sumo":
+        problem = "'sumo' is not supported: SUMO's people come with the configuration"
+        allowed = "constant, gap_acceptance, threshold or reactive"
+        raise InputError(f"{where}.behaviour", problem, allowed)
+    begin_s, end_s = simulation.begin, simulation.end
+    if begin_s is not None and end_s is not None and end_s <= begin_s:
+        where = f"{source}: simulation.end"
+        raise InputError(where, f"{end_s:g} s", f"after simulation.begin = {begin_s:g} s")
+
+
+def _changed(section: Section, default: Section, but: tuple[str, ...]) -> str | None:
+    """The first key of a section, by name, whose value is not the default, if there is one."""
+    own, theirs = dict(section), dict(default)
+    return min((key for key in own if key not in but and own[key] != theirs[key]), default=None)

@@ -36,9 +36,9 @@ def with_own_simulation(
     Raises:
         InputError: keys exclude each other, or the configuration cannot be simulated.
     """
-    simulation = scenario.simulation
-    if simulation is None:
+    if scenario.simulation is None:
         return tree
+    simulation = scenario.known_simulation
     range_m = scenario.ego.trigger_range_m
     request = (simulation.config, simulation.crossings, range_m, simulation.step_s)
     read = simulation.read

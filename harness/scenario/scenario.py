@@ -2,9 +2,9 @@
 
 import math
 from dataclasses import replace
-from typing import Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, JsonValue
+from pydantic import Discriminator, Field, JsonValue, Tag
 
 from harness.core.encounter import Arm, Crossing, Leg, Side, Vehicle
 from harness.core.errors import InputError
@@ -22,8 +22,15 @@ from harness.scenario.sections import (
     PerceptionSection,
     Section,
 )
+from harness.scenario.simulated import SimulatedSection
 from harness.scenario.simulation import SimulationSection
 from harness.scenario.traffic import TrafficSection, by_quarter
+
+
+def _by_its_file(value: Any) -> str:
+    """Which of the two ways to describe a simulation a table has."""
+    has_config = "config" in value if isinstance(value, dict) else hasattr(value, "config")
+    return "config" if has_config else "file"
 
 
 class Scenario(Section):
@@ -41,7 +48,13 @@ class Scenario(Section):
     conflicts: ConflictsSection = ConflictsSection()
     experiment: ExperimentSection = ExperimentSection()
     traffic: TrafficSection | None = None
-    simulation: SimulationSection | None = None
+    simulation: (
+        Annotated[
+            Annotated[SimulationSection, Tag("config")] | Annotated[SimulatedSection, Tag("file")],
+            Discriminator(_by_its_file),
+        ]
+        | None
+    ) = None
 
     @property
     def known_traffic(self) -> TrafficSection:
@@ -52,12 +65,20 @@ class Scenario(Section):
     @property
     def known_simulation(self) -> SimulationSection:
         """The ``[simulation]`` table of a scenario that is known to have one."""
-        assert self.simulation is not None
+        assert isinstance(self.simulation, SimulationSection)
         return self.simulation
 
     @property
-    def kind(self) -> Literal["encounters", "hours of traffic", "own simulations"]:
+    def simulated(self) -> SimulatedSection:
+        """The ``[simulation]`` table of a scenario that is known to have one with ``file``."""
+        assert isinstance(self.simulation, SimulatedSection)
+        return self.simulation
+
+    @property
+    def kind(self) -> Literal["encounters", "simulations", "hours of traffic", "own simulations"]:
         """The kind of run: the key of every literal table of kinds."""
+        if isinstance(self.simulation, SimulatedSection):
+            return "simulations"
         if self.simulation is not None:
             return "own simulations"
         return "encounters" if self.traffic is None else "hours of traffic"
@@ -65,9 +86,10 @@ class Scenario(Section):
     @property
     def walks_by_model(self) -> bool:
         """Whether any walking speed is drawn from the interaction model."""
-        # In a user's own simulation SUMO walks everybody.
         no_speeds = self.pedestrians.walking_speed is None
-        return self.pedestrians.anyone_comes and no_speeds and self.simulation is None
+        # In a user's own simulation SUMO walks everybody.
+        own = isinstance(self.simulation, SimulationSection)
+        return self.pedestrians.anyone_comes and no_speeds and not own
 
     @property
     def av_drives_alone(self) -> bool:

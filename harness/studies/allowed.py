@@ -8,7 +8,7 @@ bounds that hold together, each one-sided at 1 − level / 2m (Bonferroni), and 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from harness.core.errors import InputError
 from harness.core.seeding import resampling
@@ -70,7 +70,7 @@ def allowed_in(
     """The verdicts on each parameter of a strategy that a group sweeps alone; none without limits.
 
     Raises:
-        InputError: a limit is out of range, or only one is given.
+        InputError: a limit is out of range, only one is given, or they are not encounters.
     """
     if mu0 is None and kappa0 is None:
         return []
@@ -78,6 +78,8 @@ def allowed_in(
         if limit is None or not 0 < limit <= most or limit == math.inf:
             problem = "is missing" if limit is None else f"{limit:g} is not accepted"
             raise InputError(option, problem, "above 0" + ", at most 1" * (most == 1))
+    if any(each.run.kind != "encounters" for group in groups for each in group):
+        raise InputError("--mu0", "is a limit of encounters", "a run of encounters")
     sweeps: dict[tuple[str, str], list[Candidate]] = {}
     for each in (each for group in groups for each in group):
         if each.own and each.own[0].startswith(f"strategies.{each.cell.scenario.arms.av}."):
@@ -96,7 +98,7 @@ def _judged(
 ) -> tuple[Judged, ...]:
     level, rows = 1 - (1 - confidence) / len(swept), []
     for each in swept:
-        sample = each.sample(each.cell["pairs"].count)
+        sample: Any = each.sample(each.cell["pairs"].count)
         rng = resampling(each.cell.scenario.experiment.seed, "comparison")
         mu = estimators.mean(sample.pairs("tau_all"), Sampling(rng, level))
         missed, tried = sample.arms("missed")[AV], sample.arms("tried")[AV]

@@ -6,16 +6,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import pyarrow.compute as pc
+
 from harness.core.encounter import Arm
+from harness.results.catalogue import AnySample
 from harness.results.columns import Sample
 from harness.results.finding import Plain
 from harness.results.findings import CellFindings
 from harness.results.run import Run
 from harness.results.screens import driver_of
+from harness.results.simulated import SimulationSample
+from harness.results.tables import TABLES_OF
 from harness.scenario import Scenario, as_written, flatten
 from harness.scenario.place import name_of
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES
+
+_SHARED = ("traffic", "simulation")
+"""Sections with a share of AVs."""
 
 
 @dataclass(frozen=True)
@@ -43,10 +51,15 @@ class Candidate:
         """Its name among the cells of all groups and runs."""
         return ", ".join(filter(None, [name_of(self.shared), self.label]))
 
-    def sample(self, pairs: int) -> Sample:
+    def sample(self, pairs: int) -> AnySample:
         """The columns of its first pairs, without intervals of its own."""
-        rows = self.run.rows("episodes", self.cell.number).slice(0, 2 * pairs)
-        return Sample(rows, self.cell.scenario, 0.0)
+        number, scenario = self.cell.number, self.cell.scenario
+        if self.run.kind == "encounters":
+            return Sample(self.run.rows("episodes", number).slice(0, 2 * pairs), scenario, 0.0)
+        names = [table.name for table in TABLES_OF["simulations"]]
+        tables = {name: self.run.rows(name, number) for name in names}
+        first = {name: rows.filter(pc.less(rows["pair"], pairs)) for name, rows in tables.items()}
+        return SimulationSample(first, scenario, 0.0)
 
 
 def groups_of(runs: Sequence[Run]) -> list[list[Candidate]]:
@@ -65,7 +78,7 @@ def without_av(scenario: Scenario) -> dict[str, Any]:
     """What two cells must share to be compared pair by pair.
 
     The AV's strategy, its parameters, and perception and actuation that the reference does not have
-    are left out, and so are the thresholds of conflicts.
+    are left out, and so are the share of AVs and the thresholds of conflicts.
     """
     human = scenario.arms.human
     tree = scenario.model_dump(exclude={"conflicts": True, "arms": {"av"}})
@@ -73,6 +86,8 @@ def without_av(scenario: Scenario) -> dict[str, Any]:
     for equipment in ("perception", "actuation"):
         if not tree[equipment]["human"]:
             del tree[equipment]
+    for place in _SHARED:
+        (tree[place] or {}).pop("av_share", None)
     tree["strategies"] = {human: _parameters(scenario, human)}
     return tree
 
@@ -88,9 +103,10 @@ def _parameters(scenario: Scenario, strategy: str) -> dict[str, Any]:
 def _of_av(scenario: Scenario) -> dict[str, Any]:
     """The AV's strategy, parameters and equipment by dotted key."""
     av = scenario.arms.av
-    equipment = scenario.model_dump(include={"perception", "actuation"})
-    own = flatten({"strategies": {av: _parameters(scenario, av)}, **equipment})
-    return {"arms.av": av, **own}
+    tree = scenario.model_dump(include={"perception", "actuation", *_SHARED})
+    shares = {f"{name}.av_share": (tree.pop(name) or {}).get("av_share") for name in _SHARED}
+    own = flatten({"strategies": {av: _parameters(scenario, av)}, **tree})
+    return {"arms.av": av, **own, **{key: of for key, of in shares.items() if of is not None}}
 
 
 def _group(cells: Sequence[tuple[Run, CellFindings, str]]) -> list[Candidate]:

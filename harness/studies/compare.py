@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from harness.core.errors import InputError, resume_command
 from harness.core.seeding import resampling
 from harness.results import estimators
 from harness.results.catalogue import ENTRY_OF, Entry
-from harness.results.columns import AV, REFERENCE, Sample
+from harness.results.columns import AV, REFERENCE, BothArms, Sample
 from harness.results.estimators import EQUAL, FEW, Sampling
 from harness.results.finding import Finding, Form, Plain
 from harness.results.findings import worst_cases
@@ -20,6 +20,9 @@ from harness.results.notes import Note, notes_of, rank_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
 from harness.results.run import Run
 from harness.results.screens import drivers, scope_of, shown, table_of
+from harness.results.simulated import SimulationSample
+from harness.results.student import RELIABLE_FROM
+from harness.results.tables import RunKind
 from harness.scenario import flatten
 from harness.scenario.place import place_in_words
 from harness.studies.allowed import allowed_in, allowed_table
@@ -31,8 +34,6 @@ MOST_ROWS = 40
 SIGNIFICANT = 0.05
 
 _SAME = 1e-9
-_OF_THE_REFERENCE = ("crashed", "steps", "pedestrians", "pass_time_s", "pedestrian_delay_s")
-"""Columns that are equal if the reference met the same people and drove alike."""
 
 
 class Difference(NamedTuple):
@@ -45,7 +46,7 @@ class Difference(NamedTuple):
     heading: str
     style: Style
     reliable_from: int
-    of: Callable[[Sample, Sample, Sampling], Finding]
+    of: Callable[[Any, Any, Sampling], Finding]
 
 
 def _time_ratio(a: Sample, b: Sample, sampling: Sampling) -> Finding:
@@ -83,6 +84,64 @@ DIFFERENCES = (
 """What is compared; a test of each has one family (Holm) over all rows of the table."""
 
 
+class _AvArms(NamedTuple):
+    """The AVs' arms of two samples, in the place of both arms of one."""
+
+    a: SimulationSample
+    b: SimulationSample
+    sampling: Sampling
+
+    def arms(self, name: str) -> BothArms:
+        return self.a.arms(name)[AV], self.b.arms(name)[AV]
+
+
+def _of_simulations(entry: Entry) -> Difference:
+    """The difference of an entry between the AVs' arms of two cells, with its t test."""
+
+    def of(a: SimulationSample, b: SimulationSample, sampling: Sampling) -> Finding:
+        return entry.estimate(entry, _AvArms(a, b, sampling), None)
+
+    form = Form.SHARE if entry.form is Form.EVENTS else entry.form
+    heading = f"{entry.heading}{entry.unit and f', {entry.unit}'}"
+    return Difference(f"{entry.key}_a_minus_b", heading, Style(form, entry.digits), 0, of)
+
+
+_SHOWN = ("av_delay_s", "contacts", "conflicts_pet_per_1000")
+_SIMULATED = (*_SHOWN, "other_delay_s", "people_wait_s", "queue_p95", "av_time_loss_s")
+
+
+class _Kind(NamedTuple):
+    """What is compared of a kind of run.
+
+    Attributes:
+        differences: the differences; that of the first is on the screen.
+        shown: the entries on the screen.
+        worse: the difference that a note is made of, and what the worse one does more often.
+        reference: columns that are equal if the reference met the same people and drove alike.
+    """
+
+    differences: tuple[Difference, ...]
+    shown: tuple[str, ...]
+    worse: tuple[str, str]
+    reference: tuple[str, ...]
+
+
+_KINDS: Mapping[RunKind, _Kind] = {
+    "encounters": _Kind(
+        DIFFERENCES,
+        ("time_ratio", "kappa"),
+        ("kappa_all_difference", "crashes, times out or fails"),
+        ("crashed", "steps", "pedestrians", "pass_time_s", "pedestrian_delay_s"),
+    ),
+    "simulations": _Kind(
+        tuple(_of_simulations(ENTRY_OF[key]) for key in _SIMULATED),
+        _SHOWN,
+        ("contacts_a_minus_b", "touches people"),
+        tuple(ENTRY_OF[key].column for key in ("passages", "people", "people_wait_s")),
+    ),
+}
+
+
 _Column = tuple[Column, Sequence[Entered]]
 
 
@@ -117,13 +176,14 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
         raise _nothing_to_compare(runs)
     for group in groups:
         _refuse_other_people(group)
+    kind = _KINDS[runs[0].kind]
     confidence = max(run.confidence for run in runs)
     pairs = [pair for group in groups for pair in combinations(group, 2)]
     rows = [Row(a, b, _differences(a, b, confidence)) for a, b in pairs]
     # An undefined difference is a test that was not made.
     p_holm = {
         of.key: estimators.holm([1.0 if (p := row.found[of.key].p) is None else p for row in rows])
-        for of in DIFFERENCES
+        for of in kind.differences
     }
     candidates = [candidate for group in groups for candidate in group]
     cells = [candidate.cell for candidate in candidates]
@@ -137,12 +197,14 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
         f"{drivers(cells)}",
         scope=f"{scope_of(cells, done, facts)}; p by Holm over the table",
         about=place_in_words([cell.scenario for cell in cells]),
-        screen=_screen(rows[:MOST_ROWS], p_holm["time_ratio_difference"]),
+        screen=_screen(rows[:MOST_ROWS], p_holm[kind.differences[0].key], kind),
         full=(
-            *(_of_all(of, rows, p_holm[of.key]) for of in DIFFERENCES),
+            *(_of_all(of, rows, p_holm[of.key]) for of in kind.differences),
             *map(allowed_table, judged),
         ),
-        notes=notes_of(cells, _notes(rows, p_holm), [candidate.name for candidate in candidates]),
+        notes=notes_of(
+            cells, _notes(rows, p_holm, kind), [candidate.name for candidate in candidates]
+        ),
         closing=(
             *(f"{each.title}: {each.values}." for each in judged),
             *([f"{more:,} more rows: --full."] if more > 0 else []),
@@ -151,8 +213,8 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
         records=[
             {
                 **row.a.shared,
-                **_of_cell("a", row.a),
-                **_of_cell("b", row.b),
+                **_of_cell("a", row.a, kind),
+                **_of_cell("b", row.b, kind),
                 "pairs": _common(row.a, row.b),
                 **row.found,
                 **{f"{key}_p_holm": values[place] for key, values in p_holm.items()},
@@ -162,11 +224,11 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     )
 
 
-def _of_cell(side: str, of: Candidate) -> dict[str, Plain | Finding]:
+def _of_cell(side: str, of: Candidate, kind: _Kind) -> dict[str, Plain | Finding]:
     """What a record says of one of its two cells."""
     said: dict[str, Plain | Finding] = {side: of.label, f"cell_{side}": of.cell.number}
     said[f"folder_{side}"] = str(of.run.path)
-    return said | {f"{key}_{side}": of.cell[key] for key in ("time_ratio", "kappa")}
+    return said | {f"{key}_{side}": of.cell[key] for key in kind.shown}
 
 
 def _refuse_other_people(group: Sequence[Candidate]) -> None:
@@ -175,7 +237,7 @@ def _refuse_other_people(group: Sequence[Candidate]) -> None:
     for other in (each for each in others if each.origin != first.origin):
         pairs = _common(first, other)
         a, b = (
-            [each.sample(pairs).arms(name)[REFERENCE] for name in _OF_THE_REFERENCE]
+            [each.sample(pairs).arms(name)[REFERENCE] for name in _KINDS[each.run.kind].reference]
             for each in (first, other)
         )
         same = np.isclose(a, b, rtol=_SAME, atol=_SAME, equal_nan=True).all(axis=0)
@@ -207,7 +269,7 @@ def _differences(a: Candidate, b: Candidate, confidence: float) -> dict[str, Fin
     samples = a.sample(pairs), b.sample(pairs)
     seed = a.cell.scenario.experiment.seed
     found = {}
-    for of in DIFFERENCES:
+    for of in _KINDS[a.run.kind].differences:
         finding = of.of(*samples, Sampling(resampling(seed, "comparison"), confidence))
         if finding.value is None:
             finding = replace(finding, reason="no pair counts in both")
@@ -233,22 +295,23 @@ def _table(title: str, rows: Sequence[Row], *columns: _Column, legend: str = "")
     return table_of(title, filled, legend)
 
 
-def _screen(rows: Sequence[Row], p_holm: Sequence[float]) -> Table:
+def _screen(rows: Sequence[Row], p_holm: Sequence[float], kind: _Kind) -> Table:
     """The first screen: each cell's own number, their paired difference, and one p."""
 
     def both(entry: Entry) -> _Column:
         numbers = [Versus(shown(entry, row.a.cell), shown(entry, row.b.cell)) for row in rows]
-        return Column(entry.key, entry.heading), numbers
+        heading = entry.title(rows[0].a.cell.scenario.conflicts.model_dump())
+        return Column(entry.key, heading), numbers
 
+    first, *others = (ENTRY_OF[key] for key in kind.shown)
     worst = worst_cases([each.cell for row in rows for each in (row.a, row.b)])
     return _table(
         "",
         rows,
-        both(ENTRY_OF["time_ratio"]),
-        _difference(DIFFERENCES[0], rows),
+        both(first),
+        _difference(kind.differences[0], rows),
         _p_values("p", p_holm[: len(rows)]),
-        both(ENTRY_OF["kappa"]),
-        *map(both, worst),
+        *map(both, [*others, *worst]),
         legend="Two numbers in a cell: A / B.",
     )
 
@@ -273,26 +336,27 @@ def _of_all(of: Difference, rows: Sequence[Row], p_holm: Sequence[float]) -> Tab
     )
 
 
-def _notes(rows: Sequence[Row], p_holm: Mapping[str, Sequence[float]]) -> list[Note]:
+def _notes(rows: Sequence[Row], p_holm: Mapping[str, Sequence[float]], kind: _Kind) -> list[Note]:
     """Notes on rows: more crashes, an unreliable interval of A − B, or none."""
-    worse = []
-    for (a, b, found), p in zip(rows, p_holm["kappa_all_difference"], strict=True):
-        value = found["kappa_all_difference"].value
+    worse, (key, does) = [], kind.worse
+    for (a, b, found), p in zip(rows, p_holm[key], strict=True):
+        value = found[key].value
         if value and p < SIGNIFICANT:
             worse.append((a, b) if value > 0 else (b, a))
-    of_times = [row.found["time_ratio_difference"] for row in rows]
+    of_times = [row.found[kind.differences[0].key] for row in rows]
     few = [each.n or 0 for each in of_times if each.reliable is False or each.reason == FEW]
     equal, of = sum(each.reason == EQUAL for each in of_times), f"of {len(rows):,}"
     cut = [row for row in rows if row.a.cell["pairs"].count != row.b.cell["pairs"].count]
     notes = []
     if worse:
         (more, less), others = worse[0], len(worse) - 1
-        text = f"{more.name} crashes, times out or fails more often than {less.label}"
+        text = f"{more.name} {does} more often than {less.label}"
         text += f" (similar in {others:,} more row{'s' * (others > 1)})." if others else "."
         notes.append(Note("more_crashes", rank_of("left_out"), "more crashes", text))
     if few:
         text = f"In {len(few):,} {of} rows few pairs differ: A − B is unreliable (*); the fewest "
-        text += f"here: {min(few):,}. It is so below {DIFFERENCES[0].reliable_from:,}."
+        least = kind.differences[0].reliable_from or RELIABLE_FROM
+        text += f"here: {min(few):,}. It is so below {least:,}."
         notes.append(Note("few_differ", rank_of("few_pairs"), "few pairs differ", text))
     if cut:
         text = f"In {len(cut):,} {of} rows A − B is over the {_common(cut[0].a, cut[0].b):,} pairs "

@@ -1,6 +1,6 @@
 """Simulates the pairs of a task one after another in the one SUMO of this process."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -16,13 +16,7 @@ from harness.measures import Outcome
 from harness.results.rows import rows_of
 from harness.results.tables import Row, Tables
 from harness.scenario import Cell, Scenario
-from harness.studies.tasks import EpisodeId, Rows, Task
-
-Tell = Callable[[EpisodeId | None, Sized | None], None]
-"""Receives the episode that is about to begin, and what grows with every answer of its strategy.
-
-The latter is None while the strategy is made, and both are None between two episodes.
-"""
+from harness.studies.tasks import EpisodeId, Rows, Task, Tell
 
 Runner = tuple[Cell, PairRunner]
 

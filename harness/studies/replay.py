@@ -1,4 +1,4 @@
-"""Repeats stored episodes, each in a SUMO of its own that writes its outputs, or here."""
+"""Repeats stored episodes or simulations, each in a SUMO that writes its outputs, or here."""
 
 import math
 import shutil
@@ -18,17 +18,16 @@ from harness.engine.shared import close_engine
 from harness.model.interaction import load_model
 from harness.results.folder import changes, simulated_with
 from harness.results.run import Run
-from harness.results.tables import read_cell
+from harness.results.tables import TABLES_OF, read_cell
 from harness.strategies.registry import source_digests
-from harness.studies.encounters import run_task
-from harness.studies.tasks import Rows, Task
+from harness.studies.tasks import Rows, Task, run_task
 from harness.studies.workers import LocalExecutor, default_workers, supervise
 
 TOLERANCE = 1e-6
 """Numbers are equal if they differ by at most this, absolutely or relatively."""
 
 RECORDS = ("episodes", "pedestrians")
-"""The tables that are compared."""
+"""The tables of encounters that are compared; of simulations all are."""
 
 
 @dataclass(frozen=True)
@@ -68,12 +67,13 @@ def replay(run: Run, cell: int, pairs: range, arms: Sequence[Arm], out: Path) ->
     refuse_in_use(out, "--out")
     folders = [out / f"{each.first}-{each.arms[0]}" for each in tasks] if len(tasks) > 1 else [out]
     tasks = [replace(task, outputs=place) for task, place in zip(tasks, folders, strict=True)]
-    net = network_of(run.scenario_of(cell))
+    net = network_of(run.scenario_of(cell)) if run.kind == "encounters" else None
     executor = LocalExecutor(min(default_workers(), len(tasks)), len(tasks))
     try:
         for place in folders:
             place.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(net, place / "site.net.xml")
+            if net is not None:
+                shutil.copyfile(net, place / "site.net.xml")
         futures = [executor.submit(supervise, task) for task in tasks]
         return [
             replayed(run, task, each.result()) for task, each in zip(tasks, futures, strict=True)
@@ -112,7 +112,7 @@ def stored_tasks(run: Run, cell: int, pairs: Sequence[int], arms: Sequence[Arm])
     check_packages()
     if not 0 <= cell < len(run.study.cells):
         raise InputError("--cell", f"{cell}", f"0 to {len(run.study.cells) - 1}")
-    known = run.rows("episodes", cell)["pair"].unique().to_pylist()
+    known = run.rows(TABLES_OF[run.kind][0].name, cell)["pair"].unique().to_pylist()
     if odd := [pair for pair in pairs if pair not in {*known}]:
         raise InputError("--pair", f"{odd[0]}", f"0 to {max(known, default=0)}")
     of = run.study.cells[cell]
@@ -135,8 +135,10 @@ def replayed(run: Run, task: Task, rows: Rows) -> Replayed:
     found = differences_of(run, cell.number, task.first, tables, [arm])
     name = f"pair {task.first}, arm {arm}" if task.outputs is None else str(task.outputs)
     traceback = next((each.get("traceback") for each in rows.events), None)
-    (episode,) = tables["episodes"].to_pylist()
-    failed = episode["ending"] == Ending.ENGINE_FAILED and not episode["steps"]
+    (episode,) = tables[TABLES_OF[run.kind][0].name].to_pylist()
+    failed = episode["reason"] is not None
+    if run.kind == "encounters":
+        failed = episode["ending"] == Ending.ENGINE_FAILED and not episode["steps"]
     return Replayed(name, found, episode["reason"] if failed and found else None, traceback)
 
 
@@ -148,7 +150,8 @@ def differences_of(
     SUMO's verdict on collisions is not compared with the plain engine, which has none.
     """
     found: list[str] = []
-    for name in RECORDS:
+    simulated = tuple(each.name for each in TABLES_OF["simulations"])
+    for name in RECORDS if run.kind == "encounters" else simulated:
         stored = read_cell(run.path, name, cell, run.manifest, pair).to_pylist()
         old, now = [row for row in stored if row["arm"] in arms], tables[name].to_pylist()
         if len(old) != len(now):

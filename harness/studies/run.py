@@ -1,4 +1,4 @@
-"""Runs a study of encounters into a folder of parts, and resumes it."""
+"""Runs a study into a folder of parts, and resumes it."""
 
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
@@ -22,13 +22,13 @@ from harness.engine.installation import check_packages
 from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel, load_model
 from harness.results import folder as folders
-from harness.results.findings import cell_findings
-from harness.results.run import Run, load_run
+from harness.results.run import Run, computed, load_run
 from harness.results.tables import (
+    TABLES_OF,
+    TRACES,
     DamagedPartError,
     done_parts,
     part_name,
-    read_cell,
     read_part,
     write_part,
 )
@@ -102,10 +102,13 @@ def run(
     else:
         variations = [(key, [*values]) for key, values in (vary or {}).items()]
         study = study_of(scenario_file(scenario, changes), variations)
-    models = checked_models(cell.scenario for cell in study.cells)
+    models, files = _checked(study)
     kept: Any = {"traces": bool(traces), "engine": engine_named(engine)}
-    size = part_pairs(study.base.experiment.pairs)
-    manifest = folders.manifest_of(study, models, pairs_per_part=size, **kept)
+    size = 1 if study.long_pairs else part_pairs(study.base.experiment.pairs)
+    if study.long_pairs and (traces or engine != "sumo"):
+        key = "traces" if traces else "engine"
+        raise InputError(key, "is not supported with simulations", "SUMO, without traces")
+    manifest = folders.manifest_of(study, models, pairs_per_part=size, files=files, **kept)
     path = folders.claim_folder(out, study.name)
     with _at_work(path, study, workers, executor) as (folder, chosen):
         folders.write_manifest(path, manifest)
@@ -132,8 +135,8 @@ def resume(
         done, planned = _whole_parts(folder, study, manifest)
         if done >= planned and folders.read_findings(path, manifest, study.cells) is not None:
             return load_run(path)
-        models = checked_models(cell.scenario for cell in study.cells)
-        now = folders.simulated_with(study.driven, models)
+        models, files = _checked(study)
+        now = folders.simulated_with(study.driven, models, files)
         if done < planned:
             folders.refuse_other_versions(manifest["simulated_with"], now)
         folder.note("resumed")
@@ -172,6 +175,16 @@ def checked_models(scenarios: Iterable[Scenario], what: str = "") -> list[Intera
     return models
 
 
+def _checked(study: Study) -> tuple[list[InteractionModel], Mapping[str, str]]:
+    """The model of each cell and the hashes of the user's files, after all checks."""
+    if not study.long_pairs:
+        return checked_models(cell.scenario for cell in study.cells), {}
+    from harness.studies import simulations
+
+    check_packages()
+    return simulations.checked(study)
+
+
 def _whole_parts(
     folder: folders.RunFolder, study: Study, manifest: JsonObject
 ) -> tuple[set[Part], set[Part]]:
@@ -186,12 +199,13 @@ def _whole_parts(
         left.unlink()
     done = done_parts(folder.path)
     for cell, first in sorted(done):
-        path = folder.path / "episodes" / part_name(cell, first)
+        path = folder.path / TABLES_OF[manifest["kind"]][0].name / part_name(cell, first)
         if (cell, first) not in planned:
             raise InputError(str(path), "is no part that this run plans", "the parts of this run")
         try:
-            for name in ("episodes", "pedestrians", *["traces"] * manifest["traces"]):
-                read_part(folder.path, name, cell, first, manifest)
+            for table in TABLES_OF[manifest["kind"]]:
+                if table is not TRACES or manifest["traces"]:
+                    read_part(folder.path, table.name, cell, first, manifest)
         except DamagedPartError as error:
             folder.note("part removed", reason=str(error))
             path.unlink()
@@ -235,7 +249,7 @@ def _carried_out(
     """Simulate the parts that are not done; compute and write the findings."""
     path = folder.path
     tasks = [
-        replace(task, cells=cells)
+        replace(task, cells=cells, folder=path.absolute() if study.long_pairs else None)
         for task in tasks_of(study, models, manifest)
         if (cells := tuple(cell for cell in task.cells if (cell.number, task.first) not in done))
     ]
@@ -249,8 +263,7 @@ def _carried_out(
             write_part(path, number, task.first, of_cell, manifest["digest"])
         missing -= task.count * len(task.cells)
         progress(planned - missing, planned)
-    episodes = ((cell, read_cell(path, "episodes", cell.number, manifest)) for cell in study.cells)
-    found = tuple(cell_findings(cell, rows, manifest["confidence"]) for cell, rows in episodes)
+    found = computed(path, manifest, study)
     folders.write_findings(path, manifest, found)
     folder.note("finished")
     return Run(path, manifest, study, True, found)

@@ -1,6 +1,6 @@
 """Tasks: some pairs of cells with the same people, all known before the first one starts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -27,6 +27,14 @@ class EpisodeId(NamedTuple):
     arm: Arm
 
 
+Tell = Callable[[EpisodeId | None, Sized | None], None]
+"""Receives the episode that is about to begin, and what grows with every answer of its strategy, or
+with every step of a simulation.
+
+The latter is None while the strategy is made, and both are None between two episodes.
+"""
+
+
 class Failure(NamedTuple):
     """Why an episode was given up, and what failed."""
 
@@ -48,6 +56,7 @@ class Task:
         traces: whether the rows of ``traces`` are returned.
         engine: the engine.
         outputs: the folder for SUMO's own outputs, for a task of one episode.
+        folder: the run's folder, for what simulations keep.
         code: digests of the user's strategies that drive; a process that has imported another
             version is not used.
         given_up: the episodes that are not tried again.
@@ -61,6 +70,7 @@ class Task:
     traces: bool = False
     engine: "EngineName" = "sumo"
     outputs: Path | None = None
+    folder: Path | None = None
     code: Mapping[str, str] = field(default_factory=dict)
     given_up: Mapping[EpisodeId, Failure] = field(default_factory=dict)
 
@@ -129,3 +139,14 @@ def tasks_of(
 def but_for_drivers(scenario: "Scenario") -> str:
     """The people and the road of a scenario, as text."""
     return repr(scenario.model_copy(update=dict.fromkeys(_DRIVERS)))
+
+
+def run_task(task: Task, tell: Tell = lambda _episode, _steps: None) -> Rows:
+    """Simulate a task; see ``encounters.run_task`` and ``simulations.run_task``."""
+    if task.cells[0].scenario.kind == "encounters":
+        from harness.studies import encounters
+
+        return encounters.run_task(task, tell)
+    from harness.studies import simulations
+
+    return simulations.run_task(task, tell)

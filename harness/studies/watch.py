@@ -11,8 +11,12 @@ from harness.engine.network import place_of
 from harness.engine.protocol import Engine
 from harness.results.run import Run
 from harness.scenario import Scenario
+from harness.studies import simulations
 from harness.studies.encounters import run_task
 from harness.studies.replay import Replayed, refuse_in_use, replayed, stored_tasks
+
+_SHOW = {"start": "true", "quit-on-end": "true", "delay": "100"}
+"""Options of sumo-gui for a simulation."""
 
 _EVERY_S = 0.5
 """Simulated time between two screenshots."""
@@ -48,6 +52,13 @@ def watch(
             "there is no display (DISPLAY is not set)",
             "a desktop session, or a virtual one: install Xvfb and run `xvfb-run -a harness …`",
         )
+    if run.kind == "simulations":
+        if screenshots is not None:
+            raise InputError("--screenshots", "is of encounters", "--gui without it")
+        return [
+            replayed(run, task, simulations.run_task(task, module="gui", more=_SHOW))
+            for task in tasks
+        ]
     from harness.engine.traci import Gui, gui_engine
 
     shown = []

@@ -83,7 +83,7 @@ class InProcess(Executor):
 
     def submit(self, function: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
         """Run a task at once, without ``supervise``."""
-        from harness.studies.encounters import run_task
+        from harness.studies.tasks import run_task
 
         assert function is supervise
         future: Future[Any] = Future()

@@ -12,6 +12,7 @@ from harness.results.notes import notes_of
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.results.run import Run
 from harness.studies.candidates import key_of
+from harness.studies.worst_passages import Driver, worst_passages
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,8 +38,11 @@ def worst(
     arm: Arm | str = Arm.AV,
     cell: int | None = None,
     before: Run | None = None,
+    driver: Driver | None = None,
 ) -> Result:
-    """The worst episodes of a run; ``closing`` has the commands that show them in sumo-gui.
+    """The worst episodes of a run, or passages of simulations.
+
+    ``closing`` has the commands that show them in sumo-gui.
 
     For a conflict measure (PET, DRAC …) crashes come first, sorted by impact speed.  For delay and
     pass time, time-outs come first; crashes are left out, because they have no such value.
@@ -52,6 +56,7 @@ def worst(
         before: an earlier run with the same people; only episodes that are worse than in it are
             listed, the greatest change first.  Cells are matched by people and AV; if each run has
             one cell, their AVs may differ.
+        driver: of simulations, the only drivers.
 
     Raises:
         InputError: a run is not finished, the measure, arm or cell does not exist, every episode
@@ -68,6 +73,12 @@ def worst(
         raise unknown_name("--arm", "arm", str(arm), [*Arm])
     if cell is not None and not 0 <= cell < len(run.study.cells):
         raise InputError("--cell", f"{cell}", f"0 to {len(run.study.cells) - 1}")
+    if run.kind == "simulations":
+        if before is not None:
+            raise InputError("--diff", "is of encounters", "a run of encounters")
+        return worst_passages(run, by, most, Arm(arm), cell, driver, _badness, _least(by))
+    if driver is not None:
+        raise InputError("--driver", "is of simulations", "--arm")
     rows = _ranked(run, by, arm, cell)
     if before is not None:
         past = _ranked(before, by, arm, None)[["cell", "pair", by, "badness"]]

@@ -310,7 +310,7 @@ def test_two_runs_never_work_in_one_folder(tmp_path: Path) -> None:
         ({"settings": {"arms.av": "nobody"}}, "unknown strategy"),
         ({"workers": -1}, "workers"),
         ({"engine": "unity"}, "unknown engine"),
-        ({"scenario": "traffic"}, "scenario of encounters"),
+        ({"scenario": "traffic", "traces": True}, "simulations"),
     ],
 )
 def test_what_is_refused_writes_no_manifest(

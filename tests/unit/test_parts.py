@@ -258,11 +258,17 @@ def test_a_manifest_is_read_as_written_and_refused_once_edited(
 
 
 def test_a_resumed_run_needs_its_versions_strategies_and_model() -> None:
-    then = {"versions": {"sumo": "1"}, "strategies": {"own:A": "x"}, "models": [{"name": "dut"}]}
+    then = {
+        "versions": {"sumo": "1"},
+        "strategies": {"own:A": "x"},
+        "models": [{"name": "dut"}],
+        "files": {"town.net.xml": "1"},
+    }
     folders.refuse_other_versions(then, then)
     for part, now in (
         ("simulated with sumo 1, this is 2", {**then, "versions": {"sumo": "2"}}),
         ("own:A has been edited", {**then, "strategies": {"own:A": "y"}}),
+        ("town.net.xml has changed", {**then, "files": {"town.net.xml": "2"}}),
         ("model other has changed", {**then, "models": [{"name": "other"}]}),
     ):
         with pytest.raises(InputError, match=part):

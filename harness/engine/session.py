@@ -1,0 +1,261 @@
+"""A running SUMO simulation: its functions with types, in this process or in another one."""
+
+import contextlib
+import io
+import os
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module, metadata
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_type_hints
+
+from harness.core.errors import EngineError, one_line
+from harness.engine.people import KEEP_ROUTE, MATCH_THRESHOLD_M, NO_ANGLE
+from harness.site.configuration import first_error, sumo_program
+
+Module = Literal["libsumo", "traci", "gui"]
+"""Where SUMO runs: in this process, in another one, or in another one with a window."""
+
+_VIEW = "View #0"
+_DEPART_NOW = -3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicles:
+    """SUMO's functions for vehicles; most take a vehicle's id; each has SUMO's name for it."""
+
+    ids: Annotated[Callable[[], Sequence[str]], "getIDList"]
+    lane: Annotated[Callable[[str], str], "getLaneID"]
+    lane_position_m: Annotated[Callable[[str], float], "getLanePosition"]
+    odometer_m: Annotated[Callable[[str], float], "getDistance"]
+    speed_mps: Annotated[Callable[[str], float], "getSpeed"]
+    acceleration_mps2: Annotated[Callable[[str], float], "getAcceleration"]
+    position: Annotated[Callable[[str], tuple[float, float]], "getPosition"]
+    angle_deg: Annotated[Callable[[str], float], "getAngle"]
+    allowed_speed_mps: Annotated[Callable[[str], float], "getAllowedSpeed"]
+    speed_factor: Annotated[Callable[[str], float], "getSpeedFactor"]
+    max_speed_mps: Annotated[Callable[[str], float], "getMaxSpeed"]
+    leader: Annotated[Callable[[str, float], tuple[str, float] | None], "getLeader"]
+    route: Annotated[Callable[[str], Sequence[str]], "getRoute"]
+    route_index: Annotated[Callable[[str], int], "getRouteIndex"]
+    best_lanes: Annotated[
+        Callable[[str], Sequence[tuple[str, float, float, int, bool, Sequence[str]]]],
+        "getBestLanes",
+    ]
+    type: Annotated[Callable[[str], str], "getTypeID"]
+    vehicle_class: Annotated[Callable[[str], str], "getVehicleClass"]
+    length_m: Annotated[Callable[[str], float], "getLength"]
+    width_m: Annotated[Callable[[str], float], "getWidth"]
+    acceleration_limit_mps2: Annotated[Callable[[str], float], "getAccel"]
+    deceleration_limit_mps2: Annotated[Callable[[str], float], "getDecel"]
+    emergency_deceleration_mps2: Annotated[Callable[[str], float], "getEmergencyDecel"]
+    set_speed: Annotated[Callable[[str, float], object], "setSpeed"]
+    set_speed_mode: Annotated[Callable[[str, int], object], "setSpeedMode"]
+    set_parameter: Annotated[Callable[[str, str, str], object], "setParameter"]
+    set_colour: Annotated[Callable[[str, tuple[int, int, int]], object], "setColor"]
+
+
+@dataclass(frozen=True, slots=True)
+class People:
+    """SUMO's functions for people; most take a person's id; each has SUMO's name for it."""
+
+    ids: Annotated[Callable[[], Sequence[str]], "getIDList"]
+    edge: Annotated[Callable[[str], str], "getRoadID"]
+    next_edge: Annotated[Callable[[str], str], "getNextEdge"]
+    lane_position_m: Annotated[Callable[[str], float], "getLanePosition"]
+    position: Annotated[Callable[[str], tuple[float, float]], "getPosition"]
+    speed_mps: Annotated[Callable[[str], float], "getSpeed"]
+    type: Annotated[Callable[[str], str], "getTypeID"]
+    set_speed: Annotated[Callable[[str, float], object], "setSpeed"]
+    walk: Annotated[Callable[[str, Sequence[str], float], object], "appendWalkingStage"]
+    remove: Annotated[Callable[[str], object], "remove"]
+
+
+_WRAPPED = frozenset(["getLeader", "appendWalkingStage", "moveToXY"])
+"""Functions of libsumo whose wrappers in Python do more than to call them."""
+
+
+class Collision(NamedTuple):
+    """A collision that SUMO reports: who drove, whom they hit, and where."""
+
+    collider: str
+    victim: str
+    lane: str
+    position_m: float
+
+
+_Functions = TypeVar("_Functions", Vehicles, People)
+
+
+class Session:
+    """A running simulation.
+
+    Args:
+        config: a SUMO configuration.
+        options: further options of SUMO by name, which win; e.g. ``{"seed": "3"}``.
+        module: where SUMO runs.
+
+    Attributes:
+        vehicles, people: their functions.
+        vehicles_on, people_on: ids of those on an edge at the last step.
+        step_s: length of a step.
+        time_s: the time at the end of the last step.
+
+    Raises:
+        EngineError: SUMO does not start, or another simulation runs in this process.
+    """
+
+    def __init__(
+        self, config: Path, options: Mapping[str, str] | None = None, module: Module = "libsumo"
+    ) -> None:
+        command = ["-c", str(config)]
+        command += [
+            part for name, value in (options or {}).items() for part in (f"--{name}", value)
+        ]
+        self._api = api = _started(module, command)
+        self._lost = (api.TraCIException, api.FatalTraCIError)
+        self._advance = self._function("simulation", "step")
+        self._now = self._function("simulation", "getTime")
+        self.vehicles = self._functions("vehicle", Vehicles)
+        self.people = self._functions("person", People)
+        self.vehicles_on: Callable[[str], Sequence[str]]
+        self.vehicles_on = self._function("edge", "getLastStepVehicleIDs")
+        self.people_on: Callable[[str], Sequence[str]]
+        self.people_on = self._function("edge", "getLastStepPersonIDs")
+        self._move = self._function("person", "moveToXY")
+        self.time_s: float = api.simulation.getTime()
+        self.step_s: float = api.simulation.getDeltaT()
+
+    def _function(self, domain: str, name: str) -> Callable[..., Any]:
+        if self._api.__name__ == "libsumo" and name not in _WRAPPED:
+            # Without the wrapper in Python, which takes as long as the function.
+            compiled: Callable[..., Any] = getattr(self._api._libsumo, f"{domain}_{name}")
+            return compiled
+        public: Callable[..., Any] = getattr(getattr(self._api, domain), name)
+        return public
+
+    def _functions(self, domain: str, kind: type[_Functions]) -> _Functions:
+        names = get_type_hints(kind, include_extras=True).items()
+        return kind(**{each: self._function(domain, how.__metadata__[0]) for each, how in names})
+
+    def step(self) -> float:
+        """Simulate one step; return the time at its end in s.
+
+        Raises:
+            EngineError: SUMO lost the simulation.
+        """
+        try:
+            self._advance()
+        except self._lost as error:
+            raise EngineError(f"SUMO lost the simulation: {one_line(str(error))}") from None
+        self.time_s = self._now()
+        return self.time_s
+
+    def goes_on(self, end_s: float | None) -> bool:
+        """Whether there is a further step; None: as long as anybody is on the way.
+
+        libsumo itself ignores the configuration's end.
+        """
+        if end_s is not None:
+            return self.time_s < end_s - 1e-9
+        api = self._api
+        expected = api.simulation.getMinExpectedNumber()
+        if not expected or api.vehicle.getIDCount():
+            return bool(expected)
+        people = api.person.getIDList()
+        if expected > len(people):
+            return True
+        # As in SUMO, people who wait for a ride do not keep the simulation going.
+        return any(api.person.getStage(name).type != api.constants.STAGE_DRIVING for name in people)
+
+    def ignore(self, vehicle: str, types: Sequence[str]) -> None:
+        """Let a vehicle not mind people of these types, on any crosswalk."""
+        self.vehicles.set_parameter(vehicle, "junctionModel.ignoreTypes", " ".join(types))
+
+    def add_person(self, name: str, edge: str, position_m: float, type_id: str) -> None:
+        """Add a person; they exist, and may be moved, after the next step but one.
+
+        They need a way (``people.walk``) in the same step.
+        """
+        self._api.person.add(name, edge, position_m, depart=_DEPART_NOW, typeID=type_id)
+
+    def move_person(self, name: str, x: float, y: float) -> None:
+        """Put a person who exists on a point of a crosswalk's axis, 0.05 m or more from its ends.
+
+        SUMO ends the process if the person does not exist.
+        """
+        self._move(name, "", x, y, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
+
+    def departed(self) -> Sequence[str]:
+        """The vehicles that entered in the last step."""
+        return tuple(self._api.simulation.getDepartedIDList())
+
+    def arrived(self) -> Sequence[str]:
+        """The vehicles that arrived in the last step."""
+        return tuple(self._api.simulation.getArrivedIDList())
+
+    def collisions(self) -> Sequence[Collision]:
+        """The collisions that SUMO reports of the last step; one hit may last several steps."""
+        found = self._api.simulation.getCollisions()
+        return tuple(Collision(each.collider, each.victim, each.lane, each.pos) for each in found)
+
+    def teleported(self) -> Sequence[str]:
+        """The vehicles that began to teleport in the last step."""
+        return tuple(self._api.simulation.getStartingTeleportIDList())
+
+    def emergency_stops(self) -> Sequence[str]:
+        """The vehicles that had to stop as in an emergency in the last step."""
+        return tuple(self._api.simulation.getEmergencyStoppingVehiclesIDList())
+
+    def look(self, x: float, y: float, reach_m: float) -> None:
+        """Show a square of the network in the window."""
+        self._api.gui.setBoundary(_VIEW, x - reach_m, y - reach_m, x + reach_m, y + reach_m)
+
+    def screenshot(self, file: Path, width: int, height: int) -> None:
+        """Order a picture of the window at the end of the next step."""
+        self._api.gui.screenshot(_VIEW, str(file.absolute()), width, height)
+
+    def close(self) -> None:
+        """End the simulation; only then are its output files complete."""
+        # The user may have closed the window.
+        with contextlib.suppress(self._api.FatalTraCIError):
+            self._api.close()
+
+
+def _started(module: Module, command: Sequence[str]) -> Any:
+    """The module that SUMO's functions are in, once SUMO runs."""
+    import sumo
+
+    api = import_module("libsumo" if module == "libsumo" else "traci")
+    if module == "libsumo":
+        # The module path may lead to another SUMO, e.g. that of SUMO_HOME/tools.
+        version, wanted = api.getVersion()[1], f"SUMO {metadata.version('libsumo')}"
+        if version != wanted:
+            raise EngineError(f"{api.__file__} is {version}, not {wanted}: see PYTHONPATH")
+        if api.isLoaded():
+            raise EngineError("only one SUMO simulation can run in a process; close the first")
+        program = "sumo"
+    else:
+        program = os.path.join(sumo.SUMO_HOME, "bin", "sumo-gui" if module == "gui" else "sumo")  # noqa: PTH118
+    try:
+        # traci prints its retries on stdout, which is for results only.
+        with contextlib.redirect_stdout(io.StringIO()):
+            api.start([program, *command])
+    except (api.TraCIException, api.FatalTraCIError, OSError) as error:
+        # A simulation that failed counts as loaded.
+        with contextlib.suppress(api.TraCIException, api.FatalTraCIError):
+            api.close()
+        why = _first_error(command) or one_line(str(error))
+        raise EngineError(f"SUMO did not start: {why}") from None
+    return api
+
+
+def _first_error(command: Sequence[str]) -> str | None:
+    """The first error of SUMO with these options; libsumo only prints it."""
+    again = [sumo_program(), *command, "--begin", "0", "--end", "0"]
+    try:
+        done = subprocess.run(again, capture_output=True, text=True, timeout=60, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return first_error(done.stderr) if done.returncode else None

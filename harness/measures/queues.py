@@ -1,0 +1,62 @@
+"""Times of many vehicles in; queues, the growth of their number, and levels of service out."""
+
+import numpy as np
+
+from harness.core.encounter import FloatArray
+
+PEDESTRIAN_LOS_S = (5.0, 10.0, 20.0, 30.0, 45.0)
+"""Longest mean delays of pedestrians for the levels A to E (HCM 2010, exhibit 19-2)."""
+
+
+def level_of_service(delay_s: float) -> str:
+    """The level of service of pedestrians, A to F, by their mean delay (HCM 2010).
+
+    >>> [level_of_service(delay_s) for delay_s in (5.0, 12.0, 46.0)]
+    ['A', 'C', 'F']
+    """
+    return "ABCDEF"[sum(delay_s > limit for limit in PEDESTRIAN_LOS_S)]
+
+
+def standing(begin_s: FloatArray, end_s: FloatArray, from_s: float, until_s: float) -> np.ndarray:
+    """The number of vehicles that stand, in the middle of each second of a time.
+
+    Args:
+        begin_s: begins of their stops.
+        end_s: ends of those that have ended.
+        from_s, until_s: the time.
+
+    >>> standing(np.array([0.0, 1.2]), np.array([3.0]), 0.0, 4.0).tolist()
+    [1, 1, 2, 1]
+    """
+    at_s = np.arange(from_s + 0.5, until_s)
+    begun, ended = (np.searchsorted(np.sort(each), at_s) for each in (begin_s, end_s))
+    return begun - ended
+
+
+def growth(due_s: FloatArray, left_s: FloatArray, from_s: float, until_s: float) -> float | None:
+    """By how many vehicles a network fills from the second third of a time to the last.
+
+    Means over time of the number that were due and have not arrived.  In the first third it fills
+    in any case.
+
+    Args:
+        due_s: times at which vehicles were due to depart, shape (k,), within the time.
+        left_s: times at which they arrived; NaN if they never did.
+        from_s, until_s: the time.
+
+    Returns:
+        None without a vehicle, or if mean trips are longer than a third.
+
+    >>> due_s = np.arange(0.0, 900.0, 10.0)
+    >>> growth(due_s, due_s + 60.0, 0.0, 900.0), growth(due_s, due_s * np.nan, 0.0, 900.0)
+    (0.0, None)
+    """
+    third_s = (until_s - from_s) / 3
+    left_s = np.fmin(left_s, until_s)
+    if not len(due_s) or np.mean(left_s - due_s) > third_s:
+        return None
+    before, now = (
+        float(np.sum(left_s.clip(low, low + third_s) - due_s.clip(low, low + third_s)))
+        for low in (from_s + third_s, from_s + 2 * third_s)
+    )
+    return (now - before) / third_s

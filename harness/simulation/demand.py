@@ -1,0 +1,259 @@
+"""``[traffic]`` in; a pair's network, vehicles and SUMO configuration out, in a folder.
+
+``sumo -c`` simulates the configuration, sumo-gui opens it, and it can be the ``file`` of a scenario
+with ``[simulation]``.
+"""
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise, repeat
+from pathlib import Path
+
+import numpy as np
+
+from harness.core.encounter import Vehicle
+from harness.core.seeding import stream
+from harness.engine.network import network_of
+from harness.scenario import QUARTER_S, Scenario, TrafficSection, by_quarter
+from harness.site.configuration import SumoConfig
+
+NET_FILE, ROUTES_FILE, CONFIG_FILE = "road.net.xml", "vehicles.rou.xml", "traffic.sumocfg"
+CROSSWALK = ":crosswalk_c0"
+"""The crosswalk of every network of the harness."""
+CAR = "car"
+"""The vehicles' type if there is no mix."""
+
+_DIRECTIONS = ("", "oncoming_")
+"""How the names of the edges of a direction begin; its place numbers its streams."""
+_SECONDS_PER_HOUR = 3600.0
+_LEAST_CLEARING_S = 900.0
+_SATURATED = 0.9
+"""In a saturated lane a vehicle is due after this share of the least headway: one always waits."""
+_STANDS_NEARER_M = {"IDM": 0.4}
+"""SUMO's IDM stops this much nearer than its minGap (at 1.61 m for a minGap of 2 m)."""
+_BLOCK = 64
+
+_OPTIONS = {
+    "step-method.ballistic": "true",
+    "collision.check-junctions": "true",
+    "collision.mingap-factor": "0",
+    "collision.action": "warn",
+    "time-to-teleport": "-1",
+}
+_STAYS_IN_LANE = {
+    "lcStrategic": -1,
+    "lcCooperative": -1,
+    "lcSpeedGain": 0,
+    "lcKeepRight": 0,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Due:
+    """A vehicle: when it is due at the road's upstream end, and the number of its type."""
+
+    name: str
+    direction: int
+    lane: int
+    depart_s: float
+    kind: int
+
+
+def end_s(traffic: TrafficSection) -> float:
+    """The end of the simulation: the counted time, then time for the road to empty."""
+    clearing_s = 0.0 if traffic.saturated else max(traffic.duration_s, _LEAST_CLEARING_S)
+    return traffic.warm_up_s + traffic.duration_s + clearing_s
+
+
+def write_demand(scenario: Scenario, pair: int, seed: int, folder: Path) -> SumoConfig:
+    """Write the network, the vehicles and the configuration of a pair of ``[traffic]``.
+
+    The same arguments give the same bytes.
+
+    Args:
+        scenario: a scenario with ``[traffic]``.
+        pair: index of the pair, which keys the vehicles' streams.
+        seed: SUMO's seed.
+        folder: the folder; made if missing.
+
+    Raises:
+        EngineError: netconvert failed.
+    """
+    traffic, step_s = scenario.known_traffic, scenario.experiment.step_s
+    folder.mkdir(parents=True, exist_ok=True)
+    # Their limit of 100 m/s serves encounters; with the real one SUMO's time losses are right.
+    net = network_of(scenario).read_text(encoding="utf-8")
+    limited = re.sub(r'speed="100(\.0+)?"', f'speed="{scenario.speed_limit_mps!r}"', net)
+    (folder / NET_FILE).write_text(limited, encoding="utf-8")
+    _write(folder / ROUTES_FILE, _routes(scenario, pair))
+    options = {
+        "net-file": NET_FILE,
+        "route-files": ROUTES_FILE,
+        "begin": "0",
+        "end": f"{end_s(traffic):.3f}",
+        "step-length": f"{step_s:.3f}",
+        "seed": str(seed),
+        **_OPTIONS,
+    }
+    root = ET.Element("configuration")
+    for name, value in options.items():
+        ET.SubElement(root, name, value=value)
+    _write(folder / CONFIG_FILE, root)
+    files = {key: str(folder.absolute() / options[key]) for key in ("net-file", "route-files")}
+    return SumoConfig(folder / CONFIG_FILE, {**options, **files})
+
+
+def _write(path: Path, root: ET.Element) -> None:
+    ET.indent(root)
+    ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def _routes(scenario: Scenario, pair: int) -> ET.Element:
+    """SUMO's file of the vehicles, by the time at which they are due."""
+    root, strip = ET.Element("routes"), int(scenario.crossing.kerb_strip_m > 0)
+    kinds = type_names(scenario.known_traffic)
+    for name, vehicle in zip(kinds, scenario.vehicles(), strict=True):
+        values = {"id": name, **_type(vehicle, scenario)}.items()
+        ET.SubElement(root, "vType", {key: str(value) for key, value in values})
+    for way in _DIRECTIONS[: 1 + (scenario.crossing.oncoming_lanes > 0)]:
+        ET.SubElement(root, "route", id=f"{way}way", edges=f"{way}approach {way}exit")
+    for due in sorted(vehicles_due(scenario, pair), key=lambda due: (due.depart_s, due.name)):
+        lane = str(due.lane + strip)
+        ET.SubElement(
+            root,
+            "vehicle",
+            id=due.name,
+            type=kinds[due.kind],
+            route=f"{_DIRECTIONS[due.direction]}way",
+            depart=f"{due.depart_s:.3f}",
+            departLane=lane,
+            arrivalLane=lane,
+            departSpeed="max",
+        )
+    return root
+
+
+def type_names(traffic: TrafficSection, *, automated: bool = False) -> list[str]:
+    """The names of the vehicles' types; with ``automated`` of those that may be AVs."""
+    if not traffic.types:
+        return [CAR]
+    return [kind.name for kind in traffic.types if kind.automated or not automated]
+
+
+def _type(vehicle: Vehicle, scenario: Scenario) -> Mapping[str, object]:
+    """A type's attributes in SUMO; none is random."""
+    traffic, v0, limit = scenario.known_traffic, vehicle.initial_speed_mps, scenario.speed_limit_mps
+    return {
+        "vClass": "passenger",
+        "length": vehicle.length_m,
+        "width": vehicle.width_m,
+        # SUMO lowers commands to it too, so it is the strategies' limit as well.
+        "accel": vehicle.resume_acceleration_mps2,
+        "decel": vehicle.max_deceleration_mps2,
+        "emergencyDecel": vehicle.max_deceleration_mps2,
+        "maxSpeed": v0,
+        "speedFactor": max(1.0, v0 / limit),
+        "speedDev": 0,
+        "sigma": 0,
+        "carFollowModel": traffic.following,
+        "tau": traffic.tau_s,
+        "minGap": traffic.min_gap_m + _STANDS_NEARER_M.get(traffic.following, 0.0),
+        **_STAYS_IN_LANE,
+    }
+
+
+def vehicles_due(scenario: Scenario, pair: int) -> Iterator[Due]:
+    """The vehicles of all lanes, lane by lane; in every cell the same if demand and road are.
+
+    The lanes of a direction share its flow equally.  Headways in a lane of flow q are shifted
+    exponential: at least h (the following headway of these two vehicles at v0), and beyond h with
+    the hazard 1/(1/q − E[h]).  So the mean headway is 1/q.  q may change every quarter of an hour.
+    Times are rounded up to steps.  Types are drawn one by one, each with the probability of its
+    share.
+
+    Args:
+        scenario: a scenario with ``[traffic]``.
+        pair: index of the pair.
+    """
+    traffic = scenario.known_traffic
+    for direction, way in enumerate(("forward", "oncoming")):
+        lanes = len(scenario.crosswalk_from_lanes(oncoming=bool(direction)))
+        flow = traffic.oncoming_per_hour if direction else traffic.flow_per_hour
+        flows = [each / lanes / _SECONDS_PER_HOUR for each in by_quarter(flow)] if lanes else []
+        for lane in range(lanes):
+            times = _saturated(scenario) if traffic.saturated else None
+            times = times or _times(scenario, pair, (direction, lane), flows)
+            kinds = _kinds(traffic, scenario.experiment.seed, pair, (direction, lane))
+            for number, (time_s, kind) in enumerate(zip(times, kinds, strict=False)):
+                yield Due(f"{way}-{lane}-{number}", direction, lane, time_s, kind)
+
+
+def _saturated(scenario: Scenario) -> Iterator[float]:
+    """Times of so many vehicles that one always waits before a lane."""
+    traffic, step_s, time_s = scenario.known_traffic, scenario.experiment.step_s, 0.0
+    while time_s < traffic.warm_up_s + traffic.duration_s:
+        yield time_s
+        time_s += max(step_s, _SATURATED * scenario.least_headway_s())
+
+
+def _times(
+    scenario: Scenario, pair: int, key: tuple[int, int], per_s: list[float]
+) -> Iterator[float]:
+    """Times of a lane's vehicles from the simulation's begin, in whole steps.
+
+    ``per_s`` is the lane's flow in each quarter of an hour of the counted time.
+    """
+    traffic, experiment = scenario.known_traffic, scenario.experiment
+    step_s, mean_s = experiment.step_s, scenario.least_headway_s()
+    headways: Iterator[float] = repeat(mean_s)
+    if traffic.types:
+        headways = _headways(scenario, _kinds(traffic, experiment.seed, pair, key))
+    begin_s, last_s = -traffic.warm_up_s, traffic.duration_s
+    time_s, earliest = begin_s, 0
+    for uniform in _uniforms(stream(experiment.seed, "vehicle_arrival", pair, *key)):
+        left = -math.log1p(-uniform)
+        while True:
+            flow = per_s[min(max(0, math.floor(time_s / QUARTER_S)), len(per_s) - 1)]
+            hazard = flow / (1 - flow * mean_s)
+            until_s = min(last_s, (math.floor(time_s / QUARTER_S) + 1) * QUARTER_S)
+            if hazard * (until_s - time_s) > left:
+                time_s += left / hazard
+                break
+            left -= hazard * (until_s - time_s)
+            if until_s >= last_s:
+                return
+            time_s = until_s
+        step = max(earliest, math.ceil((time_s - begin_s) / step_s - 1e-9))
+        if step * step_s >= last_s - begin_s - 1e-9:
+            return
+        yield step * step_s
+        headway_s = next(headways)
+        earliest = step + round(headway_s / step_s)
+        time_s += headway_s
+        if time_s >= last_s:
+            return
+
+
+def _kinds(traffic: TrafficSection, seed: int, pair: int, key: tuple[int, int]) -> Iterator[int]:
+    """The number of the type of each vehicle of a lane."""
+    if not traffic.types:
+        return repeat(0)
+    ends = np.cumsum(traffic.shares)
+    ends[-1] = 1.0  # the shares sum to 1 up to rounding
+    units = _uniforms(stream(seed, "vehicle_type", pair, *key))
+    return (int(np.searchsorted(ends, unit, side="right")) for unit in units)
+
+
+def _headways(scenario: Scenario, kinds: Iterator[int]) -> Iterator[float]:
+    """The least headway between each vehicle of a lane and the next."""
+    vehicles = scenario.vehicles()
+    table = [[scenario.headway_s(leader, other) for other in vehicles] for leader in vehicles]
+    return (table[leader][follower] for leader, follower in pairwise(kinds))
+
+
+def _uniforms(generator: np.random.Generator) -> Iterator[float]:
+    while True:
+        yield from generator.random(_BLOCK).tolist()

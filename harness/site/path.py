@@ -1,0 +1,161 @@
+"""A vehicle's line over a crosswalk, by its arc length s in SUMO's lane metres."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from harness.core.encounter import FloatArray
+
+_BEYOND_M = 1000.0
+"""Length by which the line goes straight on beyond both ends."""
+
+
+class PathLane(NamedTuple):
+    """A lane that a path is to follow.
+
+    Attributes:
+        lane: its id.
+        shape: the points of its centre line, x and y in m; at least two.
+        length_m: SUMO's length, which may differ from that of the shape.
+        limit_mps: its speed limit.
+    """
+
+    lane: str
+    shape: Sequence[tuple[float, float]]
+    length_m: float
+    limit_mps: float
+
+
+class Stretch(NamedTuple):
+    """A lane on a path.
+
+    Attributes:
+        lane: its id.
+        start_m, end_m: s at its beginning and at its end.
+        limit_mps: its speed limit.
+        scale: SUMO's length of the lane over that of its shape.
+    """
+
+    lane: str
+    start_m: float
+    end_m: float
+    limit_mps: float
+    scale: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """Successive lanes as one line; s is 0 at the stop line and negative before it.
+
+    Every lane's shape is scaled linearly to the lane's length, as SUMO does, so that s differs from
+    a position on a lane by a constant.  Beyond both ends the line goes straight on.
+
+    Attributes:
+        stretches: the lanes in order of travel.
+        knots_m: s of each point, shape (points,), never decreasing.
+        points: x and y of the points in the network, shape (points, 2).
+    """
+
+    stretches: tuple[Stretch, ...]
+    knots_m: FloatArray
+    points: FloatArray
+
+    @classmethod
+    def along(cls, lanes: Sequence[PathLane], before: int = 1) -> "Path":
+        """The path along some lanes.
+
+        Args:
+            lanes: successive lanes, including those inside junctions.
+            before: the number of them that lie before the stop line.
+        """
+        at_m = -sum(lane.length_m for lane in lanes[:before])
+        stretches, knots, points = [], [], []
+        for lane in lanes:
+            shape = np.asarray(lane.shape, dtype=float)[:, :2]
+            done = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))])
+            # A lane between two edges that meet without a gap is drawn as a point.
+            share = done / done[-1] if done[-1] else np.linspace(0.0, 1.0, len(done))
+            knots.append(at_m + share * lane.length_m)
+            points.append(shape)
+            scale = lane.length_m / float(done[-1]) if done[-1] else 1.0
+            end_m = at_m + lane.length_m
+            stretches.append(Stretch(lane.lane, at_m, end_m, lane.limit_mps, scale))
+            at_m = end_m
+        knots_m, line = _straight_on(np.concatenate(knots), np.concatenate(points))
+        knots_m.setflags(write=False)
+        line.setflags(write=False)
+        return cls(tuple(stretches), knots_m, line)
+
+    @property
+    def lanes(self) -> tuple[str, ...]:
+        """Ids of the lanes, in order of travel."""
+        return tuple(stretch.lane for stretch in self.stretches)
+
+    @property
+    def start_m(self) -> float:
+        """s at the path's beginning: minus the length of the lanes before the stop line."""
+        return self.stretches[0].start_m
+
+    @property
+    def limits(self) -> tuple[tuple[float, float], ...]:
+        """The speed limit in m/s from each s on, up to the next one."""
+        return tuple((stretch.start_m, stretch.limit_mps) for stretch in self.stretches)
+
+    def lane_at(self, s: float) -> Stretch:
+        """The lane at s; beyond the ends, the first or the last one."""
+        ahead = (stretch for stretch in self.stretches if s < stretch.end_m)
+        return next(ahead, self.stretches[-1])
+
+    def s_of(self, lane: str, position_m: float) -> float | None:
+        """s of a position on a lane; None if the path does not follow the lane."""
+        for stretch in self.stretches:
+            if stretch.lane == lane:
+                return stretch.start_m + position_m
+        return None
+
+    def position(self, s: ArrayLike) -> FloatArray:
+        """x and y of a front bumper at s, shape of s + (2,)."""
+        x, y = self.points.T
+        at = np.asarray(s, dtype=float)
+        return np.stack([np.interp(at, self.knots_m, x), np.interp(at, self.knots_m, y)], axis=-1)
+
+    def heading(self, s: ArrayLike) -> FloatArray:
+        """The line's direction at s in radians, counter-clockwise from east; shape of s."""
+        at = np.searchsorted(self.knots_m, np.asarray(s, dtype=float), side="right") - 1
+        at = np.clip(at, 0, len(self.knots_m) - 2)
+        x, y = (self.points[at + 1] - self.points[at]).T
+        return np.asarray(np.arctan2(y.T, x.T))
+
+    def outline(self, s: ArrayLike, length_m: float, width_m: float) -> FloatArray:
+        """The corners of a vehicle's body with its front at s, shape of s + (4, 2).
+
+        The body is a rectangle along the chord from s − length to s, as in SUMO.  Its corners are
+        front right, front left, rear left, rear right.
+        """
+        at = np.asarray(s, dtype=float)
+        front = self.position(at)
+        chord = front - self.position(at - length_m)
+        drawn = np.hypot(chord[..., 0], chord[..., 1])[..., None]
+        heading = self.heading(at)
+        tangent = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+        ahead = np.where(drawn > 0.0, chord / np.where(drawn > 0.0, drawn, 1.0), tangent)
+        left = np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1) * (width_m / 2)
+        rear = front - length_m * ahead
+        return np.stack([front - left, front + left, rear + left, rear - left], axis=-2)
+
+
+def _straight_on(knots_m: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A line with a far point before its beginning, and one beyond its end."""
+    steps = np.diff(points, axis=0)
+    long = np.flatnonzero(np.hypot(*steps.T) > 0.0)
+    if not long.size:
+        raise ValueError("a path needs two different points")
+    first, last = (steps[i] / math.hypot(*steps[i]) for i in (long[0], long[-1]))
+    return (
+        np.concatenate([[knots_m[0] - _BEYOND_M], knots_m, [knots_m[-1] + _BEYOND_M]]),
+        np.concatenate([[points[0] - _BEYOND_M * first], points, [points[-1] + _BEYOND_M * last]]),
+    )

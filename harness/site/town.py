@@ -1,0 +1,355 @@
+"""Every crosswalk of a SUMO network, and the connections of lanes whose vehicles pass it."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path as FilePath
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import shapely
+
+from harness.core.errors import InputError, reading
+from harness.site.path import Path, PathLane
+from harness.site.road_network import allows, read_network
+
+if TYPE_CHECKING:
+    from sumolib.net import Net
+    from sumolib.net.connection import Connection as Link
+    from sumolib.net.edge import Edge
+    from sumolib.net.lane import Lane
+    from sumolib.net.node import Node
+
+Manoeuvre = Literal["straight", "left", "right", "turn"]
+
+SIGNAL = "a traffic light controls it"
+RAIL = "a railway leads over it"
+NO_VEHICLES = "no vehicle's connection leads over it"
+
+_WAYS: Mapping[str, Manoeuvre]
+_WAYS = {"s": "straight", "l": "left", "L": "left", "r": "right", "R": "right"}
+"""By SUMO's letter of a connection's direction; what is left are turnarounds."""
+
+_RAIL = {"rail", "rail_urban", "rail_electric", "rail_fast", "tram", "subway", "cable_car"}
+_ON_FOOT = {"pedestrian", "wheelchair"}
+
+_INSIDE_M = 2.0
+"""Distance from a junction at which people come onto a sidewalk."""
+
+_NEAR_M = 6.0
+"""A body touches only crosswalks that are this near to its front's line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """A connection of two lanes at a junction.
+
+    Attributes:
+        id: ids of the first and the last lane, e.g. ``a_0>b_0``.
+        junction: id of the junction.
+        from_lane: the lane before the junction.
+        via: the lanes inside the junction, in order of travel.
+        to_lane: the lane beyond it.
+        manoeuvre: the direction that SUMO gives it.
+        gives_way: whether it has to yield to another connection for vehicles; crosswalks that it
+            has to yield to do not count.
+    """
+
+    id: str
+    junction: str
+    from_lane: str
+    via: tuple[str, ...]
+    to_lane: str
+    manoeuvre: Manoeuvre
+    gives_way: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Crosswalk:
+    """A crosswalk.
+
+    Attributes:
+        id: id of the crossing's edge, e.g. ``:J7_c0``.
+        junction: id of its junction.
+        roads: ids of the edges that it crosses.
+        axis: its centre line, from the end to which ``along_m`` = 0 belongs.
+        length_m: length of the axis, from kerb to kerb.
+        width_m: its extent along the road.
+        area: the area in which people walk.
+        prioritized: whether vehicles have to give way to people.
+        left_hand: whether traffic keeps left.
+        refused: why no strategy can drive over it, or None.
+    """
+
+    id: str
+    junction: str
+    roads: tuple[str, ...]
+    axis: shapely.LineString
+    length_m: float
+    width_m: float
+    area: shapely.Polygon
+    prioritized: bool
+    left_hand: bool
+    refused: str | None
+
+    def along_m(self, x: float, y: float) -> float:
+        """The distance of a point's foot on the axis from the axis's beginning."""
+        return float(self.axis.project(shapely.Point(x, y)))
+
+    def point(self, along_m: float) -> tuple[float, float]:
+        """x and y of the axis's point at this distance from its beginning."""
+        at = self.axis.interpolate(along_m)
+        return at.x, at.y
+
+
+class Footpath(NamedTuple):
+    """Where people come from or go to at an end of a crosswalk.
+
+    ``edge`` is a sidewalk, ``inside_m`` a position on it near its end, and ``areas`` the walking
+    areas and crossings from there to the crosswalk.
+    """
+
+    edge: str
+    inside_m: float
+    areas: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Town:
+    """A network's crosswalks and connections.
+
+    Attributes:
+        crosswalks: by id, in the file's order.
+        left_hand: whether traffic keeps left.
+    """
+
+    crosswalks: Mapping[str, Crosswalk]
+    left_hand: bool
+    _net: "Net" = field(repr=False)
+    _passing: Mapping[str, tuple["_Passing", ...]] = field(repr=False)
+
+    @classmethod
+    def read(cls, net: FilePath) -> "Town":
+        """Read a network, packed by gzip or not.
+
+        Raises:
+            InputError: the file cannot be read, or is not a SUMO network.
+        """
+        network = read_network(net)
+        edges = network.crossings.values()
+        # sumolib does not check that references exist.
+        with reading(net):
+            nodes = {edge.getToNode() for edge in edges}
+            passing = {node.getID(): tuple(_passing(network.net, node)) for node in nodes}
+            found = {edge.getID(): _crosswalk(edge, passing, network.left_hand) for edge in edges}
+        return cls(MappingProxyType(found), network.left_hand, network.net, passing)
+
+    def connections(self, crosswalk: str) -> tuple[Connection, ...]:
+        """The connections for vehicles that come so near that a long body may touch a crosswalk."""
+        return self._within(crosswalk, _NEAR_M)
+
+    def over(self, crosswalk: str) -> tuple[Connection, ...]:
+        """The connections for vehicles whose line leads over a crosswalk."""
+        return self._within(crosswalk, 0.0)
+
+    def _within(self, crosswalk: str, range_m: float) -> tuple[Connection, ...]:
+        at = self.crosswalks[crosswalk]
+        passing = self._passing[at.junction]
+        return tuple(each.connection for each in passing if at.area.dwithin(each.line, range_m))
+
+    def path(self, connection: Connection, before_m: float) -> Path:
+        """The path of a connection from ``before_m`` before the stop line, or a little earlier.
+
+        It begins later, with the connection's first lane or upstream of it, where several lanes or
+        none lead to the next one.
+        """
+        lanes = [self._net.getLane(connection.from_lane)]
+        before_m -= lanes[0].getLength()
+        while before_m > 0.0:
+            links = list(filter(_for_vehicles, lanes[0].getIncomingConnections()))
+            if len(links) != 1 or links[0].getFromLane() in lanes:
+                break
+            ahead = [links[0].getFromLane(), *_via(self._net, links[0])]
+            before_m -= sum(lane.getLength() for lane in ahead)
+            lanes = [*ahead, *lanes]
+        names = [*(lane.getID() for lane in lanes), *connection.via, connection.to_lane]
+        return Path.along([self.lane(name) for name in names], len(lanes))
+
+    @cache  # noqa: B019 - as long as the town
+    def ahead(self, lane: str) -> tuple[Connection, ...]:
+        """The connections for vehicles from a lane, also where there is no crosswalk."""
+        node = self._net.getLane(lane).getEdge().getToNode()
+        return tuple(
+            each.connection
+            for each in _passing(self._net, node)
+            if each.connection.from_lane == lane
+        )
+
+    @cache  # noqa: B019
+    def lane(self, name: str) -> PathLane:
+        """A lane of the network."""
+        lane = self._net.getLane(name)
+        return PathLane(name, lane.getShape(), lane.getLength(), lane.getSpeed())
+
+    def lane_width_m(self, name: str) -> float:
+        """The width of a lane."""
+        return float(self._net.getLane(name).getWidth())
+
+    @cache  # noqa: B019
+    def lanes(self, edge: str) -> tuple[str, ...]:
+        """The lanes of an edge that vehicles may use, from the kerb."""
+        lanes = self._net.getEdge(edge).getLanes()
+        return tuple(lane.getID() for lane in lanes if _classes(lane))
+
+    def before(self, edge: str) -> tuple[str, ...]:
+        """The edges whose connections lead to an edge."""
+        return tuple(each.getID() for each in self._net.getEdge(edge).getIncoming())
+
+    def areas(self, crosswalk: str) -> tuple[str, ...]:
+        """Ids of the walking areas at the ends of a crosswalk."""
+        return tuple(
+            sorted({each.getEdge().getID() for end in self._ends(crosswalk) for each in end})
+        )
+
+    def footpaths(self, crosswalk: str) -> tuple[Footpath, Footpath]:
+        """Where people come from at the beginning of a crosswalk's axis, and at its end.
+
+        An end without a sidewalk, a refuge, has the nearest one beyond other crossings.
+
+        Raises:
+            InputError: no sidewalk leads to an end.
+        """
+        start, end = (self._footpath(crosswalk, areas) for areas in self._ends(crosswalk))
+        return start, end
+
+    def _ends(self, crosswalk: str) -> tuple[list["Lane"], list["Lane"]]:
+        """The walking areas at the beginning of a crosswalk's axis, and at its end."""
+        lane = self._net.getEdge(crosswalk).getLane(0)
+        return (
+            [link.getFromLane() for link in lane.getIncomingConnections()],
+            [link.getToLane() for link in lane.getOutgoing()],
+        )
+
+    def _footpath(self, crosswalk: str, areas: list["Lane"]) -> Footpath:
+        ways: list[tuple[Lane, ...]] = [(area,) for area in areas]
+        seen = {self._net.getEdge(crosswalk).getLane(0)}.union(*self._ends(crosswalk))
+        while ways:
+            found = [
+                (lane.getLength(), lane.getEdge().getID(), at_end, way)
+                for way in ways
+                for lane, at_end in _beside(way[0])
+                if not lane.getEdge().isSpecial() and allows(lane, "pedestrian")
+            ]
+            if found:
+                length_m, edge, at_end, way = max(found, key=lambda each: each[:2])
+                inside_m = min(_INSIDE_M, length_m / 2)
+                names = tuple(lane.getEdge().getID() for lane in way)
+                return Footpath(edge, length_m - inside_m if at_end else inside_m, names)
+            ways = [
+                (lane, *way)
+                for way in ways
+                for lane, _ in _beside(way[0])
+                if lane.getEdge().isSpecial() and lane not in seen
+            ]
+            seen.update(way[0] for way in ways)
+        allowed = "a lane for pedestrians at each end (netconvert --sidewalks.guess adds them)"
+        raise InputError(crosswalk, "no footpath leads to an end of it", allowed)
+
+
+class _Passing(NamedTuple):
+    """A connection with its line inside the junction, and what is special about it."""
+
+    connection: Connection
+    line: shapely.LineString
+    signalled: bool
+    rail: bool
+
+
+def _passing(net: "Net", node: "Node") -> Iterator[_Passing]:
+    """The connections for vehicles through a junction."""
+    internal = list(filter(None, node.getInternal()))
+    feet = {name for name in internal if net.getLane(name).getEdge().getFunction() == "crossing"}
+    for edge in node.getIncoming():
+        for link in (each for lane in edge.getLanes() for each in lane.getOutgoing()):
+            via = _via(net, link)
+            if not via or not _for_vehicles(link):
+                continue
+            names = tuple(lane.getID() for lane in via)
+            start, end = link.getFromLane().getID(), link.getToLane().getID()
+            # Of a connection with a place to wait inside, SUMO lists one of the lanes.
+            index = next((i for i, name in enumerate(internal) if name in names), None)
+            yields = index is not None and any(
+                name not in feet and _yields(node, index, other)
+                for other, name in enumerate(internal)
+            )
+            how = _WAYS.get(link.getDirection(), "turn")
+            yield _Passing(
+                Connection(f"{start}>{end}", node.getID(), start, names, end, how, yields),
+                shapely.LineString([point for lane in via for point in lane.getShape()]),
+                bool(link.getTLSID()),
+                _classes(via[0]) <= _RAIL,
+            )
+
+
+def _yields(node: "Node", index: int, other: int) -> bool:
+    """Whether a junction's link has to yield to another one; the last bit is that of link 0."""
+    response: str = node._prohibits.get(index, "")
+    return response[-1 - other : len(response) - other] == "1"
+
+
+def _crosswalk(
+    edge: "Edge", passing: Mapping[str, tuple[_Passing, ...]], left_hand: bool
+) -> Crosswalk:
+    lane, junction = edge.getLane(0), edge.getToNode().getID()
+    axis = shapely.LineString(lane.getShape())
+    area = axis.buffer(lane.getWidth() / 2, cap_style="flat")
+    over = [each for each in passing[junction] if each.line.intersects(area)]
+    walked = lane.getIncomingConnections()
+    refused = None
+    if any(link.getTLSID() for link in walked) or any(each.signalled for each in over):
+        refused = SIGNAL
+    elif any(each.rail for each in over):
+        refused = RAIL
+    elif not over:
+        refused = NO_VEHICLES
+    return Crosswalk(
+        id=edge.getID(),
+        junction=junction,
+        roads=tuple(road.getID() for road in edge.getCrossingEdges()),
+        axis=axis,
+        length_m=axis.length,
+        width_m=lane.getWidth(),
+        area=area,
+        prioritized=any(link.getState() == "M" for link in walked),
+        left_hand=left_hand,
+        refused=refused,
+    )
+
+
+def _via(net: "Net", link: "Link") -> list["Lane"]:
+    """The lanes of a connection inside the junction."""
+    lanes: list[Lane] = []
+    name = link.getViaLaneID()
+    while name:
+        lanes.append(net.getLane(name))
+        name = next((each.getViaLaneID() for each in lanes[-1].getOutgoing()), "")
+    return lanes
+
+
+def _beside(area: "Lane") -> list[tuple["Lane", bool]]:
+    """The lanes that meet a walking area or a crossing, each with whether it ends there."""
+    return [
+        *((link.getFromLane(), True) for link in area.getIncomingConnections()),
+        *((link.getToLane(), False) for link in area.getOutgoing()),
+    ]
+
+
+def _classes(lane: "Lane") -> set[str]:
+    """The classes of vehicles that may use a lane; sumolib treats "all" as a class of its own."""
+    return set(lane.getPermissions()) - _ON_FOOT
+
+
+def _for_vehicles(link: "Link") -> bool:
+    """Whether a connection leads vehicles from one road to another."""
+    ends = (link.getFromLane(), link.getToLane())
+    return all(_classes(lane) and not lane.getEdge().isSpecial() for lane in ends)

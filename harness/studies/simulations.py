@@ -1,0 +1,190 @@
+"""Simulates a pair of a task's cells, both arms, in the one SUMO of this process."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import cache, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import MappingProxyType
+
+import pyarrow as pa
+
+from harness.core.encounter import Arm
+from harness.engine.session import Module
+from harness.engine.shared import close_engine
+from harness.engine.starting import scratch_prefix
+from harness.episode.arms import check_arms, draws_from
+from harness.episode.walking_speeds import WalkingSpeeds
+from harness.model.interaction import InteractionModel, load_model
+from harness.results.rows import simulation_rows
+from harness.results.tables import TABLES, Row, Tables
+from harness.scenario import Cell, Scenario, Study
+from harness.simulation.opening import (
+    Opened,
+    check_demand,
+    check_roads,
+    digests,
+    opened,
+    opened_traffic,
+)
+from harness.simulation.pairing import Outcome, run_arm
+from harness.simulation.passages import Columns
+from harness.strategies.perception.sensor import sensor_of
+from harness.strategies.registry import STRATEGIES
+from harness.studies.tasks import EpisodeId, Rows, Task, Tell
+
+_TABLES = ("passages", "vehicles", "people", "crosswalks")
+
+REPLAYED = {"fcd-output": "fcd.xml.gz"}
+"""Outputs of a replay besides those of the configuration."""
+
+FILES = "sumo"
+"""The folder of a run for what SUMO reads and writes, with a folder for each cell and pair."""
+
+
+def checked(study: Study) -> tuple[list[InteractionModel], Mapping[str, str]]:
+    """The model of each cell and the hashes of the user's files, after all checks.
+
+    Raises:
+        InputError: a strategy, the configuration, or a key that does not fit it is refused.
+    """
+    load, models, files = cache(load_model), [], dict[str, str]()
+    for cell in study.cells:
+        scenario = cell.scenario
+        scenario.refuse_refits("a run of simulations")
+        models.append(load(*scenario.model.file_and_refits))
+        check_arms(scenario, models[-1])
+        if scenario.traffic is None:
+            found = opened(scenario)
+            check_roads(found, models[-1])
+            now = digests(found.config)
+            if not now.items() <= files.items():
+                check_demand(found.config)
+            files |= now
+    return models, files
+
+
+def run_task(
+    task: Task,
+    tell: Tell = lambda _episode, _steps: None,
+    module: Module = "libsumo",
+    more: Mapping[str, str] = MappingProxyType({}),
+) -> Rows:
+    """Simulate every arm of a task's pair; those that were given up are recorded as failed.
+
+    An arm that cells share is simulated once.
+
+    Args:
+        task: a task of one pair.
+        tell: see ``tasks.Tell``.
+        module: where SUMO runs.
+        more: further options of SUMO.
+    """
+    close_engine()  # libsumo has one simulation
+    (pair,) = task.pairs
+    known: dict[str, Outcome] = {}
+    tables: dict[int, Tables] = {}
+    events: list[Row] = []
+    for cell in task.cells:
+        scenario = cell.scenario
+        outcomes = []
+        with _folders(task, scenario, cell.number) as (demand, arms):
+            found: Opened | None = None
+            for arm in task.arms:
+                episode, key = EpisodeId(cell.number, pair, arm), _arm_key(scenario, arm)
+                if episode in task.given_up:
+                    outcome = Outcome(pair, arm, reason=task.given_up[episode].reason)
+                elif key is not None and key in known:
+                    outcome = known[key]
+                else:
+                    tell(episode, None)
+                    if found is None:
+                        found = _opened(scenario, pair, demand)
+                    speeds: list[WalkingSpeeds] = []
+                    outcome = run_arm(
+                        found.setup(task.model, speeds),
+                        pair,
+                        arm,
+                        arms / (arm if task.outputs is None else ""),
+                        found.seed(pair),
+                        found.step_s,
+                        found.outputs if task.outputs is None else frozenset(["all"]),
+                        module,
+                        {**more, **({} if task.outputs is None else REPLAYED)},
+                        partial(tell, episode),
+                    )
+                    outcome = replace(outcome, counts={**outcome.counts, **_uses(speeds)})
+                    tell(None, None)
+                    if key is not None:
+                        known[key] = outcome
+                outcomes.append(outcome)
+                if outcome.reason is not None:
+                    events.append(_event(episode, scenario, outcome))
+        tables[cell.number] = _tables(cell, outcomes)
+    return Rows(tables, tuple(events))
+
+
+def _opened(scenario: Scenario, pair: int, folder: Path) -> Opened:
+    return opened(scenario) if scenario.traffic is None else opened_traffic(scenario, pair, folder)
+
+
+@contextmanager
+def _folders(task: Task, scenario: Scenario, cell: int) -> Iterator[tuple[Path, Path]]:
+    """The folders of a pair's demand and of its arms: in the run's folder if they are kept."""
+    with TemporaryDirectory(prefix=scratch_prefix(os.getpid())) as scratch:
+        kept = (
+            scratch if task.folder is None else task.folder / FILES / f"{cell:04d}-{task.first:08d}"
+        )
+        outputs = scenario.traffic is None and scenario.simulated.outputs
+        arms = task.outputs or (kept if outputs else scratch)
+        yield Path(task.outputs or kept), Path(arms)
+
+
+def _arm_key(scenario: Scenario, arm: Arm) -> str | None:
+    """What an arm depends on besides the simulation, as text; see ``episode.arms.arm_key``."""
+    alone = arm is Arm.HUMAN or scenario.av_drives_alone
+    drivers = []
+    for driver in [arm] if alone else Arm:
+        name = scenario.arms.driver(driver)
+        if name not in STRATEGIES:
+            return None
+        drives = name, scenario.strategies.get(name, {}), draws_from(scenario, driver)
+        drivers.append((drives, sensor_of(scenario, driver), scenario.vehicle(driver)))
+    return repr((arm, drivers))
+
+
+def _event(episode: EpisodeId, scenario: Scenario, outcome: Outcome) -> Row:
+    said = {"strategy": scenario.arms.driver(episode.arm), "reason": outcome.reason}
+    return {
+        "event": "arm failed",
+        **episode._asdict(),
+        **said,
+        "traceback": outcome.traceback,
+    }
+
+
+def _uses(speeds: Sequence[WalkingSpeeds]) -> Mapping[str, float]:
+    """How often the interaction model was used in an arm, and how often outside its data."""
+    counts = [each.model_use.counts for each in speeds]
+    return {
+        "conditionings": sum(each.uses for each in counts),
+        "clamped": sum(each.clamped for each in counts),
+    }
+
+
+def _tables(cell: Cell, outcomes: Sequence[Outcome]) -> Tables:
+    """The rows of a cell's pair."""
+    tables: dict[str, list[pa.Table]] = {}
+    for outcome in outcomes:
+        columns: dict[str, Columns] = {"arms": {"reason": [outcome.reason]}}
+        if outcome.reason is None:
+            columns["arms"] |= {name: [value] for name, value in outcome.counts.items()}
+            for name in _TABLES:
+                declared, found = TABLES[name].schema.names, getattr(outcome, name)
+                columns[name] = {each: found[each] for each in found if each in declared}
+        rows = simulation_rows(cell.number, outcome.pair, outcome.arm, columns)
+        for name, table in rows.items():
+            tables.setdefault(name, []).append(table)
+    return {name: pa.concat_tables(each) for name, each in tables.items()}

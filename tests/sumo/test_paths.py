@@ -1,0 +1,306 @@
+"""Paths, zones and towns against SUMO's own positions, angles and right of way."""
+
+import tomllib
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import shapely
+
+from harness.core.encounter import FloatArray
+from harness.core.errors import EngineError, InputError
+from harness.engine.session import Session
+from harness.simulation.listing import crossings_of, scenario_text
+from harness.site.town import NO_VEHICLES, RAIL, SIGNAL, Connection, Crosswalk, Town
+from harness.site.zone import Zone, zone_of
+from tests.towns import call, grid, town, write_config
+
+POINT_M = 1e-6
+"""Size of a body that is its front point."""
+QUIET = {"no-step-log": "true", "no-warnings": "true"}
+
+
+class Seen(NamedTuple):
+    """A vehicle on a connection by SUMO: s by its odometer, where it is, and its body there."""
+
+    vehicle: str
+    connection: Connection
+    s: FloatArray
+    place: FloatArray
+    bodies: FloatArray
+    length_m: float
+    width_m: float
+
+
+def driven(config: Path, end_s: float) -> dict[str, tuple[list[str], FloatArray, float, float]]:
+    """Of every vehicle: its lanes, (position, odometer, x, y, angle) at each step, and its size."""
+    lanes, rows, sizes = defaultdict(list), defaultdict(list), {}
+    session = Session(config, QUIET)
+    cars = session.vehicles
+    while session.goes_on(end_s):
+        session.step()
+        for name in cars.ids():
+            lanes[name].append(cars.lane(name))
+            moved = (cars.lane_position_m(name), cars.odometer_m(name))
+            rows[name].append((*moved, *cars.position(name), cars.angle_deg(name)))
+            sizes[name] = (cars.length_m(name), cars.width_m(name))
+    session.close()
+    return {name: (lanes[name], np.array(rows[name]), *sizes[name]) for name in rows}
+
+
+class Zones:
+    """Paths and zones, each made once."""
+
+    def __init__(self, town: Town) -> None:
+        self.path = cache(lambda connection: town.path(connection, 0.0))
+        self.known: dict[tuple[object, ...], Zone | None] = {}
+
+    def of(self, way: Connection, over: Crosswalk, length_m: float, width_m: float) -> Zone | None:
+        key = (way, over.id, length_m, width_m)
+        if key not in self.known:
+            self.known[key] = zone_of(self.path(way), over, length_m, width_m)
+        return self.known[key]
+
+
+def seen(town: Town, zones: Zones, config: Path, end_s: float) -> Iterator[Seen]:
+    """Every vehicle's way over a junction, from the lane before it to the lane beyond it."""
+    every = {each for name in town.crosswalks for each in town.connections(name)}
+    by_lane = {each.via[0]: each for each in every}
+    for vehicle, (lanes, rows, length_m, width_m) in driven(config, end_s).items():
+        for i in range(1, len(lanes)):
+            found = by_lane.get(lanes[i]) if lanes[i] != lanes[i - 1] else None
+            if found is None or lanes[i - 1] != found.from_lane:
+                continue
+            start = i
+            while start and lanes[start - 1] == found.from_lane:
+                start -= 1
+            road = zones.path(found)
+            end = i
+            while end < len(lanes) and lanes[end] in road.lanes:
+                end += 1
+            # The odometer's value at the stop line, taken once: when the lane is entered.
+            at_m = road.s_of(lanes[start], rows[start, 0])
+            assert at_m is not None
+            _, odometer_m, x, y, angle_deg = rows[start:end].T
+            heading = np.radians(90.0 - angle_deg)
+            front = np.stack([x, y], axis=-1)
+            ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+            left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1) * width_m / 2
+            rear = front - length_m * ahead
+            bodies = np.stack([front - left, front + left, rear + left, rear - left], axis=1)
+            s = odometer_m - odometer_m[0] + at_m
+            yield Seen(vehicle, found, s, front, bodies, length_m, width_m)
+
+
+def step_of(hits: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> int | None:
+    return int(np.argmax(hits)) if hits.any() else None
+
+
+TOWNS = [("stretched", 25, 150), ("left", 24, 150)]
+SLOW = [("", 21, 600), ("", 22, 600), ("", 27, 600), ("lanes", 23, 300), ("zebras", 26, 300)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "end_s"),
+    [*TOWNS, *(pytest.param(*each, marks=pytest.mark.slow) for each in SLOW)],
+)
+def test_vehicles_are_where_their_path_says(
+    tmp_path: Path, kind: str, seed: int, end_s: int
+) -> None:
+    """In SUMO's step: the front point in 99.5 %, the body's first and last touch within one."""
+    config = town(tmp_path, seed, end_s, kind=kind)
+    here = Town.read(tmp_path / "net.net.xml")
+    assert here.left_hand is (kind == "left")
+    assert {each.refused for each in here.crosswalks.values()} == {None}
+    assert {each.prioritized for each in here.crosswalks.values()} == {kind == "zebras"}
+    zones, crosswalks = Zones(here), defaultdict(list)
+    for crosswalk in here.crosswalks.values():
+        crosswalks[crosswalk.junction].append(crosswalk)
+    fronts, firsts, lasts, manoeuvres = Counter(), Counter(), Counter(), Counter()
+    for each in seen(here, zones, config, end_s):
+        road = zones.path(each.connection)
+        np.testing.assert_allclose(road.position(each.s), each.place, atol=1e-3)
+        outlines = road.outline(each.s, each.length_m, each.width_m)
+        known = each.s - each.length_m > road.start_m  # before it, the rear is on another lane
+        np.testing.assert_allclose(outlines[known], each.bodies[known], atol=2e-3)
+        for crosswalk in crosswalks[each.connection.junction]:
+            body = zones.of(each.connection, crosswalk, each.length_m, each.width_m)
+            point = zones.of(each.connection, crosswalk, POINT_M, POINT_M)
+            touching = shapely.intersects(shapely.polygons(each.bodies), crosswalk.area)
+            if body is None or each.s[-1] < body.last_m:
+                assert body is not None or not touching.any()
+                continue
+            inside = shapely.contains_xy(crosswalk.area, *each.place.T)
+            within = (each.s >= body.first_m) & (each.s <= body.last_m)
+            assert touching.any() or not within.any() or body.split
+            if touching.any():
+                firsts[(step_of(touching) or 0) - (step_of(within) or 0)] += 1
+                lasts[(step_of(touching[::-1]) or 0) - (step_of(within[::-1]) or 0)] += 1
+                manoeuvres[each.connection.manoeuvre] += 1
+            if point is not None and inside.any() and not inside[0]:
+                fronts[(step_of(inside) or 0) - (step_of(each.s >= point.first_m) or 0)] += 1
+    assert fronts.total() > 500
+    assert fronts[0] >= 0.995 * fronts.total()
+    assert set(firsts) <= {-1, 0, 1}
+    assert set(lasts) <= {-1, 0, 1}
+    assert min(manoeuvres[name] for name in ("straight", "left", "right")) > 50
+    split = sum(each is not None and each.split for each in zones.known.values())
+    assert split <= 0.02 * len(zones.known)
+
+
+@pytest.fixture(scope="module")
+def junctions(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A side street at a main road; the road's end; a footway over a railway."""
+    folder = tmp_path_factory.mktemp("junctions")
+    nodes = {"w": (-100, 0), "c": (0, 0), "e": (100, 0), "n": (0, 100)}
+    nodes |= {"a": (300, -50), "x": (300, 0), "b": (300, 50), "p": (250, 0), "q": (350, 0)}
+    main, side = 'priority="3" sidewalkWidth="2"', 'priority="1" sidewalkWidth="2"'
+    roads = {"w c": main, "c e": main, "n c": side, "a x": 'allow="rail"', "x b": 'allow="rail"'}
+    roads |= dict.fromkeys(("p x", "x q"), 'allow="pedestrian" width="2"')
+    edges = "".join(
+        f'<edge id="{a}_{b}" from="{a}" to="{b}" numLanes="1" speed="13.9" {how}/>'
+        for ends, how in roads.items()
+        for a, b in (ends.split(), ends.split()[::-1])
+    )
+    points = (f'<node id="{each}" x="{x}" y="{y}"/>' for each, (x, y) in nodes.items())
+    (folder / "n.nod.xml").write_text(f"<nodes>{''.join(points)}</nodes>")
+    (folder / "e.edg.xml").write_text(f"<edges>{edges}</edges>")
+    (folder / "c.con.xml").write_text(
+        """<connections><crossing node="c" edges="w_c c_w"/><crossing node="e" edges="c_e e_c"/>
+        <crossing node="c" edges="n_c c_n" priority="1"/><crossing node="x" edges="a_x x_a"/>
+        </connections>"""
+    )
+    files = ("-n", "n.nod.xml", "-e", "e.edg.xml", "-x", "c.con.xml", "-o", "net.net.xml")
+    call(folder, "netconvert", *files, "--no-turnarounds")
+    return folder / "net.net.xml"
+
+
+def test_who_gives_way_and_what_is_refused(junctions: Path) -> None:
+    """By the rules of the road; a zebra alone makes no connection give way to vehicles."""
+    here = Town.read(junctions)
+    by_roads = {frozenset(each.roads): each for each in here.crosswalks.values()}
+    zebra, street = by_roads[frozenset(["n_c", "c_n"])], by_roads[frozenset(["w_c", "c_w"])]
+    assert (zebra.prioritized, street.prioritized) == (True, False)
+    assert zebra.refused is street.refused is None
+    assert by_roads[frozenset(["c_e", "e_c"])].refused == NO_VEHICLES
+    assert by_roads[frozenset(["a_x", "x_a"])].refused == RAIL
+    rules = {
+        (each.from_lane[:3], each.to_lane[:3]): (each.manoeuvre, each.gives_way)
+        for each in here.connections(zebra.id)
+    }
+    assert rules == {
+        ("w_c", "c_e"): ("straight", False),
+        ("e_c", "c_w"): ("straight", False),
+        ("e_c", "c_n"): ("right", False),  # over the zebra
+        ("w_c", "c_n"): ("left", True),  # through oncoming traffic
+        ("n_c", "c_e"): ("left", True),
+        ("n_c", "c_w"): ("right", True),
+    }
+
+
+@pytest.fixture(scope="module")
+def busy(junctions: Path) -> Path:
+    """Within an hour: six vehicles turn left, three go straight on, two people walk."""
+    cars = "".join(
+        f'<flow id="{start}" begin="0" end="3000" number="{number}" from="{start}" to="{end}"/>'
+        for start, end, number in (("w_c", "c_n", 6), ("e_c", "c_w", 3))
+    )
+    people = "".join(
+        f'<person id="p{n}" depart="{1300 + n}" departPos="80"><walk edges="w_c c_w"/></person>'
+        for n in range(2)
+    )
+    (junctions.parent / "r.rou.xml").write_text(f"<routes>{cars}{people}</routes>")
+    files = {"net-file": "net.net.xml", "route-files": "r.rou.xml", "end": "3600"}
+    return write_config(junctions.parent, {**files, "step-length": "1"})
+
+
+def test_who_passes_a_crosswalk(busy: Path, junctions: Path, tmp_path: Path) -> None:
+    rows = {frozenset(each.roads): each for each in crossings_of(busy, tmp_path)}
+    street, zebra = rows[frozenset(["w_c", "c_w"])], rows[frozenset(["n_c", "c_n"])]
+    assert street.vehicles_per_hour == {"straight": 3.0, "left": 6.0, "right": 0.0}
+    assert zebra.vehicles_per_hour == {"left": 6.0, "right": 0.0}
+    assert (street.people_per_hour, zebra.people_per_hour) == (2.0, 0.0)
+    assert next(iter(rows.values())) == street  # the busiest stands first
+    assert [each.refused for each in rows.values()] == [None, None, NO_VEHICLES, RAIL]
+    plain = crossings_of(junctions, tmp_path)
+    assert {each.crosswalk for each in plain} == {each.crosswalk for each in rows.values()}
+    assert all(each.people_per_hour is each.vehicles_per_hour is None for each in plain)
+
+
+def test_a_scenario_for_chosen_crosswalks(busy: Path, tmp_path: Path) -> None:
+    rows = crossings_of(busy, tmp_path)
+    text = scenario_text(busy, [rows[0].crosswalk], busy)
+    scenario = tomllib.loads(text)
+    assert scenario["simulation"]["file"] == busy.as_posix()
+    assert scenario["simulation"]["crossings"] == [rows[0].crosswalk]
+    assert scenario["simulation"]["step_s"] == 0.1  # the configuration's is 1 s
+    # v²/2a with 13.9 m/s and 2 m/s² is 48.3 m; in steps of 5 m.
+    assert scenario["ego"]["trigger_range_m"] == 50.0
+    ways = text.partition("connections over it: ")[2].partition("\n")[0]
+    assert sorted(ways.split(", ")) == ["1 left", "1 right", "2 straight"]
+    with pytest.raises(InputError, match="a railway leads over it"):
+        scenario_text(busy, [rows[-1].crosswalk], busy)
+    with pytest.raises(InputError, match=r"did you mean ':c_c\d'"):
+        scenario_text(busy, [":c_c9"], busy)
+
+
+def test_a_signal_is_a_reason(tmp_path: Path) -> None:
+    grid(tmp_path)
+    here = Town.read(tmp_path / "net.net.xml")
+    refused = {each.junction for each in here.crosswalks.values() if each.refused == SIGNAL}
+    assert refused == {"C2", "D1"}
+    assert {each.refused for each in here.crosswalks.values()} == {None, SIGNAL}
+
+
+def test_a_path_begins_upstream_where_one_lane_leads_on(junctions: Path) -> None:
+    here = Town.read(junctions)
+    # Of the lanes at the junction c, only c_e is entered from two lanes, w_c and n_c.
+    by_lane = {each.from_lane: each for name in here.crosswalks for each in here.connections(name)}
+    assert here.path(by_lane["w_c_1"], 500.0).lanes[0] == "w_c_1"  # nothing is upstream
+    assert here.path(by_lane["w_c_1"], 500.0).start_m == pytest.approx(-100.0, abs=10.0)
+
+
+def test_a_network_that_is_none(tmp_path: Path) -> None:
+    file = tmp_path / "net.net.xml"
+    file.write_text("<net><location/></net")
+    with pytest.raises(InputError, match=r"net\.net\.xml: is not a SUMO network"):
+        Town.read(file)
+
+
+def test_one_session_in_a_process(tmp_path: Path) -> None:
+    config = grid(tmp_path, 10)
+    session = Session(config, QUIET)
+    with pytest.raises(EngineError, match="only one SUMO simulation"):
+        Session(config, QUIET)
+    session.close()
+    with pytest.raises(EngineError, match=r"SUMO did not start: .*nothing\.sumocfg"):
+        Session(tmp_path / "nothing.sumocfg", QUIET)
+    Session(config, QUIET).close()  # a start that failed leaves nothing behind
+
+
+@pytest.mark.slow
+def test_the_same_simulation_in_another_process(tmp_path: Path) -> None:
+    """Every function answers alike through libsumo and through TraCI."""
+    config, answers = grid(tmp_path, 30), []
+    for module in ("libsumo", "traci"):
+        session = Session(config, QUIET, module)
+        while session.goes_on(30.0):
+            session.step()
+        cars, people = session.vehicles, session.people
+        name, person = sorted(cars.ids())[0], sorted(people.ids())[0]
+        session.ignore(name, [people.type(person)])
+        asked = [getattr(cars, each)(name) for each in cars.__slots__ if asks(each)]
+        asked += [getattr(people, each)(person) for each in people.__slots__ if asks(each)]
+        asked += [cars.leader(name, 50.0), session.collisions(), session.teleported()]
+        asked += [session.vehicles_on(cars.lane(name).rsplit("_", 1)[0]), session.step_s]
+        answers.append([tuple(each) if isinstance(each, list) else each for each in asked])
+        session.close()
+    assert answers[0] == answers[1]
+
+
+def asks(name: str) -> bool:
+    return name not in ("ids", "leader", "walk", "remove") and not name.startswith("set_")

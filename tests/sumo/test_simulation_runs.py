@@ -1,0 +1,413 @@
+"""Runs of simulations through `harness.run`, the command and the written files."""
+
+import gzip
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from harness.core.errors import InputError
+from harness.core.seeding import stream
+from harness.results.run import Run
+from harness.scenario import load_scenario
+from harness.simulation.demand import CONFIG_FILE, vehicles_due, write_demand
+from harness.simulation.shares import number_of
+from harness.studies.run import resume, run
+from tests import faulty, towns
+from tests.batches import here, printed
+
+HOUR: dict[str, Any] = {
+    "arms.av": "gap_yield",
+    "pedestrians.flow_per_hour": 200.0,
+    "traffic.duration_s": 240.0,
+    "traffic.warm_up_s": 60.0,
+}
+TABLES = ("arms", "passages", "vehicles", "people", "crosswalks")
+
+
+def hour(folder: Path, *more: str) -> Path:
+    """A scenario file with ``[traffic]`` that takes a second."""
+    path = folder / "hour.toml"
+    path.write_text(
+        f"""[ego]
+initial_speed_mps = 8.0
+trigger_range_m = 30.0
+[pedestrians]
+flow_per_hour = 200.0
+behaviour = "threshold"
+[arms]
+av = "gap_yield"
+human = "human_yield"
+[traffic]
+flow_per_hour = 400
+oncoming_per_hour = 300
+duration_s = 240
+warm_up_s = 60
+{chr(10).join(more)}
+"""
+    )
+    return path
+
+
+def own(folder: Path, config: str, crossing: str, *more: str) -> Path:
+    """A scenario file with ``[simulation]``."""
+    path = folder / "own.toml"
+    lines = "\n".join(more)
+    path.write_text(
+        f'[arms]\nav = "gap_yield"\nhuman = "human_yield"\n[simulation]\nfile = "{config}"\n'
+        f'crossings = ["{crossing}"]\n{lines}\n'
+    )
+    return path
+
+
+def rows(found: Run, name: str) -> list[dict[str, Any]]:
+    return found.rows(name, 0).to_pylist()
+
+
+def test_the_written_file_of_a_pair_gives_the_same_passages_as_a_file_of_her_own(
+    tmp_path: Path,
+) -> None:
+    one = run(hour(tmp_path), pairs=1, out=tmp_path / "traffic", workers=0)
+    (config,) = (tmp_path / "traffic").rglob(CONFIG_FILE)
+    people = "[ego]\ntrigger_range_m = 30.0\n[pedestrians]\nflow_per_hour = 200.0\n"
+    file = own(
+        tmp_path,
+        str(config),
+        ":crosswalk_c0",
+        'av_types = ["car"]\nbegin = 60.0\nend = 300.0',
+        f'{people}behaviour = "threshold"',
+    )
+    two = run(file, pairs=1, out=tmp_path / "own", workers=0)
+    assert len(rows(one, "passages")) > 60
+    assert len(rows(one, "people")) > 10
+    for name in TABLES[1:]:
+        assert rows(one, name) == rows(two, name)
+
+
+def test_the_written_file_runs_in_plain_sumo_without_a_warning(tmp_path: Path) -> None:
+    scenario = load_scenario(hour(tmp_path))
+    config = write_demand(scenario, 0, 5, tmp_path / "pair")
+    trips = tmp_path / "trips.xml"
+    command = [str(Path(sys.executable).parent / "sumo"), "-c", str(config.path)]
+    done = subprocess.run(
+        [*command, "--tripinfo-output", str(trips), "--no-step-log"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert not done.stderr
+    assert trips.read_text().count("<tripinfo ") == len([*vehicles_due(scenario, 0)])
+
+
+def test_the_same_rows_with_any_number_of_workers(tmp_path: Path) -> None:
+    found = [
+        run(hour(tmp_path), pairs=3, out=tmp_path / str(workers), workers=workers)
+        for workers in (0, 1, 2)
+    ]
+    for name in TABLES:
+        one, *others = (rows(each, name) for each in found)
+        assert one
+        assert all(other == one for other in others)
+    written = [
+        {path.name: path.read_bytes() for path in sorted(each.path.rglob("*.rou.xml"))}
+        for each in found
+    ]
+    assert written[0] == written[1] == written[2]
+
+
+def test_vehicles_are_drawn_from_streams_that_no_share_or_arm_changes(tmp_path: Path) -> None:
+    few = load_scenario(hour(tmp_path, "av_share = 0.2"))
+    many = load_scenario(hour(tmp_path, "av_share = 0.9"), {"arms.av": "hard_yield"})
+    assert [*vehicles_due(few, 3)] == [*vehicles_due(many, 3)]
+    assert [*vehicles_due(few, 3)] != [*vehicles_due(few, 4)]
+    first = next(iter(vehicles_due(few, 3)))
+    # The first headway of a lane is exponential: its rate r has r = q/(1 − q h).
+    uniform = stream(few.experiment.seed, "vehicle_arrival", 3, 0, 0).random()
+    per_s, least_s = 400 / 3600, few.least_headway_s()
+    wait_s = -math.log1p(-uniform) / (per_s / (1 - per_s * least_s))
+    assert first.depart_s - 0.1 < wait_s <= first.depart_s + 1e-9
+
+
+def test_a_greater_share_only_adds_avs(tmp_path: Path) -> None:
+    shares = ["traffic.av_share", [0.0, 0.3, 1.0]]
+    found = run(
+        hour(tmp_path), vary={shares[0]: shares[1]}, pairs=1, out=tmp_path / "run", workers=0
+    )
+    avs = [
+        {row["vehicle"] for row in found.rows("vehicles", cell).to_pylist() if row["automated"]}
+        for cell in range(3)
+    ]
+    everybody = {row["vehicle"] for row in rows(found, "vehicles")}
+    assert not avs[0]
+    assert avs[0] < avs[1] < avs[2] == everybody
+
+
+def test_cells_that_differ_in_the_av_share_the_reference(tmp_path: Path) -> None:
+    drivers = {"arms.av": ["gap_yield", "hard_yield"]}
+    found = run(hour(tmp_path), vary=drivers, pairs=1, out=tmp_path / "run", workers=0)
+    for name in TABLES:
+        one, two = (
+            [
+                {**row, "cell": 0}
+                for row in found.rows(name, cell).to_pylist()
+                if row["arm"] == "human"
+            ]
+            for cell in (0, 1)
+        )
+        assert one == two
+    alone = run(
+        hour(tmp_path), settings={"arms.av": "hard_yield"}, pairs=1, out=tmp_path / "b", workers=0
+    )
+    for name in TABLES:
+        of_cell = [{**row, "cell": 0} for row in found.rows(name, 1).to_pylist()]
+        assert of_cell == rows(alone, name)
+
+
+FAILED_AT = "forward-0-9"
+"""A vehicle of pair 1, in the counted time."""
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ("raises", "on purpose"),
+        ("nan", "nan"),
+        ("aborts", "died"),
+        ("hangs", "no answer within"),
+    ],
+)
+def test_a_failure_costs_its_arm_alone(tmp_path: Path, fault: str, reason: str) -> None:
+    drawn = stream(1, "av_strategy", 1, number_of(FAILED_AT)).random()
+    settings = {
+        "arms.av": faulty.NAME,
+        f'strategies."{faulty.NAME}".{fault}': float(drawn),
+        "experiment.decide_limit_s": 1.0,
+    }
+    found = run(hour(tmp_path), settings=settings, pairs=2, out=tmp_path / "run", workers=1)
+    arms = rows(found, "arms")
+    assert [row["reason"] is None for row in arms] == [True, True, False, True]
+    assert reason in arms[2]["reason"]
+    if fault in ("raises", "nan"):
+        assert FAILED_AT in arms[2]["reason"]
+    assert found.failures == ((0, 1, "av", arms[2]["reason"]),)
+    numbers = {key: value for key, value in arms[2].items() if key not in ("cell", "pair", "arm")}
+    assert {key for key, value in numbers.items() if value is not None} == {"reason"}
+    for name in TABLES[1:]:
+        there = {(row["pair"], row["arm"]) for row in rows(found, name)}
+        assert there == {(0, "av"), (0, "human"), (1, "human")}
+
+
+@pytest.mark.parametrize("tasks", range(3))
+def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path, tasks: int) -> None:
+    whole = run(hour(tmp_path), pairs=3, out=tmp_path / "whole", workers=0)
+
+    def strike(done: int, _planned: int) -> None:
+        if done > tasks:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(hour(tmp_path), pairs=3, out=tmp_path / "run", workers=0, progress=strike)
+    begun: list[int] = []
+    found = resume(tmp_path / "run", workers=0, progress=lambda done, _: begun.append(done))
+    assert len(begun) == 2 - tasks
+    for name in TABLES:
+        assert rows(found, name) == rows(whole, name)
+
+
+def test_a_pair_without_its_last_table_is_simulated_again(tmp_path: Path) -> None:
+    found = run(hour(tmp_path), pairs=3, out=tmp_path / "run", workers=0)
+    before = {name: rows(found, name) for name in TABLES}
+    (found.path / "arms" / "0000-00000001.parquet").unlink()
+    (found.path / "passages" / "0000-00000002.parquet").write_bytes(b"cut off")
+    begun: list[int] = []
+    again = resume(found.path, workers=0, progress=lambda done, _: begun.append(done))
+    assert begun == [2, 3]
+    assert {name: rows(again, name) for name in TABLES} == before
+
+
+def test_a_run_is_not_resumed_with_other_files(tmp_path: Path) -> None:
+    config = towns.grid(tmp_path, end_s=60)
+    file = own(tmp_path, config.name, USABLE, 'outputs = ["tripinfo"]', "[experiment]\npairs = 2")
+    with pytest.raises(KeyboardInterrupt):
+        run(file, out=tmp_path / "run", workers=0, progress=_stop)
+    assert [*(tmp_path / "run").rglob("tripinfo.xml")]
+    trips = tmp_path / "vehicles.trips.xml"
+    trips.write_text(trips.read_text().replace("<trip ", "<trip  ", 1))
+    with pytest.raises(InputError, match=r"vehicles.trips.xml has changed since the run"):
+        resume(tmp_path / "run", workers=0)
+
+
+def _stop(*_: int) -> None:
+    raise KeyboardInterrupt
+
+
+USABLE = ":B1_c0"
+
+
+HOSTILE: dict[str, Callable[[Path, Path], object]] = {}
+
+
+def hostile(spoil: Callable[[Path, Path], object]) -> Callable[[Path, Path], object]:
+    HOSTILE[spoil.__name__] = spoil
+    return spoil
+
+
+@hostile
+def cut_off_network(folder: Path, _config: Path) -> str:
+    net = folder / "net.net.xml"
+    net.write_bytes(net.read_bytes()[:20_000])
+    return "net.net.xml|town.sumocfg"
+
+
+@hostile
+def route_to_nowhere(folder: Path, _config: Path) -> str:
+    trips = folder / "vehicles.trips.xml"
+
+    nowhere = '<trip id="x" depart="80" from="A0A1" to="no"/></routes>'
+    trips.write_text(trips.read_text().replace("</routes>", nowhere))
+    return "town.sumocfg: .*edge 'no'"
+
+
+@hostile
+def random_seeds(_folder: Path, config: Path) -> None:
+    option(config, '<random value="true"/>')
+
+
+@hostile
+def a_step_of_a_second(_folder: Path, config: Path) -> str:
+    text = config.read_text()
+    config.write_text(text.replace('step-length value="0.1"', 'step-length value="1"'))
+    return "town.sumocfg: step-length"
+
+
+@hostile
+def teleports(_folder: Path, config: Path) -> None:
+    text = config.read_text()
+    config.write_text(
+        text.replace('collision.action value="warn"', 'collision.action value="teleport"')
+    )
+
+
+def option(config: Path, text: str) -> None:
+    config.write_text(config.read_text().replace("</configuration>", f"{text}</configuration>"))
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_configuration_is_refused_in_one_line_or_works(tmp_path: Path, name: str) -> None:
+    config = towns.grid(tmp_path, end_s=90)
+    refused = HOSTILE[name](tmp_path, config)
+    file = own(tmp_path, config.name, USABLE)
+    if refused is None:
+        found = [run(file, pairs=1, out=tmp_path / str(n), workers=0) for n in range(2)]
+        assert rows(found[0], "arms")[0]["reason"] is None
+        assert rows(found[0], "passages") == rows(found[1], "passages") != []
+        return
+    with pytest.raises(InputError, match=str(refused)) as caught:
+        run(file, pairs=1, out=tmp_path / "run", workers=0)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.fixture(scope="module")
+def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a town with a scenario that ``harness crossings`` wrote."""
+    folder = tmp_path_factory.mktemp("town")
+    config = towns.grid(folder, end_s=90)
+    printed("crossings", config, "--write", folder / "town.toml", "--edge", USABLE)
+    return folder
+
+
+def test_crossings_lists_who_passes_and_all_with_reasons(town: Path) -> None:
+    few, every = (printed("crossings", town / "town.sumocfg", *more) for more in ([], ["--all"]))
+    assert USABLE in few
+    # The reasons of a narrow screen are wrapped.
+    assert "controls it" not in few
+    assert "controls it" in every
+    done = here("crossings", town / "town.sumocfg", "--write", town / "no.toml", "--edge", ":C2_c0")
+    assert (done.returncode, "a traffic light controls it" in done.stderr) == (2, True)
+    assert not (town / "no.toml").exists()
+
+
+def test_a_written_scenario_runs_and_its_worst_passage_is_replayed(
+    town: Path, tmp_path: Path
+) -> None:
+    printed("run", town / "town.toml", "--pairs", 1, "--out", tmp_path / "run", "-q")
+    by_delay = ("worst", tmp_path / "run", "--by", "delay_s", "--driver")
+    worst = json.loads(printed(*by_delay, "av", "--json"))
+    assert {row["driver"] for row in worst["records"]} == {"gap_yield"}
+    assert "the simulation ended" not in {row["ended"] for row in worst["records"]}
+    others = here(*by_delay, "other")
+    assert others.returncode == 2
+    out = tmp_path / "again"
+    told = printed("replay", tmp_path / "run", "--pair", 0, "--arm", "av", "--out", out)
+    assert "is the stored one" in told
+    # Who drove is in SUMO's own file: the least speed of a vehicle is in it.
+    places = gzip.decompress((out / "fcd.xml.gz").read_bytes()).decode()
+    row = worst["records"][0]
+    assert f'id="{row["vehicle"]}"' in places
+
+
+@pytest.mark.parametrize(
+    ("settings", "line"),
+    [
+        ({"simulation.crossings": [":B1_c9"]}, "no crossing ':B1_c9'"),
+        ({"simulation.crossings": [":C2_c0"]}, "a traffic light controls it"),
+        ({"simulation.av_types": ["bus"]}, "no vehicle of 'bus' comes"),
+        ({"simulation.end": 100.0}, "simulation.end: 100 s is not accepted|at most 90 s"),
+        ({"simulation.outputs": ["fcd"]}, "writes no output 'fcd'"),
+        ({"simulation.av_shares": 1}, "did you mean 'av_share'"),
+        ({"simulation.step_s": 0.5}, "simulation.step_s"),
+        ({"ego.trigger_range_m": 10.0}, "nobody stops within 10 m from 13.89 m/s"),
+        ({"ego.length_m": 4.0}, "whose vehicle types define it"),
+        ({"crossing.length_m": 4.0}, "whose network defines it"),
+        ({"pedestrians.flow_per_hour": 100.0}, "sumo_driver passes people of the harness"),
+        (
+            {"pedestrians.flow_per_hour": 100.0, "arms.human": "human_yield"},
+            "the limit before :B1_c0",
+        ),
+        ({"pedestrians.first_at_trigger": True}, "first_at_trigger"),
+        ({"traffic.av_share": 1.0}, r"traffic: cannot be combined with \[simulation\]"),
+        ({"arms.av": "nobody"}, "unknown strategy"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_anything_is_written(
+    town: Path, tmp_path: Path, settings: dict[str, Any], line: str
+) -> None:
+    with pytest.raises(InputError, match=line) as caught:
+        run(town / "town.toml", settings=settings, pairs=1, out=tmp_path / "run", workers=0)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "types"),
+    [
+        (["[crossing]", "oncoming_lanes = 0", "lanes = 2", "lane_width_m = 4.0"], {"car"}),
+        (
+            [
+                *("[[traffic.types]]", 'name = "small"', "share = 0.6"),
+                *("[[traffic.types]]", 'name = "truck"', "share = 0.4"),
+                *("length_m = 12.0", "automated = false"),
+            ],
+            {"small", "truck"},
+        ),
+        (["saturated = true"], {"car"}),
+        (['following = "IDM"'], {"car"}),
+    ],
+)
+def test_every_road_and_mix_is_driven(tmp_path: Path, more: list[str], types: set[str]) -> None:
+    one_way = {"traffic.oncoming_per_hour": 0.0} if "[crossing]" in more else {}
+    found = run(hour(tmp_path, *more), settings=one_way, pairs=1, out=tmp_path / "run", workers=0)
+    assert not found.failures
+    for arm, driver in (("av", "gap_yield"), ("human", "human_yield")):
+        passed = [row for row in rows(found, "passages") if row["arm"] == arm]
+        assert {row["type"] for row in passed} == types
+        assert all(row["driven"] for row in passed)
+        automated = {row["driver"] for row in passed if row["automated"]}
+        assert automated == {driver}
+        assert {row["driver"] for row in passed if row["type"] == "truck"} <= {"human_yield"}

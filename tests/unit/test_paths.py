@@ -1,0 +1,244 @@
+"""Paths and zones against geometry by hand: straight, bent, stretched, oblique, left-hand."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings, strategies as st
+
+from harness.core.encounter import Side
+from harness.site.path import Path, PathLane
+from harness.site.town import Crosswalk
+from harness.site.zone import Zone, zone_of
+
+Points = list[tuple[float, float]]
+LIMIT_MPS = 13.9
+
+
+def walk(
+    start: complex, end: complex, width_m: float = 4.0, *, left_hand: bool = False
+) -> Crosswalk:
+    """A straight crosswalk."""
+    axis = shapely.LineString([(start.real, start.imag), (end.real, end.imag)])
+    area = axis.buffer(width_m / 2, cap_style="flat")
+    return Crosswalk(
+        "c", "j", (), axis, axis.length, width_m, area, prioritized=False, left_hand=left_hand,
+        refused=None,
+    )  # fmt: skip
+
+
+def drawn_m(shape: Points) -> float:
+    return sum(math.dist(a, b) for a, b in pairwise(shape))
+
+
+def path(*shapes: Points, stretched: float = 1.0) -> Path:
+    """Successive lanes, of which the first one ends at the stop line."""
+    lanes = [
+        PathLane(str(n), shape, stretched * drawn_m(shape), LIMIT_MPS - n)
+        for n, shape in enumerate(shapes)
+    ]
+    return Path.along(lanes)
+
+
+def straight(stretched: float = 1.0) -> Path:
+    """Along y = 0; the stop line is at x = 0."""
+    points = [-60.0, 0.0, 8.0, 80.0]
+    return path(*([(a, 0.0), (b, 0.0)] for a, b in pairwise(points)), stretched=stretched)
+
+
+def arc(radius_m: float, degrees: float, sign: int = 1) -> Points:
+    """An arc from the origin, to the left (1) or right (-1) of a vehicle that comes along y = 0."""
+    angles = np.radians(np.linspace(0.0, degrees, 400))
+    return [(radius_m * math.sin(a), sign * radius_m * (1 - math.cos(a))) for a in angles]
+
+
+def turning(radius_m: float, sign: int = 1) -> Path:
+    """Along y = 0 to the origin, then a quarter circle, then straight on."""
+    quarter = arc(radius_m, 90.0, sign)
+    x, y = quarter[-1]
+    end = (x, y + sign * 25.0)
+    return path([(-60.0, 0.0), (0.0, 0.0)], [*quarter, end], [end, (x, y + sign * 60.0)])
+
+
+def numbers(zone: Zone) -> list[float]:
+    return [zone.first_m, zone.last_m, zone.from_m, zone.to_m]
+
+
+def test_a_straight_road() -> None:
+    road = straight()
+    assert road.start_m == -60.0
+    assert road.limits == ((-60.0, LIMIT_MPS), (0.0, LIMIT_MPS - 1), (8.0, LIMIT_MPS - 2))
+    assert [road.lane_at(-1.0).lane, road.lane_at(0.0).lane] == ["0", "1"]
+    assert road.s_of("2", 3.0) == pytest.approx(11.0)
+    assert road.s_of("elsewhere", 3.0) is None
+    # The road goes straight on beyond both of its ends.
+    np.testing.assert_allclose(road.position([-70.0, 3.5, 90.0]), [[-70, 0], [3.5, 0], [90, 0]])
+    body = road.outline(2.0, 5.0, 1.8)
+    np.testing.assert_allclose(body, [[2, -0.9], [2, 0.9], [-3, 0.9], [-3, -0.9]])
+
+
+def test_a_crosswalk_at_right_angles() -> None:
+    zone = zone_of(straight(), walk(2 - 3j, 2 + 6j), 5.0, 1.8)
+    assert zone is not None
+    # 4 m wide, from x = 0 to 4; the near kerb is on the right, 3 m from the lane's centre.
+    assert numbers(zone) == pytest.approx([0.0, 9.0, 2.1, 3.9], abs=1e-6)
+    assert (zone.centre_m, zone.across_m) == pytest.approx((2.0, 4.0), abs=1e-6)
+    crossing = zone.crossing
+    assert crossing.length_m == pytest.approx(9.0)
+    assert (crossing.lane_centre_m, crossing.lane_width_m) == pytest.approx((3.0, 1.8), abs=1e-6)
+    assert crossing.speed_limit_mps == LIMIT_MPS
+    assert not zone.split
+    assert not zone.reverse
+    assert [zone.side_at(1.0), zone.side_at(8.0)] == [Side.NEAR, Side.FAR]
+
+
+@pytest.mark.parametrize("left_hand", [False, True])
+def test_y_is_0_at_the_kerb_on_the_side_on_which_traffic_keeps(left_hand: bool) -> None:
+    axis = (2 + 6j, 2 - 3j)  # from left to right
+    zone = zone_of(straight(), walk(*axis, left_hand=left_hand), 5.0, 1.8)
+    assert zone is not None
+    assert zone.reverse is not left_hand
+    assert zone.from_m == pytest.approx(5.1 if left_hand else 2.1, abs=1e-6)
+    assert zone.y_of(zone.y_of(2.5)) == 2.5
+
+
+def test_lanes_that_are_longer_than_they_are_drawn() -> None:
+    """A lane's metres are 1.5 × those of its shape, and so are those of the zone."""
+    road = straight(stretched=1.5)
+    assert road.start_m == -90.0
+    np.testing.assert_allclose(road.position(road.s_of("2", 15.0)), [18.0, 0.0])
+    zone = zone_of(road, walk(2 - 3j, 2 + 6j), 5.0, 1.8)
+    assert zone is not None
+    # The body is drawn 5 m long; the front goes 4 + 5 drawn metres.
+    assert numbers(zone) == pytest.approx([0.0, 13.5, 2.1, 3.9], abs=1e-6)
+
+
+@given(
+    degrees=st.floats(30.0, 150.0), across=st.floats(2.0, 6.0), width=st.floats(0.6, 2.6),
+    length=st.floats(1.5, 18.0),
+)  # fmt: skip
+@settings(max_examples=60, deadline=None)
+def test_an_oblique_crosswalk(degrees: float, across: float, width: float, length: float) -> None:
+    """The overlap of two strips, of the road's body and of the crosswalk."""
+    sin, cos = math.sin(math.radians(degrees)), abs(math.cos(math.radians(degrees)))
+    direction = complex(math.cos(math.radians(degrees)), sin)
+    zone = zone_of(straight(), walk(4 - 20 * direction, 4 + 20 * direction, across), length, width)
+    assert zone is not None
+    before_m = (across + width * cos) / 2 / sin
+    half_m = (width + across * cos) / 2 / sin
+    expected = [4 - before_m, 4 + before_m + length, 20 - half_m, 20 + half_m]
+    assert numbers(zone) == pytest.approx(expected, abs=1e-5)
+
+
+@given(radius=st.floats(6.0, 40.0), length=st.floats(2.0, 8.0), share=st.floats(0.0, 1.0))
+@settings(max_examples=50, deadline=None)
+def test_a_quarter_circle(radius: float, length: float, share: float) -> None:
+    """A body whose chord spans an arc of length L points back by the angle L / 2R."""
+    road = turning(radius)
+    s = length + share * (math.pi / 2 * radius - length)
+    if s > math.pi / 2 * radius:
+        return
+    angle = s / radius
+    np.testing.assert_allclose(
+        road.position(s), [radius * math.sin(angle), radius * (1 - math.cos(angle))], atol=2e-3
+    )
+    assert road.heading(s) == pytest.approx(angle, abs=0.01)
+    front_right, front_left, rear_left, _ = road.outline(s, length, 1.8)
+    ahead = front_left - rear_left
+    assert math.atan2(ahead[1], ahead[0]) == pytest.approx(angle - length / radius / 2, abs=1e-3)
+    assert math.dist(front_left, rear_left) == pytest.approx(length)
+    assert math.dist(front_left, front_right) == pytest.approx(1.8)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_crosswalk_at_the_exit_of_a_turn(sign: int) -> None:
+    """The lane leaves the turn along x = R, so it covers R ± 0.9 m of a crosswalk there."""
+    radius_m, length_m = 10.0, 5.0
+    y = sign * 30.0
+    zone = zone_of(turning(radius_m, sign), walk(4 + 1j * y, 20 + 1j * y), length_m, 1.8)
+    assert zone is not None
+    along_m = math.pi / 2 * radius_m + 20.0  # s of the crosswalk's centre line
+    centre_m = 20 - radius_m if sign == 1 else radius_m - 4
+    expected = [along_m - 2, along_m + 2 + length_m, centre_m - 0.9, centre_m + 0.9]
+    assert numbers(zone) == pytest.approx(expected, abs=1e-3)
+    assert zone.reverse is (sign == 1)  # a vehicle to the north has the east on its right
+
+
+@given(
+    radius=st.floats(6.0, 30.0), share=st.floats(0.1, 0.6), slant=st.floats(-3.0, 3.0),
+    width=st.floats(0.6, 2.6), length=st.floats(1.5, 12.0), sign=st.sampled_from([1, -1]),
+)  # fmt: skip
+@settings(max_examples=60, deadline=None)
+def test_properties_of_a_turn(
+    radius: float, share: float, slant: float, width: float, length: float, sign: int
+) -> None:
+    """A wider body's zone contains a narrower one's; a mirrored country keeps left."""
+    at = share * radius
+    start, end = complex(at, -12.0), complex(at + slant, 12.0)
+    road = turning(radius, sign)
+    zone, wider = (zone_of(road, walk(start, end), length, each) for each in (width, width + 0.3))
+    assert zone is not None
+    assert wider is not None
+    assert wider.first_m <= zone.first_m + 1e-9
+    assert wider.last_m >= zone.last_m - 1e-9
+    assert wider.from_m <= zone.from_m + 1e-3
+    assert wider.to_m >= zone.to_m - 1e-3
+    assert 0.0 <= zone.from_m < zone.to_m <= zone.crosswalk_m + 1e-9
+    mirrored = walk(start.conjugate(), end.conjugate(), left_hand=True)
+    other = zone_of(turning(radius, -sign), mirrored, length, width)
+    assert other is not None
+    assert numbers(other) == pytest.approx(numbers(zone), abs=1e-6)
+    assert other.crossing.lane_centre_m == pytest.approx(zone.crossing.lane_centre_m, abs=1e-6)
+
+
+@st.composite
+def bent_lanes(draw: st.DrawFn) -> Path:
+    """Lanes with bends, each of another length than that of its shape."""
+    steps = st.tuples(st.floats(0.5, 20.0), st.floats(-1.0, 1.0))
+    at, lanes = (0.0, 0.0), []
+    for n in range(draw(st.integers(2, 5))):
+        shape = [at]
+        for along, slope in draw(st.lists(steps, min_size=1, max_size=4)):
+            at = (at[0] + along, at[1] + along * slope)
+            shape.append(at)
+        lanes.append(PathLane(f"lane{n}", shape, drawn_m(shape) * draw(st.floats(0.5, 4.0)), 10.0))
+    return Path.along(lanes)
+
+
+@given(road=bent_lanes(), share=st.floats(0.0, 1.0))
+@settings(max_examples=80, deadline=None)
+def test_positions_on_lanes_and_on_the_path(road: Path, share: float) -> None:
+    """A share of a lane's length is the same share of its shape, as SUMO has it."""
+    for n, stretch in enumerate(road.stretches):
+        position_m = share * (stretch.end_m - stretch.start_m)
+        s = road.s_of(stretch.lane, position_m)
+        assert s is not None
+        inside = (road.knots_m > stretch.start_m + 1e-9) & (road.knots_m < stretch.end_m - 1e-9)
+        ends = road.position([stretch.start_m, stretch.end_m])
+        shape = shapely.LineString([ends[0], *road.points[inside], ends[1]])
+        expected = shape.interpolate(share, normalized=True)
+        np.testing.assert_allclose(road.position(s), [expected.x, expected.y], atol=1e-6)
+        if 0.01 < share < 0.99:
+            assert road.lane_at(s) == stretch
+            assert stretch.scale == pytest.approx((stretch.end_m - stretch.start_m) / shape.length)
+        assert (s < 0.0) == (n == 0 and s != 0.0)
+
+
+def test_a_crosswalk_that_is_touched_twice_or_hardly() -> None:
+    there_and_back = path(
+        [(-60.0, 0.0), (0.0, 0.0)], [(0, 0), (12, 0), (12, 6), (0, 6)], [(0.0, 6.0), (-60.0, 6.0)]
+    )
+    twice = zone_of(there_and_back, walk(2 - 3j, 2 + 9j), 3.0, 1.8)
+    assert twice is not None
+    assert twice.split
+    assert twice.from_m < 3.0 < 9.0 < twice.to_m
+    # The crosswalk's end lies 0.9 m beside the lane's centre: within the body, or not.
+    assert zone_of(straight(), walk(2 + 0.91j, 2 + 9j), 5.0, 1.8) is None
+    narrow = zone_of(straight(), walk(2 + 0.89j, 2 + 9j), 5.0, 1.8)
+    assert narrow is not None
+    assert not narrow.split
+    hardly = zone_of(straight(), walk(2 + 0.89j, 2 + 9j, 0.3), 0.5, 1.8)
+    assert hardly is not None
+    assert hardly.split  # 0.8 m take less than a step of 0.1 s at 13.9 m/s

@@ -1,0 +1,371 @@
+"""Simulations in the results: estimators, numbers counted by hand, notes, screens and folders."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from scipy import stats
+
+from harness.core.encounter import Arm
+from harness.core.errors import InputError
+from harness.measures.queues import growth, standing
+from harness.report.page import write_page
+from harness.report.screen import screen_text
+from harness.results.catalogue import entries_of
+from harness.results.estimators import EQUAL
+from harness.results.finding import Finding
+from harness.results.findings import CellFindings
+from harness.results.folder import (
+    kind_of_folder,
+    manifest_of,
+    write_findings,
+    write_manifest,
+)
+from harness.results.notes import notes_of
+from harness.results.rows import simulation_rows
+from harness.results.run import Run, load_run
+from harness.results.screens import run_result
+from harness.results.student import ALONE, ONE, clustered_share, t_mean, t_ratio_difference
+from harness.results.tables import DamagedPartError, done_parts, part_name, read_cell, write_part
+from harness.scenario import Setting, read_scenario_file, study_of
+from harness.studies.compare import compare
+from tests.simulations import (
+    BEGIN_S,
+    COUNTED_S,
+    Rows,
+    arm,
+    failed,
+    findings_of,
+    ordinary,
+    passage,
+    person,
+    tables_of,
+    trip,
+)
+
+Simulation = dict[str, Rows]
+Pairs = list[tuple[Simulation, Simulation]]
+
+FLOATS = st.lists(st.floats(0, 100), min_size=2, max_size=12)
+
+
+@settings(max_examples=50, deadline=None)
+@given(FLOATS, st.sampled_from([0.9, 0.95]))
+def test_a_mean_has_the_interval_and_the_p_of_a_t_test(values: list[float], level: float) -> None:
+    found, sample = t_mean(np.array([*values, np.nan]), level), np.array(values)
+    assert found.value == pytest.approx(np.mean(sample))
+    if np.ptp(np.round(sample, 9)) == 0:
+        assert (found.low, found.reason) == (None, EQUAL)
+        return
+    test = stats.ttest_1samp(sample, 0.0)
+    ends = test.confidence_interval(level)
+    assert (found.low, found.high) == pytest.approx((ends.low, ends.high), rel=1e-6, abs=1e-6)
+    assert found.p == pytest.approx(test.pvalue, abs=1e-6)
+    assert found.reliable is (len(values) >= 5)
+    cut = t_mean(sample, level, least=0.0)
+    assert cut.low == pytest.approx(max(0.0, ends.low), rel=1e-6, abs=1e-6)
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=3, max_size=9))
+def test_a_difference_of_shares_of_equal_pairs_is_a_paired_t_test(
+    events: list[tuple[int, int]],
+) -> None:
+    a, b = np.array(events, float).T
+    trials = np.full(len(a), 20.0)
+    found = t_ratio_difference((a, trials), (b, trials), 0.95)
+    assert found.value == pytest.approx(np.mean(a - b) / 20)
+    if np.ptp(a - b) and a.any() | b.any():
+        ends = stats.ttest_rel(a / 20, b / 20).confidence_interval(0.95)
+        assert (found.low, found.high) == pytest.approx((ends.low, ends.high), abs=1e-9)
+    else:
+        assert found.low is None
+
+
+def test_a_share_of_correlated_passages_is_worth_fewer_of_them() -> None:
+    """Korn and Graubard by SciPy's quantiles, with the design effect by hand."""
+    events, trials = np.array([0.0, 4.0, 0.0, 0.0]), np.full(4, 50.0)
+    p, effect = 4 / 200, (4 / 3) * (3 * 1**2 + 3**2) / (200 * 0.02 * 0.98)
+    worth = (stats.t.ppf(0.975, 199) / stats.t.ppf(0.975, 3)) ** 2
+    n = 200 / effect * worth
+    ends = stats.beta.ppf(0.025, p * n, n - p * n + 1), stats.beta.ppf(0.975, p * n + 1, n - p * n)
+    found = clustered_share(events, trials, 0.95)
+    assert (found.low, found.high) == pytest.approx(ends)
+    assert (found.value, found.events, found.n) == (p, 4, 200)
+    none = clustered_share(0 * events, trials, 0.95)
+    assert none.high == pytest.approx(1 - 0.025 ** (1 / (200 * worth)))
+
+
+def test_one_pair_has_a_bound_at_nothing_and_no_other_interval() -> None:
+    none = clustered_share(np.zeros(1), np.array([300.0]), 0.95)
+    assert none.high == pytest.approx(stats.beta.ppf(0.975, 1, 300))
+    assert (none.reliable, none.reason) == (False, ALONE)
+    one = clustered_share(np.ones(1), np.array([300.0]), 0.95)
+    assert (one.value, one.low, one.reason) == (1 / 300, None, ONE)
+    assert clustered_share(np.zeros(1), np.zeros(1), 0.95).value is None
+
+
+@given(st.floats(0.0, 0.3), st.floats(5.0, 60.0))
+def test_the_vehicles_on_a_network_grow_by_those_whom_it_does_not_serve(
+    left: float, trip_s: float
+) -> None:
+    due_s = np.arange(0.0, 900.0, 1.0)
+    never = np.arange(900) % 100 < round(100 * left)
+    found = growth(due_s, np.where(never, np.nan, due_s + trip_s), 0.0, 900.0)
+    assert found == pytest.approx(300 * round(100 * left) / 100, abs=2.0)
+
+
+def test_a_queue_is_those_who_stand() -> None:
+    begin_s, end_s = np.array([1.0, 2.0, 8.0]), np.array([4.0, 3.0])  # one stands until the end
+    assert standing(begin_s, end_s, 0.0, 10.0).tolist() == [0, 1, 2, 1, 0, 0, 0, 0, 1, 1]
+
+
+AV = arm(
+    [
+        passage("a", delay_s=4.0, pet_s=1.0, share_strategy=0.5, share_leader=0.5),
+        passage("b", delay_s=6.0, crosswalk=":b_c0", stop_begin_s=300.0, stop_end_s=400.0),
+        passage("c", driven=False, driver="sumo", not_driven_because="it came late", steps=0,
+                share_strategy=None, share_leader=None, delay_s=2.0, pedestrians=0),
+        passage("d", automated=False, delay_s=1.0, contact_person="p", pet_s=None),
+        passage("e", automated=False, front_s=None, rear_s=None, ended="cut", delay_s=None),
+    ],
+    [trip("a", time_loss_s=8.0), trip("d", automated=False, arrival_s=None, time_loss_s=2.0)],
+    [person("p", wait_s=2.0), person("p", crosswalk=":b_c0", wait_s=8.0, let_go=False),
+     person("q", start_s=None, wait_s=5.0, let_go=None)],
+    teleports=2,
+)  # fmt: skip
+REFERENCE = arm(
+    [passage("a", delay_s=1.0), passage("b", delay_s=3.0, crosswalk=":b_c0")],
+    [trip("a"), trip("d", automated=False)],
+    [person("p", wait_s=1.0)],
+)
+
+
+@pytest.fixture(scope="module")
+def counted() -> CellFindings:
+    """Two pairs, and one in which an arm failed."""
+    return findings_of((AV, REFERENCE), (AV, REFERENCE), (AV, failed()))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("av_delay_s", (4 + 6 + 2) / 3),
+        ("av_delay_s_human", 2.0),
+        ("av_delay_s_difference", 2.0),
+        ("other_delay_s", 1.0),
+        ("other_delay_s_human", None),
+        ("people_wait_s", 5.0),
+        ("people_wait_s_difference", 4.0),
+        ("people_los", 5.0),
+        ("queue_p95", 1.0),  # 100 of 1,200 seconds at two crosswalks
+        ("queue_p95_human", 0.0),
+        ("conflicts_pet_per_1000", 1000 * 2 / 4),
+        ("conflicts_pet_per_1000_human", 0.0),
+        ("contacts", 1 / 4),
+        ("contacts_difference", 1 / 4),
+        ("share_strategy", 150 / 200),
+        ("share_leader", 50 / 200),
+        ("driven", 2 / 3),
+        ("not_driven", 2),
+        ("let_go", 1 / 2),
+        ("throughput_per_hour", 4 * 6),
+        ("av_time_loss_s", 8.0),
+        ("other_time_loss_s_difference", -3.0),
+        ("people", 2 * 2),
+        ("passages", 2 * 5),
+        ("cut_off", 2 * 1),
+        ("unfinished", 2 * 1),
+        ("teleports", 2 * 2),
+        ("teleports_human", 0),
+        ("unprioritized", 2),
+        ("pairs", 3),
+        ("failed", 0),
+        ("failed_human", 1),
+    ],
+)
+def test_numbers_by_hand(counted: CellFindings, key: str, value: float | None) -> None:
+    assert counted[key].value == (None if value is None else pytest.approx(value))
+
+
+def test_numbers_of_a_crosswalk_by_hand(counted: CellFindings) -> None:
+    near, far = counted.by_crosswalk[":a_c0"], counted.by_crosswalk[":b_c0"]
+    assert (near["av_delay_s"].value, far["av_delay_s"].value) == (3.0, 6.0)
+    assert (near["people_wait_s"].value, far["people_wait_s"].value) == (3.5, 8.0)
+    assert (near["people"].value, far["people"].value) == (4, 2)
+    assert (near["queue_p95"].value, far["queue_p95"].value) == (0.0, 1.0)
+    assert near["contacts"].events == 2
+    whole = {key for entry in entries_of("simulations") if entry.network for key in entry.keys}
+    assert near.keys() == counted.findings.keys() - whole
+    assert counted["not_driven"].reason == "2 it came late"
+
+
+def several(*more: dict[str, Any]) -> Pairs:
+    """Six ordinary pairs, with changes to the AV's and the reference's arm."""
+    pairs = [(ordinary(pair), ordinary(pair, False)) for pair in range(6)]
+    for both in pairs:
+        for of, changes in zip(both, more, strict=False):
+            of["arms"] = [dict(of["arms"][0]) | changes]
+    return pairs
+
+
+def altered(pairs: Pairs, **columns: Any) -> Pairs:
+    """The same, with other values in all passages of the AV's arms."""
+    return [
+        (av | {"passages": [{**each, **columns} for each in av["passages"]]}, human)
+        for av, human in pairs
+    ]
+
+
+def filling(pairs: Pairs) -> Pairs:
+    """The same, in the AV's arms of which each third trip does not end."""
+    return [
+        (
+            av
+            | {
+                "vehicles": [
+                    each if n % 3 else {**each, "arrival_s": None}
+                    for n, each in enumerate(av["vehicles"])
+                ]
+            },
+            human,
+        )
+        for av, human in pairs
+    ]
+
+
+USUAL = altered(several(), share_strategy=1.0)
+
+SAID: dict[str, tuple[Pairs, str]] = {
+    "failures": ([*USUAL, (ordinary(7), failed())], "1 simulations failed (AV 0, human_yield 1)"),
+    "nothing_tested": ([(arm([passage("a", pedestrians=0)], [trip("a")]), arm())] * 2, "met a ped"),
+    "few_pairs": (USUAL[:1], "one pair has no intervals"),
+    "collisions": (
+        several({"vehicle_collisions": 2, "overlaps": 1}, {"overlaps": 4}),
+        "collisions of vehicles (AV 12, human_yield 0)",
+    ),
+    "fills": (filling(USUAL), "% of those who come (AV)"),
+    "who_drove": (several(), "SUMO decided 30 % of soft_yield's steps: leaders 20 %"),
+    "people_of_sumo": (several({"sumo_people": 3}), "only once the car stands"),
+    "fallback": (altered(USUAL, fallback=True), "AV passages (1e+02 %"),
+    "outside_model": (several({"conditionings": 8, "clamped": 2}), "in 25 % (AV) of its uses"),
+}
+
+
+@pytest.mark.parametrize("key", SAID)
+def test_what_misleads_is_said_and_what_does_not_is_not(key: str) -> None:
+    pairs, words = SAID[key]
+    told = {note.key: note.text for note in notes_of([findings_of(*pairs)])}
+    assert words in told[key], told[key]
+    assert key not in {note.key for note in notes_of([findings_of(*USUAL)])}
+
+
+def test_passages_that_no_strategy_drove_are_named_with_the_reason(counted: CellFindings) -> None:
+    (text,) = [note.text for note in notes_of([counted]) if note.key == "who_drove"]
+    assert "did not drive 2 of 6 passages: 2 it came late" in text
+
+
+@pytest.mark.parametrize("width", [100, 120])
+@pytest.mark.parametrize("pairs", [1, 3, 6])
+def test_a_screen_has_16_lines_with_the_numbers_asked_for(pairs: int, width: int) -> None:
+    of = several({"vehicle_collisions": 1, "sumo_people": 9})[:pairs]
+    cell = findings_of(*of, *[(AV, failed())] * (pairs > 1))
+    facts = {"seed": 1, "confidence": 0.95}
+    result = run_result("town", Path("town"), [cell], planned=pairs, finished=True, facts=facts)
+    text = screen_text(result, width)
+    assert len(text.splitlines()) <= 16, text
+    words = ("AVs' delay", "other vehicles' delay", "people's wait", "queue", "PET below 1.5 s")
+    words = (*words, "contacts", "0 of", "below", "steps by the strategy", "difference")
+    assert [each for each in words if each not in text] == []
+    full = screen_text(result, width, full=True)
+    assert [name for name in cell.by_crosswalk if full.count(f", {name}\n") != 1] == []
+    assert "time loss of AVs" in full
+    assert [record.get("crosswalk") for record in result.records] == [None, *cell.by_crosswalk]
+
+
+def written(folder: Path, *shares: float, pairs: int = 6) -> Run:
+    """A run in a folder; a greater share is slower by as many seconds."""
+    changes = {"experiment.pairs": pairs, "arms.av": "gap_yield"}
+    file = read_scenario_file("traffic", [Setting(key, of) for key, of in changes.items()])
+    study = study_of(
+        file, [("traffic.av_share", [*shares]), ("pedestrians.flow_per_hour", [250.0])]
+    )
+    folder.mkdir()
+    manifest = manifest_of(study, [], traces=False, engine="libsumo", pairs_per_part=1)
+    write_manifest(folder, manifest)
+    for cell in study.cells:
+        for pair in range(pairs):
+            both = ordinary(pair, slower_s=shares[cell.number] * (pair + 1)), ordinary(pair, False)
+            tables = tables_of([both], cell.number, pair)
+            write_part(folder, cell.number, pair, tables, str(manifest["digest"]))
+    return load_run(folder)
+
+
+def test_a_folder_has_what_was_written(tmp_path: Path) -> None:
+    run = written(tmp_path / "run", 0.5, 1.0)
+    assert not run.finished
+    assert kind_of_folder(run.path) == "simulations"
+    assert done_parts(run.path) == {(cell, pair) for cell in (0, 1) for pair in range(6)}
+    write_findings(run.path, run.cells)
+    again = load_run(run.path)
+    assert again.finished
+    assert [(of.findings, of.by_crosswalk) for of in again.cells] == [
+        (of.findings, of.by_crosswalk) for of in run.cells
+    ]
+    assert len(again.table("passages")) == 2 * 6 * 2 * 120
+    assert {path.stem for path in again.write_csv()} >= {"arms", "passages", "people", "vehicles"}
+    assert again.summary["crosswalk"].isna().sum() == 2
+    with pytest.raises(InputError, match="arms"):
+        again.rows("episodes", 0)
+    # What is lost is simulated again; what comes after it does not count before.
+    (run.path / "arms" / part_name(0, 2)).unlink()
+    assert len(read_cell(run.path, "people", 0, run.manifest)) == 2 * 2 * 80
+
+
+def test_a_part_of_which_a_table_is_gone_is_damaged(tmp_path: Path) -> None:
+    run = written(tmp_path / "run", 1.0, pairs=2)
+    (run.path / "people" / part_name(0, 1)).write_bytes(b"")
+    with pytest.raises(DamagedPartError, match="harness resume"):
+        load_run(run.path)
+
+
+def test_a_column_that_is_not_declared_is_refused() -> None:
+    with pytest.raises(ValueError, match="passages has no column velocity"):
+        simulation_rows(0, 0, Arm.AV, {"passages": {"velocity": [1.0]}})
+
+
+def test_cells_are_compared_by_their_avs_over_pairs(tmp_path: Path) -> None:
+    run = written(tmp_path / "run", 0.25, 0.5, 1.0)
+    write_findings(run.path, run.cells)
+    result = compare(load_run(run.path))
+    assert len(result.records) == 3
+    first, means = result.records[0], run.table("passages")
+    means = means[(means["arm"] == "av") & means["automated"]]
+    a, b = (means[means["cell"] == cell].groupby("pair")["delay_s"].mean() for cell in (0, 1))
+    test = stats.ttest_rel(a, b)
+    found = first["av_delay_s_a_minus_b"]
+    assert isinstance(found, Finding)
+    ends = test.confidence_interval()
+    assert (found.low, found.high, found.p) == pytest.approx((ends.low, ends.high, test.pvalue))
+    ps = sorted(record["av_delay_s_a_minus_b"].p for record in result.records)  # type: ignore[union-attr]
+    adjusted = sorted(record["av_delay_s_a_minus_b_p_holm"] for record in result.records)  # type: ignore[type-var]
+    assert adjusted[0] == pytest.approx(3 * ps[0])
+    assert "A − B" in screen_text(result, 100)
+
+
+def test_a_page_has_the_figures_of_simulations(tmp_path: Path) -> None:
+    one, many = written(tmp_path / "one", 1.0), written(tmp_path / "many", 0.25, 0.5, 1.0)
+    drawn = {}
+    for run in (one, many):
+        page = write_page(run, run.result(), figures=tmp_path / f"{run.path.name}-figures")
+        drawn[run.path.name] = {path.stem for path in page.figures}
+        text = page.page.read_text(encoding="utf-8")
+        assert text.count("<svg") >= len(drawn[run.path.name])
+        assert ":a_c0" in text
+    assert drawn == {"one": {"map", "crosswalks"}, "many": {"curves"}}
+
+
+def test_the_counted_time_is_the_simulations() -> None:
+    late = passage("a", stop_begin_s=BEGIN_S + COUNTED_S, stop_end_s=None)
+    assert findings_of((arm([late]), arm()))["queue_p95"].value == 0.0

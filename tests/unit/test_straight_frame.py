@@ -1,0 +1,137 @@
+"""A passage in the straight frame against an encounter, where the road is straight."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings, strategies as some
+
+from harness.core.encounter import Arrival, Ending, Leg, Side, Trace, Vehicle, Walk
+from harness.measures import measure
+from harness.simulation.driving import Car, Passage
+from harness.simulation.passages import free_pass_s, strike_of
+from harness.simulation.people import Axis, Walked, moved
+from harness.site.path import Path, PathLane
+from harness.site.town import Connection, Crosswalk
+from harness.site.zone import zone_of
+
+STEP_S = 0.1
+CAR = Vehicle(10.0, 30.0, 30.0, 5.0, 1.8, 2.6, 4.5, 1.0)
+CONNECTION = Connection("a_0>b_0", "J", "a_0", (":J_0_0",), "b_0", "straight", gives_way=False)
+
+
+def straight(limit: float = 10.0, inner: float = 10.0) -> Path:
+    """A straight road to the east: 60 m, 8 m inside the junction, 60 m."""
+    lanes = [
+        PathLane("a_0", [(-60, 0), (0, 0)], 60.0, limit),
+        PathLane(":J_0_0", [(0, 0), (8, 0)], 8.0, inner),
+        PathLane("b_0", [(8, 0), (68, 0)], 60.0, limit),
+    ]
+    return Path.along(lanes)
+
+
+def crosswalk() -> Crosswalk:
+    """From y = −3 to 5 across the road, 4 m wide around x = 4."""
+    axis = shapely.LineString([(4, -3), (4, 5)])
+    area = axis.buffer(2.0, cap_style="flat")
+    return Crosswalk(":J_c0", "J", ("b",), axis, 8.0, 4.0, area, False, False, None)
+
+
+def passage(path: Path) -> Passage:
+    """A car's passage over the crosswalk."""
+    zone = zone_of(path, crosswalk(), 5.0, 1.8, STEP_S)
+    assert zone is not None
+    car = Car("car", "type", automated=True, vehicle=CAR, speed_factor=1.0, max_mps=50.0)
+    return Passage(car, crosswalk(), True, CONNECTION, zone, zone.crossing, 100.0, CAR)
+
+
+def test_a_straight_road_is_the_encounters() -> None:
+    """The zone of a straight road is the encounter's crossing: width, place and lane."""
+    zone = passage(straight()).zone
+    assert zone.across_m == pytest.approx(4.0, abs=1e-5)
+    assert zone.centre_m == pytest.approx(4.0, abs=1e-5)
+    crossing = zone.crossing
+    assert (crossing.length_m, crossing.lane_centre_m) == pytest.approx((8.0, 3.0), abs=1e-5)
+    assert crossing.lane_width_m == pytest.approx(1.8, abs=1e-5)
+
+
+@settings(deadline=None, max_examples=150)
+@given(
+    some.floats(1.0, 14.0),
+    some.floats(-2.0, 2.0),
+    some.floats(-3.0, 6.0),
+    some.floats(0.4, 3.0),
+    some.sampled_from(Side),
+)
+def test_contacts_are_the_encounters(
+    speed: float, gain: float, start_s: float, walking: float, side: Side
+) -> None:
+    """On a straight road the oriented outline and the straight frame find the same contacts."""
+    path = straight()
+    each = passage(path)
+    number = np.arange(80)
+    speeds = np.maximum(speed + gain * STEP_S * number, 0.0)
+    x_m = -15.0 + np.concatenate([[0.0], np.cumsum((speeds[1:] + speeds[:-1]) / 2 * STEP_S)])
+    each.time_s.extend((50.0 + number * STEP_S).tolist())
+    near = side is Side.NEAR
+    leg = Leg(50.0 + start_s, 0.0, 0.0 if near else 8.0, 0.0, walking if near else -walking, 0.0)
+    cleared_s = 50.0 + start_s + 8.0 / walking
+    walk = Walk(Arrival(0, 50.0 + start_s, side, 0.5), 50.0 + start_s, walking, legs=(leg,))
+    trace = Trace(
+        CAR, each.crossing, STEP_S, x_m, speeds, (moved(walk, 50.0),), Ending.TIMED_OUT, None,
+        None, False,
+    )  # fmt: skip
+    person = Walked("p", True, walk, cleared_s)
+    strike = strike_of(trace, each.zone.centre_m, path, [person], Axis(each.crosswalk), each)
+    exact = measure([trace])[0]
+    if exact.contact_time_s is None or strike is None:
+        # Outlines are compared 8 times a step: a corner may be grazed in between.
+        assert (
+            (strike is None) == (exact.contact_time_s is None)
+            or exact.min_gap_m == 0
+            or (exact.min_gap_m is not None and exact.min_gap_m < 0.1)
+        )
+    else:
+        assert strike.time_s == pytest.approx(exact.contact_time_s, abs=STEP_S / 4)
+        assert measure([trace], [strike])[0].contact_time_s == strike.time_s
+        assert measure([trace], [None])[0].contact is None
+
+
+def test_free_passage_at_one_limit() -> None:
+    """(R0 + length + width/2)/v, as in an encounter."""
+    each = passage(straight())
+    assert free_pass_s(each, straight()) == pytest.approx((30 + 5 + 2) / 10, abs=1e-4)
+
+
+def test_free_passage_through_a_curve() -> None:
+    """Brake from 10 to 5 m/s before the stop line, 8 m at 5 m/s, and speed up behind it."""
+    path = straight(inner=5.0)
+    each = passage(path)
+    braking_m, braking_s = (100 - 25) / (2 * 4.5), 5 / 4.5
+    # R0 is 30 m before x = 4; the rear leaves when the front is at 4 + 2 + 5 = 11 m.
+    before_s = (26.0 - braking_m) / 10 + braking_s
+    after_s = (math.sqrt(25 + 2 * 2.6 * 3.0) - 5) / 2.6
+    assert free_pass_s(each, path) == pytest.approx(before_s + 8 / 5 + after_s, abs=1e-3)
+
+
+def test_a_walk_from_the_other_kerb() -> None:
+    leg = Leg(3.0, 0.0, 1.0, 0.0, 1.5, 0.0)
+    walk = Walk(Arrival(0, 2.0, Side.NEAR, 0.5), 3.0, 1.5, legs=(leg,))
+    turned = moved(walk, 1.0, 8.0)
+    assert turned.arrival.side is Side.FAR
+    assert turned.arrival.arrival_s == 1.0
+    assert turned.legs == (Leg(2.0, 0.0, 7.0, 0.0, -1.5, 0.0),)
+    assert moved(turned, -1.0, 8.0) == walk
+    assert moved(replace(walk, legs=None), 1.0).start_s == 2.0
+
+
+@given(some.floats(0, 12))
+def test_a_bent_axis(along_m: float) -> None:
+    """A place's point has that place, also on a bent crosswalk."""
+    bent = replace(crosswalk(), axis=shapely.LineString([(0, 0), (0, 5), (3, 9), (3, 11)]))
+    axis = Axis(replace(bent, length_m=12.0))
+    assert axis.along_m(*axis.point(along_m)) == pytest.approx(along_m, abs=1e-9)
+    assert axis.along_m(0.0, -2.0) == pytest.approx(-2.0)
+    assert axis.along_m(3.0, 13.0) == pytest.approx(14.0)
