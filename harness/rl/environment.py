@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
 from harness.core.errors import EngineError, InputError, unknown_name
+from harness.encounter.loop import Episode, Steps
+from harness.encounter.pairing import PairRunner
 from harness.engine.protocol import Engine
 from harness.engine.shared import close_engine, open_engine
-from harness.episode.loop import Episode, Steps
-from harness.episode.pairing import PairRunner
 from harness.measures import EpisodeRecord, has_contact, measure
 from harness.model.interaction import load_model
 from harness.rl.reward import Reward, Transition, check_reward, time_speeding_and_crash

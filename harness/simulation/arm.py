@@ -14,10 +14,10 @@ from harness.core.encounter import (
     Strategy,
     Vehicle,
 )
+from harness.encounter.cell_constants import CellConstants
+from harness.encounter.deciding import ROUNDING_M
+from harness.encounter.walkers import ChooseSpeed
 from harness.engine.session import Session
-from harness.episode.cell_constants import CellConstants
-from harness.episode.deciding import ROUNDING_M
-from harness.episode.walkers import ChooseSpeed
 from harness.scenario import ThresholdSection
 from harness.simulation.driving import ON_IT, Car, Control, Passage, Zones, plan
 from harness.simulation.people import WALKER_TYPE, OwnPeople, PeopleAt, SeenLane, Walked

@@ -21,8 +21,8 @@ from harness.core.encounter import (
     quick_tuple,
 )
 from harness.core.errors import StrategyError
+from harness.encounter.deciding import ROUNDING_M, limited, strategy_raised
 from harness.engine.session import Session
-from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
 from harness.site.path import Path
 from harness.site.town import Connection, Crosswalk, Town
 from harness.site.zone import Zone, zone_of

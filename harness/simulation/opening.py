@@ -11,10 +11,10 @@ from tempfile import TemporaryDirectory
 
 from harness.core.encounter import Arm, Strategy
 from harness.core.errors import EngineError, InputError, StrategyError, in_one_line, nearest_name
+from harness.encounter.arms import asks_model, make_strategy
+from harness.encounter.arrivals import planned_arrivals
+from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.starting import scratch_prefix
-from harness.episode.arms import asks_model, make_strategy
-from harness.episode.arrivals import planned_arrivals
-from harness.episode.walking_speeds import WalkingSpeeds
 from harness.model.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
 from harness.scenario.consistency import SUMO_DRIVER

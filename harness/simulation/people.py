@@ -14,11 +14,11 @@ from typing import Protocol
 import numpy as np
 
 from harness.core.encounter import Arrival, FloatArray, Leg, PedestrianView, Side, Walk
+from harness.encounter.approaching import Approaching
+from harness.encounter.cell_constants import CellConstants
+from harness.encounter.crowd import Crowd
+from harness.encounter.walkers import ChooseSpeed, Walker
 from harness.engine.session import Session
-from harness.episode.approaching import Approaching
-from harness.episode.cell_constants import CellConstants
-from harness.episode.crowd import Crowd
-from harness.episode.walkers import ChooseSpeed, Walker
 from harness.measures.motion.walking import cleared_s
 from harness.site.town import Crosswalk, Footpath
 from harness.site.zone import Zone

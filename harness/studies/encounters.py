@@ -7,11 +7,11 @@ from functools import partial
 import pyarrow as pa
 
 from harness.core.encounter import Arm, Ending
+from harness.encounter.arms import arm_key
+from harness.encounter.loop import Episode
+from harness.encounter.pairing import CHUNK_PAIRS, ArmOfPair, PairRunner
 from harness.engine.protocol import Engine
 from harness.engine.shared import close_engine, open_engine
-from harness.episode.arms import arm_key
-from harness.episode.loop import Episode
-from harness.episode.pairing import CHUNK_PAIRS, ArmOfPair, PairRunner
 from harness.measures import Outcome
 from harness.results.rows import rows_of
 from harness.results.tables import Row, Tables

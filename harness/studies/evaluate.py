@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError, refused_at
-from harness.episode.arms import arm_key
+from harness.encounter.arms import arm_key
 from harness.results.estimators import CONFIDENCE
 from harness.results.findings import cell_findings
 from harness.results.result import flat

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
+from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, open_engine
-from harness.episode.pairing import PairRunner
 from harness.measures import Outcome
 from harness.results.rows import trace_rows
 from harness.scenario import EngineName, Scenario, engine_named

@@ -18,8 +18,8 @@ from harness.core.errors import (
     refused_at,
     resume_command,
 )
+from harness.encounter.arms import check_arms
 from harness.engine.installation import check_packages
-from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel, load_model
 from harness.results import folder as folders
 from harness.results.run import Run, computed, load_run

@@ -12,11 +12,11 @@ from types import MappingProxyType
 import pyarrow as pa
 
 from harness.core.encounter import Arm
+from harness.encounter.arms import check_arms, draws_from
+from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.session import Module
 from harness.engine.shared import close_engine
 from harness.engine.starting import scratch_prefix
-from harness.episode.arms import check_arms, draws_from
-from harness.episode.walking_speeds import WalkingSpeeds
 from harness.model.interaction import InteractionModel, load_model
 from harness.results.rows import simulation_rows
 from harness.results.tables import TABLES, Row, Tables

@@ -18,8 +18,8 @@ from benchmarks import known_truth
 from benchmarks.coverage import Named, holds, of_differences
 from benchmarks.known_truth import CELLS, COMPARED
 from harness.core.encounter import FloatArray, Side
-from harness.episode import pairing
-from harness.episode.arrivals import planned_arrivals
+from harness.encounter import pairing
+from harness.encounter.arrivals import planned_arrivals
 from harness.old.studies.calibration.scores import HeldOut
 from harness.results.estimators import CONFIDENCE, clopper_pearson
 from harness.results.finding import Finding

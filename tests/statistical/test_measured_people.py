@@ -24,9 +24,9 @@ import numpy as np
 import pytest
 
 from harness.core.encounter import Arm, Observation, Trace
-from harness.episode.arms import make_strategy
-from harness.episode.arrivals import planned_arrivals
-from harness.episode.walking_speeds import WalkingSpeeds
+from harness.encounter.arms import make_strategy
+from harness.encounter.arrivals import planned_arrivals
+from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.model.interaction import load_model
 from harness.old.store.reading import read_table
 from harness.old.studies.runs.nearness import FIRST_OFF, WAITS_OFF

@@ -16,15 +16,15 @@ from pathlib import Path
 import pytest
 
 CHECKOUT = Path(__file__).parents[2]
-CODE = {"harness": 40_000, "tests": 22_000, "benchmarks": 2_000, "docs": 600, "examples": 201}
+CODE = {"harness": 40_000, "tests": 24_000, "benchmarks": 2_000, "docs": 600, "examples": 201}
 ROOMS = {"results": 1_950, "report": 1_450, "cli": 600, "studies": 1_900}
 RUNNING = "tasks encounters children workers run replay watch evaluate candidates compare worst"
-MODULES, DOORS, PAGES, WEB = 420, 16, 4_300, 1_330
+MODULES, DOORS, PAGES, WEB = 460, 16, 4_300, 1_330
 IMPORTED, PASSED = 110, 15
 LINE, IGNORED, UNCOVERED, COVERED = 100, 5, 2, 96
 # The data's way, from below: a room imports its own level and those before it, never a later one.
 ORDER = (
-    "core | site measures model | scenario | engine strategies | episode | simulation | results "
+    "core | site measures model | scenario | engine strategies | encounter | simulation | results "
     "| studies | report | rl old | cli | __main__"
 )
 LEVELS = {name: n for n, names in enumerate(ORDER.split(" | ")) for name in names.split()}

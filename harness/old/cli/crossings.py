@@ -48,7 +48,7 @@ def crossings(
     For a network it lists each crosswalk's length, width, lanes each way and bearing, which are
     keys of [crossing] in a scenario of encounters.
     """
-    from harness.episode.simulation.listing import is_configuration
+    from harness.encounter.simulation.listing import is_configuration
 
     if (write is None) != (not edge):
         option, missing = ("--write", "--edge") if not edge else ("--edge", "--write")

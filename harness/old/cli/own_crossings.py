@@ -13,7 +13,7 @@ from harness.old.cli.output import print_json, print_line, progress_bar, say
 from harness.old.cli.written import seen_from, write_new
 
 if TYPE_CHECKING:
-    from harness.episode.simulation.listing import OwnScenario
+    from harness.encounter.simulation.listing import OwnScenario
 
 _NO_CROSSWALK = (
     "the network has no crossing: netconvert --sidewalks.guess --crossings.guess adds them"
@@ -27,7 +27,7 @@ def of_configuration(file: Path, write: Path | None, edges: list[str], *, as_jso
         InputError: the configuration, a crosswalk or the new file is refused.
         EngineError: SUMO lost the simulation.
     """
-    from harness.episode.simulation.listing import own_scenario, simulation_text
+    from harness.encounter.simulation.listing import own_scenario, simulation_text
 
     if write is not None and write.exists():
         raise InputError("--write", f"{write} exists", "a new file")
@@ -50,7 +50,7 @@ def of_configuration(file: Path, write: Path | None, edges: list[str], *, as_jso
 
 def _list(scenario: "OwnScenario", folder: Path, *, as_json: bool) -> None:
     """Simulate the scenario once and print its crosswalks."""
-    from harness.episode.simulation.listing import crosswalk_rows
+    from harness.encounter.simulation.listing import crosswalk_rows
     from harness.old.report.screens.crosswalk_table import print_crosswalks
 
     config = scenario.config

@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 
 from harness.core.encounter import Arm, Contact, Ending, Side
 from harness.core.errors import InputError
-from harness.episode.traffic.lanes import Direction
+from harness.encounter.traffic.lanes import Direction
 from harness.old.store.schemas import ROWS_BY_PAIR
 
 _LARGEST, _SMALLEST = 1e18, 1e-18

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import pyarrow as pa
 
-from harness.episode.traffic.lanes import Direction, lanes_of
-from harness.episode.traffic.saturation import Growth, growth_of
+from harness.encounter.traffic.lanes import Direction, lanes_of
+from harness.encounter.traffic.saturation import Growth, growth_of
 from harness.old.statistics import Interval
 from harness.old.store.arm_columns import ArmColumns, arm_columns, scaled
 from harness.scenario import Scenario

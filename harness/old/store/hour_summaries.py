@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from harness.core.encounter import Arm
-from harness.episode.traffic.saturation import Growth
+from harness.encounter.traffic.saturation import Growth
 from harness.old.statistics import Findings, Interval, Proportion
 from harness.old.store.hour_catalogue import HOURS
 

@@ -9,10 +9,10 @@ from itertools import compress
 import numpy as np
 
 from harness.core.encounter import Arm, Ending, Walk
-from harness.episode.traffic.lanes import lanes_of
-from harness.episode.traffic.pairing import HourOutcome
-from harness.episode.traffic.passages import Passage
-from harness.episode.traffic.saturation import least_late
+from harness.encounter.traffic.lanes import lanes_of
+from harness.encounter.traffic.pairing import HourOutcome
+from harness.encounter.traffic.passages import Passage
+from harness.encounter.traffic.saturation import least_late
 from harness.measures import EpisodeRecord
 from harness.measures.motion.walking import cleared_s
 from harness.old.statistics import CONFLICTS

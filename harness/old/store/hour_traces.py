@@ -11,10 +11,10 @@ from itertools import pairwise
 import numpy as np
 
 from harness.core.encounter import FloatArray
-from harness.episode.traffic.lanes import Direction
-from harness.episode.traffic.pairing import HourOutcome
-from harness.episode.traffic.passages import Passage
-from harness.episode.traffic.vehicles import HourVehicle
+from harness.encounter.traffic.lanes import Direction
+from harness.encounter.traffic.pairing import HourOutcome
+from harness.encounter.traffic.passages import Passage
+from harness.encounter.traffic.vehicles import HourVehicle
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.old.store.hour_tables import walk_row
 from harness.old.store.tables import Motion, Row, Tables, table_of, traces_table

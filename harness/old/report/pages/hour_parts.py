@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 
 from harness.core.encounter import Arm
-from harness.episode.traffic.demand import scheduled_vehicle
-from harness.episode.traffic.lanes import Direction, lanes_of
+from harness.encounter.traffic.demand import scheduled_vehicle
+from harness.encounter.traffic.lanes import Direction, lanes_of
 from harness.old.report.drawing.style import Picture
 from harness.old.report.pages.hour_pictures import hour_pictures
 from harness.old.report.pages.inputs import strategies_of

@@ -7,8 +7,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from harness.core.encounter import Arm
-from harness.episode.traffic.demand import scheduled_vehicle
-from harness.episode.traffic.lanes import Direction, lanes_of
+from harness.encounter.traffic.demand import scheduled_vehicle
+from harness.encounter.traffic.lanes import Direction, lanes_of
 from harness.old.report.drawing import style
 from harness.old.report.drawing.style import Picture
 from harness.old.report.drawing.sweep_figures import Line, draw_over

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from harness.core.errors import one_line
-from harness.episode.simulation.listing import CrosswalkRow
+from harness.encounter.simulation.listing import CrosswalkRow
 from harness.old.report.screens.console import make_console, print_table
 from harness.old.report.screens.tables import DASH, Table, TableCell, counted, number
 

@@ -1,6 +1,6 @@
 """Every number that a run of a user's own simulation reports, each defined once."""
 
-from harness.episode.simulation.visits import (
+from harness.encounter.simulation.visits import (
     ARRIVES,
     BENDS_WITHIN,
     INSIDE,

@@ -6,16 +6,16 @@ import numpy as np
 import pyarrow as pa
 
 from harness.core.encounter import Arm
-from harness.episode.simulation.driving import PassageLog
-from harness.episode.simulation.log import uniform_of
-from harness.episode.simulation.pairing import (
+from harness.encounter.simulation.driving import PassageLog
+from harness.encounter.simulation.log import uniform_of
+from harness.encounter.simulation.pairing import (
     MeasuredPassage,
     SimulationOutcome,
     counted_s,
 )
-from harness.episode.simulation.people import waited_s
-from harness.episode.simulation.trips import Trip
-from harness.episode.simulation.visits import BENDS, TURNS
+from harness.encounter.simulation.people import waited_s
+from harness.encounter.simulation.trips import Trip
+from harness.encounter.simulation.visits import BENDS, TURNS
 from harness.measures.ego import crossing_time
 from harness.old.store.hour_tables import passage_counts, record_row
 from harness.old.store.schemas import CROSSWALK_FIELDS, SIMULATION_TABLES, TABLES

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from harness.core.encounter import Crossing, FloatArray, Vehicle
-from harness.episode.simulation.pairing import MeasuredPassage, SimulationOutcome
+from harness.encounter.simulation.pairing import MeasuredPassage, SimulationOutcome
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.old.store.schemas import SIMULATION_TRACES
 from harness.old.store.simulations.simulation_tables import counted_passages

@@ -5,7 +5,7 @@ from functools import cache
 
 from harness.core.documents import JsonObject
 from harness.core.errors import InputError
-from harness.episode.arms import check_arms
+from harness.encounter.arms import check_arms
 from harness.model.interaction import InteractionModel, load_model
 from harness.old.store.kinds import Kind, kind_of_study
 from harness.old.store.manifest import manifest_of, options_of, origin_of

@@ -9,7 +9,7 @@ import numpy as np
 
 from harness.core.encounter import StepMotion, Trace, Vehicle
 from harness.core.errors import InputError, nearest_name
-from harness.episode.simulation.cutting import (
+from harness.encounter.simulation.cutting import (
     RANGE_M,
     Cut,
     by_places,
@@ -21,8 +21,8 @@ from harness.episode.simulation.cutting import (
     wanted_lanes,
     ways_by_edges,
 )
-from harness.episode.simulation.passages import PersonTrack, passage
-from harness.episode.simulation.recorded import Recorded, read_recorded
+from harness.encounter.simulation.passages import PersonTrack, passage
+from harness.encounter.simulation.recorded import Recorded, read_recorded
 from harness.measures import measure
 from harness.old.studies.conflicts.places import in_network
 from harness.old.studies.conflicts.records import (

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 from harness.core.encounter import Arm, Arrival, Ending, Observation, Side, Strategy, Trace
 from harness.core.errors import in_one_line
+from harness.encounter.arms import make_strategy
+from harness.encounter.cell_constants import constants_of
+from harness.encounter.loop import run_episode
 from harness.engine.plain import PlainEngine
-from harness.episode.arms import make_strategy
-from harness.episode.cell_constants import constants_of
-from harness.episode.loop import run_episode
 from harness.model.interaction import InteractionModel
 from harness.scenario import ExperimentSection, Scenario, validate
 from harness.strategies.registry import find_strategy

@@ -9,8 +9,8 @@ import pyarrow as pa
 
 from harness.core.encounter import Arm, Ending, FloatArray
 from harness.core.errors import InputError
+from harness.encounter.traffic.lanes import Lane, lanes_of
 from harness.engine.network import network_of, place_of
-from harness.episode.traffic.lanes import Lane, lanes_of
 from harness.old.store.simulations.simulation_traces import scene_parts
 from harness.old.store.tables import Row
 from harness.old.store.walk_rows import stored_walk

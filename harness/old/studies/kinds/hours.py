@@ -5,10 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from harness.encounter.traffic.pairing import ArmKey, HourOutcome, HourRunner
 from harness.engine.network import network_of, place_of
 from harness.engine.road import SumoRoad
 from harness.engine.shared import following_of, road_for
-from harness.episode.traffic.pairing import ArmKey, HourOutcome, HourRunner
 from harness.old.store.hour_tables import hour_rows
 from harness.old.store.hour_traces import hour_trace_rows
 from harness.old.studies.kinds.outputs import SUMO_FILES, outputs_in

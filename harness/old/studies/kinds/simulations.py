@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 from harness.core.encounter import Arm
 from harness.core.errors import EngineError
+from harness.encounter.simulation.pairing import GetFolder, SimulationRunner
 from harness.engine.shared import close_engine
 from harness.engine.simulation.outputs import NOTHING, Kept, check_outputs
 from harness.engine.simulation.running import OwnSimulation, check_starts, write_config
 from harness.engine.starting import scratch_prefix
-from harness.episode.simulation.pairing import GetFolder, SimulationRunner
 from harness.old.store.simulations.simulation_tables import simulation_rows
 from harness.old.store.simulations.simulation_traces import simulation_trace_rows
 from harness.old.studies.kinds.outputs import PRECISION

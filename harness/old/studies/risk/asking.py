@@ -8,8 +8,8 @@ from harness.core.documents import JsonObject
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
 from harness.core.versions import versions_of_runs
+from harness.encounter.arms import check_arms
 from harness.engine.installation import check_packages
-from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel, load_model
 from harness.old.studies.risk.event import Event, parse_event
 from harness.old.studies.risk.space import Space, space_of

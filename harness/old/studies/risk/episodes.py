@@ -8,9 +8,9 @@ import numpy as np
 
 from harness.core.encounter import Contact, Ending, FloatArray, Trace
 from harness.core.seeding import has_drawn_more
+from harness.encounter.arms import draws_of
+from harness.encounter.pairing import PairRunner
 from harness.engine.shared import open_engine
-from harness.episode.arms import draws_of
-from harness.episode.pairing import PairRunner
 from harness.measures import Outcome, measure
 from harness.old.studies.kinds.watchdog import watchdog
 from harness.old.studies.risk.asking import Question

@@ -18,8 +18,8 @@ from scipy.special import ndtr
 from harness.core.encounter import Arm, FloatArray
 from harness.core.errors import InputError
 from harness.core.seeding import GIVEN_DRAWS, Given, Purpose, stream
-from harness.episode.arms import draws, draws_from
-from harness.episode.arrivals import SECONDS_PER_HOUR
+from harness.encounter.arms import draws, draws_from
+from harness.encounter.arrivals import SECONDS_PER_HOUR
 from harness.old.store.kinds import kind_of
 from harness.old.studies.risk.layout import Layout
 from harness.scenario import Scenario

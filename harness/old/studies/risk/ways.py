@@ -7,7 +7,7 @@ import numpy as np
 
 from harness.core.documents import JsonObject
 from harness.core.encounter import FloatArray
-from harness.episode.arrivals import planned_arrivals
+from harness.encounter.arrivals import planned_arrivals
 from harness.model.mixture.clusters import k_means
 from harness.old.studies.risk.findings import Person
 from harness.old.studies.risk.space import Space

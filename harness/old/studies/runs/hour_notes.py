@@ -1,6 +1,6 @@
 """The notes of a cell of hours of traffic."""
 
-from harness.episode.traffic.saturation import GROWTH
+from harness.encounter.traffic.saturation import GROWTH
 from harness.old.statistics.findings import Note, Rank
 from harness.old.studies.runs.notes import ENDS, Catalogue, Findings, counted, undefined_notes
 from harness.scenario import Scenario

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from harness.core.encounter import Arrival, Ending, Strategy, Trace, Walk
+from harness.encounter.cell_constants import CellConstants
+from harness.encounter.loop import run_episode
 from harness.engine.plain import PlainEngine
-from harness.episode.cell_constants import CellConstants
-from harness.episode.loop import run_episode
 from harness.old.studies.validation.passages import BEYOND_S, Passage
 from harness.strategies.constant_speed import ConstantSpeed
 

@@ -10,7 +10,7 @@ import numpy as np
 from harness.core.encounter import Ending, Strategy
 from harness.core.errors import HarnessError
 from harness.core.seeding import stream
-from harness.episode.arms import named_strategy
+from harness.encounter.arms import named_strategy
 from harness.model.interaction import InteractionModel
 from harness.model.mixture.fitting import fit_mixture
 from harness.model.trajectories import extract, row_weights

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from harness.core.encounter import Arrival, Leg, Side
 from harness.core.seeding import Given, Purpose, stream
-from harness.episode.threshold import lognormal_s
+from harness.encounter.threshold import lognormal_s
 from harness.scenario import QUARTER_S, GapAcceptanceSection, PedestriansSection, Scenario
 
 SECONDS_PER_HOUR = 3600.0

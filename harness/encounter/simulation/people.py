@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from harness.core.encounter import PedestrianView, Side
-from harness.episode.simulation.passages import STANDING_MPS, WAITING_M, PersonTrack
+from harness.encounter.simulation.passages import STANDING_MPS, WAITING_M, PersonTrack
 from harness.site import Crosswalk, WayOver
 
 

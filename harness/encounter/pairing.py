@@ -12,13 +12,13 @@ import numpy as np
 from harness.core.encounter import Arm, Arrival, Ending, Trace
 from harness.core.errors import StrategyError, in_one_line
 from harness.core.seeding import Given
+from harness.encounter.arms import check_arms, draws, draws_of, named_strategy
+from harness.encounter.arrivals import already_walking, planned_arrivals
+from harness.encounter.cell_constants import constants_of
+from harness.encounter.loop import Episode, drive, failed_episode
+from harness.encounter.timing import TimedStrategy
+from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.protocol import Engine
-from harness.episode.arms import check_arms, draws, draws_of, named_strategy
-from harness.episode.arrivals import already_walking, planned_arrivals
-from harness.episode.cell_constants import constants_of
-from harness.episode.loop import Episode, drive, failed_episode
-from harness.episode.timing import TimedStrategy
-from harness.episode.walking_speeds import WalkingSpeeds
 from harness.measures import Outcome, measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario

@@ -4,10 +4,10 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from harness.core.errors import EngineError
-from harness.episode.simulation.driving import PassageLog
-from harness.episode.simulation.log import SimulationLog
-from harness.episode.simulation.passages import STANDING_MPS
-from harness.episode.simulation.people import PeopleAtCrosswalk
+from harness.encounter.simulation.driving import PassageLog
+from harness.encounter.simulation.log import SimulationLog
+from harness.encounter.simulation.passages import STANDING_MPS
+from harness.encounter.simulation.people import PeopleAtCrosswalk
 from harness.site import WayOver
 from harness.site.simulation import Setting
 

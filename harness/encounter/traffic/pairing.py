@@ -7,16 +7,16 @@ from types import MappingProxyType
 from harness.core.encounter import Arm, Strategy
 from harness.core.errors import EngineError, StrategyError, in_one_line
 from harness.core.seeding import Purpose
+from harness.encounter.arms import check_arms, draws_from, make_strategy
+from harness.encounter.arrivals import planned_arrivals
+from harness.encounter.cell_constants import constants_of
+from harness.encounter.traffic.demand import Scheduled, scheduled_vehicles
+from harness.encounter.traffic.hour import Hour
+from harness.encounter.traffic.lanes import lanes_of
+from harness.encounter.traffic.passages import Passage, passages_of
+from harness.encounter.traffic.vehicles import HourLog, LaneOnRoad, clearing_s
+from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.road import SumoRoad
-from harness.episode.arms import check_arms, draws_from, make_strategy
-from harness.episode.arrivals import planned_arrivals
-from harness.episode.cell_constants import constants_of
-from harness.episode.traffic.demand import Scheduled, scheduled_vehicles
-from harness.episode.traffic.hour import Hour
-from harness.episode.traffic.lanes import lanes_of
-from harness.episode.traffic.passages import Passage, passages_of
-from harness.episode.traffic.vehicles import HourLog, LaneOnRoad, clearing_s
-from harness.episode.walking_speeds import WalkingSpeeds
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
 from harness.strategies.perception.sensor import sensor_of

@@ -10,6 +10,15 @@ import numpy as np
 
 from harness.core.encounter import Arm, StepMotion, Strategy, Trace
 from harness.core.errors import EngineError, StrategyError, in_one_line
+from harness.encounter.arms import check_arms, make_strategy
+from harness.encounter.simulation.arm import SimulationArm
+from harness.encounter.simulation.demand import number_of, write_people
+from harness.encounter.simulation.driving import PassageLog
+from harness.encounter.simulation.log import SimulationLog, uniform_of
+from harness.encounter.simulation.passages import VehicleTrack, passage
+from harness.encounter.simulation.people import PeopleAtCrosswalk
+from harness.encounter.simulation.seeing import SimulationSight
+from harness.encounter.simulation.trips import Trip, read_trips
 from harness.engine.simulation.outputs import Kept
 from harness.engine.simulation.running import (
     NO_OPTIONS,
@@ -18,15 +27,6 @@ from harness.engine.simulation.running import (
     OwnSimulation,
     write_config,
 )
-from harness.episode.arms import check_arms, make_strategy
-from harness.episode.simulation.arm import SimulationArm
-from harness.episode.simulation.demand import number_of, write_people
-from harness.episode.simulation.driving import PassageLog
-from harness.episode.simulation.log import SimulationLog, uniform_of
-from harness.episode.simulation.passages import VehicleTrack, passage
-from harness.episode.simulation.people import PeopleAtCrosswalk
-from harness.episode.simulation.seeing import SimulationSight
-from harness.episode.simulation.trips import Trip, read_trips
 from harness.measures import EpisodeRecord, measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario

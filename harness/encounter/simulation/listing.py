@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.errors import InputError, nearest_name
+from harness.encounter.simulation.counting import CrosswalkCount, count
 from harness.engine.simulation.outputs import NOTHING, Kept
 from harness.engine.simulation.running import check_starts, write_config
-from harness.episode.simulation.counting import CrosswalkCount, count
 from harness.scenario.sections import EgoSection
 from harness.site.configuration import (
     LONGEST_STEP_S,

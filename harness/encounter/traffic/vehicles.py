@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 from harness.core.actuation import Actuator
 from harness.core.encounter import PedestrianView, Side, Strategy, Vehicle, Walk
+from harness.encounter.cell_constants import CellConstants
+from harness.encounter.traffic.demand import Scheduled
+from harness.encounter.traffic.lanes import Lane
+from harness.encounter.walkers import Walker
 from harness.engine.road import SumoRoad
-from harness.episode.cell_constants import CellConstants
-from harness.episode.traffic.demand import Scheduled
-from harness.episode.traffic.lanes import Lane
-from harness.episode.walkers import Walker
 from harness.scenario import TrafficSection
 from harness.strategies.perception.updates import Updates, Views
 

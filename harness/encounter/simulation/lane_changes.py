@@ -4,8 +4,8 @@ from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
-from harness.episode.simulation.driving import PassageLog
-from harness.episode.simulation.visits import BENDS, TURNS
+from harness.encounter.simulation.driving import PassageLog
+from harness.encounter.simulation.visits import BENDS, TURNS
 from harness.site.simulation import Setting
 
 

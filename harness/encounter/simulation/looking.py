@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from harness.episode.deciding import ROUNDING_M
+from harness.encounter.deciding import ROUNDING_M
 from harness.site.simulation import DrivenWay, Setting
 
 MOST_MPS = 100.0

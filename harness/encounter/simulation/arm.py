@@ -5,16 +5,15 @@ from typing import Any
 
 from harness.core.encounter import PedestrianView, Strategy, Vehicle
 from harness.core.errors import EngineError
-from harness.engine.simulation.running import Function, OwnSimulation
-from harness.episode.deciding import ROUNDING_M
-from harness.episode.simulation.driving import Control, PassageLog
-from harness.episode.simulation.lane_changes import LaneChanges
-from harness.episode.simulation.log import SimulationLog, VehicleKind
-from harness.episode.simulation.looking import Lookout, WatchedLane
-from harness.episode.simulation.people import PeopleAtCrosswalk
-from harness.episode.simulation.seeing import SimulationSight
-from harness.episode.simulation.standing import NEAR_M, SAMPLE_S, Standing
-from harness.episode.simulation.visits import (
+from harness.encounter.deciding import ROUNDING_M
+from harness.encounter.simulation.driving import Control, PassageLog
+from harness.encounter.simulation.lane_changes import LaneChanges
+from harness.encounter.simulation.log import SimulationLog, VehicleKind
+from harness.encounter.simulation.looking import Lookout, WatchedLane
+from harness.encounter.simulation.people import PeopleAtCrosswalk
+from harness.encounter.simulation.seeing import SimulationSight
+from harness.encounter.simulation.standing import NEAR_M, SAMPLE_S, Standing
+from harness.encounter.simulation.visits import (
     BENDS,
     INSIDE,
     TURNS,
@@ -24,6 +23,7 @@ from harness.episode.simulation.visits import (
     visit_of,
     why_not,
 )
+from harness.engine.simulation.running import Function, OwnSimulation
 from harness.site.simulation import DrivenWay, Setting
 
 VANISHED = "vanished"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harness.core.encounter import FloatArray, StepMotion
-from harness.episode.simulation.passages import PersonTrack, VehicleTrack
+from harness.encounter.simulation.passages import PersonTrack, VehicleTrack
 from harness.site import Crosswalk, RoadNetwork, WayOver
 
 if TYPE_CHECKING:

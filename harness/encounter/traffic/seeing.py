@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Mapping, Sequence
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, PedestrianView
+from harness.encounter.crowd import VIEW
+from harness.encounter.traffic.lanes import Lane
+from harness.encounter.traffic.vehicles import HourVehicle
+from harness.encounter.walkers import Walker
 from harness.engine.road import SumoRoad
-from harness.episode.crowd import VIEW
-from harness.episode.traffic.lanes import Lane
-from harness.episode.traffic.vehicles import HourVehicle
-from harness.episode.walkers import Walker
 from harness.strategies.perception.occlusion import Point, Rectangle, is_hidden, outline
 from harness.strategies.perception.sensor import (
     EYE_BEHIND_BUMPER_M,

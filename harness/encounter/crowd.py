@@ -5,11 +5,11 @@ from collections.abc import Callable, Sequence
 from operator import methodcaller
 
 from harness.core.encounter import Arrival, PedestrianView, Side, Vehicle
-from harness.episode.approaching import Approaching, LaneAhead
-from harness.episode.cell_constants import CellConstants
-from harness.episode.deciding import keeps_waiting
-from harness.episode.threshold import Threat, blocking, threats
-from harness.episode.walkers import (
+from harness.encounter.approaching import Approaching, LaneAhead
+from harness.encounter.cell_constants import CellConstants
+from harness.encounter.deciding import keeps_waiting
+from harness.encounter.threshold import Threat, blocking, threats
+from harness.encounter.walkers import (
     ChooseSpeed,
     ReactiveWalker,
     SeenState,

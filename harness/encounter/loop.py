@@ -25,11 +25,11 @@ from harness.core.encounter import (
     quick_tuple,
 )
 from harness.core.errors import EngineError, StrategyError
+from harness.encounter.cell_constants import CellConstants
+from harness.encounter.crowd import VIEW, Crowd
+from harness.encounter.deciding import ROUNDING_M, limited, strategy_raised
+from harness.encounter.walkers import ChooseSpeed
 from harness.engine.protocol import Engine
-from harness.episode.cell_constants import CellConstants
-from harness.episode.crowd import VIEW, Crowd
-from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
-from harness.episode.walkers import ChooseSpeed
 
 if TYPE_CHECKING:
     from harness.strategies.perception.perception import Perception

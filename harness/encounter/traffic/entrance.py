@@ -4,12 +4,12 @@ import math
 from collections.abc import Callable
 
 from harness.core.encounter import Arm, Strategy, Vehicle
+from harness.encounter.cell_constants import CellConstants
+from harness.encounter.deciding import ROUNDING_M
+from harness.encounter.traffic.demand import Scheduled
+from harness.encounter.traffic.lanes import Direction
+from harness.encounter.traffic.vehicles import HourVehicle, LaneOnRoad, state_of
 from harness.engine.road import SumoRoad
-from harness.episode.cell_constants import CellConstants
-from harness.episode.deciding import ROUNDING_M
-from harness.episode.traffic.demand import Scheduled
-from harness.episode.traffic.lanes import Direction
-from harness.episode.traffic.vehicles import HourVehicle, LaneOnRoad, state_of
 from harness.scenario import TrafficSection
 
 MakeStrategy = Callable[[Scheduled], tuple[bool, str, Strategy]]

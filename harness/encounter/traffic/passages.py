@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.core.encounter import Crossing, Ending, Trace, Walk
-from harness.episode.cell_constants import CellConstants
-from harness.episode.traffic.lanes import Lane
-from harness.episode.traffic.vehicles import HourLog, HourVehicle
+from harness.encounter.cell_constants import CellConstants
+from harness.encounter.traffic.lanes import Lane
+from harness.encounter.traffic.vehicles import HourLog, HourVehicle
 from harness.measures import EpisodeRecord, measure
 from harness.measures.efficiency import beyond
 from harness.measures.ego import crossing_time

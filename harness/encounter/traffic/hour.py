@@ -1,7 +1,7 @@
 """The simulation of an hour of traffic in one arm: lanes, arrivals and strategies in, a log out.
 
-An encounter has its own loop (``harness.episode.loop``), which is faster because it has a single
-vehicle.  Pedestrians (``harness.episode.crowd``), strategies and command limits are the same.
+An encounter has its own loop (``harness.encounter.loop``), which is faster because it has a single
+vehicle.  Pedestrians (``harness.encounter.crowd``), strategies and command limits are the same.
 """
 
 import math
@@ -11,15 +11,21 @@ from types import MappingProxyType
 from harness.core.actuation import actuator_of
 from harness.core.encounter import Arm, Arrival, EgoView, Observation
 from harness.core.errors import StrategyError
+from harness.encounter.cell_constants import CellConstants
+from harness.encounter.crowd import Crowd
+from harness.encounter.deciding import ROUNDING_M, limited, strategy_raised
+from harness.encounter.traffic.entrance import Entrance, MakeStrategy
+from harness.encounter.traffic.seeing import HourSight
+from harness.encounter.traffic.vehicles import (
+    HourLog,
+    HourVehicle,
+    LaneOnRoad,
+    clearing_s,
+    state_of,
+)
+from harness.encounter.walkers import ChooseSpeed
 from harness.engine.control import COLLISION_REACH_M
 from harness.engine.road import SumoRoad
-from harness.episode.cell_constants import CellConstants
-from harness.episode.crowd import Crowd
-from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
-from harness.episode.traffic.entrance import Entrance, MakeStrategy
-from harness.episode.traffic.seeing import HourSight
-from harness.episode.traffic.vehicles import HourLog, HourVehicle, LaneOnRoad, clearing_s, state_of
-from harness.episode.walkers import ChooseSpeed
 from harness.measures.efficiency import STANDING_MPS
 from harness.scenario import TrafficSection
 from harness.strategies.perception.sensor import Sensor

@@ -7,10 +7,10 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, PedestrianView
+from harness.encounter.simulation.demand import number_of
+from harness.encounter.simulation.driving import PassageLog
+from harness.encounter.simulation.people import PeopleAtCrosswalk
 from harness.engine.simulation.running import Function
-from harness.episode.simulation.demand import number_of
-from harness.episode.simulation.driving import PassageLog
-from harness.episode.simulation.people import PeopleAtCrosswalk
 from harness.strategies.perception.occlusion import Point, Rectangle, is_hidden, outline
 from harness.strategies.perception.sensor import Sensor, eye_behind
 from harness.strategies.perception.track import Track, track_from

@@ -9,8 +9,8 @@ from collections.abc import Iterable
 from statistics import NormalDist
 from typing import NamedTuple
 
-from harness.episode.approaching import Approaching, LaneAhead
-from harness.episode.deciding import ROUNDING_M
+from harness.encounter.approaching import Approaching, LaneAhead
+from harness.encounter.deciding import ROUNDING_M
 from harness.measures.efficiency import STANDING_MPS
 from harness.scenario import ThresholdSection
 

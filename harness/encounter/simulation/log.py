@@ -4,8 +4,8 @@ import hashlib
 from collections import Counter
 from dataclasses import dataclass, field
 
-from harness.episode.simulation.driving import PassageLog
-from harness.episode.simulation.passages import PersonTrack
+from harness.encounter.simulation.driving import PassageLog
+from harness.encounter.simulation.passages import PersonTrack
 
 
 def uniform_of(seed: int, vehicle: str) -> float:

@@ -15,7 +15,7 @@ from harness.core.encounter import (
     quick_tuple,
 )
 from harness.core.errors import StrategyError
-from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
+from harness.encounter.deciding import ROUNDING_M, limited, strategy_raised
 from harness.site.simulation import DrivenWay
 from harness.strategies.perception.sensor import Sensor
 from harness.strategies.perception.updates import Updates, Views

@@ -11,8 +11,8 @@ from itertools import islice, pairwise, repeat
 import numpy as np
 
 from harness.core.seeding import stream
-from harness.episode.arrivals import SECONDS_PER_HOUR
-from harness.episode.traffic.lanes import Direction, Lane, lanes_of
+from harness.encounter.arrivals import SECONDS_PER_HOUR
+from harness.encounter.traffic.lanes import Direction, Lane, lanes_of
 from harness.scenario import QUARTER_S, Scenario, TrafficSection, by_quarter
 
 _BLOCK = 64
