@@ -14,8 +14,8 @@ from multiprocessing import get_context
 import numpy as np
 import pyarrow as pa
 
+from harness.encounter.pairing import PairRunner
 from harness.engine.plain import PlainEngine
-from harness.episode.pairing import PairRunner
 from harness.model.interaction import load_model
 from harness.results import estimators
 from harness.results.columns import Sample

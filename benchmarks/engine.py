@@ -25,11 +25,11 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.core.encounter import Arm, Trace
+from harness.encounter.pairing import CHUNK_PAIRS, PairRunner
 from harness.engine.network import place_of
 from harness.engine.protocol import Engine
 from harness.engine.sumo import libsumo_engine
 from harness.engine.traci import traci_engine
-from harness.episode.pairing import CHUNK_PAIRS, PairRunner
 from harness.measures import measure
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario, Setting, load_scenario

@@ -13,11 +13,11 @@ import pyarrow as pa
 
 from benchmarks.coverage import chosen_pairs as chosen_pairs, plain_engine
 from harness.core.encounter import Arm, Arrival, FloatArray, Side
-from harness.episode.arms import make_strategy
-from harness.episode.arrivals import planned_arrivals
-from harness.episode.cell_constants import constants_of
-from harness.episode.loop import run_episode
-from harness.episode.pairing import PairRunner
+from harness.encounter.arms import make_strategy
+from harness.encounter.arrivals import planned_arrivals
+from harness.encounter.cell_constants import constants_of
+from harness.encounter.loop import run_episode
+from harness.encounter.pairing import PairRunner
 from harness.measures import Outcome, measure
 from harness.model.interaction import InteractionModel, load_model
 from harness.results.rows import episode_rows

@@ -35,9 +35,9 @@ from benchmarks.faults import BLIND_FROM_MPS, BLIND_TO_MPS
 from harness.core.encounter import Arm, Arrival, Ending, Side
 from harness.core.seeding import Given, resampling
 from harness.core.versions import versions_of_runs
+from harness.encounter.pairing import PairRunner
+from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.plain import PlainEngine
-from harness.episode.pairing import PairRunner
-from harness.episode.walking_speeds import WalkingSpeeds
 from harness.model.interaction import load_model
 from harness.old.studies.risk.asking import Settings, question_of
 from harness.old.studies.risk.estimation import estimate_probability

@@ -29,9 +29,9 @@ from pathlib import Path
 import sumo
 
 from harness.core.encounter import Arm
+from harness.encounter.simulation.pairing import SimulationRunner
 from harness.engine.simulation.outputs import Kept
 from harness.engine.simulation.running import OwnSimulation, write_config
-from harness.episode.simulation.pairing import SimulationRunner
 from harness.model.interaction import load_model
 from harness.scenario import Scenario, validate
 from harness.scenario.own_simulation import setting_of

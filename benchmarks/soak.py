@@ -25,8 +25,8 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
+from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, engine_for
-from harness.episode.pairing import PairRunner
 from harness.model.interaction import load_model
 from harness.results.folder import MANIFEST, read_manifest
 from harness.results.tables import done_parts

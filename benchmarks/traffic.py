@@ -19,8 +19,8 @@ from typing import Any
 import psutil
 
 from harness.core.encounter import Arm
+from harness.encounter.traffic.pairing import HourRunner
 from harness.engine.shared import close_engine, road_for
-from harness.episode.traffic.pairing import HourRunner
 from harness.model.interaction import load_model
 from harness.old.store.hour_tables import hour_rows
 from harness.scenario import Scenario, validate

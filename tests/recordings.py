@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from harness.core.encounter import Arrival, Leg, Side, Vehicle
+from harness.encounter.cell_constants import CellConstants
+from harness.encounter.loop import run_episode
 from harness.engine.plain import PlainEngine
-from harness.episode.cell_constants import CellConstants
-from harness.episode.loop import run_episode
 from harness.old.studies.validation import Validation, validate
 from harness.old.studies.validation.finding import crossing_about
 from harness.scenario import load_scenario

@@ -19,12 +19,12 @@ from harness.core.encounter import (
     Walk,
 )
 from harness.core.errors import InputError
+from harness.encounter.cell_constants import constants_of
+from harness.encounter.loop import run_episode
+from harness.encounter.pairing import PairRunner
+from harness.encounter.walkers import ChooseSpeed
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
-from harness.episode.cell_constants import constants_of
-from harness.episode.loop import run_episode
-from harness.episode.pairing import PairRunner
-from harness.episode.walkers import ChooseSpeed
 from harness.measures import Outcome, measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, validate

@@ -15,8 +15,8 @@ from xml.etree import ElementTree
 import sumo
 
 from harness.core.encounter import Arm
+from harness.encounter.simulation.pairing import SimulationOutcome, SimulationRunner
 from harness.engine.shared import close_engine
-from harness.episode.simulation.pairing import SimulationOutcome, SimulationRunner
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, load_scenario
 

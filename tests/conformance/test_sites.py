@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from harness.encounter.pairing import PairRunner
 from harness.engine.network import build, build_network, network_of
-from harness.episode.pairing import PairRunner
 from harness.scenario import Setting, load_scenario
 from tests.scenes import on_plain
 from tests.sites import NETWORKS, geometries, shipped_nets, shipped_scenarios

@@ -9,7 +9,7 @@ import pytest
 from matplotlib import pyplot as plt
 
 from harness.core.encounter import Arm
-from harness.episode.traffic.saturation import Growth
+from harness.encounter.traffic.saturation import Growth
 from harness.old.report.drawing import style
 from harness.old.report.pages.hour_pictures import hour_pictures
 from harness.old.statistics import Interval, Proportion

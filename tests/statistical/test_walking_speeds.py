@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from harness.episode.arrivals import planned_arrivals
+from harness.encounter.arrivals import planned_arrivals
 from harness.model.interaction import InteractionModel
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.scenario import load_scenario

@@ -11,15 +11,15 @@ import pytest
 
 from harness.core.actuation import Actuator
 from harness.core.encounter import Arm, Ending, Strategy
+from harness.encounter.cell_constants import constants_of
+from harness.encounter.pairing import PairRunner
+from harness.encounter.simulation.driving import Control, PassageLog
+from harness.encounter.traffic.demand import Scheduled
+from harness.encounter.traffic.hour import Hour
+from harness.encounter.traffic.lanes import lanes_of
+from harness.encounter.traffic.vehicles import LaneOnRoad
 from harness.engine.plain import PlainEngine
 from harness.engine.shared import engine_for, road_for
-from harness.episode.cell_constants import constants_of
-from harness.episode.pairing import PairRunner
-from harness.episode.simulation.driving import Control, PassageLog
-from harness.episode.traffic.demand import Scheduled
-from harness.episode.traffic.hour import Hour
-from harness.episode.traffic.lanes import lanes_of
-from harness.episode.traffic.vehicles import LaneOnRoad
 from harness.model.interaction import InteractionModel
 from harness.old.studies.risk.asking import Settings
 from harness.old.studies.risk.folder import estimate_risk

@@ -13,8 +13,8 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
+from harness.encounter.pairing import PairRunner
 from harness.engine.plain import PlainEngine
-from harness.episode.pairing import PairRunner
 from harness.measures import MEASURES, EpisodeRecord, Outcome
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, validate

@@ -7,9 +7,9 @@ import libsumo
 import pytest
 
 from harness.core.encounter import Arm
+from harness.encounter.pairing import PairRunner
 from harness.engine.network import build_network
 from harness.engine.sumo import libsumo_engine
-from harness.episode.pairing import PairRunner
 from harness.scenario import Scenario, validate
 from harness.site import Place, read_site
 from tests.scenes import on_plain

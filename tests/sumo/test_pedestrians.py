@@ -6,10 +6,10 @@ import pytest
 
 from harness.core.encounter import Side
 from harness.core.resources import shipped_directory
+from harness.encounter.arrivals import planned_arrivals
+from harness.encounter.cell_constants import constants_of
+from harness.encounter.loop import run_episode
 from harness.engine.control import SumoEngine
-from harness.episode.arrivals import planned_arrivals
-from harness.episode.cell_constants import constants_of
-from harness.episode.loop import run_episode
 from harness.measures import measure
 from harness.site import Place, read_site
 from harness.strategies.constant_speed import ConstantSpeed

@@ -6,8 +6,8 @@ pytest.importorskip("gymnasium")
 
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import EngineError
+from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, engine_for
-from harness.episode.pairing import PairRunner
 from harness.model.interaction import load_model
 from harness.scenario import Setting, load_scenario
 from tests.unit.test_rl import BUSY, drive, environment, measured

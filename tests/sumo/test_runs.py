@@ -14,7 +14,7 @@ import pytest
 
 from harness.core.encounter import Observation
 from harness.core.errors import InputError
-from harness.episode.pairing import PairRunner
+from harness.encounter.pairing import PairRunner
 from harness.results.folder import RunFolder
 from harness.results.run import Run, load_run
 from harness.studies.evaluate import evaluate

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from harness.core.encounter import Arm
-from harness.episode.simulation import standing
+from harness.encounter.simulation import standing
 from harness.model.interaction import InteractionModel
 from tests import towns
 

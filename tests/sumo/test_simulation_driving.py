@@ -11,11 +11,11 @@ import pytest
 import sumo
 
 from harness.core.encounter import Arm, PedestrianView
-from harness.episode.simulation.arm import SimulationArm
-from harness.episode.simulation.driving import Control, PassageLog
-from harness.episode.simulation.log import uniform_of
-from harness.episode.simulation.pairing import SimulationOutcome
-from harness.episode.simulation.visits import ARRIVES, INSIDE, LIGHT, STOPS, TURNS
+from harness.encounter.simulation.arm import SimulationArm
+from harness.encounter.simulation.driving import Control, PassageLog
+from harness.encounter.simulation.log import uniform_of
+from harness.encounter.simulation.pairing import SimulationOutcome
+from harness.encounter.simulation.visits import ARRIVES, INSIDE, LIGHT, STOPS, TURNS
 from harness.model.interaction import InteractionModel
 from tests import towns
 

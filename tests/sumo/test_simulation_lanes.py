@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from harness.core.encounter import Arm
-from harness.episode.simulation.pairing import SimulationOutcome
+from harness.encounter.simulation.pairing import SimulationOutcome
 from harness.model.interaction import InteractionModel
 from harness.old.studies.conflicts import find_conflicts
 from tests import towns

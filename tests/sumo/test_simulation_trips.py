@@ -8,9 +8,9 @@ import pytest
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
-from harness.episode.simulation.demand import PEOPLE_FILE
-from harness.episode.simulation.pairing import SimulationOutcome, counted_s
-from harness.episode.simulation.trips import Trip
+from harness.encounter.simulation.demand import PEOPLE_FILE
+from harness.encounter.simulation.pairing import SimulationOutcome, counted_s
+from harness.encounter.simulation.trips import Trip
 from harness.model.interaction import InteractionModel
 from harness.scenario.own_simulation import setting_of
 from tests import towns

@@ -9,7 +9,7 @@ import pytest
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
-from harness.episode.arms import check_arms
+from harness.encounter.arms import check_arms
 from harness.model.interaction import InteractionModel
 from harness.site import crosswalks_of, read_network
 from tests import towns

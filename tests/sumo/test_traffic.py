@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from harness.core.encounter import Arm, Arrival, Side
+from harness.encounter.arms import make_strategy
+from harness.encounter.cell_constants import constants_of
+from harness.encounter.loop import run_episode
+from harness.encounter.traffic.demand import Scheduled, scheduled_vehicles
+from harness.encounter.traffic.hour import Hour
+from harness.encounter.traffic.lanes import lanes_of
+from harness.encounter.traffic.pairing import HourOutcome, HourRunner
+from harness.encounter.traffic.passages import Passage, passages_of
+from harness.encounter.traffic.vehicles import HourLog, LaneOnRoad
+from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.shared import engine_for, road_for
-from harness.episode.arms import make_strategy
-from harness.episode.cell_constants import constants_of
-from harness.episode.loop import run_episode
-from harness.episode.traffic.demand import Scheduled, scheduled_vehicles
-from harness.episode.traffic.hour import Hour
-from harness.episode.traffic.lanes import lanes_of
-from harness.episode.traffic.pairing import HourOutcome, HourRunner
-from harness.episode.traffic.passages import Passage, passages_of
-from harness.episode.traffic.vehicles import HourLog, LaneOnRoad
-from harness.episode.walking_speeds import WalkingSpeeds
 from harness.measures import measure
 from harness.model.interaction import load_model
 from harness.old.store.hour_columns import HourColumns, hour_columns
@@ -190,7 +190,7 @@ def test_people_drive_alike_in_a_mixed_fleet_and_in_the_reference(monkeypatch) -
             made.setdefault(key[-1], []).append(strategy._yields)  # type: ignore[attr-defined]
         return strategy
 
-    monkeypatch.setattr("harness.episode.traffic.pairing.make_strategy", watched)
+    monkeypatch.setattr("harness.encounter.traffic.pairing.make_strategy", watched)
     arms = {"av": "human_gmm", "human": "human_yield"}
     run_pair(scenario_of(busy(av_share=0.5, duration_s=60.0), arms=arms))
     twice = [draws for draws in made.values() if len(draws) == 2]

@@ -13,7 +13,7 @@ import pytest
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, InterruptedRunError
-from harness.episode.traffic.demand import scheduled_vehicle
+from harness.encounter.traffic.demand import scheduled_vehicle
 from harness.old.report.pages.hour_pictures import time_space
 from harness.old.report.pages.page import write_report
 from harness.old.report.pages.player import run_player

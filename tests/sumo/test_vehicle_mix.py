@@ -8,15 +8,15 @@ import pandas as pd
 import pytest
 
 from harness.core.encounter import Arm, Arrival, Side
+from harness.encounter.arms import make_strategy
+from harness.encounter.cell_constants import constants_of
+from harness.encounter.traffic.demand import Scheduled
+from harness.encounter.traffic.hour import Hour
+from harness.encounter.traffic.lanes import lanes_of
+from harness.encounter.traffic.pairing import HourOutcome, HourRunner
+from harness.encounter.traffic.passages import passages_of
+from harness.encounter.traffic.vehicles import LaneOnRoad
 from harness.engine.shared import road_for
-from harness.episode.arms import make_strategy
-from harness.episode.cell_constants import constants_of
-from harness.episode.traffic.demand import Scheduled
-from harness.episode.traffic.hour import Hour
-from harness.episode.traffic.lanes import lanes_of
-from harness.episode.traffic.pairing import HourOutcome, HourRunner
-from harness.episode.traffic.passages import passages_of
-from harness.episode.traffic.vehicles import LaneOnRoad
 from harness.model.interaction import load_model
 from harness.scenario import Scenario, validate
 from tests.batches import printed

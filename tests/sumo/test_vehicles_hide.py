@@ -17,16 +17,16 @@ from harness.core.encounter import (
     Strategy,
 )
 from harness.core.seeding import stream
+from harness.encounter.cell_constants import constants_of
+from harness.encounter.simulation import pairing
+from harness.encounter.simulation.demand import number_of
+from harness.encounter.simulation.pairing import MeasuredPassage, SimulationOutcome
+from harness.encounter.traffic.demand import Scheduled
+from harness.encounter.traffic.hour import Hour
+from harness.encounter.traffic.lanes import lanes_of
+from harness.encounter.traffic.passages import Passage, passages_of
+from harness.encounter.traffic.vehicles import LaneOnRoad
 from harness.engine.shared import road_for
-from harness.episode.cell_constants import constants_of
-from harness.episode.simulation import pairing
-from harness.episode.simulation.demand import number_of
-from harness.episode.simulation.pairing import MeasuredPassage, SimulationOutcome
-from harness.episode.traffic.demand import Scheduled
-from harness.episode.traffic.hour import Hour
-from harness.episode.traffic.lanes import lanes_of
-from harness.episode.traffic.passages import Passage, passages_of
-from harness.episode.traffic.vehicles import LaneOnRoad
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, validate
 from harness.strategies.perception.sensor import sensor_of

@@ -13,10 +13,10 @@ from scipy.optimize import brentq
 
 from harness.core.actuation import Actuator, CarState, response
 from harness.core.encounter import Arm, Ending, Observation, Side, Trace, Vehicle
+from harness.encounter.cell_constants import constants_of
+from harness.encounter.loop import run_episode
+from harness.encounter.pairing import PairRunner
 from harness.engine.plain import PlainEngine
-from harness.episode.cell_constants import constants_of
-from harness.episode.loop import run_episode
-from harness.episode.pairing import PairRunner
 from harness.measures import measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, load_scenario

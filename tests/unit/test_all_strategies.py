@@ -5,7 +5,7 @@ import pytest
 
 from harness.core.encounter import Arm, Side, Strategy
 from harness.core.errors import InputError
-from harness.episode.arms import make_strategy
+from harness.encounter.arms import make_strategy
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield

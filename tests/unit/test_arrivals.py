@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from harness.core.encounter import Arrival, Side
-from harness.episode.arrivals import planned_arrivals
+from harness.encounter.arrivals import planned_arrivals
 from harness.scenario import Scenario, validate
 
 PAIRS = 4000

@@ -15,7 +15,7 @@ import pytest
 
 from harness.core.errors import InputError
 from harness.core.resources import shipped_directory
-from harness.episode.simulation.recorded import seconds
+from harness.encounter.simulation.recorded import seconds
 from harness.old.studies.conflicts.vehicle_types import CLASSES, read_types, type_of
 from harness.site import crosswalks_of, read_network
 from tests.batches import here, printed, refusal

@@ -12,8 +12,8 @@ from scipy import stats
 
 from harness.core.encounter import Arm, Arrival, Side
 from harness.core.errors import InputError
-from harness.episode.arrivals import already_walking, planned_arrivals
-from harness.episode.walking_speeds import WalkingSpeeds
+from harness.encounter.arrivals import already_walking, planned_arrivals
+from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.old.studies.risk.space import space_of
 from harness.old.studies.runs.site_words import site_words
 from harness.scenario import Scenario, validate

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from harness.core.encounter import Arrival, Side, Walk
-from harness.episode.arrivals import critical_gap_s, planned_arrivals
+from harness.encounter.arrivals import critical_gap_s, planned_arrivals
 from harness.measures import Outcome
 from harness.scenario import GapAcceptanceSection, Scenario, validate
 from tests.scenes import Recorder, episode, on_plain

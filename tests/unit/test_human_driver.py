@@ -14,7 +14,7 @@ from harness.core.encounter import (
     Trace,
     Vehicle,
 )
-from harness.episode.arms import make_strategy
+from harness.encounter.arms import make_strategy
 from harness.model.interaction import InteractionModel
 from harness.strategies.human_gmm import HumanDriver
 from tests.scenes import play, scenario

@@ -19,7 +19,7 @@ from harness.core.encounter import (
     Strategy,
 )
 from harness.core.seeding import stream
-from harness.episode.arms import check_arms
+from harness.encounter.arms import check_arms
 from harness.measures import measure
 from harness.measures.ego import crossing_time
 from harness.model.interaction import load_model

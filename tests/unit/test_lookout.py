@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.episode.simulation.looking import Lookout, WatchedLane
+from harness.encounter.simulation.looking import Lookout, WatchedLane
 from harness.site.crosswalks import LanePlace
 
 RANGE_M, STEP_S = 30.0, 0.1

@@ -6,8 +6,8 @@ from scipy import stats
 
 from harness.core.encounter import Arm, Arrival, Side
 from harness.core.errors import InputError
-from harness.episode.arms import check_arms
-from harness.episode.walking_speeds import WalkingSpeeds
+from harness.encounter.arms import check_arms
+from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.measures import Outcome
 from harness.model.interaction import ModelUseCounter, check_support
 from harness.results.findings import cell_findings

@@ -10,7 +10,7 @@ import pytest
 
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
-from harness.episode.arms import check_arms
+from harness.encounter.arms import check_arms
 from harness.old.studies.conformance import CHECKS
 from harness.scenario import Scenario, load_scenario, read_scenario_file, study_of, validate
 from harness.strategies import own, registry

@@ -9,8 +9,8 @@ import pytest
 
 from harness.core.encounter import Arm, Side
 from harness.core.seeding import stream
-from harness.episode.arms import arm_key, make_strategy
-from harness.episode.arrivals import planned_arrivals
+from harness.encounter.arms import arm_key, make_strategy
+from harness.encounter.arrivals import planned_arrivals
 from harness.measures import Outcome
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario, load_scenario, validate

@@ -12,7 +12,7 @@ import pytest
 
 from harness.core.encounter import Ending, Side, StepMotion, Trace, Vehicle
 from harness.core.resources import shipped_directory
-from harness.episode.simulation.passages import PersonTrack, VehicleTrack, passage
+from harness.encounter.simulation.passages import PersonTrack, VehicleTrack, passage
 from harness.measures import measure
 from harness.site import WayOver, crosswalks_of, read_network
 

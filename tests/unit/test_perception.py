@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from harness.core.encounter import Arm, Arrival, Observation, PedestrianView, Side, Trace
-from harness.episode.arrivals import planned_arrivals
+from harness.encounter.arrivals import planned_arrivals
 from harness.measures import measure
 from harness.model.interaction import load_model
 from harness.results.rows import trace_rows

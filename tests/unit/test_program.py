@@ -14,9 +14,9 @@ import pytest
 from examples import driver
 from examples.my_strategy import MyStrategy
 from harness.core.encounter import Arm, Ending, Trace
+from harness.encounter.cell_constants import constants_of
+from harness.encounter.loop import run_episode
 from harness.engine.plain import PlainEngine
-from harness.episode.cell_constants import constants_of
-from harness.episode.loop import run_episode
 from harness.old.studies.batch.plan import plan_of
 from harness.scenario import Options, load_scenario
 from harness.strategies import program

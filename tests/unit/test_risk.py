@@ -11,8 +11,8 @@ from scipy import stats
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
 from harness.core.seeding import has_drawn_more
-from harness.episode.arms import check_arms, draws_of
-from harness.episode.arrivals import planned_arrivals
+from harness.encounter.arms import check_arms, draws_of
+from harness.encounter.arrivals import planned_arrivals
 from harness.measures import MEASURES, EpisodeRecord, Measure
 from harness.model.interaction import load_model
 from harness.old.report.screens.risk_terminal import _rows, person_words, risk_screen, risk_tables

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.episode.traffic.saturation import Growth, growth_of, least_late
+from harness.encounter.traffic.saturation import Growth, growth_of, least_late
 from tests.queues import due_and_left
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from harness.core.resources import shipped_directory
-from harness.episode.arms import check_arms
+from harness.encounter.arms import check_arms
 from harness.scenario import Study, read_scenario_file, study_of
 
 SHIPPED = sorted(file.stem for file in shipped_directory("scenarios").glob("*.toml"))

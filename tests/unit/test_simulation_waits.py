@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from harness.core.encounter import Crossing
-from harness.episode.simulation.arm import SimulationArm
-from harness.episode.simulation.log import SimulationLog
-from harness.episode.simulation.passages import PersonTrack
-from harness.episode.simulation.people import waited_s
-from harness.episode.simulation.standing import Standing
+from harness.encounter.simulation.arm import SimulationArm
+from harness.encounter.simulation.log import SimulationLog
+from harness.encounter.simulation.passages import PersonTrack
+from harness.encounter.simulation.people import waited_s
+from harness.encounter.simulation.standing import Standing
 from harness.old.store.simulations.simulation_tables import least_delay_s
 from harness.site import RoadFrame
 

@@ -15,11 +15,11 @@ from hypothesis import given, settings, strategies as st
 from scipy import stats
 
 from harness.core.encounter import Arm, Arrival, Side, Walk
-from harness.episode.arrivals import planned_arrivals
-from harness.episode.cell_constants import constants_of
-from harness.episode.threshold import Threat, blocking, effective_time_s, threats
-from harness.episode.traffic.lanes import lanes_of
-from harness.episode.traffic.vehicles import LaneOnRoad
+from harness.encounter.arrivals import planned_arrivals
+from harness.encounter.cell_constants import constants_of
+from harness.encounter.threshold import Threat, blocking, effective_time_s, threats
+from harness.encounter.traffic.lanes import lanes_of
+from harness.encounter.traffic.vehicles import LaneOnRoad
 from harness.old.studies.risk.space import space_of
 from harness.old.studies.risk.ways import drawn_of, people_of
 from harness.scenario import Scenario, ThresholdSection, load_scenario, validate

@@ -7,7 +7,7 @@ import pytest
 
 from harness.core.encounter import Arrival, Contact, Ending, Leg, Observation, Side, Trace, Walk
 from harness.core.errors import InputError
-from harness.episode.arrivals import planned_arrivals
+from harness.encounter.arrivals import planned_arrivals
 from harness.measures import measure
 from harness.results.rows import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, read_scenario_file, study_of, validate

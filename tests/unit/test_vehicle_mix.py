@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from harness.core.errors import InputError
+from harness.encounter.cell_constants import constants_of
+from harness.encounter.traffic.demand import Scheduled, scheduled_vehicle, scheduled_vehicles
+from harness.encounter.traffic.entrance import Entrance
+from harness.encounter.traffic.lanes import lanes_of
 from harness.engine.shared import following_of
 from harness.engine.starting import vehicle_types
-from harness.episode.cell_constants import constants_of
-from harness.episode.traffic.demand import Scheduled, scheduled_vehicle, scheduled_vehicles
-from harness.episode.traffic.entrance import Entrance
-from harness.episode.traffic.lanes import lanes_of
 from harness.scenario import Scenario, validate
 
 CAR = {"name": "car", "share": 0.75}

@@ -6,7 +6,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from harness.episode.simulation.cutting import people_over
+from harness.encounter.simulation.cutting import people_over
 
 CROSSWALK: Any = SimpleNamespace(id=":J_c0")
 

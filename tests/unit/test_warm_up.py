@@ -5,8 +5,8 @@ import pytest
 
 from harness.core.encounter import Arm, Observation, Side
 from harness.core.errors import InputError
-from harness.episode.arrivals import already_walking, planned_arrivals
-from harness.episode.walking_speeds import WalkingSpeeds
+from harness.encounter.arrivals import already_walking, planned_arrivals
+from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.scenario import Scenario
 from harness.strategies.constant_speed import ConstantSpeed
 from tests.scenes import on_plain, scenario
@@ -73,7 +73,7 @@ class Watching(ConstantSpeed):
 
 def test_they_walk_on_and_are_seen_from_the_trigger_on_in_both_arms(model, monkeypatch) -> None:
     of = scene(60.0, flow_per_hour=1800.0)
-    monkeypatch.setattr("harness.episode.pairing.named_strategy", lambda *_: Watching())
+    monkeypatch.setattr("harness.encounter.pairing.named_strategy", lambda *_: Watching())
     Watching.first.clear()
     runner = on_plain(of, model)
     outcomes = list(runner.run(range(10)))
