@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
-from harness.core.encounter import Arm
+from harness.core.encounter import Arm, StepMotion
 from harness.core.errors import EngineError, StrategyError
 from harness.engine.session import Module, Session
 from harness.simulation.arm import ArmOfPair, Log, Setup
@@ -88,7 +88,9 @@ def run_arm(
 
 def outcome(setup: Setup, pair: int, arm: Arm, log: Log, folder: Path, step_s: float) -> Outcome:
     """The tables of an arm whose simulation has ended."""
-    passed = passages(log, setup, step_s)
+    counted = [each for each in log.passages if setup.counts(each.time_s[0] - each.trace_offset_s)]
+    motion: StepMotion = "ballistic" if setup.config.ballistic else "euler"
+    passed = passages(counted, log.people, setup.zones, step_s, motion)
     fronts_s: dict[str, list[float]] = {}
     for name, front_s in zip(passed.get("crosswalk", ()), passed.get("front_s", ()), strict=True):
         if front_s is not None:

@@ -1,4 +1,4 @@
-"""A vehicle's states and people's walks in; the measures of each passage out.
+"""Vehicles' states and people's walks in, of a simulation or a file; measures of passages out.
 
 A passage is measured as an encounter in its straight frame, where x = s − centre and the path is
 straight.  Only contacts are found in the plane, by the vehicle's oriented outline.
@@ -8,10 +8,10 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import shapely
 
 from harness.core.encounter import (
     PEDESTRIAN_RADIUS_M,
@@ -19,6 +19,7 @@ from harness.core.encounter import (
     Crossing,
     Ending,
     FloatArray,
+    StepMotion,
     Trace,
     Walk,
 )
@@ -27,40 +28,57 @@ from harness.measures.contacts import Strike
 from harness.measures.efficiency import STANDING_MPS, beyond
 from harness.measures.ego import ego_state
 from harness.measures.motion.walking import states_at
-from harness.simulation.arm import PASSED, Log, Setup
-from harness.simulation.driving import LIMITS, Passage
+from harness.simulation.driving import LIMITS, Passage, Zones
 from harness.simulation.people import Axis, Walked, moved
 from harness.site.path import Path
 
 Columns = dict[str, list[Any]]
 """A table: its columns by name."""
 
-_SAMPLES = 8
-"""Number of samples within a step at which outlines are compared."""
+_SAMPLE_S = 0.0125
+"""Longest time between two outlines that are compared with people."""
+_NEAR_M = 2.0
+"""No person touches a vehicle whose outline is this far from the crosswalk."""
+_SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
+_SAMPLE_M = 0.25
+"""Distance of places at which the speed of a free passage is computed."""
 
 
-def passages(log: Log, setup: Setup, step_s: float) -> Columns:
-    """The rows of the table ``passages``: those that began in the counted time."""
-    kept = [
-        each
-        for each in log.passages
-        if len(each.xs_m) > 1 and setup.counts(each.time_s[0] - each.trace_offset_s)
-    ]
-    axes = {name: Axis(setup.town.crosswalks[name]) for name in setup.crosswalks}
-    spans = {name: _spans(people) for name, people in log.people.items()}
+def passages(
+    vehicles: Sequence[Passage],
+    people: Mapping[str, Sequence[Walked]],
+    zones: Zones,
+    step_s: float,
+    motion: StepMotion,
+) -> Columns:
+    """The rows of the table ``passages``.
+
+    Args:
+        vehicles: the passages; those with less than two states are left out.
+        people: everybody at each crosswalk.
+        zones: the paths of vehicles.
+        step_s: time between two states.
+        motion: how vehicles move between two states.
+    """
+    kept = [each for each in vehicles if len(each.xs_m) > 1]
+    spans = {name: np.array([_span(each) for each in of]) for name, of in people.items()}
     traces, strikes, ids = [], [], []
     for each in kept:
         name = each.crosswalk.id
-        here = [log.people[name][i] for i in _there(each, spans[name])]
+        begins, ends = spans[name].reshape(-1, 2).T
+        there = np.flatnonzero((begins < each.time_s[-1]) & (ends > each.time_s[0]))
+        here = [people[name][i] for i in there.tolist()]
+        trace, walkers = _trace(each, here, step_s, motion)
         ids.append({person.walk.arrival.index: person.id for person in here})
-        trace, walkers = _trace(each, here, setup, step_s)
         traces.append(trace)
-        path = setup.zones.path(each.connection)
-        strikes.append(strike_of(trace, each.zone.centre_m, path, walkers, axes[name], each))
-    records = _records(traces, strikes)
+        path = zones.path(each.connection)
+        strikes.append(strike_of(trace, each, path, walkers))
     table: Columns = defaultdict(list)
-    for each, trace, record, names in zip(kept, traces, records, ids, strict=True):
-        for column, value in _row(each, trace, record, names, setup).items():
+    for each, trace, record, names in zip(
+        kept, traces, _records(traces, strikes), ids, strict=True
+    ):
+        free_s = free_pass_s(each, zones.path(each.connection))
+        for column, value in _row(each, trace, record, names, free_s).items():
             table[column].append(value)
     return dict(table)
 
@@ -70,7 +88,7 @@ def _row(
     trace: Trace,
     record: EpisodeRecord,
     names: Mapping[int, str],
-    setup: Setup,
+    free_s: float,
 ) -> Mapping[str, object]:
     car, begin_s = passage.car, passage.time_s[0]
     driven = sum(passage.limited)
@@ -79,7 +97,6 @@ def _row(
     trigger_s = begin_s - passage.trace_offset_s
     values = record.values._asdict()  # type: ignore[attr-defined]  # a named tuple
     if record.pass_time_s is not None:
-        free_s = free_pass_s(passage, setup.zones.path(passage.connection))
         values["delay_s"] = float(beyond(record.pass_time_s, free_s))
     return {
         "crosswalk": passage.crosswalk.id,
@@ -125,27 +142,16 @@ def _longest_stop(trace: Trace, begin_s: float) -> Mapping[str, float | None]:
     }
 
 
-def _spans(people: Sequence[Walked]) -> FloatArray:
-    """From when until when each person counts, shape (n, 2)."""
-    return np.array(
-        [
-            (each.walk.arrival.arrival_s, math.inf if each.cleared_s is None else each.cleared_s)
-            if each.time_s is None or each.walk.start_s is None
-            else (each.walk.arrival.arrival_s, each.cleared_s or float(each.time_s[-1]))
-            for each in people
-        ]
-    ).reshape(-1, 2)
-
-
-def _there(passage: Passage, spans: FloatArray) -> Sequence[int]:
-    """The numbers of the people who are there during a passage."""
-    begin_s, end_s = passage.time_s[0], passage.time_s[-1]
-    there: list[int] = np.flatnonzero((spans[:, 0] < end_s) & (spans[:, 1] > begin_s)).tolist()
-    return there
+def _span(person: Walked) -> tuple[float, float]:
+    """From when until when a person counts."""
+    end_s = person.cleared_s
+    if end_s is None:
+        end_s = math.inf if person.time_s is None else float(person.time_s[-1])
+    return person.walk.arrival.arrival_s, end_s
 
 
 def _trace(
-    passage: Passage, people: Sequence[Walked], setup: Setup, step_s: float
+    passage: Passage, people: Sequence[Walked], step_s: float, motion: StepMotion
 ) -> tuple[Trace, list[Walked]]:
     """The trace of a passage, and those of the people in it who stepped off."""
     begin_s, zone = passage.time_s[0], passage.zone
@@ -156,13 +162,13 @@ def _trace(
         x_m=np.array(passage.xs_m),
         speed_mps=np.array(passage.speeds_mps),
         walks=(),
-        ending=Ending.CROSSED if passage.ended == PASSED else Ending.TIMED_OUT,
+        ending=Ending.CROSSED if passage.passed else Ending.TIMED_OUT,
         reason=None,
         sumo_collision=passage.collided,
         fallback=passage.fallback,
         trace_offset_s=passage.trace_offset_s,
         shown=None if passage.shown is None else tuple(passage.shown),
-        motion="ballistic" if setup.config.ballistic else "euler",
+        motion=motion,
     )
     length_s = (len(base.x_m) - 1) * step_s
     walks: list[Walk] = []
@@ -182,87 +188,61 @@ def _trace(
 
 
 def strike_of(
-    trace: Trace,
-    centre_m: float,
-    path: Path,
-    walkers: Sequence[Walked],
-    axis: Axis,
-    passage: Passage,
+    trace: Trace, passage: Passage, path: Path, walkers: Sequence[Walked]
 ) -> Strike | None:
     """The first contact of a vehicle's oriented outline with a person's disc between the kerbs.
 
-    Outlines are compared eight times in each step; between two of them the time is interpolated.
+    Between two outlines that are compared, the time is interpolated.
 
     Args:
-        trace: the passage.
-        centre_m: s at x = 0.
+        trace: the trace of the passage.
+        passage: has the time at which the trace begins, and the vehicle's size.
         path: the vehicle's path.
         walkers: those who stepped off, in the trace's order.
-        axis: the crosswalk's.
-        passage: has the time at which the trace begins, and the vehicle's size.
     """
-    begin_s, vehicle = passage.time_s[0], passage.car.vehicle
-    half_m, radius = trace.crossing.width_m / 2, PEDESTRIAN_RADIUS_M
-    steps = len(trace.x_m) - 1
-    inside = np.flatnonzero(
-        (trace.x_m >= -half_m - 2.0) & (trace.x_m <= half_m + vehicle.length_m + 2.0)
-    )
-    if not len(inside) or not walkers:
+    vehicle, axis = passage.car.vehicle, Axis(passage.crosswalk)
+    half_m = trace.crossing.width_m / 2
+    ends_m = (-half_m - _NEAR_M, half_m + vehicle.length_m + _NEAR_M)
+    low, high = np.searchsorted(trace.x_m, ends_m).tolist()
+    low, high = max(low - 1, 0), min(high, len(trace.x_m) - 1)
+    if low >= high or not walkers:
         return None
-    low, high = max(int(inside[0]) - 1, 0), min(int(inside[-1]) + 1, steps)
-    time_s = np.linspace(low, high, (high - low) * _SAMPLES + 1) * trace.step_s
-    x_m = np.interp(time_s, np.arange(steps + 1) * trace.step_s, trace.x_m)
-    outlines: FloatArray | None = None
+    count = math.ceil((high - low) * max(trace.step_s / _SAMPLE_S, 1.0))
+    time_s = np.linspace(low, high, count + 1) * trace.step_s
+    s = np.array([ego_state(trace, each)[0] for each in time_s.tolist()])
+    s += passage.zone.centre_m
+    bodies = shapely.polygons(path.outline(s, vehicle.length_m, vehicle.width_m))
     first: Strike | None = None
     for number, each in enumerate(walkers):
-        places = places_of(each, begin_s + time_s, axis)
-        there = np.isfinite(places[:, 0])
-        if not there.any():
-            continue
-        if outlines is None:
-            outlines = path.outline(x_m + centre_m, vehicle.length_m, vehicle.width_m)
-        ahead_m, gap_m = _gap(outlines, places, vehicle.length_m, vehicle.width_m)
-        hits = np.flatnonzero(there & (gap_m <= radius))
+        places = places_of(each, passage.time_s[0] + time_s, axis)
+        off_m = np.full(len(time_s), np.inf)
+        on = np.isfinite(places[:, 0])
+        off_m[on] = shapely.distance(bodies[on], shapely.points(places[on])) - PEDESTRIAN_RADIUS_M
+        hits = np.flatnonzero(off_m <= 0.0)
         if not len(hits):
             continue
-        at = int(hits[0])
-        within_s = 0.0
-        if at and there[at - 1]:
-            before, after = gap_m[at - 1] - radius, gap_m[at] - radius
-            within_s = float((time_s[at] - time_s[at - 1]) * after / (after - before))
-        hit_s = float(time_s[at]) - within_s
+        at, hit_s = int(hits[0]), float(time_s[hits[0]])
+        if at and np.isfinite(off_m[at - 1]):
+            share = off_m[at] / (off_m[at] - off_m[at - 1])
+            hit_s += float((time_s[at] - time_s[at - 1]) * share)
         if first is None or hit_s < first.time_s:
-            _, speed_mps = ego_state(trace, hit_s)
-            where = Contact.FRONT if ahead_m[at] >= 0.0 else Contact.SIDE
-            first = Strike(hit_s, number, where, max(0.0, speed_mps))
+            right, left, rear = path.outline(s[at], vehicle.length_m, vehicle.width_m)[:3]
+            ahead = bool((places[at] - (right + left) / 2) @ (left - rear) >= 0.0)
+            where = Contact.FRONT if ahead else Contact.SIDE
+            first = Strike(hit_s, number, where, max(0.0, ego_state(trace, hit_s)[1]))
     return first
-
-
-def _gap(
-    outlines: FloatArray, places: FloatArray, length_m: float, width_m: float
-) -> tuple[FloatArray, FloatArray]:
-    """How far people are ahead of the front, and their distance from the outline; shapes (n,)."""
-    right, left = outlines[:, 0], outlines[:, 1]
-    across = (left - right) / width_m
-    ahead = np.stack([across[:, 1], -across[:, 0]], axis=-1)
-    off = places - (left + right) / 2
-    ahead_m, left_m = np.sum(off * ahead, axis=1), np.sum(off * across, axis=1)
-    beyond_m = np.maximum(np.maximum(ahead_m, -length_m - ahead_m), 0.0)
-    beside_m = np.maximum(np.abs(left_m) - width_m / 2, 0.0)
-    return ahead_m, np.hypot(beyond_m, beside_m)
 
 
 def places_of(person: Walked, time_s: FloatArray, axis: Axis) -> FloatArray:
     """Where a person is between the kerbs at some times, shape (n, 2); NaN at other times."""
     start_s, end_s = person.walk.start_s, person.cleared_s
     assert start_s is not None
-    on = (time_s >= start_s) & (time_s <= (math.inf if end_s is None else end_s))
     places = np.full((len(time_s), 2), np.nan)
+    on = (time_s >= start_s) & (time_s <= (math.inf if end_s is None else end_s))
     if person.time_s is not None and person.places is not None:
         on &= time_s <= person.time_s[-1]
-        for column in (0, 1):
-            seen = np.interp(time_s[on], person.time_s, person.places[:, column])
-            places[on, column] = seen
+        columns = [np.interp(time_s[on], person.time_s, of) for of in person.places.T]
+        places[on] = np.stack(columns, axis=-1)
     elif on.any():
         # The harness's people keep to the axis.
         _, along_m, _, _ = states_at(
@@ -293,23 +273,15 @@ def free_pass_s(passage: Passage, path: Path) -> float:
     """
     vehicle, zone = passage.vehicle, passage.zone
     begin_m, end_m = zone.centre_m - vehicle.trigger_range_m, zone.last_m
-    ends = [each.start_m for each in path.stretches[1:] if begin_m < each.start_m < end_m]
-    places = [begin_m, *ends, end_m]
-    limits = [
-        passage.car.limit_mps(path.lane_at((low + high) / 2).limit_mps)
-        for low, high in pairwise(places)
-    ]
-    gain, loss = vehicle.max_acceleration_mps2, vehicle.max_deceleration_mps2
-    speeds = [limits[0], *map(min, limits, limits[1:]), limits[-1]]
-    lengths = [high - low for low, high in pairwise(places)]
-    for i in reversed(range(len(lengths))):
-        speeds[i] = min(speeds[i], math.sqrt(speeds[i + 1] ** 2 + 2 * loss * lengths[i]))
-    total_s = 0.0
-    for i, (length_m, limit) in enumerate(zip(lengths, limits, strict=True)):
-        low = speeds[i]
-        high = speeds[i + 1] = min(speeds[i + 1], math.sqrt(low**2 + 2 * gain * length_m))
-        crossed = (2 * gain * loss * length_m + loss * low**2 + gain * high**2) / (gain + loss)
-        peak = min(limit, math.sqrt(crossed))
-        steady_m = length_m - (peak**2 - low**2) / (2 * gain) - (peak**2 - high**2) / (2 * loss)
-        total_s += (peak - low) / gain + (peak - high) / loss + max(steady_m, 0.0) / peak
-    return total_s
+    even = np.linspace(begin_m, end_m, math.ceil((end_m - begin_m) / _SAMPLE_M) + 1)
+    starts = [each.start_m for each in path.stretches]
+    s = np.unique(np.concatenate((even, [at for at in starts if begin_m < at < end_m])))
+    limits = np.array([passage.car.limit_mps(each.limit_mps) for each in path.stretches])
+    sides = (np.searchsorted(starts, s, side) - 1 for side in _SIDES)
+    most = np.minimum(*(limits[np.maximum(each, 0)] for each in sides))
+    gain, loss = 2 * vehicle.max_acceleration_mps2 * s, 2 * vehicle.max_deceleration_mps2 * s
+    # v² changes by at most 2a for each metre.
+    rising = np.minimum.accumulate(most**2 - gain) + gain
+    falling = np.minimum.accumulate((most**2 + loss)[::-1])[::-1] - loss
+    speed = np.sqrt(np.minimum(rising, falling))
+    return float(np.sum(2 * np.diff(s) / (speed[1:] + speed[:-1])))

@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
+import shapely
 
 from harness.core.encounter import Arrival, FloatArray, Leg, PedestrianView, Side, Walk
 from harness.encounter.approaching import Approaching
@@ -38,6 +39,7 @@ WALKER_TYPE = "DEFAULT_PEDTYPE"
 
 _STEPS_TO_COME = 2
 """Steps after which an added person may be moved."""
+_LONG = 1e6
 
 
 class Axis:
@@ -222,7 +224,7 @@ class SeenLane:
 
 
 @dataclass(slots=True, eq=False)
-class _Seen:
+class Seen:
     """Somebody whom SUMO moves, from the walking area before the crosswalk to the one beyond."""
 
     id: str
@@ -256,8 +258,8 @@ class PeopleAt:
         self.own: OwnPeople | None = None
         self.types: set[str] = set()
         self._people, self._first = session.people, first
-        self._present: dict[str, _Seen] = {}
-        self._came: list[_Seen] = []
+        self._present: dict[str, Seen] = {}
+        self._came: list[Seen] = []
         self._noted_s = -math.inf
         self._views: dict[int, tuple[PedestrianView, ...]] = {}
 
@@ -279,7 +281,7 @@ class PeopleAt:
         for name, on in known.items():
             place, person = self._people.position(name), self._present.get(name)
             if person is None:
-                person = _Seen(name, self._first + len(self._came), self.axis.along_m(*place))
+                person = Seen(name, self._first + len(self._came), self.axis.along_m(*place))
                 self._present[name] = person
                 self._came.append(person)
                 self.types.add(self._people.type(name))
@@ -326,7 +328,7 @@ class PeopleAt:
                 )
         return placed
 
-    def _view(self, person: _Seen, zone: Zone) -> PedestrianView:
+    def _view(self, person: Seen, zone: Zone) -> PedestrianView:
         """One of SUMO's people.
 
         Whoever has not come to the crossing's edge has not stepped off, and is shown at the kerb if
@@ -353,35 +355,47 @@ class PeopleAt:
     def walked(self, begin_s: float) -> list[Walked]:
         """Everybody who stepped off or waited, the harness's first; see ``OwnPeople.walked``."""
         own = [] if self.own is None else [*self.own.walked(begin_s)]
-        return own + [each for each in map(self._walked, self._came) if each is not None]
+        walked = (walked_of(person, self.axis) for person in self._came)
+        return own + [each for each in walked if each is not None]
 
-    def _walked(self, person: _Seen) -> Walked | None:
-        """The way of one of SUMO's people; None for those who only passed beside the kerb."""
-        time_s, places = np.array(person.time_s), np.column_stack((person.x, person.y))
-        along_m = np.array([self.axis.along_m(x, y) for x, y in places.tolist()])
-        on = np.flatnonzero(person.on)
-        near = person.first_m < self.axis.length_m / 2
-        side = Side.NEAR if near else Side.FAR
-        ahead_m = along_m if near else self.axis.length_m - along_m
-        points = _between_kerbs(np.column_stack((time_s, ahead_m)), on, self.axis.length_m)
-        moved_m = np.hypot(*np.diff(places, axis=0).T)
-        if len(points) < 2:
-            waits = _waits_from(time_s, ahead_m, moved_m, len(time_s))
-            if len(on) or waits is None:
-                return None
-            arrival = Arrival(person.index, waits, side, math.nan)
-            return Walked(person.id, False, Walk(arrival), None, None, time_s, places)
-        start_s, end_s = float(points[0, 0]), float(points[-1, 0])
-        waits = _waits_from(time_s, ahead_m, moved_m, int(on[0]))
-        # There is no quantile; NaN distinguishes them from timed pedestrians.
-        arrival = Arrival(
-            person.index, start_s if waits is None else min(waits, start_s), side, math.nan
-        )
-        walked_m = float(points[-1, 1] - points[0, 1])
-        legs = _legs(points, near, self.axis.length_m)
-        walk = Walk(arrival, start_s, max(walked_m / (end_s - start_s), 1e-3), legs=legs)
-        done = points[-1, 1] >= self.axis.length_m - KERB_M
-        return Walked(person.id, False, walk, end_s if done else None, None, time_s, places)
+
+def walked_of(person: Seen, axis: Axis, rounding_m: float = 0.0) -> Walked | None:
+    """The way of one of SUMO's people; None for those who only passed beside the kerb.
+
+    Args:
+        person: where they were at each step.
+        axis: the crosswalk's.
+        rounding_m: the largest error of a place: a walk that is even within it is even.
+    """
+    time_s, places = np.array(person.time_s), np.column_stack((person.x, person.y))
+    along_m = np.array([axis.along_m(x, y) for x, y in places.tolist()])
+    on = np.flatnonzero(person.on)
+    near = person.first_m < axis.length_m / 2
+    side = Side.NEAR if near else Side.FAR
+    ahead_m = along_m if near else axis.length_m - along_m
+    points = _between_kerbs(np.column_stack((time_s, ahead_m)), on, axis.length_m)
+    moved_m = np.hypot(*np.diff(places, axis=0).T)
+    if len(points) < 2:
+        waits = _waits_from(time_s, ahead_m, moved_m, len(time_s))
+        if len(on) or waits is None:
+            return None
+        arrival = Arrival(person.index, waits, side, math.nan)
+        return Walked(person.id, False, Walk(arrival), None, None, time_s, places)
+    if rounding_m:
+        # In seconds this long, the distance from a straight line is that at the same time.
+        even = shapely.LineString(points * [_LONG, 1.0]).simplify(2 * rounding_m)
+        points = np.array(even.coords) / [_LONG, 1.0]
+    start_s, end_s = float(points[0, 0]), float(points[-1, 0])
+    waits = _waits_from(time_s, ahead_m, moved_m, int(on[0]))
+    # There is no quantile; NaN distinguishes them from timed pedestrians.
+    arrival = Arrival(
+        person.index, start_s if waits is None else min(waits, start_s), side, math.nan
+    )
+    walked_m = float(points[-1, 1] - points[0, 1])
+    legs = _legs(points, near, axis.length_m)
+    walk = Walk(arrival, start_s, max(walked_m / (end_s - start_s), 1e-3), legs=legs)
+    done = points[-1, 1] >= axis.length_m - KERB_M
+    return Walked(person.id, False, walk, end_s if done else None, None, time_s, places)
 
 
 def _turned(view: PedestrianView, zone: Zone) -> PedestrianView:

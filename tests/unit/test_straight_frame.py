@@ -84,7 +84,7 @@ def test_contacts_are_the_encounters(
         None, False,
     )  # fmt: skip
     person = Walked("p", True, walk, cleared_s)
-    strike = strike_of(trace, each.zone.centre_m, path, [person], Axis(each.crosswalk), each)
+    strike = strike_of(trace, each, path, [person])
     exact = measure([trace])[0]
     if exact.contact_time_s is None or strike is None:
         # Outlines are compared 8 times a step: a corner may be grazed in between.
