@@ -94,7 +94,9 @@ def crossings_of(
     rows = []
     for name, crosswalk in town.crosswalks.items():
         passed: Counter[Manoeuvre] = Counter()
-        for ends, manoeuvre in {_edges(each): each.manoeuvre for each in town.over(name)}.items():
+        for ends, manoeuvre in {
+            _edges(each): each.manoeuvre for each in town.connections(name, 0.0)
+        }.items():
             passed[manoeuvre] += moves[ends]
         per_hour = {manoeuvre: number / hours for manoeuvre, number in passed.items()}
         row, walked = _row(town, crosswalk), len(people[name]) / hours
@@ -108,7 +110,7 @@ def _rank(row: CrosswalkRow) -> tuple[bool, float, float, str]:
 
 
 def _row(town: Town, crosswalk: Crosswalk) -> CrosswalkRow:
-    over = town.over(crosswalk.id)
+    over = town.connections(crosswalk.id, 0.0)
     return CrosswalkRow(
         crosswalk=crosswalk.id,
         junction=crosswalk.junction,

@@ -90,59 +90,21 @@ class Path:
         line.setflags(write=False)
         return cls(tuple(stretches), knots_m, line)
 
-    @property
-    def lanes(self) -> tuple[str, ...]:
-        """Ids of the lanes, in order of travel."""
-        return tuple(stretch.lane for stretch in self.stretches)
-
-    @property
-    def start_m(self) -> float:
-        """s at the path's beginning: minus the length of the lanes before the stop line."""
-        return self.stretches[0].start_m
-
-    @property
-    def limits(self) -> tuple[tuple[float, float], ...]:
-        """The speed limit in m/s from each s on, up to the next one."""
-        return tuple((stretch.start_m, stretch.limit_mps) for stretch in self.stretches)
-
-    def lane_at(self, s: float) -> Stretch:
-        """The lane at s; beyond the ends, the first or the last one."""
-        ahead = (stretch for stretch in self.stretches if s < stretch.end_m)
-        return next(ahead, self.stretches[-1])
-
-    def s_of(self, lane: str, position_m: float) -> float | None:
-        """s of a position on a lane; None if the path does not follow the lane."""
-        for stretch in self.stretches:
-            if stretch.lane == lane:
-                return stretch.start_m + position_m
-        return None
-
     def position(self, s: ArrayLike) -> FloatArray:
         """x and y of a front bumper at s, shape of s + (2,)."""
-        x, y = self.points.T
-        at = np.asarray(s, dtype=float)
-        return np.stack([np.interp(at, self.knots_m, x), np.interp(at, self.knots_m, y)], axis=-1)
-
-    def heading(self, s: ArrayLike) -> FloatArray:
-        """The line's direction at s in radians, counter-clockwise from east; shape of s."""
-        at = np.searchsorted(self.knots_m, np.asarray(s, dtype=float), side="right") - 1
-        at = np.clip(at, 0, len(self.knots_m) - 2)
-        x, y = (self.points[at + 1] - self.points[at]).T
-        return np.asarray(np.arctan2(y.T, x.T))
+        x, y = (np.interp(s, self.knots_m, of) for of in self.points.T)
+        return np.stack([x, y], axis=-1)
 
     def outline(self, s: ArrayLike, length_m: float, width_m: float) -> FloatArray:
         """The corners of a vehicle's body with its front at s, shape of s + (4, 2).
 
         The body is a rectangle along the chord from s − length to s, as in SUMO.  Its corners are
-        front right, front left, rear left, rear right.
+        front right, front left, rear left, rear right.  It is longer than a lane drawn as a point.
         """
         at = np.asarray(s, dtype=float)
         front = self.position(at)
         chord = front - self.position(at - length_m)
-        drawn = np.hypot(chord[..., 0], chord[..., 1])[..., None]
-        heading = self.heading(at)
-        tangent = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-        ahead = np.where(drawn > 0.0, chord / np.where(drawn > 0.0, drawn, 1.0), tangent)
+        ahead = chord / np.hypot(chord[..., 0], chord[..., 1])[..., None]
         left = np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1) * (width_m / 2)
         rear = front - length_m * ahead
         return np.stack([front - left, front + left, rear + left, rear - left], axis=-2)
@@ -152,8 +114,6 @@ def _straight_on(knots_m: FloatArray, points: FloatArray) -> tuple[FloatArray, F
     """A line with a far point before its beginning, and one beyond its end."""
     steps = np.diff(points, axis=0)
     long = np.flatnonzero(np.hypot(*steps.T) > 0.0)
-    if not long.size:
-        raise ValueError("a path needs two different points")
     first, last = (steps[i] / math.hypot(*steps[i]) for i in (long[0], long[-1]))
     return (
         np.concatenate([[knots_m[0] - _BEYOND_M], knots_m, [knots_m[-1] + _BEYOND_M]]),

@@ -46,7 +46,6 @@ class Connection:
 
     Attributes:
         id: ids of the first and the last lane, e.g. ``a_0>b_0``.
-        junction: id of the junction.
         from_lane: the lane before the junction.
         via: the lanes inside the junction, in order of travel.
         to_lane: the lane beyond it.
@@ -56,7 +55,6 @@ class Connection:
     """
 
     id: str
-    junction: str
     from_lane: str
     via: tuple[str, ...]
     to_lane: str
@@ -92,15 +90,6 @@ class Crosswalk:
     left_hand: bool
     refused: str | None
 
-    def along_m(self, x: float, y: float) -> float:
-        """The distance of a point's foot on the axis from the axis's beginning."""
-        return float(self.axis.project(shapely.Point(x, y)))
-
-    def point(self, along_m: float) -> tuple[float, float]:
-        """x and y of the axis's point at this distance from its beginning."""
-        at = self.axis.interpolate(along_m)
-        return at.x, at.y
-
 
 class Footpath(NamedTuple):
     """Where people come from or go to at an end of a crosswalk.
@@ -120,11 +109,9 @@ class Town:
 
     Attributes:
         crosswalks: by id, in the file's order.
-        left_hand: whether traffic keeps left.
     """
 
     crosswalks: Mapping[str, Crosswalk]
-    left_hand: bool
     _net: "Net" = field(repr=False)
     _passing: Mapping[str, tuple["_Passing", ...]] = field(repr=False)
 
@@ -142,20 +129,16 @@ class Town:
             nodes = {edge.getToNode() for edge in edges}
             passing = {node.getID(): tuple(_passing(network.net, node)) for node in nodes}
             found = {edge.getID(): _crosswalk(edge, passing, network.left_hand) for edge in edges}
-        return cls(MappingProxyType(found), network.left_hand, network.net, passing)
+        return cls(MappingProxyType(found), network.net, passing)
 
-    def connections(self, crosswalk: str) -> tuple[Connection, ...]:
-        """The connections for vehicles that come so near that a long body may touch a crosswalk."""
-        return self._within(crosswalk, _NEAR_M)
+    def connections(self, crosswalk: str, near_m: float = _NEAR_M) -> tuple[Connection, ...]:
+        """The connections for vehicles whose line leads over a crosswalk, or near to it.
 
-    def over(self, crosswalk: str) -> tuple[Connection, ...]:
-        """The connections for vehicles whose line leads over a crosswalk."""
-        return self._within(crosswalk, 0.0)
-
-    def _within(self, crosswalk: str, range_m: float) -> tuple[Connection, ...]:
+        By default they are those on which a long body may touch it.
+        """
         at = self.crosswalks[crosswalk]
         passing = self._passing[at.junction]
-        return tuple(each.connection for each in passing if at.area.dwithin(each.line, range_m))
+        return tuple(each.connection for each in passing if at.area.dwithin(each.line, near_m))
 
     def path(self, connection: Connection, before_m: float) -> Path:
         """The path of a connection from ``before_m`` before the stop line, or a little earlier.
@@ -178,12 +161,8 @@ class Town:
     @cache  # noqa: B019 - as long as the town
     def ahead(self, lane: str) -> tuple[Connection, ...]:
         """The connections for vehicles from a lane, also where there is no crosswalk."""
-        node = self._net.getLane(lane).getEdge().getToNode()
-        return tuple(
-            each.connection
-            for each in _passing(self._net, node)
-            if each.connection.from_lane == lane
-        )
+        passing = _passing(self._net, self._net.getLane(lane).getEdge().getToNode())
+        return tuple(each.connection for each in passing if each.connection.from_lane == lane)
 
     @cache  # noqa: B019
     def lane(self, name: str) -> PathLane:
@@ -231,27 +210,26 @@ class Town:
         )
 
     def _footpath(self, crosswalk: str, areas: list["Lane"]) -> Footpath:
-        ways: list[tuple[Lane, ...]] = [(area,) for area in areas]
+        ways = [(area,) for area in areas]
         seen = {self._net.getEdge(crosswalk).getLane(0)}.union(*self._ends(crosswalk))
-        while ways:
-            found = [
-                (lane.getLength(), lane.getEdge().getID(), at_end, way)
-                for way in ways
-                for lane, at_end in _beside(way[0])
+        for way in ways:
+            beside = [
+                *((link.getFromLane(), True) for link in way[0].getIncomingConnections()),
+                *((link.getToLane(), False) for link in way[0].getOutgoing()),
+            ]
+            roads = [
+                (lane.getLength(), lane.getEdge().getID(), at_end)
+                for lane, at_end in beside
                 if not lane.getEdge().isSpecial() and allows(lane, "pedestrian")
             ]
-            if found:
-                length_m, edge, at_end, way = max(found, key=lambda each: each[:2])
+            if roads:
+                length_m, edge, at_end = max(roads)
                 inside_m = min(_INSIDE_M, length_m / 2)
                 names = tuple(lane.getEdge().getID() for lane in way)
                 return Footpath(edge, length_m - inside_m if at_end else inside_m, names)
-            ways = [
-                (lane, *way)
-                for way in ways
-                for lane, _ in _beside(way[0])
-                if lane.getEdge().isSpecial() and lane not in seen
-            ]
-            seen.update(way[0] for way in ways)
+            further = {lane for lane, _ in beside if lane.getEdge().isSpecial()} - seen
+            seen |= further
+            ways += [(lane, *way) for lane in sorted(further, key=lambda each: each.getID())]
         allowed = "a lane for pedestrians at each end (netconvert --sidewalks.guess adds them)"
         raise InputError(crosswalk, "no footpath leads to an end of it", allowed)
 
@@ -278,23 +256,19 @@ def _passing(net: "Net", node: "Node") -> Iterator[_Passing]:
             start, end = link.getFromLane().getID(), link.getToLane().getID()
             # Of a connection with a place to wait inside, SUMO lists one of the lanes.
             index = next((i for i, name in enumerate(internal) if name in names), None)
-            yields = index is not None and any(
-                name not in feet and _yields(node, index, other)
-                for other, name in enumerate(internal)
+            # The last bit is that of the first link.
+            response: str = node._prohibits.get(index, "")[::-1]
+            yields = any(
+                bit == "1" and name not in feet
+                for bit, name in zip(response, internal, strict=False)
             )
             how = _WAYS.get(link.getDirection(), "turn")
             yield _Passing(
-                Connection(f"{start}>{end}", node.getID(), start, names, end, how, yields),
+                Connection(f"{start}>{end}", start, names, end, how, yields),
                 shapely.LineString([point for lane in via for point in lane.getShape()]),
                 bool(link.getTLSID()),
                 _classes(via[0]) <= _RAIL,
             )
-
-
-def _yields(node: "Node", index: int, other: int) -> bool:
-    """Whether a junction's link has to yield to another one; the last bit is that of link 0."""
-    response: str = node._prohibits.get(index, "")
-    return response[-1 - other : len(response) - other] == "1"
 
 
 def _crosswalk(
@@ -334,14 +308,6 @@ def _via(net: "Net", link: "Link") -> list["Lane"]:
         lanes.append(net.getLane(name))
         name = next((each.getViaLaneID() for each in lanes[-1].getOutgoing()), "")
     return lanes
-
-
-def _beside(area: "Lane") -> list[tuple["Lane", bool]]:
-    """The lanes that meet a walking area or a crossing, each with whether it ends there."""
-    return [
-        *((link.getFromLane(), True) for link in area.getIncomingConnections()),
-        *((link.getToLane(), False) for link in area.getOutgoing()),
-    ]
 
 
 def _classes(lane: "Lane") -> set[str]:

@@ -1,8 +1,7 @@
 """Where and when a vehicle's body is on a crosswalk: its zone of conflict with people."""
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -15,6 +14,8 @@ from harness.site.town import Crosswalk
 _SAMPLE_M = 0.2
 _MARGIN_M = 10.0
 """Length of the path that is searched before the stop line, and beyond the junction."""
+_SHORT_M = 0.5
+"""Length of a body that shows the direction of the path."""
 _REFINEMENTS = 4
 """Each makes a sample 32 times finer; four end at 0.2 µm."""
 
@@ -34,7 +35,7 @@ class Zone:
         last_m: s of the front at which it last touches it.
         from_m, to_m: the interval of y that the body covers on its way.
         crosswalk_m: the crosswalk's length from kerb to kerb.
-        length_m, width_m: the vehicle's.
+        across_m: its extent along the way: of a straight road on which it is as long.
         limit_mps: the speed limit before the junction.
         reverse: whether y = 0 is the end of the crosswalk's axis.
         split: whether the body touches the crosswalk more than once, or for less than a step.
@@ -45,16 +46,10 @@ class Zone:
     from_m: float
     to_m: float
     crosswalk_m: float
-    length_m: float
-    width_m: float
+    across_m: float
     limit_mps: float
     reverse: bool
     split: bool
-
-    @property
-    def across_m(self) -> float:
-        """The crosswalk's extent along the way: of a straight road on which it is as long."""
-        return max(self.last_m - self.first_m - self.length_m, 0.01)
 
     @property
     def centre_m(self) -> float:
@@ -108,25 +103,22 @@ def zone_of(
     first_m = _border(touches, grid[max(hits[0] - 1, 0)], grid[hits[0]])
     last_m = _border(touches, grid[min(hits[-1] + 1, len(grid) - 1)], grid[hits[-1]])
     s = np.concatenate([[first_m], grid[hits], [last_m]])
-    along = _covered(path.outline(s, length_m, width_m), crosswalk)
-    limit_mps = path.lane_at(-1e-9).limit_mps
-    brief = last_m - first_m < limit_mps * step_s
-    zone = Zone(
+    from_m, to_m = _covered(path.outline(s, length_m, width_m), crosswalk)
+    across_m = max(last_m - first_m - length_m, 0.01)
+    if reverse := _begins_far(path, first_m + across_m / 2, crosswalk):
+        from_m, to_m = crosswalk.length_m - to_m, crosswalk.length_m - from_m
+    limit_mps = next(each.limit_mps for each in path.stretches if each.end_m > -1e-6)
+    return Zone(
         first_m=first_m,
         last_m=last_m,
-        from_m=along[0],
-        to_m=along[1],
+        from_m=from_m,
+        to_m=to_m,
         crosswalk_m=crosswalk.length_m,
-        length_m=length_m,
-        width_m=width_m,
+        across_m=across_m,
         limit_mps=limit_mps,
-        reverse=False,
-        split=brief or bool(np.any(np.diff(hits) > 1)),
+        reverse=reverse,
+        split=last_m - first_m < limit_mps * step_s or bool(np.any(np.diff(hits) > 1)),
     )
-    if _leads_left(crosswalk, float(path.heading(zone.centre_m))) == crosswalk.left_hand:
-        y = (crosswalk.length_m - along[1], crosswalk.length_m - along[0])
-        return replace(zone, from_m=y[0], to_m=y[1], reverse=True)
-    return zone
 
 
 def _border(touches: _Touches, outside: float, inside: float) -> float:
@@ -148,7 +140,9 @@ def _covered(outlines: FloatArray, crosswalk: Crosswalk) -> tuple[float, float]:
     return float(along.min()), float(along.max())
 
 
-def _leads_left(crosswalk: Crosswalk, heading: float) -> bool:
-    """Whether the crosswalk's axis leads to the left of a vehicle."""
-    (x0, y0), (x1, y1) = crosswalk.axis.coords[0], crosswalk.axis.coords[-1]
-    return bool(math.cos(heading) * (y1 - y0) > math.sin(heading) * (x1 - x0))
+def _begins_far(path: Path, s: float, crosswalk: Crosswalk) -> bool:
+    """Whether the axis begins at the kerb opposite to the side on which traffic keeps."""
+    right, left, *_ = path.outline(s, _SHORT_M, 1.0)
+    axis = np.subtract(crosswalk.axis.coords[-1][:2], crosswalk.axis.coords[0][:2])
+    leads_left = bool((left - right) @ axis > 0.0)
+    return leads_left == crosswalk.left_hand

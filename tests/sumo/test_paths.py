@@ -19,8 +19,8 @@ from harness.site.town import NO_VEHICLES, RAIL, SIGNAL, Connection, Crosswalk, 
 from harness.site.zone import Zone, zone_of
 from tests.towns import call, grid, town, write_config
 
-POINT_M = 1e-6
-"""Size of a body that is its front point."""
+POINT_M = (0.5, 1e-6)
+"""Length and width of a body whose front is a point."""
 QUIET = {"no-step-log": "true", "no-warnings": "true"}
 
 
@@ -78,13 +78,12 @@ def seen(town: Town, zones: Zones, config: Path, end_s: float) -> Iterator[Seen]
             start = i
             while start and lanes[start - 1] == found.from_lane:
                 start -= 1
-            road = zones.path(found)
+            ahead = {each.lane: each.start_m for each in zones.path(found).stretches}
             end = i
-            while end < len(lanes) and lanes[end] in road.lanes:
+            while end < len(lanes) and lanes[end] in ahead:
                 end += 1
             # The odometer's value at the stop line, taken once: when the lane is entered.
-            at_m = road.s_of(lanes[start], rows[start, 0])
-            assert at_m is not None
+            at_m = ahead[lanes[start]] + rows[start, 0]
             _, odometer_m, x, y, angle_deg = rows[start:end].T
             heading = np.radians(90.0 - angle_deg)
             front = np.stack([x, y], axis=-1)
@@ -114,22 +113,25 @@ def test_vehicles_are_where_their_path_says(
     """In SUMO's step: the front point in 99.5 %, the body's first and last touch within one."""
     config = town(tmp_path, seed, end_s, kind=kind)
     here = Town.read(tmp_path / "net.net.xml")
-    assert here.left_hand is (kind == "left")
+    assert {each.left_hand for each in here.crosswalks.values()} == {kind == "left"}
     assert {each.refused for each in here.crosswalks.values()} == {None}
     assert {each.prioritized for each in here.crosswalks.values()} == {kind == "zebras"}
     zones, crosswalks = Zones(here), defaultdict(list)
     for crosswalk in here.crosswalks.values():
-        crosswalks[crosswalk.junction].append(crosswalk)
+        for way in here.connections(crosswalk.id, 100.0):
+            crosswalks[way.id].append(crosswalk)
     fronts, firsts, lasts, manoeuvres = Counter(), Counter(), Counter(), Counter()
     for each in seen(here, zones, config, end_s):
         road = zones.path(each.connection)
         np.testing.assert_allclose(road.position(each.s), each.place, atol=1e-3)
         outlines = road.outline(each.s, each.length_m, each.width_m)
-        known = each.s - each.length_m > road.start_m  # before it, the rear is on another lane
+        known = (
+            each.s - each.length_m > road.stretches[0].start_m
+        )  # before it, the rear is on another lane
         np.testing.assert_allclose(outlines[known], each.bodies[known], atol=2e-3)
-        for crosswalk in crosswalks[each.connection.junction]:
+        for crosswalk in crosswalks[each.connection.id]:
             body = zones.of(each.connection, crosswalk, each.length_m, each.width_m)
-            point = zones.of(each.connection, crosswalk, POINT_M, POINT_M)
+            point = zones.of(each.connection, crosswalk, *POINT_M)
             touching = shapely.intersects(shapely.polygons(each.bodies), crosswalk.area)
             if body is None or each.s[-1] < body.last_m:
                 assert body is not None or not touching.any()
@@ -260,8 +262,10 @@ def test_a_path_begins_upstream_where_one_lane_leads_on(junctions: Path) -> None
     here = Town.read(junctions)
     # Of the lanes at the junction c, only c_e is entered from two lanes, w_c and n_c.
     by_lane = {each.from_lane: each for name in here.crosswalks for each in here.connections(name)}
-    assert here.path(by_lane["w_c_1"], 500.0).lanes[0] == "w_c_1"  # nothing is upstream
-    assert here.path(by_lane["w_c_1"], 500.0).start_m == pytest.approx(-100.0, abs=10.0)
+    assert here.path(by_lane["w_c_1"], 500.0).stretches[0].lane == "w_c_1"  # nothing is upstream
+    assert here.path(by_lane["w_c_1"], 500.0).stretches[0].start_m == pytest.approx(
+        -100.0, abs=10.0
+    )
 
 
 def test_a_network_that_is_none(tmp_path: Path) -> None:

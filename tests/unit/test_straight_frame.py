@@ -19,7 +19,7 @@ from harness.site.zone import zone_of
 
 STEP_S = 0.1
 CAR = Vehicle(10.0, 30.0, 30.0, 5.0, 1.8, 2.6, 4.5, 1.0)
-CONNECTION = Connection("a_0>b_0", "J", "a_0", (":J_0_0",), "b_0", "straight", gives_way=False)
+CONNECTION = Connection("a_0>b_0", "a_0", (":J_0_0",), "b_0", "straight", gives_way=False)
 
 
 def straight(limit: float = 10.0, inner: float = 10.0) -> Path:
