@@ -92,7 +92,8 @@ class Path:
 
     def position(self, s: ArrayLike) -> FloatArray:
         """x and y of a front bumper at s, shape of s + (2,)."""
-        x, y = (np.interp(s, self.knots_m, of) for of in self.points.T)
+        at = np.asarray(s, dtype=float)
+        x, y = (np.interp(at, self.knots_m, of) for of in self.points.T)
         return np.stack([x, y], axis=-1)
 
     def outline(self, s: ArrayLike, length_m: float, width_m: float) -> FloatArray:
@@ -101,9 +102,8 @@ class Path:
         The body is a rectangle along the chord from s − length to s, as in SUMO.  Its corners are
         front right, front left, rear left, rear right.  It is longer than a lane drawn as a point.
         """
-        at = np.asarray(s, dtype=float)
-        front = self.position(at)
-        chord = front - self.position(at - length_m)
+        front = self.position(s)
+        chord = front - self.position(np.subtract(s, length_m))
         ahead = chord / np.hypot(chord[..., 0], chord[..., 1])[..., None]
         left = np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1) * (width_m / 2)
         rear = front - length_m * ahead

@@ -210,7 +210,7 @@ class Town:
         )
 
     def _footpath(self, crosswalk: str, areas: list["Lane"]) -> Footpath:
-        ways = [(area,) for area in areas]
+        ways: list[tuple[Lane, ...]] = [(area,) for area in areas]
         seen = {self._net.getEdge(crosswalk).getLane(0)}.union(*self._ends(crosswalk))
         for way in ways:
             beside = [
