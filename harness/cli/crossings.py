@@ -3,15 +3,11 @@
 import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
 
 from harness.cli import options
 from harness.cli.interruption import unwinding
 from harness.cli.output import progress_bar, say, show_rows
 from harness.core.errors import InputError
-
-if TYPE_CHECKING:
-    from harness.simulation.listing import CrosswalkRow
 
 _NO_CROSSWALK = (
     "note: the network has no crossing: netconvert -s THIS --sidewalks.guess --crossings.guess "
@@ -54,35 +50,13 @@ def crossings(
         rows = crossings_of(file, Path(scratch), lambda now_s, end_s: tell(now_s, end_s))
     if not rows:
         say(_NO_CROSSWALK)
-    shown = rows if every or as_json else [row for row in rows if row.usable]
+    usable = [row for row in rows if row["not usable"] is None]
+    known = [{name: row[name] for name in row if name != "not usable"} for row in usable]
+    shown = rows if every or as_json else known
     left = len(rows) - len(shown)
-    title = f"{file}: {len(rows)} crosswalks, {sum(row.usable for row in rows)} usable"
+    title = f"{file}: {len(rows)} crosswalks, {len(usable)} usable"
     closing = [f"--all lists the other {left}, with the reasons"] if left else []
-    show_rows("crossings", [*map(_record, shown)], False, as_json, title=title, closing=closing)
-
-
-def _record(row: "CrosswalkRow") -> dict[str, Any]:
-    """A crosswalk's columns: vehicles and people per hour, or of a network its connections."""
-    many: dict[str, Any] = {}
-    if row.vehicles_per_hour is not None:
-        counts = row.vehicles_per_hour
-        many = {
-            "vehicles/h": round(sum(counts.values())),
-            "people/h": round(row.people_per_hour or 0),
-        }
-    else:
-        counts = row.connections
-    turning = {name: round(counts.get(name, 0)) for name in ("straight", "left", "right", "turn")}
-    return {
-        "crosswalk": row.crosswalk,
-        "roads": " / ".join(row.roads),
-        **many,
-        **turning,
-        "priority": "people" if row.prioritized else "vehicles",
-        "length, m": round(row.length_m, 1),
-        "limit, m/s": None if row.limit_mps is None else round(row.limit_mps, 1),
-        **({} if row.refused is None else {"not usable": row.refused}),
-    }
+    show_rows("crossings", shown, False, as_json, title=title, closing=closing)
 
 
 def _seen_from(file: Path, folder: Path) -> Path:

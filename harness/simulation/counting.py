@@ -2,14 +2,13 @@
 
 import xml.etree.ElementTree as ET
 from bisect import bisect_right
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from harness.core.errors import EngineError
 from harness.simulation.arm import Log, Setup
-from harness.simulation.passages import Columns
+from harness.simulation.passages import Columns, columns_of
 
 
 def vehicles(file: Path, log: Log, setup: Setup) -> Columns:
@@ -27,18 +26,15 @@ def vehicles(file: Path, log: Log, setup: Setup) -> Columns:
     Raises:
         EngineError: the file is cut off.
     """
-    table: Columns = defaultdict(list)
+    rows = []
     try:
         for _, trip in ET.iterparse(file):
             if trip.tag == "tripinfo":
-                row = _trip(trip.attrib, log)
-                if setup.counts(row["due_s"]):
-                    for column, value in row.items():
-                        table[column].append(value)
+                rows.append(_trip(trip.attrib, log))
                 trip.clear()
     except (ET.ParseError, OSError, ValueError) as error:
         raise EngineError(f"SUMO's tripinfo cannot be read: {error}") from None
-    return dict(table)
+    return columns_of([row for row in rows if setup.counts(row["due_s"])])
 
 
 def _trip(trip: Mapping[str, str], log: Log) -> Mapping[str, Any]:
@@ -69,13 +65,11 @@ def people(log: Log, setup: Setup, fronts_s: Mapping[str, Sequence[float]]) -> C
         setup: has the counted time.
         fronts_s: by crosswalk, the times at which vehicles' fronts reached it, sorted.
     """
-    table: Columns = defaultdict(list)
+    rows: list[dict[str, Any]] = []
     for crosswalk, everybody in log.people.items():
         length_m, fronts = setup.town.crosswalks[crosswalk].length_m, fronts_s.get(crosswalk, ())
         for person in everybody:
             walk, arrival_s = person.walk, person.walk.arrival.arrival_s
-            if not setup.counts(arrival_s):
-                continue
             until_s = log.end_s if walk.start_s is None else walk.start_s
             wait_s = until_s - arrival_s
             delay_s, let_go = wait_s, person.let_go
@@ -96,27 +90,19 @@ def people(log: Log, setup: Setup, fronts_s: Mapping[str, Sequence[float]]) -> C
                 "let_go": let_go,
                 "speed_mps": walk.speed_mps,
             }
-            for column, value in row.items():
-                table[column].append(value)
-    return dict(table)
+            rows.append(row)
+    return columns_of([row for row in rows if setup.counts(row["arrival_s"])])
 
 
-def crosswalks(log: Log, setup: Setup) -> Columns:
-    """The rows of the table ``crosswalks``, with the queues before each."""
-    table: Columns = defaultdict(list)
-    for name, queue in log.queues.items():
-        crosswalk = setup.town.crosswalks[name]
-        centre = crosswalk.axis.interpolate(0.5, normalized=True)
-        row = {
-            "crosswalk": name,
-            "prioritized": crosswalk.prioritized,
-            "length_m": crosswalk.length_m,
-            "width_m": crosswalk.width_m,
-            "x_m": centre.x,
-            "y_m": centre.y,
-            "mean_queue": sum(queue) / len(queue) if queue else None,
-            "max_queue": max(queue, default=None),
-        }
-        for column, value in row.items():
-            table[column].append(value)
-    return dict(table)
+def crosswalks(setup: Setup) -> Columns:
+    """The rows of the table ``crosswalks``."""
+    chosen = [setup.town.crosswalks[name] for name in setup.crosswalks]
+    centres = [each.axis.interpolate(0.5, normalized=True) for each in chosen]
+    return {
+        "crosswalk": [each.id for each in chosen],
+        "prioritized": [each.prioritized for each in chosen],
+        "length_m": [each.length_m for each in chosen],
+        "width_m": [each.width_m for each in chosen],
+        "x_m": [at.x for at in centres],
+        "y_m": [at.y for at in centres],
+    }

@@ -2,7 +2,8 @@
 
 Paths to which SUMO writes stand in its options, in detectors and other elements of additional
 files, and in device parameters of vehicle types.  A file with such a path is copied and the path
-replaced; SUMO reads all other files where they are.
+replaced; SUMO reads all other files where they are.  Outputs of calibrators and of ToC devices,
+which SUMO writes to its working folder, are not kept.
 """
 
 import gzip
@@ -32,43 +33,32 @@ _ALWAYS = {
 
 NOWHERE = "/dev/null"
 
-_OUTPUTS: Mapping[str, str] = {
-    **dict.fromkeys(
-        (
-            *("inductionLoop", "e1Detector", "instantInductionLoop"),
-            *("laneAreaDetector", "e2Detector", "entryExitDetector", "e3Detector"),
-            *("edgeData", "laneData", "routeProbe", "vTypeProbe"),
-        ),
-        "file",
-    ),
+_WRITES: Mapping[str, str] = {
+    **dict.fromkeys(("inductionLoop", "e1Detector", "instantInductionLoop"), "file"),
+    **dict.fromkeys(("laneAreaDetector", "e2Detector", "entryExitDetector", "e3Detector"), "file"),
+    **dict.fromkeys(("edgeData", "laneData", "routeProbe", "vTypeProbe"), "file"),
     "timedEvent": "dest",
-    "calibrator": "output",
-    "laneCalibrator": "output",
+    **dict.fromkeys(("calibrator", "laneCalibrator"), "output"),
 }
 """Elements of additional files that write, each with the attribute that has the path."""
 
-_INPUTS: Mapping[str, str] = {
+_READS: Mapping[str, str] = {
     "include": "href",
-    "variableSpeedSign": "file",
-    "rerouter": "file",
-    "poly": "imgFile",
-    "poi": "imgFile",
-    "vType": "imgFile",
-    "edgeData": "edgesFile",
-    "laneData": "edgesFile",
+    **dict.fromkeys(("variableSpeedSign", "rerouter"), "file"),
+    **dict.fromkeys(("poly", "poi", "vType"), "imgFile"),
+    **dict.fromkeys(("edgeData", "laneData"), "edgesFile"),
 }
 """Elements that read a file; their copies need its absolute path."""
+
+_FILES = ("net-file", "route-files", "additional-files")
+"""Options that list the scenario's files."""
 
 _PARAMETERS = ("device.ssm.file", "device.toc.file", "file")
 """Parameters of vehicles, vehicle types and traffic lights that name a file to write."""
 
-_FROM_WORKING_FOLDER = ("output", "device.toc.file")
-"""A calibrator's attribute, and a parameter: SUMO resolves no other output from there."""
-
-_WRITES = re.compile(rb"""(?:file|dest|output|\bhref)\s*=\s*["']|["'](?:device\.\w+\.)?file["']""")
-
-_NO_FILE = re.compile(r"(nul|stdout|stderr|-|[\w.-]+:\d+)", re.IGNORECASE)
-"""Names that are no files for SUMO: the null device, the terminal, a socket."""
+_NAMES_A_FILE = re.compile(
+    rb"""(?:file|dest|output|\bhref)\s*=\s*["']|["'](?:device\.\w+\.)?file["']"""
+)
 
 _SSM_FILE = "device.ssm.file"
 """Without this option SSM devices write a file for each vehicle."""
@@ -88,11 +78,7 @@ class Kept:
     folder: Path
     names: frozenset[str]
 
-    def keeps(self, name: str) -> bool:
-        """Whether an output of this name is written."""
-        return "all" in self.names or name in self.names
-
-    def path(self, name: str, written: Path, home: Path, key: str = "") -> str:
+    def path(self, name: str, written: Path, home: Path) -> str:
         """The path that replaces the path ``written`` of an output.
 
         It is relative to the arm's folder, so that this may be moved: SUMO resolves it from the
@@ -102,12 +88,8 @@ class Kept:
             name: name of the output.
             written: an absolute path.
             home: the configuration's folder.
-            key: name of the attribute, parameter or option that has the path.
         """
-        if not self.keeps(name) or _NO_FILE.fullmatch(written.name) or str(written) == NOWHERE:
-            return NOWHERE
-        path = inside(written, home)
-        return str(self.folder.absolute() / path) if key in _FROM_WORKING_FOLDER else path
+        return inside(written, home) if self.names & {"all", name} else NOWHERE
 
 
 def inside(written: Path, home: Path) -> str:
@@ -142,32 +124,20 @@ def short_name(option: str) -> str:
     return option.removesuffix("-output").removesuffix("-dump")
 
 
-def redirected_options(config: SumoConfig, kept: Kept) -> dict[str, str]:
-    """The configuration's options with the paths of its outputs replaced."""
+def _options(config: SumoConfig, kept: Kept) -> dict[str, str]:
+    """A configuration's options, with other outputs and with copies of files that name some."""
     written, home = output_options(config), config.path.absolute().parent
     options = {}
     for name, value in config.options.items():
         if name in written:
-            path = kept.path(short_name(name), home / value, home, name)
+            path = kept.path(short_name(name), home / value, home)
             if path != NOWHERE:
                 options[name] = path
+        elif name in _FILES and value:
+            options[name] = ",".join(copied(file, kept, home) for file in config.files(name))
         elif not _is_dropped(name):
             options[name] = value
     options.setdefault(_SSM_FILE, kept.path("devices", home / "ssm.xml", home))
-    return options
-
-
-def final_options(config: SumoConfig, kept: Kept) -> dict[str, str]:
-    """``redirected_options`` with copies of the files of the scenario that name an output.
-
-    Raises:
-        InputError: a file cannot be read as XML.
-    """
-    options, home = redirected_options(config, kept), config.path.absolute().parent
-    for option in ("net-file", "route-files", "additional-files"):
-        files = config.files(option)
-        if files:
-            options[option] = ",".join(copied(file, kept, home) for file in files)
     return options
 
 
@@ -194,17 +164,15 @@ def copied(file: Path, kept: Kept, home: Path) -> str:
     Raises:
         InputError: the file cannot be read as XML.
     """
-    content = _bytes(file)
-    if not _WRITES.search(content):
-        return str(file)
     try:
+        with gzip.open(file) if file.suffix == ".gz" else file.open("rb") as stream:
+            content = stream.read()
+        if not _NAMES_A_FILE.search(content):
+            return str(file)
         tree = ET.ElementTree(ET.fromstring(content))
-    except ET.ParseError as error:
+    except (OSError, EOFError, ET.ParseError) as error:
         raise InputError(str(file), f"cannot be read as XML ({one_line(str(error))})") from None
-    changed = False
-    for element in tree.iter():
-        changed |= _redirect(element, file.parent, kept, home)
-    if not changed:
+    if not sum(_redirect(element, file.parent, kept, home) for element in tree.iter()):
         return str(file)
     kept.folder.mkdir(parents=True, exist_ok=True)
     name = inside(file, home).removesuffix(".gz")
@@ -213,38 +181,22 @@ def copied(file: Path, kept: Kept, home: Path) -> str:
 
 
 def _redirect(element: ET.Element, folder: Path, kept: Kept, home: Path) -> bool:
-    """Replace the paths of an element; return whether SUMO would have written to one of them."""
-
-    def absolute(path: str) -> Path:
-        return Path(os.path.normpath(folder / path))
-
-    wrote = False
-    tag = element.tag
-    output = _OUTPUTS.get(tag)
-    if output is not None and element.get(output):
-        path = absolute(element.get(output, ""))
-        element.set(output, kept.path("detectors", path, home, output))
-        wrote = True
-    source = _INPUTS.get(tag)
-    if source is not None and element.get(source):
-        path = absolute(element.get(source, ""))
-        read = copied(path, kept, home) if tag == "include" else str(path)
-        wrote |= read != str(path)
-        element.set(source, read)
-    if tag == "param" and element.get("key") in _PARAMETERS and element.get("value"):
-        key, path = element.get("key", ""), absolute(element.get("value", ""))
-        name = "devices" if key.startswith("device.") else "detectors"
-        element.set("value", kept.path(name, path, home, key))
-        wrote = True
-    return wrote
-
-
-def _bytes(file: Path) -> bytes:
-    try:
-        with gzip.open(file) if file.suffix == ".gz" else file.open("rb") as stream:
-            return stream.read()
-    except (OSError, EOFError) as error:
-        raise InputError(str(file), f"cannot be read ({one_line(str(error))})") from None
+    """Replace the paths of an element; whether SUMO would have written to one of them."""
+    tag, key, kind = element.tag, element.get("key", ""), "detectors"
+    writes, changed = _WRITES.get(tag, ""), False
+    if tag == "param" and key in _PARAMETERS:
+        writes, kind = "value", "devices" if key.startswith("device.") else kind
+    for attribute in filter(element.get, (writes, _READS.get(tag, ""))):
+        path = Path(os.path.normpath(folder / element.get(attribute, "")))
+        new = str(path)
+        if attribute == writes:
+            from_working_folder = attribute == "output" or key == "device.toc.file"
+            new = NOWHERE if from_working_folder else kept.path(kind, path, home)
+        elif tag == "include":
+            new = copied(path, kept, home)
+        changed |= attribute == writes or new != str(path)
+        element.set(attribute, new)
+    return changed
 
 
 def check_outputs(config: SumoConfig, names: Iterable[str], where: str) -> None:
@@ -289,7 +241,7 @@ def write_config(
     step = {} if step_s is None else {"step-length": f"{step_s:.3f}"}
     ours = {**_ALWAYS, "seed": str(seed), "tripinfo-output": TRIPS_FILE, **step}
     root = ET.Element("configuration")
-    for name, value in sorted((final_options(config, kept) | ours | dict(more)).items()):
+    for name, value in sorted((_options(config, kept) | ours | dict(more)).items()):
         # In paths SUMO decodes "%20".
         is_path = option_types().get(name) == "FILE"
         ET.SubElement(root, name, value=value.replace("%", "%25") if is_path else value)

@@ -73,14 +73,15 @@ def passages(
         traces.append(trace)
         path = zones.path(each.connection)
         strikes.append(strike_of(trace, each, path, walkers))
-    table: Columns = defaultdict(list)
-    for each, trace, record, names in zip(
-        kept, traces, _records(traces, strikes), ids, strict=True
-    ):
-        free_s = free_pass_s(each, zones.path(each.connection))
-        for column, value in _row(each, trace, record, names, free_s).items():
-            table[column].append(value)
-    return dict(table)
+    records = _records(traces, strikes)
+    free_s = [free_pass_s(each, zones.path(each.connection)) for each in kept]
+    rows = map(_row, kept, traces, records, ids, free_s)
+    return columns_of([*rows])
+
+
+def columns_of(rows: Sequence[Mapping[str, Any]]) -> Columns:
+    """Rows as columns; without rows there are none."""
+    return {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
 
 
 def _row(
