@@ -6,7 +6,6 @@ on a machine that others use too; printed are their medians and quartiles over a
 """
 
 import argparse
-import os
 import resource
 import statistics
 import subprocess
@@ -29,7 +28,6 @@ from harness.encounter.pairing import CHUNK_PAIRS, PairRunner
 from harness.engine.network import place_of
 from harness.engine.protocol import Engine
 from harness.engine.sumo import libsumo_engine
-from harness.engine.traci import traci_engine
 from harness.measures import measure
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario, Setting, load_scenario
@@ -176,12 +174,6 @@ def local() -> Engine:
     return libsumo_engine(place_of(scenario), scenario.vehicle(), scenario.crosswalk(), 0.1)
 
 
-def remote() -> Engine:
-    """SUMO in a process of its own."""
-    scenario = load_scenario("cctc")
-    return traci_engine(place_of(scenario), scenario.vehicle(), scenario.crosswalk(), 0.1)
-
-
 def bare(episodes: int, steps: int) -> Cost:
     """The floor, in a simulation of its own."""
     with opened(local):
@@ -220,25 +212,6 @@ def beside_restarts(turns: int) -> tuple[list[Cost], list[Cost]]:
         started.append(Cost(used_s() - begin, steps))
         engines.pop().close()
     return kept, started
-
-
-def beside_traci(turns: int) -> tuple[list[Cost], list[Cost]]:
-    """The AV's arm in this process and through TraCI, both ends of its socket on one core.
-
-    Across cores the socket is 3 to 6 times slower.
-    """
-    everything = os.sched_getaffinity(0)
-    here, there = [], []
-    os.sched_setaffinity(0, {min(everything)})
-    try:
-        with opened(local) as engine, opened(remote) as server:
-            one, other = HarnessArm(AV, lambda: engine), HarnessArm(AV, lambda: server)
-            for _ in range(turns):
-                here.append(one.turn(TURN))
-                there.append(other.turn(TURN))
-    finally:
-        os.sched_setaffinity(0, everything)
-    return here, there
 
 
 def whole_run_us(few: int, many: int) -> float:
@@ -301,7 +274,6 @@ def main() -> None:
         lines.append(f"{name} arm: {without} × bare without the model's time, {with_it} with it")
     for way, (ours, others) in (
         ("libsumo started for each episode", beside_restarts(max(2, options.turns // 4))),
-        ("TraCI, one open server, one core", beside_traci(max(2, options.turns // 4))),
     ):
         note(way, others)
         both = list(zip(ours, others, strict=True))

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -23,9 +22,6 @@ from harness.scenario import (
     read_scenario_file,
     study_of,
 )
-
-if TYPE_CHECKING:
-    from harness.old.studies.runs.run_data import RunData
 
 CHECKOUT = Path(__file__).parents[1]
 
@@ -62,22 +58,6 @@ class Inline:
 
     def stop(self) -> None:
         """Nothing runs any more."""
-
-
-def run_inline(
-    study: Study, folder: Path, make: Callable[[int], Any] = Inline, **options: Any
-) -> "RunData":
-    """A run in this process, which has one simulation: none is open before or afterwards."""
-    from harness.engine.shared import close_engine
-    from harness.old.studies.batch.experiment import run_study
-    from harness.scenario import Options
-    from tests.conftest import close_all
-
-    close_all()
-    try:
-        return run_study(study, Options(**options), out=folder, make_executor=make)
-    finally:
-        close_engine()
 
 
 def wait_for(condition: Callable[[], object], what: str, seconds: float = 300.0) -> None:
@@ -119,17 +99,13 @@ def options_of(changes: dict[str, object]) -> list[str]:
 def one_process() -> Iterator[None]:
     """Workers' tasks run in this process, which saves starting Python for each worker."""
     from harness.engine.shared import close_engine
-    from harness.old.studies.batch import showing
     from harness.old.studies.calibration import jobs
-    from harness.old.studies.replay import rerun
-    from harness.old.studies.workers import executors
     from harness.studies import children, evaluate, replay, run, shown, workers
     from tests.conftest import close_all
 
     close_all()
     with pytest.MonkeyPatch.context() as patch:
-        for module in (executors, jobs, rerun, showing):
-            patch.setattr(module, "LocalPool", lambda workers, *_, **__: Inline(workers))
+        patch.setattr(jobs, "LocalPool", lambda workers, *_, **__: Inline(workers))
         for module, name in (
             (evaluate, "executor_for"),
             (run, "executor_for"),

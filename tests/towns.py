@@ -5,20 +5,13 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from random import Random
 from xml.etree import ElementTree
 
 import sumo
-
-from harness.core.encounter import Arm
-from harness.encounter.simulation.pairing import SimulationOutcome, SimulationRunner
-from harness.engine.shared import close_engine
-from harness.model.interaction import InteractionModel
-from harness.scenario import Scenario, load_scenario
 
 TOOLS = Path(sumo.SUMO_HOME) / "tools"
 COLLISIONS = {
@@ -211,35 +204,3 @@ def town(folder: Path, seed: int, end_s: int = 300, kind: str = "", **options: s
     every = (f'type="lorry" {each}' if n % 6 == 5 else each for n, each in enumerate(cars))
     trips.write_text("<trip ".join(every))
     return config
-
-
-def scenario_of(config: Path, crossings: Sequence[str], **settings: object) -> Scenario:
-    """A scenario with ``[simulation]`` for a configuration."""
-    path = config.with_suffix(".toml")
-    names = ", ".join(f'"{name}"' for name in crossings)
-    path.write_text(f'[simulation]\nconfig = "{config.name}"\ncrossings = [{names}]\n')
-    arms = {"arms.av": "soft_yield", "arms.human": "sumo_driver"}
-    given = {name.replace("__", "."): value for name, value in settings.items()}
-    return load_scenario(path, {**arms, **given})
-
-
-def run_arm(
-    scenario: Scenario,
-    model: InteractionModel,
-    folder: Path,
-    arm: Arm = Arm.AV,
-    pair: int = 0,
-    *,
-    fails: bool = False,
-) -> SimulationOutcome:
-    """Run one arm, which succeeds or fails as it should; SUMO's files stay in the folder."""
-
-    @contextmanager
-    def same(_pair: int, _arm: Arm) -> Iterator[Path]:
-        folder.mkdir(parents=True, exist_ok=True)
-        yield folder
-
-    close_engine()
-    outcome = SimulationRunner(scenario, model, same).run_arm(pair, arm)
-    assert (outcome.reason is not None) is fails, outcome.traceback
-    return outcome

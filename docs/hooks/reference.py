@@ -2,7 +2,6 @@
 
 import ast
 import inspect
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,13 +12,8 @@ from pydantic import BaseModel
 
 import harness
 from harness.cli.app import application
-from harness.measures import MEASURES
-from harness.old.statistics import Catalogue, Entry
-from harness.old.store.hour_catalogue import HOURS
-from harness.old.store.schemas import TABLES
-from harness.old.store.simulations.simulation_catalogue import SIMULATIONS
 from harness.results import catalogue as results_catalogue, tables as results
-from harness.scenario import Scenario, actuation, people, sections, simulation, traffic
+from harness.scenario import Scenario, actuation, people, sections, simulated, traffic
 
 UNITS = {
     "_per_hour": "1/h",
@@ -32,7 +26,7 @@ UNITS = {
 }
 """Units by the ending of a name; longer endings come first."""
 
-KEY_MODULES = (sections, actuation, people, simulation, traffic)
+KEY_MODULES = (sections, actuation, people, simulated, traffic)
 """The modules with the keys of a scenario."""
 
 TYPES = {"number": "number", "integer": "whole number", "boolean": "`true` or `false`"}
@@ -42,15 +36,6 @@ BOUNDS = {
     "maximum": "≤ {}",
     "exclusiveMaximum": "< {}",
 }
-CATALOGUES: tuple[tuple[str, Catalogue], ...] = (
-    ("hours of traffic", HOURS),
-    ("own simulations", SIMULATIONS),
-)
-"""The catalogue of each kind of run."""
-
-LIKE = {"passages": "episodes", "passages_over": "episodes", "walks": "pedestrians"}
-"""Tables that have the columns of another one."""
-
 COLUMN_TYPES = {
     pa.string(): "text",
     pa.bool_(): "true or false",
@@ -201,7 +186,6 @@ def meanings_of(entry: results_catalogue.Entry) -> Iterator[str]:
 
 def columns_page() -> str:
     """Every column of every table of a run."""
-    meanings = meanings_of_columns()
     lines = [
         "# Columns",
         "",
@@ -229,58 +213,7 @@ def columns_page() -> str:
                 for key, text in zip(of.keys, meanings_of(of), strict=False)
             ),
         )
-    for name, schema in TABLES.items():
-        lines += ["", f"## {name}.parquet", ""]
-        lines += table(
-            ("column", "type", "unit", "meaning"),
-            (
-                [f"`{column}`", kind_of(schema.field(column).type), unit, meaning]
-                for column, unit, meaning in described(name, meanings)
-            ),
-        )
-    for kind, catalogue in CATALOGUES:
-        lines += ["", f"## summary.parquet, summary.csv of {kind}", ""]
-        lines += [
-            "Each cell has one row. It begins with `cell` (Parquet) or the varied keys (CSV).",
-            "",
-        ]
-        lines += table(
-            ("column", "interval", "unit", "meaning"),
-            (row_of(entry, name) for entry in catalogue for name in filter(None, entry.names)),
-        )
     return "\n".join(lines) + "\n"
-
-
-def row_of(entry: Entry[Any], name: str) -> list[str]:
-    """The row of a reported number, which belongs to one arm or to both."""
-    av, human, paired = entry.names
-    meaning = entry.meaning
-    if av and name == human:
-        meaning = f"`{av}` of the reference's arm."
-    elif av and name == paired:
-        meaning = "The AV's value minus the reference's."
-    elif human:
-        meaning = f"{meaning} The AV's arm."
-    interval = "" if entry.interval is None else "yes"
-    return [f"`{name}`", interval, unit_of(name), meaning]
-
-
-def described(
-    name: str, meanings: Mapping[str, Mapping[str, str]]
-) -> Iterator[tuple[str, str, str]]:
-    """Name, unit and meaning of each column of a table."""
-    measures = {measure.column: measure for measure in MEASURES}
-    in_table = meanings.get(LIKE.get(name, ""), {}) | meanings[name]
-    for column in TABLES[name].names:
-        if column in in_table:
-            yield column, unit_of(column), in_table[column]
-        elif column in meanings["keys"]:
-            yield column, "", meanings["keys"][column]
-        else:
-            measure = measures[column]
-            undefined = "" if measure.undefined_when == "never" else measure.undefined_when
-            text = f"{measure.formula}; null: {undefined}" if undefined else measure.formula
-            yield column, measure.unit, text
 
 
 def kind_of(kind: pa.DataType) -> str:
@@ -288,12 +221,6 @@ def kind_of(kind: pa.DataType) -> str:
     if pa.types.is_list(kind):
         return "list of legs" if "y_mps2" in str(kind) else "list of rows"
     return COLUMN_TYPES[kind]
-
-
-def meanings_of_columns() -> dict[str, dict[str, str]]:
-    """The meanings in ``columns.toml``, by table and column."""
-    text = Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
 
 
 def commands_page() -> str:

@@ -22,7 +22,7 @@ IN_THE_SITE = {
         f"](../harness/scenario/{name}.py)": "](reference/keys.md)"
         for name in ("sections", "people", "traffic", "simulation", "actuation")
     },
-    "](hooks/columns.toml)": "](reference/columns.md)",
+    "](hooks/reference.py)": "](reference/columns.md)",
 }
 """Links of the files in docs/, with the generated pages that replace them in the site."""
 

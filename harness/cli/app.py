@@ -19,12 +19,10 @@ COMMANDS: Mapping[str, str] = {
     command: module
     for module, commands in {
         "cli.encounters": "run sweep resume",
-        "cli.folders": "show report compare worst replay",
+        "cli.folders": "show report compare worst replay export",
         "cli.about": "network strategies doctor",
-        "old.cli.export": "export",
         "old.cli.risk": "risk",
         "cli.crossings": "crossings",
-        "old.cli.conflicts": "conflicts",
         "old.cli.model": "extract fit model",
         "old.cli.validation": "validate",
     }.items()
@@ -32,12 +30,8 @@ COMMANDS: Mapping[str, str] = {
 }
 """The commands with their modules; only that of the command which is asked for is imported."""
 
-_OF_OTHERS = {
-    "resume": "old.cli.batch",
-    "report": "old.cli.reporting",
-    **dict.fromkeys(("compare", "worst", "replay"), "old.cli.review"),
-}
-"""The modules for folders of anything but encounters."""
+_OF_OTHERS = {"resume": "old.cli.reporting", "report": "old.cli.reporting"}
+"""The modules for folders of risk estimates."""
 
 _INTERRUPTED = 130
 """typer's exit code if a command did not catch the interruption."""
@@ -80,14 +74,14 @@ def application(arguments: Sequence[str] = ()) -> typer.Typer:
 def _module_of(command: str, arguments: Sequence[str]) -> str:
     if command == "strategies" and any(each.startswith("--check") for each in arguments):
         return "old.cli.about"
-    if not arguments[1:] or (command not in _OF_OTHERS and "--csv" not in arguments):
+    if not arguments[1:] or command not in _OF_OTHERS:
         return COMMANDS[command]
     from harness.results.folder import kind_of_folder
 
     paths = (Path(each) for each in arguments[1:] if not each.startswith("-"))
     if [kind_of_folder(path) for path in paths if path.is_dir()][:1] == ["old"]:
-        return _OF_OTHERS.get(command, COMMANDS[command])
-    return "cli.folders" if command == "export" else COMMANDS[command]
+        return _OF_OTHERS[command]
+    return COMMANDS[command]
 
 
 def main() -> None:

@@ -42,13 +42,6 @@ def run(
 
         file = read_scenario_file(scenario, settings_of(settings, pairs, seed))
         study = study_of(file, [parse_variation(text) for text in vary or []])
-        if study.base.kind == "own simulations":
-            from harness.old.cli.batch import run as run_old
-
-            children.stop_children()
-            chosen = (scenario, vary, out, pairs, seed, settings, workers, traces, engine, dask)
-            run_old(*chosen, full, quiet, as_json)
-            return
         lines = [line for cell in study.cells for line in remarks(cell.scenario)]
         for remark in filter(None, dict.fromkeys([study.remark, *lines])):
             say(f"harness: {remark}")

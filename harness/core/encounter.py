@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-Behaviour = Literal["constant", "gap_acceptance", "threshold", "reactive", "sumo"]
+Behaviour = Literal["constant", "gap_acceptance", "threshold", "reactive"]
 """How pedestrians decide and walk (docs/method.md, Pedestrians)."""
 
 FailedIn = Literal["strategy", "engine"]

@@ -9,7 +9,7 @@ from harness.core.encounter import Arm, Strategy
 from harness.core.errors import InputError, in_one_line
 from harness.core.seeding import Given, Purpose, beginning_with, stream
 from harness.model.interaction import InteractionModel, check_support
-from harness.scenario import Scenario, SimulatedSection
+from harness.scenario import Scenario
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.parameters import check_complete, check_parameters, needs
 from harness.strategies.perception.sensor import sensor_of
@@ -132,17 +132,6 @@ def check_arms(scenario: Scenario, model: InteractionModel) -> None:
 
 
 def _check_support(scenario: Scenario, model: InteractionModel) -> None:
-    """Refuse a v0 or R0 outside the model's box; in own simulations limits are taken as v0."""
-    range_m = scenario.ego.trigger_range_m
-    if isinstance(scenario.simulation, SimulatedSection):
-        return  # The limits of its roads are known when its network has been read.
+    """Refuse a v0 or R0 outside the model's box; a simulation's roads are checked with it."""
     if scenario.simulation is None:
-        check_support(model, range_m, scenario.ego.initial_speed_mps)
-        return
-    from harness.scenario.own_simulation import setting_of
-
-    for driven_way in setting_of(scenario).ways:
-        way = driven_way.way
-        where = f"the limit before {way.crosswalk} (simulation.crossings)"
-        assert way.crossing.speed_limit_mps is not None
-        check_support(model, range_m, way.crossing.speed_limit_mps, where)
+        check_support(model, scenario.ego.trigger_range_m, scenario.ego.initial_speed_mps)

@@ -4,7 +4,7 @@ No other module imports libsumo.
 """
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,10 +16,7 @@ from libsumo import _libsumo
 from harness.core.encounter import Crossing, Vehicle
 from harness.core.errors import EngineError
 from harness.engine.control import Calls, SumoEngine
-from harness.engine.road import SumoRoad
 from harness.engine.starting import (
-    Following,
-    e2_detectors,
     scratch_prefix,
     site_and_types,
     start_command,
@@ -35,7 +32,7 @@ _COMPILED = Calls(
 )
 """libsumo's functions without their Python wrappers, which take 1.4 µs of the 10 µs of a step."""
 
-_running: list[SumoEngine | SumoRoad] = []
+_running: list[SumoEngine] = []
 
 
 def _refuse_another_sumo() -> None:
@@ -71,58 +68,11 @@ def libsumo_engine(
         EngineError: SUMO does not start, or a simulation is already running in this process.
             libsumo itself reports no error for a second simulation.
     """
-    site, _, types = site_and_types(place, vehicle, crossing)
+    site, types = site_and_types(place, vehicle, crossing)
     _start(place.net, types, step_s, sumo_seed, outputs)
     engine = SumoEngine(libsumo, _close, site, vehicle, crossing, step_s, _COMPILED)
     _running.append(engine)
     return engine
-
-
-def libsumo_road(
-    place: Place,
-    vehicle: Vehicle,
-    crossing: Crossing,
-    step_s: float,
-    following: Following,
-    outputs: Mapping[str, str] | None = None,
-    detectors: Path | None = None,
-) -> SumoRoad:
-    """Start SUMO in this process for hours of traffic; see ``libsumo_engine``.
-
-    Args:
-        following: the car following of all vehicles.
-        detectors: the file for the output of E2 detectors on the approach lanes.
-    """
-    site, limit_mps, added = site_and_types(place, vehicle, crossing, following)
-    if detectors is not None:
-        approaches = (way.stretches[0] for way in site.ways)
-        lanes = (f"{stretch.edge}_{stretch.lane}" for stretch in approaches)
-        # SUMO resolves a relative path from the folder of the additional file.
-        added += e2_detectors(lanes, detectors.absolute())
-    _start(place.net, added, step_s, 1, outputs)
-    road = SumoRoad(libsumo, _close, site, crossing, limit_mps, step_s, following.endings)
-    _running.append(road)
-    return road
-
-
-def libsumo_with(command: Sequence[str]) -> tuple[Any, Callable[[], None]]:
-    """Start SUMO in this process with a command line of its own.
-
-    Returns:
-        The module ``libsumo``, and the function that ends the simulation.
-
-    Raises:
-        EngineError: SUMO does not start, or one is already running in this process.
-    """
-    if _running:
-        raise EngineError("only one SUMO simulation can run in a process; close the first")
-    try:
-        libsumo.start(list(command))
-    except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-        text = str(error)
-        why = "its messages say why" if text == "Process Error" else text
-        raise EngineError(f"SUMO did not start: {why}") from None
-    return libsumo, libsumo.close
 
 
 def compiled_function(part: str, name: str) -> Callable[..., Any]:

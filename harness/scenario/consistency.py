@@ -15,7 +15,6 @@ from harness.scenario.sections import (
     Section,
 )
 from harness.scenario.sight import check_sight, check_steps, remarks_on_sight
-from harness.scenario.simulated import SimulatedSection
 from harness.scenario.traffic import TrafficSection, by_quarter
 
 SUMO_DRIVER = "sumo_driver"
@@ -42,7 +41,7 @@ def check_consistency(scenario: Scenario, source: str) -> None:
         InputError: keys do not fit together; the message names the key to change.
     """
     ego, crossing, experiment = scenario.ego, scenario.crossing, scenario.experiment
-    if isinstance(scenario.simulation, SimulatedSection):
+    if scenario.simulation is not None:
         _check_simulation(scenario, source)
         check_pedestrians(scenario, f"{source}: pedestrians")
         _check_drivers(scenario, source)
@@ -154,7 +153,7 @@ def _check_drivers(scenario: Scenario, source: str) -> None:
     for driver in Arm:
         if scenario.arms.driver(driver) != SUMO_DRIVER:
             continue
-        if isinstance(scenario.simulation, SimulatedSection) and scenario.pedestrians.anyone_comes:
+        if scenario.simulation is not None and scenario.pedestrians.anyone_comes:
             problem = f"{SUMO_DRIVER} passes people of the harness (pedestrians.flow_per_hour)"
             raise InputError(f"{source}: arms.{driver}", problem, "another strategy, or no flow")
         if scenario.simulation is None:
@@ -246,8 +245,7 @@ def _check_simulation(scenario: Scenario, source: str) -> None:
     Raises:
         InputError: names the key.
     """
-    simulation, people = scenario.simulation, scenario.pedestrians
-    assert isinstance(simulation, SimulatedSection)
+    simulation, people = scenario.simulated, scenario.pedestrians
     if scenario.traffic is not None:
         problem = "cannot be combined with [simulation], whose demand is the configuration's"
         raise InputError(f"{source}: traffic", problem, "one of the two")
@@ -269,10 +267,6 @@ def _check_simulation(scenario: Scenario, source: str) -> None:
     if isinstance(people.flow_per_hour, tuple):
         problem = "a list is not supported with [simulation]"
         raise InputError(f"{where}.flow_per_hour", problem, "one flow")
-    if people.behaviour == "sumo":
-        problem = "'sumo' is not supported: SUMO's people come with the configuration"
-        allowed = "constant, gap_acceptance, threshold or reactive"
-        raise InputError(f"{where}.behaviour", problem, allowed)
     begin_s, end_s = simulation.begin, simulation.end
     if begin_s is not None and end_s is not None and end_s <= begin_s:
         where = f"{source}: simulation.end"

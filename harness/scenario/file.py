@@ -20,7 +20,7 @@ from harness.core.errors import InputError, nearest_name, unknown_name
 from harness.core.resources import shipped_directory
 from harness.scenario.consistency import check_consistency, check_time_out
 from harness.scenario.scenario import Scenario
-from harness.scenario.simulated import SimulatedSection, with_nobody
+from harness.scenario.simulated import with_nobody
 from harness.scenario.units import in_si, unit_of
 
 
@@ -152,12 +152,8 @@ def validate(
     try:
         whole = in_si(dict(tree), source, key_sources or {})
         scenario = Scenario.model_validate(whole)
-        if isinstance(scenario.simulation, SimulatedSection):
+        if scenario.simulation is not None:
             scenario = Scenario.model_validate(with_nobody(whole))
-        elif scenario.simulation is not None:
-            from harness.scenario.own_simulation import with_own_simulation
-
-            scenario = Scenario.model_validate(with_own_simulation(whole, scenario, source))
         check_consistency(scenario, source)
     except ValidationError as error:
         raise _explain(error, source, key_sources or {}) from None
@@ -199,7 +195,7 @@ def _find(name_or_path: str | Path) -> Path:
 
 
 def _anchor_paths(tree: dict[str, Any], folder: Path) -> None:
-    for name, key in (("model", "path"), ("simulation", "config"), ("simulation", "file")):
+    for name, key in (("model", "path"), ("simulation", "file")):
         section = tree.get(name)
         if isinstance(section, dict) and isinstance(section.get(key), str):
             section[key] = os.path.normpath(folder.absolute() / section[key])
@@ -282,8 +278,6 @@ def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]
     if _NUMBER in first["loc"] and isinstance(first["input"], list | tuple):
         first = others[0]
     path = [str(part) for part in first["loc"] if part not in (_NUMBER, _NUMBERS)]
-    if path[:1] == ["simulation"]:
-        del path[1:2]  # which of the two ways to describe a simulation
     if path[:1] == ["strategies"]:
         path = path[:3]  # the rest is the type of a parameter's value
     key = ".".join(part if _BARE.fullmatch(part) else f'"{part}"' for part in path)
@@ -309,8 +303,6 @@ def _keys_of(path: list[str]) -> list[str]:
     for name in path:
         if not name.isdecimal():  # a number is an index into an array of tables
             annotation: Any = section.model_fields[name].annotation
-            if name == "simulation":
-                annotation = SimulatedSection
             # An optional table is a union with None.
             section = next(iter(get_args(annotation)), annotation)
     return list(section.model_fields)

@@ -15,9 +15,6 @@ MAX_BEFORE_KERB_M = 8.0
 def check_pedestrians(scenario: Scenario, where: str) -> None:
     """Refuse keys of ``[pedestrians]`` that do not fit together or to the rest of the scenario."""
     pedestrians = scenario.pedestrians
-    if pedestrians.behaviour == "sumo" and scenario.simulation is None:
-        allowed = "constant, gap_acceptance, threshold or reactive"
-        raise InputError(f"{where}.behaviour", "'sumo' is only of [simulation]", allowed)
     check_quarters(pedestrians.flow_per_hour, scenario, f"{where}.flow_per_hour")
     _check_groups(scenario, f"{where}.group_size")
     total = math.fsum(kind.share for kind in pedestrians.walking_classes)

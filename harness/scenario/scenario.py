@@ -2,9 +2,9 @@
 
 import math
 from dataclasses import replace
-from typing import Annotated, Any, Literal
+from typing import Literal
 
-from pydantic import Discriminator, Field, JsonValue, Tag
+from pydantic import Field, JsonValue
 
 from harness.core.encounter import Arm, Crossing, Leg, Side, Vehicle
 from harness.core.errors import InputError
@@ -23,14 +23,7 @@ from harness.scenario.sections import (
     Section,
 )
 from harness.scenario.simulated import SimulatedSection
-from harness.scenario.simulation import SimulationSection
 from harness.scenario.traffic import TrafficSection, by_quarter
-
-
-def _by_its_file(value: Any) -> str:
-    """Which of the two ways to describe a simulation a table has."""
-    has_config = "config" in value if isinstance(value, dict) else hasattr(value, "config")
-    return "config" if has_config else "file"
 
 
 class Scenario(Section):
@@ -48,13 +41,7 @@ class Scenario(Section):
     conflicts: ConflictsSection = ConflictsSection()
     experiment: ExperimentSection = ExperimentSection()
     traffic: TrafficSection | None = None
-    simulation: (
-        Annotated[
-            Annotated[SimulationSection, Tag("config")] | Annotated[SimulatedSection, Tag("file")],
-            Discriminator(_by_its_file),
-        ]
-        | None
-    ) = None
+    simulation: SimulatedSection | None = None
 
     @property
     def known_traffic(self) -> TrafficSection:
@@ -63,33 +50,22 @@ class Scenario(Section):
         return self.traffic
 
     @property
-    def known_simulation(self) -> SimulationSection:
-        """The ``[simulation]`` table of a scenario that is known to have one."""
-        assert isinstance(self.simulation, SimulationSection)
-        return self.simulation
-
-    @property
     def simulated(self) -> SimulatedSection:
-        """The ``[simulation]`` table of a scenario that is known to have one with ``file``."""
-        assert isinstance(self.simulation, SimulatedSection)
+        """The ``[simulation]`` table of a scenario that is known to have one."""
+        assert self.simulation is not None
         return self.simulation
 
     @property
-    def kind(self) -> Literal["encounters", "simulations", "hours of traffic", "own simulations"]:
+    def kind(self) -> Literal["encounters", "simulations"]:
         """The kind of run: the key of every literal table of kinds."""
-        if isinstance(self.simulation, SimulatedSection):
-            return "simulations"
-        if self.simulation is not None:
-            return "own simulations"
-        return "encounters" if self.traffic is None else "hours of traffic"
+        alone = self.traffic is None and self.simulation is None
+        return "encounters" if alone else "simulations"
 
     @property
     def walks_by_model(self) -> bool:
         """Whether any walking speed is drawn from the interaction model."""
         no_speeds = self.pedestrians.walking_speed is None
-        # In a user's own simulation SUMO walks everybody.
-        own = isinstance(self.simulation, SimulationSection)
-        return self.pedestrians.anyone_comes and no_speeds and not own
+        return self.pedestrians.anyone_comes and no_speeds
 
     @property
     def av_drives_alone(self) -> bool:

@@ -6,8 +6,6 @@ from collections.abc import Callable
 import pytest
 
 from docs.hooks import reference
-from harness.measures import MEASURES
-from harness.old.store.schemas import TABLES
 from harness.scenario import Scenario
 
 SECTIONS = dict(reference.sections_of(Scenario))
@@ -32,15 +30,6 @@ def test_every_key_says_what_it_is(section: type) -> None:
 )
 def test_nothing_is_taken_for_html(page: Callable[[], str]) -> None:
     assert "<" not in re.sub("`[^`]*`", "", page())
-
-
-@pytest.mark.parametrize("name", TABLES)
-def test_every_column_has_a_meaning_and_no_other(name: str) -> None:
-    meanings = reference.meanings_of_columns()
-    measures = {measure.column for measure in MEASURES}
-    own = {*meanings[name]} | {*meanings.get(reference.LIKE.get(name, ""), ())}
-    assert own - {*TABLES[name].names} - {*meanings["episodes"]} == set()
-    assert {*TABLES[name].names} <= own | {*meanings["keys"]} | measures
 
 
 @pytest.mark.parametrize(

@@ -17,13 +17,10 @@ from harness.core.resources import shipped_directory
 from harness.engine.shared import close_engine
 from harness.model.interaction.file import SHIPPED
 from harness.model.trajectories import FORMATS
-from harness.old.cli import batch
-from harness.old.studies.batch import experiment
 from harness.scenario import Scenario
 from tests.batches import here
 from tests.conftest import close_all
 from tests.fuzz.hostile import cases, hostile
-from tests.towns import call
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 EXAMPLES = DATA.parents[1] / "examples"
@@ -38,7 +35,6 @@ experiment = {pairs = 2}
 """
 FIT = "fit {file} --components 1 --starts 1 --folds 0 --workers 1 --out out/model.json"
 RUN = "run"
-FCD = ("--fcd-output", "../fcd/fcd.xml")
 ONE = "--pair 0 --arm av --out out"
 KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
     "scenario": (10_000, ("run {file} --out out", "run {file} --vary experiment.seed=1,2")),
@@ -70,7 +66,6 @@ KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
             "run town/own.toml --out out",
         ),
     ),
-    "fcd": (1_000, ("conflicts fcd/fcd.xml --net town/town.net.xml --out out/conflicts",)),
     "risk": (2_500, ("report risk --out out/page.html", "run risk/critical.toml --out out/again")),
 }
 """Cases of each kind of file in full, and the commands that read it; those that draw take long."""
@@ -99,16 +94,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         assert done_or_refused(*risk.split())
         own = "crossings town/town.sumocfg --write town/own.toml --edge :J7_c0"
         assert done_or_refused(*own.split())
-        (folder / "fcd").mkdir()
-        call(folder / "town", "sumo", "-c", "town.sumocfg", "--end", "40", *FCD)
         yield folder
     close_engine()
 
 
 @pytest.fixture
 def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(experiment, "_carry_out", lambda *_: None)
-    monkeypatch.setattr(batch, "_report", lambda *_: None)
     monkeypatch.setattr("harness.studies.run._carried_out", lambda *_: None)
     monkeypatch.setattr("harness.cli.encounters.print_run", lambda *_: None)
 
@@ -124,7 +115,6 @@ def files_of(folder: Path, kind: str) -> list[Path]:
         "hours": "hours/*",
         "risk": "risk/*",
         "town": "town/*",
-        "fcd": "fcd/*",
         "tuned": "tuned/*",
     }
     found = folder.glob(named.get(kind, f"encounter/{kind}/**/*"))

@@ -9,13 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from harness.core.errors import HarnessError
-from harness.old.studies.batch.experiment import run_study
 from harness.old.studies.workers import pool as pools
 from harness.old.studies.workers.executor import ExecutorLostError, TaskFailedError, WorkerDiedError
 from harness.old.studies.workers.pool import LocalPool
-from harness.scenario import Options
-from tests.batches import one_cell, wait_for
+from tests.batches import wait_for
 
 
 def test_a_death_costs_its_own_call_alone_and_between_two_calls_none(
@@ -54,17 +51,13 @@ def test_what_a_worker_started_dies_with_it(request: pytest.FixtureRequest) -> N
 
 
 def test_workers_that_never_get_ready_blame_no_pair(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+    monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     monkeypatch.setattr(pools, "_START", "raise SystemExit(3)")
     pool = LocalPool(1)
     request.addfinalizer(pool.stop)
     with pytest.raises(ExecutorLostError, match="exit code 3"):
         pool.submit(abs, -1).result()
-    study = one_cell("traffic", {"experiment.pairs": 2})
-    with pytest.raises(HarnessError, match=r"exit code 3.*harness resume"):
-        run_study(study, Options(workers=2), out=tmp_path / "run")
-    assert "given up" not in (tmp_path / "run" / "log.jsonl").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("gone", ["pipe", "standard input", "both"])

@@ -2,7 +2,6 @@
 
 import shutil
 import subprocess
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +9,7 @@ import pytest
 from PIL import Image
 
 from harness.core.encounter import Arm
-from harness.engine.starting import Following, vehicle_types
-from harness.engine.view import view_settings
 from harness.results.run import Run
-from harness.scenario import Scenario
 from harness.studies.run import run
 from harness.studies.watch import watch
 from tests.batches import HARNESS
@@ -85,17 +81,3 @@ def test_bad_input_is_refused(stored: Run, arguments: dict, told: str) -> None:
             **{"run": stored, "cell": 0, "pairs": range(1), "arms": [Arm.AV]} | arguments
         ),
     )
-
-
-def test_in_hours_a_colour_tells_avs_from_others() -> None:
-    written = vehicle_types(Scenario().vehicle(), 5.0, Following("Krauss", 1.0, 2.0))
-    types = ET.fromstring(f"<types>{written}</types>")
-    attributes = {one.attrib.pop("id"): one.attrib for one in types}
-    # Nothing but the colour differs: results cannot.
-    assert attributes["av"].pop("color") == "0,114,178"
-    assert attributes["av"] == attributes["vehicle"]
-    hours, ego = (ET.fromstring(view_settings(50.0, v0)).find(".//vehicles") for v0 in (None, 5.0))
-    assert hours is not None
-    assert ego is not None
-    # SUMO's first scheme, "given vehicle/type/route color", and its ninth, "by speed".
-    assert (hours.attrib["vehicleMode"], ego.attrib["vehicleMode"]) == ("0", "8")

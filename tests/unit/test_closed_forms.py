@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.old.store import hour_columns as columns
+from harness.measures.queues import level_of_service
 from tests import closed_forms as forms
 
 
@@ -28,11 +28,7 @@ def test_published_examples_and_limits() -> None:
     assert forms.hcm_delay_s(v, 8.0, 2, 0.5) == pytest.approx(9.83, abs=0.005)
     assert math.isfinite(forms.revised_hcm_delay_s(1.0, 800.0, 2, 0.9))
     assert forms.revised_hcm_delay_s(1.0, 800.0, 2, 0.0) == math.inf
-    pedestrians = [
-        columns.level_of_service(s, columns.PEDESTRIAN_LOS_S) for s in (0, 5, 5.1, 45, 46)
-    ]
-    assert pedestrians == ["A", "A", "B", "E", "F"]
-    assert columns.level_of_service(50.1, columns.VEHICLE_LOS_S) == "F"
+    assert [level_of_service(s) for s in (0, 5, 5.1, 45, 46)] == ["A", "A", "B", "E", "F"]
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.3, 0.9])

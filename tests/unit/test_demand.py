@@ -15,7 +15,6 @@ from harness.core.errors import InputError
 from harness.encounter.arrivals import already_walking, planned_arrivals
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.old.studies.risk.space import space_of
-from harness.old.studies.runs.site_words import site_words
 from harness.scenario import Scenario, validate
 from tests.scenes import on_plain, refuses
 
@@ -240,11 +239,6 @@ def test_what_has_one_flow_or_single_arrivals_refuses_the_others() -> None:
         refuses(f"pedestrians.{key}", lambda people=people: space_of(scene(60, **people), Arm.AV))
 
 
-def test_the_first_screen_says_who_comes() -> None:
-    of = hour({"flow_per_hour": QUARTERS, "group_size": SIZES})
-    assert "0 to 480 people/h in groups of 1.7 on average." in site_words([of])
-
-
 @pytest.mark.parametrize(
     ("people", "words"),
     [
@@ -254,7 +248,7 @@ def test_the_first_screen_says_who_comes() -> None:
         ({"group_size": []}, "group_size: .. is not accepted"),
         ({"group_size": [0.5, 0.4]}, "group_size: the shares sum to 0.9; allowed: shares that sum"),
         ({"group_size": [0.0]}, "the shares sum to 0"),
-        ({"behaviour": "sumo"}, "behaviour: 'sumo' is only of .simulation."),
+        ({"behaviour": "sumo"}, "behaviour: 'sumo' is not accepted"),
         ({"group_size": SIZES, "drawn": [{"episode": 0}] * 50}, "with pedestrians.drawn"),
         ({"walking_speed": {"classes": CLASSES}}, "walking_speed.mean_mps"),
         ({"walking_speed": {"mean_mps": 1.4, "classes": CLASSES * 3}}, "the shares sum to 1.2"),

@@ -17,12 +17,10 @@ from harness.core.encounter import Arm, Ending, Trace
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.loop import run_episode
 from harness.engine.plain import PlainEngine
-from harness.old.studies.batch.plan import plan_of
-from harness.scenario import Options, load_scenario
+from harness.scenario import load_scenario
 from harness.strategies import program
 from harness.strategies.registry import find_strategy, source_digests
 from harness.strategies.vector import observation_vector
-from tests.batches import one_cell
 from tests.scenes import Recorder, on_plain, refusal_of, refuses, scenario
 
 EXAMPLES = Path(driver.__file__).parent
@@ -212,10 +210,8 @@ def test_refused(name: str, said: str) -> None:
     assert refusal_of(lambda: find_strategy(name, "arms.av"), said).where == "arms.av"
 
 
-def test_parameters_and_traffic_are_refused(model) -> None:
+def test_a_limit_of_no_time_is_refused(model) -> None:
     refuses("answer_limit_s: 0 s", lambda: traces("exec:./driver.py", model, answer_limit_s=0.0))
-    study = one_cell("cctc_flow", {"arms.av": "exec:./driver.py", "traffic.flow_per_hour": 60})
-    refuses(r"arms\.av: .* drives one vehicle", lambda: plan_of(study, Options()))
 
 
 def test_the_manifest_says_which_program_it_was() -> None:

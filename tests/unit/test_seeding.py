@@ -1,7 +1,6 @@
 """Named random streams: the same numbers for the same name, unrelated ones for another."""
 
 import itertools
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,8 +8,7 @@ from scipy import stats
 
 from harness.core.seeding import beginning_with, has_drawn_more, stream
 from harness.scenario import load_scenario
-from harness.scenario.own_simulation import sumo_seed
-from harness.site.configuration import SumoConfig
+from harness.simulation.opening import sumo_seed
 
 PURPOSES = ("arrival", "side", "quantile", "strategy", "critical_gap", "av_strategy")
 
@@ -90,10 +88,9 @@ def test_who_draws_more_than_what_is_given_is_noticed(draws: int) -> None:
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 2**31, 2**63 - 2])
 def test_sumo_has_other_seeds_for_another_seed(seed: int) -> None:
     """Below a million pairs the seeds of successive values do not overlap, and SUMO takes all."""
-    config = SumoConfig(Path("town.sumocfg"), {"seed": "7"})
 
     def first(seed: int) -> int:
-        return sumo_seed(load_scenario("cctc", {"experiment.seed": seed}), config)
+        return sumo_seed(load_scenario("cctc", {"experiment.seed": seed}), 7, 0)
 
     assert 0 <= first(seed) < 2**31
     apart = (first(seed + 1) - first(seed)) % 2**31

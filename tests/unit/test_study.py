@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from harness.old.cli.batch import _planned_hours
 from harness.scenario import (
     Setting,
     Study,
@@ -257,41 +256,6 @@ def test_one_line_says_what_was_left_out(tmp_path: Path) -> None:
     assert done.returncode == 0
     words = "harness: arms.av is set: the sweep over it is left out; 4 cells became 2"
     assert done.stderr.splitlines() == [words]
-
-
-@pytest.mark.parametrize(
-    ("settings", "vary", "words"),
-    [
-        # 20 cells of 4 hours; 2 of 3 half-hours; 3 references, which may share the AV's arm.
-        (["experiment.pairs=4"], [], "20 cells × 4 pairs: 80 hours of traffic in each arm"),
-        (
-            ["experiment.pairs=3", "traffic.duration_s=1800"],
-            ["arms.av=gap_yield,hard_yield"],
-            "2 cells × 3 pairs: 3 hours of traffic in each arm",
-        ),
-        (
-            ["experiment.pairs=2"],
-            ["arms.human=human_yield,human_gmm,constant_speed"],
-            "3 cells × 2 pairs: at most 6 hours of traffic in each arm",
-        ),
-        (["experiment.pairs=1"], ["ego.length_m=5"], None),
-    ],
-)
-def test_the_hours_that_a_run_will_simulate(
-    settings: list[str], vary: list[str], words: str | None
-) -> None:
-    planned = _planned_hours(with_settings("traffic", *settings, vary=tuple(vary)))
-    assert planned == (words and f"{words}, without the warm-ups")
-
-
-def test_more_than_an_hour_is_announced(tmp_path: Path) -> None:
-    few = ("--set", "traffic.flow_per_hour=4", "--set", "pedestrians.flow_per_hour=1", "-q")
-    note = "note: 1 cell × 1 pair: 1.5 hours of traffic in each arm, without the warm-ups"
-    for duration_s, said in ((3600, []), (5400, [note])):
-        options = ("--pairs", 1, "--set", f"traffic.duration_s={duration_s}")
-        vary = ("--vary", "ego.length_m=5", "--out", tmp_path / str(duration_s))
-        done = here("run", "traffic", *few, *options, *vary)
-        assert done.stderr.splitlines()[1:] == said
 
 
 @pytest.mark.parametrize("text", ["0:1", "-0.5:2", "0 : 10"])

@@ -16,10 +16,7 @@ from scipy import stats
 
 from harness.core.encounter import Arm, Arrival, Side, Walk
 from harness.encounter.arrivals import planned_arrivals
-from harness.encounter.cell_constants import constants_of
-from harness.encounter.threshold import Threat, blocking, effective_time_s, threats
-from harness.encounter.traffic.lanes import lanes_of
-from harness.encounter.traffic.vehicles import LaneOnRoad
+from harness.encounter.threshold import Threat, blocking, effective_time_s
 from harness.old.studies.risk.space import space_of
 from harness.old.studies.risk.ways import drawn_of, people_of
 from harness.scenario import Scenario, ThresholdSection, load_scenario, validate
@@ -98,21 +95,6 @@ def test_the_least_margin_over_the_lanes_counts() -> None:
     margin = 6.0 + 0.252 * (30 / (50 / 3.6) - 6.0) - 3.75
     assert walk(scene(), person(margin - 0.001, side=Side.FAR)).start_s == 0.55
     assert walk(scene(), person(margin + 0.001, side=Side.FAR)).start_s is None
-
-
-def test_behind_a_car_that_has_passed_the_next_one_counts() -> None:
-    rules = constants_of(scene())
-    lane = LaneOnRoad(0, lanes_of(scene())[0], iter(()), rules)
-    constants = {"acceleration_mps2": 0.0, "passed_at_m": 7.0, "vehicle": rules.vehicle}
-    leader, follower, later = (
-        SimpleNamespace(x_m=x, speed_mps=10.0, **constants) for x in (-3.7, -25.0, -60.0)
-    )
-    lane.driven, lane.coming = [leader, follower], [later]  # type: ignore[assignment]
-    # 3.7 m at 10 m/s are 0.37 s, less than c_p; 0.1 s earlier they are more.
-    assert [threat.vehicle for threat in threats([lane], 0.0, WEIGHTS)] == [follower]
-    assert [threat.vehicle for threat in threats([lane], -0.1, WEIGHTS)] == [leader]
-    lane.driven = [leader]  # type: ignore[list-item]
-    assert [threat.vehicle for threat in threats([lane], 0.0, WEIGHTS)] == [later]
 
 
 def test_who_decides_on_arrival_sets_off_at_once() -> None:

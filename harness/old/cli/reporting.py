@@ -1,14 +1,14 @@
-"""``report``: writes a run folder as an HTML page, and its figures as files."""
+"""``report`` and ``resume`` of risk estimates."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from harness.core.errors import InputError, one_line
-from harness.old.cli.interruption import unwinding
+from harness.core.errors import InputError
+from harness.old.cli import options
 from harness.old.cli.options import JsonOption, QuietOption
-from harness.old.cli.output import emit, print_line, say
+from harness.old.cli.output import say
 
 
 def report(
@@ -25,7 +25,7 @@ def report(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write one HTML page for a run or a risk estimate.
+    """Write one HTML page for a risk estimate.
 
     The page contains results, figures and a player for episodes, and needs no network.
     """
@@ -34,10 +34,8 @@ def report(
     if out is not None and not out.parent.is_dir():
         raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a file to write")
     from harness.old.cli.risk import report_risk
-    from harness.old.store.reading import kind_of_folder
 
-    reports = {"run": _report_run, "risk": report_risk}
-    page = reports[kind_of_folder(run_folder)](run_folder, out, figures, quiet, as_json)
+    page = report_risk(run_folder, out, figures, quiet, as_json)
     if open_page:
         import webbrowser
 
@@ -45,28 +43,15 @@ def report(
             say(f"harness: no browser found; open {page} yourself")
 
 
-def _report_run(
-    run_folder: Path, out: Path | None, figures: Path | None, quiet: bool, as_json: bool
-) -> Path:
-    from harness.old.report.pages.page import write_report
-    from harness.old.studies.batch.showing import write_shown
-    from harness.old.studies.runs.opening import load_run
+def resume(
+    run_folder: options.RunArgument,
+    workers: options.WorkersOption = None,
+    dask: options.DaskOption = None,
+    full: options.FullOption = False,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
+) -> None:
+    """Continue an interrupted risk estimate."""
+    from harness.old.cli.risk import resume_risk
 
-    run = load_run(run_folder)
-    with unwinding():
-        written = write_report(run, out, figures, write_shown(run, out))
-    document = {
-        "page": str(written.page),
-        "figures": [str(path) for path in written.figures],
-        "differing": list(written.differing),
-    }
-
-    def show() -> None:
-        print_line(f"Report: {written.page}")
-        if written.figures:
-            print_line(f"Figures: {len(written.figures)} files in {figures}")
-
-    emit(quiet, as_json, document, [written.page], show)
-    for difference in written.differing:
-        say(one_line(f"harness: a repeated episode differs from its record: {difference}"))
-    return written.page
+    resume_risk(run_folder, workers, dask, full, quiet, as_json)

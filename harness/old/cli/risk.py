@@ -79,14 +79,13 @@ def report_risk(
 ) -> Path:
     """Write the page of a finished risk estimate."""
     from harness.old.report.pages.risk_page import write_risk_page
-    from harness.old.studies.batch.showing import write_shown_risk
     from harness.old.studies.risk.folder import read_risk
 
     if figures is not None:
         raise InputError(f"--figures {figures}", "a risk estimate has no figures", "no --figures")
     read_risk(folder)
     with unwinding():
-        page = write_risk_page(folder, out, write_shown_risk(folder, out))
+        page = write_risk_page(folder, out)
     emit(quiet, as_json, {"page": str(page)}, [page if quiet else f"Report: {page}"])
     return page
 

@@ -5,20 +5,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from harness.core.documents import JsonObject
-from harness.old.report.pages.player import Player
 from harness.old.report.pages.template import Page, flat, page_in, write_page
 from harness.old.report.screens.risk_terminal import heading, risk_screen, risk_tables
 from harness.old.report.screens.screen import screen_lines
-from harness.old.store.reading import CRITICAL
-from harness.old.studies.batch.showing import is_shown
 from harness.old.studies.risk.asking import SettingsDocument
 from harness.old.studies.risk.folder import read_risk, read_settings
-from harness.old.studies.runs.shown import shown_folders
-from harness.report.player import player_of
-from harness.results.run import Run, load_run
+from harness.old.studies.risk.writing import CRITICAL
 from harness.scenario import as_written
-from harness.studies.shown import shown_pairs
 
 _BY_BRUTE_FORCE = (
     "The estimate is by brute force: the share of events among independent nominal draws, which "
@@ -31,20 +24,18 @@ _BY_WEIGHTS = (
 )
 
 
-def write_risk_page(folder: Path, out: Path | None = None, missing: str = "") -> Path:
+def write_risk_page(folder: Path, out: Path | None = None) -> Path:
     """Write the page of a risk estimate.
 
     Args:
         folder: folder of the finished estimate.
         out: the file; default ``report.html`` in the folder.
-        missing: the reason if the likeliest events cannot be shown.
 
     Raises:
         InputError: the folder has no finished risk estimate, or ``out`` is a folder.
     """
     settings, findings = read_settings(folder), read_risk(folder)
     page = page_in(folder, out)
-    run = _shown_run(folder, page)
     critical = shlex.quote(str(folder / CRITICAL))
     to_run = f"To run strategies on the likeliest events: harness run {critical}."
     content = Page(
@@ -59,8 +50,7 @@ def write_risk_page(folder: Path, out: Path | None = None, missing: str = "") ->
             _BY_BRUTE_FORCE if findings.by_brute_force else _BY_WEIGHTS,
             *([to_run] if findings.ways else []),
         ],
-        player=None if run is None else _player(run),
-        no_player=missing or "The likeliest events have not been simulated again.",
+        no_player="The likeliest events have not been simulated again.",
         figure_remarks=["A risk has no figures."],
         facts=list(_facts(settings)),
         scenario=list(flat(settings.scenario)),
@@ -69,30 +59,6 @@ def write_risk_page(folder: Path, out: Path | None = None, missing: str = "") ->
     )
     write_page(page, content)
     return page
-
-
-def _shown_run(folder: Path, page: Path) -> Run | None:
-    """Return the run of the likeliest events; None if they were not simulated again."""
-    return next((load_run(shown) for shown in shown_folders(folder, page) if is_shown(shown)), None)
-
-
-def _player(run: Run) -> Player | None:
-    """Return the player of the likeliest events."""
-    if not (pairs := shown_pairs(run)):
-        return None
-    player = player_of(run, pairs)
-    episodes = [
-        {**each, "from": 0.0, "speed": 1, "arms": [*map(_with_vehicles, each["arms"])]}
-        for each in player.episodes
-    ]
-    words = "The likeliest events of the estimate, simulated again in SUMO. "
-    return Player(words + player.words, player.scenes, episodes, player.groups)
-
-
-def _with_vehicles(arm: JsonObject) -> JsonObject:
-    """Return an arm of a pair with its ego as the only vehicle."""
-    ego = {"name": "ego", "filled": True, "oncoming": False, **arm["ego"]}
-    return {**arm, "vehicles": [ego] if ego["t"] else []}
 
 
 def _facts(settings: SettingsDocument) -> Iterator[tuple[str, str]]:

@@ -14,8 +14,8 @@ from harness.core.files import write_file
 from harness.core.versions import versions_of_runs
 from harness.old.report.drawing import style
 from harness.old.report.drawing.svg import inline_svg
-from harness.old.report.pages.player import Player
 from harness.old.report.screens.tables import Table
+from harness.report.player import Player
 from harness.scenario import as_written
 
 _TEMPLATES = Path(__file__).parent / "templates"

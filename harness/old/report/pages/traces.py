@@ -9,8 +9,6 @@ import pandas as pd
 
 from harness.core.documents import JsonObject
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, FloatArray, Vehicle
-from harness.old.report.screens.tables import named_values
-from harness.old.studies.runs.run_data import RunData
 from harness.report.player import time_advantage
 
 MOST_STATES = 1_500
@@ -26,13 +24,6 @@ _BEYOND_M = 14.0
 Numbers = list[float | None]
 Encoded = Mapping[str, object]
 """A part of the document that ``templates/player.js`` reads."""
-
-
-def pair_title(run: RunData, cell: int, pair: int) -> str:
-    """Return the name of a pair, with the values of its cell's varied keys."""
-    varied = run.study.cells[cell].varied
-    keys = named_values({key: value for key, value in varied.items() if value is not None})
-    return f"pair {pair} of cell {cell} ({keys})" if keys else f"pair {pair}"
 
 
 def scene_of(

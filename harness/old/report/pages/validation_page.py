@@ -12,7 +12,6 @@ from harness.core.encounter import Arm, Walk
 from harness.core.files import write_file
 from harness.old.report.drawing import style
 from harness.old.report.drawing.validation_figures import pictures_of
-from harness.old.report.pages.player import Player
 from harness.old.report.pages.template import Drawn, Page, drawn, write_page
 from harness.old.report.pages.trace_rows import ego_rows, walk_rows
 from harness.old.report.pages.traces import scene_of, shown_arm
@@ -24,6 +23,7 @@ from harness.old.report.screens.validation_tables import (
     validation_tables,
 )
 from harness.old.studies.validation import DriverOutcome, Passage, Validation
+from harness.report.player import Player
 
 PAGE, DOCUMENT = "validation.html", "validation.json"
 _MOST_PASSAGES = 40

@@ -10,7 +10,6 @@ from harness.old.report.screens.tables import Table, TableCell, counted, level, 
 from harness.old.studies.risk.asking import SettingsDocument
 from harness.old.studies.risk.findings import ENTRIES, Person, RiskFindings
 from harness.old.studies.risk.folder import read_settings
-from harness.old.studies.runs.site_words import site_words
 
 _PEOPLE_SHOWN = 2
 """Maximum number of pedestrians of a way, if the event is not due to one of them."""
@@ -44,7 +43,7 @@ def risk_screen(
         rows=tuple(_rows(findings)),
         notes=findings.notes,
         footer=footer,
-        site=site_words([settings.settings(str(folder)).scenario]),
+        site=f"Scenario: {settings.name}.",
         always=3,
         most_lines=None if full else 16,
     )

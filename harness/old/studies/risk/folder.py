@@ -14,8 +14,6 @@ from harness.core.documents import Form, check_form, parse_json
 from harness.core.errors import HarnessError, InputError, InterruptedRunError, resume_command
 from harness.core.files import read_file, write_file
 from harness.core.seeding import resampling
-from harness.old.store.reading import RISK
-from harness.old.store.run_folder import RunFolder, claim_folder
 from harness.old.studies.risk.asking import Question, Settings, SettingsDocument, question_of
 from harness.old.studies.risk.estimation import estimate_probability
 from harness.old.studies.risk.findings import RiskFindings
@@ -23,6 +21,10 @@ from harness.old.studies.risk.running import Evaluation, Progress
 from harness.old.studies.risk.writing import RESULT, as_json, write_findings
 from harness.old.studies.workers.executor import Executor, ExecutorLostError
 from harness.old.studies.workers.pool import LocalPool, default_workers
+from harness.results.folder import RunFolder, claim_folder
+
+RISK = "risk.json"
+"""The settings of a risk estimate, in its folder."""
 
 _BATCHES = "batches"
 

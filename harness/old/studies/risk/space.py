@@ -20,7 +20,6 @@ from harness.core.errors import InputError
 from harness.core.seeding import GIVEN_DRAWS, Given, Purpose, stream
 from harness.encounter.arms import draws, draws_from
 from harness.encounter.arrivals import SECONDS_PER_HOUR
-from harness.old.store.kinds import kind_of
 from harness.old.studies.risk.layout import Layout
 from harness.scenario import Scenario
 
@@ -155,9 +154,9 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
 def _refuse_unsampled(scenario: Scenario) -> None:
     pedestrians = scenario.pedestrians
     if scenario.kind != "encounters":
-        section = kind_of(scenario).section
+        section = "simulation" if scenario.traffic is None else "traffic"
         problem = "is not supported by a risk estimate"
-        raise InputError(section.strip("[]"), problem, f"a scenario without {section}")
+        raise InputError(section, problem, f"a scenario without [{section}]")
     if isinstance(pedestrians.flow_per_hour, tuple):
         problem = "a list is not supported by a risk estimate"
         raise InputError("pedestrians.flow_per_hour", problem, "one flow")

@@ -14,7 +14,6 @@ from harness.core.files import write_file
 from harness.core.seeding import GIVEN_DRAWS
 from harness.old.statistics.findings import Note, Rank
 from harness.old.statistics.intervals import CONFIDENCE
-from harness.old.store.reading import CRITICAL
 from harness.old.store.tables import Row, write_parquet
 from harness.old.studies.risk.asking import Question, Settings
 from harness.old.studies.risk.estimation import Estimation
@@ -23,6 +22,9 @@ from harness.old.studies.risk.running import Evaluation
 from harness.old.studies.risk.ways import Cluster, drawn_of, people_of, ways_of
 
 RESULT = "result.json"
+
+CRITICAL = "critical.toml"
+"""The scenario of the likeliest events, in the folder of a finished risk estimate."""
 
 _CRITICAL_OF_EACH_WAY = 20
 

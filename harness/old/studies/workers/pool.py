@@ -76,7 +76,7 @@ class LocalPool:
         workers: int,
         folder: Path | None = None,
         *,
-        imports: str = "harness.engine.sumo,harness.old.studies.kinds.table",
+        imports: str = "harness.engine.sumo",
         environment: Mapping[str, str] | None = None,
     ) -> None:
         self.workers = workers

@@ -1,12 +1,9 @@
 """Runs tasks in this process, with its standard input and without time limits."""
 
-import math
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import replace
 
 from harness.engine.shared import close_engine
-from harness.old.studies.kinds.tasks import Task
 from harness.old.studies.workers.executor import Argument, Result, TaskFailedError
 
 
@@ -23,8 +20,6 @@ class ThisProcess:
     ) -> "Future[Result]":
         """See ``Executor.submit``."""
         future: Future[Result] = Future()
-        if isinstance(argument, Task):
-            argument = replace(argument, hang_after_s=math.inf, stack_file=None)
         try:
             future.set_result(function(argument))
         except Exception as error:

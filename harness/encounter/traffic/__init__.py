@@ -1,1 +1,0 @@
-"""A scenario with [traffic] and a pair's number in; the logs and passages of its hours out."""

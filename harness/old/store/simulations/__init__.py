@@ -1,1 +1,0 @@
-"""Rows of users' own simulations in; their tables, findings and statistics out."""

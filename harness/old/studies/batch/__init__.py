@@ -1,1 +1,0 @@
-"""Carries out a study from scenario to run folder: start, resume and finish."""

@@ -1,1 +1,0 @@
-"""Takes a pair of a finished run; writes its trajectories and its road for other tools."""

@@ -1,1 +1,0 @@
-"""Reads and compares stored runs, without simulation."""
