@@ -26,7 +26,7 @@ def standing(begin_s: FloatArray, end_s: FloatArray, from_s: float, until_s: flo
         from_s, until_s: the time.
 
     >>> standing(np.array([0.0, 1.2]), np.array([3.0]), 0.0, 4.0).tolist()
-    [1, 1, 2, 1]
+    [1, 2, 2, 1]
     """
     at_s = np.arange(from_s + 0.5, until_s)
     begun, ended = (np.searchsorted(np.sort(each), at_s) for each in (begin_s, end_s))

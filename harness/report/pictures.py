@@ -24,7 +24,6 @@ from harness.results.finding import Finding, Form
 from harness.results.findings import CellFindings
 from harness.results.run import Run
 from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
-from harness.scenario.simulated import SimulatedSection
 from harness.scenario.units import unit_of
 from harness.site.configuration import read_config
 from harness.site.road_network import read_network
@@ -264,7 +263,7 @@ def _map(axes: Sequence[Axes], scene: Scene) -> str:
 def _roads(run: Run) -> "list[ArrayLike]":
     """The shapes of the network's edges; none if it is not where it was, or not the user's."""
     simulation = run.cells[0].scenario.simulation
-    if not isinstance(simulation, SimulatedSection):
+    if simulation is None:
         return []
     try:
         net = read_network(read_config(Path(simulation.file)).net).net

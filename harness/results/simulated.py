@@ -98,8 +98,7 @@ class SimulationSample:
         Raises:
             InputError: there is no such column.
 
-        >>> sample.arms("mean passages.delay_s av")  # doctest: +SKIP
-        (array([...]), array([...]))
+        Example: ``sample.arms("mean passages.delay_s av")``.
         """
         if name not in self._arms:
             own = COLUMNS.get(name, name)

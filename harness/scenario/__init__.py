@@ -27,8 +27,8 @@ from harness.scenario.sections import (
     ConflictsSection,
     ExperimentSection,
     PerceptionSection,
+    SimulationSection,
 )
-from harness.scenario.simulated import SimulatedSection
 from harness.scenario.study import (
     Cell,
     Study,
@@ -53,7 +53,7 @@ __all__ = [
     "Scenario",
     "ScenarioFile",
     "Setting",
-    "SimulatedSection",
+    "SimulationSection",
     "Study",
     "ThresholdSection",
     "TrafficSection",

@@ -245,7 +245,7 @@ def _check_simulation(scenario: Scenario, source: str) -> None:
     Raises:
         InputError: names the key.
     """
-    simulation, people = scenario.simulated, scenario.pedestrians
+    simulation, people = scenario.known_simulation, scenario.pedestrians
     if scenario.traffic is not None:
         problem = "cannot be combined with [simulation], whose demand is the configuration's"
         raise InputError(f"{source}: traffic", problem, "one of the two")

@@ -20,7 +20,6 @@ from harness.core.errors import InputError, nearest_name, unknown_name
 from harness.core.resources import shipped_directory
 from harness.scenario.consistency import check_consistency, check_time_out
 from harness.scenario.scenario import Scenario
-from harness.scenario.simulated import with_nobody
 from harness.scenario.units import in_si, unit_of
 
 
@@ -153,7 +152,9 @@ def validate(
         whole = in_si(dict(tree), source, key_sources or {})
         scenario = Scenario.model_validate(whole)
         if scenario.simulation is not None:
-            scenario = Scenario.model_validate(with_nobody(whole))
+            # SUMO's people come; the harness's do if a flow is given.
+            people = {"flow_per_hour": 0.0, **whole.get("pedestrians", {})}
+            scenario = Scenario.model_validate({**whole, "pedestrians": people})
         check_consistency(scenario, source)
     except ValidationError as error:
         raise _explain(error, source, key_sources or {}) from None

@@ -21,8 +21,8 @@ from harness.scenario.sections import (
     ObstacleSection,
     PerceptionSection,
     Section,
+    SimulationSection,
 )
-from harness.scenario.simulated import SimulatedSection
 from harness.scenario.traffic import TrafficSection, by_quarter
 
 
@@ -41,7 +41,7 @@ class Scenario(Section):
     conflicts: ConflictsSection = ConflictsSection()
     experiment: ExperimentSection = ExperimentSection()
     traffic: TrafficSection | None = None
-    simulation: SimulatedSection | None = None
+    simulation: SimulationSection | None = None
 
     @property
     def known_traffic(self) -> TrafficSection:
@@ -50,7 +50,7 @@ class Scenario(Section):
         return self.traffic
 
     @property
-    def simulated(self) -> SimulatedSection:
+    def known_simulation(self) -> SimulationSection:
         """The ``[simulation]`` table of a scenario that is known to have one."""
         assert self.simulation is not None
         return self.simulation

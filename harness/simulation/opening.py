@@ -180,7 +180,7 @@ def opened(scenario: Scenario) -> Opened:
     Raises:
         InputError: the configuration, a crosswalk, or a key that does not fit it is refused.
     """
-    simulation = scenario.simulated
+    simulation = scenario.known_simulation
     path = Path(simulation.file)
     try:
         config = read_config(path, simulation.step_s)
@@ -287,7 +287,7 @@ def _check_crosswalks(names: Iterable[str], town: Town, range_m: float) -> None:
 
 def _check_people(scenario: Scenario, config: SumoConfig) -> None:
     where, flow = str(config.path), scenario.pedestrians.anyone_comes
-    if flow and config.end_s is None and scenario.simulated.end is None:
+    if flow and config.end_s is None and scenario.known_simulation.end is None:
         problem = "is not given, nor an end in the configuration: people would come for ever"
         raise InputError("simulation.end", problem, "a time, with pedestrians.flow_per_hour")
     if not flow and not people_come(config):
@@ -297,7 +297,7 @@ def _check_people(scenario: Scenario, config: SumoConfig) -> None:
 
 def _counted_s(scenario: Scenario, config: SumoConfig) -> tuple[float, float]:
     """Begin and end of the counted time; the end may be infinite."""
-    simulation, where, last_s = scenario.simulated, "simulation", config.end_s
+    simulation, where, last_s = scenario.known_simulation, "simulation", config.end_s
     begin_s = config.begin_s if simulation.begin is None else simulation.begin
     end_s = last_s if simulation.end is None else simulation.end
     if begin_s < config.begin_s or (last_s is not None and begin_s >= last_s):

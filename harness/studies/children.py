@@ -252,7 +252,7 @@ def serve(pipe: int, state: int) -> None:
 
     def answer() -> tuple[str | None, "Rows | None"]:
         try:
-            from harness.studies.tasks import run_task
+            from harness.studies.kinds import run_task
 
             return None, run_task(connection.recv(), tell)
         except BaseException as error:

@@ -20,7 +20,8 @@ from harness.results.folder import changes, simulated_with
 from harness.results.run import Run
 from harness.results.tables import TABLES_OF, read_cell
 from harness.strategies.registry import source_digests
-from harness.studies.tasks import Rows, Task, run_task
+from harness.studies.kinds import run_task
+from harness.studies.tasks import Rows, Task
 from harness.studies.workers import LocalExecutor, default_workers, supervise
 
 TOLERANCE = 1e-6

@@ -137,7 +137,7 @@ def _folders(task: Task, scenario: Scenario, cell: int) -> Iterator[tuple[Path, 
         kept = (
             scratch if task.folder is None else task.folder / FILES / f"{cell:04d}-{task.first:08d}"
         )
-        outputs = scenario.traffic is None and scenario.simulated.outputs
+        outputs = scenario.traffic is None and scenario.known_simulation.outputs
         arms = task.outputs or (kept if outputs else scratch)
         yield Path(task.outputs or kept), Path(arms)
 

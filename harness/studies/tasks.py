@@ -139,14 +139,3 @@ def tasks_of(
 def but_for_drivers(scenario: "Scenario") -> str:
     """The people and the road of a scenario, as text."""
     return repr(scenario.model_copy(update=dict.fromkeys(_DRIVERS)))
-
-
-def run_task(task: Task, tell: Tell = lambda _episode, _steps: None) -> Rows:
-    """Simulate a task; see ``encounters.run_task`` and ``simulations.run_task``."""
-    if task.cells[0].scenario.kind == "encounters":
-        from harness.studies import encounters
-
-        return encounters.run_task(task, tell)
-    from harness.studies import simulations
-
-    return simulations.run_task(task, tell)
