@@ -169,9 +169,9 @@ class Session:
         # As in SUMO, people who wait for a ride do not keep the simulation going.
         return any(api.person.getStage(name).type != api.constants.STAGE_DRIVING for name in people)
 
-    def ignore(self, vehicle: str, types: Sequence[str]) -> None:
-        """Let a vehicle not mind people of these types, on any crosswalk."""
-        self.vehicles.set_parameter(vehicle, "junctionModel.ignoreTypes", " ".join(types))
+    def ignore(self, vehicle: str, people: Sequence[str]) -> None:
+        """Let a vehicle not mind these people, by their ids."""
+        self.vehicles.set_parameter(vehicle, "junctionModel.ignoreIDs", " ".join(people))
 
     def add_person(self, name: str, edge: str, position_m: float, type_id: str) -> None:
         """Add a person; they exist, and may be moved, after the next step but one.

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from harness.core.errors import EngineError
-from harness.simulation.arm import Log, Setup
+from harness.simulation.arm import Log
 from harness.simulation.passages import Columns, columns_of
+from harness.simulation.setup import Setup
 
 
 def vehicles(file: Path, log: Log, setup: Setup) -> Columns:

@@ -21,8 +21,8 @@ from harness.scenario import QUARTER_S, Scenario, TrafficSection, by_quarter
 from harness.site.configuration import SumoConfig
 
 NET_FILE, ROUTES_FILE, CONFIG_FILE = "road.net.xml", "vehicles.rou.xml", "traffic.sumocfg"
-CROSSWALK = ":crosswalk_c0"
-"""The crosswalk of every network of the harness."""
+
+
 CAR = "car"
 """The vehicles' type if there is no mix."""
 

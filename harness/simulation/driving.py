@@ -1,14 +1,15 @@
 """Vehicles on their ways over crosswalks, and how strategies drive them.
 
 A vehicle's places are values of SUMO's odometer, so that two crosswalks in a row are two places on
-one axis.  The lower of two speeds applies: the strategy's, or SUMO's for leaders, junctions, lanes
-and curves; SUMO does not mind people.
+one axis.  The lowest of three speeds applies: the strategy's, that of lanes and curves ahead, and
+SUMO's for leaders and junctions.  SUMO does not mind people at the crosswalks that a strategy has
+taken over; elsewhere it drives as ever.
 """
 
 import math
 from array import array
-from collections.abc import Callable, Iterable, Sequence, Set
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 from harness.core.actuation import CUT_MPS, Actuator
 from harness.core.encounter import (
@@ -23,72 +24,30 @@ from harness.core.encounter import (
 from harness.core.errors import StrategyError
 from harness.encounter.deciding import ROUNDING_M, limited, strategy_raised
 from harness.engine.session import Session
-from harness.site.path import Path
-from harness.site.town import Connection, Crosswalk, Town
-from harness.site.zone import Zone, zone_of
+from harness.simulation.people import PeopleAt
+from harness.simulation.zones import Link
+from harness.site.town import Connection, Crosswalk
+from harness.site.zone import Zone
 from harness.strategies.perception.updates import Updates, Views
 
 SPEED_MODE_FREE = 23
 """SUMO keeps leaders, limits and red lights; the vehicle has the right of way among vehicles."""
 SPEED_MODE_YIELDING = 31
-"""SUMO's own driver's mode: it also yields to other vehicles' connections."""
+"""SUMO's own driver's mode: it also yields where its connection has to."""
 
 LIMITS = ("strategy", "actuator", "lane", "leader", "right_of_way")
 """What decides a driven vehicle's speed in a step; lanes include curves."""
 STRATEGY, ACTUATOR, LANE, LEADER, RIGHT_OF_WAY = range(len(LIMITS))
 
-ON_IT = "it came onto the road on the crosswalk"
+PASSED = "passed"
 LEFT_TO_SUMO = "its strategy left it to SUMO"
 
 _LOWER_MPS = 1e-3
 """SUMO's speed is lower than the commanded one if it differs by more than this."""
 _LEADER_M = 1.0
 """A leader decides if the gap is at most this much longer than the one that SUMO keeps."""
-_PATH_M = 40.0
-"""Length of a path before the stop line, longer than a body."""
-
-
-class Zones:
-    """The zones of a town's crosswalks, each computed when a vehicle of that size first comes."""
-
-    def __init__(self, town: Town, step_s: float) -> None:
-        self.town, self._step_s = town, step_s
-        self._crosswalks: dict[str, list[Crosswalk]] = {}
-        for crosswalk in town.crosswalks.values():
-            for connection in town.connections(crosswalk.id):
-                self._crosswalks.setdefault(connection.id, []).append(crosswalk)
-        self._paths: dict[str, Path] = {}
-        self._zones: dict[tuple[str, str, float, float], tuple[Zone, Crossing] | None] = {}
-
-    def crosswalks(self, connection: Connection) -> Sequence[Crosswalk]:
-        """The crosswalks that a body on this connection may touch."""
-        return self._crosswalks.get(connection.id, ())
-
-    def path(self, connection: Connection) -> Path:
-        """The path of a connection."""
-        path = self._paths.get(connection.id)
-        if path is None:
-            path = self._paths[connection.id] = self.town.path(connection, _PATH_M)
-        return path
-
-    def at(
-        self, connection: Connection, crosswalk: Crosswalk, length_m: float, width_m: float
-    ) -> tuple[Zone, Crossing] | None:
-        """The zone of a vehicle of this size, and its crossing in the straight frame.
-
-        The lane is as much wider than the body's zone as the approach lane is wider than the
-        vehicle, as on a straight road.
-        """
-        key = connection.id, crosswalk.id, length_m, width_m
-        if key not in self._zones:
-            zone = zone_of(self.path(connection), crosswalk, length_m, width_m, self._step_s)
-            found = None
-            if zone is not None:
-                more_m = self.town.lane_width_m(connection.from_lane) - width_m
-                wide_m = zone.to_m - zone.from_m + max(more_m, 0.0)
-                found = zone, replace(zone.crossing, lane_width_m=wide_m)
-            self._zones[key] = found
-        return self._zones[key]
+_SAME_M = 15.0
+"""The stop lines of a vehicle's lanes at one junction are this near to each other."""
 
 
 @dataclass(slots=True, eq=False)
@@ -101,11 +60,12 @@ class Car:
         vehicle: its constants; v0 and R0 are those of each passage.
         speed_factor, max_mps: its own factor of speed limits, and its type's largest speed.
         lane: the last lane that it was planned from.
-        odometer_m, speed_mps, acceleration_mps2: its state at the beginning of the step.
-        next_m, next_mps: its state at the step's end, once it has been read.
+        next_m, replan_m: the odometer from which passages begin or end, or its lane may change.
+        odometer_m, speed_mps, acceleration_mps2: its state at the end of the last step.
         passages: its passages that have not ended, in order.
         limits: (odometer, speed in m/s) where each lane ahead begins, for this vehicle.
-        links: the odometer where each connection ahead begins and ends, and the connection.
+        least_mps: the lowest of the limits.
+        links: the connections ahead, by the odometer.
         mode: the speed mode while a strategy drives, else None.
         sent_mps, asked_mps: the last command to SUMO, and the one of this step.
         limited_by: what decided the command (``LIMITS``).
@@ -119,14 +79,15 @@ class Car:
     speed_factor: float
     max_mps: float
     lane: str = ""
+    next_m: float = -math.inf
+    replan_m: float = -math.inf
     odometer_m: float = 0.0
     speed_mps: float = 0.0
     acceleration_mps2: float = 0.0
-    next_m: float = 0.0
-    next_mps: float = 0.0
     passages: "list[Passage]" = field(default_factory=list)
     limits: list[tuple[float, float]] = field(default_factory=list)
-    links: list[tuple[float, float, Connection]] = field(default_factory=list)
+    least_mps: float = math.inf
+    links: list[Link] = field(default_factory=list)
     mode: int | None = None
     sent_mps: float | None = None
     asked_mps: float | None = None
@@ -140,40 +101,34 @@ class Car:
 
 @dataclass(slots=True, eq=False)
 class Passage:
-    """One vehicle's way over one crosswalk, from R0 until its rear has left.
+    """One vehicle's way over one chosen crosswalk, from R0 until its rear has left.
 
     Attributes:
         car: the vehicle.
         crosswalk: the crosswalk.
-        chosen: whether it is one of the run's; others are driven over, and not measured.
         connection, zone, crossing: where the vehicle meets it.
         stop_m: the odometer at the stop line.
         vehicle: the car's constants; once it has begun, with v0 and R0 of this passage and the
             width of its zone: the straight frame's body covers the same part of the crosswalk.
-        begun: whether it has passed R0.
         driver: who drives, or ``sumo``.
         strategy: the strategy that drives, until the passage has ended.
         not_driven: why no strategy drives it, or None.
-        time_s, xs_m, speeds_mps: its states in the straight frame, at every step.
+        time_s, xs_m, speeds_mps: its states in the straight frame, at every step from R0 on.
         trace_offset_s: time from R0 until the first of them.
         limited: number of driven steps by what limited them (``LIMITS``).
         ended: how it ended; None while it goes on.
-        passed: whether its rear has left.
-        first_m, last_m: the odometer at which the body first and last touches the crosswalk.
-        centre_m: the odometer at x = 0 of the straight frame.
+        fallback, collided: whether its strategy fell back, and whether SUMO saw a collision.
         updates, shown: the driver's sensor and what it showed at each step; None: the truth.
         hides: whether vehicles hide people from it.
     """
 
     car: Car
     crosswalk: Crosswalk
-    chosen: bool
     connection: Connection
     zone: Zone
     crossing: Crossing
     stop_m: float
     vehicle: Vehicle
-    begun: bool = False
     driver: str = "sumo"
     strategy: Strategy | None = None
     not_driven: str | None = None
@@ -184,22 +139,22 @@ class Passage:
     trace_offset_s: float = 0.0
     limited: list[int] = field(default_factory=lambda: [0] * len(LIMITS))
     ended: str | None = None
-    passed: bool = False
     fallback: bool = False
     collided: bool = False
     updates: Updates | None = None
     shown: list[Views] | None = None
     hides: bool = False
-
     first_m: float = 0.0
     last_m: float = 0.0
     centre_m: float = 0.0
 
     def __post_init__(self) -> None:
-        """Compute the places of the zone, which are read at every step."""
+        """Compute the odometer where the body first and last touches it, and at x = 0."""
         self.first_m = self.stop_m + self.zone.first_m
         self.last_m = self.stop_m + self.zone.last_m
         self.centre_m = self.stop_m + self.zone.centre_m
+
+    # What the harness's people see of it (``encounter.approaching.Approaching``)
 
     @property
     def x_m(self) -> float:
@@ -212,6 +167,16 @@ class Passage:
         return self.last_m - self.first_m - self.crosswalk.width_m / 2
 
     @property
+    def begun(self) -> bool:
+        """Whether it has passed R0."""
+        return bool(self.time_s)
+
+    @property
+    def passed(self) -> bool:
+        """Whether its rear has left."""
+        return self.ended == PASSED
+
+    @property
     def speed_mps(self) -> float:
         """The vehicle's speed."""
         return self.car.speed_mps
@@ -221,20 +186,23 @@ class Passage:
         """The vehicle's acceleration."""
         return self.car.acceleration_mps2
 
-    def note(self, time_s: float, odometer_m: float, speed_mps: float) -> None:
+    def is_like(self, other: "Passage") -> bool:
+        """Whether it leads over the same crosswalk at the same time."""
+        return self.crosswalk is other.crosswalk and abs(self.stop_m - other.stop_m) < _SAME_M
+
+    def note(self, time_s: float) -> None:
         """Note the state at the end of a step."""
         self.time_s.append(time_s)
-        self.xs_m.append(odometer_m - self.centre_m)
-        self.speeds_mps.append(speed_mps)
+        self.xs_m.append(self.car.odometer_m - self.centre_m)
+        self.speeds_mps.append(self.car.speed_mps)
 
     def move_to(self, other: "Passage") -> None:
-        """Measure the whole passage on the connection of a lane to which the vehicle changed."""
-        shift_m = self.centre_m - other.centre_m
+        """Go on, and be measured, on the connection of a lane to which the vehicle changed."""
+        before_m = self.centre_m
         self.connection, self.zone, self.crossing = other.connection, other.zone, other.crossing
-        self.stop_m, self.first_m = other.stop_m, other.first_m
-        self.last_m, self.centre_m = other.last_m, other.centre_m
-        if shift_m:
-            self.xs_m = array("d", (x_m + shift_m for x_m in self.xs_m))
+        self.stop_m = other.stop_m
+        self.__post_init__()
+        self.xs_m = array("d", (x_m + before_m - self.centre_m for x_m in self.xs_m))
 
 
 class Control:
@@ -246,6 +214,7 @@ class Control:
         ballistic: whether vehicles move with constant acceleration within a step.
         views: the people whom a passage's driver sees; with whether the vehicle is within
             ``detection_m``.
+        people: everybody at each crosswalk.
     """
 
     def __init__(
@@ -253,20 +222,13 @@ class Control:
         session: Session,
         detection_m: float,
         ballistic: bool,
-        views: Callable[[Passage, bool], Sequence[PedestrianView]],
+        views: Callable[[Passage, bool], tuple[PedestrianView, ...]],
+        people: Mapping[str, PeopleAt],
     ) -> None:
         self._session, self._vehicles = session, session.vehicles
         self._detection_m, self._ballistic = detection_m + ROUNDING_M, ballistic
-        self._step_s, self._views = session.step_s, views
+        self._step_s, self._views, self._people = session.step_s, views, people
         self.driven: dict[str, Car] = {}
-        self._types: frozenset[str] = frozenset()
-
-    def ignore(self, types: Set[str]) -> None:
-        """Let SUMO not mind people of these types, who are there, for driven vehicles."""
-        if not types <= self._types:
-            self._types |= types
-            for car in self.driven.values():
-                self._session.ignore(car.name, sorted(self._types))
 
     def update(self, car: Car) -> None:
         """Drive a vehicle, or give it back to SUMO, after its passages have changed."""
@@ -274,18 +236,22 @@ class Control:
         if not driven:
             self.release(car)
             return
-        if car.mode is None:
-            self._session.ignore(car.name, sorted(self._types))
-            self.driven[car.name] = car
+        self.driven[car.name] = car
+        self.ignore(car)
         end_m = max(each.last_m for each in driven)
         yields = any(
-            link.gives_way and begin_m < end_m and car.odometer_m < ends_m
-            for begin_m, ends_m, link in car.links
+            link.yields and link.begin_m < end_m and car.odometer_m < link.end_m
+            for link in car.links
         )
         mode = SPEED_MODE_YIELDING if yields else SPEED_MODE_FREE
         if mode != car.mode:
             car.mode = mode
             self._vehicles.set_speed_mode(car.name, mode)
+
+    def ignore(self, car: Car) -> None:
+        """Let SUMO not mind those who are at the crosswalks for which a strategy decides."""
+        driven = (each.crosswalk.id for each in car.passages if each.strategy is not None)
+        self._session.ignore(car.name, [name for at in driven for name in self._people[at].names()])
 
     def release(self, car: Car, *, exists: bool = True) -> None:
         """Give a vehicle back to SUMO."""
@@ -299,7 +265,7 @@ class Control:
 
     def command(self, now_s: float) -> None:
         """Let every strategy decide, and give SUMO the lowest command for each vehicle."""
-        for car in [*self.driven.values()]:
+        for car in self.driven.values():
             lowest: float | None = None
             for passage in car.passages:
                 if passage.strategy is not None:
@@ -309,30 +275,28 @@ class Control:
             if lowest is None:
                 self._leave(car)
                 continue
-            wish_mps = max(0.0, car.speed_mps + lowest * self._step_s)
-            target_mps = wish_mps
+            target_mps = wish_mps = max(0.0, car.speed_mps + lowest * self._step_s)
             if not car.vehicle.obeys_at_once:
                 target_mps = self._late(car, lowest)
             car.limited_by = STRATEGY if abs(target_mps - wish_mps) <= CUT_MPS else ACTUATOR
-            cap_mps = self._cap_mps(car)
-            if cap_mps < target_mps:
+            if target_mps > car.least_mps:
+                cap_mps = self._cap_mps(car)
                 if cap_mps < target_mps - CUT_MPS:
                     car.limited_by = LANE
-                target_mps = cap_mps
+                target_mps = min(target_mps, cap_mps)
             car.asked_mps = target_mps
             # SUMO keeps a command until the next one.
             if car.sent_mps != target_mps:
                 car.sent_mps = target_mps
                 self._vehicles.set_speed(car.name, target_mps)
 
-    def check(self, car: Car) -> None:
-        """Count what limited the step that has been read."""
-        asked_mps = car.asked_mps
+    def check(self, car: Car, before_mps: float) -> None:
+        """Count what limited the step that has been read; ``before_mps`` is the speed before it."""
+        asked_mps, limited_by = car.asked_mps, car.limited_by
         if asked_mps is None:
             return
-        limited_by = car.limited_by
-        if car.next_mps < asked_mps - _LOWER_MPS:
-            limited_by = LEADER if self._follows(car) else RIGHT_OF_WAY
+        if car.speed_mps < asked_mps - _LOWER_MPS:
+            limited_by = LEADER if self._follows(car, before_mps) else RIGHT_OF_WAY
         for passage in car.passages:
             if passage.strategy is not None:
                 passage.limited[limited_by] += 1
@@ -350,23 +314,23 @@ class Control:
         """The acceleration that a strategy commands; None leaves the vehicle to SUMO."""
         car, vehicle, strategy = passage.car, passage.vehicle, passage.strategy
         assert strategy is not None
-        x_m = passage.xs_m[-1]
+        range_m = passage.centre_m - car.odometer_m
         time_s = (len(passage.xs_m) - 1) * self._step_s
-        seen = self._views(passage, -self._detection_m <= x_m <= self._detection_m)
-        ego = quick_tuple(EgoView, (-x_m, car.speed_mps, car.acceleration_mps2))
+        seen = self._views(passage, -self._detection_m <= range_m <= self._detection_m)
+        ego = quick_tuple(EgoView, (range_m, car.speed_mps, car.acceleration_mps2))
         observation = quick_tuple(
-            Observation, (time_s, self._step_s, ego, vehicle, passage.crossing, tuple(seen))
+            Observation, (time_s, self._step_s, ego, vehicle, passage.crossing, seen)
         )
         try:
             answer = strategy.decide(observation)
         except (Exception, SystemExit) as error:
-            raise named(passage, now_s, strategy_raised(error, time_s)) from error
+            raise _named(passage, now_s, strategy_raised(error, time_s)) from error
         if answer is None and vehicle.obeys_at_once:
             return None
         try:
             return limited(answer, vehicle, time_s)
         except StrategyError as error:
-            raise named(passage, now_s, error) from None
+            raise _named(passage, now_s, error) from None
 
     def _late(self, car: Car, wanted_mps2: float) -> float:
         """The speed at the step's end of a vehicle that obeys late."""
@@ -389,15 +353,16 @@ class Control:
                 cap_mps = min(cap_mps, slowing)
         return max(cap_mps, car.speed_mps - decel * self._step_s)
 
-    def _follows(self, car: Car) -> bool:
-        """Whether the vehicle ahead is so near that SUMO kept its distance."""
-        speed, decel = car.speed_mps, car.vehicle.max_deceleration_mps2
-        leader = self._vehicles.leader(car.name, speed * 2 + speed**2 / (2 * decel) + 10.0)
+    def _follows(self, car: Car, speed_mps: float) -> bool:
+        """Whether the vehicle ahead was so near that SUMO kept its distance."""
+        decel = car.vehicle.max_deceleration_mps2
+        sight_m = speed_mps * 2 + speed_mps**2 / (2 * decel) + 10.0
+        leader = self._vehicles.leader(car.name, sight_m)
         if leader is None or not leader[0]:
             return False
         ahead_mps = self._vehicles.speed_mps(leader[0])
         # SUMO's gap is less minGap already; a second is the headway of its default driver.
-        keeps_m = speed * (1.0 + self._step_s) + (speed**2 - ahead_mps**2) / (2 * decel)
+        keeps_m = speed_mps * (1.0 + self._step_s) + (speed_mps**2 - ahead_mps**2) / (2 * decel)
         return leader[1] <= max(keeps_m, 0.0) + _LEADER_M
 
 
@@ -440,40 +405,7 @@ def slowing_mps(
     return rest_mps + whole * decel_mps2 * step_s + limit_mps
 
 
-def plan(
-    town: Town, lanes: Iterable[str], reach_m: float
-) -> tuple[list[tuple[float, float]], list[tuple[float, float, Connection]]]:
-    """What lies ahead of a vehicle, by the distance from the beginning of its lane.
-
-    Args:
-        town: the network.
-        lanes: the lanes that it will follow, its own first; without those inside junctions.
-        reach_m: distance beyond the end of the first lane up to which it matters.
-
-    Returns:
-        Where each lane begins, with its limit; where each connection begins and ends.
-    """
-    limits: list[tuple[float, float]] = []
-    links: list[tuple[float, float, Connection]] = []
-    at_m, last, until_m = 0.0, "", math.inf
-    for name in lanes:
-        if last:
-            link = next((each for each in town.ahead(last) if each.to_lane == name), None)
-            if link is None or at_m > until_m:
-                break
-            begin_m = at_m
-            for via in link.via:
-                limits.append((at_m, town.lane(via).limit_mps))
-                at_m += town.lane(via).length_m
-            links.append((begin_m, at_m, link))
-        limits.append((at_m, town.lane(name).limit_mps))
-        at_m += town.lane(name).length_m
-        until_m = min(until_m, at_m + reach_m)
-        last = name
-    return limits, links
-
-
-def named(passage: Passage, now_s: float, error: StrategyError) -> StrategyError:
+def _named(passage: Passage, now_s: float, error: StrategyError) -> StrategyError:
     """The same error, with the vehicle and the simulation's time."""
     what = f"vehicle {passage.car.name} at {passage.crosswalk.id}, {now_s:.3f} s: {error}"
     same = StrategyError(what)

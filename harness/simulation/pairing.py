@@ -8,10 +8,12 @@ from types import MappingProxyType
 from harness.core.encounter import Arm, StepMotion
 from harness.core.errors import EngineError, StrategyError
 from harness.engine.session import Module, Session
-from harness.simulation.arm import ArmOfPair, Log, Setup
+from harness.model.interaction import InteractionModel
+from harness.simulation.arm import ArmOfPair, Log
 from harness.simulation.counting import crosswalks, people, vehicles
 from harness.simulation.files import TRIPS_FILE, Kept, write_config
 from harness.simulation.passages import Columns, passages
+from harness.simulation.setup import Setup
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +42,11 @@ class Outcome:
 
 def run_arm(
     setup: Setup,
+    model: InteractionModel,
     pair: int,
     arm: Arm,
     folder: Path,
-    seed: int,
-    step_s: float | None = None,
-    outputs: frozenset[str] = frozenset(),
+    outputs: frozenset[str] | None = None,
     module: Module = "libsumo",
     more: Mapping[str, str] = MappingProxyType({}),
     begins: Callable[[Sized | None], None] = lambda _steps: None,
@@ -54,12 +55,11 @@ def run_arm(
 
     Args:
         setup: what all arms of the cell share.
+        model: the interaction model.
         pair: index of the pair.
         arm: which arm.
         folder: the arm's folder, where its configuration and outputs lie.
-        seed: SUMO's seed, the same for both arms of the pair.
-        step_s: a step other than the configuration's.
-        outputs: the outputs that are kept (``Kept``).
+        outputs: the outputs that are kept (``Kept``); None: those of the setup.
         module: where SUMO runs.
         more: further options of SUMO.
         begins: receives what grows with every step when the first step is about to begin, and None
@@ -67,9 +67,10 @@ def run_arm(
     """
     session: Session | None = None
     try:
-        kept = Kept(folder, outputs)
-        session = Session(write_config(setup.config, kept, seed, step_s, more), module=module)
-        running = ArmOfPair(setup, session, pair, arm, seed)
+        kept = Kept(folder, setup.outputs if outputs is None else outputs)
+        config = write_config(setup.config, kept, setup.seed(pair), setup.step_s, more)
+        session = Session(config, module=module)
+        running = ArmOfPair(setup, session, pair, arm, model)
         begins(running)
         log = running.run()
         begins(None)
@@ -113,6 +114,8 @@ def outcome(setup: Setup, pair: int, arm: Arm, log: Log, folder: Path, step_s: f
             "person_collisions": log.person_collisions.total(),
             "teleports": log.teleports,
             "emergency_stops": log.emergency_stops,
+            "conditionings": log.conditionings,
+            "clamped": log.clamped,
             "overlaps": sum(lane.startswith(":") for _, _, lane, _ in log.collisions),
             "harness_people": sum(own),
             "sumo_people": len(own) - sum(own),

@@ -28,8 +28,9 @@ from harness.measures.contacts import Strike
 from harness.measures.efficiency import STANDING_MPS, beyond
 from harness.measures.ego import ego_state
 from harness.measures.motion.walking import states_at
-from harness.simulation.driving import LIMITS, Passage, Zones
-from harness.simulation.people import Axis, Walked, moved
+from harness.simulation.driving import LIMITS, Passage
+from harness.simulation.walked import Axis, Walked, moved
+from harness.simulation.zones import Zones
 from harness.site.path import Path
 
 Columns = dict[str, list[Any]]

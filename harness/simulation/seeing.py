@@ -8,11 +8,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, PedestrianView
 from harness.engine.session import Session
+from harness.scenario import Scenario
 from harness.simulation.driving import Passage
 from harness.simulation.people import PeopleAt
 from harness.simulation.shares import number_of
 from harness.strategies.perception.occlusion import Point, Rectangle, is_hidden, outline
-from harness.strategies.perception.sensor import Sensor, eye_behind
+from harness.strategies.perception.sensor import eye_behind, sensor_of
 from harness.strategies.perception.track import track_from
 from harness.strategies.perception.updates import Updates, Views
 
@@ -24,7 +25,7 @@ class Sight:
     crosswalk and person.
 
     Args:
-        sensors: the sensor of each driver; None for those who see the truth.
+        scenario: has the sensor of each driver; without one they see the truth.
         pair: index of the pair, which keys the streams.
         session: SUMO.
         people: everybody at each crosswalk.
@@ -32,19 +33,20 @@ class Sight:
 
     def __init__(
         self,
-        sensors: Mapping[Arm, Sensor | None],
+        scenario: Scenario,
         pair: int,
         session: Session,
         people: Mapping[str, PeopleAt],
     ) -> None:
-        self._sensors, self._pair, self._people = sensors, pair, people
+        self._sensors = {driver: sensor_of(scenario, driver) for driver in Arm}
+        self._pair, self._people = pair, people
         self._session, self._vehicles = session, session.vehicles
         self._read_s = -math.inf
         self._fronts: dict[str, Point] = {}
 
     def begin(self, passage: Passage, driver: Arm) -> None:
         """Begin the updates of a vehicle's sensor when its strategy takes over."""
-        sensor = self._sensors.get(driver)
+        sensor = self._sensors[driver]
         if sensor is None:
             return
         crosswalk = passage.crosswalk.id

@@ -1,7 +1,13 @@
-"""Which vehicles of a simulation are AVs, by their ids alone."""
+"""The numbers of a pair: SUMO's seed, and which vehicles are AVs, by their ids alone."""
 
 import hashlib
 from collections.abc import Set
+
+_SEEDS_APART = 1_000_003
+"""Distance of SUMO's seeds of two successive values of ``experiment.seed``; odd, so that the values
+do not repeat before all of SUMO's seeds are used."""
+_SEEDS = 2**31
+"""SUMO's seeds lie below this."""
 
 
 def number_of(name: str) -> int:
@@ -18,6 +24,14 @@ def uniform_of(seed: int, vehicle: str) -> float:
     """
     digest = hashlib.blake2b(f"{seed}:{vehicle}".encode(), digest_size=8).digest()
     return int.from_bytes(digest, "big") / 2**64
+
+
+def sumo_seed(seed: int, config_seed: int, pair: int) -> int:
+    """SUMO's seed of a pair: the configuration's plus the pair's number, for seed 1.
+
+    Another ``experiment.seed`` has other seeds for all pairs, below a million pairs.
+    """
+    return (config_seed + pair + _SEEDS_APART * (seed - 1)) % _SEEDS
 
 
 def is_automated(

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,7 +12,6 @@ import pyarrow as pa
 
 from harness.core.encounter import Arm
 from harness.encounter.arms import check_arms, draws_from
-from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.session import Module
 from harness.engine.shared import close_engine
 from harness.engine.starting import scratch_prefix
@@ -22,7 +20,6 @@ from harness.results.rows import simulation_rows
 from harness.results.tables import TABLES, Row, Tables
 from harness.scenario import Cell, Scenario, Study
 from harness.simulation.opening import (
-    Opened,
     check_demand,
     check_roads,
     digests,
@@ -31,6 +28,7 @@ from harness.simulation.opening import (
 )
 from harness.simulation.pairing import Outcome, run_arm
 from harness.simulation.passages import Columns
+from harness.simulation.setup import Setup
 from harness.strategies.perception.sensor import sensor_of
 from harness.strategies.registry import STRATEGIES
 from harness.studies.tasks import EpisodeId, Rows, Task, Tell
@@ -91,7 +89,7 @@ def run_task(
         scenario = cell.scenario
         outcomes = []
         with _folders(task, scenario, cell.number) as (demand, arms):
-            found: Opened | None = None
+            found: Setup | None = None
             for arm in task.arms:
                 episode, key = EpisodeId(cell.number, pair, arm), _arm_key(scenario, arm)
                 if episode in task.given_up:
@@ -102,20 +100,17 @@ def run_task(
                     tell(episode, None)
                     if found is None:
                         found = _opened(scenario, pair, demand)
-                    speeds: list[WalkingSpeeds] = []
                     outcome = run_arm(
-                        found.setup(task.model, speeds),
+                        found,
+                        task.model,
                         pair,
                         arm,
                         arms / (arm if task.outputs is None else ""),
-                        found.seed(pair),
-                        found.step_s,
-                        found.outputs if task.outputs is None else frozenset(["all"]),
+                        None if task.outputs is None else frozenset(["all"]),
                         module,
                         {**more, **({} if task.outputs is None else REPLAYED)},
                         partial(tell, episode),
                     )
-                    outcome = replace(outcome, counts={**outcome.counts, **_uses(speeds)})
                     tell(None, None)
                     if key is not None:
                         known[key] = outcome
@@ -126,7 +121,7 @@ def run_task(
     return Rows(tables, tuple(events))
 
 
-def _opened(scenario: Scenario, pair: int, folder: Path) -> Opened:
+def _opened(scenario: Scenario, pair: int, folder: Path) -> Setup:
     return opened(scenario) if scenario.traffic is None else opened_traffic(scenario, pair, folder)
 
 
@@ -162,15 +157,6 @@ def _event(episode: EpisodeId, scenario: Scenario, outcome: Outcome) -> Row:
         **episode._asdict(),
         **said,
         "traceback": outcome.traceback,
-    }
-
-
-def _uses(speeds: Sequence[WalkingSpeeds]) -> Mapping[str, float]:
-    """How often the interaction model was used in an arm, and how often outside its data."""
-    counts = [each.model_use.counts for each in speeds]
-    return {
-        "conditionings": sum(each.uses for each in counts),
-        "clamped": sum(each.clamped for each in counts),
     }
 
 

@@ -2,77 +2,56 @@
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from harness.core.encounter import Arm, Arrival, Side, Strategy
+from harness.core.encounter import Arm, Side
 from harness.engine.shared import close_engine
-from harness.simulation.arm import Behaving, Setup
-from harness.simulation.driving import Zones
+from harness.model.interaction import load_model
+from harness.scenario import validate
 from harness.simulation.files import CONFIG_FILE, TRIPS_FILE
+from harness.simulation.opening import opened
 from harness.simulation.pairing import Outcome, run_arm
+from harness.simulation.setup import Setup
+from harness.simulation.walked import Axis
 from harness.site.configuration import read_config, sumo_program
 from harness.site.town import Town
-from harness.strategies.registry import find_strategy
 from tests.towns import call, grid
 
-SEED = 42
 END_S = 200
+PEOPLE = {"walking_speed": {"mean_mps": 1.3, "std_mps": 0.2}, "kerb_wait_s": 2.0}
 
 
 def setup_at(
     config: Path,
     strategy: str = "gap_yield",
-    share: float = 1.0,
-    begin_s: float = 0.0,
-    people: Sequence[Arrival] = (),
     crosswalks: int | None = None,
+    human: str = "sumo_driver",
+    simulation: dict[str, Any] | None = None,
+    **more: Any,
 ) -> Setup:
-    """All usable crosswalks of a configuration, or the first ones; people at the first of them."""
-    read = read_config(config)
-    town = Town.read(read.net)
-    usable = [each.id for each in town.crosswalks.values() if each.refused is None][:crosswalks]
-    at = find_strategy(strategy, "arms.av")
-    more = {"rng": np.random.default_rng(SEED)} if strategy == "human_yield" else {}
-    own = {usable[0]: Behaving(lambda _pair, _name: people, lambda _pair: _walks, "constant", 2.0)}
-    return Setup(
-        config=read,
-        town=town,
-        zones=Zones(town, read.step_s),
-        crosswalks=tuple(usable),
-        av_share=share,
-        av_types=frozenset({"passenger"}),
-        begin_s=begin_s,
-        end_s=math.inf,
-        range_m=50.0,
-        detection_m=50.0,
-        resume_mps2=1.5,
-        names={Arm.AV: strategy, Arm.HUMAN: "gap_yield"},
-        make=lambda driver, _pair, _name: at(**more) if driver is Arm.AV else _reference(people),
-        own=own if people else {},
-    )
+    """All usable crosswalks of a configuration, or the first ones."""
+    town = Town.read(read_config(config, 0.1).net).crosswalks.values()
+    usable = [each.id for each in town if each.refused is None][:crosswalks]
+    tree: dict[str, Any] = {
+        "simulation": {"file": str(config), "crossings": usable, **(simulation or {})},
+        "arms": {"av": strategy, "human": human},
+        "ego": {"trigger_range_m": 50.0, "resume_acceleration_mps2": 1.5},
+        **more,
+    }
+    return opened(validate(tree, "test"))
 
 
-def _reference(people: Sequence[Arrival]) -> Strategy | None:
-    """The reference: SUMO, or Gap-Yield where the harness's people cross."""
-    reference: Strategy = find_strategy("gap_yield", "arms.human")()
-    return reference if people else None
-
-
-def _walks(arrival: Arrival, _range_m: float, _speed_mps: float) -> float:
-    """Everybody's own speed."""
-    return 1.0 + 0.1 * (arrival.index % 5)
-
-
-def run(setup: Setup, folder: Path, arm: Arm = Arm.AV, **more: object) -> Outcome:
+def run(setup: Setup, folder: Path, arm: Arm = Arm.AV, **more: Any) -> Outcome:
     """Run one arm, which succeeds."""
     close_engine()
-    outcome = run_arm(setup, 0, arm, folder, SEED, **more)  # type: ignore[arg-type]
-    assert outcome.reason is None, outcome.traceback
+    model = load_model(*setup.scenario.model.file_and_refits)
+    outcome = run_arm(setup, model, 0, arm, folder, **more)
+    assert outcome.reason is None, outcome.traceback or outcome.reason
     return outcome
 
 
@@ -83,7 +62,9 @@ def trips(file: Path) -> list[dict[str, str]]:
 
 def test_nobody_driven_is_sumo_untouched(tmp_path: Path) -> None:
     """With a share of 0 tripinfo equals plain SUMO's; the vehicles' rows are its rows."""
-    outcome = run(setup_at(grid(tmp_path / "town", END_S), share=0.0), tmp_path / "arm")
+    outcome = run(
+        setup_at(grid(tmp_path / "town", END_S), simulation={"av_share": 0.0}), tmp_path / "arm"
+    )
     plain = tmp_path / "plain.xml"
     config = str(tmp_path / "arm" / CONFIG_FILE)
     call(tmp_path, sumo_program(), "-c", config, "--tripinfo-output", str(plain))
@@ -103,7 +84,7 @@ def test_everybody_driven(tmp_path: Path) -> None:
 
     Every contact that SUMO reports is one of ours, or of a corner of SUMO's larger person.
     """
-    setup = setup_at(grid(tmp_path / "town", END_S), begin_s=50.0)
+    setup = setup_at(grid(tmp_path / "town", END_S), simulation={"begin": 50.0})
     outcome = run(setup, tmp_path / "arm")
     passed = pd.DataFrame(outcome.passages)
     assert len(passed) > 300
@@ -126,7 +107,7 @@ def test_everybody_driven(tmp_path: Path) -> None:
 
 def test_both_arms_have_the_same_avs(tmp_path: Path) -> None:
     config = grid(tmp_path / "town", END_S)
-    setup = setup_at(config, share=0.4, crosswalks=3)
+    setup = setup_at(config, crosswalks=3, simulation={"av_share": 0.4})
     arms = [run(setup, tmp_path / arm, arm) for arm in Arm]
     av, human = (pd.DataFrame(each.vehicles).set_index("vehicle")["automated"] for each in arms)
     both = av.index.intersection(human.index)
@@ -141,7 +122,9 @@ def test_a_passage_begun_before_the_counted_time(tmp_path: Path) -> None:
     """The counted passages are those of a whole run whose front passed R0 from then on."""
     config = grid(tmp_path / "town", END_S)
     whole, part = (
-        pd.DataFrame(run(setup_at(config, begin_s=begin_s), tmp_path / str(begin_s)).passages)
+        pd.DataFrame(
+            run(setup_at(config, simulation={"begin": begin_s}), tmp_path / str(begin_s)).passages
+        )
         for begin_s in (0.0, 100.0)
     )
     later = whole[whole["trigger_s"] >= 100.0].reset_index(drop=True)
@@ -151,28 +134,26 @@ def test_a_passage_begun_before_the_counted_time(tmp_path: Path) -> None:
     assert len(across)
 
 
-PEOPLE = [
-    Arrival(number, 5.0 + 4.0 * number, (Side.NEAR, Side.FAR)[number % 2], 0.5)
-    for number in range(45)
-]
-
-
 def test_people_of_the_harness(tmp_path: Path) -> None:
     """They walk at their own speed from kerb to kerb, in SUMO's FCD too; all vehicles are driven.
 
     SUMO has nobody of them before 0.05 m or after the last 0.05 m of the crosswalk's axis.
     """
     config = grid(tmp_path / "town", END_S, **{"fcd-output": "fcd.xml", "precision": "6"})
-    setup = setup_at(config, share=0.5, people=PEOPLE, crosswalks=1)
+    people = {**PEOPLE, "flow_per_hour": 900.0}
+    setup = setup_at(
+        config, crosswalks=1, human="gap_yield", simulation={"av_share": 0.5}, pedestrians=people
+    )
     outcome = run(setup, tmp_path / "arm", outputs=frozenset({"fcd"}))
     passed, everybody = pd.DataFrame(outcome.passages), pd.DataFrame(outcome.people)
     assert passed["driven"].all()
     assert set(passed["driver"]) == {"gap_yield"}
     own = everybody[everybody["own"]].set_index("person")
-    assert len(own) == len(PEOPLE)
-    axis = setup.town.crosswalks[setup.crosswalks[0]]
+    assert len(own) == len(setup.arrivals(0, setup.crosswalks[0]))
+    crosswalk = setup.town.crosswalks[setup.crosswalks[0]]
+    axis = Axis(crosswalk)
     walked = own.dropna(subset=["cleared_s"])
-    assert len(walked) > 40
+    assert len(walked) > 30
     taken_s = walked["cleared_s"] - walked["start_s"]
     assert np.allclose(taken_s, axis.length_m / walked["speed_mps"])
     walks = {
@@ -184,7 +165,7 @@ def test_people_of_the_harness(tmp_path: Path) -> None:
         # SUMO names a step by its beginning, and writes the places at its end.
         time_s = float(step.get("time", "")) + 0.1
         for each in step.iter("person"):
-            if each.get("id") not in walked.index or each.get("edge") != axis.id:
+            if each.get("id") not in walked.index or each.get("edge") != crosswalk.id:
                 continue
             start_s, speed_mps = walks[each.get("id")]
             way_m = (time_s - start_s) * speed_mps
@@ -200,13 +181,13 @@ def test_people_of_the_harness(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("strategy", ["soft_yield", "gap_yield", "human_yield"])
 def test_nobody_is_hit_whom_a_stop_could_have_spared(strategy: str, tmp_path: Path) -> None:
-    """People of the harness, one every eleven seconds, at a crosswalk with turning vehicles.
+    """People of the harness at a crosswalk with turning vehicles.
 
     A driver who sees somebody step off far enough away to stop with 2 m/s² never hits them.
     """
     config = grid(tmp_path / "town", END_S)
-    alone = [each._replace(arrival_s=5.0 + 11.3 * each.index) for each in PEOPLE[:17]]
-    setup = setup_at(config, strategy, people=alone, crosswalks=1)
+    people = {**PEOPLE, "flow_per_hour": 300.0}
+    setup = setup_at(config, strategy, 1, "gap_yield", pedestrians=people)
     passed = pd.DataFrame(run(setup, tmp_path / strategy).passages)
     moving = passed[(passed["contact"] == "front") & (passed["contact_speed_mps"] > 0.0)]
     spared = moving[moving["required_deceleration_mps2"] < 2.0]

@@ -12,7 +12,7 @@ from harness.core.encounter import Arrival, Ending, Leg, Side, Trace, Vehicle, W
 from harness.measures import measure
 from harness.simulation.driving import Car, Passage
 from harness.simulation.passages import free_pass_s, strike_of
-from harness.simulation.people import Axis, Walked, moved
+from harness.simulation.walked import Axis, Walked, moved
 from harness.site.path import Path, PathLane
 from harness.site.town import Connection, Crosswalk
 from harness.site.zone import zone_of
@@ -44,7 +44,7 @@ def passage(path: Path) -> Passage:
     zone = zone_of(path, crosswalk(), 5.0, 1.8, STEP_S)
     assert zone is not None
     car = Car("car", "type", automated=True, vehicle=CAR, speed_factor=1.0, max_mps=50.0)
-    return Passage(car, crosswalk(), True, CONNECTION, zone, zone.crossing, 100.0, CAR)
+    return Passage(car, crosswalk(), CONNECTION, zone, zone.crossing, 100.0, CAR)
 
 
 def test_a_straight_road_is_the_encounters() -> None:

@@ -1,0 +1,198 @@
+"""The harness's people at one crosswalk, who decide by the scenario.
+
+In SUMO they are from kerb to kerb only; who waits is known to the harness alone.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import Protocol
+
+from harness.core.encounter import Crossing, Side
+from harness.encounter.approaching import Approaching
+from harness.encounter.cell_constants import CellConstants
+from harness.encounter.crowd import Crowd
+from harness.encounter.walkers import ChooseSpeed, Walker
+from harness.engine.session import Session
+from harness.measures.motion.walking import cleared_s
+from harness.simulation.setup import Setup
+from harness.simulation.walked import Axis, Walked, moved
+from harness.site.town import Crosswalk
+from harness.site.zone import Zone
+
+HELD_M = 0.05
+"""The harness's people are moved in SUMO only this far from both kerbs."""
+OWN_CROSSES = "own:"
+"""The ids of the harness's people begin so; a crossing's id begins with ``:``."""
+WALKER_TYPE = "DEFAULT_PEDTYPE"
+"""SUMO's type of the harness's people."""
+
+_STEPS_TO_COME = 2
+"""Steps after which an added person may be moved."""
+_CAR_M = (5.0, 1.8)
+"""Length and width of SUMO's car, whose zones are the lanes that people see."""
+_CAR_MPS2 = (2.6, 4.5)
+"""Acceleration and deceleration of SUMO's car."""
+
+
+class Coming(Approaching, Protocol):
+    """A vehicle that people may see; x is 0 at the crosswalk's centre."""
+
+    @property
+    def passed_at_m(self) -> float:
+        """x at which its rear leaves the crosswalk."""
+
+    @property
+    def begun(self) -> bool:
+        """Whether it has passed R0."""
+
+
+class SeenLane:
+    """The vehicles of one connection as the harness's people see them.
+
+    Args:
+        zone: the zone of a car on that connection.
+        lane_width_m: the width of its lane.
+    """
+
+    def __init__(self, zone: Zone, lane_width_m: float) -> None:
+        self.centre_m = zone.y_of((zone.from_m + zone.to_m) / 2)
+        half_m = lane_width_m / 2
+        self.edges_m = (
+            max(self.centre_m - half_m, 0.0),
+            min(self.centre_m + half_m, zone.crosswalk_m),
+        )
+        self.coming: list[Coming] = []
+        """The vehicles, the first one first."""
+
+    def ahead(self, elapsed_s: float) -> Iterator[tuple[float, float, Coming]]:
+        """See ``LaneAhead.ahead``."""
+        for each in self.coming:
+            gain = each.acceleration_mps2
+            x_m = each.x_m + each.speed_mps * elapsed_s + gain * elapsed_s**2 / 2
+            if x_m < each.passed_at_m:
+                yield x_m, each.speed_mps + gain * elapsed_s, each
+                if not each.begun:
+                    return
+
+    def first(self, elapsed_s: float) -> tuple[float, float, Coming] | None:
+        """See ``LaneAhead.first``."""
+        return next(self.ahead(elapsed_s), None)
+
+
+class OwnPeople:
+    """The harness's people at one crosswalk.
+
+    Args:
+        session: SUMO.
+        setup: how they come and decide.
+        crosswalk: where.
+        pair: index of the pair.
+        choose_speed: their walking speeds.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        setup: Setup,
+        crosswalk: Crosswalk,
+        pair: int,
+        choose_speed: ChooseSpeed,
+    ) -> None:
+        self._session, self._crosswalk, self._axis = session, crosswalk.id, Axis(crosswalk)
+        self._footpaths = setup.town.footpaths(crosswalk.id)
+        self.arrivals = setup.arrivals(pair, crosswalk.id)
+        self._lanes: dict[str, SeenLane] = {}
+        for connection in setup.town.connections(crosswalk.id):
+            found = setup.zones.at(connection, crosswalk, *_CAR_M)
+            if found is not None:
+                self._lanes[connection.id] = SeenLane(found[0], found[1].lane_width_m)
+        length_m, people = crosswalk.length_m, setup.scenario.pedestrians
+        self._rules = CellConstants(
+            vehicle=setup.vehicle(*_CAR_M, *_CAR_MPS2),
+            crossing=Crossing(length_m, crosswalk.width_m, length_m / 2, length_m),
+            kerb_wait_s=people.kerb_wait_s,
+            step_s=session.step_s,
+            timeout_s=math.inf,
+            behaviour=people.behaviour,
+            threshold=people.threshold,
+        )
+        lanes = [*self._lanes.values()]
+        self.crowd = Crowd(self.arrivals, lanes, choose_speed, self._rules, self._leave)
+        self.moved: dict[int, int] = {}
+        """Those whom SUMO has, each with the step from which they may be moved."""
+        self._begin_s, self._steps = session.time_s, 0
+
+    def name_of(self, index: int) -> str:
+        """SUMO's id of one of them."""
+        return f"own{self._crosswalk}-{index}"
+
+    def see(self, connection: str, coming: Coming) -> None:
+        """Let them see a vehicle on a connection."""
+        lane = self._lanes.get(connection)
+        if lane is not None:
+            lane.coming.append(coming)
+            lane.coming.sort(key=lambda each: -each.x_m)
+
+    def lose(self, connection: str, coming: Coming) -> None:
+        """Let them see a vehicle no more."""
+        lane = self._lanes.get(connection)
+        if lane is not None:
+            lane.coming.remove(coming)
+
+    def begin_step(self) -> None:
+        """Let those who wait decide on the vehicles' states at the step's beginning."""
+        if self.crowd.walkers:
+            self.crowd.begin_step(self._session.time_s - self._begin_s)
+
+    def place(self) -> bool:
+        """Have SUMO move everybody between the kerbs to where they are at the step's end.
+
+        Returns:
+            Whether somebody was added.
+        """
+        self._steps += 1
+        walkers, added = self.crowd.walkers, False
+        end_s = self._session.time_s - self._begin_s + self._session.step_s
+        places = dict(self.crowd.walk_until(end_s)) if walkers else {}
+        for walker in walkers:
+            index = walker.index
+            if walker.start_s is None:
+                continue
+            if index not in self.moved:
+                # Moving somebody who is not there yet ends SUMO's process.
+                self.moved[index] = self._steps + _STEPS_TO_COME
+                self._add(walker)
+                added = True
+            elif self._steps >= self.moved[index]:
+                along_m = min(max(places[index], HELD_M), self._axis.length_m - HELD_M)
+                self._session.move_person(self.name_of(index), *self._axis.point(along_m))
+        return added
+
+    def end_step(self) -> None:
+        """Let those who came within the step that has ended see its vehicles."""
+        now_s = self._session.time_s - self._begin_s
+        if self.crowd.next_s <= now_s:
+            # The vehicles are in their states at the step's end.
+            self.crowd.advance(now_s, now_s)
+
+    def _add(self, walker: Walker) -> None:
+        start, goal = self._footpaths if walker.side is Side.NEAR else self._footpaths[::-1]
+        name = self.name_of(walker.index)
+        self._session.add_person(name, start.edge, start.inside_m, WALKER_TYPE)
+        way = [start.edge, *start.areas, self._crosswalk, *reversed(goal.areas), goal.edge]
+        self._session.people.walk(name, way, goal.inside_m)
+
+    def _leave(self, index: int) -> None:
+        if self.moved.pop(index, None) is not None:
+            self._session.people.remove(self.name_of(index))
+
+    def walked(self, begin_s: float) -> Iterator[Walked]:
+        """Everybody who came; their times are 0 at SUMO's ``begin_s``."""
+        end_s = self._session.time_s
+        for walker in self.crowd.came:
+            walk = moved(walker.walk, -begin_s)
+            done_s = cleared_s(walk, self._rules.crossing)
+            if done_s is not None and done_s > end_s:
+                done_s = None
+            let_go = self.crowd.let_go.get(walker.index)
+            yield Walked(self.name_of(walker.index), True, walk, done_s, let_go)

@@ -1,0 +1,119 @@
+"""What all arms of a cell share: a scenario whose simulation has been read."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from harness.core.encounter import Arm, Arrival, Strategy, Vehicle
+from harness.core.errors import StrategyError, in_one_line
+from harness.encounter.arms import make_strategy
+from harness.encounter.arrivals import planned_arrivals
+from harness.model.interaction import InteractionModel
+from harness.scenario import Scenario
+from harness.scenario.consistency import SUMO_DRIVER
+from harness.simulation.shares import number_of, sumo_seed
+from harness.simulation.zones import Zones
+from harness.site.configuration import SumoConfig
+from harness.site.town import Town
+
+CROSSWALK = ":crosswalk_c0"
+"""The crosswalk of every network of the harness."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """A scenario whose simulation has been read.
+
+    Attributes:
+        scenario: the scenario, with the simulation's step.
+        config: SUMO's configuration.
+        zones: the zones of the chosen crosswalks in its network.
+        crosswalks: ids of the chosen crosswalks.
+        av_share, av_types: the share of AVs among vehicles of these vTypes and vClasses.
+        begin_s, end_s: the counted time; the end may be infinite.
+        step_s: a step other than the configuration's.
+        outputs: the outputs of the configuration that are kept.
+    """
+
+    scenario: Scenario
+    config: SumoConfig
+    zones: Zones
+    crosswalks: tuple[str, ...]
+    av_share: float
+    av_types: frozenset[str]
+    begin_s: float
+    end_s: float
+    step_s: float | None = None
+    outputs: frozenset[str] = frozenset()
+
+    @property
+    def town(self) -> Town:
+        """The network."""
+        return self.zones.town
+
+    @property
+    def own_people(self) -> bool:
+        """Whether people of the harness come."""
+        return self.scenario.pedestrians.anyone_comes
+
+    def counts(self, time_s: float) -> bool:
+        """Whether a time is within the counted time."""
+        return self.begin_s <= time_s < self.end_s
+
+    def seed(self, pair: int) -> int:
+        """SUMO's seed of a pair."""
+        # That of ``[traffic]`` has been written for its pair.
+        if self.scenario.traffic is not None:
+            return self.config.seed
+        return sumo_seed(self.scenario.experiment.seed, self.config.seed, pair)
+
+    def vehicle(
+        self,
+        length_m: float,
+        width_m: float,
+        accel_mps2: float,
+        decel_mps2: float,
+        driver: Arm | None = None,
+    ) -> Vehicle:
+        """The constants of a vehicle apart from v0, as late as its driver's vehicle."""
+        ego = self.scenario.ego
+        vehicle = Vehicle(
+            initial_speed_mps=1.0,
+            trigger_range_m=ego.trigger_range_m,
+            detection_range_m=ego.detection_range_m or ego.trigger_range_m,
+            length_m=length_m,
+            width_m=width_m,
+            max_acceleration_mps2=accel_mps2,
+            max_deceleration_mps2=decel_mps2,
+            resume_acceleration_mps2=min(ego.resume_acceleration_mps2, accel_mps2),
+        )
+        return self.scenario.late(vehicle, driver)
+
+    def strategy(
+        self, driver: Arm, pair: int, vehicle: str, model: InteractionModel
+    ) -> Strategy | None:
+        """The strategy of a vehicle; None if SUMO is the driver.
+
+        Raises:
+            StrategyError: it cannot be made.
+        """
+        if self.scenario.arms.driver(driver) == SUMO_DRIVER:
+            return None
+        try:
+            return make_strategy(self.scenario, driver, pair, model, number_of(vehicle))
+        except (Exception, SystemExit) as error:
+            what = f"vehicle {vehicle}: the strategy could not be made: {in_one_line(error)}"
+            raise StrategyError(what, error) from None
+
+    def arrivals(self, pair: int, crosswalk: str) -> Sequence[Arrival]:
+        """The harness's people at a crosswalk, by time since the simulation's begin.
+
+        In the harness's own network they have the streams of an encounter's.
+        """
+        since_s, last_s = self.config.begin_s, self.config.end_s
+        return planned_arrivals(
+            self.scenario,
+            pair,
+            horizon_s=(self.end_s if last_s is None else last_s) - since_s,
+            begin_s=self.begin_s - since_s,
+            key=() if crosswalk == CROSSWALK else (number_of(crosswalk),),
+        )

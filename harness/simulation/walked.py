@@ -1,0 +1,222 @@
+"""A person's way over a crosswalk, whoever moved them.
+
+Every place is a distance along the crosswalk's axis: 0 at its beginning, ``length_m`` at its end.
+Times are SUMO's.
+"""
+
+import math
+from array import array
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from harness.core.encounter import Arrival, FloatArray, Leg, Side, Walk
+from harness.site.town import Crosswalk
+
+WAITING_M = 1.0
+"""A person who stands within this distance of the kerb waits there."""
+STANDING_MPS = 0.1
+"""SUMO's threshold for waiting."""
+KERB_M = 0.02
+"""A person nearer to a kerb than this is at it: SUMO may hold people 1 cm away from a kerb."""
+_LONG = 1e6
+
+
+class Axis:
+    """A crosswalk's centre line in plain numbers, which are faster than shapely's points."""
+
+    def __init__(self, crosswalk: Crosswalk) -> None:
+        self.length_m, at_m = crosswalk.length_m, 0.0
+        self._pieces: list[tuple[complex, complex, float, float]] = []
+        for a, b in pairwise(complex(*point[:2]) for point in crosswalk.axis.coords):
+            if a != b:
+                self._pieces.append((a, (b - a) / abs(b - a), abs(b - a), at_m))
+                at_m += abs(b - a)
+
+    def along_m(self, x: float, y: float) -> float:
+        """The place of a point: of its foot on the nearest piece, beyond the ends too."""
+        at, last = complex(x, y), len(self._pieces) - 1
+        best_m, place_m = math.inf, 0.0
+        for number, (start, ahead, length_m, from_m) in enumerate(self._pieces):
+            off = (at - start) * ahead.conjugate()
+            low = off.real if number == 0 else max(off.real, 0.0)
+            inside_m = low if number == last else min(low, length_m)
+            away_m = math.hypot(off.real - inside_m, off.imag)
+            if away_m < best_m:
+                best_m, place_m = away_m, from_m + inside_m
+        return place_m
+
+    def point(self, along_m: float) -> tuple[float, float]:
+        """x and y of a place on the axis."""
+        pieces = (piece for piece in self._pieces if along_m <= piece[2] + piece[3])
+        start, ahead, _, from_m = next(pieces, self._pieces[-1])
+        at = start + (along_m - from_m) * ahead
+        return at.real, at.imag
+
+
+@dataclass(frozen=True, slots=True)
+class Walked:
+    """One person's way over the crosswalk.
+
+    Attributes:
+        id: SUMO's id, or the one that a person of the harness has there.
+        own: whether the harness moved them.
+        walk: in the axis's frame, where y = 0 is the axis's beginning and ``near`` the kerb there;
+            its times are SUMO's.
+        cleared_s: when they reached the other kerb; None if they did not.
+        let_go: whether they went before the first vehicle that kept them waiting; None if none did,
+            or if SUMO decided.
+        time_s, places: where SUMO had them, shapes (n,) and (n, 2); None for the harness's people,
+            who keep to the axis.
+    """
+
+    id: str
+    own: bool
+    walk: Walk
+    cleared_s: float | None
+    let_go: bool | None = None
+    time_s: FloatArray | None = None
+    places: FloatArray | None = None
+
+
+@dataclass(slots=True, eq=False)
+class Seen:
+    """Somebody whom SUMO moves, from the walking area before the crosswalk to the one beyond.
+
+    Attributes:
+        id: SUMO's id.
+        index: their number in observations.
+        first_m: their first place.
+        time_s, x, y: where they were when.
+        on: whether SUMO had them on the crosswalk.
+    """
+
+    id: str
+    index: int
+    first_m: float
+    time_s: "array[float]" = field(default_factory=lambda: array("d"))
+    x: "array[float]" = field(default_factory=lambda: array("d"))
+    y: "array[float]" = field(default_factory=lambda: array("d"))
+    on: list[bool] = field(default_factory=list)
+
+
+def walked_of(person: Seen, axis: Axis, rounding_m: float = 0.0) -> Walked | None:
+    """The way of one of SUMO's people; None for those who only passed beside the kerb.
+
+    Args:
+        person: where they were at each step.
+        axis: the crosswalk's.
+        rounding_m: the largest error of a place: a walk that is even within it is even.
+    """
+    time_s, places = np.array(person.time_s), np.column_stack((person.x, person.y))
+    along_m, length_m = np.array([axis.along_m(*at) for at in places.tolist()]), axis.length_m
+    on, near = np.flatnonzero(person.on), person.first_m < length_m / 2
+    side, ahead_m = (Side.NEAR, along_m) if near else (Side.FAR, length_m - along_m)
+    points = _from_kerb_to_kerb(time_s, ahead_m, on, length_m)
+    waits_s = _waits_from(time_s, ahead_m, places, int(on[0]) if len(on) else len(time_s))
+    if len(points) < 2:
+        if len(on) or waits_s is None:
+            return None
+        # There is no quantile; NaN distinguishes them from timed pedestrians.
+        waiting = Walk(Arrival(person.index, waits_s, side, math.nan))
+        return Walked(person.id, False, waiting, None, None, time_s, places)
+    if rounding_m:
+        # In seconds this long, the distance from a straight line is that at the same time.
+        even = shapely.LineString(points * [_LONG, 1.0]).simplify(2 * rounding_m)
+        points = np.array(even.coords) / [_LONG, 1.0]
+    (start_s, from_m), (end_s, to_m) = points[0].tolist(), points[-1].tolist()
+    came_s = start_s if waits_s is None else min(waits_s, start_s)
+    walk = Walk(
+        Arrival(person.index, came_s, side, math.nan),
+        start_s,
+        max((to_m - from_m) / (end_s - start_s), 1e-3),
+        legs=_legs(points, near, length_m),
+    )
+    cleared_s = end_s if to_m >= length_m - KERB_M else None
+    return Walked(person.id, False, walk, cleared_s, None, time_s, places)
+
+
+def _waits_from(
+    time_s: FloatArray, ahead_m: FloatArray, places: FloatArray, first: int
+) -> float | None:
+    """When they began to stand within 1 m of the kerb, before record ``first``; None if never."""
+    waits = None
+    moved_m = np.hypot(*np.diff(places, axis=0).T)
+    for number in range(first - 1, 0, -1):
+        if ahead_m[number] < -WAITING_M:
+            break
+        if moved_m[number - 1] < STANDING_MPS * (time_s[number] - time_s[number - 1]):
+            waits = float(time_s[number - 1])
+    return waits
+
+
+def _from_kerb_to_kerb(
+    time_s: FloatArray, ahead_m: FloatArray, on: NDArray[np.int_], length_m: float
+) -> FloatArray:
+    """(time, way ahead) of a walk over the crosswalk, from one kerb to the other, shape (n, 2).
+
+    A person crosses a kerb at the speed of the nearest step between the kerbs, because they may
+    have waited in the step before, and SUMO's curves on walking areas cut corners; but within the
+    step in which SUMO has them on the other side of the kerb.
+    """
+    last, points = len(time_s) - 1, np.column_stack((time_s, ahead_m))
+    rows = on[(ahead_m[on] >= KERB_M) & (ahead_m[on] <= length_m - KERB_M)]
+    if len(on) and len(rows) < 2:
+        # The step is long, or they have only begun.
+        rows = np.unique([max(int(on[0]) - 1, 0), *rows, min(int(on[-1]) + 1, last)])
+    if len(rows) < 2 or ahead_m[rows[-1]] <= ahead_m[rows[0]]:
+        return points[:0]
+    walk = points[rows]
+    before_s, after_s = time_s[max(rows[0] - 1, 0)], time_s[min(rows[-1] + 1, last)]
+    start_s = _kerb(walk[:2], 0.0, before_s, walk[1, 0])
+    end_s = _kerb(walk[-2:], length_m, walk[-2, 0], after_s)
+    # Who is on the crosswalk at the first or the last record has no such kerb.
+    begins = [(start_s, 0.0)] if rows[0] > on[0] or on[0] > 0 else []
+    ends = [(end_s, length_m)] if rows[-1] < on[-1] or on[-1] < last else []
+    between = walk[(walk[:, 0] > start_s) & (walk[:, 0] < end_s)].tolist()
+    return np.array([*begins, *between, *ends]).reshape(-1, 2)
+
+
+def _kerb(line: FloatArray, kerb_m: float, low_s: float, high_s: float) -> float:
+    """When the straight line through two points (time, way) reaches a kerb, within bounds."""
+    (a_s, a_m), (b_s, b_m) = line.tolist()
+    at_s: float = min(max(a_s + (kerb_m - a_m) * (b_s - a_s) / max(b_m - a_m, 1e-9), low_s), high_s)
+    return at_s
+
+
+def _legs(points: FloatArray, near: bool, length_m: float) -> tuple[Leg, ...]:
+    """The legs of a walk; the last one stands at the other kerb, where the walk is over."""
+    legs: list[Leg] = []
+    for (time_s, ahead_m), (until_s, to_m) in pairwise(points.tolist()):
+        forward_mps = (to_m - ahead_m) / (until_s - time_s)
+        y_m, y_mps = (ahead_m, forward_mps) if near else (length_m - ahead_m, 0.0 - forward_mps)
+        if not legs or abs(legs[-1].y_mps - y_mps) > 1e-9:
+            legs.append(Leg(time_s, 0.0, y_m, 0.0, y_mps, 0.0))
+    end_s, ahead_m = points[-1].tolist()
+    legs.append(Leg(end_s, 0.0, ahead_m if near else length_m - ahead_m, 0.0, 0.0, 0.0))
+    return tuple(legs)
+
+
+def moved(walk: Walk, since_s: float, length_m: float | None = None) -> Walk:
+    """A walk with other times and, with ``length_m``, seen from the other kerb.
+
+    Args:
+        walk: the walk.
+        since_s: its times are counted from this time.
+        length_m: the crosswalk's length; None to keep the direction.
+    """
+    arrival = walk.arrival._replace(arrival_s=walk.arrival.arrival_s - since_s)
+    legs = walk.legs
+    if legs is not None:
+        legs = tuple(leg._replace(time_s=leg.time_s - since_s) for leg in legs)
+    if length_m is not None:
+        arrival = arrival._replace(side=arrival.side.other)
+        legs = legs and tuple(
+            Leg(time_s, x, length_m - y, x_mps, 0.0 - y_mps, 0.0 - y_mps2)
+            for time_s, x, y, x_mps, y_mps, y_mps2 in legs
+        )
+    start_s = None if walk.start_s is None else walk.start_s - since_s
+    return replace(walk, arrival=arrival, start_s=start_s, legs=legs)
