@@ -38,8 +38,8 @@ ArmsOption = Annotated[Literal["av", "human", "both"], Option(help="Arm to repea
 ByOption = Annotated[str, Option(help="Measure to rank by, e.g. min_ttc_s, delay_s, stops.")]
 MostOption = Annotated[int, Option("-n", help="Number of episodes.", metavar="N")]
 DiffOption = Annotated[Path | None, Option(help="A run with what is worse in it than in RUN.")]
-_DRIVER = "Of simulations: AVs that a strategy drove, or others."
-DriverOption = Annotated[Literal["av", "other"] | None, Option(help=_DRIVER)]
+_DRIVER = "Of simulations: who drove, AVs' strategy, the reference's, or SUMO."
+DriverOption = Annotated[Literal["av", "reference", "sumo"] | None, Option(help=_DRIVER)]
 Mu0Option = Annotated[float | None, Option(help="Upper limit of μ: the paper's allowed interval.")]
 Kappa0Option = Annotated[float | None, Option(help="Upper limit of κ: the same.")]
 PageOption = Annotated[Path | None, Option(help="The page; default RUN/report.html.")]

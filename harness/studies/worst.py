@@ -1,18 +1,20 @@
-"""Finds the worst episodes of a run."""
+"""Finds the worst episodes of a run, or the worst passages of its simulations."""
 
 import math
 import shlex
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Literal
 
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError, resume_command, unknown_name
 from harness.measures.catalogue import COLUMNS, MEASURES
-from harness.results.finding import Finding, Plain
+from harness.results.finding import Finding, Form, Plain
 from harness.results.notes import notes_of
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.results.run import Run
+from harness.results.tables import RunKind
+from harness.simulation.arm import ENDED
 from harness.studies.candidates import key_of
-from harness.studies.worst_passages import Driver, worst_passages
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,6 +27,19 @@ CONFLICT_S = 5.0
 
 _BEFORE, _SAME = "_before", 1e-9
 """Suffix of the earlier run's columns; a smaller change of badness is none."""
+
+Driver = Literal["av", "reference", "sumo"]
+"""Who drove a passage: the strategy of AVs, the reference's, or SUMO."""
+
+_COLUMNS: Mapping[RunKind, Mapping[str, str]] = {
+    "encounters": {name: name for name in ("pair", "driver", "ending", "contact")},
+    "simulations": {
+        **{name: name for name in ("pair", "crosswalk", "vehicle", "driver", "manoeuvre")},
+        **{"ended": "ended", "contact_person": "contact with", "front_s": "at, s"},
+        "share_strategy": "steps by the strategy",
+    },
+}
+"""The columns of a row that say which it is, with their headings."""
 
 _CAPPED = ("pet_s", "min_ttc_s")
 _FINAL = 1_000_000.0
@@ -56,7 +71,7 @@ def worst(
         before: an earlier run with the same people; only episodes that are worse than in it are
             listed, the greatest change first.  Cells are matched by people and AV; if each run has
             one cell, their AVs may differ.
-        driver: of simulations, the only drivers.
+        driver: of simulations, who drove; None: anybody.
 
     Raises:
         InputError: a run is not finished, the measure, arm or cell does not exist, every episode
@@ -73,36 +88,56 @@ def worst(
         raise unknown_name("--arm", "arm", str(arm), [*Arm])
     if cell is not None and not 0 <= cell < len(run.study.cells):
         raise InputError("--cell", f"{cell}", f"0 to {len(run.study.cells) - 1}")
-    if run.kind == "simulations":
-        if before is not None:
-            raise InputError("--diff", "is of encounters", "a run of encounters")
-        return worst_passages(run, by, most, Arm(arm), cell, driver, _badness, _least(by))
-    if driver is not None:
+    simulated = run.kind == "simulations"
+    if simulated and before is not None:
+        raise InputError("--diff", "is of encounters", "a run of encounters")
+    if driver is not None and not simulated:
         raise InputError("--driver", "is of simulations", "--arm")
-    rows = _ranked(run, by, arm, cell)
+    rows = _ranked(run, by, arm, cell, driver)
     if before is not None:
-        past = _ranked(before, by, arm, None)[["cell", "pair", by, "badness"]]
+        past = _ranked(before, by, arm)[["cell", "pair", by, "badness"]]
         past["cell"] = past["cell"].map(_same_cells(before, run))
         rows = rows.merge(past, on=["cell", "pair"], suffixes=("", _BEFORE))
         rows["badness"] -= rows.pop(f"badness{_BEFORE}")
     bad = rows[rows["badness"] > (_least(by) if before is None else _SAME)]
-    order = bad.sort_values(["badness", "cell", "pair"], ascending=[False, True, True])[:most]
-    return _result(run, order, by, Arm(arm), before)
+    then = ["cell", "pair", *(["front_s"] if simulated else [])]
+    order = bad.sort_values(["badness", *then], ascending=[False, *(True for _ in then)])[:most]
+    return _result(run, order, len(rows), by, Arm(arm), before)
 
 
-def _ranked(run: Run, by: str, arm: str, cell: int | None) -> "pd.DataFrame":
-    """The episodes of an arm that did not fail, each with its badness."""
+def _ranked(
+    run: Run, by: str, arm: str, cell: int | None = None, driver: Driver | None = None
+) -> "pd.DataFrame":
+    """The episodes or passages of an arm that have a measure, each with its badness.
+
+    Episodes that failed are left out, and passages that the end of the simulation cut off.
+    """
     if not run.finished:
         advice = f"`{resume_command(run.path)}` finishes it"
         raise InputError(str(run.path), "is not finished", advice)
-    episodes = run.episodes
-    of_arm = episodes[(episodes["arm"] == arm) & (cell is None or episodes["cell"] == cell)]
+    if run.kind == "simulations":
+        rows = _passages(run, Arm(arm), driver)
+    else:
+        rows = run.episodes.rename(columns={"strategy": "driver"})
+    of_arm = rows[(rows["arm"] == arm) & (cell is None or rows["cell"] == cell)]
     rows = of_arm[of_arm["ending"] != Ending.ENGINE_FAILED]
+    if rows.empty and run.kind == "simulations":
+        raise InputError(str(run.path), "has no such passage", "another arm, cell or driver")
     if rows.empty:
         problem = f"all {len(of_arm)} episodes of {arm} failed, e.g. {of_arm['reason'].iloc[0]}"
         raise InputError(str(run.path), problem, "a run with an episode that did not fail")
     values = zip(rows[by], rows["ending"], rows["contact_speed_mps"], strict=True)
     return rows.assign(badness=[_badness(by, *of) for of in values])
+
+
+def _passages(run: Run, arm: Arm, driver: Driver | None) -> "pd.DataFrame":
+    """The passages that did not end with the simulation, each with the ending of an episode."""
+    rows = run.table("passages")
+    by_av = rows["driven"] & rows["automated"] & (arm is Arm.AV)
+    of = {"av": by_av, "reference": rows["driven"] & ~by_av, "sumo": ~rows["driven"]}
+    rows = rows[(rows["ended"] != ENDED) & (driver is None or of[driver])]
+    touched = rows["contact_person"].notna()
+    return rows.assign(ending=touched.map({True: Ending.CRASHED, False: Ending.CROSSED}))
 
 
 def _same_cells(before: Run, run: Run) -> dict[int, int]:
@@ -142,39 +177,42 @@ def _least(by: str) -> float:
     return -math.inf if RANKED[by].worse == "small" or by == "delay_s" else 0.0
 
 
-def _result(run: Run, rows: "pd.DataFrame", by: str, arm: Arm, before: Run | None) -> Result:
+def _result(
+    run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm, before: Run | None
+) -> Result:
     several, unit = len(run.study.cells) > 1, {each.column: each.unit for each in MEASURES}[by]
     keys = {"cell": "cell", **{key: key.rpartition(".")[2] for key in run.study.varied_keys}}
     headings = {
         **(keys if several else {}),
-        **{name: name for name in ("pair", "driver", "ending", "contact")},
+        **_COLUMNS[run.kind],
         **{_SPEED: "speed at contact, m/s", by: f"{by}, {unit}" if unit else by},
         **({} if before is None else {by + _BEFORE: "before"}),
     }
+    styles = {name: _STYLES.get(name, Style(digits=3)) for name in (*_STYLES, by, by + _BEFORE)}
     records: list[dict[str, Plain | Finding]] = []
-    commands = []
-    for row in rows.rename(columns={"strategy": "driver"}).to_dict("records"):
+    commands: dict[str, None] = {}
+    for row in rows.to_dict("records"):
         number = row["cell"]
         chosen = f" --cell {number}" if several else ""
-        episode = f"{shlex.quote(str(run.path))}{chosen} --pair {row['pair']} --arm {arm}"
-        commands.append(f"harness replay {episode} --gui")
-        found = {
-            name: row[name] if row[name] == row[name] else None for name in headings if name in row
-        }
-        numbers = {name: Finding(found[name]) for name in headings if name.startswith((_SPEED, by))}
+        place = f"{shlex.quote(str(run.path))}{chosen} --pair {row['pair']} --arm {arm}"
+        commands[f"harness replay {place} --gui"] = None
+        known = {name: row[name] if row[name] == row[name] else None for name in row}
+        found = {name: known[name] for name in headings if name in known}
+        numbers = {name: Finding(found[name]) for name in styles if name in found}
         records.append({"cell": number, **run.study.cells[number].varied, **found, **numbers})
     cells = tuple(
         tuple(
-            Shown(value, Style(digits=3)) if isinstance(value, Finding) else value
-            for value in map(record.get, headings)
+            Shown(value, styles[name]) if isinstance(value, Finding) else value
+            for name, value in ((name, record.get(name)) for name in headings)
         )
         for record in records
     )
     what = "worst" if before is None else "worsened"
+    noun = "episodes" if run.kind == "encounters" else "passages"
     return Result(
         command="worst",
-        title=f"{run.name}: the {what} episodes of {arm} by {by}",
-        scope=f"{len(records)} of {len(run.episodes) // len(Arm):,}",
+        title=f"{run.name}: the {what} {noun} of {arm} by {by}",
+        scope=f"{len(records)} of {among:,}",
         about="",
         screen=Table("", tuple(Column(*each) for each in headings.items()), cells),
         full=(),
@@ -186,3 +224,9 @@ def _result(run: Run, rows: "pd.DataFrame", by: str, arm: Arm, before: Run | Non
 
 
 _SPEED = "contact_speed_mps"
+_STYLES = {
+    _SPEED: Style(digits=3),
+    "front_s": Style(digits=1),
+    "share_strategy": Style(Form.SHARE, 0),
+}
+"""How the numbers beside the measure are written."""
