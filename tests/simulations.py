@@ -51,13 +51,23 @@ def person(name: str, **more: Any) -> dict[str, Any]:
 
 
 def arm(
-    passages: Rows = (), vehicles: Rows = (), people: Rows = (), **more: Any
+    passages: Rows = (),
+    vehicles: Rows = (),
+    people: Rows = (),
+    queues: tuple[float, float] = (1.0, 1.0),
+    **more: Any,
 ) -> dict[str, Rows]:
-    """The rows of one simulation, without those of ``crosswalks``."""
+    """The rows of one simulation; ``queues`` are those of its two crosswalks."""
+    places = [
+        {"crosswalk": name, "prioritized": PLACES[name], "length_m": 7.0}
+        | {"x_m": 90.0 * n, "y_m": 40.0 * n, "queue_p95": queue}
+        for n, (name, queue) in enumerate(zip(PLACES, queues, strict=True))
+    ]
     counts = ("vehicle_collisions", "person_collisions", "teleports", "emergency_stops")
     counts = (*counts, "overlaps", "harness_people", "sumo_people")
     own = dict.fromkeys(counts, 0) | {"begin_s": BEGIN_S, "counted_s": COUNTED_S} | more
-    return {"arms": [own], "passages": passages, "vehicles": vehicles, "people": people}
+    tables = {"passages": passages, "vehicles": vehicles, "people": people}
+    return {"arms": [own], **tables, "crosswalks": places}
 
 
 def failed(reason: str = "the strategy raised") -> dict[str, Rows]:
@@ -72,12 +82,6 @@ def tables_of(
     parts = []
     for number, both in enumerate(pairs, first):
         for which, rows in zip(Arm, both, strict=True):
-            places = [
-                {"crosswalk": name, "prioritized": PLACES[name], "length_m": 7.0}
-                | {"x_m": 90.0 * n, "y_m": 40.0 * n}
-                for n, name in enumerate(PLACES)
-            ]
-            rows = {"crosswalks": places, **rows} if "passages" in rows else rows
             columns = {
                 name: {
                     key: [row.get(key) for row in of]
@@ -115,8 +119,6 @@ def ordinary(pair: int, av: bool = True, slower_s: float = 0.0) -> dict[str, Row
             not_driven_because=None if automated[n] else "it is no AV",
             share_strategy=0.7, share_leader=0.2, share_lane=0.1, pet_s=float(rng.uniform(0.5, 8)),
             min_ttc_s=float(rng.uniform(0.5, 8)), max_drac_mps2=float(rng.uniform(0, 4)),
-            stop_begin_s=due_s[n] + 23 if delay_s[n] > 3 else None,
-            stop_end_s=due_s[n] + 20 + delay_s[n] if delay_s[n] > 3 else None,
         )
         for n in range(120)
     ]  # fmt: skip
@@ -131,7 +133,8 @@ def ordinary(pair: int, av: bool = True, slower_s: float = 0.0) -> dict[str, Row
                let_go=bool(n % 3) if n % 2 else None)
         for n in range(80)
     ]  # fmt: skip
-    return arm(passages, vehicles, people, sumo_people=0, harness_people=80)
+    queues = rng.uniform(0.0, 3.0), rng.uniform(0.0, 3.0)
+    return arm(passages, vehicles, people, queues, sumo_people=0, harness_people=80)
 
 
 def study_of_shares(*shares: float) -> Study:

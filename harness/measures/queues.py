@@ -1,4 +1,4 @@
-"""Times of many vehicles in; queues, the growth of their number, and levels of service out."""
+"""Times of many vehicles and people in; the growth of their number and levels of service out."""
 
 import numpy as np
 
@@ -15,22 +15,6 @@ def level_of_service(delay_s: float) -> str:
     ['A', 'C', 'F']
     """
     return "ABCDEF"[sum(delay_s > limit for limit in PEDESTRIAN_LOS_S)]
-
-
-def standing(begin_s: FloatArray, end_s: FloatArray, from_s: float, until_s: float) -> np.ndarray:
-    """The number of vehicles that stand, in the middle of each second of a time.
-
-    Args:
-        begin_s: begins of their stops.
-        end_s: ends of those that have ended.
-        from_s, until_s: the time.
-
-    >>> standing(np.array([0.0, 1.2]), np.array([3.0]), 0.0, 4.0).tolist()
-    [1, 2, 2, 1]
-    """
-    at_s = np.arange(from_s + 0.5, until_s)
-    begun, ended = (np.searchsorted(np.sort(each), at_s) for each in (begin_s, end_s))
-    return begun - ended
 
 
 def growth(due_s: FloatArray, left_s: FloatArray, from_s: float, until_s: float) -> float | None:

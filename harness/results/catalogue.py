@@ -181,12 +181,6 @@ def _not_driven(entry: Entry, sample: SimulationSample, arm: int | None) -> Find
     return replace(_count(entry, sample, arm), reason=sample.why_not_driven())
 
 
-def _growth(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
-    found, due = entry.values(sample, arm), entry.values(sample, arm, entry.weight)
-    total = float(np.sum(due[~np.isnan(found)])) / 3
-    return Finding(float(np.nansum(found)) / total if total else None)
-
-
 _HOURS = partial(Entry, estimate=_hourly, of="both", unit="s", digits=1, kinds=SIMULATIONS,
                  undefined="there is none of these")  # fmt: skip
 _PASSAGES = partial(_HOURS, estimate=_of_passages, weight="count passages reached", unit="",
@@ -304,20 +298,17 @@ ENTRIES: tuple[Entry, ...] = (
           "for a vehicle that was faster or farther away than its data, among all uses.",
           "clamped", _average, form=Form.SHARE, weight="conditionings", kinds=_BOTH,
           undefined="the model was not used"),
-    Entry("clamped_speed_excess_mps", "largest speed beyond the model's data", "By how much the "
-          "vehicle was faster.", "clamped_speed_excess_mps", _largest, unit="m/s",
-          undefined="no vehicle was faster than the model's data"),
-    Entry("clamped_range_excess_m", "largest distance beyond the model's data", "By how much it "
-          "was farther away.", "clamped_range_excess_m", _largest, unit="m",
-          undefined="no vehicle was farther away than the model's data"),
     _HOURS("av_delay_s", "AVs' delay", "At the crosswalks, of the vehicles that `arms.av` drives; "
            "in the reference's arm of the same.", "mean passages.delay_s av", screen=True),
     _HOURS("other_delay_s", "other vehicles' delay", "Of all others at the crosswalks.",
            "mean passages.delay_s other", screen=True, optional=True),
     _HOURS("people_wait_s", "people's wait", "At the kerb, until stepping off or the end.",
            "mean people.wait_s", screen=True),
-    _HOURS("queue_p95", "queue, 95 %, vehicles", "Vehicles that stand before a crosswalk, quantile "
-           "over seconds and crosswalks.", "queue_p95", unit="", screen=True),
+    _HOURS("people_delay_s", "people's delay", "Against an undisturbed walk.",
+           "mean people.delay_s", screen=True),
+    _HOURS("queue_p95", "queue, 95 %, vehicles", "Vehicles below 5 km/h before the crosswalk, "
+           "quantile over seconds; in all that of the longest queue.", "max crosswalks.queue_p95",
+           unit="", screen=True),
     _PER_1000("conflicts_pet_per_1000", "PET below {pet_s:g} s, per 1,000", "Conflicts and "
               f"contacts per 1,000 passages. {_REACHED}", "count passages pet", screen=True),
     _PASSAGES("contacts", "contacts with people", f"By the vehicle's oriented outline. {_REACHED}",
@@ -336,8 +327,6 @@ ENTRIES: tuple[Entry, ...] = (
               "count passages ttc"),
     _PER_1000("conflicts_drac_per_1000", "DRAC above {drac_mps2:g} m/s², per 1,000", "As PET.",
               "count passages drac"),
-    _HOURS("people_delay_s", "people's delay", "Against an undisturbed walk.",
-           "mean people.delay_s"),
     _HOURS("people_los", "level of service, people", "Of the HCM (2010, exhibit 19-2), by "
            "`people_wait_s`; JSON has the wait.", "mean people.wait_s", of="arms", form=Form.LEVEL),
     _PASSAGES("let_go", "people for whom the first driver yielded", "Of those who waited.",
@@ -352,7 +341,7 @@ ENTRIES: tuple[Entry, ...] = (
            network=True),
     _TOTAL("growth", "growth of the vehicles on the network", "From the second third of the time "
            "to the last, as a share of the vehicles due in a third: those not served.", "growth",
-           estimate=_growth, weight="count vehicles", form=Form.SHARE, digits=1, network=True,
+           estimate=_mean, form=Form.SHARE, digits=1, network=True,
            undefined="trips are longer than a third of the counted time"),
     *(_TOTAL(key, words, f"`{column}`.", column, network=column.partition(" ")[2][0] != "p")
       for key, words, column in (
@@ -363,8 +352,6 @@ ENTRIES: tuple[Entry, ...] = (
           ("never_went", "people who never went", "count people never_went"),
           ("vehicles", "trips", "count vehicles"), ("avs", "trips of AVs", "count vehicles av"),
           ("unfinished", "trips that did not end", "count vehicles unfinished"),
-          ("prioritized", "prioritized crosswalks", "count crosswalks prioritized"),
-          ("unprioritized", "other crosswalks", "count crosswalks unprioritized"),
           *((name, name.replace("_", " "), f"sum arms.{name}") for name in (
               "sumo_people", "vehicle_collisions", "person_collisions", "teleports",
               "emergency_stops", "overlaps")))),

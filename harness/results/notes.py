@@ -162,7 +162,7 @@ def _outside_the_model(cell: CellFindings) -> Said | None:
     used = " and ".join(f"{100 * part:.3g} % ({who})" for part, who in shares)
     text = (
         f"The model was used outside its data, in {used} of its uses. It answered for the nearest "
-        "vehicle in its data; --full has how much faster or farther away this one was."
+        "vehicle in its data."
     )
     return Said(text, max(part for part, _ in shares))
 
@@ -227,19 +227,24 @@ def _collisions(cell: CellFindings) -> Said | None:
     names |= {"emergency_stops": "emergency stops", "overlaps": "overlaps inside junctions"}
     more = {key: cell[key].count - cell[f"{key}_human"].count for key in names}
     parts = [f"{names[key]} ({_by_arm(cell, key)})" for key, count in more.items() if count > 0]
-    return (
-        Said(f"More than with the reference: {_listed(parts)}.", sum(more.values()))
-        if parts
-        else None
-    )
+    text = f"More than with the reference: {_listed(parts or [''])}."
+    return Said(text, sum(more.values())) if parts else None
 
 
 def _few_hours(cell: CellFindings) -> Said | None:
     ran = cell["people_wait_s_difference"].n or 0
     if ran >= RELIABLE_FROM:
         return None
-    rests = f"each interval rests on {ran:,} pairs" if ran > 1 else "one pair has no intervals"
+    rests = f"intervals rest on {ran:,} pairs" if ran > 1 else "one pair has no intervals"
     return Said(f"Few pairs: {rests}. They are reliable from {RELIABLE_FROM} pairs on.", -ran)
+
+
+def _cut_off(cell: CellFindings) -> Said | None:
+    if not (count := cell.total("cut_off")):
+        return None
+    text = f"Delays leave out {count:,} passages that did not end ({_by_arm(cell, 'cut_off')}). "
+    text += f"{cell.total('never_went'):,} people who never went count with their wait so far."
+    return Said(text, count)
 
 
 def _who_drove(cell: CellFindings) -> Said | None:
@@ -247,11 +252,10 @@ def _who_drove(cell: CellFindings) -> Said | None:
     passages = driven.n or 0
     if share is None or (share > MOSTLY and driven.count > DRIVEN * passages):
         return None
-    others = {"leaders": "leader", "right of way": "right_of_way", "lanes and curves": "lane"}
-    by = (
-        f"{words} {100 * (cell[f'share_{name}'].value or 0):.0f} %"
-        for words, name in others.items()
-    )
+    names = {"leaders": "leader", "right of way": "right_of_way", "lanes and curves": "lane"}
+    by = [
+        f"{words} {100 * (cell[f'share_{name}'].value or 0):.0f} %" for words, name in names.items()
+    ]
     text = f"SUMO decided {100 * (1 - share):.0f} % of {cell.scenario.arms.av}'s steps: "
     text += f"{', '.join(by)}."
     if left := passages - driven.count:
@@ -274,12 +278,8 @@ def _fills(cell: CellFindings) -> Said | None:
 def _people_of_sumo(cell: CellFindings) -> Said | None:
     if not (count := cell.total("sumo_people")):
         return None
-    whys = []
-    if cell["unprioritized"].count:
-        whys.append("go only once the car stands, so slowing down does nothing for them")
-    if cell["prioritized"].count:
-        whys.append("do not look where they have priority")
-    return Said(f"SUMO's people {_listed(whys)}.", count) if whys else None
+    text = "SUMO's people go only once the car stands, so slowing down does nothing for them; "
+    return Said(f"{text}where they have priority they do not look.", count)
 
 
 RULES: tuple[Rule, ...] = (
@@ -293,7 +293,7 @@ RULES: tuple[Rule, ...] = (
     Rule("who_drove", "SUMO drove", None, _who_drove),
     Rule("people_of_sumo", "SUMO's people", None, _people_of_sumo),
     Rule("fallback", "another strategy drove (up to {:.3g} %)", _fallback, _fallback),
-    Rule("left_out", "pairs left out", _left_out),
+    Rule("left_out", "left out", _left_out, _cut_off),
     Rule("outside_model", "outside the model's data", _outside_the_model, _outside_the_model),
     Rule("not_validated", "reference not validated", _not_validated, _not_validated),
     Rule("speeding", "speeding", _speeding),

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from harness.core.errors import EngineError
 from harness.simulation.arm import Log
 from harness.simulation.passages import Columns, columns_of
@@ -95,10 +97,11 @@ def people(log: Log, setup: Setup, fronts_s: Mapping[str, Sequence[float]]) -> C
     return columns_of([row for row in rows if setup.counts(row["arrival_s"])])
 
 
-def crosswalks(setup: Setup) -> Columns:
-    """The rows of the table ``crosswalks``."""
+def crosswalks(log: Log, setup: Setup) -> Columns:
+    """The rows of the table ``crosswalks``, with the queue before each."""
     chosen = [setup.town.crosswalks[name] for name in setup.crosswalks]
     centres = [each.axis.interpolate(0.5, normalized=True) for each in chosen]
+    queues = [log.queues[name] for name in setup.crosswalks]
     return {
         "crosswalk": [each.id for each in chosen],
         "prioritized": [each.prioritized for each in chosen],
@@ -106,4 +109,5 @@ def crosswalks(setup: Setup) -> Columns:
         "width_m": [each.width_m for each in chosen],
         "x_m": [at.x for at in centres],
         "y_m": [at.y for at in centres],
+        "queue_p95": [float(np.quantile(each, 0.95)) if each else None for each in queues],
     }

@@ -106,7 +106,7 @@ def outcome(setup: Setup, pair: int, arm: Arm, log: Log, folder: Path, step_s: f
         passages=passed,
         vehicles=vehicles(folder / TRIPS_FILE, log, setup),
         people=walked,
-        crosswalks=crosswalks(setup),
+        crosswalks=crosswalks(log, setup),
         counts={
             "begin_s": setup.begin_s,
             "counted_s": min(setup.end_s, log.end_s) - setup.begin_s,

@@ -25,7 +25,7 @@ from harness.core.encounter import (
 )
 from harness.measures import EpisodeRecord, crossing_time, measure
 from harness.measures.contacts import Strike
-from harness.measures.efficiency import STANDING_MPS, beyond
+from harness.measures.efficiency import beyond
 from harness.measures.ego import ego_state
 from harness.measures.motion.walking import states_at
 from harness.simulation.driving import LIMITS, Passage
@@ -124,23 +124,8 @@ def _row(
         "contact": record.contact,
         "contact_person": None if record.contact_index is None else names[record.contact_index],
         "sumo_contact": passage.collided,
-        **_longest_stop(trace, begin_s),
         "fallback": passage.fallback,
         **values,
-    }
-
-
-def _longest_stop(trace: Trace, begin_s: float) -> Mapping[str, float | None]:
-    """Begin and end of the longest stop before the crosswalk."""
-    stands = (trace.speed_mps < STANDING_MPS) & (trace.x_m <= -trace.crossing.width_m / 2)
-    ends = np.flatnonzero(np.diff(np.concatenate(([False], stands, [False])))).reshape(-1, 2)
-    if not len(ends):
-        return {"stop_begin_s": None, "stop_end_s": None}
-    low, high = ends[np.argmax(np.diff(ends, axis=1))].tolist()
-    last = min(high, len(stands) - 1)
-    return {
-        "stop_begin_s": begin_s + low * trace.step_s,
-        "stop_end_s": begin_s + last * trace.step_s,
     }
 
 

@@ -341,7 +341,7 @@ def test_a_written_scenario_runs_and_its_worst_passage_is_replayed(
     worst = json.loads(printed(*by_delay, "av", "--json"))
     assert {row["driver"] for row in worst["records"]} == {"gap_yield"}
     assert "the simulation ended" not in {row["ended"] for row in worst["records"]}
-    others = here(*by_delay, "other")
+    others = here(*by_delay, "reference")
     assert others.returncode == 2
     out = tmp_path / "again"
     told = printed("replay", tmp_path / "run", "--pair", 0, "--arm", "av", "--out", out)

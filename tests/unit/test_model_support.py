@@ -83,7 +83,6 @@ def test_the_issues_case_says_how_often_the_model_was_asked_outside(model) -> No
             assert outcome.arm is Arm.HUMAN or record.clamped_speed_excess_mps is None
     found = cell_findings(Cell(0, {}, scene), episode_rows(0, outcomes), 0.0)
     assert float(found["clamped_share"].value) > 0.5
-    assert found["clamped_speed_excess_mps"].value == pytest.approx(13.89 - 8.0, abs=0.01)
 
 
 def test_near_and_standing_cars_are_counted_apart_and_the_last_bit_decides_nothing(model) -> None:

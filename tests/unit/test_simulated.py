@@ -10,7 +10,7 @@ from scipy import stats
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
-from harness.measures.queues import growth, standing
+from harness.measures.queues import growth
 from harness.report.page import write_page
 from harness.report.screen import screen_text
 from harness.results.catalogue import entries_of
@@ -30,10 +30,10 @@ from harness.results.screens import run_result
 from harness.results.student import ALONE, ONE, clustered_share, t_mean, t_ratio_difference
 from harness.results.tables import DamagedPartError, done_parts, part_name, read_cell, write_part
 from harness.scenario import Setting, read_scenario_file, study_of
+from harness.simulation.arm import ENDED
 from harness.studies.compare import compare
+from harness.studies.worst import Driver, worst
 from tests.simulations import (
-    BEGIN_S,
-    COUNTED_S,
     Rows,
     arm,
     failed,
@@ -116,15 +116,10 @@ def test_the_vehicles_on_a_network_grow_by_those_whom_it_does_not_serve(
     assert found == pytest.approx(300 * round(100 * left) / 100, abs=2.0)
 
 
-def test_a_queue_is_those_who_stand() -> None:
-    begin_s, end_s = np.array([1.0, 2.0, 8.0]), np.array([4.0, 3.0])  # one stands until the end
-    assert standing(begin_s, end_s, 0.0, 10.0).tolist() == [0, 1, 2, 1, 0, 0, 0, 0, 1, 1]
-
-
 AV = arm(
     [
         passage("a", delay_s=4.0, pet_s=1.0, share_strategy=0.5, share_leader=0.5),
-        passage("b", delay_s=6.0, crosswalk=":b_c0", stop_begin_s=300.0, stop_end_s=400.0),
+        passage("b", delay_s=6.0, crosswalk=":b_c0"),
         passage("c", driven=False, driver="sumo", not_driven_because="it came late", steps=0,
                 share_strategy=None, share_leader=None, delay_s=2.0, pedestrians=0),
         passage("d", automated=False, delay_s=1.0, contact_person="p", pet_s=None),
@@ -133,12 +128,13 @@ AV = arm(
     [trip("a", time_loss_s=8.0), trip("d", automated=False, arrival_s=None, time_loss_s=2.0)],
     [person("p", wait_s=2.0), person("p", crosswalk=":b_c0", wait_s=8.0, let_go=False),
      person("q", start_s=None, wait_s=5.0, let_go=None)],
-    teleports=2,
+    queues=(2.0, 7.0), teleports=2,
 )  # fmt: skip
 REFERENCE = arm(
     [passage("a", delay_s=1.0), passage("b", delay_s=3.0, crosswalk=":b_c0")],
     [trip("a"), trip("d", automated=False)],
     [person("p", wait_s=1.0)],
+    queues=(3.0, 4.0),
 )
 
 
@@ -159,8 +155,9 @@ def counted() -> CellFindings:
         ("people_wait_s", 5.0),
         ("people_wait_s_difference", 4.0),
         ("people_los", 5.0),
-        ("queue_p95", 1.0),  # 100 of 1,200 seconds at two crosswalks
-        ("queue_p95_human", 0.0),
+        ("queue_p95", 7.0),
+        ("queue_p95_human", 4.0),
+        ("queue_p95_difference", 3.0),
         ("conflicts_pet_per_1000", 1000 * 2 / 4),
         ("conflicts_pet_per_1000_human", 0.0),
         ("contacts", 1 / 4),
@@ -179,7 +176,6 @@ def counted() -> CellFindings:
         ("unfinished", 2 * 1),
         ("teleports", 2 * 2),
         ("teleports_human", 0),
-        ("unprioritized", 2),
         ("pairs", 3),
         ("failed", 0),
         ("failed_human", 1),
@@ -194,7 +190,7 @@ def test_numbers_of_a_crosswalk_by_hand(counted: CellFindings) -> None:
     assert (near["av_delay_s"].value, far["av_delay_s"].value) == (3.0, 6.0)
     assert (near["people_wait_s"].value, far["people_wait_s"].value) == (3.5, 8.0)
     assert (near["people"].value, far["people"].value) == (4, 2)
-    assert (near["queue_p95"].value, far["queue_p95"].value) == (0.0, 1.0)
+    assert (near["queue_p95_difference"].value, far["queue_p95"].value) == (-1.0, 7.0)
     assert near["contacts"].events == 2
     whole = {key for entry in entries_of("simulations") if entry.network for key in entry.keys}
     assert near.keys() == counted.findings.keys() - whole
@@ -248,7 +244,11 @@ SAID: dict[str, tuple[Pairs, str]] = {
     "fills": (filling(USUAL), "% of those who come (AV)"),
     "who_drove": (several(), "SUMO decided 30 % of soft_yield's steps: leaders 20 %"),
     "people_of_sumo": (several({"sumo_people": 3}), "only once the car stands"),
-    "fallback": (altered(USUAL, fallback=True), "AV passages (1e+02 %"),
+    "fallback": (altered(USUAL, fallback=True), "AV passages (100 % of"),
+    "left_out": (
+        [(arm([passage("a"), passage("b", rear_s=None)], [trip("a")]), arm([passage("a")]))] * 6,
+        "6 passages that did not end (AV 6, human_yield 0)",
+    ),
     "outside_model": (several({"conditionings": 8, "clamped": 2}), "in 25 % (AV) of its uses"),
 }
 
@@ -284,8 +284,8 @@ def test_a_screen_has_16_lines_with_the_numbers_asked_for(pairs: int, width: int
     assert [record.get("crosswalk") for record in result.records] == [None, *cell.by_crosswalk]
 
 
-def written(folder: Path, *shares: float, pairs: int = 6) -> Run:
-    """A run in a folder; a greater share is slower by as many seconds."""
+def written(folder: Path, *shares: float, pairs: int = 6, of: Pairs | None = None) -> Run:
+    """A run in a folder; of ordinary pairs a greater share is slower by as many seconds."""
     changes = {"experiment.pairs": pairs, "arms.av": "gap_yield"}
     file = read_scenario_file("traffic", [Setting(key, of) for key, of in changes.items()])
     study = study_of(
@@ -296,7 +296,8 @@ def written(folder: Path, *shares: float, pairs: int = 6) -> Run:
     write_manifest(folder, manifest)
     for cell in study.cells:
         for pair in range(pairs):
-            both = ordinary(pair, slower_s=shares[cell.number] * (pair + 1)), ordinary(pair, False)
+            slower_s = shares[cell.number] * (pair + 1)
+            both = of[pair] if of else (ordinary(pair, slower_s=slower_s), ordinary(pair, False))
             tables = tables_of([both], cell.number, pair)
             write_part(folder, cell.number, pair, tables, str(manifest["digest"]))
     return load_run(folder)
@@ -307,7 +308,7 @@ def test_a_folder_has_what_was_written(tmp_path: Path) -> None:
     assert not run.finished
     assert kind_of_folder(run.path) == "simulations"
     assert done_parts(run.path) == {(cell, pair) for cell in (0, 1) for pair in range(6)}
-    write_findings(run.path, run.cells)
+    write_findings(run.path, run.manifest, run.cells)
     again = load_run(run.path)
     assert again.finished
     assert [(of.findings, of.by_crosswalk) for of in again.cells] == [
@@ -319,8 +320,37 @@ def test_a_folder_has_what_was_written(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="arms"):
         again.rows("episodes", 0)
     # What is lost is simulated again; what comes after it does not count before.
+    (run.path / "findings.json").unlink()
     (run.path / "arms" / part_name(0, 2)).unlink()
     assert len(read_cell(run.path, "people", 0, run.manifest)) == 2 * 2 * 80
+
+
+@pytest.mark.parametrize(
+    ("arm_of", "driver", "vehicles"),
+    [
+        ("av", None, ["e", "d", "c", "a"]),
+        ("av", "av", ["c", "a"]),
+        ("av", "reference", ["d"]),
+        ("av", "sumo", ["e"]),
+        ("human", "reference", ["a"]),
+    ],
+)
+def test_the_worst_passages_are_those_of_a_driver_that_ended(
+    tmp_path: Path, arm_of: Arm, driver: Driver | None, vehicles: list[str]
+) -> None:
+    passages = [
+        passage("a", delay_s=1.0),
+        passage("b", delay_s=90.0, ended=ENDED, rear_s=None),
+        passage("c", delay_s=2.0, share_strategy=0.25),
+        passage("d", delay_s=3.0, automated=False, driver="human_yield"),
+        passage("e", delay_s=4.0, driven=False, driver="sumo"),
+    ]
+    pair = arm(passages, [trip("a")]), arm(passages[:1], [trip("a")])
+    run = written(tmp_path / "run", 1.0, pairs=1, of=[pair])
+    write_findings(run.path, run.manifest, run.cells)
+    found = worst(load_run(run.path), "delay_s", arm=arm_of, driver=driver)
+    assert [record["vehicle"] for record in found.records] == vehicles
+    assert found.closing == (f"harness replay {run.path} --pair 0 --arm {arm_of} --gui",)
 
 
 def test_a_part_of_which_a_table_is_gone_is_damaged(tmp_path: Path) -> None:
@@ -337,7 +367,7 @@ def test_a_column_that_is_not_declared_is_refused() -> None:
 
 def test_cells_are_compared_by_their_avs_over_pairs(tmp_path: Path) -> None:
     run = written(tmp_path / "run", 0.25, 0.5, 1.0)
-    write_findings(run.path, run.cells)
+    write_findings(run.path, run.manifest, run.cells)
     result = compare(load_run(run.path))
     assert len(result.records) == 3
     first, means = result.records[0], run.table("passages")
@@ -364,8 +394,3 @@ def test_a_page_has_the_figures_of_simulations(tmp_path: Path) -> None:
         assert text.count("<svg") >= len(drawn[run.path.name])
         assert ":a_c0" in text
     assert drawn == {"one": {"map", "crosswalks"}, "many": {"curves"}}
-
-
-def test_the_counted_time_is_the_simulations() -> None:
-    late = passage("a", stop_begin_s=BEGIN_S + COUNTED_S, stop_end_s=None)
-    assert findings_of((arm([late]), arm()))["queue_p95"].value == 0.0
