@@ -84,15 +84,8 @@ class SimulationSample:
         """A column of both arms: a key of ``COLUMNS``, or what such a one stands for.
 
         That is ``mean``, ``max``, ``sum``, ``count`` or ``count_distinct``, then ``TABLE.COLUMN``,
-<<<<<<< HEAD
-        or the table alone if rows are counted, and at most one name of ``which``.  Means and
-        maxima are NaN where no row counts.
-
-        Example: ``sample.arms("mean passages.delay_s av")``.
-=======
         or the table alone if rows are counted, and at most one name of ``which``, for example
         ``mean passages.delay_s av``.  Means and maxima are NaN where no row counts.
->>>>>>> a7927e1 (Each named fault once)
         """
         if name not in self._arms:
             own = COLUMNS.get(name, name)
