@@ -4,11 +4,10 @@ No other module imports libsumo.
 """
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import libsumo
 from libsumo import _libsumo
@@ -73,17 +72,6 @@ def libsumo_engine(
     engine = SumoEngine(libsumo, _close, site, vehicle, crossing, step_s, _COMPILED)
     _running.append(engine)
     return engine
-
-
-def compiled_function(part: str, name: str) -> Callable[..., Any]:
-    """A function of libsumo without its wrapper in Python.
-
-    Args:
-        part: e.g. ``vehicle``.
-        name: of the function, e.g. ``getSpeed``.
-    """
-    function: Callable[..., Any] = getattr(_libsumo, f"{part}_{name}")
-    return function
 
 
 def _start(

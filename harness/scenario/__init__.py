@@ -12,7 +12,6 @@ from harness.scenario.file import (
 )
 from harness.scenario.options import (
     EngineName,
-    Options,
     engine_named,
     hang_limit_s,
 )
@@ -47,7 +46,6 @@ __all__ = [
     "EngineName",
     "ExperimentSection",
     "GapAcceptanceSection",
-    "Options",
     "PedestriansSection",
     "PerceptionSection",
     "Scenario",

@@ -2,9 +2,8 @@
 
 import math
 import operator
-from dataclasses import dataclass
 from numbers import Real
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 from harness.core.errors import InputError, unknown_name
 from harness.scenario.scenario import Scenario
@@ -26,44 +25,9 @@ def engine_named(name: str, where: str = "engine") -> EngineName:
     raise unknown_name(where, "engine", str(name), get_args(EngineName))
 
 
-TASK_PAIRS = 50
-"""Number of pairs in a task."""
-
 HANG_AFTER_S = 120.0
 HANG_AFTER_S_PER_STEP = 0.002
 """A worker's time limit for a pair is the first time plus the second one for each step."""
-
-
-@dataclass(frozen=True)
-class Options:
-    """Options of a run apart from its study.
-
-    ``workers``: None uses all cores; 0 uses this process alone, without time limits.
-
-    Raises:
-        InputError: a value is not accepted.
-    """
-
-    traces: bool = False
-    workers: int | None = None
-    hang_after_s: float = HANG_AFTER_S
-    task_pairs: int = TASK_PAIRS
-    engine: EngineName = "sumo"
-
-    def __post_init__(self) -> None:
-        """Check the values before anything runs, and convert NumPy's numbers to Python's."""
-        if self.traces not in (True, False):
-            raise InputError("traces", f"{self.traces!r} is not accepted", "True or False")
-        kept: dict[str, Any] = {
-            "traces": bool(self.traces),
-            "engine": engine_named(self.engine),
-            "task_pairs": whole_number("task_pairs", self.task_pairs, 1),
-            "hang_after_s": number_in("hang_after_s", self.hang_after_s, 0.0, math.inf),
-        }
-        if self.workers is not None:
-            kept["workers"] = whole_number("workers", self.workers, 0)
-        for name, value in kept.items():
-            object.__setattr__(self, name, value)
 
 
 def whole_number(where: str, value: object, least: int) -> int:

@@ -23,7 +23,7 @@ from harness.scenario.sections import (
     Section,
     SimulationSection,
 )
-from harness.scenario.traffic import TrafficSection, by_quarter
+from harness.scenario.traffic import TrafficSection
 
 
 class Scenario(Section):
@@ -89,14 +89,6 @@ class Scenario(Section):
         if self.model.over_refits:
             raise InputError("model.over_refits", f"is not supported by {by}", "false")
 
-    @property
-    def flows_change(self) -> bool:
-        """Whether a flow of vehicles or pedestrians differs between quarters of an hour."""
-        flows = [self.pedestrians.flow_per_hour]
-        if self.traffic is not None:
-            flows += [self.traffic.flow_per_hour, self.traffic.oncoming_per_hour]
-        return any(len(by_quarter(flow)) > 1 for flow in flows)
-
     def vehicle(self, driver: Arm | None = None) -> Vehicle:
         """The ego's constants on this road; the detection range defaults to the trigger range.
 
@@ -110,15 +102,6 @@ class Scenario(Section):
         egos = [kind.vehicle_of(self.ego) for kind in types] or [self.ego]
         limited = (on_road(_vehicle(ego), self.crossing, oncoming=oncoming) for ego in egos)
         return tuple(self.late(vehicle, driver) for vehicle in limited)
-
-    def vehicle_of_type(
-        self, name: str | None, driver: Arm | None = None, *, oncoming: bool = False
-    ) -> Vehicle:
-        """The vehicle of the type with that name; the ego if the name is None."""
-        number = 0
-        if name is not None:
-            number = [kind.name for kind in self.known_traffic.types].index(name)
-        return self.vehicles(driver, oncoming=oncoming)[number]
 
     def late(self, vehicle: Vehicle, driver: Arm | None) -> Vehicle:
         """A vehicle with the dead time, lag and jerk of a driver's vehicle."""

@@ -33,11 +33,6 @@ class Cell:
         """Copy ``varied`` into a read-only mapping."""
         object.__setattr__(self, "varied", MappingProxyType(dict(self.varied)))
 
-    @property
-    def but_for_arms(self) -> str:
-        """The scenario without its arms, as text; cells with equal text share pedestrians."""
-        return repr(self.scenario.model_copy(update={"arms": None}))
-
     def __reduce__(self) -> tuple[type["Cell"], tuple[int, dict[str, Any], Scenario]]:
         """Pickle the constructor's arguments, since a read-only mapping cannot be pickled."""
         return Cell, (self.number, dict(self.varied), self.scenario)

@@ -1,6 +1,5 @@
 """The keys of ``[traffic]`` and of its vehicle mix, with their meaning and default."""
 
-import math
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -75,8 +74,6 @@ class TrafficSection(Section):
     """Headway of the car-following model; at least one step."""
     min_gap_m: NonNegative = 2.0
     """Gap of the car-following model to a stopped leader."""
-    occupancy: Positive = 1.5
-    """Persons per vehicle, for the delay of all persons."""
     saturated: bool = False
     """Keep a vehicle waiting in every lane at all times, which measures the capacity."""
     types: Annotated[tuple[VehicleTypeSection, ...], Field(strict=False)] = ()
@@ -91,10 +88,3 @@ class TrafficSection(Section):
     def shares(self) -> tuple[float, ...]:
         """The share of each type; 1 for the vehicle of ``[ego]`` if there is no mix."""
         return tuple(kind.share for kind in self.types) or (1.0,)
-
-    @property
-    def share_of_avs(self) -> float:
-        """The expected share of AVs among all vehicles of the AV's arm."""
-        if not self.types:
-            return self.av_share
-        return self.av_share * math.fsum(kind.share for kind in self.types if kind.automated)

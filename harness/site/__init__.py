@@ -1,8 +1,7 @@
 """A SUMO network in; the geometry of the crosswalks on it out."""
 
-from harness.site.locate import Place, read_site
 from harness.site.road_network import RoadNetwork, read_network
-from harness.site.site import RoadFrame, Site, Way
+from harness.site.site import Place, RoadFrame, Site, Way, read_site
 
 __all__ = [
     "Place",

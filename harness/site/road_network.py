@@ -6,7 +6,6 @@ import xml.etree.ElementTree as ET
 import zlib
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.sax import SAXException
@@ -71,19 +70,6 @@ class RoadNetwork:
         projection, east_m, north_m = self._projection
         x_m, y_m = projection(longitude_deg, latitude_deg)
         return np.asarray(x_m) + east_m, np.asarray(y_m) + north_m
-
-
-def line_of(lane: "Lane") -> tuple[complex, ...]:
-    """A lane's centre line: at least two points, east + i north."""
-    return tuple(complex(*point) for point in lane.getShape())
-
-
-def drawn_m(lane: "Lane") -> float:
-    """The length of a lane's shape, which may differ from the length that SUMO uses.
-
-    It is 0 for the lane between two edges that meet without a gap.
-    """
-    return sum(abs(b - a) for a, b in pairwise(line_of(lane)))
 
 
 def allows(lane: "Lane", vehicle_class: str) -> bool:

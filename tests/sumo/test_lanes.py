@@ -55,7 +55,7 @@ def check_lanes(scenario: Scenario, net: Path) -> None:
         ("approach", crossing.lanes, False),
         ("oncoming_exit", crossing.oncoming_lanes, True),
     ):
-        first = site.ego.stretches[0].lane - scenario.ego.lane
+        first = site.ego.lane - scenario.ego.lane
         for lane in range(count):
             name = f"{edge}_{first + lane}"
             ys = [site.frame.to_road(*point)[1] for point in libsumo.lane.getShape(name)]
@@ -82,7 +82,7 @@ def compare(seed: int, folder: Path, model) -> int:
     try:
         check_lanes(scenario, net)
         limit = scenario.crossing.road_speed_limit_mps or scenario.ego.initial_speed_mps
-        index = read_site(Place(net, lane=scenario.ego.lane)).ego.stretches[0].lane
+        index = read_site(Place(net, lane=scenario.ego.lane)).ego.lane
         for name in (f"approach_{index}", f"exit_{index}"):
             assert libsumo.lane.getMaxSpeed(name) == limit
         plain = on_plain(scenario, model)

@@ -81,7 +81,6 @@ def test_nobody_comes_after_the_last_quarter_without_a_flow() -> None:
 def test_equal_quarters_are_one_flow_to_the_bit(more: dict[str, object]) -> None:
     one, four = scene(flow_per_hour=250.0, **more), scene(flow_per_hour=[250.0] * 4, **more)
     assert plans(one, 20) == plans(four, 20)
-    assert not four.flows_change
     double = scene(flow_per_hour=[2 * flow for flow in QUARTERS], **more)
     # A sweep over λ keeps its people: who comes as number i is the same, only earlier.
     for slow, fast in zip(plans(scene(flow_per_hour=QUARTERS, **more), 20), plans(double, 20),

@@ -1,4 +1,4 @@
-"""Options are checked when they are made, and NumPy's numbers are numbers."""
+"""Options of a run are checked before it begins, and NumPy's numbers are numbers."""
 
 import json
 from typing import Any
@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from harness.core.errors import InterruptedRunError
-from harness.scenario import Options, load_scenario, read_scenario_file, study_of
+from harness.scenario import load_scenario, read_scenario_file, study_of
+from harness.studies.run import run
 from tests.scenes import refuses
 
 
@@ -15,22 +16,15 @@ from tests.scenes import refuses
     ("given", "said"),
     [
         ({"engine": "plan"}, "unknown engine 'plan'"),
-        ({"traces": "x"}, "traces: 'x' is not accepted; allowed: True or False"),
         ({"workers": -1}, "workers: -1 is not accepted; allowed: a whole number, 0 or more"),
         ({"workers": 1.5}, "workers: 1.5"),
-        ({"hang_after_s": -0.1}, "hang_after_s: -0.1 is not accepted; allowed: 0 or more"),
-        ({"hang_after_s": float("nan")}, "hang_after_s: nan"),
-        ({"task_pairs": 0}, "task_pairs: 0 is not accepted; allowed: a whole number, 1 or more"),
     ],
 )
 def test_what_is_refused(given: dict[str, Any], said: str) -> None:
-    refuses(said, lambda: Options(**given))
+    refuses(said, lambda: run("cctc", **given))
 
 
 def test_numbers_and_arrays_of_numpy_are_numbers() -> None:
-    options = Options(workers=np.int64(2), hang_after_s=np.float32(30))  # type: ignore[arg-type]
-    assert (options.workers, type(options.workers)) == (2, int)
-    assert (options.hang_after_s, type(options.hang_after_s)) == (30.0, float)
     settings = {
         "experiment.pairs": np.int64(7),
         "ego.initial_speed_mps": np.float32(8.0),

@@ -70,11 +70,6 @@ def test_the_flow_and_the_types_are_those_asked_for_and_no_headway_is_too_short(
             assert follower.depart_s - leader.depart_s >= least_s - 1e-9
 
 
-def test_types_that_are_no_avs_lower_the_share() -> None:
-    scenario = scenario_of(CAR, TRUCK | {"automated": False}, av_share=0.4)
-    assert scenario.known_traffic.share_of_avs == pytest.approx(0.4 * 0.75)
-
-
 @pytest.mark.parametrize(
     ("types", "traffic", "parts"),
     [

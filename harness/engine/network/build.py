@@ -178,7 +178,7 @@ def _check(net: Path, crossing: CrossingSection) -> None:
             for lane, each in enumerate(sites)
         ),
         "bearing_deg": abs(turn) / _TOLERANCE_DEG,
-        "max_range_m": abs(site.ego.stretches[0].start_m + APPROACH_M) / TOLERANCE_M,
+        "max_range_m": abs(site.ego.start_m + APPROACH_M) / TOLERANCE_M,
     }
     wrong = [what for what, error in errors.items() if not error <= 1.0]
     if wrong:

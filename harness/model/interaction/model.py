@@ -110,11 +110,6 @@ class InteractionModel:
         """v_p at a quantile of its marginal, for a pedestrian who meets no vehicle."""
         return self._conditional(PEDESTRIAN_SPEED).ppf_at(quantile, np.empty(0))
 
-    def walking_speed_density_unconditional(self, speed_mps: FloatArray) -> FloatArray:
-        """Density of the marginal of v_p in s/m, (n,): 0 outside the box."""
-        speeds = np.asarray(speed_mps, dtype=float)
-        return self._conditional(PEDESTRIAN_SPEED).pdf(speeds, np.empty((len(speeds), 0)))
-
     def walking_speed_density(
         self,
         speed_mps: FloatArray,

@@ -27,7 +27,6 @@ from harness.old.studies.workers.executor import (
     TaskFailedError,
     WorkerDiedError,
 )
-from harness.scenario import Options
 
 _START = """
 import sys
@@ -221,8 +220,3 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 def default_workers() -> int:
     """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def workers_for(pairs: int, options: Options) -> int:
-    """Return the number of workers: at most one for each pair, and at most ``options.workers``."""
-    return max(1, min(options.workers or default_workers(), pairs))
