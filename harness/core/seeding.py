@@ -31,6 +31,7 @@ Purpose = Literal[
     "latency",
     "group_size",
     "walking_class",
+    "risk",
 ]
 
 Given = Mapping[Purpose, Sequence[float]]
@@ -57,6 +58,7 @@ _PURPOSES: dict[Purpose, int] = {
     "latency": 18,
     "group_size": 19,
     "walking_class": 20,
+    "risk": 21,
 }
 
 

@@ -109,6 +109,7 @@ class PairRunner:
         arm: Arm,
         pairs: Sequence[tuple[int, Given]],
         on_episode: Callable[[np.random.Generator | None], None],
+        begins: Begins = lambda _pair, _arm, _episode: None,
     ) -> Iterator[Outcome]:
         """Simulate one arm of every pair with some given uniforms.
 
@@ -117,6 +118,7 @@ class PairRunner:
             pairs: index of each pair, which keys the streams, and its given uniforms.
             on_episode: called after every simulated episode with the generator that the strategy
                 drew from, or None if it uses no random numbers.
+            begins: called with every episode before its strategy drives.
         """
         self._engine = None
         drawing = draws(self._scenario, arm)
@@ -124,7 +126,7 @@ class PairRunner:
         for pair, given in pairs:
             people = self._people(pair, given)
             rng = draws_of(self._scenario, arm, people.number, given=given) if drawing else None
-            traces.append(self._run_arm(arm, pair, people, rng=rng))
+            traces.append(self._run_arm(arm, pair, people, begins, rng))
             on_episode(rng)
         for (pair, _), trace, record in zip(pairs, traces, measure(traces), strict=True):
             yield Outcome(pair, arm, self._scenario.arms.driver(arm), record, trace)

@@ -87,7 +87,7 @@ class Entry:
         """
         return self.heading.format(**thresholds) + (self.unit and f", {self.unit}")
 
-    def findings(self, sample: AnySample) -> dict[str, Finding]:
+    def findings(self, sample: AnySample | Mapping[str, Finding]) -> dict[str, Finding]:
         """The entry's findings of a cell by key."""
         arms = (None,) if self.of == "pair" else (AV, REFERENCE, None)[: len(self.keys)]
         found = (self.estimate(self, sample, arm) for arm in arms)
@@ -200,6 +200,9 @@ _NO_TAU = "there is no pair in which both vehicles crossed"
 _NO_AV_TAU = "there is no pair in which the AV crossed and the reference passed"
 _NOT_CROSSED, _NOBODY = "no episode crossed", "nobody was met"
 _BOTH = (*ENCOUNTERS, *SIMULATIONS)
+_NO_EVENT = "no draw of the estimate ended in the event"
+_RISK = partial(Entry, column="", of="pair", kinds=("risk",), digits=0,
+                estimate=lambda entry, told, _arm: told.get(entry.key, Finding(None)))  # fmt: skip
 _TOTAL = partial(_COUNT, kinds=SIMULATIONS)
 
 # fmt: off
@@ -355,6 +358,32 @@ ENTRIES: tuple[Entry, ...] = (
           *((name, name.replace("_", " "), f"sum arms.{name}") for name in (
               "sumo_people", "vehicle_collisions", "person_collisions", "teleports",
               "emergency_stops", "overlaps")))),
+    _RISK("probability", "probability of the event", "That an episode ends in the event, by the "
+          "ways to it that were found.", form=Form.SHARE, digits=2, undefined=_NO_EVENT,
+          screen=True),
+    _RISK("all_ways_high", "upper bound with other ways", "One-sided bound on the probability by "
+          "all ways: the interval's end, and where draws are weighted `nominal_high` on top.",
+          form=Form.SHARE, digits=2, undefined="every episode failed", screen=True),
+    _RISK("probability_worst", "probability if failures were events", "The worst case.",
+          form=Form.SHARE, digits=2, undefined="no episode failed", screen=True),
+    _RISK("nominal_high", "upper bound by nominal draws alone", "One-sided, by Clopper and "
+          "Pearson, from the nominal draws of all rounds.", form=Form.SHARE, digits=2,
+          undefined="every episode failed"),
+    _RISK("coefficient_of_variation", "coefficient of variation", "Standard error over "
+          "probability.", digits=3, undefined=_NO_EVENT),
+    _RISK("effective_sample_size", "effective sample size", "Squared sum of the draws' values over "
+          "the sum of their squares."),
+    _RISK("largest_share", "largest draw", "Its share of the estimate.", form=Form.SHARE,
+          undefined=_NO_EVENT),
+    _RISK("episodes", "episodes", "All that were run.", form=Form.COUNT, screen=True),
+    _RISK("brute_force_episodes", "episodes that brute force would need", "For the same "
+          "coefficient of variation.", form=Form.COUNT, undefined=_NO_EVENT, screen=True),
+    *(_RISK(key, heading, meaning, form=Form.COUNT) for key, heading, meaning in (
+        ("weighted", "weighted draws", "Draws of the estimate; 0: by brute force."),
+        ("failures", "failed episodes", "They count as no event."),
+        ("timed_out_episodes", "timed-out episodes", "They count as no event."),
+        ("drew_more", "episodes with further draws", "In which the strategy drew more random "
+         "numbers than are sampled."))),
 )
 """The catalogue, in the order in which it is shown."""
 # fmt: on

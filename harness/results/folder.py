@@ -114,6 +114,7 @@ def manifest_of(
     engine: EngineName,
     pairs_per_part: int,
     files: Mapping[str, str] = MappingProxyType({}),
+    **more: Any,
 ) -> JsonObject:
     """The manifest: everything on which a run depends.
 
@@ -124,6 +125,7 @@ def manifest_of(
         traces: whether traces are kept.
         engine: the engine.
         pairs_per_part: number of pairs of a part.
+        more: what a study adds or replaces, such as its kind.
     """
     know = [name for name in study.driven if knows_the_model(find_strategy(name, "arms"))]
     document = {
@@ -139,6 +141,7 @@ def manifest_of(
         "seed": study.base.experiment.seed,
         "know_the_model": know,
         "simulated_with": simulated_with(study.driven, models, files),
+        **more,
     }
     return {**document, "digest": _digest(document)}
 

@@ -21,7 +21,7 @@ from harness.results.findings import CellFindings, cell_findings
 from harness.results.folder import read_findings, read_manifest
 from harness.results.result import Result
 from harness.results.screens import run_result
-from harness.results.tables import TABLES, TABLES_OF, TRACES, RunKind, kind_of, read_cell
+from harness.results.tables import EVENTS, TABLES, TABLES_OF, TRACES, RunKind, kind_of, read_cell
 from harness.scenario import Scenario, Study, study_from
 
 if TYPE_CHECKING:
@@ -180,6 +180,9 @@ def load_run(path: Path | str) -> Run:
     """
     path = Path(path)
     manifest = read_manifest(path)
+    if manifest["kind"] == "risk":
+        allowed = f"{path / EVENTS}, the run of its events, or `harness show {path}`"
+        raise InputError(str(path), "is a risk estimate", allowed)
     study = study_from(manifest, str(path / "manifest.json"))
     stored = read_findings(path, manifest, study.cells)
     keys = {key for entry in entries_of(kind_of(study.base)) for key in entry.keys}

@@ -48,16 +48,23 @@ Tables = dict[str, pa.Table]
 Row = dict[str, Any]
 """A row of a table: a value for each column."""
 
-Kind = type[float] | type[int] | type[bool] | type[str] | type[StrEnum] | type[Leg]
-"""The type of a column: a ``StrEnum`` stands for its words, ``Leg`` for a list of legs."""
+Kind = type[float | int | bool | str | StrEnum | Leg | list[float]]
+"""The type of a column: a ``StrEnum`` stands for its words, ``Leg`` for a list of legs, ``list``
+for one of numbers."""
 
 _LEGS = pa.list_(pa.struct([(name, pa.float64()) for name in Leg._fields]))
-_TYPES = {float: pa.float64(), int: pa.int64(), bool: pa.bool_(), Leg: _LEGS}
+_TYPES: Mapping[Any, pa.DataType] = {
+    **{float: pa.float64(), int: pa.int64(), bool: pa.bool_()},
+    **{Leg: _LEGS, list: pa.list_(pa.float64())},
+}
 _DIGEST = b"harness.digest"
 """The key of the manifest's digest in a part's metadata."""
 
 FINDINGS = "findings.json"
 """The file that is written last: a run is finished if it exists."""
+
+EVENTS = "events"
+"""The folder of the run that a risk makes of its events."""
 
 _PART = re.compile(r"(\d{4,})-(\d{8,})\.parquet")
 
@@ -258,9 +265,29 @@ CROSSWALKS = Table("crosswalks", (
     Column("queue_p95", float, "", "vehicles below 5 km/h before it, 95 % quantile over seconds"),
 ))
 """One row for each chosen crosswalk."""
+
+DRAWS = Table("draws", (
+    Column("cell", int, "", "number of the round; the last one is the estimate", required=True),
+    Column("pair", int, "", "number of the draw within its round", required=True),
+    Column("placed", bool, "", "whether a person was placed into the draw's first episode", True),
+    Column("nominal", bool, "", "whether it is the first episode of a nominal draw", True),
+    Column("event", bool, "", "whether it counts as an event", required=True),
+    Column("due", bool, "", "whether that is due to whom the density draws", required=True),
+    Column("weight", float, "", "its weight, if it is an event or failed", required=True),
+    Column("likely", float, "", "nominal density over that of the draw", required=True),
+    Column("scores", list, "", "distances from the event, of whom the density draws alone"),
+    Column("point", list, "", "what was drawn: fixed normal numbers, speed, arrival, others"),
+    Column("passed_mps", float, "m/s", "speed at which the ego passes"),
+    Column("episodes", int, "", "episodes that it took", required=True),
+    Column("reason", str, "", "why it failed"),
+    Column("timed_out", bool, "", "whether it timed out", required=True),
+    Column("drew_more", bool, "", "whether the strategy drew more than is sampled", required=True),
+    Column("uniforms", str, "", "of an event: its entry of `pedestrians.drawn`, as JSON"),
+))
+"""One row for each episode of a risk; those that only find an event's weight are counted."""
 # fmt: on
 
-RunKind = Literal["encounters", "simulations"]
+RunKind = Literal["encounters", "simulations", "risk"]
 
 ENCOUNTERS: tuple[RunKind, ...] = ("encounters",)
 SIMULATIONS: tuple[RunKind, ...] = ("simulations",)
@@ -268,6 +295,7 @@ SIMULATIONS: tuple[RunKind, ...] = ("simulations",)
 TABLES_OF: Mapping[RunKind, tuple[Table, ...]] = {
     "encounters": (EPISODES, PEDESTRIANS, TRACES),
     "simulations": (ARMS, PASSAGES, VEHICLES, PEOPLE, CROSSWALKS),
+    "risk": (DRAWS,),
 }
 """The tables of each kind of run, that which is written last first; `traces` may be left out."""
 
@@ -354,9 +382,15 @@ def read_cell(
 
 
 def read_part(
-    folder: Path, name: str, cell: int, first: int, manifest: Mapping[str, Any]
+    folder: Path,
+    name: str,
+    cell: int,
+    first: int,
+    manifest: Mapping[str, Any],
+    expected: range | None = None,
 ) -> pa.Table:
-    """The rows of one part; see ``read_cell``."""
+    """The rows of one part, with the pairs ``expected``, or those planned; see ``read_cell``."""
+    expected = expected or _pairs_of(first, manifest)
     table, path = TABLES[name], folder / name / part_name(cell, first)
     again = f"delete the file; `{resume_command(folder)}` simulates its pairs again"
     try:
@@ -366,10 +400,9 @@ def read_part(
             rows = file.read().select(table.schema.names)
         rows = rows.replace_schema_metadata().cast(table.schema)
         rows.validate(full=True)
-        _check(rows, table, cell, _pairs_of(first, manifest), str(path))
+        _check(rows, table, cell, expected, str(path))
     except FileNotFoundError:
-        pairs = _pairs_of(first, manifest)
-        ends = " to ".join(map(str, sorted({pairs[0], pairs[-1]})))
+        ends = " to ".join(map(str, sorted({expected[0], expected[-1]})))
         problem = f"{name} are missing: cell {cell}, pair {ends}"
         raise DamagedPartError(str(folder), problem, resume_command(folder)) from None
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:
@@ -392,7 +425,7 @@ def _check(rows: pa.Table, table: Table, cell: int, expected: range, where: str)
             raise InputError(f"{where}: {column.name}", problem, "a value in each row")
     pairs = rows["pair"].to_numpy()
     whole = {*rows["cell"].unique().to_pylist()} <= {cell}
-    if table in _LAST:
+    if "arm" in rows.schema.names and table in _LAST:
         whole = whole and np.array_equal(pairs, np.repeat(expected, 2))
         whole = whole and rows["arm"].to_pylist() == [*Arm] * len(expected)
     else:

@@ -110,7 +110,7 @@ def run(
         raise InputError(key, "is not supported with simulations", "SUMO, without traces")
     manifest = folders.manifest_of(study, models, pairs_per_part=size, files=files, **kept)
     path = folders.claim_folder(out, study.name)
-    with _at_work(path, study, workers, executor) as (folder, chosen):
+    with at_work(path, study, workers, executor) as (folder, chosen):
         folders.write_manifest(path, manifest)
         return _carried_out(folder, study, manifest, models, (), chosen, progress)
 
@@ -131,7 +131,7 @@ def resume(
     path = Path(path)
     manifest = folders.read_manifest(path)
     study = study_from(manifest, str(path / folders.MANIFEST))
-    with _at_work(path, study, workers, executor) as (folder, chosen):
+    with at_work(path, study, workers, executor) as (folder, chosen):
         done, planned = _whole_parts(folder, study, manifest)
         if done >= planned and folders.read_findings(path, manifest, study.cells) is not None:
             return load_run(path)
@@ -195,8 +195,6 @@ def _whole_parts(
     """
     firsts = range(0, study.base.experiment.pairs, manifest["pairs_per_part"])
     planned = {(cell.number, first) for cell in study.cells for first in firsts}
-    for left in folder.path.rglob(".*.partial"):  # by a process that was killed
-        left.unlink()
     done = done_parts(folder.path)
     for cell, first in sorted(done):
         path = folder.path / TABLES_OF[manifest["kind"]][0].name / part_name(cell, first)
@@ -214,14 +212,28 @@ def _whole_parts(
 
 
 @contextmanager
-def _at_work(
-    path: Path, study: Study, workers: int | None, executor: Executor | None
+def at_work(
+    path: Path,
+    study: Study,
+    workers: int | None,
+    executor: Executor | None,
+    pairs: int | None = None,
 ) -> Iterator[tuple[folders.RunFolder, Executor]]:
-    """The folder, locked, and the executor; says how a run continues that ends early."""
-    pairs = study.base.experiment.pairs * len(study.cells)
+    """The folder, locked, and the executor; says how a run continues that ends early.
+
+    Args:
+        path: the folder.
+        study: the study.
+        workers: number of processes, as for ``run``.
+        executor: the caller's executor, in place of one of this machine.
+        pairs: the number of pairs that decides how many processes start; None: the study's.
+    """
+    pairs = pairs or study.base.experiment.pairs * len(study.cells)
     own = executor_for(workers, study.driven, pairs)  # starts nothing yet
     folder = folders.RunFolder(path)
     try:
+        for left in path.rglob(".*.partial"):  # by a process that was killed
+            left.unlink()
         yield folder, executor or own
     except KeyboardInterrupt:
         if not (path / folders.MANIFEST).is_file():
@@ -256,7 +268,7 @@ def _carried_out(
     planned = study.base.experiment.pairs * len(study.cells)
     missing = sum(task.count * len(task.cells) for task in tasks)
     folder.note("started", pairs=missing, tasks=len(tasks))
-    for task, rows in _rows_of(tasks, executor):
+    for task, rows in rows_as_done(tasks, executor):
         for event in rows.events:
             folder.note(**event)
         for number, of_cell in rows.tables.items():
@@ -269,7 +281,7 @@ def _carried_out(
     return Run(path, manifest, study, True, found)
 
 
-def _rows_of(tasks: Iterable[Task], executor: Executor) -> Iterator[tuple[Task, Rows]]:
+def rows_as_done(tasks: Iterable[Task], executor: Executor) -> Iterator[tuple[Task, Rows]]:
     """Each task with its rows, in the order in which they end."""
     most = _EACH * getattr(executor, "_max_workers", _UNKNOWN)  # of the standard library's
     waiting, running = iter(tasks), dict[Future[Rows], Task]()

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from harness.core.encounter import Arm, FailedIn
 
@@ -60,6 +60,7 @@ class Task:
         code: digests of the user's strategies that drive; a process that has imported another
             version is not used.
         given_up: the episodes that are not tried again.
+        own: what a study simulates in place of the pairs.
     """
 
     cells: "tuple[Cell, ...]"
@@ -73,6 +74,7 @@ class Task:
     folder: Path | None = None
     code: Mapping[str, str] = field(default_factory=dict)
     given_up: Mapping[EpisodeId, Failure] = field(default_factory=dict)
+    own: "Own | None" = None
 
     @property
     def pairs(self) -> range:
@@ -87,6 +89,14 @@ class Task:
     def without(self, episode: EpisodeId, failure: Failure) -> "Task":
         """The same task, with a further episode given up."""
         return replace(self, given_up={**self.given_up, episode: failure})
+
+
+class Own(Protocol):
+    """What a study simulates in tasks; ``first`` and ``count`` may be of what is no pair."""
+
+    def run(self, task: Task, tell: Tell, /) -> "Rows":
+        """The rows of a task."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,187 @@
+"""A mixture of normal densities that is fitted to weighted points, and can be conditioned."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.encounter import FloatArray
+from harness.model.mixture.clusters import k_means
+
+_POINTS, _MOST = 15, 24
+"""Number of points per component, or four for each dimension if that is more; and the most
+components."""
+
+_ROUNDS = 30
+
+_FEWEST = 3.0
+"""A component with fewer effective points is removed."""
+
+_PRIOR = 0.1
+"""The prior variance of a component, as a share of that of all points; it weighs as one point."""
+
+_DIVERGENCE = 0.1
+"""A number counts as nominal if its divergence in nats from a standard normal one is below this."""
+
+_NARROWEST = 1e-5
+"""Smallest variance that is added to every direction."""
+
+_WIDER, _WIDE_SHARE = 3.0, 0.3
+"""The second copy of each component has this multiple of its standard deviations, and this share
+of it."""
+
+_UNLIKELY = -30.0
+"""Logarithm of a share below which a component is not distinguished from the others."""
+
+
+@dataclass(frozen=True)
+class Normals:
+    """Shares (k,), means (k, d) and covariances (k, d, d) of a mixture of normal densities."""
+
+    shares: FloatArray
+    means: FloatArray
+    covariances: FloatArray
+
+    def first(self, size: int) -> "Normals":
+        """The marginal density of the first ``size`` numbers of a point."""
+        return Normals(self.shares, self.means[:, :size], self.covariances[:, :size, :size])
+
+    def given(self, known: FloatArray) -> "Conditional":
+        """The densities of the other numbers given the first ones, ``known`` (n, c).
+
+        A point far from every component chooses among them as if they were equally far.
+        """
+        size, logs, means, factors = known.shape[1], [], [], []
+        for share, mean, covariance in zip(self.shares, self.means, self.covariances, strict=True):
+            upper, cross = covariance[:size, :size], covariance[size:, :size]
+            slope = cross @ np.linalg.inv(upper)
+            logs.append(np.log(share) + _log_normal(known - mean[:size], upper))
+            means.append(mean[size:] + (known - mean[:size]) @ slope.T)
+            factors.append(np.linalg.cholesky(covariance[size:, size:] - slope @ cross.T))
+        together = np.logaddexp(np.array(logs).T, _UNLIKELY)
+        chances = np.exp(together - together.max(axis=1, keepdims=True))
+        chances /= chances.sum(axis=1, keepdims=True)
+        return Conditional(chances, np.array(means), np.array(factors))
+
+    def mixed_with(self, other: "Normals", share: float) -> "Normals":
+        """A mixture in which the other one has a share."""
+        return Normals(
+            np.concatenate([(1 - share) * self.shares, share * other.shares]),
+            np.concatenate([self.means, other.means]),
+            np.concatenate([self.covariances, other.covariances]),
+        )
+
+
+@dataclass(frozen=True)
+class Conditional:
+    """Mixtures of k normal densities, one mixture for each of n points.
+
+    ``chances`` (n, k), ``means`` (k, n, d) and the covariances' Cholesky factors ``factors``
+    (k, d, d).
+    """
+
+    chances: FloatArray
+    means: FloatArray
+    factors: FloatArray
+
+    def points(self, uniform: FloatArray, noise: FloatArray) -> FloatArray:
+        """One point of each mixture, (n, d), from uniforms (n,) and normal noise (n, d)."""
+        ends = np.cumsum(self.chances, axis=1)
+        chosen = (ends < uniform[:, None]).sum(axis=1).clip(max=len(self.factors) - 1)
+        spread = np.einsum("nij,nj->ni", self.factors[chosen], noise)
+        points: FloatArray = self.means[chosen, np.arange(len(chosen))] + spread
+        return points
+
+    def density(self, y: FloatArray) -> FloatArray:
+        """The density of each mixture at its point of y (n, d), shape (n,)."""
+        total = np.zeros(len(y))
+        for chance, mean, factor in zip(self.chances.T, self.means, self.factors, strict=True):
+            total += chance * np.exp(_log_normal(y - mean, factor @ factor.T))
+        return total
+
+
+def fitted(
+    y: FloatArray, weights: FloatArray, standard: NDArray[np.bool_], rng: np.random.Generator
+) -> Normals:
+    """A mixture fitted to weighted points by expectation maximisation, from clusters of k-means.
+
+    A number whose nominal density is standard normal, and which is nearly so among the points too,
+    becomes standard normal and independent of the others in every component: otherwise numbers
+    without influence would make the weights of draws collapse.  Of every component there is a wider
+    copy, which keeps large weights rare.
+
+    Args:
+        y: the points, (n, d), n ≥ 1.
+        weights: their weights, (n,), > 0.
+        standard: whose nominal density is standard normal, (d,).
+        rng: generator for the clusters.
+    """
+    weights, size = weights / weights.sum(), y.shape[1]
+    mean, covariance = _moments(y, weights)
+    variances = covariance.diagonal() + _NARROWEST
+    free = standard & ((mean**2 + variances - 1 - np.log(variances)) / 2 < _DIVERGENCE)
+    if free.all():
+        return Normals(np.ones(1), np.zeros((1, size)), np.eye(size)[None])
+    shares, means, covariances = _expectation_maximisation(y[:, ~free], weights, rng)
+    used = np.flatnonzero(~free)
+    whole_means = np.zeros((2 * len(shares), size))
+    whole_means[:, used] = np.tile(means, (2, 1))
+    whole = np.tile(np.eye(size), (2 * len(shares), 1, 1))
+    whole[:, used[:, None], used] = np.concatenate([covariances, _WIDER**2 * covariances])
+    both = np.concatenate([(1 - _WIDE_SHARE) * shares, _WIDE_SHARE * shares])
+    return Normals(both, whole_means, whole)
+
+
+def standard_normal(z: FloatArray) -> FloatArray:
+    """The standard normal density at z (n, d), shape (n,)."""
+    return np.exp(_log_normal(z, np.eye(z.shape[1])))
+
+
+def _expectation_maximisation(
+    y: FloatArray, weights: FloatArray, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Shares, means and covariances of the components."""
+    scale = np.sqrt(_moments(y, weights)[1].diagonal() + _NARROWEST)
+    count = min(_MOST, 1 + len(y) // max(_POINTS, 4 * y.shape[1]))
+    _, clusters = k_means(y / scale, weights, count, 1, rng)
+    responsible = np.eye(count)[clusters]
+    mean, covariance = _component(y, weights, scale)
+    found = np.ones(1), mean[None], covariance[None]
+    for _ in range(_ROUNDS):
+        parts = []
+        for column in (responsible * weights[:, None]).T:
+            mass = float(column.sum())
+            if mass > 0 and mass**2 / float(np.sum(column**2)) >= _FEWEST:
+                parts.append((mass, *_component(y, column, scale)))
+        if not parts:
+            return found
+        shares, means, covariances = (np.array(part) for part in zip(*parts, strict=True))
+        found = shares / shares.sum(), means, covariances
+        densities = zip(*found, strict=True)
+        logs = [np.log(share) + _log_normal(y - at, of) for share, at, of in densities]
+        responsible = np.exp(np.array(logs).T - np.max(logs, axis=0)[:, None])
+        responsible /= responsible.sum(axis=1, keepdims=True)
+    return found
+
+
+def _component(
+    y: FloatArray, weights: FloatArray, scale: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance of weighted points, shrunk more for few points."""
+    size = float(weights.sum()) ** 2 / float(np.sum(weights**2))
+    mean, scatter = _moments(y, weights / weights.sum())
+    prior = np.diag(_PRIOR * scale**2)
+    return mean, (size * scatter + prior) / (size + 1) + _NARROWEST * np.eye(len(mean))
+
+
+def _moments(y: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    mean: FloatArray = weights @ y
+    return mean, (y - mean).T @ ((y - mean) * weights[:, None])
+
+
+def _log_normal(away: FloatArray, covariance: FloatArray) -> FloatArray:
+    """The logarithm of a normal density at a distance ``away`` (n, d) from its mean."""
+    scaled = away @ np.linalg.inv(np.linalg.cholesky(covariance)).T
+    log = -np.einsum("ij,ij->i", scaled, scaled) / 2 - np.linalg.slogdet(covariance)[1] / 2
+    return np.asarray(log - away.shape[1] * math.log(2 * math.pi) / 2)

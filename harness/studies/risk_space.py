@@ -1,0 +1,257 @@
+"""What a risk is about: its event, and the uniforms of which an episode is a function.
+
+Timed pedestrians, the first one at the trigger, and the strategy's first draws have *fixed*
+uniforms.  The flow is a Poisson process: each person who comes within ``window_s`` of the trigger
+is a point with an arrival and further uniforms.  All are sampled as normal numbers z = Φ⁻¹(u).
+Other randomness (later people, later draws of strategy and perception) comes from streams keyed by
+the episode's number and is not weighted.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from harness.core.encounter import Arm, Ending, FloatArray
+from harness.core.errors import InputError, unknown_name
+from harness.core.seeding import GIVEN_DRAWS, Given, Purpose, stream
+from harness.encounter.arms import draws, draws_from
+from harness.encounter.arrivals import SECONDS_PER_HOUR
+from harness.measures import MEASURES, EpisodeRecord
+from harness.scenario import Scenario
+
+CRASHED = "crashed"
+
+GRADINGS = 4
+"""Number of scores by which the distance of an episode from an event is graded."""
+
+_FAR, _NEVER_NEAR = 1_000.0, 100.0
+"""Added to the score if the event's measure is undefined; and to the smallest gap in m, which is
+the score without a conflict."""
+
+_BEYOND = {
+    "min_time_advantage_s": "<",
+    "pet_s": "<",
+    "max_drac_mps2": ">",
+    "required_deceleration_mps2": ">",
+}
+"""Measures that are undefined in some crashes, and the side of any limit where a crash lies."""
+
+_FORM = re.compile(r"\s*(\w+)\s*([<>])\s*([-+.\deE]+)\s*")
+
+_WINDOW_PASSES = 4.0
+"""Length of the flow's sampled window as a multiple of the unhindered passing time."""
+
+_OPEN = 2.0**-53
+"""Smallest distance of a uniform from 0 and from 1, where quantiles are infinite."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A crash (``measure`` None), or a measure below or above a limit.
+
+    ``_BEYOND`` decides on a crash in which the measure is undefined: DRAC grows without bound, so a
+    crash is above every limit of DRAC.  A crash is below every limit of the time advantage, which
+    is of points and not 0 when bodies touch.  Any other episode with an undefined measure is not in
+    the event.
+    """
+
+    text: str = CRASHED
+    measure: str | None = None
+    below: bool = True
+    limit: float = 0.0
+
+    def holds(self, record: EpisodeRecord) -> bool:
+        """Whether an episode ended in the event."""
+        crashed = record.ending is Ending.CRASHED
+        if self.measure is None:
+            return crashed
+        value = getattr(record, self.measure)
+        if value is None or (crashed and self.measure == "min_time_advantage_s"):
+            return crashed and _BEYOND.get(self.measure) == ("<" if self.below else ">")
+        return bool(value < self.limit if self.below else value > self.limit)
+
+    def scores(self, record: EpisodeRecord) -> tuple[float, ...]:
+        """The distance of an episode from the event, graded in ``GRADINGS`` ways.
+
+        Each is at most 0 in the event, positive outside, and +∞ if the episode failed.  For a crash
+        they are 10/DRAC, PET, TTC and the smallest gap in m, so that one leads to each kind of
+        contact; where one is undefined it is 100 plus the gap, or +∞ if nobody stepped off.  For
+        another event it is the distance from the limit in the measure's unit.
+        """
+        if record.ending is Ending.ENGINE_FAILED:
+            return (math.inf,) * GRADINGS
+        value = None if self.measure is None else getattr(record, self.measure)
+        if value is not None:
+            distance = float(value) - self.limit
+            distances = (distance if self.below else -distance,) * GRADINGS
+        else:
+            further = 0.0 if self.measure is None else _FAR
+            distances = tuple(further + distance for distance in _to_a_crash(record))
+        if self.holds(record):
+            return tuple(min(distance, 0.0) for distance in distances)
+        return tuple(max(distance, math.ulp(0.0)) for distance in distances)
+
+
+def _to_a_crash(record: EpisodeRecord) -> tuple[float, ...]:
+    gap_m, drac = record.min_gap_m, record.max_drac_mps2
+    far = math.inf if gap_m is None else _NEVER_NEAR + float(gap_m)
+    times = (far if of is None else float(of) for of in (record.pet_s, record.min_ttc_s, gap_m))
+    return (10 / drac if drac else far, *times)
+
+
+def parse_event(text: str) -> Event:
+    """The event of a text: ``crashed``, ``min_ttc_s<0.5`` or ``contact_speed_mps>5``.
+
+    Raises:
+        InputError: the text is not an event, or names an unknown measure.
+
+    >>> parse_event("contact_speed_mps>5")
+    Event(text='contact_speed_mps>5', measure='contact_speed_mps', below=False, limit=5.0)
+    """
+    if text.strip() == CRASHED:
+        return Event()
+    match = _FORM.fullmatch(text)
+    allowed = "crashed, or MEASURE<NUMBER or MEASURE>NUMBER, e.g. min_ttc_s<0.5"
+    if match is None:
+        raise InputError(f"--event {text}", "is not an event", allowed)
+    column, sign, number = match.groups()
+    if column not in (columns := [measure.column for measure in MEASURES]):
+        raise unknown_name("--event", "measure", column, columns)
+    try:
+        limit = float(number)
+    except ValueError:
+        limit = math.nan
+    if not math.isfinite(limit):
+        raise InputError(f"--event {text}", f"{number!r} is no finite number", allowed)
+    return Event(f"{column}{sign}{limit:g}", column, sign == "<", limit)
+
+
+@dataclass(frozen=True)
+class Space:
+    """The random inputs of an episode: fixed normal numbers, and the people of a flow.
+
+    People are an array of shape (n, 1 + m), by arrival: the arrival in s, then normal numbers.
+
+    Attributes:
+        fixed: the purpose of each fixed uniform, in the order of its stream's draws.
+        marks: the purpose of each of the m uniforms of a person in the flow, besides the arrival.
+        rate_per_s: the flow's rate; 0 without a flow.
+        window_s: the flow is sampled between 0 and this time.
+        first: whether the first pedestrian is at the crosswalk at the trigger, 0 or 1.
+        before: index of the flow's first person among all arrivals.
+        seed: seed of the streams.
+        by_chance: what is random and neither sampled nor weighted, in words.
+    """
+
+    fixed: tuple[Purpose, ...]
+    marks: tuple[Purpose, ...] = ()
+    rate_per_s: float = 0.0
+    window_s: float = 0.0
+    first: int = 0
+    before: int = 0
+    seed: int = 0
+    by_chance: tuple[str, ...] = ()
+
+    def crowd(self, rng: np.random.Generator) -> FloatArray:
+        """The people of a nominal flow."""
+        count = int(rng.poisson(self.rate_per_s * self.window_s))
+        arrivals_s = np.sort(rng.random(count)) * self.window_s
+        return np.column_stack([arrivals_s, rng.standard_normal((count, len(self.marks)))])
+
+    def given(self, fixed: FloatArray, people: FloatArray, number: int) -> Given:
+        """The uniforms by purpose; they replace the first draws of each stream.
+
+        The stream of arrivals has the exponential gaps between the people of the flow.  A Poisson
+        process has no memory, so the gap to the first one after the window counts from its end.
+
+        Args:
+            fixed: the fixed normal numbers.
+            people: the people of the flow.
+            number: the episode's number.
+        """
+        values: dict[Purpose, list[float]] = {}
+        for purpose, uniform in zip(self.fixed, _uniforms(fixed).tolist(), strict=True):
+            values.setdefault(purpose, []).append(uniform)
+        if not self.rate_per_s:
+            return values
+        own = _uniforms(people[:, 1:])
+        for purpose in dict.fromkeys(self.marks):
+            columns = [k for k, mark in enumerate(self.marks) if mark == purpose]
+            values.setdefault(purpose, []).extend(own[:, columns].ravel().tolist())
+        later = stream(self.seed, "arrival", number).random(self.first + len(people) + 1)[-1]
+        window = self.rate_per_s * self.window_s
+        times = [0.0, *(self.rate_per_s * people[:, 0]), window - math.log1p(-later)]
+        gaps = np.clip(-np.expm1(-np.diff(times)), _OPEN, 1 - _OPEN)
+        # If the first pedestrian is at the crosswalk at the trigger, the first gap is not used.
+        values["arrival"] = [0.5] * self.first + gaps.tolist()
+        return values
+
+
+def _uniforms(z: FloatArray) -> FloatArray:
+    uniforms: FloatArray = np.clip(ndtr(z), _OPEN, 1 - _OPEN)
+    return uniforms
+
+
+def space_of(scenario: Scenario, arm: Arm) -> Space:
+    """The random inputs of one arm's episodes.
+
+    Raises:
+        InputError: the scenario is not one of encounters, has a varying flow, groups or drawn
+            pedestrians, or nothing in an episode is random.
+    """
+    people, perception = scenario.pedestrians, scenario.perception
+    for key, odd, allowed in (
+        ("scenario", scenario.kind != "encounters", "a scenario of encounters"),
+        ("pedestrians.flow_per_hour", len(people.flows_per_hour) > 1, "one flow"),
+        ("pedestrians.group_size", len(people.group_size) > 1, "a scenario without it"),
+        ("pedestrians.drawn", bool(people.drawn), "a scenario without it"),
+    ):
+        if odd:
+            raise InputError(key, "is not supported by a risk estimate", allowed)
+    misses, drops = perception.detection_probability < 1, perception.dropout_probability > 0
+    errs = perception.position_sd_m > 0 or perception.speed_sd_mps > 0
+    hides = perception.occlusion and bool(scenario.obstacles())
+    seen: list[Purpose] = ["redetection"] * (misses and (drops or hides))
+    seen += ["perception_error"] * (2 * errs)
+    chosen: dict[Purpose, bool] = {
+        "side": True,
+        "quantile": True,
+        "walking_class": bool(people.walking_classes),
+        "critical_gap": people.behaviour == "gap_acceptance",
+        "threshold": people.behaviour == "threshold",
+        "latency": people.behaviour == "threshold",
+        "detection": misses,
+    }
+    each = [purpose for purpose, is_drawn in chosen.items() if is_drawn]
+    timed, most = len(scenario.timed_walks()), people.max_count
+    first = int(people.first_at_trigger and most != 0)
+    fixed: list[Purpose] = ["timed_detection"] * (timed * misses)
+    fixed += each * first + seen * (timed + first)
+    if draws(scenario, arm):
+        fixed += [draws_from(scenario, arm)] * GIVEN_DRAWS
+    rate = people.flows_per_hour[0] / SECONDS_PER_HOUR
+    flows = rate > 0 and (most is None or most > first)
+    if not (fixed or flows or drops):
+        raise InputError(
+            "pedestrians.flow_per_hour",
+            "is 0: nothing in an episode is random",
+            "a flow above 0, or a detection probability below 1; otherwise use harness run",
+        )
+    words = {
+        "the updates at which perception loses a pedestrian": drops,
+        "the change of perception errors after a pedestrian's first update": errs,
+    }
+    pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
+    return Space(
+        tuple(fixed),
+        (*each, *seen) if flows else (),
+        rate if flows else 0.0,
+        min(_WINDOW_PASSES * pass_s, scenario.experiment.timeout_s) if flows else 0.0,
+        first,
+        timed + first,
+        scenario.experiment.seed,
+        tuple(word for word, by_chance in words.items() if by_chance),
+    )
