@@ -4,19 +4,19 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import islice
+from time import perf_counter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from harness.core.encounter import Arm, Arrival, Ending, Trace
+from harness.core.encounter import Arm, Arrival, Ending, Observation, Strategy, Trace
 from harness.core.errors import StrategyError, in_one_line
 from harness.core.seeding import Given
 from harness.encounter.arms import check_arms, draws, draws_of, named_strategy
 from harness.encounter.arrivals import already_walking, planned_arrivals
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.loop import Episode, drive, failed_episode
-from harness.encounter.timing import TimedStrategy
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.protocol import Engine
 from harness.measures import Outcome, measure
@@ -224,3 +224,22 @@ class _People(NamedTuple):
     number: int
     given: Given
     arrivals: tuple[Arrival, ...]
+
+
+class TimedStrategy:
+    """Drives as a strategy does, and adds the wall time of each decision to ``decisions_s``."""
+
+    def __init__(self, strategy: Strategy, decisions_s: list[float]) -> None:
+        self._strategy, self._decide, self._note = strategy, strategy.decide, decisions_s.append
+
+    @property
+    def fallback(self) -> bool:
+        """See ``Strategy``."""
+        return bool(getattr(self._strategy, "fallback", False))
+
+    def decide(self, observation: Observation) -> float | None:
+        """See ``Strategy.decide``."""
+        begin_s = perf_counter()
+        command = self._decide(observation)
+        self._note(perf_counter() - begin_s)
+        return command

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from xml.sax.saxutils import quoteattr
 
 import sumo
 import traci
@@ -19,8 +20,53 @@ from harness.engine.starting import (
     start_command,
     write_additional,
 )
-from harness.engine.view import view_settings
 from harness.site import Place
+
+PEDESTRIAN_EXAGGERATION = 4
+"""Factor by which pedestrians are drawn larger than they are."""
+
+_BY_SPEED = 8
+_UNIFORM = 1
+"""Indices of sumo-gui's colouring schemes of vehicles and of persons."""
+
+
+def _view_settings(delay_ms: float, initial_speed_mps: float) -> str:
+    """A settings file for ``--gui-settings-file``.
+
+    Args:
+        delay_ms: pause after each step.
+        initial_speed_mps: v0; the ego is blue at this speed and red at standstill.
+    """
+    colours = (("215,48,39", 0.0), ("254,224,144", 0.5), ("69,117,180", 1.0))
+    speeds = "".join(
+        f'<entry color="{colour}" threshold={quoteattr(f"{share * initial_speed_mps:.6g}")}/>'
+        for colour, share in colours
+    )
+    return f"""<viewsettings>
+    <scheme name="crosswalk">
+        <background backgroundColor="236,236,230" showGrid="0"/>
+        <edges laneEdgeMode="0" laneShowBorders="1" showLinkDecals="1">
+            <colorScheme name="uniform">
+                <entry color="110,110,110" name="road"/>
+                <entry color="180,180,180" name="sidewalk"/>
+            </colorScheme>
+        </edges>
+        <vehicles vehicleMode="{_BY_SPEED}" vehicleQuality="2" vehicle_exaggeration="1">
+            <colorScheme name="by speed" interpolated="1">{speeds}</colorScheme>
+        </vehicles>
+        <persons personMode="{_UNIFORM}" personQuality="2"
+                 person_exaggeration="{PEDESTRIAN_EXAGGERATION}">
+            <colorScheme name="uniform"><entry color="197,27,125"/></colorScheme>
+        </persons>
+        <junctions junctionMode="0" drawCrossingsAndWalkingareas="1">
+            <colorScheme name="uniform"><entry color="110,110,110"/></colorScheme>
+        </junctions>
+    </scheme>
+    <viewport x="0" y="0" zoom="1200"/>
+    <delay value="{delay_ms:.6g}"/>
+</viewsettings>
+"""
+
 
 _VIEW = "View #0"
 _PIXELS = (1280, 860)
@@ -54,7 +100,7 @@ def gui_engine(
     site, types = site_and_types(place, vehicle, crossing)
     folder = TemporaryDirectory(prefix="crosswalk-harness-")
     _, *options = start_command(place.net, write_additional(folder.name, types), step_s, 1)
-    settings = view_settings(gui.delay_ms, vehicle.initial_speed_mps)
+    settings = _view_settings(gui.delay_ms, vehicle.initial_speed_mps)
     close = _connected(options, folder, settings)
     engine = _ShownEngine(traci, close, site, vehicle, crossing, step_s)
     engine.gui = gui

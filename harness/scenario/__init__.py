@@ -8,6 +8,7 @@ from harness.scenario.file import (
     parse_setting,
     read_scenario_file,
     scenario_of_encounters,
+    set_thresholds,
     validate,
 )
 from harness.scenario.options import (
@@ -35,7 +36,6 @@ from harness.scenario.study import (
     study_from,
     study_of,
 )
-from harness.scenario.thresholds import set_thresholds
 from harness.scenario.traffic import QUARTER_S, TrafficSection, by_quarter
 from harness.scenario.variation import flatten, parse_variation
 

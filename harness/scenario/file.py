@@ -20,6 +20,7 @@ from harness.core.errors import InputError, nearest_name, unknown_name
 from harness.core.resources import shipped_directory
 from harness.scenario.consistency import check_consistency, check_time_out
 from harness.scenario.scenario import Scenario
+from harness.scenario.sections import ConflictsSection
 from harness.scenario.units import in_si, unit_of
 
 
@@ -307,3 +308,22 @@ def _keys_of(path: list[str]) -> list[str]:
             # An optional table is a union with None.
             section = next(iter(get_args(annotation)), annotation)
     return list(section.model_fields)
+
+
+def set_thresholds(settings: Sequence[Setting], source: str) -> ConflictsSection:
+    """The conflict thresholds with some of them set (``conflicts.…``).
+
+    Raises:
+        InputError: a setting is not a threshold, or its value is not allowed.
+    """
+    thresholds = [f"conflicts.{name}" for name in ConflictsSection.model_fields]
+    tree: dict[str, Any] = {}
+    sources = {setting.key: setting.source for setting in settings}
+    for setting in settings:
+        if setting.key not in thresholds:
+            nearest = nearest_name(setting.key, thresholds)
+            problem = "is not a conflict threshold"
+            where = f"{setting.source} {setting.key}"
+            raise InputError(where, problem, ", ".join(thresholds), nearest)
+        apply_setting(tree, setting)
+    return validate(tree, source, sources).conflicts

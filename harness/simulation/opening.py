@@ -27,9 +27,9 @@ from harness.site.configuration import (
     people_come,
     read_config,
     sumo_program,
+    types_that_come,
 )
 from harness.site.town import Town
-from harness.site.vehicle_types import types_that_come
 
 _BASE_SEED = 23423
 """SUMO's default seed, of ``[traffic]``."""

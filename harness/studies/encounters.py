@@ -34,7 +34,7 @@ def run_task(
         make_engine: makes an engine for this task alone; None: the engine of this process.
     """
     if task.outputs is not None:
-        from harness.engine.recording import recording_engine
+        from harness.engine.shared import recording_engine
 
         make_engine = partial(recording_engine, task.outputs, task.arms[0])
     if make_engine is not None:

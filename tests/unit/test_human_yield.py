@@ -25,8 +25,7 @@ from harness.measures.ego import crossing_time
 from harness.model.interaction import load_model
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
-from harness.strategies.human_yield import HumanYield
-from harness.strategies.yield_rates import TREATMENTS
+from harness.strategies.human_yield import TREATMENTS, HumanYield
 from tests.scenes import braking_steps, on_plain, play, refuses, scenario, shown
 
 STEP = 0.1
