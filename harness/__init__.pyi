@@ -13,7 +13,6 @@ from .core.encounter import (
 )
 from .core.errors import HarnessError as HarnessError, InputError as InputError
 from .model.interaction import InteractionModel as InteractionModel, load_model as load_model
-from .old.studies.conformance import check_strategy as check_strategy
 from .report import figures as figures
 from .results.finding import Finding as Finding
 from .results.result import Result as Result
@@ -33,6 +32,7 @@ from .strategies.vector import (
     acceleration_of as acceleration_of,
     observation_vector as observation_vector,
 )
+from .studies.checks import check_strategy as check_strategy
 from .studies.compare import compare as compare
 from .studies.evaluate import evaluate as evaluate
 from .studies.one_pair import PairOutcome as PairOutcome, run_pair as run_pair

@@ -72,8 +72,6 @@ def application(arguments: Sequence[str] = ()) -> typer.Typer:
 
 
 def _module_of(command: str, arguments: Sequence[str]) -> str:
-    if command == "strategies" and any(each.startswith("--check") for each in arguments):
-        return "old.cli.about"
     if not arguments[1:] or command not in _OF_OTHERS:
         return COMMANDS[command]
     from harness.results.folder import kind_of_folder

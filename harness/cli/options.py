@@ -20,6 +20,9 @@ ScenarioArgument = Annotated[str, Argument(help=_SCENARIO)]
 RunArgument = Annotated[Path, Argument(metavar="RUN", help="A run folder.")]
 RunsArgument = Annotated[list[Path], Argument(metavar="RUN…", help="Runs with the same people.")]
 
+_CHECK = "Check whether a strategy keeps the rules: your own, my_module:MyStrategy, or one listed."
+CheckOption = Annotated[str | None, Option(help=_CHECK, metavar="STRATEGY")]
+ScenarioOption = Annotated[str, Option(help="With --check: has crosswalk, ego and parameters.")]
 SetOption = Annotated[list[str] | None, Option("--set", help=_SET, metavar="KEY=VALUE")]
 VaryOption = Annotated[list[str] | None, Option("--vary", help=_VARY, metavar="KEY=V1,V2,…")]
 OutOption = Annotated[Path | None, Option(help="Folder; default runs/<scenario>-<next number>.")]

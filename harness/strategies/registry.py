@@ -33,6 +33,9 @@ STRATEGIES: dict[str, StrategyFactory] = {
     "sumo_driver": SumoDriver,
 }
 
+KNOWS_THE_MODEL = "It is given the model from which the pedestrians are drawn."
+"""What is said of a strategy that knows more than real drivers do."""
+
 _prepared: set[tuple[StrategyFactory, str]] = set()
 """The strategies that this process has prepared, each with its parameters."""
 
@@ -76,7 +79,7 @@ def listing() -> list[dict[str, str | None]]:
             continue
         meaning = (factory.__doc__ or "no description").strip().splitlines()[0]
         if knows_the_model(factory):
-            meaning += " It is given the model from which the pedestrians are drawn."
+            meaning += f" {KNOWS_THE_MODEL}"
         no_parameter = {"parameter": None, "default": None}
         rows.append({"strategy": name, **no_parameter, "meaning": meaning})
         notes = getattr(factory, "NOTES", {})

@@ -11,11 +11,9 @@ from typing import ClassVar
 import pytest
 
 from harness.core.errors import InputError
-from harness.old.report.screens.listings import observation_lines
-from harness.old.studies.conformance import CHECKS, Subject, check_strategy
-from harness.scenario import Scenario
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES, aggressiveness_of
+from harness.studies.checks import RULES, check_strategy
 
 DOCS = Path(__file__).parents[2] / "docs" / "strategies.md"
 
@@ -24,10 +22,9 @@ DOCS = Path(__file__).parents[2] / "docs" / "strategies.md"
 IN_ENCOUNTERS = [name for name in STRATEGIES if name != "sumo_driver"]
 
 
-@pytest.mark.parametrize("check", CHECKS)
 @pytest.mark.parametrize("strategy", IN_ENCOUNTERS)
-def test_keeps(strategy: str, check: str, model) -> None:
-    CHECKS[check](Subject(strategy, Scenario(), model))
+def test_keeps_every_rule(strategy: str, model) -> None:
+    assert [each.problem for each in check_strategy(strategy, model)] == [None] * len(RULES)
 
 
 @pytest.mark.parametrize("strategy", IN_ENCOUNTERS)
@@ -116,12 +113,6 @@ class Speeds(Steady):
         return 3.0
 
 
-class Interferes(Steady):
-    def decide(self, seen):
-        object.__setattr__(seen.vehicle, "max_acceleration_mps2", 99.0)
-        return 0.0
-
-
 class Hangs(Steady):
     over = Event()
 
@@ -141,9 +132,8 @@ BROKEN = {
     Text: "answers with a finite number",
     Stops: "crosses an empty road",
     Speeds: "keeps to the road's speed limit, or to v0 without a limit",
-    Whims: "the same episode twice gives the same answers",
-    Learns: "remembers nothing of other episodes",
-    Interferes: "does not change its observation",
+    Whims: "gives the same answers in the same scene, whatever it has played before",
+    Learns: "gives the same answers in the same scene, whatever it has played before",
 }
 
 
@@ -152,7 +142,7 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """The strategies above as a module of a user."""
     name = "made_up_strategies"
     module = types.ModuleType(name)
-    for thing in (Steady, Hangs, TooSlow, OnlyWhenWide, OnlyAtOnce, *BROKEN):
+    for thing in (Steady, Hangs, OnlyWhenWide, OnlyAtOnce, *BROKEN):
         setattr(module, thing.__name__, thing)
     monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr(Learns, "met", 0)
@@ -162,14 +152,14 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 
 def test_one_that_keeps_them_all(made_up: str, model) -> None:
     verdicts = check_strategy(f"{made_up}:Steady", model)
-    assert [verdict.check for verdict in verdicts] == list(CHECKS)
-    assert [verdict.problem for verdict in verdicts] == [None] * len(CHECKS)
+    assert [verdict.rule for verdict in verdicts] == [rule.name for rule in RULES]
+    assert [verdict.problem for verdict in verdicts] == [None] * len(RULES)
 
 
 @pytest.mark.parametrize("strategy", BROKEN, ids=lambda strategy: strategy.__name__)
 def test_one_that_breaks_a_rule_is_found_out(strategy, made_up: str, model) -> None:
     verdicts = check_strategy(f"{made_up}:{strategy.__name__}", model)
-    found = {verdict.check: verdict.problem for verdict in verdicts if verdict.problem}
+    found = {verdict.rule: verdict.problem for verdict in verdicts if verdict.problem}
     assert BROKEN[strategy] in found
     assert all("\n" not in problem for problem in found.values())
 
@@ -179,32 +169,23 @@ def test_what_stops_every_check_is_one_fault(made_up: str) -> None:
     for strategy, culprit, words in (
         (DividesByTheirSpeed, BROKEN[DividesByTheirSpeed], "ZeroDivisionError"),
         (Text, BROKEN[Text], "'0.0'"),
-        (Demanding, BROKEN[Demanding], "cannot be made"),
+        (Demanding, BROKEN[Demanding], "no default for gap_s"),
     ):
         verdicts = check_strategy(f"{made_up}:{strategy.__name__}")
-        assert [v.check for v in verdicts if v.checked and v.problem] == [culprit]
+        assert [v.rule for v in verdicts if v.checked and v.problem] == [culprit]
         others = [v.problem for v in verdicts if not v.checked]
         assert len(others) > 3
         assert all(other.startswith("not checked: ") and words in other for other in others)
 
 
-def test_one_that_hangs_ends_with_a_line(made_up: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("harness.old.studies.conformance.subject.DECIDE_LIMIT_S", 0.2)
+def test_one_that_hangs_ends_with_a_line(made_up: str) -> None:
     try:
-        verdicts = check_strategy(f"{made_up}:Hangs")
+        verdicts = check_strategy(f"{made_up}:Hangs", limit_s=1.0)
     finally:
         Hangs.over.set()
-    found = {v.check: v.problem for v in verdicts if v.checked}
-    assert found == {BROKEN[NeedsSomebody]: "decide took more than 0.2 s"}
-    assert [v.check for v in verdicts] == list(CHECKS)
-
-
-def test_state_in_the_class_is_found_out(made_up: str, model) -> None:
-    for strategy in (Whims, Learns):
-        with pytest.raises(Exception, match=r"changed the class attribute (count|met)"):
-            CHECKS["stores nothing in its class"](
-                Subject(f"{made_up}:{strategy.__name__}", Scenario(), model)
-            )
+    found = {v.rule: v.problem for v in verdicts if v.checked}
+    late = "an empty road, step 0.1 s: not all scenes were played within 1 s"
+    assert found == {BROKEN[NeedsSomebody]: late}
 
 
 def test_the_observation_that_broke_a_rule_is_shown(made_up: str, model) -> None:
@@ -212,25 +193,6 @@ def test_the_observation_that_broke_a_rule_is_shown(made_up: str, model) -> None
     (broken,) = [verdict for verdict in verdicts if verdict.checked and verdict.problem]
     # It divides by the speed of somebody who stands.
     assert 0.0 in [person.speed_mps for person in broken.observation.pedestrians]
-    lines = observation_lines(broken.observation)
-    assert lines[0].startswith("shown at t = ")
-    assert f"L = {broken.observation.pedestrians[0].lateral_m:.3f} m" in lines[1]
-
-
-class TooSlow(Steady):
-    """Keeps every rule, and thinks for a while."""
-
-    def decide(self, observation):
-        Event().wait(0.01)
-        return super().decide(observation)
-
-
-def test_all_checks_have_one_limit_of_time(made_up: str, model) -> None:
-    name = f"{made_up}:TooSlow"
-    verdicts = check_strategy(name, model, limit_s=0.3)
-    (late,) = [verdict for verdict in verdicts if verdict.checked and verdict.problem]
-    assert late.problem == "the checks did not finish within 0.3 s"
-    assert late.observation is not None
 
 
 class OnlyWhenWide(Steady):

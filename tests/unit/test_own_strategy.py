@@ -1,6 +1,7 @@
 """A user's own strategy: found by its name, checked like the built-in ones, faults reported."""
 
 import importlib
+import json
 import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import EntryPoint
@@ -11,10 +12,10 @@ import pytest
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
 from harness.encounter.arms import check_arms
-from harness.old.studies.conformance import CHECKS
 from harness.scenario import Scenario, load_scenario, read_scenario_file, study_of, validate
 from harness.strategies import own, registry
 from harness.strategies.registry import find_strategy
+from harness.studies.checks import RULES
 from tests.batches import here
 from tests.scenes import on_plain, refusal_of
 
@@ -282,21 +283,21 @@ def test_an_installed_entry_point_of_the_documented_group(write, model, monkeypa
     assert own.GROUP == "harness.strategies"
 
 
-def checked(name: str) -> tuple[int, list[str]]:
-    done = here("strategies", "--check", name)
+def checked(name: str, *options: str) -> tuple[int, list[str]]:
+    done = here("strategies", "--check", name, *options)
     assert "Traceback" not in done.stderr
     return done.returncode, (done.stdout + done.stderr).splitlines()
 
 
 def test_checked_from_the_shell(write: Write) -> None:
     write("mine_k", MODULE)
-    code, lines = checked("mine_k:Steady")
-    assert (code, len(lines)) == (0, len(CHECKS))
-    assert all(line.startswith("ok  ") for line in lines)
-    code, lines = checked("mine_k:Demanding")
-    assert (code, len(lines)) == (1, len(CHECKS) + 1)
-    assert lines[-1].startswith("note     it knows the pedestrians' distribution")
-    assert "FAILED   every parameter has a default: no default for needed" in lines
+    for name, code, problem in (("Steady", 0, ""), ("Demanding", 1, "no default for needed")):
+        found, lines = checked(f"mine_k:{name}", "--json")
+        records = json.loads("\n".join(lines))["records"]
+        assert (found, len(records)) == (code, len(RULES))
+        assert records[0]["problem"] == problem
+        assert {record["kept"] for record in records} == ({"no", "-"} if code else {"yes"})
+    assert "It is given the model" in " ".join(checked("mine_k:Demanding")[1])
     code, lines = checked("mine_k:Demandin")
     assert (code, len(lines)) == (2, 1)
     assert "did you mean 'Demanding'?" in lines[0]
