@@ -47,7 +47,7 @@ _WEAK = {"initial_speed_mps": 16.0, "trigger_range_m": 60.0, "max_deceleration_m
 _SHORT = {"detection_range_m": 10.0}
 
 # fmt: off
-SCENES: Mapping[str, Scene] = {
+SCENES: dict[str, Scene] = {
     _EMPTY: Scene(()),
     "a slow pedestrian from the far side": Scene(((0.0, _FAR, 0.5),)),
     "a running pedestrian": Scene(((4.0, _NEAR, 3.0),)),
