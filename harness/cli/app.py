@@ -23,6 +23,7 @@ COMMANDS: Mapping[str, str] = {
         "cli.about": "network strategies doctor",
         "old.cli.risk": "risk",
         "cli.crossings": "crossings",
+        "cli.conflicts": "conflicts",
         "old.cli.model": "extract fit model",
         "old.cli.validation": "validate",
     }.items()

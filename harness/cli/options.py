@@ -56,6 +56,11 @@ WriteOption = Annotated[Path | None, Option(help="A new scenario file.", metavar
 EdgeOption = Annotated[list[str] | None, Option(help="A crosswalk to write. Repeatable.")]
 AllOption = Annotated[bool, Option("--all", help="List those that are not usable, too.")]
 
+FcdArgument = Annotated[Path, Argument(metavar="FCD", help="SUMO's --fcd-output, .gz too.")]
+NetOption = Annotated[Path, Option(help="The simulation's network (.net.xml).")]
+PersonFcdOption = Annotated[Path | None, Option(help="SUMO's --person-fcd-output.")]
+TypesOption = Annotated[list[Path] | None, Option(help="A file with its vTypes. Repeatable.")]
+
 GuiOption = Annotated[bool, Option("--gui", help="Show it in sumo-gui, one arm after the other.")]
 ScreenshotsOption = Annotated[Path | None, Option(help="With --gui: a new folder for PNGs.")]
 DebugOption = Annotated[bool, Option("--debug", help="Here, so that breakpoint() works in decide.")]

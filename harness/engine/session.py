@@ -187,6 +187,12 @@ class Session:
         """
         self._move(name, "", x, y, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
 
+    def vehicle_types(self) -> Mapping[str, tuple[float, float, float, float, float]]:
+        """Length, width, acceleration, deceleration and top speed of each type, by its id."""
+        of = self._api.vehicletype
+        asked = (of.getLength, of.getWidth, of.getAccel, of.getDecel, of.getMaxSpeed)
+        return {name: tuple(each(name) for each in asked) for name in of.getIDList()}
+
     def departed(self) -> Sequence[str]:
         """The vehicles that entered in the last step."""
         return tuple(self._api.simulation.getDepartedIDList())

@@ -162,13 +162,13 @@ def scenario_text(file: Path, crossings: Sequence[str], written: Path) -> str:
     """
     config = configuration.read_config(file, configuration.SHORTER_STEP_S)
     town = Town.read(config.net)
-    chosen = [_chosen(town, name) for name in dict.fromkeys(crossings)]
-    ways = [town.lane(way.from_lane) for each in chosen for way in town.connections(each.id)]
+    crosswalks = [chosen(town, name) for name in dict.fromkeys(crossings)]
+    ways = [town.lane(way.from_lane) for each in crosswalks for way in town.connections(each.id)]
     walked = configuration.people_come(config)
     return _TEMPLATE.read_text(encoding="utf-8").format(
-        crosswalks="\n".join(f"# {line}" for each in chosen for line in _described(town, each)),
+        crosswalks="\n".join(f"# {line}" for each in crosswalks for line in _described(town, each)),
         file=_quoted(written.as_posix()),
-        crossings=", ".join(_quoted(each.id) for each in chosen),
+        crossings=", ".join(_quoted(each.id) for each in crosswalks),
         step=min(config.step_s, configuration.SHORTER_STEP_S),
         range_m=_range_m(max(each.limit_mps for each in ways)),
         people="# " if walked else "",
@@ -176,7 +176,12 @@ def scenario_text(file: Path, crossings: Sequence[str], written: Path) -> str:
     )
 
 
-def _chosen(town: Town, name: str) -> Crosswalk:
+def chosen(town: Town, name: str) -> Crosswalk:
+    """The crosswalk of ``--edge``.
+
+    Raises:
+        InputError: it is not there, or not usable.
+    """
     crosswalk = town.crosswalks.get(name)
     if crosswalk is None:
         some = ", ".join([*town.crosswalks][:5]) + ", …" * (len(town.crosswalks) > 5)
