@@ -161,7 +161,9 @@ def _trace(
     walks: list[Walk] = []
     walkers: list[Walked] = []
     for each in people:
-        walk = moved(each.walk, begin_s, zone.crosswalk_m if zone.reverse else None)
+        far_m = zone.crosswalk_m if zone.reverse else None
+        leads_left = zone.reverse == passage.crosswalk.left_hand
+        walk = moved(each.walk, begin_s, far_m, leads_left=leads_left)
         start_s = walk.start_s
         if start_s is not None and start_s >= length_s:
             walk = replace(walk, start_s=None, speed_mps=None, legs=None)

@@ -38,16 +38,20 @@ class Axis:
 
     def along_m(self, x: float, y: float) -> float:
         """The place of a point: of its foot on the nearest piece, beyond the ends too."""
+        return self.foot(x, y)[0]
+
+    def foot(self, x: float, y: float) -> tuple[float, float]:
+        """The place of a point, and how far it is to the left of the axis."""
         at, last = complex(x, y), len(self._pieces) - 1
-        best_m, place_m = math.inf, 0.0
+        best_m, place = math.inf, (0.0, 0.0)
         for number, (start, ahead, length_m, from_m) in enumerate(self._pieces):
             off = (at - start) * ahead.conjugate()
             low = off.real if number == 0 else max(off.real, 0.0)
             inside_m = low if number == last else min(low, length_m)
             away_m = math.hypot(off.real - inside_m, off.imag)
             if away_m < best_m:
-                best_m, place_m = away_m, from_m + inside_m
-        return place_m
+                best_m, place = away_m, (from_m + inside_m, off.imag)
+        return place
 
     def point(self, along_m: float) -> tuple[float, float]:
         """x and y of a place on the axis."""
@@ -64,8 +68,8 @@ class Walked:
     Attributes:
         id: SUMO's id, or the one that a person of the harness has there.
         own: whether the harness moved them.
-        walk: in the axis's frame, where y = 0 is the axis's beginning and ``near`` the kerb there;
-            its times are SUMO's.
+        walk: in the axis's frame, where y = 0 is the axis's beginning, ``near`` the kerb there, and
+            x the way to the axis's left; its times are SUMO's.
         cleared_s: when they reached the other kerb; None if they did not.
         let_go: whether they went before the first vehicle that kept them waiting; None if none did,
             or if SUMO decided.
@@ -112,7 +116,8 @@ def walked_of(person: Seen, axis: Axis, rounding_m: float = 0.0) -> Walked | Non
         rounding_m: the largest error of a place: a walk that is even within it is even.
     """
     time_s, places = np.array(person.time_s), np.column_stack((person.x, person.y))
-    along_m, length_m = np.array([axis.along_m(*at) for at in places.tolist()]), axis.length_m
+    along_m, left_m = np.array([axis.foot(*at) for at in places.tolist()]).T
+    length_m = axis.length_m
     on, near = np.flatnonzero(person.on), person.first_m < length_m / 2
     side, ahead_m = (Side.NEAR, along_m) if near else (Side.FAR, length_m - along_m)
     points = _from_kerb_to_kerb(time_s, ahead_m, on, length_m)
@@ -133,7 +138,7 @@ def walked_of(person: Seen, axis: Axis, rounding_m: float = 0.0) -> Walked | Non
         Arrival(person.index, came_s, side, math.nan),
         start_s,
         max((to_m - from_m) / (end_s - start_s), 1e-3),
-        legs=_legs(points, near, length_m),
+        legs=_legs(points, np.interp(points[:, 0], time_s, left_m), near, length_m),
     )
     cleared_s = end_s if to_m >= length_m - KERB_M else None
     return Walked(person.id, False, walk, cleared_s, None, time_s, places)
@@ -187,36 +192,47 @@ def _kerb(line: FloatArray, kerb_m: float, low_s: float, high_s: float) -> float
     return at_s
 
 
-def _legs(points: FloatArray, near: bool, length_m: float) -> tuple[Leg, ...]:
-    """The legs of a walk; the last one stands at the other kerb, where the walk is over."""
+def _legs(points: FloatArray, left_m: FloatArray, near: bool, length_m: float) -> tuple[Leg, ...]:
+    """The legs of a walk, x to the left of the axis; the last one stands at the other kerb."""
     legs: list[Leg] = []
-    for (time_s, ahead_m), (until_s, to_m) in pairwise(points.tolist()):
-        forward_mps = (to_m - ahead_m) / (until_s - time_s)
-        y_m, y_mps = (ahead_m, forward_mps) if near else (length_m - ahead_m, 0.0 - forward_mps)
-        if not legs or abs(legs[-1].y_mps - y_mps) > 1e-9:
-            legs.append(Leg(time_s, 0.0, y_m, 0.0, y_mps, 0.0))
-    end_s, ahead_m = points[-1].tolist()
-    legs.append(Leg(end_s, 0.0, ahead_m if near else length_m - ahead_m, 0.0, 0.0, 0.0))
+    y_m = points[:, 1] if near else length_m - points[:, 1]
+    rows = np.column_stack((points[:, 0], left_m, y_m)).tolist()
+    for (time_s, x, y), (until_s, to_x, to_y) in pairwise(rows):
+        x_mps, y_mps = (to_x - x) / (until_s - time_s), (to_y - y) / (until_s - time_s)
+        last = legs[-1] if legs else None
+        if last is None or abs(last.y_mps - y_mps) + abs(last.x_mps - x_mps) > 1e-9:
+            legs.append(Leg(time_s, x, y, x_mps, y_mps, 0.0))
+    legs.append(Leg(points[-1, 0], left_m[-1], y_m[-1], 0.0, 0.0, 0.0))
     return tuple(legs)
 
 
-def moved(walk: Walk, since_s: float, length_m: float | None = None) -> Walk:
-    """A walk with other times and, with ``length_m``, seen from the other kerb.
+def moved(
+    walk: Walk, since_s: float, length_m: float | None = None, *, leads_left: bool = False
+) -> Walk:
+    """A walk with other times, as a vehicle sees it that drives over the crosswalk.
 
     Args:
         walk: the walk.
         since_s: its times are counted from this time.
-        length_m: the crosswalk's length; None to keep the direction.
+        length_m: the crosswalk's length, if the axis begins at the far kerb; None if at the near.
+        leads_left: whether the axis leads to the vehicle's left; x is the way ahead.
     """
-    arrival = walk.arrival._replace(arrival_s=walk.arrival.arrival_s - since_s)
-    legs = walk.legs
-    if legs is not None:
-        legs = tuple(leg._replace(time_s=leg.time_s - since_s) for leg in legs)
+    arrival, legs, ahead = walk.arrival, walk.legs, -1.0 if leads_left else 1.0
+    arrival = arrival._replace(arrival_s=arrival.arrival_s - since_s)
     if length_m is not None:
         arrival = arrival._replace(side=arrival.side.other)
-        legs = legs and tuple(
-            Leg(time_s, x, length_m - y, x_mps, 0.0 - y_mps, 0.0 - y_mps2)
-            for time_s, x, y, x_mps, y_mps, y_mps2 in legs
+    if legs is not None:
+        up, from_m = (1.0, 0.0) if length_m is None else (-1.0, length_m)
+        legs = tuple(
+            Leg(
+                leg.time_s - since_s,
+                ahead * leg.x_m,
+                from_m + up * leg.y_m,
+                ahead * leg.x_mps,
+                up * leg.y_mps,
+                up * leg.y_mps2,
+            )
+            for leg in legs
         )
     start_s = None if walk.start_s is None else walk.start_s - since_s
     return replace(walk, arrival=arrival, start_s=start_s, legs=legs)

@@ -19,13 +19,14 @@ from harness.engine.fcd import records, sizes_of
 from harness.results.finding import Plain
 from harness.results.notes import Note
 from harness.results.result import Result, listed
-from harness.results.simulated import WHICH
+from harness.results.simulated import which
 from harness.results.tables import PASSAGES, Row
 from harness.scenario.sections import ConflictsSection
-from harness.simulation.driving import Car, Passage, Zones
+from harness.simulation.driving import Car, Passage
 from harness.simulation.listing import chosen
 from harness.simulation.passages import passages
-from harness.simulation.people import Axis, Walked, walked_of
+from harness.simulation.walked import Axis, Walked, walked_of
+from harness.simulation.zones import Zones
 from harness.site.town import Town
 from harness.studies.recorded import CUT_OFF, RANGE_M, Reader
 
@@ -70,7 +71,7 @@ def conflicts(
     if len(times) < 2:
         raise InputError(str(files[0]), "has no two times with vehicles", "FCD of some steps")
     step_s = round(float(np.diff(times).min()), 6)
-    zones = Zones(town, step_s)
+    zones = Zones(town, step_s, names)
     reader = Reader(zones, names, _cars(net, types), step_s)
     for file in files:
         reader.read(file)
@@ -79,8 +80,7 @@ def conflicts(
     columns = passages(reader.passages, people, zones, step_s, motion)
     values = zip(*columns.values(), strict=True)
     table = PASSAGES.of([dict(zip(columns, of, strict=True)) for of in values])
-    which = {name: WHICH[kind] for name, kind in _KINDS.items()}
-    masks = {name: of(limits) if callable(of) else of for name, of in which.items()}
+    masks = {name: which(kind, limits) for name, kind in _KINDS.items()}
     fields = {name: pc.field(name) for name in _WORST}
     frame = ds.dataset(table).to_table(columns=fields | masks).to_pandas()
     found = _found(frame, people)

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from harness.core.errors import InputError
 from harness.engine.fcd import FORMATS, Record, records
-from harness.simulation.driving import Car, Passage, Zones
-from harness.simulation.people import Axis, Seen
+from harness.simulation.driving import PASSED, Car, Passage
+from harness.simulation.walked import Axis, Seen
+from harness.simulation.zones import Zones
 from harness.site.town import Connection
 
 RANGE_M = 50.0
@@ -113,10 +114,11 @@ class Reader:
         track.seen.append((time_s, at_m, speed_mps))
         while at_m - track.seen[0][1] > _KEPT_M:
             track.seen.popleft()
+        track.car.odometer_m, track.car.speed_mps = at_m, speed_mps
         for passage in [*track.passages]:
-            passage.note(time_s, at_m, speed_mps)
+            passage.note(time_s)
             if at_m >= passage.last_m:
-                passage.passed, passage.ended = True, "passed"
+                passage.ended = PASSED
                 track.passages.remove(passage)
                 self.passages.append(passage)
 
@@ -165,9 +167,9 @@ class Reader:
         car, body = track.car, track.car.vehicle
         for crosswalk in self._zones.crosswalks(link):
             found = self._zones.at(link, crosswalk, body.length_m, body.width_m)
-            if crosswalk.id not in self._chosen or found is None:
+            if found is None:
                 continue
-            passage = Passage(car, crosswalk, True, link, *found, stop_m, body, begun=True)
+            passage = Passage(car, crosswalk, link, *found, stop_m, body)
             begin_m, range_m = passage.centre_m - RANGE_M, RANGE_M
             states = [state for state in track.seen if state[1] >= begin_m]
             if len(states) < len(track.seen):
@@ -184,8 +186,8 @@ class Reader:
                 trigger_range_m=range_m,
                 detection_range_m=range_m,
             )
-            for state in states:
-                passage.note(*state)
+            for time_s, car.odometer_m, car.speed_mps in states:
+                passage.note(time_s)
             track.passages.append(passage)
 
     def _end(self, track: _Track) -> None:
