@@ -40,6 +40,7 @@ _SAMPLE_S = 0.0125
 """Longest time between two outlines that are compared with people."""
 _NEAR_M = 2.0
 """No person touches a vehicle whose outline is this far from the crosswalk."""
+_ROUNDING_S = 1e-7
 _SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
 _SAMPLE_M = 0.25
 """Distance of places at which the speed of a free passage is computed."""
@@ -164,6 +165,10 @@ def _trace(
         far_m = zone.crosswalk_m if zone.reverse else None
         leads_left = zone.reverse == passage.crosswalk.left_hand
         walk = moved(each.walk, begin_s, far_m, leads_left=leads_left)
+        if walk.legs is not None:
+            # A leg that begins with a step must not begin a rounding error after it.
+            legs = (leg._replace(time_s=_in_steps(leg.time_s, step_s)) for leg in walk.legs)
+            walk = replace(walk, legs=tuple(legs))
         start_s = walk.start_s
         if start_s is not None and start_s >= length_s:
             walk = replace(walk, start_s=None, speed_mps=None, legs=None)
@@ -174,6 +179,12 @@ def _trace(
                 walk = replace(walk, range_m=-x_m, vehicle_speed_mps=speed_mps)
         walks.append(walk)
     return replace(base, walks=tuple(walks)), walkers
+
+
+def _in_steps(time_s: float, step_s: float) -> float:
+    """A time, or that of the step which it misses by a rounding error."""
+    whole_s = round(time_s / step_s) * step_s
+    return whole_s if abs(time_s - whole_s) < _ROUNDING_S else time_s
 
 
 def strike_of(

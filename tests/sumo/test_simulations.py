@@ -172,7 +172,7 @@ def test_people_of_the_harness(tmp_path: Path) -> None:
             if not 0.1 < way_m < axis.length_m - 0.1:
                 continue
             along_m = way_m if each.get("id") in from_near else axis.length_m - way_m
-            (x, y), *_ = axis.axis.interpolate(along_m).coords
+            x, y = axis.point(along_m)
             off_m.append(math.hypot(float(each.get("x", "")) - x, float(each.get("y", "")) - y))
             seen += 1
     assert seen > 1000
