@@ -12,11 +12,7 @@ from harness.results.rows import simulation_rows
 from harness.results.tables import TABLES_OF, Tables
 from harness.scenario import (
     Cell,
-    Study,
     load_scenario,
-    parse_variation,
-    read_scenario_file,
-    study_of,
 )
 
 BEGIN_S, COUNTED_S = 100.0, 600.0
@@ -135,9 +131,3 @@ def ordinary(pair: int, av: bool = True, slower_s: float = 0.0) -> dict[str, Row
     ]  # fmt: skip
     queues = rng.uniform(0.0, 3.0), rng.uniform(0.0, 3.0)
     return arm(passages, vehicles, people, queues, sumo_people=0, harness_people=80)
-
-
-def study_of_shares(*shares: float) -> Study:
-    """A sweep over the share of AVs."""
-    file = read_scenario_file("traffic", [])
-    return study_of(file, [parse_variation(f"traffic.av_share={','.join(map(str, shares))}")])

@@ -5,7 +5,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from random import Random
@@ -71,81 +71,6 @@ def grid(folder: Path, end_s: int = 300, **options: str) -> Path:
     arguments = ("--grid", "--grid.number", "4", "--grid.length", "100", "--tls.set", "C2,D1")
     call(folder, "netgenerate", *arguments, *_WALKABLE, "-j", "priority", "-o", "net.net.xml")
     return with_demand(folder, end_s, 1.0, 0.8, **options)
-
-
-@_built_once
-def main_road(folder: Path, end_s: int = 300, **options: str) -> Path:
-    """A main road of two lanes each way, with side streets and crosswalks over it."""
-    places = {"w": (0, 0), "a": (200, 0), "b": (400, 0), "c": (600, 0), "e": (800, 0)}
-    sides = {"an": (200, 150), "bs": (400, -150), "cn": (600, 150), "cs": (600, -150)}
-    nodes = "".join(
-        f'<node id="{name}" x="{x}" y="{y}" type="priority"/>'
-        for name, (x, y) in {**places, **sides}.items()
-    )
-    edges = ""
-    main = [("w", "a"), ("a", "b"), ("b", "c"), ("c", "e")]
-    side = [("an", "a"), ("bs", "b"), ("cn", "c"), ("cs", "c")]
-    for roads, lanes, priority, speed in ((main, 2, 3, 13.89), (side, 1, 1, 8.33)):
-        for start, end in roads:
-            for one, other in ((start, end), (end, start)):
-                edges += (
-                    f'<edge id="{one}_{other}" from="{one}" to="{other}" numLanes="{lanes}" '
-                    f'priority="{priority}" speed="{speed}" sidewalkWidth="2"/>'
-                )
-    (folder / "n.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
-    (folder / "e.edg.xml").write_text(f"<edges>{edges}</edges>")
-    files = ("-n", "n.nod.xml", "-e", "e.edg.xml", "-o", "net.net.xml")
-    call(folder, "netconvert", *files, "--crossings.guess", "--no-turnarounds")
-    return with_demand(folder, end_s, 1.5, 2.0, **options)
-
-
-def of_map(name: str, zebras: Sequence[str], none: Sequence[str], folder: Path) -> None:
-    """Convert a map to ``net.net.xml``, with zebras and without some guessed crosswalks.
-
-    Each is given by its node and edges.  netconvert guesses two crosswalks at a node within a
-    street, none of them a zebra.
-    """
-    changes = [(zebras, 'priority="true" width="4"'), (none, 'discard="true"')]
-    lines = "".join(
-        f'<crossing node="{node}" edges="{edges}" {how}/>'
-        for crossings, how in changes
-        for node, _, edges in (each.partition(" ") for each in crossings)
-    )
-    (folder / "zebras.con.xml").write_text(f"<connections>{lines}</connections>")
-    osm = str(Path(__file__).parent / f"data/town/{name}.osm")
-    words = ("--osm.sidewalks", "--osm.crossings", "--sidewalks.guess", "--crossings.guess")
-    finely = ("--output.street-names", "--precision", "6")
-    call(folder, "netconvert", "--osm-files", osm, *words, *finely, "-o", "guessed.net.xml")
-    patch = ("-x", "zebras.con.xml", *finely, "-o", "net.net.xml")
-    call(folder, "netconvert", "-s", "guessed.net.xml", *patch)
-
-
-@_built_once
-def bus_street(folder: Path, end_s: int = 300, **options: str) -> Path:
-    """A street as OpenStreetMap has it, with a zebra crossing, bus stops and a bus line."""
-    of_map("street", ["6 10#2 -10#2"], ["6 -10#1 10#1"], folder)
-    config = with_demand(folder, end_s, 2.0, 2.5, **options)
-    # Buses every 30 s, and trucks among the cars.
-    (folder / "buses.add.xml").write_text(
-        """<additional><busStop id="west" lane="10#1_1" startPos="40" endPos="60"/>
-        <busStop id="east" lane="10#2_1" startPos="15" endPos="35"/>
-        <vType id="bus" vClass="bus"/><vType id="truck" vClass="truck"/></additional>"""
-    )
-    (folder / "buses.rou.xml").write_text(
-        f"""<routes><flow id="line" type="bus" begin="0" end="{end_s}" period="30">
-        <route edges="10#0 10#1 10#2"/><stop busStop="west" duration="10"/>
-        <stop busStop="east" duration="10"/></flow>
-        <flow id="freight" type="truck" begin="0" end="{end_s}" period="40">
-        <route edges="-10#2 -10#1 -10#0"/></flow></routes>"""
-    )
-    text = config.read_text().replace("people.trips.xml", "people.trips.xml,buses.rou.xml")
-    config.write_text(
-        text.replace(
-            "</configuration>",
-            '<additional-files value="buses.add.xml"/></configuration>',
-        )
-    )
-    return config
 
 
 def with_demand(

@@ -89,29 +89,6 @@ def test_the_worst_passages(town: Path) -> None:
     assert "--diff" in refusal("worst", run, "--diff", run)
 
 
-def test_compare_needs_two_strategies(town: Path) -> None:
-    text = refusal("compare", town / "runs" / "town")
-    assert "no two cells that differ only in the AV's strategy" in text
-
-
-def test_export(town: Path) -> None:
-    run = town / "runs" / "town"
-    means = (run / "crosswalk_means.csv").read_bytes()
-    printed("export", run, "--csv")
-    header = (run / "crosswalks.csv").read_text("utf-8").splitlines()[0]
-    assert header.startswith("cell,pair,arm,crosswalk,passages")
-    assert (run / "crosswalk_means.csv").read_bytes() == means
-
-
-def test_conflicts_print_one_document_or_paths(town: Path) -> None:
-    words = ("conflicts", town / "out" / "fcd.xml.gz", "--net", town / "town.net.xml", "--out")
-    document = json.loads(printed(*words, town / "runs" / "as_json", "--json"))
-    assert {row["crosswalk"] for row in document["crosswalks"]} >= {":J7_c0", ":J9_c1"}
-    lines = printed(*words, town / "runs" / "quiet", "--quiet").splitlines()
-    assert lines
-    assert all(Path(line).is_file() for line in lines)
-
-
 def test_the_example_is_what_its_script_makes(tmp_path: Path) -> None:
     made = tmp_path / "made"
     made.mkdir()

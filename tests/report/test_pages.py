@@ -4,16 +4,12 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
-import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
-from matplotlib.figure import Figure
-from scipy import stats
 
 from harness.core.encounter import Observation
 from harness.core.errors import HarnessError
 from harness.report import style
-from harness.report.figures import draw_limit, draw_over, draw_running_mean, draw_tau
+from harness.report.figures import draw_limit, draw_over
 from harness.report.page import write_page
 from harness.report.svg import VARIABLES, inline_svg
 from harness.results.finding import Finding
@@ -145,34 +141,6 @@ def test_a_page_that_cannot_be_written_is_one_line(single: Run, tmp_path: Path) 
     (tmp_path / "file").touch()
     with pytest.raises(HarnessError, match="file"):
         write_page(single, single.result(), tmp_path / "page.html", tmp_path / "file" / "figures")
-
-
-@given(st.lists(st.floats(0.1, 5) | st.just(float("nan")), min_size=1, max_size=40))
-@settings(deadline=None)
-def test_the_running_mean_has_students_band(tau: list[float]) -> None:
-    axes = Figure().subplots()
-    draw_running_mean(axes, tau, paper=0.7044)
-    values = np.array([value for value in tau if not np.isnan(value)])
-    lines = {line.get_label(): np.asarray(line.get_ydata(), float) for line in axes.lines}
-    means = [values[: n + 1].mean() for n in range(len(values))]
-    np.testing.assert_allclose(lines["mean of the first n"], means)
-    np.testing.assert_allclose(lines["paper: 0.7044"], 0.7044)
-    if len(values) >= 5 and np.ptp(values) > 1e-3:
-        low, high = stats.t.interval(0.95, 4, values[:5].mean(), stats.sem(values[:5]))
-        corners = np.asarray(axes.collections[0].get_paths()[0].vertices, dtype=float)
-        at_5 = {round(float(y), 9) for x, y in corners if x == 5}
-        assert at_5 == {round(low, 9), round(high, 9)}
-
-
-@given(st.lists(st.floats(0.1, 50), min_size=1, max_size=200), st.data())
-@settings(deadline=None)
-def test_the_histogram_counts_every_pair_once(tau: list[float], data: st.DataObject) -> None:
-    axes = Figure().subplots()
-    fallback = data.draw(st.lists(st.booleans(), min_size=len(tau), max_size=len(tau)))
-    draw_tau(axes, tau, Finding(1.0, 0.9, 1.1), fallback=fallback)
-    heights = [bar.get_height() for bars in axes.containers for bar in bars]
-    assert sum(heights) == len(tau)
-    assert axes.get_title(loc="right") == f"n = {len(tau)}"
 
 
 def test_every_colour_of_a_figure_is_one_of_the_pages() -> None:

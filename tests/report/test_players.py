@@ -242,41 +242,6 @@ def test_keys_step_jump_and_change_the_episode(page: Any) -> None:
     assert page.locator("#player-speed").input_value() != "1"
 
 
-def test_the_list_switches_episodes_and_the_focus_is_seen(page: Any) -> None:
-    """Motion is reduced on request."""
-    entry = page.locator(".list [data-episode]").nth(4)
-    entry.click()
-    assert entry.get_attribute("aria-current") == "true"
-    assert shown_pair(page) == int(entry.inner_text().split()[1])
-    assert shown_time(page) == 0
-    assert page.locator(".view").count() == 2
-    page.locator("#theme").focus()
-    page.keyboard.press("Tab")
-    outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
-    assert outline == "solid"
-    scrolling = "getComputedStyle(document.documentElement).scrollBehavior"
-    for motion, behaviour in (("reduce", "auto"), ("no-preference", "smooth")):
-        page.emulate_media(reduced_motion=motion)
-        assert page.evaluate(scrolling) == behaviour
-    assert page.locator("#player").get_attribute("data-playing") == "false"
-
-
-def test_the_curves_are_the_trace_and_a_click_moves_the_cursor(page: Any, single: Run) -> None:
-    rows = single.rows("traces", 0).to_pandas().query(f"pair == {shown_pair(page)}")
-    ego = rows[(rows["object"] == "ego") & (rows["arm"] == "human")]
-    assert page.locator("#player-charts svg").count() == 3
-    path = page.locator("#player-charts svg").first.locator("path.human").get_attribute("d")
-    assert path.count("L") == len(ego) - 1
-    # ``click`` waits until the chart no longer moves; its box may change while the page loads.
-    chart = page.locator("#player-charts svg").nth(1)
-    box = chart.bounding_box()
-    chart.click(position={"x": box["width"] / 2, "y": box["height"] / 2})
-    half = float(page.locator("#player-time").get_attribute("max")) / 2
-    assert shown_time(page) == pytest.approx(half, rel=0.05)
-    cursor = page.locator("#player-charts .cursor").first.get_attribute("x1")
-    assert float(cursor) == pytest.approx(box["width"] / 2, abs=2)
-
-
 def test_both_arms_show_the_same_moment(page: Any) -> None:
     """An arm that has ended keeps its last state while the other goes on."""
     ends = page.evaluate(
@@ -386,39 +351,3 @@ def test_nothing_overflows(all_opened: tuple[Opened, ...], width: int, scheme: s
         one.page.emulate_media(color_scheme=scheme)
         wide = one.page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
         assert wide[0] <= wide[1]
-
-
-def test_the_toggle_overrides_the_system(page: Any) -> None:
-    ground = "getComputedStyle(document.body).backgroundColor"
-    light = page.evaluate(ground)
-    toggle = page.locator("#theme")
-    toggle.click()
-    page.emulate_media(color_scheme="dark")
-    assert page.evaluate(ground) == light
-    toggle.click()
-    page.emulate_media(color_scheme="light")
-    assert page.evaluate(ground) != light
-    assert toggle.inner_text() == "Colours: dark"
-    toggle.click()
-    assert page.evaluate(ground) == light
-
-
-def test_on_paper_it_is_dark_on_white_and_nothing_is_cut_off(
-    all_opened: tuple[Opened, ...], page: Any
-) -> None:
-    page.emulate_media(color_scheme="dark", media="print")
-    words = page.evaluate("getComputedStyle(document.querySelector('h1')).color")
-    assert words == "rgb(27, 31, 36)"
-    assert not page.locator(".controls").is_visible()
-    right = """Math.max(...[...document.querySelectorAll("td, th, figure, p, .view")].map(
-        (element) => element.getBoundingClientRect().right))"""
-    for one in all_opened:
-        one.page.evaluate("dispatchEvent(new Event('beforeprint'))")
-        assert one.page.locator("details:not([open])").count() == 0
-        # A4 less two margins of 12 mm, at 96 pixels an inch.
-        one.page.set_viewport_size({"width": 703, "height": 1030})
-        one.page.emulate_media(media="print")
-        assert one.page.evaluate(right) <= 703.5
-        one.page.emulate_media(media="screen")
-        one.page.evaluate("dispatchEvent(new Event('afterprint'))")
-        assert one.page.locator("details[open]").count() == 0

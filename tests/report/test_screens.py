@@ -2,14 +2,12 @@
 
 import re
 from collections import Counter
-from io import StringIO
 
 import pytest
 from hypothesis import example, given, settings, strategies as st
-from rich.console import Console
 
-from harness.report.screen import MOST_NOTES, make_console, print_result, screen_text
-from harness.report.words import DASH, interval_text, printable, text_of, value_text
+from harness.report.screen import MOST_NOTES, screen_text
+from harness.report.words import DASH, interval_text, text_of, value_text
 from harness.results.estimators import clopper_pearson
 from harness.results.finding import Finding, Form
 from harness.results.notes import Note
@@ -157,13 +155,6 @@ def test_texts(number: Finding, style: Style, text: str) -> None:
     assert text_of(Shown(number, style)) == text
 
 
-def test_two_numbers_in_a_cell_share_their_ends() -> None:
-    av = Shown(Finding(0.0, 0.0, 0.0711, 50, 0), Style(Form.EVENTS, 1))
-    human = Shown(Finding(0.06, 0.0125, 0.1655, 50, 3), Style(Form.EVENTS, 1))
-    assert text_of(Versus(av, human)) == "0 / 3 of 50 (below 5.8 / 1.2 … 16.6 %)"
-    assert text_of(Versus(av, av)) == "0 / 0 of 50 (below 5.8 %)"
-
-
 PAPER = Table(
     "",
     (
@@ -211,32 +202,6 @@ def test_what_is_equal_in_all_rows_stands_below() -> None:
     assert "The same in all rows: crashes 9 (8 … 10)." in lines
     assert "Two numbers in a cell: AV / reference." in lines
     assert lines[-1] == "Page: harness report RUN"
-
-
-HOSTILE = "a\x1b[31m\r\nb\u202e[bold]:smile:"
-
-
-@pytest.mark.parametrize("terminal", [False, True])
-def test_names_from_files_are_text(terminal: bool) -> None:
-    table = Table(HOSTILE, (Column("a", HOSTILE),), ((HOSTILE,),))
-    hostile = result(table, HOSTILE, full=(table,), title=HOSTILE)
-    written = StringIO()
-    console = Console(file=written, width=300, force_terminal=terminal)
-    print_result(hostile, full=True, console=console)
-    text = written.getvalue()
-    assert ("\x1b" in text) == terminal
-    assert not {"\r", "\u202e"} & {*text}
-    assert "\x1b[31m" not in text
-    assert text.count("[bold]:smile:") == 8
-    assert printable(HOSTILE) in text
-
-
-@pytest.mark.parametrize(("columns", "width"), [("77", 77), ("", 120), ("0", 120), ("x", 120)])
-def test_a_pipe_is_as_wide_as_columns_says(
-    columns: str, width: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", columns)
-    assert make_console().width == width
 
 
 @pytest.mark.parametrize("width", [80, 100, 120])

@@ -13,7 +13,6 @@ from harness.results.estimators import (
     Sampling,
     clopper_pearson,
     holm,
-    mean_difference,
     ratio_difference,
     share_difference,
     sign_flip_p,
@@ -52,46 +51,6 @@ def test_mcnemar_rejects_at_most_5_percent() -> None:
         p = [share_difference(order < k, order >= k, ran, ran).p for k in counts]
         chances = stats.binom.pmf(counts, discordant, 0.5)
         assert chances[np.array(p) < 0.05].sum() <= 0.05
-
-
-def believable(hits: int, trials: int, share: float) -> bool:
-    """Whether so many hits may come from that share (1 in 1,000 on each side)."""
-    low, high = stats.binom.ppf([0.001, 0.999], trials, share)
-    return bool(low <= hits <= high)
-
-
-def test_two_strategies_alike() -> None:
-    """The same in distribution, each with noise of its own: nothing must be found."""
-    rng = np.random.default_rng(11)
-    trials, pairs = 400, 100
-    covered = rejected = 0
-    for _ in range(trials):
-        shared = rng.lognormal(-0.2, 0.4, pairs)
-        first, second = (shared * rng.gamma(50.0, 1 / 50.0, pairs) for _ in range(2))
-        covered += holds(mean_difference(first, second, Sampling(rng)), 0.0)
-        danger = rng.beta(0.5, 4.0, pairs)
-        crashes = (rng.random(pairs) < danger for _ in range(2))
-        ran = np.ones(pairs, dtype=bool)
-        rejected += share_difference(*crashes, ran, ran).p < 0.05
-    assert believable(covered, trials, 0.95), f"{covered} of {trials}"
-    assert rejected <= stats.binom.ppf(0.999, trials, 0.05), f"{rejected} of {trials}"
-    # A difference of a tenth is found, so that the test can tell.
-    assert not holds(mean_difference(1.1 * first, second, Sampling(rng)), 0.0)
-
-
-def test_family_of_strategies_alike() -> None:
-    """Five strategies of the same crash rate make ten tests: any wrong one in at most 5 %."""
-    rng = np.random.default_rng(12)
-    trials, pairs, wrong, unadjusted = 300, 150, 0, 0
-    ran = np.ones(pairs, dtype=bool)
-    for _ in range(trials):
-        danger = rng.beta(2.0, 4.0, pairs)
-        cells = rng.random((5, pairs)) < danger
-        p = [share_difference(cells[a], cells[b], ran, ran).p for a in range(5) for b in range(a)]
-        wrong += min(holm(p)) < 0.05
-        unadjusted += min(p) < 0.05
-    assert wrong <= stats.binom.ppf(0.999, trials, 0.05), f"{wrong} of {trials}"
-    assert unadjusted > stats.binom.ppf(0.999, trials, 0.05)
 
 
 LEAST = {

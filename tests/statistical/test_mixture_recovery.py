@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.stats import kstest
 
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.fitting import fit_mixture
@@ -35,27 +34,6 @@ def test_bic_picks_the_true_number_of_components():
         fit_mixture(rows, k, known.lower, known.upper, seed=1, n_init=3).bic for k in range(1, 9)
     ]
     assert int(np.argmin(scores)) + 1 == 3
-
-
-@pytest.mark.parametrize(("target", "given"), [(2, (0, 1, 3)), (1, (0, 2)), (2, ()), (0, (1,))])
-def test_probability_integral_transform_is_uniform(target, given):
-    """Whole rows from the mixture, pushed through the conditional distribution function."""
-    known = truth()
-    n = 300 if len(given) == 1 else 20_000
-    rows = known.sample(n, np.random.default_rng(31))
-    u = known.conditional(target, given).cdf(rows[:, target], rows[:, list(given)])
-    assert kstest(u, "uniform").pvalue > 1e-3
-
-
-@pytest.mark.parametrize("given", [(0, 1, 3), (0, 1)])
-def test_conditional_draws_follow_the_distribution_function(given):
-    known = truth()
-    rng = np.random.default_rng(32)
-    y = known.sample(4_000, rng)[:, list(given)]
-    conditional = known.conditional(2, given)
-    x = conditional.sample(y, rng)
-    assert ((x >= known.lower[2]) & (x <= known.upper[2])).all()
-    assert kstest(conditional.cdf(x, y), "uniform").pvalue > 1e-3
 
 
 def height(known, target, given, y):

@@ -62,15 +62,6 @@ def test_every_reading_is_uniform(drawn, given):
     assert kstest(u, "uniform").pvalue > 0.001
 
 
-def test_driver_speeds_are_uniform(drawn):
-    model, rows = drawn
-    columns = (1 / rows.range_m, rows.walking_mps, rows.inverse_time)
-    for given in ((0, 2), (0, 2, 3)):
-        conditional = model.mixture.conditional(1, given)
-        u = conditional.cdf(rows.speed_mps, np.column_stack(columns[: len(given)]))
-        assert kstest(u, "uniform").pvalue > 0.001
-
-
 @pytest.mark.parametrize("given", [{}, {"inverse_time_advantage_per_s": 0.3}])
 def test_densities_integrate_to_one(drawn, given):
     model, _ = drawn
@@ -85,14 +76,6 @@ def test_densities_integrate_to_one(drawn, given):
     density = model.walking_speed_density(x, np.array([range_m]), np.array([speed]), **arrays)
     assert (density >= 0).all()
     assert ((half * weights).ravel() @ density) == pytest.approx(1.0, abs=1e-5)
-
-
-def test_driver_densities_integrate_to_one(drawn):
-    model, _ = drawn
-    x = np.linspace(model.mixture.lower[1], model.mixture.upper[1], 4_001)
-    for time_advantage in (None, np.array([0.2])):
-        density = model.driver_speed_density(x, np.array([20.0]), np.array([1.2]), time_advantage)
-        assert np.trapezoid(density, x) == pytest.approx(1.0, abs=1e-5)
 
 
 DRAWS = """

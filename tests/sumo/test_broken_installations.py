@@ -84,16 +84,6 @@ def test_no_netconvert(tmp_path: Path, source: str, reason: str) -> None:
     one_line(shell("doctor", env=env), 1, reason)
 
 
-def test_another_sumo_home_changes_nothing(tmp_path: Path, finished: Path) -> None:
-    env = {"SUMO_HOME": str(tmp_path)}
-    again = shell(*RUN, "--traces", "--out", tmp_path / "run", env=env)
-    assert (again.returncode, again.stderr) == (0, "")
-    parts = [path.relative_to(finished) for path in finished.rglob("*.parquet")]
-    assert {path.parts[0] for path in parts} == {"episodes", "pedestrians", "traces"}
-    for part in parts:
-        assert (tmp_path / "run" / part).read_bytes() == (finished / part).read_bytes()
-
-
 @pytest.mark.parametrize(
     ("installed", "reason"),
     [("1.27.0", "version 1.27.0 is installed; allowed: 1.28.0"), (None, "is not installed")],

@@ -14,7 +14,6 @@ from typing import Any
 
 import pytest
 
-from harness.core.errors import InputError
 from harness.results.run import load_run
 from harness.studies.run import resume, run
 from harness.studies.workers import dask_executor
@@ -91,9 +90,6 @@ class Mine:
 """
 
 
-DRIVES = ("--set", "arms.av=mine_on_dask:Mine")
-
-
 def test_a_strategy_in_a_module_is_uploaded_as_it_is_now(cluster: str, tmp_path: Path) -> None:
     # The workers run in another folder.
     found = []
@@ -117,16 +113,6 @@ def test_a_strategy_in_a_module_is_uploaded_as_it_is_now(cluster: str, tmp_path:
     same_rows(found[0], found[1])
     same_rows(found[2], found[3])
     assert not found[0].rows("episodes", 0).equals(found[2].rows("episodes", 0))
-
-
-def test_a_package_must_be_installed_on_the_workers(
-    cluster: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "package_on_dask").mkdir()
-    (tmp_path / "package_on_dask" / "__init__.py").touch()
-    monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(InputError, match=r"is a package.*installed on every worker"):
-        dask_executor(cluster, ["package_on_dask:Mine"])
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,8 @@ curvature, written out below; SUMO is only asked to turn its coordinates into de
 """
 
 import math
-import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -17,10 +15,10 @@ import pytest
 
 from harness.core.encounter import Ending
 from harness.core.errors import EngineError, InputError
-from harness.engine.network import build, build_network, network_for, plain_sources, sources
+from harness.engine.network import build, build_network, network_for, sources
 from harness.scenario import load_scenario
 from harness.scenario.sections import CrossingSection
-from harness.site import Place, Site, read_site
+from harness.site import Place, read_site
 from harness.strategies.constant_speed import ConstantSpeed
 from tests.conftest import MakeEngine
 from tests.scenes import play, refuses, scenario
@@ -146,15 +144,6 @@ def test_crosswalk_is_unsignalized_and_vehicles_yield(nets: dict[str, Path]) -> 
     assert [(link.get("to"), link.get("state")) for link in links] == [("exit", "m")]
 
 
-def test_builds_are_equal_bytes_without_dates_or_paths(tmp_path: Path) -> None:
-    first = build_network(CCTC, tmp_path / "one", "cctc")
-    second = build_network(CCTC, tmp_path / "two", "cctc")
-    for a, b in zip((first.net, *first.sources), (second.net, *second.sources), strict=True):
-        assert a.read_bytes() == b.read_bytes()
-        assert str(tmp_path) not in a.read_text()
-    assert "<!--" not in first.net.read_text()
-
-
 @pytest.mark.usefixtures("no_simulation")
 @pytest.mark.parametrize(("range_m", "speed_mps"), [(30.0, 5.0), (210.0, 20.0), (300.0, 13.9)])
 def test_drive_is_exact(
@@ -271,42 +260,6 @@ def test_other_geometries_are_built_once(tmp_path: Path, monkeypatch: pytest.Mon
     assert network_for(CrossingSection(bearing_deg=11.0), NETWORKS) != net
     monkeypatch.setattr(build, "_netconvert_version", lambda: "another")
     assert network_for(geometry, NETWORKS) != net
-
-
-def test_cache_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(build.CACHE_VARIABLE, raising=False)
-    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
-    assert build._cache_dir() == Path("/somewhere/crosswalk-harness/networks")
-    monkeypatch.delenv("XDG_CACHE_HOME")
-    assert build._cache_dir() == Path.home() / ".cache/crosswalk-harness/networks"
-
-
-def test_shipped_sources_need_no_cache_unless_they_are_changed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path / "cache"))
-    assert network_for(CCTC.model_copy(), NETWORKS) == SHIPPED / "cctc.net.xml"
-    assert not (tmp_path / "cache").exists()
-    shutil.copytree(SHIPPED, tmp_path / "cctc")
-    assert network_for(CCTC, tmp_path) == tmp_path / "cctc" / "cctc.net.xml"
-    types = tmp_path / "cctc" / "cctc.typ.xml"
-    types.write_text(types.read_text().replace('"4.5"', '"3.5"'))
-    assert network_for(CCTC, tmp_path).is_relative_to(tmp_path / "cache")
-
-
-def test_builders_at_the_same_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path))
-    geometry = CrossingSection(bearing_deg=77.0)
-
-    def build_and_read(_: int) -> tuple[Path, Site]:
-        net = network_for(geometry, NETWORKS)
-        return net, read_site(Place(net))
-
-    with ThreadPoolExecutor(8) as pool:
-        results = set(pool.map(build_and_read, range(16)))
-    assert len(results) == 1
-    files = {path.name for path in results.pop()[0].parent.iterdir()}
-    assert files == {"site.net.xml", *plain_sources(geometry, "site")}
 
 
 def test_an_ego_starts_at_the_nearest_range_there_is(sumo: MakeEngine) -> None:

@@ -2,13 +2,11 @@
 
 import os
 import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
 import pytest
-import sumo as sumo_package
 
 from harness.core.encounter import Arm
 from harness.results.run import Run
@@ -25,7 +23,6 @@ from tests.batches import (
     options_of,
 )
 
-HOME = Path(sumo_package.SUMO_HOME)
 FLOW_PER_HOUR = "pedestrians.flow_per_hour"
 # Replay starts a SUMO of its own, and only one can run in a process.
 FILES = ("fcd.xml", "tripinfo.xml", "collisions.xml")
@@ -116,18 +113,6 @@ def test_the_files_are_whole_and_time_lost_is_the_delay(run: Run) -> None:
     # SUMO's loss is the sum of (1 - v / v0) dt, our delay t - way / v0: equal but for the last step
     # beyond the passage, and SUMO's speeds at the ends of steps.
     assert float(trip.get("timeLoss")) == pytest.approx(episode["delay_s"], abs=0.2)
-
-
-@pytest.mark.slow
-def test_sumos_own_plot_of_the_trajectories(run: Run, tmp_path: Path) -> None:
-    folder = outputs(run, 0, Arm.AV, 0)
-    picture = tmp_path / "plot.png"
-    tool = HOME / "tools" / "plot_trajectories.py"
-    command = [*map(str, (sys.executable, tool, "-t", "td", "-o", picture, folder / "fcd.xml"))]
-    env = {**os.environ, "MPLBACKEND": "agg", "SUMO_HOME": str(HOME)}
-    done = subprocess.run(command, capture_output=True, text=True, env=env, timeout=120)
-    assert done.returncode == 0, done.stderr
-    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 RAISES = """

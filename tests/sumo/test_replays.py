@@ -10,7 +10,7 @@ from harness.core.errors import InputError
 from harness.results.run import Run
 from harness.results.tables import read_cell
 from harness.studies.one_pair import run_pair
-from harness.studies.replay import debug, replay
+from harness.studies.replay import replay
 from harness.studies.run import run
 from harness.studies.shown import chosen_pairs, shown_pairs
 from harness.studies.worst import worst
@@ -30,21 +30,6 @@ def test_a_range_of_pairs_has_a_folder_for_each_episode(stored: Run, tmp_path: P
         *("1-av", "1-human", "2-av", "2-human")
     }
     assert {path.name for path in (tmp_path / "out" / "2-av").iterdir()} == FILES
-
-
-def test_one_episode_has_its_files_in_the_folder_itself(stored: Run, tmp_path: Path) -> None:
-    replay(stored, 0, range(3, 4), [Arm.AV], tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == FILES
-    with pytest.raises(InputError, match="is not empty"):
-        replay(stored, 0, range(3, 4), [Arm.AV], tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("cell", "pairs", "line"), [(1, range(1), "--cell"), (0, range(9), "--pair")]
-)
-def test_what_does_not_exist_is_refused(stored: Run, cell: int, pairs: range, line: str) -> None:
-    with pytest.raises(InputError, match=line):
-        debug(stored, cell, pairs, [Arm.AV])
 
 
 OWN = """

@@ -15,7 +15,6 @@ import pytest
 from harness.core.encounter import Observation
 from harness.core.errors import InputError
 from harness.encounter.pairing import PairRunner
-from harness.results.folder import RunFolder
 from harness.results.run import Run, load_run
 from harness.studies.evaluate import evaluate
 from harness.studies.run import resume, run
@@ -291,17 +290,6 @@ def test_a_folder_that_cannot_be_used_is_refused_in_one_line_and_kept(
     assert (done.returncode, done.stdout) == (2, "")
     assert re.fullmatch(f"harness: .*{line}.*\n", done.stderr)
     assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-
-
-def test_two_runs_never_work_in_one_folder(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt):
-        run("cctc", settings=QUICK, pairs=25, out=tmp_path / "run", executor=Stopping(2))
-    held = RunFolder(tmp_path / "run")
-    done = shell("resume", tmp_path / "run")
-    assert done.returncode == 2
-    assert re.fullmatch("harness: .*another process is working on this run.*\n", done.stderr)
-    held.close()
-    assert resume(tmp_path / "run").finished
 
 
 @pytest.mark.parametrize(

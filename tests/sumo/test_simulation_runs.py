@@ -21,12 +21,6 @@ from harness.studies.run import resume, run
 from tests import faulty, towns
 from tests.batches import here, printed
 
-HOUR: dict[str, Any] = {
-    "arms.av": "gap_yield",
-    "pedestrians.flow_per_hour": 200.0,
-    "traffic.duration_s": 240.0,
-    "traffic.warm_up_s": 60.0,
-}
 TABLES = ("arms", "passages", "vehicles", "people", "crosswalks")
 
 

@@ -12,7 +12,6 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -193,37 +192,3 @@ def test_parts_are_the_same_after_a_kill_and_resume(tmp_path: Path, seed: int) -
 )
 def test_children_that_start_early(workers: int, pairs: int | None, started_early: int) -> None:
     assert workers_for(workers, pairs) == started_early
-
-
-def test_starting_children_imports_the_standard_library_alone() -> None:
-    script = (
-        "import sys; import harness.studies.workers\n"
-        "print([n for n in ('numpy', 'pydantic', 'pyarrow', 'typer', 'rich') if n in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-    assert done.stdout.strip() == "[]", done.stderr
-
-
-def test_a_run_imports_neither_frames_nor_figures(tmp_path: Path) -> None:
-    script = (
-        "import sys; from harness.studies.run import run\n"
-        f"run('cctc', pairs=1, out={str(tmp_path / 'run')!r}, workers=0)\n"
-        "heavy = ('pandas', 'matplotlib', 'scipy.optimize', 'jinja2', 'pyarrow.dataset', 'typer')\n"
-        "print([name for name in heavy if name in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-    assert done.stdout.strip() == "[]", done.stderr
-
-
-def test_runs_in_one_process_leave_each_others_children_alone(tmp_path: Path) -> None:
-    """The end of quick runs is no death of a child of the slow one."""
-    settings = {**CHANGES, "experiment.decide_limit_s": 100.0}
-    with ThreadPoolExecutor(1) as thread:
-        slow = thread.submit(run, "cctc", settings=settings, pairs=1000, out=tmp_path / "slow")
-        ended = 0
-        while not slow.done():
-            run("cctc", settings=settings, pairs=1, out=tmp_path / f"{ended}", workers=1)
-            ended += 1
-        assert ended
-        assert slow.result().failures == ()
-    assert "tried again" not in (tmp_path / "slow" / "log.jsonl").read_text(encoding="utf-8")

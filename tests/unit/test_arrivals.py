@@ -57,15 +57,6 @@ def test_gaps_are_exponential_and_an_hour_has_3600_seconds() -> None:
     assert first.arrival_s == pytest.approx(np.log(2) * 14.4, rel=1e-12)
 
 
-def test_flow_only_stretches_time() -> None:
-    one = plans(scene(timeout_s=120.0, flow_per_hour=300.0), 200)
-    double = plans(scene(timeout_s=60.0, flow_per_hour=600.0), 200)
-    for slow, fast in zip(one, double, strict=True):
-        assert [a.arrival_s for a in slow] == [2 * a.arrival_s for a in fast]
-        assert [(a.side, a.quantile) for a in slow] == [(a.side, a.quantile) for a in fast]
-    assert sum(map(len, one)) > 1500
-
-
 def test_no_one_arrives_after_the_horizon_and_all_in_order() -> None:
     short = plans(scene(timeout_s=30.0, flow_per_hour=900.0), 300)
     long = plans(scene(timeout_s=300.0, flow_per_hour=900.0), 300)
@@ -109,15 +100,6 @@ def test_the_first_at_the_trigger() -> None:
     many = plans(scene(flow_per_hour=400.0, first_at_trigger=True), 2000)
     after = np.array([len(plan) - 1 for plan in many])
     assert abs(after.mean() - 400 / 60) < 4 * np.sqrt(400 / 60 / 2000)
-
-
-@pytest.mark.parametrize("first", [True, False])
-@pytest.mark.parametrize("most", [0, 1, 3])
-def test_max_count_cuts_the_same_plan(most: int, first: bool) -> None:
-    bounded = plans(scene(flow_per_hour=600.0, max_count=most, first_at_trigger=first), 200)
-    free = plans(scene(flow_per_hour=600.0, first_at_trigger=first), 200)
-    for plan, everyone in zip(bounded, free, strict=True):
-        assert plan == everyone[:most]
 
 
 def test_no_flow_no_pedestrians() -> None:

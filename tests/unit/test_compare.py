@@ -293,14 +293,6 @@ def test_what_cannot_be_compared_is_refused_in_one_line() -> None:
             compare(*runs)
 
 
-def test_equipment_of_the_av_alone_is_compared() -> None:
-    late = run_of(study({}, "perception.latency_s=0.0,0.3"), drawn, 5)
-    (group,) = groups_of([late])
-    assert [each.label for each in group] == ["soft_yield latency_s=0", "soft_yield latency_s=0.3"]
-    both = run_of(study({"perception.human": True}, "perception.latency_s=0.0,0.3"), drawn, 5)
-    assert [len(group) for group in groups_of([both])] == [1, 1]
-
-
 P1 = "strategies.soft_yield.p1=0.3,0.1,0.2"
 
 
@@ -401,55 +393,6 @@ def test_time_outs_and_failures_are_not_allowed() -> None:
     assert found.verdicts == ("denied", "denied")
 
 
-def test_values_of_a_grid_are_not_judged_as_one_sweep() -> None:
-    """With another key of the AV varied, a value of p1 stands for several cells."""
-    grid = run_of(study({}, P1, "perception.latency_s=0.0,0.3"), bolder, 3)
-    (group,) = groups_of([grid])
-    assert (len(group), allowed_in([group], 1.0, 0.05, 0.95)) == (6, [])
-    # The people's keys are no part of it: each flow has its own sweep.
-    flows = run_of(study({}, P1, FLOWS), bolder, 3)
-    found = allowed_in(groups_of([flows]), 1.0, 0.05, 0.95)
-    assert [each.where for each in found] == ["flow_per_hour 50", "flow_per_hour 250"]
-
-
-def test_two_runs_over_the_same_values_are_judged_apart() -> None:
-    """Nine values of one sweep would have wider bounds, and each value two verdicts."""
-    of = study({}, P1)
-    runs = [run_of(of, bolder, 5, name=f"{place}/sweep") for place in ("here", "there")]
-    found = allowed_in(groups_of(runs), 1.0, 0.05, 0.95)
-    assert [each.where for each in found] == ["here/sweep", "there/sweep"]
-    alone = allowed_in(groups_of(runs[:1]), 1.0, 0.05, 0.95)
-    assert [each.rows for each in found] == [each.rows for each in alone] * 2
-    made = compare(*runs, mu0=1.0, kappa0=0.05)
-    titles = [table.title for table in made.full if "μ <" in table.title]
-    assert [title.partition(" (")[2] for title in titles] == ["here/sweep)", "there/sweep)"]
-    # Folders of the same name are told apart by their paths, in rows as in notes.
-    names = [(row["a"], row["b"]) for row in made.records]
-    assert len({name for pair in names for name in pair}) == 6
-    assert ("soft_yield p1=0.3 (here/sweep)", "soft_yield p1=0.3 (there/sweep)") in names
-    (few,) = [note for note in made.notes if note.key == "few_pairs"]
-    assert len({*few.cells}) == 6
-    assert "soft_yield p1=0.1 (there/sweep)" in few.cells
-
-
-@pytest.mark.parametrize(
-    ("limits", "words"),
-    [
-        ({"mu0": 0.9}, "--kappa0: is missing"),
-        ({"kappa0": 0.01}, "--mu0: is missing"),
-        ({"mu0": 0.0, "kappa0": 0.01}, "--mu0: 0 is not accepted"),
-        ({"mu0": 0.0}, "--mu0: 0 is not accepted"),
-        ({"mu0": 0.9, "kappa0": 0.0}, "--kappa0: 0 is not accepted"),
-        ({"mu0": math.nan, "kappa0": 0.01}, "--mu0: nan is not accepted"),
-        ({"mu0": math.inf, "kappa0": 0.01}, "--mu0: inf is not accepted"),
-        ({"mu0": 0.9, "kappa0": 1.5}, "--kappa0: 1.5 is not accepted"),
-    ],
-)
-def test_limits_out_of_range(run: MadeRun, limits: dict[str, float], words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        compare(run, **limits)
-
-
 def test_verdicts_stand_on_the_screen_and_in_json() -> None:
     """Five pairs decide nothing about μ: all values are undecided, or denied by crashes."""
     swept = run_of(study({}, P1), bolder, 5)
@@ -459,15 +402,3 @@ def test_verdicts_stand_on_the_screen_and_in_json() -> None:
     for row in judged.rows:
         assert f"{row.value:g} {row.verdict}" in said
     assert judged.values in result.to_dict()["facts"].values()
-
-
-def test_runs_of_different_length_say_how_many_pairs_they_have_in_common() -> None:
-    runs = [run_of(study({"arms.av": av}), by_hand, n, name=av) for av, n in TWO_LENGTHS]
-    result = compare(*runs)
-    assert "common_pairs" in [note.key for note in result.notes]
-    (record,) = result.records
-    assert record["pairs"] == 12
-    assert {record["cell_a"], record["cell_b"]} == {0}
-
-
-TWO_LENGTHS = (("soft_yield", 12), ("constant_speed", 30))

@@ -70,13 +70,6 @@ def test_the_time_at_which_as_many_were_expected_by_hand() -> None:
     assert times(300.0) == pytest.approx([330.0, 660.0, 990.0, *inside])
 
 
-def test_nobody_comes_after_the_last_quarter_without_a_flow() -> None:
-    scenario = scene(1800.0, flow_per_hour=[900.0, 0.0])
-    plan = planned_arrivals(scenario, 0, horizon_s=1e9)
-    assert 150 < len(plan) < 300  # 225 expected
-    assert plan[-1].arrival_s < 900
-
-
 @pytest.mark.parametrize("more", [{}, {"group_size": SIZES}, {"first_at_trigger": True}])
 def test_equal_quarters_are_one_flow_to_the_bit(more: dict[str, object]) -> None:
     one, four = scene(flow_per_hour=250.0, **more), scene(flow_per_hour=[250.0] * 4, **more)
@@ -113,17 +106,6 @@ def test_groups_have_their_sizes_and_flow_counts_people() -> None:
         assert len({a.quantile for a in members}) == len(members)
     near = np.mean([members[0].side is Side.NEAR for members in groups])
     assert abs(near - 0.5) < z * 0.5 / np.sqrt(len(groups))
-
-
-def test_a_group_comes_at_the_trigger_and_is_cut_at_the_greatest_number() -> None:
-    of = {"flow_per_hour": 900.0, "group_size": SIZES, "first_at_trigger": True}
-    for whole, cut in zip(plans(scene(60.0, **of), 50), plans(scene(60.0, **of, max_count=4), 50),
-                          strict=True):  # fmt: skip
-        assert cut == whole[:4]
-        assert [a.index for a in whole] == [*range(len(whole))]
-    first = Counter(len(groups_of(plan)[0]) for plan in plans(scene(60.0, **of), 400))
-    expected = [400 * share for share in SIZES]
-    assert stats.chisquare([first[size] for size in (1, 2, 3)], expected).pvalue > LUCK
 
 
 @pytest.mark.parametrize("behaviour", ["constant", "gap_acceptance", "reactive", "threshold"])

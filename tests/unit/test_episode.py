@@ -44,19 +44,6 @@ def test_he_sees_the_ego_where_it_is_at_that_moment() -> None:
     assert walk.vehicle_speed_mps == pytest.approx(5 - 0.8 * arrival, abs=1e-9)
 
 
-def test_walkers_from_the_far_side_and_at_the_other_kerb() -> None:
-    recorder = Recorder()
-    play(recorder, [(0.0, Side.FAR, 1.0)])
-    # The lane's centre is 6.75 m from the far kerb.
-    assert recorder.seen[0].pedestrians[0].lateral_m == pytest.approx(6.75)
-    assert recorder.seen[70].pedestrians[0].lateral_m == pytest.approx(-0.25, abs=1e-9)
-    recorder = Recorder(lambda _: -0.4)
-    play(recorder, [(0.0, Side.NEAR, 2.0)])
-    # 9 m at 2 m/s: 4.5 s.
-    present = [seen.time_s for seen in recorder.seen if seen.pedestrians]
-    assert max(present) == pytest.approx(4.4)
-
-
 BY_DEFAULT = {"kerb_wait_s": PedestriansSection().kerb_wait_s}
 
 
@@ -107,13 +94,6 @@ def test_a_car_that_stops_before_the_edge_keeps_nobody_waiting(deceleration, goe
     assert (trace.walks[0].start_s == 4.25) is goes
 
 
-def test_before_a_car_that_stands_they_go_however_near() -> None:
-    # 0.45 m/s² from 30 m: it stands at R = 2.22 m, 0.22 m before the edge, at 11.1 s.
-    scene = scenario(pedestrians=BY_DEFAULT)
-    trace = play(Recorder(lambda _: -0.45), [(12.0, Side.NEAR, 1.2)], scene)
-    assert trace.walks[0].start_s == 12.0
-
-
 @pytest.mark.parametrize("detection_m", [12.3, 25.04, 30.0, 100.0])
 def test_nobody_is_seen_beyond_the_detection_range(detection_m: float) -> None:
     scene = scenario(ego={"detection_range_m": detection_m})
@@ -135,20 +115,6 @@ def test_an_observation_is_immutable() -> None:
             setattr(thing, name, 1.0)
     with pytest.raises(TypeError):
         seen.pedestrians[0] = None  # type: ignore[index]
-
-
-def test_it_sees_its_own_state_and_the_constants() -> None:
-    recorder = Recorder(lambda _: 0.7)
-    trace = play(recorder, [])
-    for n, seen in enumerate(recorder.seen):
-        assert seen.time_s == pytest.approx(n * 0.1)
-        assert seen.ego.range_m == pytest.approx(30 - (5 * n * 0.1 + 0.35 * (n * 0.1) ** 2))
-        assert seen.ego.speed_mps == pytest.approx(5 + 0.07 * n)
-        assert seen.ego.acceleration_mps2 == pytest.approx(0.7 if n else 0.0)
-        assert seen.pedestrians == ()
-    assert (seen.vehicle, seen.crossing) == (trace.vehicle, trace.crossing)
-    assert (seen.crossing.length_m, seen.crossing.width_m) == (9.0, 4.0)
-    assert len(recorder.seen) == len(trace.x_m) - 1
 
 
 def test_commands_are_held_to_the_vehicles_limits() -> None:
@@ -252,10 +218,3 @@ def test_an_engine_that_fails_ends_its_episode_with_a_reason(at: str) -> None:
     (record,) = measure([trace])
     assert record.ending == "engine_failed"
     assert record.contact is None
-
-
-def test_failed_episodes_do_not_disturb_others_measured_with_them() -> None:
-    good = play(ConstantSpeed(), [(0.0, Side.NEAR, 1.0)])
-    broken = [failed(at, Arrival(0, 0.0, Side.NEAR, 0.5)) for at in ("begin", "step", "remove")]
-    alone = measure([good])[0]
-    assert measure([*broken, good, *broken])[3] == alone

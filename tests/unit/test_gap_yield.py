@@ -10,12 +10,12 @@ import math
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arm, PedestrianView, Side
+from harness.core.encounter import Arm, Side
 from harness.measures import measure
 from harness.measures.ego import crossing_time
 from harness.scenario import Setting, load_scenario
 from harness.strategies.gap_yield import GapYield
-from tests.scenes import on_plain, play, scenario, shown
+from tests.scenes import on_plain, play, scenario
 
 STEP, EDGE_M, LIMIT = 0.1, 2.0, 4.5
 REAR_CLEAR_M = 5.25
@@ -160,37 +160,6 @@ def test_yielding_to_one_may_put_another_in_its_way(critical_gap: float, stops: 
     assert measure([trace])[0].contact is None
 
 
-def test_many_are_all_waited_for() -> None:
-    walkers = [(0.9 * i, list(Side)[i % 2], 0.5 + 0.2 * (i % 4)) for i in range(14)]
-    trace = play(GapYield(), walkers)
-    (record,) = measure([trace])
-    assert (record.ending, record.contact) == ("crossed", None)
-    enters = crossing_time(trace, -0.25)
-    leaves = crossing_time(trace, REAR_CLEAR_M)
-    for start, side, speed in walkers:
-        into, out = (1.1, 3.4) if side is Side.NEAR else (5.6, 7.9)
-        assert start + out / speed < enters or start + into / speed > leaves + 1.4
-
-
-def test_on_the_crosswalk_it_goes_on_before_someone_with_little_advantage() -> None:
-    # Far walker with an advantage of 0.4 s; a gap of 0.3 s lets it go, on the crosswalk a gap of
-    # 0.5 s would not, but the decision is made at the edge.
-    clear = crossing_time(EMPTY, REAR_CLEAR_M)
-    at_edge = crossing_time(EMPTY, -EDGE_M)
-
-    class Wary:
-        """Gap-Yield that becomes more wary once it is on the crosswalk."""
-
-        def __init__(self) -> None:
-            self.bold, self.wary = GapYield(critical_gap_s=0.3), GapYield(critical_gap_s=5.0)
-
-        def decide(self, seen):
-            return (self.bold if seen.ego.range_m > EDGE_M else self.wary).decide(seen)
-
-    walker = (at_edge - 1.2, Side.FAR, 5.6 / (clear + 0.4 - at_edge + 1.2))
-    np.testing.assert_array_equal(play(Wary(), [walker]).speed_mps, EMPTY.speed_mps)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("changes", [
     {"pedestrians": {"flow_per_hour": 3000.0}},
@@ -212,32 +181,6 @@ def test_no_crash_in_flows_without_the_rule_at_the_kerb(changes, model) -> None:
     assert set(endings) <= {"crossed", "timed_out"}
     # At 3,000 per hour somebody nearly always walks.
     assert endings.count("timed_out") <= 4
-
-
-@pytest.mark.parametrize("lateral_m", np.linspace(-1.0, 4.0, 21))
-def test_a_stop_is_one_whatever_its_last_bits(lateral_m: float) -> None:
-    # The plain engine stops at 1e-17 m/s where SUMO stops at 0: no reason to roll off earlier.
-    scene = scenario()
-    walker = PedestrianView(0, Side.FAR, lateral_m, lateral_m + 2.25, 1.2, True)
-    seen = [shown(scene, 3.0, speed, walker, time_s=9.0) for speed in (0.0, 1.4e-17)]
-    answers = [GapYield().decide(observation) for observation in seen]
-    assert answers[0] == pytest.approx(answers[1], abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("frees_s", "expected"),
-    [(2.4, 1.0), (2.6, 2 * (10 - 3 * 2.6) / 2.6**2)],  # a0, and 10 m from 3 m/s in 2.6 s
-)
-def test_who_leaves_before_it_gets_there_is_not_in_its_way(frees_s: float, expected: float) -> None:
-    # 10 m before the edge it speeds up from 3 m/s at 1 m/s² over 7.84 m to 4.97 m/s, below its
-    # v0, and slows down at 3 m/s² to v_e: v² is 9 + 15.7 = 24.7 there, and 11.72 at the edge.
-    run_m = (edge_speed() ** 2 + 2 * 3 * 10 - 9) / (2 * (1 + 3))
-    peak = math.sqrt(9 + 2 * run_m)
-    assert (peak - 3) + (peak - edge_speed()) / 3 == pytest.approx(2.483, abs=1e-3)
-    # They leave its lane 2.5 m after its centre line.
-    walker = PedestrianView(0, Side.NEAR, frees_s - 2.5, 6.0, 1.0, True)
-    seen = shown(scenario(ego={"initial_speed_mps": 8.0}), EDGE_M + 10.0, 3.0, walker)
-    assert GapYield().decide(seen) == pytest.approx(expected)
 
 
 PAIRS = 2000

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.core.encounter import Ending, Side
+from harness.core.encounter import Side
 from harness.measures import measure
 from harness.strategies.hard_yield import HardYield
 from tests.scenes import play, scenario
@@ -50,13 +50,6 @@ def test_waits_for_the_last_and_resumes_at_a0_to_v0() -> None:
     assert trace.speed_mps.max() == 5.0
 
 
-def test_a_crossing_cleared_while_braking_lets_it_go_on() -> None:
-    # 9 m at 3 m/s: clear after 3 s.
-    trace = play(HardYield(), [(0.0, Side.NEAR, 3.0)])
-    assert trace.speed_mps.argmin() == 30
-    assert np.diff(trace.speed_mps)[30] == pytest.approx(0.1)
-
-
 @pytest.mark.parametrize("speed", [5.0, 8.0])
 def test_too_late_for_the_line_but_not_for_the_walker(speed: float) -> None:
     # Full braking needs v²/9: 2.78 m and 7.11 m.  They step off when the line is too near, but
@@ -75,16 +68,3 @@ def test_too_late_for_the_line_but_not_for_the_walker(speed: float) -> None:
     assert stands_at(trace) == pytest.approx(expected, abs=4.5 * 0.1**2 / 8 + 1e-9)
     assert stands_at(trace) > 0.25
     assert measure([trace])[0].contact is None
-
-
-def test_goes_on_where_it_is_too_late_and_past_the_centre_line() -> None:
-    # At R = 2.2 m and 5 m/s 2.78 m are needed: on it goes, at v0.
-    trace = play(HardYield(), [(27.6 / 5, Side.FAR, 1.2)])
-    assert trace.walks[0].start_s is not None
-    np.testing.assert_array_equal(trace.speed_mps, 5.0)
-    assert trace.ending is Ending.CROSSED
-    # A slow walker is still on the far half when the ego has passed x = 0.
-    trace = play(HardYield(), [(0.0, Side.NEAR, 0.5)])
-    past = trace.x_m[:-1] > 0
-    assert past.any()
-    assert (np.diff(trace.speed_mps)[past] >= -1e-12).all()

@@ -96,20 +96,6 @@ def test_accelerations_are_mode_minus_speed(model, joint, walkers, reading: str)
     assert len({round(wanted, 3) for wanted in expected}) > 2
 
 
-@pytest.mark.parametrize("interval_s", [0.5, 1.0, 2.0])
-def test_decisions_come_at_whole_intervals_only(model, interval_s: float) -> None:
-    every = round(interval_s / STEP)
-    changes: set[int] = set()
-    for walkers in WALKERS:
-        trace = play(driver(model, decision_interval_s=interval_s), walkers)
-        gains = np.diff(trace.speed_mps) / STEP
-        changed = np.flatnonzero(np.abs(np.diff(gains)) > 1e-6) + 1
-        standing = trace.speed_mps[changed + 1] < 1e-9  # came to rest, or rests
-        changes |= set(changed[~standing].tolist())
-    assert changes
-    assert all(change % every == 0 for change in changes)
-
-
 def observe(range_m: float, speed: float, *walkers: tuple[float, float]) -> Observation:
     """Walkers from the near side as (metres walked, speed)."""
     views = tuple(
@@ -168,30 +154,6 @@ def test_not_above_the_initial_speed(model, joint) -> None:
         trace = play(driver(model), WALKERS[seed])
         assert trace.speed_mps.max() <= V0 + 1e-9
     assert found or joint.upper[V] > V0
-
-
-@pytest.mark.parametrize("reading", ["given_time_advantage", "marginal"])
-@pytest.mark.parametrize(
-    # Nearer than 2 m, faster than 3 m/s, about to meet to the hundredth of a second: outside the
-    # box the model was fitted in, where it is asked at the nearest point inside.
-    ("range_m", "speed", "walked", "pace"),
-    [(1.2, 1.0, 1.0, 1.2), (15.0, 3.0, 1.0, 3.6), (10.0, 5.0, 0.0, 2.25 / 2.01), (80.0, 4.0, 1, 1)],
-)
-def test_arguments_are_clamped_to_the_models_support(
-    model, joint, range_m: float, speed: float, walked: float, pace: float, reading: str
-) -> None:
-    decision = driver(model, reading=reading).decide(observe(range_m, speed, (walked, pace)))
-    mode = desired(joint, range_m, speed, 2.25 - walked, pace, reading)
-    assert decision == pytest.approx(np.clip(min(mode, V0) - speed, -4.5, 3.0), abs=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("speed", "wanted"), [(5.0, 0.0), (4.6, 0.4), (3.0, 1.0), (0.0, 1.0), (6.0, -1.0)]
-)
-def test_nobody_there_means_a0_to_v0(model, speed: float, wanted: float) -> None:
-    assert driver(model).decide(observe(20.0, speed)) == pytest.approx(wanted)
-    # Or the bumper past the centre line, whoever is there.
-    assert driver(model).decide(observe(-0.1, speed, (5.0, 1.0))) == pytest.approx(wanted)
 
 
 def test_sampled_speeds_follow_the_density_and_the_pair(model) -> None:

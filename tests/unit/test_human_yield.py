@@ -14,9 +14,7 @@ from scipy import stats
 from harness.core.encounter import (
     Arm,
     Ending,
-    PedestrianView,
     Side,
-    Strategy,
 )
 from harness.core.seeding import stream
 from harness.encounter.arms import check_arms
@@ -26,7 +24,7 @@ from harness.model.interaction import load_model
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_yield import TREATMENTS, HumanYield
-from tests.scenes import braking_steps, on_plain, play, refuses, scenario, shown
+from tests.scenes import braking_steps, on_plain, play, refuses, scenario
 
 STEP = 0.1
 WAITS = {"kerb_wait_s": 100.0}
@@ -58,15 +56,6 @@ def test_stops_for_somebody_who_waits_as_late_as_is_comfortable() -> None:
     np.testing.assert_allclose(-trace.x_m[63:81], 3.0, atol=1e-9)
     assert trace.walks[0].start_s == pytest.approx(4.6)
     np.testing.assert_allclose(np.diff(trace.speed_mps)[80:103] / STEP, 1.0, atol=1e-9)
-
-
-@pytest.mark.parametrize(("deceleration", "stops"), [(3.0, True), (1.9, True), (1.7, False)])
-def test_goes_on_where_stopping_would_not_be_comfortable(deceleration: float, stops: bool) -> None:
-    # They arrive at R = 10 m: 25/14 = 1.786 m/s² from there to the line.
-    strategy = driver(yields=True, comfortable_deceleration_mps2=deceleration)
-    trace = play(strategy, [(4.0, Side.FAR, 1.0)], scenario(pedestrians=WAITS))
-    assert bool(braking_steps(trace)) is stops
-    assert (trace.walks[0].start_s is not None) is stops
 
 
 def test_does_not_wait_for_somebody_who_will_have_left_its_lane() -> None:
@@ -174,15 +163,6 @@ def test_whoever_is_in_its_path_is_braked_for(yields, arrival, first, decelerati
     assert measure([trace])[0].contact is None
 
 
-@pytest.mark.parametrize(("walking", "brakes"), [(2.5, True), (1.3, False)])
-def test_where_no_stop_helps_it_brakes_for_the_front_alone(walking: float, brakes: bool) -> None:
-    # Off the kerb at R = 2.5 m, 2.25 m before their line, where a stop takes 2.78 m: braked, it is
-    # there after (5 − sqrt(25 − 9 · 2.25))/4.5 = 0.627 s.  Their path begins 1 m away.
-    trace = play(driver(yields=False), [(5.5, Side.NEAR, walking)])
-    assert (braking_steps(trace)[:1] == [55]) is brakes
-    assert measure([trace])[0].contact == ("front" if brakes else "side")
-
-
 def test_one_that_does_not_yield_passes_who_waits_and_who_is_far() -> None:
     waits = play(driver(yields=False), [(0.0, Side.NEAR, 1.0)], scenario(pedestrians=WAITS))
     assert braking_steps(waits) == []
@@ -209,32 +189,6 @@ def test_never_waits_for_each_other(make, limit: float) -> None:
         assert measure([trace])[0].contact is None
         # It crosses when everybody has, or without having stood.
         assert {walk.start_s is None for walk in trace.walks} != {True} or trace.speed_mps.min() > 0
-
-
-@pytest.mark.parametrize(("range_m", "goes"), [(2.01, False), (1.99, True), (0.5, True)])
-def test_at_rest_it_waits_for_those_who_wait_only_before_the_edge(range_m, goes) -> None:
-    # Nobody steps off before a car whose bumper is over the near edge, R = 2 m.
-    waits = PedestrianView(0, Side.NEAR, 2.25, 9.0, 0.0, False)
-    seen = shown(scenario(), range_m, 0.0, waits, time_s=9.0)
-    makers = (HardYield, GapYield)
-    drivers = [driver(yields=True), *(make(yield_to_waiting=True) for make in makers)]
-    assert [strategy.decide(seen) > 0 for strategy in drivers] == [goes] * 3
-
-
-@pytest.mark.parametrize("strategy", [HardYield, GapYield])
-def test_the_others_yield_to_who_waits_where_asked(strategy: type[Strategy]) -> None:
-    scene = scenario(pedestrians=WAITS)
-    person = [(0.0, Side.NEAR, 1.0)]
-    assert play(strategy(), person, scene).walks[0].start_s is None
-    trace = play(strategy(yield_to_waiting=True), person, scene)
-    assert -trace.x_m[trace.speed_mps < 1e-9] == pytest.approx(3.0, abs=1e-3)
-    assert trace.walks[0].start_s is not None
-    # At R = 7 m a stop would take more than 3 m/s²: too late for both.
-    late = [(4.6, Side.NEAR, 1.0)]
-    np.testing.assert_array_equal(
-        play(strategy(yield_to_waiting=True), late, scene).speed_mps,
-        play(strategy(), late, scene).speed_mps,
-    )
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import pytest
 
 from harness.core.encounter import Arm, Side
 from harness.core.errors import InputError
-from harness.measures import measure
 from harness.measures.ego import crossing_time
 from harness.scenario import (
     Setting,
@@ -77,16 +76,6 @@ def test_a_lane_of_two_lanes_width_is_remarked_upon() -> None:
     assert remarks(road(length_m=14.0, lane_width_m=3.5)) == []
 
 
-def test_contact_is_in_the_egos_lane() -> None:
-    # Lane 1 of 3 m, centre 4.5 m: its path is 3.35 to 5.65 m from the near kerb.  The ego is over
-    # the line from 5.95 to 7.05 s.
-    crossing = {"lanes": 2, "oncoming_lanes": 1, "length_m": 9.0}
-    cases = ((5.65 / 5.9, False), (5.65 / 6.0, True), (3.35 / 7.0, True), (0.47, False))
-    for walking, hit in cases:
-        trace = play(ConstantSpeed(), [(0.0, Side.NEAR, walking)], road(1, **crossing))
-        assert (measure([trace])[0].contact is not None) is hit
-
-
 def test_gap_yield_waits_until_its_own_lane_is_free() -> None:
     # Lane 1 of 3 m ends, disc and all, 6.25 m from the near kerb; from the far one, 3 m of the
     # oncoming lane, its lane and 0.25 m.  It arrives at the near edge, R = 2 m, just then.
@@ -96,16 +85,6 @@ def test_gap_yield_waits_until_its_own_lane_is_free() -> None:
         free = free_m / 0.8
         assert (trace.speed_mps[1] - 5) / 0.1 == pytest.approx(2 * (28 - 5 * free) / free**2)
         assert crossing_time(trace, -2.0) == pytest.approx(free, abs=0.1)
-
-
-def test_lanes_and_widths_can_be_swept() -> None:
-    file = read_scenario_file("cctc", [Setting("crossing.oncoming_lanes", 0)])
-    lengths = parse_variation("crossing.length_m=6.0,9.0")
-    found = study_of(file, [parse_variation("crossing.lanes=1,2"), lengths])
-    centres = [cell.scenario.crosswalk().lane_centre_m for cell in found.cells]
-    assert centres == [3.0, 4.5, 1.5, 2.25]
-    expected = {"crossing.lanes": 1, "crossing.length_m": 9.0}
-    assert [dict(cell.varied) for cell in found.cells][1] == expected
 
 
 @pytest.mark.parametrize("name", ["cctc", "cctc_flow", "euro_ncap_vru"])

@@ -100,19 +100,6 @@ def test_stopped_time_and_strongest_deceleration() -> None:
     assert result.delay_s == pytest.approx(expected - 7.4, abs=1e-9)
 
 
-def test_contact_with_someone_who_slows_down() -> None:
-    # From t = 4 s on y = 2 t' − t'²/2: at t' = 1.95 s, when the front is 0.25 m away, y = 1.999 m,
-    # in front of the body (1.35 to 3.15 m).
-    trace = drive([0.0] * 76, [(4.0, Side.NEAR, 2.0)])
-    (walk,) = trace.walks
-    slows = replace(walk, legs=(Leg(4.0, 0.0, 0.0, 0.0, 2.0, -1.0),))
-    hit = measure([replace(trace, walks=(slows,))])[0]
-    assert (hit.contact, hit.contact_speed_mps) == ("front", 5.0)
-    assert hit.contact_time_s == pytest.approx(5.95, abs=1e-9)
-    # With y = 2 t' they are past the body by then: 3.9 m.
-    assert measure([trace])[0].contact is None
-
-
 def test_contacts_with_the_front_the_side_and_a_corner() -> None:
     # From the far kerb at 1 m/s they are at the lane's centre at 6.75 s; y(5.95) = 3.05 m lies
     # before the bumper, which is 0.25 m short of x = 0 at 5.95 s.
@@ -134,18 +121,6 @@ def test_contacts_with_the_front_the_side_and_a_corner() -> None:
     assert result.contact_time_s == pytest.approx(5.97, abs=1e-9)
     # A centimetre further on at the same moment: √(0.15² + 0.21²) > 0.25, and going away.
     assert cruise((2.55, Side.NEAR, 1.0)).contact is None
-
-
-def test_contacts_while_braking_and_between_two_steps() -> None:
-    # 6 t − t²/4 = 29.75 m: t = (6 − √(36 − 29.75)) / 0.5 = 7 s, at 6 − 3.5 = 2.5 m/s.
-    result = record([-0.5] * 110, [(0.0, Side.NEAR, 0.3)], speed=6.0, ending=Ending.TIMED_OUT)
-    assert result.contact == "front"
-    assert result.contact_time_s == pytest.approx(7.0, abs=1e-9)
-    assert result.contact_speed_mps == pytest.approx(2.5, abs=1e-9)
-    assert result.max_deceleration_mps2 == pytest.approx(0.5, abs=1e-9)
-    # At 60 m/s a step of 1 s jumps over them: bumper −30 m, then 30 m.  Contact 29.75/60 s.
-    result = record([0.0, 0.0], [(0.0, Side.NEAR, 4.5)], speed=60.0, step=1.0)
-    assert result.contact_time_s == pytest.approx(29.75 / 60, abs=1e-9)
 
 
 def test_the_earliest_of_several_contacts_counts() -> None:

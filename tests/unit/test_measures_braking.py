@@ -4,15 +4,13 @@ The scene is that of ``test_measures``: body between y = 1.35 m and 3.15 m, 5 m 
 9 m; a disc of 0.25 m on x = 0, so the bumper may come up to x = −0.25 m.
 """
 
-import itertools
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from harness.core.encounter import Ending, Side
-from harness.measures import EpisodeRecord, avoidable, measure
+from harness.measures import EpisodeRecord, measure
 from harness.strategies.soft_yield import SoftYield
 from tests.scenes import Walker, drive, play, scenario
 
@@ -43,19 +41,6 @@ def test_drac_by_hand() -> None:
     # 3 s at constant speed: d = 14.75 m, T = 4.9 s; then 2 m/s², more than DRAC, which so falls.
     result = braking([0.0] * 30 + [-2.0] * 25, (0.0, Side.FAR, 1.0))
     assert result.max_drac_mps2 == pytest.approx((5 * 4.9 - 14.75) * 2 / 4.9**2, abs=1e-9)
-
-
-def test_drac_is_undefined_after_a_crash_and_where_braking_is_no_way_out() -> None:
-    assert cruise((0.0, Side.FAR, 1.0)).contact == "front"
-    assert cruise((0.0, Side.FAR, 1.0)).max_drac_mps2 is None
-    assert cruise((0.0, Side.NEAR, 1.5)).max_drac_mps2 is None
-    assert cruise().max_drac_mps2 is None
-    # At constant speed they would reach the side at 7.0 s, 0.05 s before the rear has gone; the ego
-    # accelerates at 6 s and is gone by 6.84 s.  A collision course, but braking is no way out.
-    result = record([0.0] * 60 + [3.0] * 15, [(5.9, Side.NEAR, 1.0)])
-    assert result.contact is None
-    assert result.min_ttc_s is not None
-    assert (result.max_drac_mps2, result.required_deceleration_mps2) == (None, None)
 
 
 def least_deceleration(ahead: float, speed: float, leaves_s: float) -> float:
@@ -148,18 +133,6 @@ def test_avoidable_by_stopping_short() -> None:
         assert result.avoidable is expected, start
 
 
-def test_an_ego_that_obeys_late_stays_where_it_stopped() -> None:
-    # 0.2 s at 5 m/s, then 25/9 m at 4.5 m/s²: the ego stands 1.31 s after they step off.  They come
-    # into its way later, after 1.1 m/0.73 m/s = 1.51 s, and touch its corner if the bumper stands
-    # beyond −0.25 m.
-    for short_m, expected in ((0.255, True), (0.245, False)):
-        start = (30 - short_m - 0.2 * 5 - 25 / 9) / 5
-        trace = drive([0.0] * 76, [(start, Side.NEAR, 0.73)])
-        late = replace(trace, vehicle=replace(trace.vehicle, dead_time_s=0.2))
-        (result,) = measure([late])
-        assert (result.contact, result.avoidable) == ("side", expected)
-
-
 def test_avoidable_by_letting_him_leave() -> None:
     # 20 m away at 15 m/s the ego cannot stop (25 m), but with 15 t − 2.25 t² = 19.75 it comes to
     # them after 1.806 s, when they have left (3.4 m at 2.5 m/s, 1.36 s); unbraked after 1.317 s.
@@ -231,16 +204,6 @@ def test_an_attentive_driver_needs_this_way_to_stop(side, speed, limit, far_pace
         assert (result.contact, result.avoidable) == ("front", True)
         assert result.avoidable_attentive is expected
     assert cruise((0.0, Side.NEAR, 1.5)).avoidable_attentive is None
-
-
-def test_the_pieces_of_an_attentive_drive_join() -> None:
-    # With the acceleration of a piece's middle its speed ends exactly, its place to jerk · dt³/12.
-    pieces = [*avoidable._attentive(drive([0.0] * 50), 0.0)]
-    for (begin_s, motion), (end_s, following) in itertools.pairwise(pieces):
-        elapsed_s = end_s - begin_s
-        reached = motion.speed_mps + motion.acceleration_mps2 * elapsed_s
-        assert following.speed_mps == pytest.approx(reached, abs=1e-9)
-        assert following.place_m == pytest.approx(motion.at(elapsed_s), abs=2e-6)
 
 
 def test_attentive_drivers_against_stepping_through_random_crashes() -> None:

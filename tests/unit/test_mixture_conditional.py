@@ -64,27 +64,6 @@ def test_without_bounds_equals_the_textbook(free, target, given):
         np.testing.assert_allclose(conditional.cdf(x, y[None]), reached, atol=1e-9)
 
 
-@pytest.mark.parametrize(("target", "given"), CLOSED)
-def test_without_bounds_equals_gmr(free, target, given):
-    gmr = pytest.importorskip("gmr")
-    weights, locations, scales = random_parts()
-    other = gmr.GMM(len(weights), weights, locations, scales)
-    rest = [i for i in range(4) if i not in given]
-    conditional = free.conditional(target, given)
-    x = np.linspace(0.0, 3.0, 11)
-    for share in (0.3, 0.6, 0.8):
-        y = (LOWER + share * (UPPER - LOWER))[list(given)]
-        found = other.condition(list(given), y)
-        alone = gmr.GMM(
-            len(weights),
-            found.priors,
-            found.means[:, [rest.index(target)]],
-            found.covariances[:, [rest.index(target)]][:, :, [rest.index(target)]],
-        )
-        wanted = alone.to_probability_density(x[:, None])
-        np.testing.assert_allclose(conditional.pdf(x, y[None]), wanted, rtol=1e-9, atol=1e-12)
-
-
 @pytest.mark.parametrize(("target", "given"), CASES)
 def test_density_is_the_joint_density_integrated(bounded, rows, target, given):
     """Ratios of the density by a product rule over the variables not named, within the box."""
@@ -148,17 +127,6 @@ def test_mode_is_the_highest_point_of_a_dense_grid(bounded, rows, target, given)
         assert abs(mode - grid[heights.argmax()]) <= 2 * (grid[1] - grid[0])
 
 
-def test_mode_of_the_marginal_and_on_a_bound(bounded):
-    nothing = np.empty((1, 0))
-    marginal = bounded.conditional(2, ())
-    grid = np.linspace(LOWER[2], UPPER[2], 801)
-    heights = marginal.logpdf(grid, nothing)
-    assert marginal.logpdf(marginal.mode(nothing), nothing)[0] >= heights.max() - 1e-9
-    # A location beyond the bound: the density rises up to it.
-    slope = TruncatedGaussianMixture([1.0], [[5.0]], [[[1.0]]], [0.0], [2.0])
-    assert slope.conditional(0, ()).mode(nothing)[0] == 2.0
-
-
 @pytest.mark.parametrize(("target", "given"), CASES)
 def test_a_point_does_not_depend_on_its_batch(bounded, rows, target, given):
     """What episodes ask for, to the last bit; states that were asked before are kept."""
@@ -175,19 +143,6 @@ def test_a_point_does_not_depend_on_its_batch(bounded, rows, target, given):
         order = rng.permutation(n)
         singles = np.concatenate([function(np.array([i])) for i in order])
         assert whole[order].tobytes() == singles.tobytes(), name
-
-
-def test_dropping_a_column_is_not_integrating_it(bounded, rows):
-    """The remaining variable's probability of lying inside its bounds counts."""
-    parts = random_parts()
-    keep = [0, 1, 2]
-    dropped = TruncatedGaussianMixture(
-        parts[0], parts[1][:, keep], parts[2][:, keep][:, :, keep], LOWER[keep], UPPER[keep]
-    )
-    y, x = rows[:1, :2], np.linspace(0.4, 2.8, 9)
-    right = bounded.conditional(2, (0, 1)).pdf(x, y)
-    wrong = dropped.conditional(2, (0, 1)).pdf(x, y)
-    assert np.abs(right - wrong).max() > 1e-2
 
 
 def test_far_from_every_component(bounded):

@@ -51,15 +51,6 @@ def test_weights_are_of_the_truncated_components():
     np.testing.assert_allclose(np.exp(mixture().logpdf(points)), wanted, rtol=1e-10)
 
 
-def test_infinite_bounds_give_an_ordinary_mixture():
-    found = mixture(lower=[-np.inf] * 2, upper=[np.inf] * 2)
-    assert found.masses.tolist() == [1.0, 1.0]
-    points = np.random.default_rng(0).normal(size=(50, 2)) * 3
-    parts = zip(PARTS["weights"], PARTS["locations"], PARTS["scale_matrices"], strict=True)
-    wanted = sum(pi * multivariate_normal(m, s).pdf(points) for pi, m, s in parts)
-    np.testing.assert_allclose(found.logpdf(points), np.log(wanted), rtol=1e-12)
-
-
 def test_draws_lie_in_the_box_and_have_the_moments():
     # One with hardly any mass is drawn by the chain of conditionals instead of by rejection.
     far = [1.0], [[-4.0, -1.0]], [[[1.0, 0.3], [0.3, 1.0]]], [0.0, 0.0], [5.0, 5.0]
@@ -72,19 +63,6 @@ def test_draws_lie_in_the_box_and_have_the_moments():
         error = np.sqrt(np.diag(found.covariance()) / count)
         assert (np.abs(rows.mean(axis=0) - found.mean()) < 5 * error).all()
         np.testing.assert_allclose(np.cov(rows.T), found.covariance(), atol=0.01)
-
-
-def test_same_generator_same_draws_of_an_immutable_mixture():
-    one = mixture().sample(100, np.random.default_rng(8))
-    assert one.tobytes() == mixture().sample(100, np.random.default_rng(8)).tobytes()
-    assert mixture().sample(0, np.random.default_rng(8)).shape == (0, 2)
-    found = mixture()
-    with pytest.raises(ValueError, match="read-only"):
-        found.locations[0, 0] = 1.0
-    with pytest.raises(AttributeError, match="cannot assign"):
-        found.weights = np.ones(2)
-    found = mixture(weights=[0.4, 0.6 + 5e-7])
-    assert found.weights.sum() == pytest.approx(1.0, abs=1e-15)
 
 
 @pytest.mark.parametrize(

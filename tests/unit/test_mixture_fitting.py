@@ -63,25 +63,6 @@ def test_without_bounds_one_step_equals_scikit_learn(rows):
     np.testing.assert_allclose(step.scales, other.covariances_, atol=1e-10)
 
 
-def test_without_bounds_the_end_is_a_fixed_point_of_scikit_learn(rows):
-    mixtures = pytest.importorskip("sklearn.mixture")
-    free = np.full(4, INF)
-    found = fit_mixture(rows, 2, -free, free, seed=3, n_init=1, tol=1e-10, scale_floor=0.0)
-    other = mixtures.GaussianMixture(
-        2,
-        reg_covar=0.0,
-        max_iter=1,
-        weights_init=found.mixture.weights,
-        means_init=found.mixture.locations,
-        precisions_init=np.linalg.inv(found.mixture.scale_matrices),
-    )
-    with pytest.warns(Warning, match="converge"):
-        other.fit(rows)
-    assert other.lower_bound_ * len(rows) == pytest.approx(found.log_likelihood, abs=1e-7)
-    np.testing.assert_allclose(other.means_, found.mixture.locations, atol=1e-4)
-    np.testing.assert_allclose(other.covariances_, found.mixture.scale_matrices, atol=1e-4)
-
-
 def test_penalised_likelihood_ends_at_the_reported_one(rows, fitted):
     assert fitted.converged
     assert fitted.log_likelihoods.size == fitted.n_iter + 1
@@ -91,17 +72,6 @@ def test_penalised_likelihood_ends_at_the_reported_one(rows, fitted):
     assert fitted.log_likelihoods[-1] == pytest.approx(penalised, rel=1e-10)
     # p = 2 + 12 + 30 for three components in four variables.
     assert fitted.bic == pytest.approx(-2.0 * plain + 44 * np.log(1500), rel=1e-10)
-
-
-def test_at_the_maximum_a_step_of_em_stays_where_it_is(rows, fitted):
-    """There the rows have the moments of the truncated components: docstring of `Problem.step`."""
-    found = fitted.mixture
-    problem = Problem(rows, np.ones(len(rows)), found.lower, found.upper, 1.0, 0.0)
-    at = Parameters(found.weights, found.locations, found.scale_matrices)
-    step = problem.step(problem.evaluate(at))
-    np.testing.assert_allclose(step.weights, at.weights, atol=1e-5)
-    np.testing.assert_allclose(step.locations, at.locations, atol=1e-5)
-    np.testing.assert_allclose(step.scales, at.scales, atol=1e-5)
 
 
 def test_gradient_the_steps_follow_is_the_slope_of_the_density(rows):
@@ -126,29 +96,6 @@ def test_gradient_the_steps_follow_is_the_slope_of_the_density(rows):
     np.testing.assert_allclose(
         coordinates.parameters(np.zeros(z.size)).scales, box.scale_matrices, atol=1e-9
     )
-
-
-def test_gradient_vanishes_at_the_optimum(rows, fitted):
-    """Central differences of the penalised likelihood per row, in units of the spreads."""
-    found, scale = fitted.mixture, rows.std(axis=0)
-
-    def objective(k, i, j, h):
-        locations, scales = found.locations.copy(), found.scale_matrices.copy()
-        if j is None:
-            locations[k, i] += h * scale[i]
-        else:
-            change = np.zeros((4, 4))
-            change[i, j] += 0.5 * h * scale[i] * scale[j]
-            scales[k] += change + change.T
-        moved = TruncatedGaussianMixture(found.weights, locations, scales, found.lower, found.upper)
-        return (moved.logpdf(rows).sum() + np.log(moved.masses).sum()) / len(rows)
-
-    h = 1e-5
-    for k in range(3):
-        for i in range(4):
-            for j in (None, *range(i, 4)):
-                slope = (objective(k, i, j, h) - objective(k, i, j, -h)) / (2.0 * h)
-                assert abs(slope) < 2e-4, (k, i, j)
 
 
 def test_a_climb_that_can_take_no_step_has_not_converged(rows, monkeypatch):
@@ -191,20 +138,6 @@ def test_a_scale_at_its_floor_that_would_grow_is_no_maximum():
     at = problem.evaluate(flat)
     wanted = ((x**2 / floor - 1.0) / 2.0).sum() / np.sqrt(200)
     assert Coordinates(problem, at).gradient_norm(at) == pytest.approx(wanted, rel=1e-9)
-
-
-def test_scaling_a_column_scales_the_answer(rows):
-    box = truth()
-    unit = np.array([1.0, 100.0, 1.0, 1e-3])
-    one = fit_mixture(rows, 2, box.lower, box.upper, seed=5, n_init=1, tol=1e-9)
-    two = fit_mixture(
-        rows * unit, 2, box.lower * unit, box.upper * unit, seed=5, n_init=1, tol=1e-9
-    )
-    np.testing.assert_allclose(two.mixture.locations, one.mixture.locations * unit, rtol=1e-4)
-    scaled = one.mixture.scale_matrices * unit[:, None] * unit
-    np.testing.assert_allclose(two.mixture.scale_matrices, scaled, rtol=1e-4, atol=1e-12)
-    shift = 1500 * np.log(unit).sum()
-    assert two.log_likelihood == pytest.approx(one.log_likelihood - shift, abs=1e-5)
 
 
 def test_weights_count_as_repeated_rows(rows):
@@ -251,31 +184,6 @@ def test_one_truncated_variable_against_direct_maximisation():
     found = fit_mixture(x[:, None], 1, [0.0], [4.0], seed=1, n_init=1, tol=1e-10)
     assert found.log_likelihoods[-1] == pytest.approx(-best.fun, abs=1e-6)
     assert found.mixture.locations[0, 0] == pytest.approx(best.x[0], abs=2e-3)
-
-
-def test_same_seed_same_numbers(rows):
-    box = truth()
-    one, two, other = (
-        fit_mixture(rows, 3, box.lower, box.upper, seed=seed, n_init=1, max_iter=5)
-        for seed in (4, 4, 5)
-    )
-    assert one.mixture.locations.tobytes() == two.mixture.locations.tobytes()
-    assert one.mixture.locations.tobytes() != other.mixture.locations.tobytes()
-    assert not one.converged
-
-
-def test_repeated_rows_and_values_on_a_bound(rows):
-    box = truth()
-    some = rows[:300].copy()
-    some[:100] = some[0]
-    some[100:140, 3] = 0.0
-    some[140:160, 0] = 1.0
-    found = fit_mixture(some, 3, box.lower, box.upper, seed=2, n_init=2)
-    assert np.isfinite(found.log_likelihood)
-    floor = np.linalg.eigvalsh(
-        found.mixture.scale_matrices / np.outer(some.std(axis=0), some.std(axis=0))
-    ).min()
-    assert floor >= 0.99e-4
 
 
 def test_the_prior_stops_a_location_from_running_away():

@@ -55,31 +55,6 @@ def test_one_variable_equals_scipy(a, b):
     assert covariance[0, 0, 0] == pytest.approx(4.0 * reference.var(), abs=1e-7)
 
 
-@pytest.mark.parametrize("dimension", [2, 3, 4])
-def test_independent_box_is_a_product(dimension):
-    lower, upper = np.linspace(-1.0, 0.5, dimension), np.linspace(0.7, 2.0, dimension)
-    scale = np.linspace(0.5, 2.0, dimension)
-    wanted = np.prod(
-        truncnorm.cdf(upper / scale, -INF, INF) - truncnorm.cdf(lower / scale, -INF, INF)
-    )
-    assert mass(np.diag(scale**2), lower, upper) == pytest.approx(wanted, abs=1e-14)
-
-
-def test_orthants_of_two_three_and_four():
-    # Sheppard (1899): 1/4 + asin(rho) / 2 pi.
-    for rho in (-0.95, -0.3, 0.0, 0.5, 0.999):
-        wanted = 0.25 + np.arcsin(rho) / (2.0 * np.pi)
-        assert mass([[1, rho], [rho, 1]], [0, 0], [INF, INF]) == pytest.approx(wanted, abs=1e-12)
-    for a, b, c in ((0.5, 0.5, 0.5), (0.9, 0.8, 0.7), (-0.3, 0.4, 0.2), (0.95, 0.9, 0.97)):
-        wanted = 0.125 + np.arcsin((a, b, c)).sum() / (4.0 * np.pi)
-        matrix = [[1, a, b], [a, 1, c], [b, c, 1]]
-        assert mass(matrix, [0] * 3, [INF] * 3) == pytest.approx(wanted, abs=1e-10)
-    # The chance that one of five exchangeable variables is the largest: 1/5.
-    matrix = 0.5 + 0.5 * np.eye(4)
-    assert mass(matrix, [0] * 4, [INF] * 4) == pytest.approx(0.2, abs=1e-12)
-    assert mass(9.0 * matrix, [-INF] * 4, [0] * 4) == pytest.approx(0.2, abs=1e-12)
-
-
 @pytest.mark.parametrize(
     ("dimension", "condition", "nodes"), [(2, 100, 200), (3, 30, 90), (4, 4, 30)]
 )
@@ -143,15 +118,3 @@ def test_infinite_bounds_change_nothing_and_small_masses_keep_digits():
     for at in (3.0, 5.0, 6.5):
         got = mass(np.eye(4), [at] * 4, [INF] * 4)
         assert got == pytest.approx(norm.sf(at) ** 4, rel=1e-6)
-
-
-def test_components_in_a_batch_do_not_mix():
-    rng = np.random.default_rng(3)
-    matrices = np.array([random_matrix(rng, 4, 20) for _ in range(6)])
-    locations = rng.normal(size=(6, 4))
-    lower, upper = np.full(4, -1.0), np.full(4, 0.8)
-    together = truncation.moments(locations, matrices, lower, upper)
-    for k in range(6):
-        alone = truncation.moments(locations[[k]], matrices[[k]], lower, upper)
-        for a, b in zip(together, alone, strict=True):
-            np.testing.assert_allclose(a[k], b[0], rtol=1e-12, atol=1e-14)

@@ -9,10 +9,10 @@ from harness.core.errors import InputError
 from harness.encounter.arms import check_arms
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.measures import Outcome
-from harness.model.interaction import ModelUseCounter, check_support
+from harness.model.interaction import ModelUseCounter
 from harness.results.findings import cell_findings
 from harness.results.rows import episode_rows
-from harness.scenario import Cell, Scenario, load_scenario
+from harness.scenario import Cell, Scenario
 from tests.scenes import on_plain, scenario
 
 FAST = {"initial_speed_mps": 13.89, "trigger_range_m": 80.0}
@@ -42,20 +42,6 @@ def test_a_trigger_outside_the_box_is_refused(changes, key: str, model) -> None:
     assert "model.extrapolate" in str(refused.value)
     assert "\n" not in str(refused.value)
     check_arms(scenario(**changes, model={"extrapolate": True}), model)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"ego": {"initial_speed_mps": 8.0, "trigger_range_m": 60.0}},
-        {**YIELDS, **NO_MODEL, "ego": FAST},
-        {**YIELDS, "ego": FAST, "model": {"pedestrian_reading": "unconditional"}},
-        {**YIELDS, "ego": FAST, "pedestrians": {"flow_per_hour": 0.0}},
-    ],
-)
-def test_what_never_asks_outside_the_box_is_accepted(changes, model) -> None:
-    check_arms(scenario(**changes), model)
-    check_arms(load_scenario("euro_ncap_vru"), model)  # its protocol gives every speed
 
 
 def test_the_issues_case_says_how_often_the_model_was_asked_outside(model) -> None:
@@ -122,16 +108,3 @@ def test_walking_speeds_without_a_look_at_the_car(model) -> None:
         np.testing.assert_allclose(speeds(scene, model, quantiles, *state), wanted, rtol=1e-12)
     # Given the car they walk at another speed.
     assert np.abs(speeds(scenario(), model, quantiles, 30.0, 5.0) - wanted).max() > 1e-3
-
-
-@pytest.mark.parametrize(
-    ("range_m", "speed_mps"), [(30.0, 0.29), (30.0, 8.01), (1.99, 5.0), (60.1, 5.0)]
-)
-def test_the_box_ends_where_the_model_says(range_m: float, speed_mps: float, model) -> None:
-    # v in 0.3 … 8 m/s, 1/R in 1/60 … 1/2 m⁻¹ (harness/model/shipped/dut.json).
-    check_support(model, 30.0, 0.3)
-    check_support(model, 30.0, 8.0)
-    check_support(model, 2.0, 5.0)
-    check_support(model, 60.0, 5.0)
-    with pytest.raises(InputError, match="outside the box"):
-        check_support(model, range_m, speed_mps)

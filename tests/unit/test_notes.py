@@ -1,24 +1,20 @@
 """What a screen may never hide, on findings and notes: of a run, of a sweep, of a comparison."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import NamedTuple
 
 import pytest
-from hypothesis import given, strategies as st
 
-from harness.report.screen import MOST_NOTES, screen_text
 from harness.results import notes
 from harness.results.catalogue import ENTRIES
 from harness.results.estimators import EQUAL, zero_bound
 from harness.results.finding import Finding, Form
 from harness.results.findings import CellFindings, cell_findings, on_first_screen
-from harness.results.notes import RULES, Note, Rule, Said, notes_of
+from harness.results.notes import RULES, Rule, Said, notes_of
 from harness.results.result import Result, Shown, Style, Versus
 from harness.results.screens import scope_of
 from harness.scenario import PerceptionSection, Scenario, load_scenario
 from harness.scenario.actuation import ActuationSection
-from harness.scenario.place import place_in_words
 from harness.strategies.references import not_validated, opposite, validation
 from harness.studies.compare import compare
 from tests.cells import (
@@ -246,18 +242,6 @@ def test_who_drove_instead_of_the_reference(tell: Callable[..., Told]) -> None:
     assert told.cell["fallback_share_human"].value == 8 / 40
 
 
-@pytest.mark.parametrize("place", [1, 2])
-def test_the_fallback_that_drove_most_stands_in_the_heading(place: int) -> None:
-    def fates(_scenario: Scenario, pair: int) -> Pair:
-        most = FELL if pair < 30 else 9.0
-        return (most, HUMAN_S) if place == 1 else (9.0, most)
-
-    result = result_of(study({"arms.human": "soft_yield"}), fates, 40)
-    headings = [column.heading for column in result.screen.columns]
-    assert headings[place] == "soft_yield (hard_yield in 75 %)"
-    assert headings[3 - place] == "soft_yield"
-
-
 def test_the_model_outside_its_data(tell: Callable[..., Told]) -> None:
     # 1 of 4 uses in the AV's arm, 3 of 4 in the reference's.
     def news(_pair: int) -> Pair:
@@ -374,23 +358,6 @@ CALM = {"correlation_s", "occlusion", "vehicles_hide", "human"}
 """Fields that are no error by themselves."""
 
 
-def test_the_largest_share_of_another_strategy_stands_in_its_label() -> None:
-    """A note that does not fit, of a sweep whose AV is not swept, has no other place for it."""
-    fell = {100.0: 8, 250.0: 40, 500.0: 12}
-
-    def fates(scenario: Scenario, pair: int) -> Pair:
-        fallen = pair < fell[scenario.pedestrians.flow_per_hour]
-        return (FELL if fallen else usual(pair)[0]), usual(pair)[1]
-
-    for flows, words in (("100,500", "up to 30 %"), ("100,250,500", "up to 100 %")):
-        made = result_of(study({}, f"pedestrians.flow_per_hour={flows}"), fates, 40)
-        labels = {note.key: note.label for note in made.notes}
-        assert labels["fallback"] == f"another strategy drove ({words})"
-        behind = [made.notes[0]._replace(text="Worse.")] * MOST_NOTES
-        text = screen_text(replace(made, notes=(*behind, *made.notes)), 60)
-        assert words in " ".join(text.split())
-
-
 @pytest.mark.parametrize(
     ("pairs", "words"),
     [((1, 1), "1 pair each"), ((3, 3), "3 pairs each"), ((1, 3), "1 to 3 pairs")],
@@ -403,22 +370,6 @@ def test_the_pairs_of_a_sweep(pairs: tuple[int, int], words: str) -> None:
     ]
     scope = scope_of(cells, sum(pairs), {"seed": 1})
     assert scope.startswith(f"{words}, seed") or scope.startswith(f"{words} (")
-
-
-def test_a_boolean_is_written_as_in_a_scenario() -> None:
-    """In a note, in a table and in a title alike."""
-
-    def fates(scenario: Scenario, pair: int) -> Pair:
-        return (FAILED if scenario.perception.human and pair < 3 else 9.0), HUMAN_S
-
-    changes = {"perception.latency_s": 0.3}
-    made = result_of(study(changes, "perception.human=true,false"), fates, 10)
-    (note,) = [note for note in made.notes if note.key == "failures"]
-    assert note.text.startswith("human true: 3 of 20")
-    lines = screen_text(made, 120).splitlines()
-    assert {"true", "false"} <= {line.split()[0] for line in lines if line.strip()}
-    one = result_of(study(changes, "perception.human=true"), fates, 10)
-    assert "human true" in one.title
 
 
 @pytest.mark.parametrize("human", [False, True])
@@ -445,15 +396,6 @@ def test_errors_of_perception_and_actuation_are_told(
     assert "AV:" not in tell(usual, 3).result.about
 
 
-def test_what_differs_between_cells_is_said_to_vary() -> None:
-    late = Scenario.model_validate({"perception": {"latency_s": 0.3}})
-    assert "perception varied" in place_in_words([Scenario(), late])
-    assert "perception" not in place_in_words([Scenario()])
-    hidden = load_scenario("euro_ncap_vru", {"pedestrians.timed_case": "CPNCO-50"})
-    assert "obstacle" in place_in_words([hidden])
-    assert "obstacle" not in place_in_words([Scenario()])
-
-
 def test_equal_in_every_pair_so_no_interval(tell: Callable[..., Told]) -> None:
     told = tell(lambda _: (8.0, HUMAN_S), 30)
     mu = told.cell["mu"]
@@ -470,16 +412,6 @@ def test_all_episodes_are_the_same_one() -> None:
     assert "repeated" not in notes_by_key(cell_of([usual(pair) for pair in range(3)]))
 
 
-def test_speed_and_undefined_numbers() -> None:
-    cell = cell_of([({"pass_time_s": 8.0, "max_speed_mps": 6.0}, "crashed")] * 3)
-    found = notes_by_key(cell)
-    assert "The AV drove at up to 6 m/s, above v0 of 5 m/s" in found["speeding"].text
-    assert cell["mu"].reason == "there is no pair in which both vehicles crossed"
-    assert "μ and c_v use 0" in found["left_out"].text
-    calm = cell_of([({"pass_time_s": 8.0, "max_speed_mps": 5.0}, HUMAN_S)] * 3)
-    assert {"speeding", "left_out"} & {*notes_by_key(calm)} == set()
-
-
 def test_the_worse_the_news_the_higher() -> None:
     bad: list[Pair] = [(FAILED, noisy(0, 1)), ("timed_out", noisy(1, 1)), ("crashed", noisy(2, 1))]
     driven = {"conditionings": 4, "clamped": 1, "clamped_range_excess_m": 3.0, "fallback": True}
@@ -494,24 +426,6 @@ def test_the_worse_the_news_the_higher() -> None:
     assert {"failures", "few_pairs", "opposite", "left_out", "fallback", "speeding"} <= {*keys}
     first = [rule.key for rule in RULES][:5]
     assert first == ["failures", "nothing_tested", "selected", "few_pairs", "opposite"]
-
-
-@given(st.lists(st.tuples(st.integers(-10, 20), st.floats(-9, 9)), max_size=8))
-def test_notes_are_ordered_by_rank_and_then_by_weight(of: list[tuple[int, float]]) -> None:
-    given_notes = [Note("k", rank, "k", "k", weight=weight) for rank, weight in of]
-    found = [(note.rank, -note.weight) for note in notes_of([], given_notes)]
-    assert found == sorted((rank, -weight) for rank, weight in of)
-
-
-def test_columns_that_are_equal_in_all_rows_stand_beside_with_their_value() -> None:
-    result = result_of(study({}, *KINDS["sweep"]), lambda _, pair: usual(pair), 20)
-    table = result.screen
-    assert [column.key for column in table.columns] == ["pedestrians.flow_per_hour"]
-    assert table.rows == ((500.0,), (250.0,))
-    same = {column.key: value for column, value in table.same}
-    assert {"time_ratio", "delay_s", "pedestrian_wait_s", "kappa", "conflict_pet"} == {*same}
-    assert same["kappa"].av.finding.n == 20
-    assert "soft_yield against human_gmm" in result.title
 
 
 def test_a_note_of_a_sweep_is_about_its_worst_cell_and_counts_the_others() -> None:
@@ -558,14 +472,6 @@ def test_cells_of_a_note_cannot_be_mixed_up() -> None:
     assert len({*note.cells}) == len(note.cells) == 4
     named = {record[side] for record in result.records for side in ("a", "b")}
     assert {*note.cells} == named
-
-
-def test_one_cell_of_a_sweep_keeps_its_name() -> None:
-    """An unfinished sweep may have one cell only, and ``--vary`` may have one value."""
-    vary = ("pedestrians.flow_per_hour=250", "ego.length_m=4", "crossing.length_m=12")
-    result = result_of(study({}, *vary), lambda _, pair: usual(pair), 3, finished=False)
-    for name in ("flow_per_hour 250", "ego.length_m 4", "crossing.length_m 12"):
-        assert name in result.title
 
 
 def test_json_and_csv_hide_nothing_that_the_screen_says(tell: Callable[..., Told]) -> None:

@@ -194,14 +194,6 @@ def test_parameters_are_held_against_the_signature(
     assert says in refusal(scene(f"mine_d:{strategy}", parameters), model)
 
 
-def test_prepared_once_for_each_set_of_parameters(write: Write, model) -> None:
-    write("mine_g", MODULE)
-    for gap in (1.0, 2.0, 1.0):
-        list(on_plain(scene("mine_g:Steady", {"gap_s": gap}), model).run(range(3)))
-    strategy = find_strategy("mine_g:Steady", "test")
-    assert strategy.prepared == [{"gap_s": 1.0}, {"gap_s": 2.0}]
-
-
 def test_an_error_ends_its_episode_with_its_own_traceback(write: Write, model) -> None:
     write("mine_h", MODULE)
     outcomes = list(on_plain(scene("mine_h:Demanding", {"needed": 0.35}), model).run(range(2)))
@@ -236,29 +228,6 @@ def test_a_class_stands_for_its_name(write: Write) -> None:
     for nameless in (local, type("Steady", (), {"__module__": "mine_of_a_class"})):
         with pytest.raises(InputError, match=r"^settings arms.av: .* a class of a module"):
             load_scenario("cctc", {"arms.av": nameless})
-
-
-def test_a_constructor_that_raises_in_one_pair_spoils_that_one_alone(write: Write, model) -> None:
-    write("mine_i", MODULE)
-    name = "mine_i:Fickle"
-    # Pair 0's is made beforehand: a seed where that works.
-    seeded = (scene(name, seed=seed) for seed in range(20))
-    scenario = next(scenario for scenario in seeded if _made(scenario, model))
-    outcomes = list(on_plain(scenario, model).run(range(12)))
-    failed = [o for o in outcomes if o.record.ending is Ending.ENGINE_FAILED]
-    assert 0 < len(failed) < 12
-    assert {outcome.arm for outcome in failed} == {Arm.AV}
-    assert "could not be made: OSError: not today (mine_i.py:" in (failed[0].record.reason or "")
-    assert (failed[0].trace.traceback or "").splitlines()[-1] == "OSError: not today"
-    assert (failed[0].record.steps, failed[0].record.pass_time_s) == (0, None)
-
-
-def _made(scenario: Scenario, model) -> bool:
-    try:
-        check_arms(scenario, model)
-    except InputError:
-        return False
-    return True
 
 
 def test_an_installed_entry_point_of_the_documented_group(write, model, monkeypatch) -> None:

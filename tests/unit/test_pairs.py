@@ -7,13 +7,13 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arm, Side
+from harness.core.encounter import Arm
 from harness.core.seeding import stream
 from harness.encounter.arms import arm_key, make_strategy
 from harness.encounter.arrivals import planned_arrivals
 from harness.measures import Outcome
 from harness.model.interaction import InteractionModel, load_model
-from harness.scenario import Scenario, load_scenario, validate
+from harness.scenario import Scenario, validate
 from harness.strategies.human_yield import HumanYield
 from tests.scenes import on_plain
 
@@ -88,21 +88,6 @@ def test_walking_speeds_come_from_each_arms_own_state(model) -> None:
         differing += sum(len(set(pair)) == 2 for pair in speeds.values())
     assert checked > 50
     assert differing > 10  # arms in different states give different speeds
-
-
-def test_the_papers_pairs_walk_at_the_same_speed(model) -> None:
-    scenario = load_scenario("cctc")
-    walked = []
-    for av, human in arms(scenario, model, 50):
-        (one,), (other,) = av.trace.walks, human.trace.walks
-        assert (one.start_s, other.start_s) == (0.0, 0.0)
-        assert (one.range_m, one.vehicle_speed_mps) == (30.0, 5.0)
-        assert one == other
-        walked.append(one)
-    assert len({walk.speed_mps for walk in walked}) == 50
-    assert {walk.arrival.side for walk in walked} == set(Side)
-    order = np.argsort([walk.arrival.quantile for walk in walked])
-    assert (np.diff(np.array([walk.speed_mps for walk in walked])[order]) > 0).all()
 
 
 @pytest.fixture(scope="module")

@@ -1,21 +1,17 @@
 """Parts, the manifest and the folder of a run, through the functions that write and read them."""
 
 import json
-import resource
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from harness.core.encounter import Arm
-from harness.core.errors import HarnessError, InputError
+from harness.core.errors import InputError
 from harness.model.interaction import InteractionModel
 from harness.results import folder as folders
 from harness.results.finding import Finding
@@ -153,33 +149,6 @@ def test_people_of_other_pairs_are_refused(tmp_path: Path) -> None:
     (tmp_path / "pedestrians" / part_name(2, 3)).write_bytes(part.read_bytes())
     with pytest.raises(InputError, match="other rows"):
         read_cell(tmp_path, "pedestrians", 2, MANIFEST)
-
-
-def test_a_part_of_another_run_is_refused(tmp_path: Path) -> None:
-    write(tmp_path, 0, rows(0, 3), digest="another run")
-    with pytest.raises(InputError, match="belongs to another run"):
-        read_cell(tmp_path, "episodes", 2, MANIFEST)
-
-
-@contextmanager
-def longest_file(size: int) -> Iterator[None]:
-    """No file of this process may grow beyond ``size`` bytes, as on a full disk."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-def test_a_full_disk_leaves_no_half_written_part(tmp_path: Path) -> None:
-    with longest_file(2_000), pytest.raises(HarnessError, match="File too large") as raised:
-        write(tmp_path, 0, rows(0, 3))
-    assert "\n" not in str(raised.value)
-    assert not [
-        path for path in tmp_path.rglob("*") if path.is_file() and "epis" in path.parent.name
-    ]
-    assert done_parts(tmp_path) == set()
 
 
 @given(pairs=st.integers(1, 200_000))
@@ -346,13 +315,6 @@ def test_findings_that_the_run_did_not_write_are_refused(tmp_path: Path, text: s
     with pytest.raises(InputError, match=r"delete it; `harness resume .*computes it") as raised:
         folders.read_findings(tmp_path, MANIFEST, [cell])
     assert "\n" not in str(raised.value)
-
-
-def test_findings_that_cannot_be_written_leave_no_file(tmp_path: Path) -> None:
-    odd: Any = {"mu": Finding(np.int64(3))}
-    with pytest.raises(TypeError):
-        folders.write_findings(tmp_path, MANIFEST, [CellFindings(2, {}, Scenario(), odd)])
-    assert not [*tmp_path.iterdir()]
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from harness.scenario import Scenario, load_scenario, remarks, validate
 from harness.scenario.file import Setting
 from harness.strategies.perception.occlusion import Rectangle, is_hidden, outline
 from harness.strategies.perception.perception import Perception
-from harness.strategies.perception.sensor import EYE_BEHIND_BUMPER_M, Sensor, sensor_of
+from harness.strategies.perception.sensor import Sensor, sensor_of
 from harness.strategies.perception.track import Track, updates_until_found
 from harness.strategies.perception.updates import Updates
 from tests.scenes import Recorder, episode, on_plain, outcome_of, refusal_of, scenario
@@ -70,27 +70,6 @@ def test_between_updates_nothing_new_is_shown() -> None:
         looked = 4 * ((step - 2) // 4)
         expected = now[looked].pedestrians if looked >= 0 else ()
         assert observation.pedestrians == expected
-
-
-def test_a_first_detection_is_told_late_too() -> None:
-    # p = 0.5: quantile 0.9 is found at look ⌈log2 10⌉ = 4, quantile 0.4 at look ⌈0.74⌉ = 1.
-    walkers, looks = [(0.33, Side.NEAR, 1.3), (1.0, Side.FAR, 2.0)], (4, 1)
-    now, _ = play(scenario(), walkers)
-    faults = {"update_s": 0.3, "latency_s": 0.5, "detection_probability": 0.5}
-    late, _ = play(scenario(perception=faults), walkers, detections=(0.9, 0.4))
-    told = 0
-    for step, observation in enumerate(late):
-        # Looks at 0, 0.3, 0.6 …, told 0.5 s later.
-        look = (step - 5) // 3
-        expected = []
-        for person in now[3 * look].pedestrians if look >= 0 else ():
-            earlier = range(look + 1)
-            seen = sum(person.index in [v.index for v in now[3 * n].pedestrians] for n in earlier)
-            if seen >= looks[person.index]:
-                expected.append(person)
-        assert observation.pedestrians == tuple(expected)
-        told += len(expected)
-    assert told > 20
 
 
 def test_the_human_sees_as_the_av_only_where_asked_for() -> None:
@@ -220,22 +199,6 @@ def test_a_disc_is_hidden_when_the_whole_of_it_is(centre, hidden) -> None:
     assert is_hidden((0.0, 0.0), (-centre[1], centre[0]), [turned]) is hidden
 
 
-def test_two_obstacles_hide_together_what_neither_hides_alone() -> None:
-    lower, upper = Rectangle(4.0, 5.0, -1.0, 0.0), Rectangle(6.0, 7.0, 0.0, 1.5)
-    centre = (10.0, 0.0)
-    assert not is_hidden((0.0, 0.0), centre, [lower])
-    assert not is_hidden((0.0, 0.0), centre, [upper])
-    assert is_hidden((0.0, 0.0), centre, [lower, upper])
-    # A slit of 1 mm lets somebody be seen.
-    apart = upper._replace(y_low_m=0.001)
-    assert not is_hidden((0.0, 0.0), centre, [lower, apart])
-    # The disc covers asin(0.25/10) = 0.025 on either side.  One covers all below atan(0.09/4) =
-    # 0.0225, the other all above atan(0.15/7) = 0.0214, which is near the disc's edge.
-    most, edge = lower._replace(y_high_m=0.09), upper._replace(y_low_m=0.15)
-    assert not is_hidden((0.0, 0.0), centre, [most])
-    assert is_hidden((0.0, 0.0), centre, [most, edge])
-
-
 def test_occlusion_against_rays() -> None:
     """Each disc is hidden exactly where no ray to it is free, by marching many rays."""
     rng = np.random.default_rng(8)
@@ -271,26 +234,6 @@ def _no_ray_reaches(centre: tuple[float, float], boxes: list[Rectangle]) -> bool
         if not any(blocked):
             return False
     return True
-
-
-def test_an_obstacle_hides_until_the_eye_sees_past_it() -> None:
-    # A parked car from x = −10 to −2, its side at y = −0.5; they walk from the near kerb, seen from
-    # an eye at y = 2.25 once the disc's upper edge is above the line of sight over (−2, −0.5).
-    obstacle = {"x_m": -6.0, "y_m": -1.5, "length_m": 8.0, "width_m": 2.0}
-    scene = scenario(crossing={"obstacles": [obstacle]})
-    seen, trace = play(scene, [(0.0, Side.NEAR, 0.31)])
-    assert trace.shown is not None
-    first = next(o for o in seen if o.pedestrians)
-    eye_x = -first.ego.range_m - EYE_BEHIND_BUMPER_M
-    assert eye_x < 0
-    hidden = [o for o in seen if not o.pedestrians and o.time_s < first.time_s]
-    for observation in (*hidden, first):
-        eye = (-observation.ego.range_m - EYE_BEHIND_BUMPER_M, 2.25)
-        y = 0.31 * observation.time_s
-        # Free above the corner: the angle to the disc's top is larger than to the corner.
-        top = math.atan2(y - eye[1], -eye[0]) + math.asin(0.25 / math.hypot(eye[0], y - eye[1]))
-        corner = math.atan2(-0.5 - eye[1], -2 - eye[0])
-        assert (top > corner) is bool(observation.pedestrians)
 
 
 @pytest.mark.parametrize("speed", [2.7778, 10.0, 16.6667])
@@ -464,17 +407,3 @@ def test_obstacles_beside_all_ways_are_taken() -> None:
     beyond = {"x_m": 0.0, "y_m": -5.0, "length_m": 4.0, "width_m": 1.8}
     assert scenario(crossing={"obstacles": [beyond]}).obstacles()
     assert remarks(scenario(perception={"latency_s": 0.3})) == []
-
-
-def test_vehicles_and_obstacles_that_hide_nobody_are_named() -> None:
-    sees = {"vehicles_hide": True, "occlusion": False, "human": True}
-    hour: dict[str, object] = {"traffic": {"flow_per_hour": 300}}
-    (line,) = remarks(scenario(perception=sees, **hour))
-    assert line.startswith("perception.vehicles_hide has no effect: perception.occlusion = false")
-    # Without human = true vehicles hide people from human drivers; with occlusion from everybody.
-    for key in ("human", "occlusion"):
-        assert remarks(scenario(perception=sees | {key: not sees[key]}, **hour)) == []
-    parked = {"x_m": -4.5, "y_m": -1.0, "length_m": 4.2, "width_m": 1.8}
-    blind = {"occlusion": False, "human": True}
-    (line,) = remarks(scenario(crossing={"obstacles": [parked]}, perception=blind))
-    assert line.startswith("crossing.obstacles has no effect")

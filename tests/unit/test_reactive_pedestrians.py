@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arrival, Contact, Ending, Side, Walk
+from harness.core.encounter import Arrival, Ending, Side, Walk
 from harness.measures import measure
 from harness.results.rows import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, validate
@@ -79,27 +79,6 @@ def test_seen_and_kept_at_his_present_speed() -> None:
     assert max(places) == pytest.approx(6.5)
 
 
-def test_contact_on_a_later_leg_inside_a_step() -> None:
-    # Near side, steps off at 3.56 s at 1 m/s and is at y = 1 m at 4.56 s, when the bumper is
-    # 30 − 22.8 = 7.2 m away.  They hurry: at 2.5 m/s they would have crossed the car's way, y =
-    # 1.1 to 3.4 m with their disc, after 0.96 s, before it is there (7.2/5 = 1.44 s): no stop.
-    # Next look at 5.56 s: bumper at −2.2 m, y = 3.5 m: past the way, nothing happens any more.
-    trace, walk = play(Speeds(1.0, 2.5), Recorder(), arrival_s=3.56)
-    (record,) = measure([trace])
-    assert (record.ending, walk.legs is not None and len(walk.legs)) == (Ending.CROSSED, 2)
-    # PET: they leave the way (y = 3.4 m) at 4.56 + 2.4/2.5 s; the front enters it (0.25 m before
-    # the line) at 5.95 s.
-    assert record.pet_s == pytest.approx(5.95 - 4.56 - 0.96, abs=1e-9)
-    # Slower, 1.3 m/s from y = 1.2 m on at 4.56 s: their disc is already in the car's way, they
-    # cannot stop; at 5.56 s, y = 2.5 m, they slow to 0.5 m/s; the front is there at 5.95 s.
-    trace, walk = play(Speeds(1.2, 1.3, 0.5), Recorder(), arrival_s=3.56)
-    (record,) = measure([trace])
-    assert (record.ending, record.contact) == (Ending.CRASHED, Contact.FRONT)
-    assert record.contact_time_s == pytest.approx(5.95, abs=1e-9)
-    assert walk.legs is not None
-    assert [leg.y_mps for leg in walk.legs] == [1.2, 1.3, 0.5]
-
-
 def test_stops_before_the_cars_way_if_it_would_hit_him() -> None:
     # Far side at 1.5 m/s from 0.5 s on.  At 2.5 s (third look) y = 6 m, bumper 17.5 m away: their
     # disc is in the way (y = 3.4 to 1.1 m) from 1.73 to 3.27 s later, the car over the line from
@@ -125,25 +104,6 @@ def test_stops_before_the_cars_way_if_it_would_hit_him() -> None:
     # At y = 6 m: never in the way, so no PET; 2.85 m beside the car, less their radius.
     assert (record.ending, record.pet_s) == (Ending.CROSSED, None)
     assert record.min_gap_m == pytest.approx(6.0 - (2.25 + 0.9) - 0.25)
-
-
-def test_in_front_of_one_that_stops_he_looks_again_and_walks_on() -> None:
-    # The ego stands from 4 s on, 30 − 10 = 20 m away.
-    driver = Recorder(lambda o: -1.25 if o.time_s < 3.95 else 0.0)
-    trace, walk = play(Speeds(1.5, 1.5, 1.0), driver, 0.5, Side.FAR, experiment={"timeout_s": 20.0})
-    assert walk.legs is not None
-    times = [leg.time_s for leg in walk.legs]
-    # At 2.5 s it comes at 1.875 m/s from 21.4 m: 11 s away, they are long past.
-    assert times == pytest.approx([0.5, 2.5])
-    assert [leg.y_mps for leg in walk.legs] == [-1.5, -1.0]
-    assert pedestrian_rows(0, [outcome_of(trace)]).to_pydict()["cleared_s"] == [pytest.approx(8.5)]
-    # As in the stop above, but the ego brakes from 2.6 s on and stands before the crosswalk.
-    driver = Recorder(lambda o: -3.0 if o.time_s > 2.55 else 0.0)
-    _, walk = play(Speeds(1.5, 1.5, 1.0), driver, 0.5, Side.FAR, experiment={"timeout_s": 20.0})
-    assert walk.legs is not None
-    # At 3.5 s it comes at 2.3 m/s from 13.9 m and would be there after 6 s: they go on.
-    assert [leg.time_s for leg in walk.legs] == pytest.approx([0.5, 2.5, 3.5])
-    assert [leg.y_mps for leg in walk.legs] == [-1.5, 0.0, -1.0]
 
 
 FLOW = {"flow_per_hour": 900.0, "kerb_wait_s": 2.0}
@@ -176,11 +136,3 @@ def test_every_look_is_his_quantile_given_what_he_sees(model) -> None:
                     checked += 1
     assert checked > 100
     assert stopped > 5
-
-
-def test_the_same_bits_alone_or_among_others(model) -> None:
-    scenario = scene(pedestrians=FLOW)
-    runner = on_plain(scenario, model)
-    together = [(repr(o.trace.walks), repr(o.record)) for o in runner.run(range(6))]
-    alone = [(repr(o.trace.walks), repr(o.record)) for pair in (5, 2) for o in runner.run([pair])]
-    assert alone == together[10:12] + together[4:6]

@@ -230,23 +230,6 @@ def test_what_is_said_of_wrong_settings(setting: str, parts: list[str]) -> None:
     refusal_of(lambda: load_scenario("cctc", [parse_setting(setting)]), *parts)
 
 
-@pytest.mark.parametrize(
-    ("key", "text", "allowed"),
-    [
-        ("ego.length_m", "50 km", "a number, in m"),
-        ("conflicts.ttc_s", "2 s", "a number, in s"),
-        ("crossing.bearing_deg", "N", "a number, in °"),
-        ("ego.max_deceleration_mps2", "1 g", "a number, in m/s²"),
-        ("crossing.grade", "5 %", "a number"),  # the name says no unit
-        ("experiment.pairs", "many", "a valid integer"),
-    ],
-)
-def test_a_text_for_a_number_is_answered_with_the_unit(key: str, text: str, allowed: str) -> None:
-    refused = refusal_of(lambda: load_scenario("cctc", [parse_setting(f"{key}={text}")]))
-    assert (refused.where, refused.problem) == (f"--set {key}", f"'{text}' is not accepted")
-    assert refused.allowed == allowed
-
-
 def test_files_that_are_no_scenario(tmp_path: Path) -> None:
     broken = tmp_path / "broken.toml"
     broken.write_text("[ego\n")
@@ -263,13 +246,3 @@ def test_files_that_are_no_scenario(tmp_path: Path) -> None:
             load_scenario(path)
         assert str(path) in str(caught.value)
         assert len(str(caught.value).splitlines()) == 1
-
-
-def test_a_file_may_be_called_after_a_table() -> None:
-    # The name of the file stays as it is, whatever table the mistake is in.
-    tree = tomllib.loads("[traffic]\ntau_s = 0.05\n[experiment]\nstep_s = 0.1\n")
-    refused = refusal_of(lambda: validate(tree, "pedestrians.toml", {}))
-    assert refused.where == "pedestrians.toml: traffic.tau_s"
-    tree = tomllib.loads("[traffic]\n[pedestrians]\nwarm_up_s = 1.0\n")
-    refused = refusal_of(lambda: validate(tree, "pedestrians.toml", {}))
-    assert refused.where.startswith("pedestrians.toml: pedestrians")

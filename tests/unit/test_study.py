@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from harness.scenario import (
-    Setting,
     Study,
     parse_setting,
     parse_variation,
@@ -15,7 +14,7 @@ from harness.scenario import (
     study_from,
     study_of,
 )
-from tests.batches import here, refusal
+from tests.batches import here
 from tests.scenes import refusal_of, refuses
 
 
@@ -223,41 +222,6 @@ def test_parameters_of_who_does_not_drive_make_no_cells(tmp_path: Path) -> None:
     assert len(found.cells) == 8
 
 
-def test_a_strategy_of_ones_own_may_vary_in_a_table(tmp_path: Path) -> None:
-    key = 'strategies."mine:S".look_ahead_m'
-    path = tmp_path / "mine.toml"
-    path.write_text(f'arms.av = "mine:S"\n[sweep]\n{key} = [5.0, 10.0]')
-    cells = study_of(read_scenario_file(path)).cells
-    assert [cell.scenario.strategies["mine:S"]["look_ahead_m"] for cell in cells] == [5.0, 10.0]
-    (cell,) = study_of(read_scenario_file(path, [Setting(key, 7.0)])).cells
-    assert cell.scenario.strategies["mine:S"]["look_ahead_m"] == 7.0
-
-
-@pytest.mark.parametrize(
-    ("options", "where"),
-    [
-        (["--set", "arms.av=hard_yield"], "--vary arms.av: cannot be combined with --set arms.av"),
-        (["--set", "arms={av='hard_yield'}"], "--vary arms.av: cannot be combined with --set arms"),
-    ],
-)
-def test_what_is_set_does_not_vary(options: list[str], where: str, tmp_path: Path) -> None:
-    vary = ("--vary", "arms.av=soft_yield,gap_yield", "--out", tmp_path / "run")
-    assert where in refusal("run", "cctc", *options, *vary)
-    assert not (tmp_path / "run").exists()
-    seeds = refusal("run", "cctc", "--seed", 3, "--vary", "experiment.seed=1,2")
-    assert "cannot be combined with --seed" in seeds
-
-
-def test_one_line_says_what_was_left_out(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text('[sweep]\narms.av = ["soft_yield", "gap_yield"]\nego.length_m = [4.0, 5.0]')
-    options = ("--set", "arms.av=hard_yield", "--pairs", 1, "--engine", "plain", "-q")
-    done = here("run", path, *options, "--out", tmp_path / "run")
-    assert done.returncode == 0
-    words = "harness: arms.av is set: the sweep over it is left out; 4 cells became 2"
-    assert done.stderr.splitlines() == [words]
-
-
 @pytest.mark.parametrize("text", ["0:1", "-0.5:2", "0 : 10"])
 def test_a_range_without_its_step_is_refused_as_one(text: str) -> None:
     refused = refusal_of(lambda: parse_variation(f"strategies.soft_yield.p1={text}"))
@@ -286,23 +250,3 @@ def test_a_wrong_value_of_a_strategy_is_reported_at_its_setting() -> None:
     assert (refused.where, refused.problem) == (f"--set {key}", "nan is not accepted")
     refused = refusal_of(lambda: with_settings("cctc", "strategies.gap_yield.critical_gap_s=inf"))
     assert refused.where == "--set strategies.gap_yield.critical_gap_s"
-
-
-def test_a_key_without_quotes_in_python_is_not_about_the_shell() -> None:
-    settings = {"strategies.my_module:Mine.margin_s": 1}
-    refused = refusal_of(lambda: read_scenario_file("cctc", settings).scenario())
-    assert refused.allowed == 'quotes around the name: strategies."my_module:Mine".margin_s'
-
-
-@pytest.mark.parametrize(
-    ("key", "words"),
-    [
-        ("strategies.my_module:Mine.margin_s", "'strategies.\"my_module:Mine\".margin_s=…'"),
-        ("strategies.exec:./driver.py.limit_s", "'strategies.\"exec:./driver.py\".limit_s=…'"),
-        ("ego..length_m", "e.g. ego.initial_speed_mps"),
-    ],
-)
-def test_a_key_that_lost_its_quotes_in_the_shell_says_how_to_quote_it(key: str, words: str) -> None:
-    refused = refusal_of(lambda: with_settings("cctc", f"{key}=1"))
-    assert refused.where == f"--set {key}"
-    assert words in (refused.allowed or "")

@@ -106,18 +106,6 @@ def test_who_decides_on_arrival_sets_off_at_once() -> None:
     assert waits.start_s == pytest.approx(1.1 + 0.5)
 
 
-def test_who_is_held_at_the_kerb_decides_anew() -> None:
-    """They would set off at 0.55, 1.15, 1.75 s …: each time a step and their latency later.
-
-    The car stops before the edge: it brakes from 1.5 s on, 20.5 m before the edge, with 1 m/s².
-    """
-    brakes = lambda o: -1.0 if o.time_s > 1.45 else 0.0  # noqa: E731
-    assert walk(scene(kerb_wait_s=30.0), person(1.0), brakes).start_s == pytest.approx(1.75)
-    assert walk(scene(), person(1.0), brakes).start_s == 0.55
-    # τ < c_p from 5.7 s on (x = −1.5 m), but then the front is over the near edge, x = −2 m.
-    assert walk(scene(), person(1e6, 0.01)).start_s is None
-
-
 def test_kerb_wait_depends_on_the_behaviour_unless_it_is_given() -> None:
     waits = {
         behaviour: validate({"pedestrians": {"behaviour": behaviour}}, "test").pedestrians
@@ -172,25 +160,6 @@ def test_planned_thresholds_are_as_distributed_and_change_nothing_else() -> None
     assert stats.kstest(np.log(latency), LOG_LATENCY.cdf).pvalue > 1e-3
     for one, other in ((theta, latency), (theta, quantile), (latency, quantile)):
         assert stats.spearmanr(one, other).pvalue > 1e-3
-
-
-def test_both_arms_meet_the_same_people(model) -> None:
-    people = {"behaviour": "threshold", "flow_per_hour": 900.0}
-    scenario = validate({"pedestrians": people, "arms": {"av": "hard_yield"}}, "test")
-    outcomes = list(on_plain(scenario, model).run(range(200)))
-    late = 0
-    for av, human in zip(outcomes[::2], outcomes[1::2], strict=True):
-        planned = planned_arrivals(scenario, av.pair)
-        for outcome in (av, human):
-            walks = outcome.trace.walks
-            assert tuple(w.arrival for w in walks) == planned[: len(walks)]
-            for w in walks:
-                if w.start_s is not None and w.start_s > w.arrival.arrival_s:
-                    # They decided at the beginning of a step.
-                    steps = (w.start_s - w.arrival.latency_s) / 0.1
-                    assert steps == pytest.approx(round(steps), abs=1e-6)
-                    late += 1
-    assert late > 20
 
 
 def test_a_risk_samples_thresholds_and_latencies(model) -> None:

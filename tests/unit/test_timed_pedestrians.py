@@ -5,13 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from harness.core.encounter import Arrival, Contact, Ending, Leg, Observation, Side, Trace, Walk
-from harness.core.errors import InputError
+from harness.core.encounter import Arrival, Contact, Ending, Leg, Side, Trace, Walk
 from harness.encounter.arrivals import planned_arrivals
 from harness.measures import measure
-from harness.results.rows import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, read_scenario_file, study_of, validate
-from tests.scenes import Recorder, drive, episode, outcome_of, refusal_of
+from tests.scenes import Recorder, drive, episode, refusal_of
 
 WIDTH, LANE_CENTRE, RADIUS = 1.8, 2.25, 0.25
 
@@ -62,23 +60,6 @@ def test_start_and_acceleration_worked_out_by_hand() -> None:
     assert walk.legs[1] == pytest.approx((4.95, 0.0, 6.75, 0.0, -20 / 9, 0.0))
 
 
-@pytest.mark.parametrize(
-    ("accelerating", "start_s"),
-    [
-        # At once at 2 m/s: 4 − 0.45 m in 1.775 s.
-        (0.0, 6.975 - 1.775),
-        # Still accelerating at the contact: a = 4/20, sqrt(2 · 3.55/0.2) = 5.958 s.
-        (10.0, 6.975 - math.sqrt(35.5)),
-    ],
-)
-def test_other_accelerations_hit_the_same_point(accelerating: float, start_s: float) -> None:
-    walker = timed("CPNA-25", speed_mps=2.0, acceleration_distance_m=accelerating)
-    trace = play(scene(walker))
-    assert trace.walks[0].start_s == pytest.approx(start_s, abs=1e-12)
-    (record,) = measure([trace])
-    assert record.contact_time_s == pytest.approx(6.975, abs=1e-9)
-
-
 def test_what_is_seen_of_him() -> None:
     driver = Recorder()
     play(scene(timed("CPNA-25")), driver)
@@ -104,35 +85,6 @@ def test_what_is_seen_of_him() -> None:
     assert all(view.on_crossing for view in after)
 
 
-class StopEarly:
-    """Stops far away and waits until nobody is there any more."""
-
-    def decide(self, observation: Observation, /) -> float:
-        return -3.0 if observation.pedestrians else 1.0
-
-
-def test_he_walks_to_the_other_kerb_and_is_gone() -> None:
-    scenario = scene(timed("CPNA-25"))
-    trace = play(scenario, StopEarly())
-    (record,) = measure([trace])
-    assert record.ending is Ending.CROSSED
-    # They waited for their time, not for the car.
-    assert record.pedestrian_delay_s is None
-    # From y = −0.75 at 5.139 s to y = 9 at 25/18 m/s: 7.02 s.
-    rows = pedestrian_rows(0, [outcome_of(trace)]).to_pydict()
-    assert rows["cleared_s"] == [pytest.approx(12.159)]
-    assert rows["quantile"] == [None]
-    traces = trace_rows(0, [outcome_of(trace)]).to_pydict()
-    mine = [i for i, name in enumerate(traces["object"]) if name == "pedestrian-0"]
-    times, places = ([traces[c][i] for i in mine] for c in ("time_s", "y_m"))
-    assert (times[0], times[-1]) == pytest.approx((3.7, 12.1))
-    assert places[0] == pytest.approx(-1.75 + 0.964506 * 0.001**2 / 2, abs=1e-8)
-    assert places[-1] == pytest.approx(9 - 25 / 18 * 0.059, abs=1e-9)
-    speeds = [traces["speed_mps"][i] for i in mine]
-    assert speeds[10] == pytest.approx(0.964506 * 1.001, abs=1e-6)
-    assert speeds[20] == pytest.approx(25 / 18)
-
-
 def test_he_comes_in_every_pair_beside_the_others_whatever_the_kerb_rule() -> None:
     alone = scene(flow_per_hour=900.0)
     both = scene(timed("CPNA-25"), timed("CPFA-50"), flow_per_hour=900.0)
@@ -146,15 +98,6 @@ def test_he_comes_in_every_pair_beside_the_others_whatever_the_kerb_rule() -> No
     # At 2 s the ego is never as near as now: they would wait, were they one of the flow.
     trace = play(scene(timed("CPNA-25", speed_mps=5.0), kerb_wait_s=100.0))
     assert trace.walks[0].start_s is not None
-
-
-def test_one_case_of_several_and_no_unknown_one() -> None:
-    scenario = scene(timed("CPNA-25"), timed("CPFA-50"), timed_case="CPFA-50")
-    (arrival,) = planned_arrivals(scenario, 0)
-    assert isinstance(arrival, Arrival)
-    assert arrival.side is Side.FAR
-    with pytest.raises(InputError, match=r"timed_case.*did you mean 'CPNA-25'"):
-        scene(timed("CPNA-25"), timed_case="CPNA25")
 
 
 @pytest.mark.parametrize(

@@ -1,26 +1,17 @@
 """Walks of legs, also beside the centre line: where someone is when, and when they are touched."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arrival, Contact, Crossing, Leg, Side, Trace, Walk
-from harness.measures import measure
+from harness.core.encounter import Arrival, Crossing, Leg, Side, Walk
 from harness.measures.motion.contact import Motion, first_contact_in_step
 from harness.measures.motion.walking import cleared_s, states_at
-from tests.scenes import drive
 
 CROSSING = Crossing(9.0, 4.0, 2.25, 4.5)
 
 
 def walk(*legs: Leg, side: Side = Side.NEAR) -> Walk:
     return Walk(Arrival(0, 0.0, side, 0.5), legs[0].time_s, 1.0, 30.0, 5.0, legs)
-
-
-def passing(walker: Walk) -> Trace:
-    """A car that passes at 5 m/s from R = 30 m: its bumper is at x = 5 t − 30."""
-    return replace(drive([0.0] * 80), walks=(walker,))
 
 
 STOPS = walk(
@@ -56,27 +47,6 @@ def test_places_speeds_and_the_end_of_a_walk_of_legs() -> None:
     np.testing.assert_allclose(gain, -0.25)
     # Slowing by 0.6 m/s² they stand after 7.5 m.
     assert cleared_s(walk(Leg(1.0, 0.0, 9.0, 0.0, -3.0, 0.6), side=Side.FAR), CROSSING) is None
-
-
-@pytest.mark.parametrize(("x_m", "x_mps"), [(-1.5, 0.0), (1.2, 0.0), (-1.0, 0.3), (0.5, -0.4)])
-def test_touched_where_he_is_beside_the_centre_line(x_m: float, x_mps: float) -> None:
-    # At y = 2 m, in the car's way, from 4 s on: the bumper is 0.25 m before them when
-    # 5 t − 30 = x + x' (t − 4) − 0.25.
-    stands = walk(Leg(4.0, x_m, 2.0, x_mps, 0.0, 0.0))
-    (record,) = measure([passing(stands)])
-    contact_s = (29.75 + x_m - 4 * x_mps) / (5 - x_mps)
-    assert record.contact is Contact.FRONT
-    assert record.contact_time_s == pytest.approx(contact_s, abs=1e-9)
-
-
-def test_the_flank_of_a_car_that_has_nearly_passed() -> None:
-    # At x = 1 m: the car's rear is level with them at 7.2 s and 0.25 m past them at 7.25 s.  Their
-    # disc is at its side, y = 1.1 m, at 7.15 s; 0.11 s later it passes behind.
-    (record,) = measure([passing(walk(Leg(6.05, 1.0, 0.0, 0.0, 1.0, 0.0)))])
-    assert record.contact is Contact.SIDE
-    assert record.contact_time_s == pytest.approx(7.15, abs=1e-9)
-    (record,) = measure([passing(walk(Leg(6.16, 1.0, 0.0, 0.0, 1.0, 0.0)))])
-    assert record.contact is None
 
 
 RADIUS_M = 0.25

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from harness.core.encounter import Arm, Observation, Side
-from harness.core.errors import InputError
 from harness.encounter.arrivals import already_walking, planned_arrivals
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.scenario import Scenario
@@ -51,13 +50,6 @@ def test_they_are_spread_over_the_crosswalk_slow_ones_more_often(model, sample) 
     assert speeds.mean() == pytest.approx(1 / (1 / sample).mean(), abs=0.04)
     assert {side for side, _ in legs} == set(Side)
     assert all((leg.y_mps > 0) == (side is Side.NEAR) for side, leg in legs)
-
-
-def test_those_who_come_later_stay_the_same_people_and_traffic_has_none() -> None:
-    for pair in range(5):
-        assert planned_arrivals(scene(0.0), pair) == planned_arrivals(scene(60.0), pair)
-    with pytest.raises(InputError, match=r"pedestrians\.warm_up_s"):
-        scenario(pedestrians={"warm_up_s": 10.0}, traffic={})
 
 
 class Watching(ConstantSpeed):
