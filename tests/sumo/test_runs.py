@@ -1,10 +1,12 @@
 """Runs into folders of parts: the same rows however they are divided, shared or resumed."""
 
+import contextlib
 import json
 import multiprocessing
 import re
+import resource
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -21,7 +23,6 @@ from harness.studies.run import resume, run
 from harness.studies.workers import InProcess
 from tests.batches import shell
 from tests.faulty import NAME as FAULTY_NAME, struck
-from tests.unit.test_parts import longest_file
 
 QUICK: dict[str, Any] = {
     **{"arms.av": "constant_speed", "arms.human": "constant_speed", "model.extrapolate": True},
@@ -43,6 +44,17 @@ def spawning() -> Executor:
 
 def forking() -> Executor:
     return ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("fork"))
+
+
+@contextlib.contextmanager
+def longest_file(size: int) -> Iterator[None]:
+    """No file of this process may grow beyond ``size`` bytes, as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,166 @@
+"""What is drawn from the interaction model, against integrals written out here.
+
+The joint density of (1/R, v, v_p, 1/T_adv) is Σ π_k N(x; m_k, S_k) / α_k inside the box, with α_k
+the mass of component k inside it.  Only the parameters are taken from the harness; α_k comes from
+scipy's multivariate normal, everything else from sums over fine grids.
+"""
+
+from functools import cached_property
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+from harness.encounter.arrivals import planned_arrivals
+from harness.model.interaction import InteractionModel
+from harness.model.mixture.distribution import TruncatedGaussianMixture
+from harness.scenario import load_scenario
+
+R, V, VP, W = range(4)
+
+
+class Joint:
+    """The truncated mixture, the long way round."""
+
+    def __init__(self, mixture: TruncatedGaussianMixture) -> None:
+        self.lower, self.upper = mixture.lower, mixture.upper
+        self._weights, self._locations = mixture.weights, mixture.locations
+        self._scales = mixture.scale_matrices
+
+    @cached_property
+    def masses(self) -> np.ndarray:
+        return np.array(
+            [
+                stats.multivariate_normal(
+                    mean, covariance, maxpts=200_000, abseps=1e-7, releps=1e-6, seed=1
+                ).cdf(self.upper, lower_limit=self.lower)
+                for mean, covariance in zip(self._locations, self._scales, strict=True)
+            ]
+        )
+
+    def density(self, *variables: object) -> np.ndarray:
+        """At points given as four arrays that broadcast; no check of the box."""
+        # Left unbroadcast as long as possible: most terms then vary along one axis only.
+        x = [np.asarray(variable, dtype=float) for variable in variables]
+        total = np.zeros(np.broadcast_shapes(*(values.shape for values in x)))
+        for weight, mass, mean, covariance in zip(
+            self._weights, self.masses, self._locations, self._scales, strict=True
+        ):
+            inverse = np.linalg.inv(covariance)
+            centred = [value - m for value, m in zip(x, mean, strict=True)]
+            square = sum(
+                (
+                    inverse[i, i] * centred[i] ** 2
+                    if i == j
+                    else 2 * inverse[i, j] * centred[i] * centred[j]
+                )
+                for i in range(4)
+                for j in range(i, 4)
+            )
+            norm = (2 * np.pi) ** 2 * np.sqrt(np.linalg.det(covariance))
+            total += weight / mass / norm * np.exp(-0.5 * square)
+        return total
+
+    def grid(self, variable: int, points: int) -> np.ndarray:
+        return np.linspace(self.lower[variable], self.upper[variable], points)
+
+    def driver_mode(self, inverse_range: float, pace: float, w: float | None) -> float:
+        """The most likely v to 0.5 mm/s: a grid of 2.5 cm/s, then a fine one about its best.
+
+        1/T_adv is given, or (None) integrated over its bounds by Simpson's rule.
+        """
+
+        def along(speeds: np.ndarray) -> np.ndarray:
+            if w is not None:
+                return self.density(inverse_range, speeds, pace, w)
+            inverse = self.grid(W, 201)
+            surface = self.density(inverse_range, speeds[:, None], pace, inverse[None, :])
+            return integrate.simpson(surface, x=inverse, axis=1)
+
+        coarse = self.grid(V, 309)
+        near = coarse[along(coarse).argmax()] + np.arange(-0.03, 0.0301, 0.0005)
+        fine = near[(near >= self.lower[V]) & (near <= self.upper[V])]
+        return float(fine[along(fine).argmax()])
+
+    def walking_speed_cdf(self, range_m: float, speed: float) -> tuple[np.ndarray, np.ndarray]:
+        """F(v_p | 1/R, v) on a grid, 1/T_adv integrated over its bounds by Simpson's rule."""
+        paces, inverse = self.grid(VP, 801), self.grid(W, 801)
+        surface = self.density(1 / range_m, speed, paces[:, None], inverse[None, :])
+        along = integrate.simpson(surface, x=inverse, axis=1)
+        area = integrate.cumulative_simpson(along, x=paces, initial=0.0)
+        return paces, area / area[-1]
+
+
+@pytest.fixture(scope="module")
+def joint(model: InteractionModel) -> Joint:
+    return Joint(model.mixture)
+
+
+def test_the_long_way_round_is_a_density(joint: Joint) -> None:
+    # Its mass over the box, by plain Monte Carlo: 1 within four standard errors.
+    rng = np.random.default_rng(0)
+    points = rng.uniform(joint.lower, joint.upper, size=(200_000, 4))
+    values = joint.density(*points.T) * np.prod(joint.upper - joint.lower)
+    assert abs(values.mean() - 1) < 4 * values.std() / np.sqrt(len(values))
+
+
+def test_walking_speeds_at_the_trigger(model: InteractionModel, joint: Joint) -> None:
+    # The quantiles the paper's experiment plans, pushed through f(v_p | 1/30, 5).
+    scenario = load_scenario("cctc")
+    quantiles = np.array([planned_arrivals(scenario, pair)[0].quantile for pair in range(10_000)])
+    drawn = model.walking_speed(quantiles, np.full(10_000, 30.0), np.full(10_000, 5.0))
+    paces, cdf = joint.walking_speed_cdf(30.0, 5.0)
+    assert stats.kstest(drawn, lambda v: np.interp(v, paces, cdf)).pvalue > 0.01
+    # The test can tell: the unconditional density and one without truncation are refused.
+    other = [model.walking_speed_unconditional(u) for u in quantiles[:1000].tolist()]
+    assert stats.kstest(other, lambda v: np.interp(v, paces, cdf)).pvalue < 1e-6
+
+
+@pytest.mark.parametrize(("range_m", "speed"), [(30.0, 5.0), (8.0, 1.2), (15.0, 7.5), (55.0, 3.0)])
+def test_quantiles_against_integration(model, joint, range_m, speed) -> None:
+    u = np.linspace(0.001, 0.999, 400)
+    drawn = model.walking_speed(u, np.full(400, range_m), np.full(400, speed))
+    paces, cdf = joint.walking_speed_cdf(range_m, speed)
+    np.testing.assert_allclose(np.interp(drawn, paces, cdf), u, atol=1e-4)
+
+
+def test_conditions_outside_the_support_are_clamped(model: InteractionModel) -> None:
+    lower, upper = model.mixture.lower, model.mixture.upper
+    u = np.array([0.1, 0.5, 0.9])
+    for range_m, speed in ((0.5, 0.0), (150.0, 30.0)):
+        clamped = 1 / np.clip(1 / range_m, lower[R], upper[R]), np.clip(speed, lower[V], upper[V])
+        np.testing.assert_allclose(
+            model.walking_speed(u, np.full(3, range_m), np.full(3, speed)),
+            model.walking_speed(u, np.full(3, clamped[0]), np.full(3, clamped[1])),
+            rtol=1e-12,
+        )
+
+
+def test_the_unconditional_walking_speed(model: InteractionModel, joint: Joint) -> None:
+    # Importance sampling over the whole box: F at three speeds within four standard errors.
+    rng = np.random.default_rng(5)
+    points = rng.uniform(joint.lower, joint.upper, size=(300_000, 4))
+    values = joint.density(*points.T)
+    for u in (0.2, 0.5, 0.8):
+        below = points[:, VP] <= model.walking_speed_unconditional(u)
+        share = values[below].sum() / values.sum()
+        error = np.sqrt((values**2 * (below - share) ** 2).sum()) / values.sum()
+        assert abs(share - u) < 4 * error
+
+
+@pytest.mark.parametrize("reading", ["given_time_advantage", "marginal"])
+def test_modes_match_a_dense_grid(model: InteractionModel, joint: Joint, reading: str) -> None:
+    rng = np.random.default_rng(6)
+    missed = 0
+    for _ in range(200 if reading == "given_time_advantage" else 25):
+        r, pace = rng.uniform(joint.lower[[R, VP]], joint.upper[[R, VP]])
+        w = rng.beta(1, 4) * joint.upper[W] if reading == "given_time_advantage" else None
+        found = model.driver_speed(1 / r, pace, w)
+        best = joint.driver_mode(r, pace, w)
+        if abs(found - best) > 1e-3:
+            # Of two equally high peaks either is the mode; the grid sees no difference.
+            assert w is not None, (r, pace)
+            heights = joint.density(r, np.array([found, best]), pace, w)
+            assert heights[0] > (1 - 1e-5) * heights[1], (r, pace, w)
+            missed += 1
+    assert missed < 5
