@@ -69,6 +69,7 @@ class Car:
         mode: the speed mode while a strategy drives, else None.
         sent_mps, asked_mps: the last command to SUMO, and the one of this step.
         limited_by: what decided the command (``LIMITS``).
+        held_by: what made SUMO drive slower than commanded; None: nothing.
         actuator: what passes commands on, if the vehicle obeys late.
     """
 
@@ -92,6 +93,7 @@ class Car:
     sent_mps: float | None = None
     asked_mps: float | None = None
     limited_by: int = STRATEGY
+    held_by: int | None = None
     actuator: Actuator | None = None
 
     def limit_mps(self, lane_mps: float) -> float:
@@ -296,7 +298,12 @@ class Control:
         if asked_mps is None:
             return
         if car.speed_mps < asked_mps - _LOWER_MPS:
-            limited_by = LEADER if self._follows(car, before_mps) else RIGHT_OF_WAY
+            # What holds a standing vehicle is not asked for again.
+            if car.held_by is None or before_mps > 0.0:
+                car.held_by = LEADER if self._follows(car, before_mps) else RIGHT_OF_WAY
+            limited_by = car.held_by
+        else:
+            car.held_by = None
         for passage in car.passages:
             if passage.strategy is not None:
                 passage.limited[limited_by] += 1

@@ -46,8 +46,11 @@ class PeopleAt:
             return
         self._noted_s, here = time_s, self._here
         ids, next_edge = self._session.people_on, self._people.next_edge
-        there = {name: True for name in ids(self._crossing) if not name.startswith(OWN_CROSSES)}
-        for name in (name for area in self._areas for name in ids(area)):
+        crossing, beside = ids(self._crossing), [name for area in self._areas for name in ids(area)]
+        if not crossing and not beside and not here:
+            return
+        there = {name: True for name in crossing if not name.startswith(OWN_CROSSES)}
+        for name in beside:
             if name in there or name.startswith(OWN_CROSSES):
                 continue
             # The first place beyond the crosswalk shows when they reached the kerb.
