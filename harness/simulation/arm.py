@@ -310,6 +310,7 @@ class ArmOfPair:
         passage.vehicle = replace(
             car.vehicle,
             initial_speed_mps=max(v0_mps, 0.1),
+            length_m=passage.zone.body_m,
             width_m=passage.zone.to_m - passage.zone.from_m,
             trigger_range_m=range_m if within else max(-x_m, 0.1),
         )

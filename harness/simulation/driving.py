@@ -111,7 +111,7 @@ class Passage:
         connection, zone, crossing: where the vehicle meets it.
         stop_m: the odometer at the stop line.
         vehicle: the car's constants; once it has begun, with v0 and R0 of this passage and the
-            width of its zone: the straight frame's body covers the same part of the crosswalk.
+            size of its zone: the straight frame's body covers the same part of the crosswalk.
         driver: who drives, or ``sumo``.
         strategy: the strategy that drives, until the passage has ended.
         not_driven: why no strategy drives it, or None.

@@ -32,29 +32,36 @@ class Zone:
 
     Attributes:
         first_m: s of the front at which the body first touches the crosswalk.
-        last_m: s of the front at which it last touches it.
+        centre_m: s at which it first touches the crosswalk's centre line, on which people walk: a
+            corner of an oblique body is there before the middle of its front.  The straight frame's
+            x is s − ``centre_m``.
+        last_m: s of the front at which the body last touches the crosswalk.
         from_m, to_m: the interval of y that the body covers on its way.
         crosswalk_m: the crosswalk's length from kerb to kerb.
-        across_m: its extent along the way: of a straight road on which it is as long.
         limit_mps: the speed limit before the junction.
         reverse: whether y = 0 is the end of the crosswalk's axis.
         split: whether the body touches the crosswalk more than once, or for less than a step.
     """
 
     first_m: float
+    centre_m: float
     last_m: float
     from_m: float
     to_m: float
     crosswalk_m: float
-    across_m: float
     limit_mps: float
     reverse: bool
     split: bool
 
     @property
-    def centre_m(self) -> float:
-        """s of the crosswalk's centre line; the straight frame's x is s − ``centre_m``."""
-        return self.first_m + self.across_m / 2
+    def across_m(self) -> float:
+        """Its extent along the way: of a straight road on which its centre line is as far away."""
+        return max(2 * (self.centre_m - self.first_m), 0.01)
+
+    @property
+    def body_m(self) -> float:
+        """The length of a straight road's vehicle that leaves that crosswalk at ``last_m``."""
+        return self.last_m - self.centre_m - self.across_m / 2
 
     @property
     def crossing(self) -> Crossing:
@@ -91,30 +98,37 @@ def zone_of(
     area, near = crosswalk.area, [each for each in path.stretches if each.end_m > -_MARGIN_M]
     scale = max(1.0, *(each.scale for each in near))
 
-    def touches(s: FloatArray) -> NDArray[np.bool_]:
-        bodies = shapely.polygons(path.outline(s, length_m, width_m))
-        return np.asarray(shapely.intersects(bodies, area))
+    def touching(what: shapely.Geometry) -> _Touches:
+        return lambda s: np.asarray(
+            shapely.intersects(shapely.polygons(path.outline(s, length_m, width_m)), what)
+        )
+
+    def begins(touches: _Touches) -> float:
+        first = int(np.argmax(touches(grid)))
+        return _border(touches, grid[max(first - 1, 0)], grid[first])
 
     end_m = near[-1].start_m + scale * (length_m + _MARGIN_M)
     grid = np.arange(-_MARGIN_M * scale, end_m, _SAMPLE_M)
+    touches, reaches = touching(area), touching(crosswalk.axis)
     hits = np.flatnonzero(touches(grid))
     if not hits.size:
         return None
-    first_m = _border(touches, grid[max(hits[0] - 1, 0)], grid[hits[0]])
+    first_m = begins(touches)
     last_m = _border(touches, grid[min(hits[-1] + 1, len(grid) - 1)], grid[hits[-1]])
+    # A grazing body may not come to the centre line.
+    centre_m = begins(reaches) if reaches(grid).any() else (first_m + last_m) / 2
     s = np.concatenate([[first_m], grid[hits], [last_m]])
     from_m, to_m = _covered(path.outline(s, length_m, width_m), crosswalk)
-    across_m = max(last_m - first_m - length_m, 0.01)
-    if reverse := _begins_far(path, first_m + across_m / 2, crosswalk):
+    if reverse := _begins_far(path, centre_m, crosswalk):
         from_m, to_m = crosswalk.length_m - to_m, crosswalk.length_m - from_m
     limit_mps = next(each.limit_mps for each in path.stretches if each.end_m > -1e-6)
     return Zone(
         first_m=first_m,
+        centre_m=centre_m,
         last_m=last_m,
         from_m=from_m,
         to_m=to_m,
         crosswalk_m=crosswalk.length_m,
-        across_m=across_m,
         limit_mps=limit_mps,
         reverse=reverse,
         split=last_m - first_m < limit_mps * step_s or bool(np.any(np.diff(hits) > 1)),

@@ -95,6 +95,21 @@ def test_a_crosswalk_at_right_angles() -> None:
     assert [zone.side_at(1.0), zone.side_at(8.0)] == [Side.NEAR, Side.FAR]
 
 
+@pytest.mark.parametrize("degrees", [30.0, 45.0, 60.0, 120.0])
+def test_a_corner_of_an_oblique_body_is_first_at_the_line_on_which_people_walk(
+    degrees: float,
+) -> None:
+    """By half the width over the tangent of the angle, before the middle of the front is there."""
+    angle = math.radians(degrees)
+    half = 4.0 * complex(math.cos(angle), math.sin(angle))
+    zone = zone_of(straight(), walk(2 - half, 2 + half), 5.0, 1.8)
+    assert zone is not None
+    assert zone.centre_m == pytest.approx(2.0 - 0.9 / abs(math.tan(angle)), abs=1e-5)
+    # The near edge of the crosswalk and the place where the rear has left are as they are.
+    assert zone.centre_m - zone.across_m / 2 == pytest.approx(zone.first_m)
+    assert zone.centre_m + zone.across_m / 2 + zone.body_m == pytest.approx(zone.last_m)
+
+
 @pytest.mark.parametrize("left_hand", [False, True])
 def test_y_is_0_at_the_kerb_on_the_side_on_which_traffic_keeps(left_hand: bool) -> None:
     axis = (2 + 6j, 2 - 3j)  # from left to right
