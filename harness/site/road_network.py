@@ -7,12 +7,9 @@ import zlib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from xml.sax import SAXException
 
-import numpy as np
-
-from harness.core.encounter import FloatArray
 from harness.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,12 +32,10 @@ class RoadNetwork:
 
     Attributes:
         net: its edges, lanes and connections.
-        location: the attributes of the file's element ``location``.
         left_hand: whether traffic keeps left.
     """
 
     net: "Net"
-    location: dict[str, str]
     left_hand: bool
 
     @cached_property
@@ -48,28 +43,6 @@ class RoadNetwork:
         """The pedestrian crossings by id, in the order of the file."""
         edges = self.net.getEdges()
         return {edge.getID(): edge for edge in edges if edge.getFunction() == "crossing"}
-
-    @cached_property
-    def _projection(self) -> tuple[Any, float, float] | None:
-        """The projection, and the offset of the network's coordinates; None if there is none."""
-        # If sumolib's own conversion fails, it changes PROJ's data folder for the whole process.
-        import pyproj
-
-        try:
-            east_m, north_m = map(float, self.location["netOffset"].split(","))
-            return pyproj.Proj(self.location["projParameter"]), east_m, north_m
-        except (LookupError, ValueError, pyproj.exceptions.ProjError):
-            return None
-
-    def from_the_ground(
-        self, longitude_deg: FloatArray, latitude_deg: FloatArray
-    ) -> tuple[FloatArray, FloatArray] | None:
-        """The network's coordinates of points; None without a projection that PROJ knows."""
-        if self._projection is None:
-            return None
-        projection, east_m, north_m = self._projection
-        x_m, y_m = projection(longitude_deg, latitude_deg)
-        return np.asarray(x_m) + east_m, np.asarray(y_m) + north_m
 
 
 def allows(lane: "Lane", vehicle_class: str) -> bool:
@@ -87,7 +60,7 @@ def read_network(path: Path) -> RoadNetwork:
     import sumolib.net
 
     try:
-        header, location = _beginning(path)
+        header = _beginning(path)
         net = sumolib.net.readNet(
             path, withPedestrianConnections=True, withFoes=True, lxml=False, maxcache=0
         )
@@ -106,11 +79,11 @@ def read_network(path: Path) -> RoadNetwork:
     # sumolib does not check that attributes and references exist.
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         raise InputError(str(path), f"is not a SUMO network ({error})", "a .net.xml file") from None
-    return RoadNetwork(net, location, header.get("lefthand") in ("true", "1"))
+    return RoadNetwork(net, header.get("lefthand") in ("true", "1"))
 
 
-def _beginning(path: Path) -> tuple[dict[str, str], dict[str, str]]:
-    """The attributes of the elements ``net`` and ``location``, which come before all edges."""
+def _beginning(path: Path) -> dict[str, str]:
+    """The attributes of the element ``net``, whose location comes before all edges."""
     with path.open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
     with gzip.open(path) if packed else path.open("rb") as file:
@@ -126,7 +99,7 @@ def _beginning(path: Path) -> tuple[dict[str, str], dict[str, str]]:
         first = next((element for element in elements if element.tag in ("location", "edge")), root)
         if first.tag == "edge":
             raise ValueError("no <location> before its first edge; netconvert -s writes one")
-        return root.attrib, first.attrib
+        return dict(root.attrib)
 
 
 def _check(net: "Net") -> None:
