@@ -66,12 +66,6 @@ class Study:
         return self.cells[0].scenario.kind != "encounters"
 
     @property
-    def hours(self) -> float:
-        """Hours of traffic that all cells count in an arm, without warm-ups; 0 in other runs."""
-        scenarios = [cell.scenario for cell in self.cells]
-        return sum(s.experiment.pairs * s.traffic.duration_s for s in scenarios if s.traffic) / 3600
-
-    @property
     def varied_keys(self) -> list[str]:
         """The varied keys in the given order; empty for a run of one cell."""
         return list(self.cells[0].varied)

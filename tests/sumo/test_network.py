@@ -4,6 +4,7 @@ Places and directions are judged in longitude and latitude by the WGS84 ellipsoi
 curvature, written out below; SUMO is only asked to turn its coordinates into degrees.
 """
 
+import gzip
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from harness.core.errors import EngineError, InputError
 from harness.engine.network import build, build_network, network_for, sources
 from harness.scenario import load_scenario
 from harness.scenario.sections import CrossingSection
-from harness.site import Place, read_site
+from harness.site import Place, read_site, road_network
 from harness.strategies.constant_speed import ConstantSpeed
 from tests.conftest import MakeEngine
 from tests.scenes import play, refuses, scenario
@@ -266,3 +267,14 @@ def test_an_ego_starts_at_the_nearest_range_there_is(sumo: MakeEngine) -> None:
     # width / 2 + 1.5 m, which no file has to the last digit.
     scene = scenario(ego={"trigger_range_m": 3.5})
     assert play(ConstantSpeed(), [], scene, sumo(scene)).ending is Ending.CROSSED
+
+
+def test_a_packed_network_is_read_alike_and_none_that_is_too_large(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text, packed = (SHIPPED / "cctc.net.xml").read_bytes(), tmp_path / "packed.net.xml.gz"
+    packed.write_bytes(gzip.compress(text))
+    assert read_site(Place(packed)) == read_site(Place(SHIPPED / "cctc.net.xml"))
+    monkeypatch.setattr(road_network, "_MOST_BYTES", len(text) // 2)
+    with pytest.raises(InputError, match="MB unpacked; allowed: a part of it"):
+        read_site(Place(packed))

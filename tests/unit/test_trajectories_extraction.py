@@ -1,6 +1,5 @@
 """Extraction from made-up clips whose R, L, v, v_p and T_adv are known by construction."""
 
-import json
 import math
 from pathlib import Path
 
@@ -9,7 +8,6 @@ import pandas as pd
 import pytest
 
 from harness.model.trajectories import (
-    REASONS,
     ROW_COLUMNS,
     ExtractionRules,
     Track,
@@ -91,26 +89,6 @@ def test_oblique_pedestrian_has_distance_from_the_line_not_along_his_way(made_up
     assert set(rows["passed_first"]) == {"pedestrian"}
 
 
-def test_counts_of_the_made_up_clip(made_up):
-    # Vehicle 1 is parked, pedestrian 3 stands, pedestrian 2 walks along the road. Both pairs share
-    # t = 0 … 8: 41 candidates each. Pedestrian 0: 19 instants with R < 0.5 (t ≥ 4.4). Pedestrian 1:
-    # R ≥ 0.5 up to t = 5.375, so 13 with R < 0.5 (t ≥ 5.4 → 5.4 … 8.0: 14) and the rest L < 0.3.
-    counts = made_up.counts
-    assert (counts.clips, counts.vehicles, counts.pairs, counts.rows) == (1, 1, 2, 31)
-    assert (counts.vehicle_tracks, counts.pedestrian_tracks) == (2, 4)
-    assert counts.candidates == 82
-    dropped = {level: {k: n for k, n in of.items() if n} for level, of in counts.dropped.items()}
-    assert dropped == {
-        "records": {},
-        "tracks": {"parked_vehicle": 1, "standing_pedestrian": 1},
-        "pairs": {"paths_do_not_cross": 1},
-        "candidates": {"range_below_min": 19 + 14, "lateral_below_min": 41 - 9 - 14},
-    }
-    assert counts.default_lengths == 0  # corner points: 4 m
-    expected = {level: list(of) for level, of in REASONS.items()}
-    assert {level: list(of) for level, of in counts.dropped.items()} == expected
-
-
 def test_the_same_input_gives_the_documented_columns_and_order(made_up):
     assert tuple(made_up.rows.columns) == ROW_COLUMNS
     assert set(made_up.rows["source"]) == {"vci_made_up"}
@@ -157,23 +135,6 @@ def test_range_is_path_length_on_a_bend(tmp_path):
     np.testing.assert_allclose(rows["crossing_angle_deg"], 90.0, atol=2.0)
 
 
-def test_jitter_of_a_waiting_vehicle_adds_no_path_length(tmp_path):
-    # The vehicle stops at x = −10 from 5 s to 25 s while its recorded centre jumps by ±2 cm
-    # every frame: 200 frames of 4 cm, 8 m if summed up, would lie between the rows before the
-    # stop and the rows after it. R is −x − 2 (half of 4 m).
-    frames = np.arange(0, 350)
-    t = frames / 10
-    corners = ([0, 5, 25, 35], [-20, -10, -10, 10])
-    x = np.interp(t, *corners) + np.where((t > 5) & (t < 25), 0.02 * (-1.0) ** frames, 0)
-    walker = {1: (frames, 0 * t, -30 + t)}  # reaches the line at 30 s
-    options = {"vehicle_length_m": 4.0, "max_lateral_m": 30}
-    rows = made_of(tmp_path, {1: (frames, x, 0 * t)}, walker, **options).rows
-    time = rows["time_s"]
-    assert (time < 5).sum() > 20
-    assert (time > 25).sum() > 10
-    np.testing.assert_allclose(rows["range_m"], -np.interp(time, *corners) - 2, atol=0.03)
-
-
 @pytest.mark.parametrize(
     ("last_x", "last_y", "pairs"),
     # The paths cross at (0, 0): a vehicle's goes on for 12 m, a pedestrian's for 3 m.
@@ -184,18 +145,6 @@ def test_paths_go_on_for_twelve_and_for_three_metres(tmp_path, last_x, last_y, p
     x, y = np.linspace(-30, last_x, 81), np.linspace(-12, last_y, 81)
     found = made_of(tmp_path, {1: (frames, x, 0 * x)}, {1: (frames, 0 * x, y)})
     assert found.counts.pairs == pairs
-
-
-@pytest.mark.parametrize(("degrees", "kept"), [(48, 0), (52, 1), (128, 1), (132, 0)])
-def test_angles_outside_50_to_130_are_left_out(tmp_path, degrees, kept):
-    frames = np.arange(0, 81)
-    t = frames / 10
-    along = 1.3 * (t - 6)
-    a = math.radians(degrees)
-    walker = {1: (frames, along * math.cos(a), along * math.sin(a))}
-    counts = made_of(tmp_path, {1: (frames, -20 + 4 * t, 0 * t)}, walker).counts
-    assert counts.pairs == kept
-    assert counts.dropped["pairs"]["crossing_angle"] == 1 - kept
 
 
 @pytest.mark.parametrize(
@@ -216,18 +165,6 @@ def test_each_row_rule_drops_and_counts(made_up, option, reason):
     assert dropped[reason] > before[reason]
     assert strict.counts.rows < made_up.counts.rows
     assert strict.counts.rows + sum(dropped.values()) == strict.counts.candidates
-
-
-def test_no_row_across_a_gap(tmp_path):
-    # Vehicle frames 20–39 (2.0–3.9 s) are missing: no speed where the window of ±0.25 s reaches
-    # into the gap between 1.9 and 4.0 s, i.e. for 1.65 < t < 4.25: instants 1.8 … 4.2, 13 of them.
-    frames = np.arange(0, 81)
-    seen = np.r_[0:20, 40:81]
-    vehicle = {1: (seen, -30 + 4 * seen / 10, 0.0 * seen)}
-    walker = {1: (frames, 0.0 * frames, -12 + frames / 8)}
-    found = made_of(tmp_path, vehicle, walker)
-    assert found.counts.dropped["candidates"]["speed_undefined"] == 13
-    assert not found.rows["time_s"].between(1.7, 4.3).any()
 
 
 def test_who_passed_is_null_when_nobody_was_seen_to(tmp_path):
@@ -259,19 +196,6 @@ def test_conflict_points_and_paths_that_turn_back():
     t = np.arange(0.0, 17.0)
     path = build_path(np.column_stack([2 - np.abs(t - 8) / 4, 0 * t]), 0.25, 1.0, 3.0)
     np.testing.assert_array_equal(np.abs(path.direction(2.0, 0.5)), [1, 0])
-
-
-def test_summary_is_plain_data(made_up):
-    # One vehicle, 22 + 9 rows; R over both pairs from 1.2 m (18 − 4·4.2) to 22 m.
-    plain = summary(made_up)
-    assert json.loads(json.dumps(plain)) == plain
-    assert (plain["rows"], plain["vehicles"], plain["encounters"]) == (31, 1, 2)
-    assert plain["quartiles"]["range_m"]["min"] == pytest.approx(1.2)
-    assert plain["quartiles"]["range_m"]["max"] == pytest.approx(22.0)
-    assert plain["quartiles"]["vehicle_speed_mps"]["median"] == pytest.approx(4.0)
-    assert plain["rows_per_vehicle"] == {"min": 31, "median": 31, "max": 31}
-    assert plain["five_busiest_vehicles"] == {"rows": 1.0, "encounters": 1.0}
-    assert plain["passed_first"] == {"vehicle": 1, "pedestrian": 1, "unknown": 0}
 
 
 def test_nothing_left_is_an_empty_result_not_an_error():

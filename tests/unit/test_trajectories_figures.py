@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.errors import InputError
 from harness.model.trajectories import read_clips
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -60,15 +59,6 @@ def test_passing_event_is_coloured_by_the_time_in_common(axes, clip):
     np.testing.assert_allclose(cross.get_xydata(), [[4, 0]], atol=1e-9)
     assert axes.figure.axes[-1].get_ylabel() == "time since both were in view (s)"
     axes.figure.draw_without_rendering()
-
-
-def test_passing_events_without_conflict_point_and_of_a_sensor(axes, clip):
-    draw_passing_event(axes, clip, "1", "2")
-    assert not [line for line in axes.lines if line.get_marker() == "x"]
-    with pytest.raises(InputError, match="unknown pedestrian '17'"):
-        draw_passing_event(axes, clip, "0", "17")
-    with pytest.raises(InputError, match="unknown vehicle 'x'"):
-        draw_passing_event(axes, clip, "x", "1")
 
 
 def test_sensor_events_can_be_drawn_too(axes):

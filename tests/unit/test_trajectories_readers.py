@@ -88,35 +88,6 @@ def test_vci_clip_without_pedestrians_is_skipped_with_its_reason(clip):
     assert_same_rows(found)
 
 
-@pytest.mark.parametrize("text", ["", "id,frame,label,x_est,y_est,vx_est,vy_est\n"])
-@pytest.mark.parametrize("kind", ["veh", "ped"])
-def test_vci_empty_file_skips_its_clip_and_alone_is_refused(clip, kind, text):
-    shutil.copytree(clip / "trajectories_filtered", clip / "more" / "trajectories_filtered")
-    filtered(clip, kind).write_text(text)
-    found = rows_of(clip)
-    assert found.counts.clips == 1
-    assert len(found.counts.skipped) == 1
-    shutil.rmtree(clip / "more")
-    refuses("no clip can be used", lambda: rows_of(clip))
-
-
-def test_vci_records_out_of_order_and_twice_change_nothing(clip):
-    change(filtered(clip, "veh"), lambda lines: [lines[0], *lines[:0:-1]])
-    change(filtered(clip, "ped"), lambda lines: [*lines, lines[5], lines[9]])
-    found = rows_of(clip)
-    assert_same_rows(found)
-    assert found.counts.out_of_order == 2 * 32 + 1  # both vehicles backwards, frame 32 → 1 once
-    assert found.counts.dropped["records"]["duplicated"] == 2
-
-
-def test_vci_of_two_records_of_one_instant_the_first_counts(clip):
-    # Pedestrian 0 at frame 1 is at y = −8 + 1.25/4; the later record puts them elsewhere.
-    change(filtered(clip, "ped"), lambda lines: [*lines, "0,1,ped,99.0,99.0,0,0"])
-    track = read_clips(clip, "vci", frame_rate_hz=RATE)[0].pedestrians["0"]
-    np.testing.assert_allclose(track.time_s, np.arange(33) / 4)
-    np.testing.assert_allclose(track.position_m[1], [0, -7.6875])
-
-
 @pytest.mark.parametrize(
     ("cell", "reason"),
     [("nan", "missing_value"), ("", "missing_value"), ("inf", "missing_value"),
@@ -136,55 +107,10 @@ def test_vci_unusable_cell_drops_its_record_only(clip, cell, reason):
     np.testing.assert_allclose(found.rows[number], rows_of(MADE_UP).rows[number], atol=1e-9)
 
 
-def test_vci_wrong_clock_readings_do_not_call_for_endless_instants(clip):
-    # One frame number is 4e9: 3e10 instants of 0.2 s would lie between it and the record before.
-    change(filtered(clip, "veh"), lambda lines: [*lines, "0,4000000000,veh,12.0,0.0,0,0"])
-    change(filtered(clip, "ped"), lambda lines: [*lines, "0,4000000000,ped,0.0,2.0,0,0"])
-    # With a record more, far away in time, it is another track with the same rows.
-    one, other = (rows_of(folder).rows.drop(columns="track") for folder in (clip, MADE_UP))
-    pd.testing.assert_frame_equal(one, other)
-
-
-def test_vci_object_seen_once_is_counted(clip):
-    change(filtered(clip, "ped"), lambda lines: [*lines, "9,3,ped,1.0,1.0,0,0"])
-    found = rows_of(clip)
-    assert found.counts.dropped["tracks"]["one_record"] == 1
-    assert_same_rows(found)
-
-
 @pytest.mark.parametrize("text", ["", "many", "0", "-3", "nan"])
 def test_vci_bad_ratio_is_refused(clip, text):
     (clip / "ratios" / f"{STEM}_ratio_pixel2meter.txt").write_text(text)
     refuses("pixels per metre", lambda: rows_of(clip))
-
-
-def test_misspelt_names_and_bad_paths_are_refused(tmp_path):
-    refuses("has no such file", lambda: extract(tmp_path, "vci"))
-    refuses("no such file or folder", lambda: extract(tmp_path / "nowhere", "vci"))
-    refuses("not a vehicle file", lambda: extract(SENSOR, "vci"))
-    refuses("no file or folder given", lambda: extract([], "vci"))
-    refuses("did you mean 'mobileye'", lambda: extract(MADE_UP, "mobilye"))
-    refuses("did you mean 'max_range_m'", lambda: extract(MADE_UP, "vci", max_range=40))
-
-
-def test_vci_one_file_and_equal_names_in_subfolders(clip):
-    alone = rows_of(filtered(clip, "veh"))
-    assert alone.counts.pairs == 2
-    shutil.copytree(clip / "trajectories_filtered", clip / "again")
-    both = rows_of(clip)
-    assert both.counts.pairs == 4
-    assert both.rows["clip"].unique().tolist() == [
-        f"again/{STEM}", f"trajectories_filtered/{STEM}"
-    ]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("sample_s", 0), ("frame_rate_hz", 0), ("frame_rate_hz", "fast"), ("max_range_m", math.inf),
-     ("min_range_m", -1), ("min_range_m", 61), ("min_angle_deg", True)],
-)  # fmt: skip
-def test_option_out_of_range_is_refused(name, value):
-    refuses(name, lambda: extract(MADE_UP, "vci", **{name: value}))
 
 
 def test_formats_and_reasons_are_complete():
@@ -232,19 +158,6 @@ def test_mobileye_axes_bus_drives_along_minus_x_and_left_is_minus_y():
     np.testing.assert_allclose(bus[0], [40, 0], atol=1e-6)
     np.testing.assert_allclose(bus[40], [20, 0], atol=1e-6)
     np.testing.assert_allclose(walker[0], [-1, -6], atol=1e-6)
-
-
-def test_mobileye_position_from_heading_range_and_transversal(tmp_path):
-    # Heading 360° (north), Range 10, Transversal 2 (left: west): the pedestrian is 2 m west and
-    # 10 m north of the bus, which is 6371 km · π/180 · 0.001 north of the origin. Axes turned by
-    # −90°: x points south, y east.
-    north = 6_371_000 * math.pi / 180 * 0.001
-    lines = [f"1,1,{k},1,10,{2 - k / 100},3,360,-83.735580,42.279414" for k in range(0, 101, 10)]
-    path = tmp_path / "north.csv"
-    path.write_text(HEAD + "\n".join(lines) + "\n")
-    clip = read_clips(path, "mobileye", axes_turn_deg=-90)[0]
-    np.testing.assert_allclose(clip.vehicles["1"].position_m[0], [-north, 0], atol=1e-6)
-    np.testing.assert_allclose(clip.pedestrians["1-1"].position_m[0], [-north - 10, -2], atol=1e-6)
 
 
 def sensor_lines(times, obstacle=1):
@@ -333,25 +246,6 @@ def test_table_reads_what_an_extraction_wrote(tmp_path, kind):
         rows.to_parquet(path)
     pd.testing.assert_frame_equal(extract(path, "table").rows, rows, rtol=1e-12)
     pd.testing.assert_frame_equal(extract(tmp_path, "table").rows, rows, rtol=1e-12)
-
-
-def test_table_without_identifiers_and_with_contradictions(tmp_path):
-    path = tmp_path / "bare.csv"
-    path.write_text(
-        "range_m,vehicle_speed_mps,pedestrian_speed_mps,time_advantage_s\n10,5,1.2,0.7\n"
-    )
-    found = extract(path, "table")
-    assert found.rows["time_advantage_s"].tolist() == [0.7]
-    assert found.rows["lateral_m"].isna().all()
-    assert (found.counts.pairs, found.counts.vehicles) == (None, None)
-    path = tmp_path / "wrong.csv"
-    path.write_text(
-        "range_m,lateral_m,vehicle_speed_mps,pedestrian_speed_mps,time_advantage_s\n"
-        "20,3,5,1.5,2.04\n20,3,5,1.5,6.0\n"  # |4 − 2| = 2: rounding passes, 4 + 2 does not
-    )
-    found = extract(path, "table")
-    assert len(found.rows) == 1
-    assert found.counts.dropped["candidates"]["contradictory"] == 1
 
 
 def test_table_refusals(tmp_path):

@@ -4,7 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.core.errors import InputError
 from harness.model.trajectories import WEIGHINGS, row_weights
 
 # Vehicle a: encounters 1 (2 rows), 2 (1 row), 3 (1 row); vehicle b of the same clip: encounter 1
@@ -39,15 +38,3 @@ def test_weights_sum_to_the_encounters_in_any_order(rows, weigh):
     order = np.random.default_rng(3).permutation(len(rows))
     np.testing.assert_allclose(row_weights(rows.iloc[order], weigh), weights[order])
     assert row_weights(rows.iloc[:0], weigh).shape == (0,)
-
-
-def test_rows_without_identifiers_and_misspelt_weighings(rows):
-    rows["pedestrian"] = None
-    np.testing.assert_array_equal(row_weights(rows, "row"), np.ones(10))
-    for weigh in ("encounter", "vehicle"):
-        with pytest.raises(InputError, match="pedestrian"):
-            row_weights(rows, weigh)
-        with pytest.raises(InputError, match="pedestrian"):
-            row_weights(rows.drop(columns="pedestrian"), weigh)
-    with pytest.raises(InputError, match="did you mean 'vehicle'"):
-        row_weights(rows, "vehicles")
