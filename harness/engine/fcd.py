@@ -95,8 +95,8 @@ def sizes_of(net: Path, files: Sequence[Path]) -> Mapping[str, Sequence[float]]:
     with TemporaryDirectory() as folder:
         types, config = Path(folder, "types.xml"), Path(folder, "types.sumocfg")
         ET.ElementTree(root).write(types)
-        config.write_text("<configuration/>")
-        options = {"net-file": str(net), "additional-files": str(types), "no-step-log": "true"}
+        config.write_text('<configuration><no-step-log value="true"/></configuration>')
+        options = {"net-file": str(net), "additional-files": str(types)}
         session = Session(config, options)
         try:
             return session.vehicle_types()
