@@ -46,7 +46,7 @@ def report(
         compared = compare_cells(run, mu0=mu0, kappa0=kappa0) if several else None
         judged = allowed_in(groups, mu0, kappa0, run.confidence)
         try:
-            shown = shown_pairs(run)
+            shown = shown_pairs(run) if run.kind == "encounters" else []
         except HarnessError as error:
             shown = []
             say(one_line(f"harness: the page shows no episodes: {error}"))

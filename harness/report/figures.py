@@ -285,7 +285,7 @@ def draw_map(
 
 
 def _sign(difference: Finding) -> str:
-    if difference.low is None or difference.high is None or difference.includes(0.0):
+    if difference.low is None or difference.high is None or difference.low <= 0 <= difference.high:
         return "no clear difference"
     return "longer delay" if difference.low > 0 else "shorter delay"
 

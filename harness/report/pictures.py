@@ -40,8 +40,8 @@ _MOST = 3
 """Most pairs of one figure, and most parameters."""
 
 _CELLS = ("time_ratio", "kappa", "conflict_pet")
-_OVER = ("av_delay_s", "other_delay_s", "people_wait_s", "conflicts_pet_per_1000")
-_AT = ("av_delay_s", "conflicts_pet_per_1000")
+_OVER = ("av_delay_s", "other_delay_s", "people_wait_s", "conflicts_pet")
+_AT = ("av_delay_s", "conflicts_pet")
 
 
 class Scene(NamedTuple):
@@ -223,7 +223,8 @@ def _curves(axes: Sequence[Axes], scene: Scene) -> str:
     run, key = scene.run, _across(scene.run) or ""
     for panel, name in zip(axes, _OVER, strict=True):
         count = f"{_pairs(run.cells)} per point"
-        draw.draw_over(panel, _lines(run, name), axis_label(key), _title(name, run)[0], count)
+        up, scale = _title(name, run)
+        draw.draw_over(panel, _lines(run, name), axis_label(key), up, count, scale=scale)
     return (
         f"Over {key}, with {level_text(run.confidence)} intervals over pairs (Student's t). In the "
         "reference's arm AVs are the vehicles that are AVs in the other one."
@@ -236,7 +237,7 @@ def _by_crosswalk(axes: Sequence[Axes], scene: Scene) -> str:
     for panel, key in zip(axes, _AT, strict=True):
         keys = zip(Arm, ENTRY_OF[key].keys, strict=False)
         arms = {arm: [found[name][own] for name in names] for arm, own in keys}
-        draw.draw_cells(panel, names, arms, _title(key, scene.run)[0])
+        draw.draw_cells(panel, names, arms, *_title(key, scene.run))
     more = f" The first {len(names)} of {len(found)} crosswalks." if len(found) > len(names) else ""
     level = level_text(scene.run.confidence)
     return f"Each crosswalk with {level} intervals; {_pairs(scene.run.cells)}.{more}"
@@ -251,11 +252,11 @@ def _places(run: Run) -> dict[str, tuple[float, float]]:
 
 def _map(axes: Sequence[Axes], scene: Scene) -> str:
     found, places = scene.run.cells[0].by_crosswalk, _places(scene.run)
-    sizes = {name: found[name]["conflicts_pet_per_1000"].value for name in places}
+    sizes = {name: found[name]["conflicts_pet"].value for name in places}
     slower = {name: found[name]["av_delay_s_difference"] for name in places}
     draw.draw_map(axes[0], _roads(scene.run), places, sizes, slower)
     return (
-        f"Area: {_title('conflicts_pet_per_1000', scene.run)[0]} in the AV's arm. Colour and "
+        f"Area: {_title('conflicts_pet', scene.run)[0]} in the AV's arm. Colour and "
         "marker: the AVs' delay against that of the same vehicles in the reference's arm."
     )
 
@@ -266,7 +267,7 @@ def _roads(run: Run) -> "list[ArrayLike]":
     if simulation is None:
         return []
     try:
-        net = read_network(read_config(Path(simulation.file)).net).net
+        net = read_network(read_config(Path(simulation.file), simulation.step_s).net).net
     except HarnessError:
         return []
     return [edge.getShape() for edge in net.getEdges(withInternal=False)]
@@ -315,7 +316,6 @@ PICTURES = (
     Picture("curves", "Delays, waits and PET over a key", _over_a_key, _curves,
             lambda _scene: (len(_OVER), 3.0), SIMULATIONS),
     Picture("place-time", "Place over time", _with_traces,
-            partial(_motion, of=draw.draw_place_over_time, what="place on the road over time"),
-            kinds=(*ENCOUNTERS, *SIMULATIONS)),
+            partial(_motion, of=draw.draw_place_over_time, what="place on the road over time")),
 )  # fmt: skip
 """Every picture of a page, in its order."""

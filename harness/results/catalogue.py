@@ -46,7 +46,6 @@ class Entry:
         worst_case: whether the first screen has it as soon as a pair was left out.
         paper: the value in Chen, Zhao, Peng (2017), section III-E, as it is printed there.
         kinds: the kinds of run that have it.
-        scale: what the estimate is multiplied by.
         network: whether it is of the whole network, so that there is none by crosswalk.
         optional: whether the first screen has it only where it is defined.
     """
@@ -69,7 +68,6 @@ class Entry:
     worst_case: bool = False
     paper: str = ""
     kinds: tuple[RunKind, ...] = ENCOUNTERS
-    scale: float = 1.0
     network: bool = False
     optional: bool = False
 
@@ -159,33 +157,25 @@ def _count(entry: Entry, sample: AnySample, arm: int | None) -> Finding:
     return Finding(int(np.nansum(entry.values(sample, arm))))
 
 
-def _hourly(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
-    columns, confidence = sample.arms(entry.column), sample.sampling.confidence
+def _simulated(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
+    (av, human), confidence = sample.arms(entry.column), sample.sampling.confidence
+    if entry.weight:
+        of_av, of_human = sample.arms(entry.weight)
+        if arm is None:
+            return student.t_ratio_difference((av, of_av), (human, of_human), confidence)
+        return student.clustered_share((av, human)[arm], (of_av, of_human)[arm], confidence)
     if arm is None:
-        return student.t_mean(np.subtract(*columns), confidence)
-    return student.t_mean(columns[arm], confidence, least=0.0)
-
-
-def _of_passages(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
-    (av, human), trials = sample.arms(entry.column), sample.arms(entry.weight)
-    confidence = sample.sampling.confidence
-    if arm is None:
-        found = student.t_ratio_difference((av, trials[AV]), (human, trials[REFERENCE]), confidence)
-    else:
-        found = student.clustered_share((av, human)[arm], trials[arm], confidence)
-    value, low, high = (end and end * entry.scale for end in (found.value, found.low, found.high))
-    return replace(found, value=value, low=low, high=high)
+        return student.t_mean(av - human, confidence)
+    return student.t_mean((av, human)[arm], confidence, least=0.0)
 
 
 def _not_driven(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
     return replace(_count(entry, sample, arm), reason=sample.why_not_driven())
 
 
-_HOURS = partial(Entry, estimate=_hourly, of="both", unit="s", digits=1, kinds=SIMULATIONS,
+_HOURS = partial(Entry, estimate=_simulated, of="both", unit="s", digits=1, kinds=SIMULATIONS,
                  undefined="there is none of these")  # fmt: skip
-_PASSAGES = partial(_HOURS, estimate=_of_passages, weight="count passages reached", unit="",
-                    form=Form.SHARE)  # fmt: skip
-_PER_1000 = partial(_PASSAGES, form=Form.NUMBER, scale=1_000)
+_PASSAGES = partial(_HOURS, weight="count passages reached", unit="", form=Form.SHARE)
 _REACHED = "Only vehicles that reached a crosswalk or touched somebody count."
 _MEAN = partial(Entry, estimate=_mean, reliable_from=1_000)
 _SHARE = partial(Entry, estimate=_share, weight="ran", form=Form.SHARE,
@@ -265,8 +255,6 @@ ENTRIES: tuple[Entry, ...] = (
     _MEAN("delay_worst_s", "delay, worst case", _WORST, "worst_delay_s", unit="s", digits=1),
     Entry("stops", "stops per episode", "Of the episodes that did not fail.", "stops", _average,
           weight="ran", undefined="every episode failed"),
-    Entry("stopped_s", "time stopped per episode", "Of the episodes that did not fail.",
-          "stopped_s", _average, weight="ran", unit="s", undefined="every episode failed"),
     Entry("max_speed_mps", "largest speed", "Of the vehicle in any episode.", "max_speed_mps",
           _largest, unit="m/s", undefined="every episode failed"),
     Entry("acceleration_rms_mps2", "acceleration, root mean square, pairs that met someone",
@@ -278,16 +266,13 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("jerk_rms_mps3", "jerk, root mean square, pairs that met someone",
           "As the acceleration's.", "rms_jerk_mps3", _rms, met=True, unit="m/s³",
           reliable_from=1000, undefined=_NOBODY),
-    Entry("max_jerk_p95_mps3", "largest jerk, 95 % quantile, pairs that met someone",
-          "As that of the hardest braking.", "max_jerk_mps3", _p95, met=True, unit="m/s³",
-          undefined=_NOBODY),
     _COUNT("pairs", "pairs", "Number of pairs.", "every", of="pair", kinds=_BOTH),
     _COUNT("met_someone", "pairs that met someone", "Pairs in which someone stepped off, in "
            "either episode.", "met_someone", of="pair"),
     _COUNT("met_nobody", "pairs that met nobody", "Pairs in which nobody stepped off and neither "
            "episode failed.", "met_nobody", of="pair"),
-    _COUNT("time_ratio_pairs", "pairs in the ratio of times", "Pairs that the ratio of times "
-           "counts.", "in_time_ratio", of="pair"),
+    _COUNT("not_in_time_ratio", "pairs not in the ratio of times", "The pairs of which an episode "
+           "failed or the AV crashed.", "not_in_time_ratio", of="pair"),
     _COUNT("mu_pairs", "pairs in μ", "Pairs that have a τ.", "in_mu", of="pair"),
     _COUNT("timed_out", "time-outs", "Episodes that timed out.", "timed_out"),
     _COUNT("failed", "failures", "Episodes or arms that failed.", "failed", kinds=_BOTH),
@@ -312,8 +297,8 @@ ENTRIES: tuple[Entry, ...] = (
     _HOURS("queue_p95", "queue, 95 %, vehicles", "Vehicles below 5 km/h before the crosswalk, "
            "quantile over seconds; in all that of the longest queue.", "max crosswalks.queue_p95",
            unit="", screen=True),
-    _PER_1000("conflicts_pet_per_1000", "PET below {pet_s:g} s, per 1,000", "Conflicts and "
-              f"contacts per 1,000 passages. {_REACHED}", "count passages pet", screen=True),
+    _PASSAGES("conflicts_pet", "PET below {pet_s:g} s", "Share of passages with a conflict or a "
+              f"contact. {_REACHED}", "count passages pet", screen=True),
     _PASSAGES("contacts", "contacts with people", f"By the vehicle's oriented outline. {_REACHED}",
               "count passages touched", form=Form.EVENTS, screen=True),
     *(_PASSAGES(f"share_{name}", f"AVs' steps by {words}", "Share that it decided of the steps in "
@@ -326,10 +311,8 @@ ENTRIES: tuple[Entry, ...] = (
               weight="count passages av"),
     _TOTAL("not_driven", "AVs' passages not driven", "In the AV's arm, with the reasons.",
            "count passages av_left", estimate=_not_driven, of="av"),
-    _PER_1000("conflicts_ttc_per_1000", "TTC below {ttc_s:g} s, per 1,000", "As PET.",
-              "count passages ttc"),
-    _PER_1000("conflicts_drac_per_1000", "DRAC above {drac_mps2:g} m/s², per 1,000", "As PET.",
-              "count passages drac"),
+    _PASSAGES("conflicts_ttc", "TTC below {ttc_s:g} s", "As PET.", "count passages ttc"),
+    _PASSAGES("conflicts_drac", "DRAC above {drac_mps2:g} m/s²", "As PET.", "count passages drac"),
     _HOURS("people_los", "level of service, people", "Of the HCM (2010, exhibit 19-2), by "
            "`people_wait_s`; JSON has the wait.", "mean people.wait_s", of="arms", form=Form.LEVEL),
     _PASSAGES("let_go", "people for whom the first driver yielded", "Of those who waited.",

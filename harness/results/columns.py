@@ -55,14 +55,8 @@ class Sample:
         return self._arms[name]
 
     def pairs(self, name: str) -> np.ndarray:
-        """A column of ``PAIR_COLUMNS``.
-
-        Raises:
-            InputError: there is no such column.
-        """
+        """A column of ``PAIR_COLUMNS``."""
         if name not in self._pairs:
-            if name not in PAIR_COLUMNS:
-                raise unknown_name("column", "column of pairs", name, PAIR_COLUMNS)
             self._pairs[name] = PAIR_COLUMNS[name](self)
         return self._pairs[name]
 
@@ -215,7 +209,7 @@ PAIR_COLUMNS: Mapping[str, Callable[[Sample], np.ndarray]] = {
     "delay_difference_s": lambda s: (
         s.arms("pass_time_s")[AV] - s.arms("pass_time_ignoring_contact_s")[REFERENCE]
     ),
-    "in_time_ratio": lambda s: ~np.isnan(s.arms("counted_time_s")[AV]),
+    "not_in_time_ratio": lambda s: np.isnan(s.arms("counted_time_s")[AV]),
     "in_mu": lambda s: ~np.isnan(s.pairs("tau")),
 }
 """Columns of a pair.

@@ -64,10 +64,6 @@ class Finding:
             return self.events
         return 0 if self.value is None else int(self.value)
 
-    def includes(self, number: float) -> bool:
-        """Whether the interval holds a number; False without an interval."""
-        return self.low is not None and self.high is not None and self.low <= number <= self.high
-
 
 Findings = Mapping[str, Finding]
 """The findings of one cell by key, in the catalogue's order."""

@@ -48,8 +48,8 @@ class CellFindings:
         return ("AV", ""), (self.scenario.arms.human, "_human")
 
     def total(self, key: str) -> int:
-        """A count, or the events of a share, of both arms."""
-        return sum(self[f"{key}{end}"].count for _, end in self.arms)
+        """A count, or the events of a share, of both arms or of the pairs; 0 if there is none."""
+        return sum(self.findings[of].count for of in (key, f"{key}_human") if of in self.findings)
 
 
 def worst_cases(cells: Sequence[CellFindings]) -> list[Entry]:

@@ -224,8 +224,8 @@ def read_manifest(folder: Path) -> JsonObject:
 def write_findings(folder: Path, manifest: JsonObject, cells: Sequence[CellFindings]) -> None:
     """Write the findings of all cells, after ``summary.csv`` with a row for each cell.
 
-    Those of a simulation's crosswalks follow: rows with a ``crosswalk``, and objects whose name has
-    it behind the cell's number.
+    Each cell has an object for each of a simulation's crosswalks, after that of all of it, whose
+    name is empty.
 
     Args:
         folder: the run's folder.
@@ -237,9 +237,11 @@ def write_findings(folder: Path, manifest: JsonObject, cells: Sequence[CellFindi
     """
     rows = [flat(record) for cell in cells for record in records_of(cell)]
     written = {
-        f"{cell.number} {name}".rstrip(): {key: finding_to_dict(of) for key, of in found.items()}
+        str(cell.number): {
+            name: {key: finding_to_dict(of) for key, of in found.items()}
+            for name, found in {"": cell.findings, **cell.by_crosswalk}.items()
+        }
         for cell in cells
-        for name, found in {"": cell.findings, **cell.by_crosswalk}.items()
     }
     document = {"run": manifest["digest"], "cells": written}
     content = _json({**document, "digest": _digest(document)})
@@ -265,13 +267,11 @@ def read_findings(
             raise ValueError("it was edited or is another run's: its digest differs")
         for cell in cells:
             own = {
-                name.partition(" ")[2]: {key: finding_from_dict(of) for key, of in each.items()}
-                for name, each in document["cells"].items()
-                if name.partition(" ")[0] == str(cell.number)
+                name: {key: finding_from_dict(of) for key, of in each.items()}
+                for name, each in document["cells"][str(cell.number)].items()
             }
-            made = CellFindings(cell.number, cell.varied, cell.scenario, own.pop(""), own)
-            found.append(made)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+            found.append(CellFindings(cell.number, cell.varied, cell.scenario, own.pop(""), own))
+    except (KeyError, TypeError, ValueError) as error:
         allowed = f"delete it; `{resume_command(folder)}` computes it again"
         raise InputError(str(path), f"is damaged ({one_line(str(error))[:99]})", allowed) from None
     return tuple(found)

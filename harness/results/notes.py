@@ -73,12 +73,15 @@ class Rule(NamedTuple):
 def _failures(cell: CellFindings) -> Said | None:
     if not (count := cell.total("failed")):
         return None
-    return Said(
-        f"{count:,} of {2 * cell['pairs'].count:,} episodes failed ({_by_arm(cell, 'failed')}; by "
-        f"the strategy {cell.total('failed_strategy'):,}). Times and crashes leave them out, the "
-        "worst case counts them against the AV.",
-        count,
+    text = f"{count:,} of {2 * cell['pairs'].count:,} episodes failed ({_by_arm(cell, 'failed')}"
+    if cell.kind == "simulations":
+        return Said(
+            f"{text}). No number has their pairs.".replace("episodes", "simulations"), count
+        )
+    text += (
+        f"; by the strategy {cell.total('failed_strategy'):,}). Times and crashes leave them out"
     )
+    return Said(f"{text}, the worst case counts them against the AV.", count)
 
 
 def _nothing_tested(cell: CellFindings) -> Said | None:
@@ -129,15 +132,9 @@ def _left_out(cell: CellFindings) -> Said | None:
         if cell.total(key)
     ]
     text = (
-        f"The ratio of times uses {cell['time_ratio_pairs'].count:,} of {pairs:,} pairs, μ and c_v "
-        f"use {used:,}. The others had {_listed(endings)}."
+        f"The ratio of times uses {pairs - cell['not_in_time_ratio'].count:,} of {pairs:,} pairs, "
+        f"μ and c_v use {used:,}. The others had {_listed(endings)}."
     )
-    if cell.total("timed_out"):
-        limit_s = cell.scenario.experiment.timeout_s
-        text += f" A time-out counts with {limit_s:g} s in the times to cross and their ratio."
-    if cell["kappa_human"].count:
-        text += " A reference that crashed counts as driving on in the times and their ratio, and "
-        text += "in the difference of delays."
     return Said(text, pairs - used)
 
 
@@ -173,14 +170,13 @@ def _not_validated(cell: CellFindings) -> Said | None:
 
 
 def _speeding(cell: CellFindings) -> Said | None:
-    scenario, limit_mps = cell.scenario, cell.scenario.speed_limit_mps
-    speeds = ((cell[f"max_speed_mps{end}"].value, who) for who, end in cell.arms)
-    fastest, who = max(((v, who) for v, who in speeds if v is not None), default=(0.0, ""))
+    limit_mps = cell.scenario.speed_limit_mps
+    speeds = ((cell[f"max_speed_mps{end}"].value or 0.0, who) for who, end in cell.arms)
+    fastest, who = max(speeds)
     if fastest <= limit_mps * (1 + SPEED_ROUNDING):
         return None
-    limit = "v0" if scenario.crossing.road_speed_limit_mps is None else "the road's limit"
-    who = "The AV" if who == "AV" else who
-    text = f"{who} drove at up to {fastest:.3g} m/s, above {limit} of {limit_mps:g} m/s."
+    limit = "v0" if cell.scenario.crossing.road_speed_limit_mps is None else "the road's limit"
+    text = f"The {who} drove at up to {fastest:.3g} m/s, above {limit} of {limit_mps:g} m/s."
     return Said(text, fastest - limit_mps)
 
 
@@ -207,19 +203,11 @@ def _equal(cell: CellFindings) -> Said | None:
     return Said(f"The same in every pair, so without an interval: {_listed(names)}.", len(names))
 
 
-def _failed_arms(cell: CellFindings) -> Said | None:
-    if not (count := cell.total("failed")):
-        return None
-    text = f"{count:,} simulations failed ({_by_arm(cell, 'failed')}). No number has their pairs."
-    return Said(text, count)
-
-
 def _nobody_met(cell: CellFindings) -> Said | None:
-    if not cell["avs"].count:
-        return Said("No vehicle was an AV: nothing was tested.", 2)
-    if not cell.total("met_somebody"):
-        return Said("No vehicle met a pedestrian at the crosswalks: nothing was tested.", 1)
-    return None
+    if cell["avs"].count and cell.total("met_somebody"):
+        return None
+    why = "met a pedestrian at the crosswalks" if cell["avs"].count else "was an AV"
+    return Said(f"No vehicle {why}: nothing was tested.")
 
 
 def _collisions(cell: CellFindings) -> Said | None:
@@ -252,15 +240,11 @@ def _who_drove(cell: CellFindings) -> Said | None:
     passages = driven.n or 0
     if share is None or (share > MOSTLY and driven.count > DRIVEN * passages):
         return None
-    names = {"leaders": "leader", "right of way": "right_of_way", "lanes and curves": "lane"}
-    by = [
-        f"{words} {100 * (cell[f'share_{name}'].value or 0):.0f} %" for words, name in names.items()
-    ]
-    text = f"SUMO decided {100 * (1 - share):.0f} % of {cell.scenario.arms.av}'s steps: "
-    text += f"{', '.join(by)}."
+    of_sumo = 1 - share - (cell["share_actuator"].value or 0.0)
+    text = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps."
     if left := passages - driven.count:
         text += f" It did not drive {left:,} of {passages:,} passages: {cell['not_driven'].reason}."
-    return Said(text, 1 - share)
+    return Said(text, of_sumo)
 
 
 def _fills(cell: CellFindings) -> Said | None:
@@ -283,7 +267,7 @@ def _people_of_sumo(cell: CellFindings) -> Said | None:
 
 
 RULES: tuple[Rule, ...] = (
-    Rule("failures", "failures", _failures, _failed_arms),
+    Rule("failures", "failures", _failures, _failures),
     Rule("nothing_tested", "nothing tested", _nothing_tested, _nobody_met),
     Rule("selected", "selected pairs", _selected),
     Rule("few_pairs", "few pairs", _few_pairs, _few_hours),

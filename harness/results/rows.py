@@ -1,11 +1,11 @@
-"""Episodes in; the rows of a run's tables out, and a stored walk back."""
+"""Episodes and simulations in; the rows of a run's tables out."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import pyarrow as pa
 
-from harness.core.encounter import Arm, Arrival, FloatArray, Leg, Side, Trace, Walk
+from harness.core.encounter import Arm, FloatArray, Side, Trace, Walk
 from harness.measures import Outcome
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.results.tables import EPISODES, PEDESTRIANS, TABLES_OF, TRACES, Row, Tables
@@ -33,17 +33,12 @@ def simulation_rows(
 
     Args:
         cell, pair, arm: which simulation.
-        columns: the columns of each table by name, without cell, pair and arm; a simulation that
-            failed has only ``arms``.
-
-    Raises:
-        ValueError: a column is not declared, or columns differ in length.
+        columns: the columns of each table by name, without cell, pair and arm; those that are not
+            declared are left out.  A simulation that failed has only ``arms``.
     """
     keys, tables = {"cell": cell, "pair": pair, "arm": arm.value}, {}
     for table in TABLES_OF["simulations"]:
         own = columns.get(table.name, {})
-        if unknown := own.keys() - {*table.schema.names}:
-            raise ValueError(f"{table.name} has no column {min(unknown)}")
         rows = zip(*own.values(), strict=True)
         tables[table.name] = table.of([keys | dict(zip(own, row, strict=True)) for row in rows])
     return tables
@@ -114,19 +109,6 @@ def _pedestrian(walk: Walk, cleared: float | None, end_s: float) -> Row:
         "legs": walk.legs and [leg._asdict() for leg in walk.legs],
         "delay_s": start_s - arrival.arrival_s,
     }
-
-
-def stored_walk(row: Row) -> Walk:
-    """The walk of a row of ``pedestrians``."""
-    legs = row["legs"]
-    return Walk(
-        Arrival(row["index"], row["arrival_s"], Side(row["side"]), row["quantile"]),
-        row["start_s"],
-        row["speed_mps"],
-        row["range_m"],
-        row["vehicle_speed_mps"],
-        None if legs is None else tuple(Leg(**leg) for leg in legs),
-    )
 
 
 def _motions(outcome: Outcome) -> Iterator[tuple[str, Motion]]:

@@ -4,7 +4,6 @@ run = harness.load_run("runs/cctc-1")
 run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean()
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, resume_command, unknown_name
@@ -112,15 +112,12 @@ class Run:
     @cached_property
     def failures(self) -> tuple[Failure, ...]:
         """Every episode or simulation that failed."""
-        found: list[Failure] = []
-        for cell in self.study.cells:
-            rows = self.rows(TABLES_OF[self.kind][0].name, cell.number)
-            for pair, arm, why in zip(
-                *rows.select(["pair", "arm", "reason"]).to_pydict().values(), strict=True
-            ):
-                if why is not None:
-                    found.append((cell.number, pair, arm, why))
-        return tuple(found)
+        table, failed = TABLES_OF[self.kind][0].name, pc.field("reason").is_valid()
+        return tuple(
+            (cell.number, row["pair"], row["arm"], row["reason"])
+            for cell in self.study.cells
+            for row in self.rows(table, cell.number).filter(failed).to_pylist()
+        )
 
     def result(self) -> Result:
         """What ``harness run`` shows of it.
@@ -141,7 +138,7 @@ class Run:
         )
 
     def write_csv(self) -> list[Path]:
-        """Write every table as ``RUN/csv/<table>.csv``; legs of walks are JSON.
+        """Write every table as ``RUN/csv/<table>.csv``, without the legs of walks.
 
         Raises:
             HarnessError: the files cannot be written.
@@ -152,9 +149,7 @@ class Run:
         names = (*kept, *["traces"] * self.manifest["traces"])
         tables = {name: self._table(name) for name in names}
         if (people := tables.get("pedestrians")) is not None:
-            legs = [of and json.dumps(of) for of in people["legs"].to_pylist()]
-            place = people.schema.get_field_index("legs")
-            tables["pedestrians"] = people.set_column(place, "legs", pa.array(legs, pa.string()))
+            tables["pedestrians"] = people.drop_columns("legs")
             tables["pairs"] = pa.Table.from_pandas(self.pairs, preserve_index=False)
         folder = self.path / "csv"
         try:

@@ -20,11 +20,19 @@ from harness.strategies.registry import fallback_of
 _SWEEP: Mapping[RunKind, Sequence[str]] = {
     "encounters": ("time_ratio", "delay_s", "pedestrian_wait_s", "kappa", "conflict_pet"),
     "simulations": (
-        *("av_delay_s", "other_delay_s", "people_wait_s", "queue_p95"),
-        *("conflicts_pet_per_1000", "contacts", "share_strategy"),
+        *("av_delay_s", "av_delay_s_difference", "other_delay_s_difference"),
+        *("people_delay_s_difference", "queue_p95", "conflicts_pet", "contacts", "share_strategy"),
     ),
 }
 """The numbers of a sweep's row, after the swept keys; worst cases follow if pairs are left out."""
+
+_LEFT_OUT = {
+    "failures": "failed",
+    "time-outs": "timed_out",
+    "pairs met nobody": "met_nobody",
+    "pairs not in the ratio of times": "not_in_time_ratio",
+}
+"""What the scope of a result says is left out."""
 
 _MOST_CROSSWALKS = 3
 """Crosswalks whose differences stand on the first screen; ``--full`` has all."""
@@ -70,7 +78,7 @@ def run_result(
     return Result(
         command="run",
         title=f"{name}: {', '.join(filter(None, [which, drivers(cells)]))}",
-        scope=scope_of(cells, done, facts),
+        scope=scope_of(cells, facts),
         about=place_in_words(scenarios),
         screen=screen,
         full=tuple(each for cell in cells for each in _every_number(cell, paper))[:_MOST_TABLES],
@@ -118,26 +126,13 @@ def drivers(cells: Sequence[CellFindings]) -> str:
     return f"{av} against {references.pop() if len(references) == 1 else 'several references'}"
 
 
-def scope_of(cells: Sequence[CellFindings], done: int, facts: Mapping[str, Plain]) -> str:
+def scope_of(cells: Sequence[CellFindings], facts: Mapping[str, Plain]) -> str:
     """Pairs with what is left out of them, and the seed."""
-    each = [cell["pairs"].count for cell in cells]
-    pairs = f"{done:,} pair{'s' * (done != 1)}"
-    if len(cells) > 1:
-        pairs = f"{min(each):,} pair{'s' * (min(each) != 1)} each"
-    if max(each) > min(each):
-        pairs = f"{min(each):,} to {max(each):,} pairs"
-    failed = sum(cell.total("failed") for cell in cells)
-    total = (
-        {"failed arms": failed}
-        if cells[0].kind == "simulations"
-        else {
-            "failed episodes": failed,
-            "time-outs": sum(cell.total("timed_out") for cell in cells),
-            "pairs met nobody": sum(cell["met_nobody"].count for cell in cells),
-            "pairs not in the ratio of times": sum(each)
-            - sum(cell["time_ratio_pairs"].count for cell in cells),
-        }
-    )
+    each = sorted(cell["pairs"].count for cell in cells)
+    pairs = f"{each[0]:,} pair{'s' * (each[0] != 1)}{' each' * (len(each) > 1)}"
+    if each[-1] > each[0]:
+        pairs = f"{each[0]:,} to {each[-1]:,} pairs"
+    total = {words: sum(cell.total(key) for cell in cells) for words, key in _LEFT_OUT.items()}
     left = ", ".join(f"{count:,} {words}" for words, count in total.items() if count)
     return f"{pairs}{f' ({left})' * bool(left)}, seed {facts['seed']}"
 
@@ -201,11 +196,13 @@ def _sweep(cells: Sequence[CellFindings]) -> Table:
         columns.append((Column(key, name), tuple(own)))
     thresholds = cells[0].scenario.conflicts
     swept = any(cell.scenario.conflicts != thresholds for cell in cells)
-    for entry in (*map(ENTRY_OF.__getitem__, _SWEEP[cells[0].kind]), *worst_cases(cells)):
+    for key in (*_SWEEP[cells[0].kind], *(entry.key for entry in worst_cases(cells))):
+        entry, paired = ENTRY_OF[key], key.endswith("_difference")
         # A threshold that is swept has a column of its own.
         bare, threshold, _ = entry.heading.partition(" {")
         name = bare if swept and threshold else entry.title(thresholds.model_dump())
-        columns.append((Column(entry.key, name), tuple(_number(entry, cell) for cell in cells)))
+        name += ", AV − reference" * paired
+        columns.append((Column(key, name, paired), tuple(_number(key, cell) for cell in cells)))
     return table_of("", columns, legend="Two numbers in a cell: AV / reference.")
 
 
@@ -230,8 +227,8 @@ def _if_defined(entered: Entered) -> object:
     return None if isinstance(entered, Shown) and entered.finding.value is None else entered
 
 
-def _number(entry: Entry, cell: CellFindings) -> Entered:
-    if entry.of in ("arms", "both"):
-        av, human = (shown(entry, cell, key) for key in entry.keys[:2])
-        return Versus(av, human)
-    return shown(entry, cell)
+def _number(key: str, cell: CellFindings) -> Entered:
+    entry = ENTRY_OF[key]
+    if key == entry.key and entry.of in ("arms", "both"):
+        return Versus(*(shown(entry, cell, each) for each in entry.keys[:2]))
+    return shown(entry, cell, key)

@@ -1,6 +1,7 @@
 """The place, the people and the cars of a run in one line, and the names of its cells."""
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from harness.scenario.scenario import Scenario
@@ -50,6 +51,11 @@ def name_of(varied: Mapping[str, Any]) -> str:
 
 
 def _road(scenario: Scenario) -> str:
+    if scenario.simulation is not None:
+        places, name = scenario.simulation.crossings, Path(scenario.simulation.file).name
+        return (
+            f"{', '.join(places[:3])}{f' and {len(places) - 3} more' * (len(places) > 3)} of {name}"
+        )
     crossing = scenario.crossing
     lanes = f"{crossing.lanes} + {crossing.oncoming_lanes} lanes"
     hiding = len(scenario.obstacles())
@@ -57,8 +63,24 @@ def _road(scenario: Scenario) -> str:
     return f"road {as_written(crossing.length_m)} m wide, {lanes}{hidden}"
 
 
+def _speed(scenario: Scenario) -> str:
+    own = scenario.simulation is not None
+    return "" if own else f"v0 {as_written(scenario.ego.initial_speed_mps)} m/s"
+
+
+def _vehicles(scenario: Scenario) -> str:
+    if (traffic := scenario.traffic) is not None:
+        flows = as_written(traffic.flow_per_hour), as_written(traffic.oncoming_per_hour)
+        return f"{' + '.join(flows)} vehicles/h, {100 * traffic.av_share:g} % AVs"
+    if (own := scenario.simulation) is not None:
+        return f"AVs: {100 * own.av_share:g} % of {' and '.join(own.av_types)}"
+    return ""
+
+
 def _people(scenario: Scenario) -> str:
     people = scenario.pedestrians
+    if scenario.simulation is not None and not people.anyone_comes:
+        return "SUMO's people"
     if people.timed or people.drawn:
         return "timed pedestrians" if people.timed else "pedestrians selected by their outcome"
     if people.first_at_trigger and people.max_count == 1:
@@ -107,7 +129,8 @@ def _of_arms(what: str, both: bool, words: Mapping[str, float | None]) -> str:
 
 _PARTS: Mapping[str, Callable[[Scenario], str]] = {
     "road": _road,
-    "v0": lambda scenario: f"v0 {as_written(scenario.ego.initial_speed_mps)} m/s",
+    "v0": _speed,
+    "share of AVs": _vehicles,
     "people": _people,
     "behaviour": _behaviour,
     "actuation": _actuation,

@@ -106,8 +106,9 @@ def _of_simulations(entry: Entry) -> Difference:
     return Difference(f"{entry.key}_a_minus_b", heading, Style(form, entry.digits), 0, of)
 
 
-_SHOWN = ("av_delay_s", "contacts", "conflicts_pet_per_1000")
-_SIMULATED = (*_SHOWN, "other_delay_s", "people_wait_s", "queue_p95", "av_time_loss_s")
+_SHOWN = ("av_delay_s", "contacts", "conflicts_pet", "share_strategy")
+_OTHERS = ("other_delay_s", "people_delay_s", "people_wait_s", "queue_p95", "av_time_loss_s")
+_SIMULATED = (*_SHOWN, *_OTHERS)
 
 
 class _Kind(NamedTuple):
@@ -190,12 +191,12 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     judged = allowed_in(groups, mu0, kappa0, confidence)
     facts = {"seed": runs[0].manifest["seed"], "confidence": confidence}
     facts |= {each.title: each.values for each in judged}
-    more, done = len(rows) - MOST_ROWS, sum(cell["pairs"].count for cell in cells)
+    more = len(rows) - MOST_ROWS
     return Result(
         command="compare",
         title=f"{runs[0].name}: {len(rows):,} comparison{'s' * (len(rows) != 1)}, pair by pair, of "
         f"{drivers(cells)}",
-        scope=f"{scope_of(cells, done, facts)}; p by Holm over the table",
+        scope=f"{scope_of(cells, facts)}; p by Holm over the table",
         about=place_in_words([cell.scenario for cell in cells]),
         screen=_screen(rows[:MOST_ROWS], p_holm[kind.differences[0].key], kind),
         full=(

@@ -17,7 +17,7 @@ from harness.engine.shared import close_engine
 from harness.engine.starting import scratch_prefix
 from harness.model.interaction import InteractionModel, load_model
 from harness.results.rows import simulation_rows
-from harness.results.tables import TABLES, Row, Tables
+from harness.results.tables import Row, Tables
 from harness.scenario import Cell, Scenario, Study
 from harness.simulation.opening import (
     check_demand,
@@ -116,7 +116,15 @@ def run_task(
                         known[key] = outcome
                 outcomes.append(outcome)
                 if outcome.reason is not None:
-                    events.append(_event(episode, scenario, outcome))
+                    events.append(
+                        {
+                            "event": "arm failed",
+                            **episode._asdict(),
+                            "strategy": scenario.arms.driver(arm),
+                            "reason": outcome.reason,
+                            "traceback": outcome.traceback,
+                        }
+                    )
         tables[cell.number] = _tables(cell, outcomes)
     return Rows(tables, tuple(events))
 
@@ -150,16 +158,6 @@ def _arm_key(scenario: Scenario, arm: Arm) -> str | None:
     return repr((arm, drivers))
 
 
-def _event(episode: EpisodeId, scenario: Scenario, outcome: Outcome) -> Row:
-    said = {"strategy": scenario.arms.driver(episode.arm), "reason": outcome.reason}
-    return {
-        "event": "arm failed",
-        **episode._asdict(),
-        **said,
-        "traceback": outcome.traceback,
-    }
-
-
 def _tables(cell: Cell, outcomes: Sequence[Outcome]) -> Tables:
     """The rows of a cell's pair."""
     tables: dict[str, list[pa.Table]] = {}
@@ -167,9 +165,7 @@ def _tables(cell: Cell, outcomes: Sequence[Outcome]) -> Tables:
         columns: dict[str, Columns] = {"arms": {"reason": [outcome.reason]}}
         if outcome.reason is None:
             columns["arms"] |= {name: [value] for name, value in outcome.counts.items()}
-            for name in _TABLES:
-                declared, found = TABLES[name].schema.names, getattr(outcome, name)
-                columns[name] = {each: found[each] for each in found if each in declared}
+            columns |= {name: getattr(outcome, name) for name in _TABLES}
         rows = simulation_rows(cell.number, outcome.pair, outcome.arm, columns)
         for name, table in rows.items():
             tables.setdefault(name, []).append(table)

@@ -123,7 +123,7 @@ def test_shares_by_hand(nine: CellFindings, key: str, events: int, trials: int) 
 
 
 def test_counts_by_hand(nine: CellFindings) -> None:
-    counts = {"pairs": 9, "met_someone": 7, "met_nobody": 2, "time_ratio_pairs": 6, "mu_pairs": 3}
+    counts = {"pairs": 9, "met_someone": 7, "met_nobody": 2, "not_in_time_ratio": 3, "mu_pairs": 3}
     counts |= {"timed_out": 1, "timed_out_human": 1, "failed": 1, "failed_human": 0}
     counts |= {"failed_strategy": 1, "failed_strategy_human": 0, "fallbacks": 1}
     assert {key: nine[key].value for key in counts} == counts

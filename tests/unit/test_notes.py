@@ -105,12 +105,12 @@ def some(fate: Fate, others: Callable[[int], Pair] = usual) -> Callable[[int], P
             FAILED,
             "failures",
             "3 of 80 episodes failed (AV 3, human_gmm 0; by the strategy 3)",
-            ("3 failed episodes", "3 pairs not in the ratio of times"),
+            ("3 failures", "3 pairs not in the ratio of times"),
         ),
         (
             "timed_out",
             "left_out",
-            "had time-outs (AV 3, human_gmm 0). A time-out counts with 60 s in the times",
+            "had time-outs (AV 3, human_gmm 0)",
             ("3 time-outs",),
         ),
         (
@@ -146,7 +146,6 @@ def test_the_worst_case_stands_beside_what_the_reference_leaves_out(
     assert told.shows(told.cell["time_ratio_worst"])
     assert "μ and c_v use 37" in told.notes["left_out"]
     assert "AV 0, human_gmm 3" in told.notes["left_out"]
-    assert ("driving on" in told.notes["left_out"]) == (fate == "crashed")
 
 
 @pytest.mark.parametrize("crashes", [0, 3])
@@ -368,7 +367,7 @@ def test_the_pairs_of_a_sweep(pairs: tuple[int, int], words: str) -> None:
         cell_findings(cell, episodes([usual(pair) for pair in range(count)], cell.scenario), 0.95)
         for cell, count in zip(both, pairs, strict=True)
     ]
-    scope = scope_of(cells, sum(pairs), {"seed": 1})
+    scope = scope_of(cells, {"seed": 1})
     assert scope.startswith(f"{words}, seed") or scope.startswith(f"{words} (")
 
 
@@ -478,7 +477,7 @@ def test_json_and_csv_hide_nothing_that_the_screen_says(tell: Callable[..., Told
     told = tell(some(FAILED), actuation__dead_time_s=0.3)
     document = told.result.to_dict()
     assert "dead time 0.3 s" in document["about"]
-    assert "3 failed episodes" in document["scope"]
+    assert "3 failures" in document["scope"]
     assert [note["text"] for note in document["notes"]] == [n.text for n in told.result.notes]
     row = told.result.frame().iloc[-1]
     for key, finding in told.result.records[-1].items():
