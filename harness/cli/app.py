@@ -75,10 +75,8 @@ def application(arguments: Sequence[str] = ()) -> typer.Typer:
 def _module_of(command: str, arguments: Sequence[str]) -> str:
     if not arguments[1:] or command not in _OF_OTHERS:
         return COMMANDS[command]
-    from harness.results.folder import kind_of_folder
-
     paths = (Path(each) for each in arguments[1:] if not each.startswith("-"))
-    if [kind_of_folder(path) for path in paths if path.is_dir()][:1] == ["old"]:
+    if [(path / "risk.json").is_file() for path in paths if path.is_dir()][:1] == [True]:
         return _OF_OTHERS[command]
     return COMMANDS[command]
 

@@ -1,6 +1,5 @@
 """The constants of all episodes of a cell."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from harness.core.encounter import Arm, Behaviour, Crossing, Vehicle
@@ -24,10 +23,6 @@ class CellConstants:
     behaviour: Behaviour
     threshold: ThresholdSection = field(default_factory=ThresholdSection)
     """The weights of the decision, with behaviour ``threshold``."""
-    types: tuple[Vehicle, ...] = ()
-    """The vehicle of each type of an hour's vehicle mix; empty if all are ``vehicle``."""
-    driven: Mapping[tuple[Arm, bool], tuple[Vehicle, ...]] = field(default_factory=dict)
-    """The same by driver and whether it is oncoming, if these differ (late, or on a slope)."""
 
 
 def constants_of(scenario: Scenario, driver: Arm | None = None) -> CellConstants:
@@ -41,16 +36,4 @@ def constants_of(scenario: Scenario, driver: Arm | None = None) -> CellConstants
         timeout_s=experiment.timeout_s,
         behaviour=pedestrians.behaviour,
         threshold=pedestrians.threshold,
-        types=scenario.vehicles() if scenario.traffic and scenario.traffic.types else (),
-        driven=_driven(scenario),
     )
-
-
-def _driven(scenario: Scenario) -> Mapping[tuple[Arm, bool], tuple[Vehicle, ...]]:
-    if scenario.actuation.is_off and not scenario.crossing.grade:
-        return {}
-    return {
-        (driver, oncoming): scenario.vehicles(driver, oncoming=oncoming)
-        for driver in Arm
-        for oncoming in (False, True)
-    }

@@ -53,7 +53,7 @@ def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_commands_of_the_page_run(town: Path) -> None:
-    for name in ("town.toml", "runs/town/report.html", "runs/conflicts/report.html"):
+    for name in ("town.toml", "runs/town/report.html"):
         assert (town / name).is_file(), name
 
 
