@@ -13,7 +13,7 @@ from pydantic import BaseModel
 import harness
 from harness.cli.app import application
 from harness.results import catalogue as results_catalogue, tables as results
-from harness.scenario import Scenario, actuation, people, sections, traffic
+from harness.scenario import Scenario, people, sections, traffic
 
 UNITS = {
     "_per_hour": "1/h",
@@ -26,7 +26,7 @@ UNITS = {
 }
 """Units by the ending of a name; longer endings come first."""
 
-KEY_MODULES = (sections, actuation, people, traffic)
+KEY_MODULES = (sections, people, traffic)
 """The modules with the keys of a scenario."""
 
 TYPES = {"number": "number", "integer": "whole number", "boolean": "`true` or `false`"}

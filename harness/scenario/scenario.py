@@ -9,9 +9,9 @@ from pydantic import Field, JsonValue
 from harness.core.encounter import Arm, Crossing, Leg, Side, Vehicle
 from harness.core.errors import InputError
 from harness.measures.motion.walking import timed_path
-from harness.scenario.actuation import ActuationSection, on_road
 from harness.scenario.people import PedestriansSection, TimedSection
 from harness.scenario.sections import (
+    ActuationSection,
     ArmsSection,
     ConflictsSection,
     CrossingSection,
@@ -22,6 +22,7 @@ from harness.scenario.sections import (
     PerceptionSection,
     Section,
     SimulationSection,
+    on_road,
 )
 from harness.scenario.traffic import TrafficSection
 

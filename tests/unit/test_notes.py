@@ -14,7 +14,7 @@ from harness.results.notes import RULES, Rule, Said, notes_of
 from harness.results.result import Result, Shown, Style, Versus
 from harness.results.screens import scope_of
 from harness.scenario import PerceptionSection, Scenario, load_scenario
-from harness.scenario.actuation import ActuationSection
+from harness.scenario.sections import ActuationSection
 from harness.strategies.references import not_validated, opposite, validation
 from harness.studies.compare import compare
 from tests.cells import (

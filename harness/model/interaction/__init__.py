@@ -8,7 +8,9 @@ from harness.model.interaction.model import (
     VARIABLES,
     VEHICLE_SPEED,
     InteractionModel,
+    ModelUseCounter,
     Refits,
+    check_support,
 )
 from harness.model.interaction.refit_file import (
     FEWEST_REFITS,
@@ -18,7 +20,6 @@ from harness.model.interaction.refit_file import (
     refits_beside,
     write_refits,
 )
-from harness.model.interaction.support import ModelUseCounter, check_support
 
 __all__ = [
     "FEWEST_REFITS",
