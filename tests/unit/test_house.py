@@ -16,10 +16,10 @@ from pathlib import Path
 import pytest
 
 CHECKOUT = Path(__file__).parents[2]
-CODE = {"harness": 29_000, "tests": 19_500, "benchmarks": 2_000, "docs": 600, "examples": 201}
-ROOMS = {"results": 1_950, "report": 1_450, "cli": 600, "studies": 1_900}
+CODE = {"harness": 27_700, "tests": 17_200, "benchmarks": 1_700, "docs": 600, "examples": 201}
+ROOMS = {"results": 2_200, "report": 1_350, "cli": 650, "studies": 4_000}
 RUNNING = "tasks encounters children workers run replay watch evaluate candidates compare worst"
-MODULES, DOORS, PAGES, WEB = 310, 16, 4_300, 1_330
+MODULES, DOORS, PAGES, WEB = 310, 16, 4_000, 1_370
 IMPORTED, PASSED = 110, 15
 LINE, IGNORED, UNCOVERED, COVERED = 100, 5, 2, 96
 # The data's way, from below: a room imports its own level and those before it, never a later one.
@@ -75,7 +75,7 @@ def test_lines_of_code_of_a_room(room: str) -> None:
 
 def test_lines_of_code_that_run_and_compare() -> None:
     files = [CHECKOUT / "harness" / "studies" / f"{name}.py" for name in RUNNING.split()]
-    assert sum(code_lines(path.read_text("utf-8")) for path in files) <= 1_400
+    assert sum(code_lines(path.read_text("utf-8")) for path in files) <= 1_550
 
 
 def test_other_sizes() -> None:
