@@ -1,6 +1,5 @@
 """The commands for a user's own SUMO scenario run as they are written, on the shipped example."""
 
-import json
 import os
 import re
 import shlex
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.batches import printed, refusal
+from tests.batches import printed
 from tests.docs.conftest import ROOT
 
 EXAMPLE = ROOT / "examples" / "own_simulation"
@@ -74,19 +73,6 @@ def test_the_readme_has_the_same_commands() -> None:
     page = commands("Your own SUMO scenario") + commands("Conflicts from any SUMO output")
     assert len(tour) >= 4
     assert [words for words in tour if words not in page] == []
-
-
-def test_the_worst_passages(town: Path) -> None:
-    run = town / "runs" / "town"
-    document = json.loads(printed("worst", run, "--by", "min_gap_m", "-n", 3, "--json"))
-    for row in document["episodes"]:
-        assert row["crosswalk"] in (":J7_c0", ":J9_c1", ":J9_c3")
-        assert 0.0 <= row["trigger_s"] < END_S
-        assert row["vehicle"]
-    gaps = [row["min_gap_m"] for row in document["episodes"]]
-    assert gaps == sorted(gaps)
-    assert ":J" in printed("worst", run, "-n", 1, "--by", "delay_s", "--arm", "human")
-    assert "--diff" in refusal("worst", run, "--diff", run)
 
 
 def test_the_example_is_what_its_script_makes(tmp_path: Path) -> None:
