@@ -3,8 +3,8 @@
     python docs/pictures/make.py              # all of them
     python docs/pictures/make.py report sweep # some of them
 
-``report`` and ``own_simulation`` need Chromium; ``sumo-gui`` and
-``own_simulation_gui`` need a desktop or ``xvfb-run``.
+``report`` and ``own_simulation`` need Chromium; ``sumo-gui``
+needs a desktop or ``xvfb-run``.
 """
 
 import os
@@ -15,7 +15,6 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-import sumo
 from PIL import Image
 from playwright.sync_api import FloatRect, sync_playwright
 from top_view import top_view
@@ -87,14 +86,6 @@ def sweep() -> None:
     figure("flows", "time-ratio", "sweep")
 
 
-def time_space() -> None:
-    """Vehicles and pedestrians in some minutes of traffic."""
-    settings = ("traffic.duration_s=600", "pedestrians.flow_per_hour=200", "arms.av=hard_yield")
-    chosen = [word for setting in settings for word in ("--set", setting)]
-    harness("run", "field_sites", "--pairs", 1, *chosen, "--traces", "--quiet", "--out", "hour")
-    figure("hour", "time-space", "time-space")
-
-
 def frame(run: str, pair: int, at_s: float) -> Path:
     """The screenshot of the AV's arm in sumo-gui that is nearest to a time after the trigger."""
     folder = Path(f"{run}-{pair}")
@@ -120,25 +111,22 @@ def town() -> None:
     """The scenario file of the SUMO scenario in ``examples/own_simulation``."""
     config = ROOT / "examples" / "own_simulation" / "town.sumocfg"
     Path("town.toml").write_text(
-        f'[simulation]\nconfig = "{config}"\ncrossings = [":J7_c0", ":J9_c1"]\nstep_s = 0.1\n'
-        'av_share = 0.3\n[arms]\nav = "soft_yield"\nhuman = "sumo_driver"\n'
+        f'[simulation]\nfile = "{config}"\ncrossings = [":J7_c0", ":J9_c1"]\nstep_s = 0.1\n'
+        '[arms]\nav = "soft_yield"\nhuman = "sumo_driver"\n'
     )
 
 
 def own_simulation() -> None:
-    """The page of a run of a user's own simulation: its first screen, player and figures."""
+    """The page of a run of a user's own simulation: its first screen and figures."""
     town()
     harness("run", "town.toml", "--pairs", 5, "--quiet", "--out", "own")
-    harness("report", "own", "--quiet")
+    harness("report", "own")
     with sync_playwright() as browsers:
         chromium = shutil.which("chromium")
         browser = browsers.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 1100, "height": 900}, color_scheme="light")
         page.goto(Path("own/report.html").resolve().as_uri())
-        page.locator("#player-time").fill("2")
-        # It names folders of this machine.
-        page.get_by_text("SUMO ran with the options of").evaluate("each => each.remove()")
-        last = page.locator("#episodes").bounding_box()
+        last = page.locator("#figures").bounding_box()
         assert last is not None
         upper: FloatRect = {
             "x": 0,
@@ -149,32 +137,6 @@ def own_simulation() -> None:
         page.screenshot(path="own.png", full_page=True, clip=upper)
         browser.close()
     save(Path("own.png"), "own_simulation")
-
-
-def own_simulation_gui() -> None:
-    """AVs (blue) among other vehicles at a crosswalk of a busy grid, in sumo-gui."""
-    home = Path(sumo.SUMO_HOME)
-    grid = ("--grid", "--grid.number", "3", "--grid.length", "120", "--sidewalks.guess")
-    generate = [home / "bin" / "netgenerate", *grid, "--crossings.guess", "-o", "town.net.xml"]
-    trips = [sys.executable, home / "tools" / "randomTrips.py", "-n", "town.net.xml", "-e", "300"]
-    cars = ("-o", "trips.xml", "-r", "cars.rou.xml", "-p", "1.2", "--validate")
-    people = ("-o", "people.rou.xml", "-p", "0.8", "--pedestrians")
-    for command in (generate, [*trips, *cars], [*trips, *people]):
-        words = [str(word) for word in command]
-        subprocess.run(words, check=True, env=os.environ | {"SUMO_HOME": str(home)})
-    Path("busy.sumocfg").write_text(
-        '<configuration><net-file value="town.net.xml"/>'
-        '<route-files value="cars.rou.xml,people.rou.xml"/><end value="300"/></configuration>'
-    )
-    Path("busy.toml").write_text(
-        '[simulation]\nconfig = "busy.sumocfg"\ncrossings = [":B1_c0"]\nstep_s = 0.1\n'
-        'av_share = 0.5\n[arms]\nav = "soft_yield"\nhuman = "sumo_driver"\n'
-    )
-    harness("run", "busy.toml", "--pairs", 1, "--quiet", "--out", "own")
-    shown = ("--gui", "--pace", 20, "--screenshots", "frames", "--every", 0.5)
-    harness("replay", "own", "--pair", 0, "--arm", "av", *shown, display=True)
-    frames = sorted(Path("frames").rglob("*.png"))
-    save(max(frames, key=vehicles_of_both_colours), "own_simulation_gui", (240, 110, 1040, 750))
 
 
 def exported() -> None:
@@ -190,20 +152,11 @@ def exported() -> None:
     save(Path("exported.png"), "exported")
 
 
-def vehicles_of_both_colours(picture: Path) -> int:
-    """The number of pixels of the rarer colour, that of AVs or that of other vehicles."""
-    with Image.open(picture) as image:
-        counts = {colour: number for number, colour in image.convert("RGB").getcolors(1 << 24)}
-    return min(counts.get(colour, 0) for colour in ((0, 114, 178), (255, 255, 0)))
-
-
 PICTURES: dict[str, Callable[[], None]] = {
     "report": report,
     "sweep": sweep,
-    "time-space": time_space,
     "sumo-gui": sumo_gui,
     "own_simulation": own_simulation,
-    "own_simulation_gui": own_simulation_gui,
     "exported": exported,
 }
 """Every picture by its name."""

@@ -3,12 +3,15 @@
 import gzip
 import json
 import math
+import random
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from harness.core.errors import InputError
@@ -19,7 +22,8 @@ from harness.simulation.demand import CONFIG_FILE, vehicles_due, write_demand
 from harness.simulation.shares import number_of
 from harness.studies.run import resume, run
 from tests import faulty, towns
-from tests.batches import here, printed
+from tests.batches import content, here, printed, shell, start, wait_for
+from tests.sumo.test_dask import started_cluster
 
 TABLES = ("arms", "passages", "vehicles", "people", "crosswalks")
 
@@ -211,6 +215,44 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path, tasks: int) -> 
     assert len(begun) == 2 - tasks
     for name in TABLES:
         assert rows(found, name) == rows(whole, name)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A scenario and its uninterrupted run."""
+    folder = tmp_path_factory.mktemp("whole")
+    run(hour(folder), pairs=4, out=folder / "run", workers=0)
+    return folder / "hour.toml", folder / "run"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_killed_run_leaves_no_child_and_is_resumed_to_the_same_bytes(
+    whole: tuple[Path, Path], tmp_path: Path, seed: int
+) -> None:
+    """The moment is drawn over the time that a run of two workers takes."""
+    file, out = whole[0], tmp_path / "run"
+    running = start("run", file, "--pairs", 4, "--workers", 2, "--out", out, "-q")
+    wait_for((out / "manifest.json").exists, "the manifest")
+    children = psutil.Process(running.pid).children(recursive=True)
+    time.sleep(random.Random(seed).uniform(0.0, 4.0))
+    children += (
+        psutil.Process(running.pid).children(recursive=True) if running.poll() is None else []
+    )
+    running.kill()
+    running.communicate()
+    gone, left = psutil.wait_procs(children, timeout=20.0)
+    assert not left
+    assert shell("resume", out, "--workers", 2, "-q").returncode == 0
+    assert content(out) == content(whole[1])
+
+
+def test_a_cluster_gives_the_same_rows(whole: tuple[Path, Path], tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="the extra `cluster` is missing")
+    with started_cluster(tmp_path) as (address, _):
+        out = tmp_path / "run"
+        done = shell("run", whole[0], "--pairs", 4, "--dask", address, "--out", out, "-q")
+        assert done.returncode == 0, done.stderr
+    assert content(out) == content(whole[1])
 
 
 def test_a_pair_without_its_last_table_is_simulated_again(tmp_path: Path) -> None:
