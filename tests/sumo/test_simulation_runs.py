@@ -240,7 +240,7 @@ def test_a_killed_run_leaves_no_child_and_is_resumed_to_the_same_bytes(
     )
     running.kill()
     running.communicate()
-    gone, left = psutil.wait_procs(children, timeout=20.0)
+    _, left = psutil.wait_procs(children, timeout=20.0)
     assert not left
     assert shell("resume", out, "--workers", 2, "-q").returncode == 0
     assert content(out) == content(whole[1])
