@@ -146,7 +146,15 @@ def test_an_option_that_is_refused(fcd: Path, more: tuple[object, ...], words: s
 @pytest.fixture(scope="module")
 def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("town")
-    towns.of_map("four_arms", ZEBRAS, GUESSED, folder)
+    lines = [f'<crossing node="{of[0]}" edges="{of[2:]}" priority="1" width="4"/>' for of in ZEBRAS]
+    lines += [f'<crossing node="{of[0]}" edges="{of[2:]}" discard="true"/>' for of in GUESSED]
+    (folder / "c.con.xml").write_text(f"<connections>{''.join(lines)}</connections>")
+    osm = str(Path(__file__).parents[1] / "data/town/four_arms.osm")
+    words = ("--osm.sidewalks", "--osm.crossings", "--sidewalks.guess", "--crossings.guess")
+    finely = ("--output.street-names", "--precision", "6")
+    towns.call(folder, "netconvert", "--osm-files", osm, *words, *finely, "-o", "all.net.xml")
+    patch = ("-x", "c.con.xml", *finely, "-o", "net.net.xml")
+    towns.call(folder, "netconvert", "-s", "all.net.xml", *patch)
     net, until = folder / "net.net.xml", ("-e", "240", "--seed")
     towns.random_trips(folder, net, "cars.xml", 1.0, *until, "1", "--fringe-factor", "10")
     towns.random_trips(folder, net, "people.xml", 1.0, *until, "2", "--pedestrians")
