@@ -9,7 +9,7 @@ from harness.cli import options
 from harness.cli.interruption import unwinding
 from harness.cli.options import settings_of
 from harness.cli.output import show_rows
-from harness.core.errors import HarnessError
+from harness.core.errors import HarnessError, InputError
 
 
 def network(
@@ -39,6 +39,8 @@ def strategies(
 ) -> None:
     """List the strategies and their parameters; --check STRATEGY checks one."""
     if check is None:
+        if settings:
+            raise InputError("--set", "needs --check", "--check STRATEGY --set KEY=VALUE")
         from harness.strategies.registry import listing
 
         closing = ["harness strategies --check my_module:MyStrategy checks your own one."]

@@ -27,8 +27,8 @@ IMPORTERS = {
     "find_spec": {"studies/workers.py"},
     "entry_points": {"strategies/own.py"},
 }
-"""Who may import by name: a strategy's module, a worker what its parent names, SUMO's library or its
-client, and the command line the module of a command."""
+"""Who may import by name: a strategy's module, a worker what its parent names, SUMO's library or
+its client, and the command line the module of a command."""
 
 
 def strange(source: str, name: str) -> Iterator[str]:
