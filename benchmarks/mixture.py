@@ -18,7 +18,8 @@ from harness.model.mixture.climbing import start
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.em import Problem
 from harness.model.mixture.fitting import fit_mixture
-from harness.old.studies.calibration import Sample, Settings, calibrate
+from harness.model.sample import Sample
+from harness.studies.fitting import Settings, fit
 
 Array = NDArray[np.float64]
 
@@ -119,7 +120,7 @@ def sweep(known: TruncatedGaussianMixture) -> None:
     )
     settings = Settings(tuple(range(1, 21)), "bic", starts=3, folds=0, seed=1)
     began = time.perf_counter()
-    found = calibrate(sample, settings, workers=2)
+    found = fit(sample, settings, workers=2)
     text = f"{time.perf_counter() - began:.1f} s, picks {found.chosen.components}"
     line("BIC for K = 1 to 20, 3 starts, 8,000 rows, two workers", text, "< 60 s")
 

@@ -99,13 +99,12 @@ def options_of(changes: dict[str, object]) -> list[str]:
 def one_process() -> Iterator[None]:
     """Workers' tasks run in this process, which saves starting Python for each worker."""
     from harness.engine.shared import close_engine
-    from harness.old.studies.calibration import jobs
     from harness.studies import children, evaluate, replay, run, shown, workers
     from tests.conftest import close_all
 
     close_all()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(jobs, "LocalPool", lambda workers, *_, **__: Inline(workers))
+        patch.setattr(workers, "default_workers", lambda: 1)
         for module, name in (
             (evaluate, "executor_for"),
             (run, "executor_for"),

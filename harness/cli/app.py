@@ -24,7 +24,7 @@ COMMANDS: Mapping[str, str] = {
         "old.cli.risk": "risk",
         "cli.crossings": "crossings",
         "cli.conflicts": "conflicts",
-        "old.cli.model": "extract fit model",
+        "cli.model": "extract fit model",
         "old.cli.validation": "validate",
     }.items()
     for command in commands.split()
@@ -65,10 +65,7 @@ def application(arguments: Sequence[str] = ()) -> typer.Typer:
     name = arguments[0] if arguments else ""
     for command in [name] if name in COMMANDS else COMMANDS:
         module = import_module(f"harness.{_module_of(command, arguments)}")
-        if command == "model":
-            app.add_typer(module.group, name=command)
-        else:
-            app.command(command)(module.run if command == "sweep" else getattr(module, command))
+        app.command(command)(module.run if command == "sweep" else getattr(module, command))
     return app
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from itertools import islice
 from time import perf_counter
 from types import MappingProxyType
@@ -58,7 +57,7 @@ class PairRunner:
         self._engine: Engine | None = None
         self._rules = {arm: constants_of(scenario, arm) for arm in Arm}
         self._sensors = {arm: sensor_of(scenario, arm) for arm in Arm}
-        self._speeds_by = cache(lambda model: WalkingSpeeds(scenario, model))
+        self._speeds = WalkingSpeeds(scenario, model)
         self.decisions_s: list[float] | None = None
         """If it is a list, the wall time of each decision is added to it."""
         check_arms(scenario, model)
@@ -136,7 +135,7 @@ class PairRunner:
         self._engine = self._get_engine()
         people = self._people(pair)
         perception = self._perception(Arm.AV, people)
-        speeds = self._speeds_of(pair)
+        speeds = self._speeds
         return Episode(self._engine, people.arrivals, speeds, self._rules[Arm.AV], perception)
 
     def run_arm(
@@ -163,7 +162,7 @@ class PairRunner:
         number = drawn[pair].episode if drawn else pair
         given = drawn[pair].uniforms if drawn and given is None else given or {}
         coming = planned_arrivals(self._scenario, number, given)
-        walking = self._speeds_of(pair).unconditional
+        walking = self._speeds.unconditional
         present = already_walking(self._scenario, number, walking, len(coming))
         return _People(number, given, (*present, *coming))
 
@@ -182,14 +181,14 @@ class PairRunner:
             strategy = named_strategy(
                 scenario,
                 scenario.arms.driver(arm),
-                self._model.of_pair(pair),
+                self._model,
                 lambda: rng or draws_of(scenario, arm, number, given=people.given),
             )
         except (Exception, SystemExit) as error:
             what = f"the strategy could not be made: {in_one_line(error)}"
             return failed_episode(StrategyError(what, error), self._rules[arm])
         perception = self._perception(arm, people)
-        speeds = self._speeds_of(pair)
+        speeds = self._speeds
         speeds.model_use.begin()
         episode = Episode(self._engine, people.arrivals, speeds, self._rules[arm], perception)
         begins(pair, arm, episode)
@@ -205,9 +204,6 @@ class PairRunner:
             self._engine.close()
             self._engine = None
         return trace
-
-    def _speeds_of(self, pair: int) -> WalkingSpeeds:
-        return self._speeds_by(self._model.of_pair(pair))
 
     def _perception(self, arm: Arm, people: "_People") -> "Perception | None":
         sensor = self._sensors[arm]

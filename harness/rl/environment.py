@@ -85,7 +85,6 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         arguments |= {"reward": reward, "engine": engine}
         self.spec = EnvSpec(ENVIRONMENT_ID, "harness.rl:CrosswalkEnv", kwargs=arguments)
         scenario = scenario_of_encounters(scenario, settings)
-        scenario.refuse_refits("harness.rl")
         self._scenario = scenario
         self._model = load_model(scenario.model.name, scenario.model.path)
         self._nearest, self._reward, self._kind = nearest, reward, engine_named(engine)

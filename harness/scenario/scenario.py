@@ -7,7 +7,6 @@ from typing import Literal
 from pydantic import Field, JsonValue
 
 from harness.core.encounter import Arm, Crossing, Leg, Side, Vehicle
-from harness.core.errors import InputError
 from harness.measures.motion.walking import timed_path
 from harness.scenario.people import PedestriansSection, TimedSection
 from harness.scenario.sections import (
@@ -80,15 +79,6 @@ class Scenario(Section):
         if traffic is None:
             return True
         return traffic.av_share == 1 and all(kind.automated for kind in traffic.types)
-
-    def refuse_refits(self, by: str) -> None:
-        """Refuse a scenario with ``model.over_refits`` where pairs are not spread over refits.
-
-        Raises:
-            InputError: it has the key; the message names ``by``.
-        """
-        if self.model.over_refits:
-            raise InputError("model.over_refits", f"is not supported by {by}", "false")
 
     def vehicle(self, driver: Arm | None = None) -> Vehicle:
         """The ego's constants on this road; the detection range defaults to the trigger range.

@@ -199,14 +199,6 @@ class ModelSection(Section):
     """Which conditional distribution walking speeds are drawn from (docs/method.md)."""
     extrapolate: bool = False
     """Clamp a v0 or R0 that lies outside the model's data; otherwise it is refused."""
-    over_refits: bool = False
-    """Spread the pairs over the model's refits, as ``--over-model`` does: pair p uses refit p mod R
-    in both arms (docs/method.md)."""
-
-    @property
-    def file_and_refits(self) -> tuple[str, str | None, bool]:
-        """The arguments of ``load_model``."""
-        return self.name, self.path, self.over_refits
 
 
 def _strategy_name(strategy: Any) -> Any:

@@ -78,7 +78,7 @@ class ArmOfPair:
         self, setup: Setup, session: Session, pair: int, arm: Arm, model: InteractionModel
     ) -> None:
         self.setup, self.session, self._vehicles = setup, session, session.vehicles
-        self._pair, self._arm, self._model = pair, arm, model.of_pair(pair)
+        self._pair, self._arm, self._model = pair, arm, model
         self._seed, self._begin_s, self._steps = setup.seed(pair), session.time_s, 0
         self.log = Log(queues={name: [] for name in setup.crosswalks})
         self._speeds = WalkingSpeeds(setup.scenario, self._model)

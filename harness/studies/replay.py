@@ -117,7 +117,7 @@ def stored_tasks(run: Run, cell: int, pairs: Sequence[int], arms: Sequence[Arm])
     if odd := [pair for pair in pairs if pair not in {*known}]:
         raise InputError("--pair", f"{odd[0]}", f"0 to {max(known, default=0)}")
     of = run.study.cells[cell]
-    model = load_model(*of.scenario.model.file_and_refits)
+    model = load_model(of.scenario.model.name, of.scenario.model.path)
     code = source_digests(of.scenario.arms.model_dump().values())
     task = Task((of,), model, 0, 1, code=code)
     return [replace(task, first=pair, arms=(arm,)) for pair in pairs for arm in arms]
@@ -167,7 +167,7 @@ def differences_of(
         ]
     if found:
         scenario = run.scenario_of(cell)
-        model = load_model(*scenario.model.file_and_refits)
+        model = load_model(scenario.model.name, scenario.model.path)
         now_with = simulated_with(scenario.arms.model_dump().values(), [model])
         found = [*changes(run.manifest["simulated_with"], now_with), *found]
     return tuple(found)

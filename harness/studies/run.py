@@ -169,8 +169,7 @@ def checked_models(scenarios: Iterable[Scenario], what: str = "") -> list[Intera
             if scenario.kind != "encounters":
                 problem = f"is one of {scenario.kind}"
                 raise InputError("scenario", problem, "a scenario of encounters")
-            scenario.refuse_refits("a run of encounters")
-            models.append(load(*scenario.model.file_and_refits))
+            models.append(load(scenario.model.name, scenario.model.path))
             check_arms(scenario, models[-1])
     return models
 

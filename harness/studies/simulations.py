@@ -51,8 +51,7 @@ def checked(study: Study) -> tuple[list[InteractionModel], Mapping[str, str]]:
     load, models, files = cache(load_model), [], dict[str, str]()
     for cell in study.cells:
         scenario = cell.scenario
-        scenario.refuse_refits("a run of simulations")
-        models.append(load(*scenario.model.file_and_refits))
+        models.append(load(scenario.model.name, scenario.model.path))
         check_arms(scenario, models[-1])
         if scenario.traffic is None:
             found = opened(scenario)

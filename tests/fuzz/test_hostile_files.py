@@ -38,13 +38,13 @@ RUN = "run"
 ONE = "--pair 0 --arm av --out out"
 KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
     "scenario": (10_000, ("run {file} --out out", "run {file} --vary experiment.seed=1,2")),
-    "model": (10_000, ("model show {file}", "run cctc --set model.path={file} --out out")),
+    "model": (10_000, ("model {file}", "run cctc --set model.path={file} --out out")),
     "run": (
         10_000,
         (f"compare {RUN}", f"export {RUN} --csv", f"resume {RUN}"),
     ),
     "run, shown": (400, (f"report {RUN} --out out/page.html", f"replay {RUN} {ONE}")),
-    "model, shown": (200, ("model show {file} --plots out",)),
+    "model, shown": (200, ("model {file} --figures out",)),
     **{
         form: (2_500, (f"extract encounter/{form} --format {form} --out out/rows.parquet",))
         for form in FORMATS
@@ -221,7 +221,7 @@ UNUSUAL = {
 @pytest.mark.parametrize("name", UNUSUAL)
 @pytest.mark.usefixtures("_nothing_runs")
 def test_unusual_files_are_refused(folder: Path, name: str) -> None:
-    command = {".toml": "run {}", ".json": "model show {}", ".csv": FIT.replace("{file}", "{}")}
+    command = {".toml": "run {}", ".json": "model {}", ".csv": FIT.replace("{file}", "{}")}
     command |= {".xml": "crossings {}"}
     (folder / name).write_bytes(UNUSUAL[name])
     assert not done_or_refused(*command[Path(name).suffix].format(name).split())
@@ -230,7 +230,7 @@ def test_unusual_files_are_refused(folder: Path, name: str) -> None:
 
 @pytest.mark.parametrize("name", ["/dev/zero", ".", "x" * 5_000, "nul\0l"])
 def test_what_is_no_regular_file_is_refused(folder: Path, name: str) -> None:
-    for command in ("run", "report", "compare", "model show"):
+    for command in ("run", "report", "compare", "model"):
         assert not done_or_refused(*command.split(), name)
     assert not done_or_refused("fit", name, "--out", "model.json")
     assert not done_or_refused("run", "cctc", "--set", f"model.path={name}")

@@ -12,9 +12,10 @@ import pytest
 
 from harness.core.resources import shipped_directory
 from harness.model.interaction import VARIABLES, load_model
+from harness.model.sample import make_sample
 from harness.model.trajectories import extract
-from harness.old.studies.calibration import Settings, calibrate, make_sample
 from harness.scenario import Scenario, load_scenario
+from harness.studies.fitting import Settings, fit
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
 needs_dut = pytest.mark.skipif(
@@ -105,7 +106,7 @@ def test_fitting_again_gives_the_same_density(name, sample):
         folds=0,
         seed=int(option(fit, "--seed")),
     )
-    again = calibrate(sample, settings).chosen.mixture
+    again = fit(sample, settings).chosen.fit.mixture
     assert sample.data.shape == (model.provenance["rows"], len(VARIABLES))
     gained = penalised(again, sample) - penalised(model.mixture, sample)
     assert gained == pytest.approx(SHORT_OF_ITS_MAXIMUM[name], abs=2e-4)
@@ -127,6 +128,6 @@ def test_the_cards_have_the_tracks_of_the_data(sample):
 @pytest.mark.slow
 def test_no_fit_of_the_shipped_data_ends_on_a_slope(sample):
     settings = Settings(tuple(range(1, 21)), choose="bic", starts=1, folds=0)
-    for candidate in calibrate(sample, settings, workers=2).candidates:
+    for candidate in fit(sample, settings, workers=2).candidates:
         assert candidate.converged, candidate.components
         assert candidate.gradient_norm < 1e-7, candidate.components

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from harness.model.sample import make_sample
 from harness.model.trajectories import extract, row_weights, summary
-from harness.old.studies.calibration import make_sample
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
 pytestmark = pytest.mark.skipif(

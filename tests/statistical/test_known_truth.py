@@ -20,11 +20,11 @@ from benchmarks.known_truth import CELLS, COMPARED
 from harness.core.encounter import FloatArray, Side
 from harness.encounter import pairing
 from harness.encounter.arrivals import planned_arrivals
-from harness.old.studies.calibration.scores import HeldOut
 from harness.results.estimators import CONFIDENCE, clopper_pearson
 from harness.results.finding import Finding
 from harness.results.findings import cell_findings
 from harness.scenario import Cell, Scenario
+from harness.studies.fitting import HeldOut
 
 PER_SIDE, PAIRS = 200, 200
 
@@ -87,7 +87,7 @@ def test_a_looked_up_pair_is_the_simulated_one(monkeypatch: pytest.MonkeyPatch, 
 
 
 def test_standard_error_of_held_out_scores() -> None:
-    """The ± of ``harness model show``: it is the spread of the means over sets of vehicles."""
+    """The ± of ``harness model``: it is the spread of the means over sets of vehicles."""
     rng = np.random.default_rng(17)
     means, errors = [], []
     for _ in range(1_500):

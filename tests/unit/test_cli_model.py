@@ -1,17 +1,17 @@
-"""``harness extract``, ``fit`` and ``model show`` as a user meets them."""
+"""``harness extract``, ``fit`` and ``model`` as a user meets them."""
 
 import hashlib
 import json
 import shlex
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from harness.model.interaction import read_model
-from harness.old.report.drawing import model_figures
+from harness.model.interaction import VARIABLES, read_model
+from harness.report import model_figures
+from harness.studies.model_card import model_result
 from tests.batches import here, printed
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -69,47 +69,26 @@ def model_file(tmp_path_factory) -> Path:
 
 
 def test_extract_writes_rows_and_says_what_it_left_out(harness, rows):
-    code, out, err = harness("extract", rows, "--format", "table", "--out", "r.parquet", "--json")
+    given = ("extract", rows, "--format", "table", "--out", "r.parquet")
+    code, out, err = harness(*given, "--json")
     assert (code, err) == (0, "")
-    counts = json.loads(out)
-    assert [counts[name] for name in ("rows", "encounters", "vehicles")] == [160, 40, 8]
+    document = json.loads(out)
+    assert document["title"] == "160 rows of 40 encounters with 8 vehicles"
+    assert {of["column"]: of["n"] for of in document["records"]}["pedestrian_speed_mps"] == 160
     assert len(pd.read_parquet("r.parquet")) == 160
-    _, out, _ = harness("extract", rows, "--format", "table", "--out", "r.parquet")
+    _, out, _ = harness(*given)
     assert "160 rows of 40 encounters with 8 vehicles" in out
     assert "pedestrian_speed_mps" in out
 
 
-def test_extract_draws_the_papers_first_figures(harness, tmp_path):
-    code, out, _ = harness(
-        "extract", DATA / "vci_made_up", "--format", "vci", "--out", "r.parquet", "--plots", "f",
-        "--json",
-    )  # fmt: skip
-    assert code == 0
-    names = {Path(path).name for path in json.loads(out)["figures"]}
-    assert {"passing-event.png", "passing-event.pdf"} < names
-    assert any(name.startswith("map") for name in names)
-    for name in names:
-        start = (tmp_path / "f" / name).read_bytes()[:4]
-        assert start == (b"\x89PNG" if name.endswith("png") else b"%PDF")
-
-
 def test_what_the_files_do_not_say_is_said(harness):
     given = ("extract", DATA / "vci_made_up", "--format", "vci", "--out", "r.parquet")
-    _, out, _ = harness(*given)
+    _, out, _ = harness(*given, "--full")
     # 24000/1001 frames per second; a speed is proportional to it.
     assert "frame_rate_hz = 23.976 frames per second (assumed" in out
     _, out, _ = harness(*given, "--set", "frame_rate_hz=29.97", "--json")
-    notes = json.loads(out)["counts"]["notes"]
+    notes = json.loads(out)["remarks"]
     assert any(note.startswith("frame_rate_hz = 29.97 frames per second;") for note in notes)
-
-
-def test_clips_named_alike_in_several_folders_get_a_map_each(harness, tmp_path):
-    for name in ("north", "south"):
-        shutil.copytree(DATA / "vci_made_up", tmp_path / "sites" / name)
-    options = ("--format", "vci", "--out", "r.parquet", "--plots", "f", "--quiet")
-    assert harness("extract", tmp_path / "sites", *options)[0] == 0
-    maps = {path.name for path in (tmp_path / "f").glob("map*.png")}
-    assert maps == {f"map-{name}-trajectories_filtered-straight.png" for name in ("north", "south")}
 
 
 @pytest.mark.parametrize(
@@ -119,28 +98,27 @@ def test_clips_named_alike_in_several_folders_get_a_map_each(harness, tmp_path):
         ("extract mine.csv --format tabel --out r.parquet", ["tabel", "did you mean 'table'"]),
         ("extract mine.csv --format table --out r.csv", ["--out", ".parquet"]),
         ("extract mine.csv --format table --out no/r.parquet", ["--out", "folder"]),
-        ("extract mine.csv --format table --out r.parquet --plots f",
-         ["format table", "not tracks"]),
         ("extract mine.csv --format table --out r.parquet --set min_rnage_m=3",
          ["min_rnage_m", "did you mean 'min_range_m'"]),
         ("extract mine.csv --format table --out r.parquet --set min_range_m=100", ["min_range_m"]),
         ("fit nothing.parquet --out m.json", ["nothing.parquet", "no such"]),
         ("fit mine.csv --out m.txt", ["--out", ".json"]),
         ("fit mine.csv --out m.json --components 0..3", ["--components", "1 to 100"]),
-        ("fit mine.csv --out m.json --components many", ["--components", "not a number"]),
+        ("fit mine.csv --out m.json --components many", ["--components", "1 to 100"]),
         ("fit mine.csv --out m.json --choose bci", ["--choose", "not one of 'held-out'"]),
         ("fit mine.csv --out m.json --weigh cars", ["--weigh", "'encounter'"]),
         ("fit mine.csv --out m.json --bounds vehicle_sped_mps=1:2",
          ["--bounds", "did you mean 'vehicle_speed_mps'"]),
-        ("fit mine.csv --out m.json --bounds vehicle_speed_mps=2:1", ["--bounds", "lower < upper"]),
+        ("fit mine.csv --out m.json --bounds vehicle_speed_mps=2:1", ["--bounds", "LOW:HIGH"]),
         ("fit mine.csv --out m.json --bounds vehicle_speed_mps=1/0:2",
-         ["--bounds", "not a number"]),
-        ("fit mine.csv --out m.json --strict", ["4 of 160 rows", "vehicle_speed_mps 4"]),
+         ["--bounds", "LOW:HIGH"]),
+        ("fit mine.csv --out m.json --refits 5 --weigh row --components 1 --folds 0",
+         ["--refits", "three vehicles"]),
         ("fit mine.csv --out m.json --near 30", ["--near", "R,v"]),
         ("fit mine.csv --out m.json --components 200", ["--components"]),
-        ("model show dut-k11", ["dut-k11", "did you mean"]),
-        ("model show m.json", ["m.json", "cannot be read"]),
-        ("model show mine.csv", ["mine.csv", "JSON"]),
+        ("model dut-k11", ["dut-k11", "did you mean"]),
+        ("model m.json", ["m.json", "cannot be read"]),
+        ("model mine.csv", ["mine.csv", "JSON"]),
     ],
 )  # fmt: skip
 def test_refusals_are_one_line_and_leave_nothing(harness, rows, words, told):
@@ -185,46 +163,38 @@ def test_fit_gives_one_number_of_components_and_prints_progress_apart(harness):
         "fit", "mine.csv", "--components", 2, "--folds", 0, "--starts", 1, "--weigh", "row",
         "--name", "own", "--out", "m.json", "--json",
     )  # fmt: skip
-    card = json.loads(out)["card"]
+    document = json.loads(out)
     assert code == 0
-    assert card["chosen_by"] == "given"
-    assert card["candidates"][0]["held_out"] is None
+    assert document["facts"]["chosen_by"] == "given"
+    assert document["records"][0]["held_out"] is None
     assert read_model(Path("m.json")).name == "own"
     code, out, err = harness(
         "fit", "mine.csv", "--components", 1, "--folds", 0, "--starts", 1, "--weigh", "row",
         "--out", "m.json",
     )  # fmt: skip
     assert code == 0
-    assert "156 of 160 rows in the box, 4 outside (vehicle_speed_mps 4)" in out
+    assert "156 of 160 rows in the box (vehicle_speed_mps 4)" in out
     assert "Within 5 m and 1 m/s of (30 m, 5 m/s)" in out
     assert "fits" in err
-    assert "fits" not in out.replace("fits and", "")
+    assert "fits" not in out
 
 
-def test_show_gives_card_moments_and_marginals(harness, model_file):
-    code, out, _ = harness("model", "show", model_file, "--json")
-    assert code == 0
-    document = json.loads(out)
+def test_model_shows_the_moments_and_quantiles_of_each_variable(model_file):
     drawn = read_model(model_file).mixture.sample(200_000, np.random.default_rng(1))
-    names = list(document["marginals"])
-    for i, name in enumerate(names):
-        of = document["marginals"][name]
+    (table,) = model_result("model", read_model(model_file), "m.json").full
+    for i, (name, *numbers) in enumerate(table.rows):
+        assert name == VARIABLES[i]
+        of = dict(zip([column.key for column in table.columns[1:]], numbers, strict=True))
         error = drawn[:, i].std() / np.sqrt(len(drawn))
-        assert of["mean"] == pytest.approx(drawn[:, i].mean(), abs=5 * error)
-        assert of["quantiles"]["0.5"] == pytest.approx(np.median(drawn[:, i]), abs=10 * error)
-    np.testing.assert_allclose(
-        document["correlations"], np.corrcoef(drawn, rowvar=False), atol=0.02
-    )
-    code, out, _ = harness("model", "show", model_file)
-    assert code == 0
-    assert "harness fit rows.parquet" in out
-    assert "1/T_adv (1/s)" in out
+        assert of["mean"].finding.value == pytest.approx(drawn[:, i].mean(), abs=5 * error)
+        assert of["sd"].finding.value == pytest.approx(drawn[:, i].std(), abs=10 * error)
+        assert of["50 %"].finding.value == pytest.approx(np.median(drawn[:, i]), abs=10 * error)
 
 
 def test_show_draws_the_papers_figures(harness, model_file, tmp_path, monkeypatch):
     monkeypatch.setattr(model_figures, "_CELLS", 8)
     rows = model_file.parent / "rows.parquet"
-    code, out, _ = harness("model", "show", model_file, "--plots", "f", "--rows", rows, "--quiet")
+    code, out, _ = harness("model", model_file, "--figures", "f", "--rows", rows, "--quiet")
     assert code == 0
     names = {"components", "pairs", "speeds"}
     wanted = {f"{name}.{kind}" for name in names for kind in ("png", "pdf")}
@@ -235,7 +205,7 @@ def test_show_draws_the_papers_figures(harness, model_file, tmp_path, monkeypatc
 @pytest.mark.slow
 def test_figures_have_the_same_bytes_again(harness, model_file, tmp_path):
     rows = model_file.parent / "rows.parquet"
-    harness("model", "show", model_file, "--plots", "f", "--rows", rows, "--quiet")
+    harness("model", model_file, "--figures", "f", "--rows", rows, "--quiet")
     before = {path.name: path.read_bytes() for path in (tmp_path / "f").iterdir()}
-    harness("model", "show", model_file, "--plots", "f", "--rows", rows, "--quiet")
+    harness("model", model_file, "--figures", "f", "--rows", rows, "--quiet")
     assert {path.name: path.read_bytes() for path in (tmp_path / "f").iterdir()} == before

@@ -9,20 +9,10 @@ from harness.model.interaction.model import (
     VEHICLE_SPEED,
     InteractionModel,
     ModelUseCounter,
-    Refits,
     check_support,
-)
-from harness.model.interaction.refit_file import (
-    FEWEST_REFITS,
-    Refit,
-    RefitFile,
-    read_refits,
-    refits_beside,
-    write_refits,
 )
 
 __all__ = [
-    "FEWEST_REFITS",
     "INVERSE_RANGE",
     "INVERSE_TIME_ADVANTAGE",
     "PEDESTRIAN_SPEED",
@@ -30,14 +20,8 @@ __all__ = [
     "VEHICLE_SPEED",
     "InteractionModel",
     "ModelUseCounter",
-    "Refit",
-    "RefitFile",
-    "Refits",
     "check_support",
     "load_model",
     "read_model",
-    "read_refits",
-    "refits_beside",
     "write_model",
-    "write_refits",
 ]

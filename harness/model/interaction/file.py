@@ -17,7 +17,6 @@ from harness.model.interaction.model import (
     VARIABLES,
     InteractionModel,
 )
-from harness.model.interaction.refit_file import is_refit_file, read_refits, refits_beside
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 
 SHIPPED = Path(__file__).parents[1] / "shipped"
@@ -43,34 +42,28 @@ class _ModelFile(BaseModel):
     provenance: dict[str, Any] = {}
 
 
-def load_model(name: str, path: str | None = None, over_refits: bool = False) -> InteractionModel:
+def load_model(name: str, path: str | None = None) -> InteractionModel:
     """A shipped model by name, or a model file by path.
 
     Args:
         name: name of a shipped model; it is not used with ``path``.
         path: path of a model file.
-        over_refits: whether to load its refits too, so that pairs are spread over them.
 
     Raises:
-        InputError: there is no such model, the file is not a valid model, or it has not all of its
-            refits.
+        InputError: there is no such model, or the file is not a valid model.
     """
     if path is not None:
         file = Path(path)
     else:
-        files = (*SHIPPED.glob("*.json"),)
-        shipped = {file.stem: file for file in files if not is_refit_file(file)}
+        shipped = {file.stem: file for file in SHIPPED.glob("*.json")}
         if name not in shipped:
-            names = ", ".join(sorted(shipped))
+            # The refits of dut are dut.refit-1 and so on.
+            names = ", ".join(sorted(each for each in shipped if ".refit-" not in each))
             allowed = f"{names}; a file: model.path, in Python load_model(name, path)"
             nearest = nearest_name(name, shipped)
             raise InputError("model.name", f"unknown model {name!r}", allowed, nearest)
         file = shipped[name]
-    model = read_model(file)
-    if over_refits:
-        beside = refits_beside(file)
-        model.refits = read_refits(beside, model).refits_of(model, str(beside))
-    return model
+    return read_model(file)
 
 
 def read_model(path: Path) -> InteractionModel:

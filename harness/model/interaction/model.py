@@ -9,7 +9,6 @@ integrated out (``marginal``), or given as in the paper's figures (``given_time_
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -32,21 +31,6 @@ _WALKING_GIVEN = (INVERSE_RANGE, VEHICLE_SPEED, INVERSE_TIME_ADVANTAGE)
 _DRIVING_GIVEN = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
 
 
-@dataclass(frozen=True, eq=False)
-class Refits:
-    """The same model fitted again to resampled vehicles of its data.
-
-    Attributes:
-        models: the refits by number.
-        effective_vehicles: Kish's effective number of vehicles in the data.
-        sha256: hash of their file.
-    """
-
-    models: "tuple[InteractionModel, ...]"
-    effective_vehicles: float
-    sha256: str
-
-
 class InteractionModel:
     """A fitted mixture with its name, provenance and hash.
 
@@ -57,7 +41,6 @@ class InteractionModel:
         name: name of the model.
         provenance: its origin in free form.
         sha256: hash of its file.
-        refits: the refits over which pairs are spread; None if every pair uses the model itself.
     """
 
     def __init__(
@@ -66,21 +49,13 @@ class InteractionModel:
         name: str,
         provenance: Mapping[str, Any],
         sha256: str,
-        refits: Refits | None = None,
     ) -> None:
         self.mixture = mixture
         self.name = name
         self.provenance = dict(provenance)
         self.sha256 = sha256
-        self.refits = refits
         self._limits = list(zip(mixture.lower.tolist(), mixture.upper.tolist(), strict=True))
         self._conditionals: dict[tuple[int, ...], Conditional] = {}
-
-    def of_pair(self, pair: int) -> "InteractionModel":
-        """The model that both arms of a pair use: refit ``pair`` mod R, or the model itself."""
-        if self.refits is None:
-            return self
-        return self.refits.models[pair % len(self.refits.models)]
 
     def walking_speed(
         self, quantile: FloatArray, range_m: FloatArray, vehicle_speed_mps: FloatArray

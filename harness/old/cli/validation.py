@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 
 from harness.core.errors import InputError
-from harness.old.cli import model_options
 from harness.old.cli.interruption import unwinding
 from harness.old.cli.options import FullOption, JsonOption, QuietOption
 from harness.old.cli.output import emit, print_line, progress_bar
@@ -65,7 +64,6 @@ def validate(
             else ("--drivers", "e.g. human_gmm,human_yield")
         )
         raise InputError(missing, "is not given", allowed)
-    model_options.check_folder(out, "--out")
     from harness.old.report.screens.validation_tables import print_validation
     from harness.old.studies.validation import validate as run_validation
     from harness.scenario import load_scenario, parse_setting

@@ -103,7 +103,6 @@ def question_of(settings: Settings) -> Question:
     """
     check_packages()
     scenario = settings.scenario
-    scenario.refuse_refits("`harness risk`")
     if not 0 < settings.target_cv <= 1:
         raise InputError("--target-cv", f"{settings.target_cv:g}", "above 0, at most 1")
     if settings.most_episodes < 1:

@@ -13,15 +13,14 @@ from harness.core.seeding import stream
 from harness.encounter.arms import named_strategy
 from harness.model.interaction import InteractionModel
 from harness.model.mixture.fitting import fit_mixture
+from harness.model.sample import LABELS, independent_vehicles, make_sample
 from harness.model.trajectories import extract, row_weights
 from harness.model.trajectories.extraction import VEHICLE_KEY
-from harness.old.studies.calibration import make_sample, vehicle_folds
-from harness.old.studies.calibration.jobs import Settings
-from harness.old.studies.calibration.sample import LABELS, independent_vehicles
 from harness.old.studies.validation.closed_loop import drive
 from harness.old.studies.validation.outcomes import DriverOutcome, outcome_of
 from harness.old.studies.validation.passages import Passage
 from harness.scenario import Scenario
+from harness.studies.fitting import Settings, vehicle_folds
 
 DRAWS = 20
 """Number of drives of each passage by a model that draws random numbers."""

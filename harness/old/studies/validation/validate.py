@@ -92,7 +92,6 @@ def validate(
     progress(0, 1, "reading")
     tally = Tally()
     clips = read_clips(list(paths), format_, tally, **given)
-    scenario.refuse_refits("`harness validate`")
     passages = find_passages(clips, scenario.vehicle(), scenario.experiment.step_s, rules)
     if not passages.used:
         reasons = [f"{reason}: {count}" for reason, count in passages.left_out.items() if count]

@@ -6,20 +6,19 @@ import pytest
 from scipy.stats import multivariate_normal, norm, sem
 
 from harness.model.mixture.distribution import TruncatedGaussianMixture
-from harness.old.studies.calibration import (
+from harness.model.sample import RowFile, make_sample
+from harness.studies.fitting import (
     HeldOut,
-    RowFile,
     Settings,
-    by_bic,
     by_held_out,
     by_rule,
-    calibrate,
-    make_sample,
+    fit,
+    refits,
+    relative_gain,
     vehicle_folds,
     walking_log_scores,
 )
-from harness.old.studies.calibration.card import card, near_state
-from harness.old.studies.calibration.choice import relative_gain
+from harness.studies.model_card import card, near_state
 from tests.scenes import refusal_of, refuses
 
 
@@ -121,7 +120,7 @@ def test_rows_without_information_are_refused(change, components, words):
     for column, value in change.items():
         rows[column] = 0.4 + 0.1 * rows["vehicle_speed_mps"] if value == "0.5 v" else value
     settings = Settings(components, choose="bic", folds=0)
-    refusal_of(lambda: calibrate(make_sample(rows), settings), *words)
+    refusal_of(lambda: fit(make_sample(rows), settings), *words)
 
 
 def test_rows_without_identifiers_count_one_each_and_have_no_held_out_score():
@@ -130,7 +129,7 @@ def test_rows_without_identifiers_count_one_each_and_have_no_held_out_score():
     assert sample.weights.sum() == 40
     assert sample.vehicles is None
     refuses("no missing value in source", lambda: make_sample(rows, weigh="encounter"))
-    refuses("no held-out scores", lambda: calibrate(sample, Settings((1, 2), choose="held-out")))
+    refuses("no held-out scores", lambda: fit(sample, Settings((1, 2), choose="held-out")))
 
 
 def test_standard_error_over_vehicles():
@@ -197,7 +196,6 @@ def test_choices_by_rule_and_of_equals():
     assert relative_gain(BIC) == pytest.approx({2: 1, 3: 0.375, 4: 0.1125, 5: 0.0875, 6: -0.005})
     assert by_rule({1: 100.0, 2: 50.0, 3: 10.0}) is None
     refuses("every K", lambda: by_rule({1: 1.0, 3: 0.5, 4: 0.2}))
-    assert by_bic({3: 5.0, 2: 5.0, 4: 6.0}) == 2
     score = {k: HeldOut(np.array([x]), np.ones(1)) for k, x in {4: -1.0, 2: -1.0, 3: -2.0}.items()}
     assert by_held_out(score) == 2
 
@@ -205,18 +203,20 @@ def test_choices_by_rule_and_of_equals():
 @pytest.fixture(scope="module")
 def fitted():
     sample = make_sample(made_up())
-    return sample, calibrate(sample, Settings((1, 2), starts=2, folds=3), workers=1)
+    return sample, fit(sample, Settings((1, 2), starts=2, folds=3), workers=1)
 
 
 def test_more_workers_change_no_bit(fitted):
     sample, serial = fitted
-    parallel = calibrate(sample, Settings((1, 2), starts=2, folds=3), workers=2)
+    parallel = fit(sample, Settings((1, 2), starts=2, folds=3), workers=2)
     assert parallel.chosen.components == serial.chosen.components
     for one, other in zip(serial.candidates, parallel.candidates, strict=True):
-        assert one.bic == other.bic
+        assert one.fit.bic == other.fit.bic
         np.testing.assert_array_equal(one.held_out.totals, other.held_out.totals)
-        np.testing.assert_array_equal(one.mixture.locations, other.mixture.locations)
-        np.testing.assert_array_equal(one.mixture.scale_matrices, other.mixture.scale_matrices)
+        np.testing.assert_array_equal(one.fit.mixture.locations, other.fit.mixture.locations)
+        np.testing.assert_array_equal(
+            one.fit.mixture.scale_matrices, other.fit.mixture.scale_matrices
+        )
 
 
 def test_bic_and_log_likelihood_by_hand_and_two_kinds_are_found(fitted):
@@ -226,15 +226,16 @@ def test_bic_and_log_likelihood_by_hand_and_two_kinds_are_found(fitted):
         k = candidate.components
         # K − 1 weights, 4 K means, 10 K entries of symmetric 4 × 4 matrices.
         penalty = (k - 1 + 4 * k + 10 * k) * np.log(60)
-        assert candidate.bic == pytest.approx(penalty - 2 * candidate.log_likelihood, rel=1e-12)
-        assert candidate.parameters == k - 1 + 14 * k
+        assert candidate.fit.bic == pytest.approx(
+            penalty - 2 * candidate.fit.log_likelihood, rel=1e-12
+        )
     for candidate in calibration.candidates:
-        direct = sample.weights @ candidate.mixture.logpdf(sample.data)
-        assert candidate.log_likelihood == pytest.approx(direct, abs=1e-6)
+        direct = sample.weights @ candidate.fit.mixture.logpdf(sample.data)
+        assert candidate.fit.log_likelihood == pytest.approx(direct, abs=1e-6)
     _, calibration = fitted
     one, two = calibration.candidates
-    assert two.bic < one.bic
-    assert two.mixture.mean()[1] == pytest.approx(0.4 * 5.5 + 0.6 * 1.5, abs=0.3)
+    assert two.fit.bic < one.fit.bic
+    assert two.fit.mixture.mean()[1] == pytest.approx(0.4 * 5.5 + 0.6 * 1.5, abs=0.3)
 
 
 def test_held_out_scores_are_near_the_truth_and_cover_every_vehicle(fitted):
@@ -256,10 +257,10 @@ def test_held_out_scores_come_from_fits_without_the_vehicle():
         size=int(odd.sum())
     )
     sample = make_sample(rows)
-    calibration = calibrate(sample, Settings((2,), starts=2, folds=4), workers=1)
+    calibration = fit(sample, Settings((2,), starts=2, folds=4), workers=1)
     scores = calibration.chosen.held_out.totals / calibration.chosen.held_out.weights
     number = sample.vehicle[np.flatnonzero(odd)[0]]
-    own = walking_log_scores(calibration.chosen.mixture, sample.data)[sample.vehicle == number]
+    own = walking_log_scores(calibration.chosen.fit.mixture, sample.data)[sample.vehicle == number]
     assert scores[number] < -20
     assert own.mean() > scores[number] + 10
 
@@ -271,9 +272,9 @@ def test_copies_are_counted_warned_of_and_kept_in_one_fold():
     one, copied = make_sample(once), make_sample(pd.concat(again, ignore_index=True))
     assert (copied.vehicles, copied.named_vehicles, copied.copies) == (3, 60, 1140)
     settings = Settings((1, 2), starts=2, folds=3, seed=4)
-    fits, twenty = calibrate(one, settings), calibrate(copied, settings)
+    fits, twenty = fit(one, settings), fit(copied, settings)
     for alone, of in zip(fits.candidates, twenty.candidates, strict=True):
-        assert of.bic == pytest.approx(alone.bic, rel=1e-6)
+        assert of.fit.bic == pytest.approx(alone.fit.bic, rel=1e-6)
         assert of.held_out.mean == pytest.approx(alone.held_out.mean, abs=1e-3)
         assert of.held_out.standard_error == pytest.approx(alone.held_out.standard_error, abs=1e-3)
     of = card(copied, settings, twenty, RowFile("a", again[0], "", {}), "fit", (30.0, 5.0))
@@ -290,3 +291,24 @@ def test_vehicles_of_one_track_are_one():
     assert (sample.vehicles, sample.named_vehicles, sample.copies) == (3, 4, 0)
     assert sample.vehicle.tolist() == [0] * 20 + [1] * 20 + [0] * 20 + [2] * 20
     assert sample.tracks == ("a", "b", "c")
+
+
+def test_refits_resample_vehicles_and_keep_the_first() -> None:
+    """One vehicle has all the fast walkers: drawn m times it has m times the weight, or none."""
+    rows = made_up()
+    odd = (rows["vehicle"] == "v3").to_numpy()
+    rows.loc[odd, "pedestrian_speed_mps"] = 2.5 + 0.01 * np.arange(odd.sum())
+    sample, settings = make_sample(rows), Settings((1,), starts=1, seed=2)
+    made = refits(sample, 1, 12, settings)
+    means = np.array([mixture.mean()[2] for mixture in made])
+    rest, own = (sample.data[of, 2].mean() for of in (~odd, odd))
+    # Of 11 draws of 12 vehicles m are this one; vehicles have equal weights.
+    times = 11 * (means - rest) / (own - rest)
+    np.testing.assert_allclose(times, np.round(times), atol=0.25)
+    assert 0 in np.round(times)
+    assert times.max() > 1.5
+    again = refits(sample, 1, 3, settings, workers=2)
+    for one, other in zip(made, again, strict=False):
+        np.testing.assert_array_equal(one.locations, other.locations)
+    unnamed = make_sample(rows.drop(columns=["vehicle"]), weigh="row")
+    refuses("at least three vehicles", lambda: refits(unnamed, 1, 2, settings))

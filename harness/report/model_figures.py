@@ -1,0 +1,200 @@
+"""Figures of a fitted interaction model, after the paper's section on the model.
+
+They show BIC and its change over the number of components, recorded rows and the model in three
+projections, and conditional densities of walking and driving speed.  Lines differ in dash and
+colour, so greyscale is readable.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize, PowerNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from harness.core.encounter import FloatArray
+from harness.model.interaction import PEDESTRIAN_SPEED, VEHICLE_SPEED, InteractionModel
+from harness.model.mixture.distribution import TruncatedGaussianMixture
+from harness.model.sample import Sample
+from harness.report.style import BLUE, MUTED, SERIES, VERMILLION, finish, save, styled
+from harness.studies.fitting import RULE_SHARE, relative_gain
+
+AXIS_LABELS = ("1/R (1/m)", "vehicle speed v (m/s)", "walking speed v_p (m/s)", "1/T_adv (1/s)")
+PAIRS = ((0, 1), (0, 2), (3, 2))
+"""The projections: v over 1/R, v_p over 1/R, and v_p over 1/T_adv."""
+
+Conditions = Sequence[Mapping[str, float]]
+
+_CELLS = 48
+_SYMBOLS = {
+    "range_m": ("1/R", "per m"),
+    "vehicle_speed_mps": ("v", "m/s"),
+    "pedestrian_speed_mps": ("v_p", "m/s"),
+    "inverse_time_advantage_per_s": ("1/T_adv", "per s"),
+}
+_INVERSE_RANGES, _INVERSE_TIMES = (0.07, 0.10, 0.13), (0.05, 0.10)
+"""The authors' public scripts draw these conditions."""
+
+_VEHICLE_SPEEDS = (2.0, 3.5, 5.0)
+"""Below the speed at the trigger in the paper's Table II."""
+
+
+def save_figures(model: InteractionModel, sample: Sample | None, folder: Path) -> list[Path]:
+    """Write the paper's figures of a model, beside the rows of a sample if there is one.
+
+    Raises:
+        HarnessError: the folder or a file cannot be written.
+    """
+    with styled():
+        drawn = [("pairs", _pairs(model, sample)), ("speeds", _speeds(model))]
+        if len(model.provenance.get("candidates", ())) > 1:
+            drawn.insert(0, ("components", _components(model)))
+        return [
+            path
+            for name, (figure, caption) in drawn
+            for path in save(figure, caption, folder, name)
+        ]
+
+
+def _components(model: InteractionModel) -> tuple[Figure, str]:
+    """BIC, the gain of each component, and the held-out scores."""
+    card = model.provenance
+    bic = {each["components"]: each["bic"] for each in card["candidates"]}
+    gain = {k: 100 * share for k, share in relative_gain(bic).items()}
+    scores = {each["components"]: each["held_out"] for each in card["candidates"]}
+    scores = {k: of for k, of in scores.items() if of}
+    figure, axes = _panels(1, 3 if scores else 2, 4.0)
+    _over_components(axes[0], bic, "BIC (lower is better)", card["components"])
+    _over_components(axes[1], gain, "gain in BIC, share of the second's (%)")
+    axes[1].axhline(100 * RULE_SHARE, color=VERMILLION, lw=1.2, ls="--", label="the rule's limit")
+    if scores:
+        means = {k: of["mean"] for k, of in scores.items()}
+        errors = [1.96 * (of["standard_error"] or 0.0) for of in scores.values()]
+        axes[2].errorbar([*means], [*means.values()], errors, fmt="none", ecolor=MUTED)
+        _over_components(axes[2], means, "held-out log f(v_p | 1/R, v) (nats)", card["components"])
+    caption = f"{model.name}: n = {card['rows']:,} rows; BIC's n is {card['weight_sum']:.0f}. "
+    return figure, f"{caption}Bars: 95 % over vehicles. Square: the chosen K."
+
+
+def _pairs(model: InteractionModel, sample: Sample | None) -> tuple[Figure, str]:
+    """Rows and model in three projections; both have the same colour scale."""
+    figure, axes = _panels(len(PAIRS), 1 if sample is None else 2, 3.4)
+    view, panels = usual_view(model.mixture), iter(axes)
+    for pair in PAIRS:
+        density, edges = pair_density(model.mixture, pair, view), _edges(pair, view)
+        # The top 0.2 % of the cells is saturated.
+        norm = PowerNorm(0.5, vmin=0, vmax=float(np.quantile(density, 0.998)) or 1.0)
+        if sample is not None:
+            x, y = sample.data[:, pair].T
+            counts = np.histogram2d(x, y, bins=edges, weights=sample.weights, density=True)[0]
+            _draw_density(next(panels), counts, pair, edges, norm, f"rows, n = {len(x):,}")
+        _draw_density(next(panels), density, pair, edges, norm, "model")
+    rows = "" if sample is None else f"; rows are weighted by {sample.weigh}"
+    words = f"{model.name}, K = {model.mixture.weights.size}: densities, dark is high"
+    return figure, f"{words}; one colour scale per row (square root){rows}."
+
+
+def _speeds(model: InteractionModel) -> tuple[Figure, str]:
+    """v_p and v under the authors' conditions, and v_p as in a run."""
+    figure, axes = _panels(2, 2, 4.0)
+    ranges = [{"range_m": 1 / inverse} for inverse in _INVERSE_RANGES]
+    common: dict[str, float] = {"vehicle_speed_mps": 3.5, "inverse_time_advantage_per_s": 0.1}
+    walking, driving = model.walking_speed_density, model.driver_speed_density
+    _draw_speeds(axes[0], model, PEDESTRIAN_SPEED, walking, [each | common for each in ranges])
+    at_trigger = [{"range_m": 30.0, "vehicle_speed_mps": speed} for speed in _VEHICLE_SPEEDS]
+    _draw_speeds(axes[1], model, PEDESTRIAN_SPEED, walking, at_trigger)
+    for panel, inverse_time in zip(axes[2:], _INVERSE_TIMES, strict=True):
+        common = {"pedestrian_speed_mps": 1.2, "inverse_time_advantage_per_s": inverse_time}
+        conditions = [each | common for each in ranges]
+        _draw_speeds(panel, model, VEHICLE_SPEED, driving, conditions)
+        for condition, look in zip(conditions, SERIES, strict=False):
+            mode = np.array([model.driver_speed(**condition)])
+            panel.plot(mode, driving(mode, **_arrays(condition)), "o", color=look.colour, ms=5)
+    words = f"{model.name}, K = {model.mixture.weights.size}. Dots are the modes, the speeds that "
+    return figure, f"{words}the human driver aims for. Without T_adv it is integrated out."
+
+
+def _panels(down: int, across: int, height: float) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(5.0 * across, height * down), layout="constrained")
+    return figure, list(figure.subplots(down, across, squeeze=False).ravel())
+
+
+def pair_density(
+    mixture: TruncatedGaussianMixture, pair: tuple[int, int], view: FloatArray
+) -> FloatArray:
+    """The model's joint density of two variables at the cells' centres, shape (c, c)."""
+    across, up = pair
+    x, y = (0.5 * (edges[1:] + edges[:-1]) for edges in _edges(pair, view))
+    marginal = mixture.conditional(across, ()).pdf(x, np.empty((1, 0)))
+    given = mixture.conditional(up, (across,))
+    rows = given.pdf(np.tile(y, x.size), np.repeat(x, y.size)[:, None])
+    return marginal[:, None] * rows.reshape(x.size, y.size)
+
+
+def usual_view(mixture: TruncatedGaussianMixture) -> FloatArray:
+    """Each variable's range from its lower bound to its 99.7 % quantile, (4, 2)."""
+    nothing = np.empty((1, 0))
+    high = [mixture.conditional(i, ()).ppf([0.997], nothing)[0] for i in range(4)]
+    return np.column_stack((mixture.lower, high))
+
+
+def _draw_speeds(
+    axes: Axes,
+    model: InteractionModel,
+    variable: int,
+    density: Callable[..., FloatArray],
+    conditions: Conditions,
+) -> None:
+    """Draw a line for each condition; the legend names their differences, the title the rest."""
+    speeds = np.linspace(model.mixture.lower[variable], model.mixture.upper[variable], 500)
+    varied = {key for key in conditions[0] if len({each[key] for each in conditions}) > 1}
+    for condition, look in zip(conditions, SERIES, strict=False):
+        values = density(speeds, **_arrays(condition))
+        label = _words(condition, varied)
+        axes.plot(speeds, values, color=look.colour, ls=look.dash, lw=1.8, label=label)
+    common = _words(conditions[0], set(conditions[0]) - varied)
+    finish(axes, AXIS_LABELS[variable], "probability density (s/m)", common)
+    axes.set_ylim(bottom=0)
+    axes.margins(x=0)
+
+
+def _arrays(condition: Mapping[str, float]) -> dict[str, FloatArray]:
+    return {key: np.array([value]) for key, value in condition.items()}
+
+
+def _words(condition: Mapping[str, float], keys: set[str]) -> str:
+    return ", ".join(
+        f"{symbol} = {1 / condition[key] if key == 'range_m' else condition[key]:.3g} {unit}"
+        for key, (symbol, unit) in _SYMBOLS.items()
+        if key in keys
+    )
+
+
+def _edges(pair: tuple[int, int], view: FloatArray) -> list[FloatArray]:
+    return [np.linspace(view[i, 0], view[i, 1], _CELLS + 1) for i in pair]
+
+
+def _draw_density(
+    axes: Axes,
+    density: FloatArray,
+    pair: tuple[int, int],
+    edges: Sequence[FloatArray],
+    norm: Normalize,
+    title: str,
+) -> None:
+    axes.set(xlabel=AXIS_LABELS[pair[0]], ylabel=AXIS_LABELS[pair[1]])
+    axes.set_title(title, fontsize=10, loc="left")
+    axes.pcolormesh(*edges, density.T, cmap="Greys", norm=norm, rasterized=True)
+
+
+def _over_components(
+    axes: Axes, values: Mapping[int, float], label: str, chosen: int | None = None
+) -> None:
+    """Draw values over K, joined by a line, with a square around the chosen K."""
+    axes.plot(*zip(*sorted(values.items()), strict=True), "o-", color=BLUE, ms=4, lw=1.4)
+    if chosen is not None and chosen in values:
+        axes.plot(chosen, values[chosen], "s", ms=10, mfc="none", mec=VERMILLION, mew=1.8)
+    finish(axes, "number of components K", label)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
