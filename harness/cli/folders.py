@@ -10,6 +10,9 @@ from harness.cli.interruption import unwinding
 from harness.cli.output import say, show as show_result, show_rows
 from harness.core.errors import HarnessError, InputError, one_line
 
+_MOST_DIFFERENCES = 3
+"""Differences of a replay from its record that are printed."""
+
 
 def show(
     run_folder: options.RunArgument,
@@ -148,7 +151,9 @@ def replay(
         if each.problem:
             say(one_line(f"harness: {each.name}: {each.problem}; SUMO's files are incomplete"))
         record = "differs from the stored one" if each.differences else "is the stored one"
-        why = {"differences": "; ".join(each.differences)} if each.differences else {}
+        said = "; ".join(each.differences[:_MOST_DIFFERENCES])
+        more = f"; {len(each.differences):,} in all" * (len(each.differences) > _MOST_DIFFERENCES)
+        why = {"differences": f"{said}{more}"} if said else {}
         rows.append({"episode": each.name, "record": each.problem or record, **why})
     show_rows("replay", rows, False, as_json)
     if any(each.problem or each.differences for each in replayed):

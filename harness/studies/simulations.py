@@ -11,7 +11,7 @@ from types import MappingProxyType
 import pyarrow as pa
 
 from harness.core.encounter import Arm
-from harness.encounter.arms import check_arms, draws_from
+from harness.encounter.arms import arm_key, check_arms
 from harness.engine.session import Module
 from harness.engine.shared import close_engine
 from harness.engine.starting import scratch_prefix
@@ -29,8 +29,6 @@ from harness.simulation.opening import (
 from harness.simulation.pairing import Outcome, run_arm
 from harness.simulation.passages import Columns
 from harness.simulation.setup import Setup
-from harness.strategies.perception.sensor import sensor_of
-from harness.strategies.registry import STRATEGIES
 from harness.studies.tasks import EpisodeId, Rows, Task, Tell
 
 _TABLES = ("passages", "vehicles", "people", "crosswalks")
@@ -145,16 +143,10 @@ def _folders(task: Task, scenario: Scenario, cell: int) -> Iterator[tuple[Path, 
 
 
 def _arm_key(scenario: Scenario, arm: Arm) -> str | None:
-    """What an arm depends on besides the simulation, as text; see ``episode.arms.arm_key``."""
+    """What an arm depends on besides the simulation, as text; see ``arm_key``."""
     alone = arm is Arm.HUMAN or scenario.av_drives_alone
-    drivers = []
-    for driver in [arm] if alone else Arm:
-        name = scenario.arms.driver(driver)
-        if name not in STRATEGIES:
-            return None
-        drives = name, scenario.strategies.get(name, {}), draws_from(scenario, driver)
-        drivers.append((drives, sensor_of(scenario, driver), scenario.vehicle(driver)))
-    return repr((arm, drivers))
+    keys = [arm_key(scenario, driver) for driver in ([arm] if alone else Arm)]
+    return None if None in keys else repr((arm, keys))
 
 
 def _tables(cell: Cell, outcomes: Sequence[Outcome]) -> Tables:
