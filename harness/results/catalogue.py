@@ -297,6 +297,8 @@ ENTRIES: tuple[Entry, ...] = (
     _HOURS("queue_p95", "queue, 95 %, vehicles", "Vehicles below 5 km/h before the crosswalk, "
            "quantile over seconds; in all that of the longest queue.", "max crosswalks.queue_p95",
            unit="", screen=True),
+    _HOURS("throughput_per_hour", "throughput", "Vehicles over the crosswalks; with a queue that "
+           "grows, the capacity.", "throughput_per_hour", unit="1/h", digits=0, screen=True),
     _PASSAGES("conflicts_pet", "PET below {pet_s:g} s", "Share of passages with a conflict or a "
               f"contact. {_REACHED}", "count passages pet", screen=True),
     _PASSAGES("contacts", "contacts with people", f"By the vehicle's oriented outline. {_REACHED}",
@@ -317,8 +319,6 @@ ENTRIES: tuple[Entry, ...] = (
            "`people_wait_s`; JSON has the wait.", "mean people.wait_s", of="arms", form=Form.LEVEL),
     _PASSAGES("let_go", "people for whom the first driver yielded", "Of those who waited.",
               "count people let_go", weight="count people waited", digits=0),
-    _HOURS("throughput_per_hour", "throughput", "Vehicles over the crosswalks; with a queue that "
-           "grows, the capacity.", "throughput_per_hour", unit="1/h", digits=0),
     _HOURS("av_time_loss_s", "time loss of AVs", "Of trips through the whole network with the wait "
            "for departure.", "mean vehicles.time_loss_s av", network=True),
     _HOURS("other_time_loss_s", "time loss of other vehicles", "As that of AVs.",

@@ -90,7 +90,8 @@ def clustered_share(events: FloatArray, trials: FloatArray, confidence: float) -
     worth = float(special.stdtrit(n - 1, tail) / special.stdtrit(pairs - 1, tail)) ** 2
     effective = n / effect * min(1.0, worth)
     low, high = clopper_pearson(value * effective, effective, confidence)
-    return Finding(value, low, high, n, happened, reliable=True)
+    few = _few(pairs)
+    return Finding(value, low, high, n, happened, reliable=not few, reason=few)
 
 
 def _contributions(above: FloatArray, below: FloatArray) -> tuple[float | None, FloatArray]:
@@ -111,6 +112,13 @@ def _t(value: float, parts: FloatArray, confidence: float, least: float = -math.
     error = float(np.std(parts, ddof=1)) / math.sqrt(n)
     reach = float(special.stdtrit(n - 1, (1 + confidence) / 2)) * error
     p = 2 * float(special.stdtr(n - 1, -abs(value) / error)) if least < 0 else None
-    few = f"unreliable below {RELIABLE_FROM} pairs (has {n})" if n < RELIABLE_FROM else None
+    few = _few(n)
     low, high = max(value - reach, least), value + reach
     return Finding(value, low, high, n, reliable=not few, reason=few, p=p)
+
+
+def _few(pairs: int) -> str | None:
+    """Why an interval over so few pairs is unreliable; None if it is not."""
+    return (
+        f"unreliable below {RELIABLE_FROM} pairs (has {pairs})" if pairs < RELIABLE_FROM else None
+    )
