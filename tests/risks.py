@@ -1,62 +1,90 @@
 """Events whose probability is known in closed form, in standard normal space."""
 
-from collections.abc import Callable
-from typing import Any
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
 
-from harness.old.studies.risk.estimation import Estimation, estimate_probability
-from harness.old.studies.risk.layout import Layout
-from harness.old.studies.risk.outcomes import Evaluate, Outcomes
+from harness.results.finding import Finding
+from harness.results.tables import DRAWS
+from harness.studies.risk import MOST_DRAWS, findings_of
+from harness.studies.risk_draws import (
+    Episode,
+    Outcome,
+    Proposal,
+    Run,
+    Units,
+    draw_units,
+    rounds_of,
+)
+from harness.studies.risk_space import GRADINGS, Space
 
-DIMENSIONS = 18
+DIMENSIONS = 6
 
-CROWD = Layout(fixed=1, marks=2, rate_per_s=0.5, window_s=8.0)
+FLAT = Space(("side",) * DIMENSIONS)
+CROWD = Space(("side",), ("quantile",), rate_per_s=0.5, window_s=8.0)
 
-Case = tuple[Evaluate, float]
-
-LAYOUT = Layout(DIMENSIONS)
-
-
-def scored(score: Callable[[np.ndarray], np.ndarray]) -> Evaluate:
-    """Episodes that are nothing but their score, shape (n,)."""
-
-    def evaluate(z: np.ndarray, *_options: object) -> Outcomes:
-        return outcomes(score(z)[:, None])
-
-    return evaluate
-
-
-def outcomes(score: np.ndarray) -> Outcomes:
-    """Outcomes of episodes without a crowd, whose numbers do not matter."""
-    count = len(score)
-    never, nobody = np.full(count, np.nan), np.full(count, -1)
-    return Outcomes(score, np.arange(count), never, never, nobody, np.full((count, 1), np.inf))
+Case = tuple[Run, float]
 
 
-def estimated(
-    evaluate: Evaluate, seed: object, *options: float, layout: Layout = LAYOUT, **more: Any
-) -> Estimation:
-    """The estimate with draws of that seed."""
-    return estimate_probability(evaluate, layout, np.random.default_rng(seed), *options, **more)
+def drawn(proposal: Proposal, space: Space, round_: int, count: int, run: Run) -> Units:
+    """Units without a folder, drawn and run in this process."""
+    return Units(DRAWS.of(draw_units(proposal, space, round_, range(count), run)))
+
+
+def rounds(run: Run, space: Space, seed: int, target_cv: float = 0.1) -> list[Units]:
+    """All rounds of a risk with a seed."""
+    seeded = replace(space, seed=seed)
+
+    def draw(proposal: Proposal, round_: int, count: int) -> Units:
+        return drawn(proposal, seeded, round_, count, run)
+
+    return rounds_of(draw, seeded, np.random.default_rng(seed), target_cv, MOST_DRAWS)
+
+
+def found(run: Run, space: Space, seed: int, target_cv: float = 0.1) -> dict[str, Finding]:
+    """The numbers of a risk with a seed."""
+    return findings_of(rounds(run, space, seed, target_cv))
+
+
+def gain(numbers: dict[str, Finding]) -> float:
+    """How many times more episodes brute force takes for the same coefficient of variation."""
+    return numbers["brute_force_episodes"].count / numbers["episodes"].count
+
+
+def is_true(numbers: dict[str, Finding], truth: float) -> bool:
+    """Whether what is said holds: the interval's lower end, and the bound of all ways."""
+    low, high = numbers["probability"].low or 0.0, numbers["all_ways_high"].value
+    assert high is not None
+    return low <= truth <= high
+
+
+def scored(score: Callable[[np.ndarray], np.ndarray]) -> Run:
+    """Episodes that are nothing but their score, shape (n,), a function of the fixed numbers."""
+
+    def run(episodes: Sequence[Episode]) -> list[Outcome]:
+        if not episodes:
+            return []
+        scores = score(np.array([each.fixed for each in episodes])).tolist()
+        return [Outcome(of <= 0, scores=(of,) * GRADINGS) for of in scores]
+
+    return run
 
 
 def half_space(p: float) -> Case:
     """Beyond a plane at distance Φ⁻¹(1 − p) from the origin, oblique to every axis."""
-    distance = stats.norm.isf(p)
-    normal = np.ones(DIMENSIONS) / np.sqrt(DIMENSIONS)
-    return scored(lambda z: distance - z @ normal), p
+    return scored(lambda z: stats.norm.isf(p) - z.sum(axis=1) / math.sqrt(DIMENSIONS)), p
 
 
 def union(p: float) -> Case:
     """Beyond either of two planes at right angles: 1 − (1 − p₁)(1 − p₂)."""
     one, two = 0.7 * p, 0.3 * p
-    normal = np.zeros(DIMENSIONS)
-    normal[1:3] = -0.6, 0.8
+    far = stats.norm.isf([one, two])
 
     def score(z: np.ndarray) -> np.ndarray:
-        return np.minimum(stats.norm.isf(one) - z[:, 0], stats.norm.isf(two) - z @ normal)
+        return np.minimum(far[0] - z[:, 0], far[1] - (0.8 * z[:, 2] - 0.6 * z[:, 1]))
 
     return scored(score), 1 - (1 - one) * (1 - two)
 
@@ -82,43 +110,24 @@ def crowd(p: float) -> Case:
     Poisson, and independent of the early ones: p = E[1 − exp(−λ P(slow) length)], where the length
     is that of [T − h, T + h] within the window.
     """
-    half_s = 0.1
-    slow = p / CROWD.rate_per_s / (2 * half_s)
-    limit = stats.norm.isf(slow)
+    half_s, rate, window_s = 0.1, CROWD.rate_per_s, CROWD.window_s
+    slow = p / rate / (2 * half_s)
+    limit = float(stats.norm.isf(slow))
+    early = np.arange(12)
+    z, weight = np.polynomial.hermite_e.hermegauss(200)
+    length_s = np.clip(window_s + half_s - (4.0 + z[:, None] / 10 + early), 0.0, 2 * half_s)
+    hit = 1 - np.exp(-rate * slow * length_s)
+    truth = float(weight / weight.sum() @ hit @ stats.poisson.pmf(early, 3.0 * rate))
 
-    def truth() -> float:
-        early = np.arange(12)
-        z, weight = np.polynomial.hermite_e.hermegauss(200)
-        passed_s = 4.0 + z[:, None] / 10 + early
-        length_s = np.clip(CROWD.window_s - passed_s + half_s, 0.0, 2 * half_s)
-        hit = 1 - np.exp(-CROWD.rate_per_s * slow * length_s)
-        return float(weight / weight.sum() @ hit @ stats.poisson.pmf(early, 1.5))
+    def outcome(episode: Episode) -> Outcome:
+        arrivals_s, marks = episode.people.T
+        passed_s = 4.0 + episode.fixed[0] / 10 + (arrivals_s < 3.0).sum()
+        away = np.maximum(np.abs(arrivals_s - passed_s) - half_s, 0.0)
+        away += np.maximum(limit - marks, 0.0)
+        (met,) = np.nonzero(away <= 0)
+        asked = episode.asked
+        own = math.inf if asked is None or asked < 0 else float(away[asked])
+        first = int(met[0]) if len(met) else -1  # whoever of them comes first is the culprit
+        return Outcome(len(met) > 0, first, (own,) * GRADINGS, float(passed_s), 1.0)
 
-    def evaluate(
-        z: np.ndarray,
-        _what: str,
-        numbers: np.ndarray | None = None,
-        asked: np.ndarray | None = None,
-    ) -> Outcomes:
-        arrivals_s, mark = CROWD.arrivals_s(z), CROWD.people(z)[:, :, 1]
-        passed_s = 4.0 + z[:, 0] / 10 + (arrivals_s < 3.0).sum(axis=1)
-        away_s = np.maximum(np.abs(arrivals_s - passed_s[:, None]) - half_s, 0.0)
-        away = away_s + np.maximum(limit - mark, 0.0)
-        away = np.where(np.isnan(away), np.inf, away)
-        # Whoever of the hit comes first is the culprit.
-        first = np.where(away <= 0, arrivals_s, np.inf).argmin(axis=1)
-        rows = np.arange(len(z))
-        own = np.full(len(z), np.inf)
-        if asked is not None:
-            own = np.where(asked < 0, np.inf, away[rows, asked])
-        score = away.min(axis=1)
-        return Outcomes(
-            score[:, None],
-            rows if numbers is None else numbers,
-            passed_s,
-            np.full(len(z), 1.0),
-            np.where(score <= 0, first, -1),
-            own[:, None],
-        )
-
-    return evaluate, truth()
+    return lambda episodes: [*map(outcome, episodes)], truth

@@ -6,7 +6,6 @@ import sys
 import traceback
 from collections.abc import Mapping, Sequence
 from importlib import import_module
-from pathlib import Path
 
 import typer
 from typer.exceptions import Abort, Exit, TyperException
@@ -18,10 +17,9 @@ from harness.core.errors import HarnessError, InputError, one_line
 COMMANDS: Mapping[str, str] = {
     command: module
     for module, commands in {
-        "cli.encounters": "run sweep resume",
+        "cli.encounters": "run sweep resume risk",
         "cli.folders": "show report compare worst replay export",
         "cli.about": "network strategies doctor",
-        "old.cli.risk": "risk",
         "cli.crossings": "crossings",
         "cli.conflicts": "conflicts",
         "cli.model": "extract fit model",
@@ -30,9 +28,6 @@ COMMANDS: Mapping[str, str] = {
     for command in commands.split()
 }
 """The commands with their modules; only that of the command which is asked for is imported."""
-
-_OF_OTHERS = {"resume": "old.cli.reporting", "report": "old.cli.reporting"}
-"""The modules for folders of risk estimates."""
 
 _INTERRUPTED = 130
 """typer's exit code if a command did not catch the interruption."""
@@ -64,18 +59,9 @@ def application(arguments: Sequence[str] = ()) -> typer.Typer:
     app.callback()(lambda: None)  # without it a single command would have no name
     name = arguments[0] if arguments else ""
     for command in [name] if name in COMMANDS else COMMANDS:
-        module = import_module(f"harness.{_module_of(command, arguments)}")
+        module = import_module(f"harness.{COMMANDS[command]}")
         app.command(command)(module.run if command == "sweep" else getattr(module, command))
     return app
-
-
-def _module_of(command: str, arguments: Sequence[str]) -> str:
-    if not arguments[1:] or command not in _OF_OTHERS:
-        return COMMANDS[command]
-    paths = (Path(each) for each in arguments[1:] if not each.startswith("-"))
-    if [(path / "risk.json").is_file() for path in paths if path.is_dir()][:1] == [True]:
-        return _OF_OTHERS[command]
-    return COMMANDS[command]
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""The commands ``run`` (also called ``sweep``) and ``resume``."""
+"""The commands ``run`` (also called ``sweep``), ``risk`` and ``resume``."""
 
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ from harness.core.errors import InputError, one_line
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from harness.results.result import Result
     from harness.results.run import Run
 
 
@@ -72,16 +73,58 @@ def resume(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Continue an interrupted run."""
-    from harness.results.run import load_run
-    from harness.studies.run import resume as resume_run
+    """Continue an interrupted run or risk."""
+    from harness.results.folder import kind_of_folder, read_manifest
+    from harness.scenario.study import study_from
+    from harness.studies import risk as risks, run as runs
 
-    driven = load_run(run_folder).study.driven
-    with progress_bar(quiet or as_json) as advance, unwinding():
-        finished = resume_run(
-            run_folder, workers=workers, executor=_cluster(dask, workers, driven), progress=advance
-        )
-    print_run(finished, full, quiet, as_json)
+    driven = study_from(read_manifest(run_folder), str(run_folder)).driven
+    is_risk = kind_of_folder(run_folder) == "risk"
+    with progress_bar(quiet or as_json, "done") as advance, unwinding():
+        how = workers, _cluster(dask, workers, driven), advance
+        if is_risk:
+            result = risks.resume(run_folder, *how)
+        else:
+            finished = runs.resume(run_folder, *how)
+    if is_risk:
+        print_risk(result, full, quiet, as_json)
+    else:
+        print_run(finished, full, quiet, as_json)
+
+
+def risk(
+    scenario: options.ScenarioArgument,
+    event: options.EventOption = "crashed",
+    arm: options.ArmOption = "av",
+    target_cv: options.TargetOption = 0.1,
+    out: options.OutOption = None,
+    seed: options.SeedOption = None,
+    settings: options.SetOption = None,
+    workers: options.WorkersOption = None,
+    engine: options.EngineOption = "plain",
+    dask: options.DaskOption = None,
+    full: options.FullOption = False,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
+) -> None:
+    """Estimate how probable a rare event is in an episode."""
+    from harness.core.encounter import Arm
+    from harness.scenario import read_scenario_file, study_of
+    from harness.studies.risk import risk as estimate
+
+    study = study_of(read_scenario_file(scenario, settings_of(settings, None, seed)))
+    with progress_bar(quiet or as_json, "draws") as advance, unwinding():
+        cluster = _cluster(dask, workers, study.driven)
+        asked = Arm(arm), target_cv, out, engine
+        result = estimate(study, event, workers, cluster, advance, *asked)
+    print_risk(result, full, quiet, as_json)
+
+
+def print_risk(result: "Result", full: bool, quiet: bool, as_json: bool) -> None:
+    """Print what a risk says; exit with 1 if an episode failed."""
+    show(result, full, quiet, as_json, [result.facts["folder"]])
+    if result.facts["failed"]:
+        raise typer.Exit(1)
 
 
 def _cluster(address: str | None, workers: int | None, drivers: list[str]) -> "Executor | None":

@@ -5,7 +5,7 @@ import re
 import typer
 
 from harness.cli import options
-from harness.cli.encounters import print_run
+from harness.cli.encounters import print_risk, print_run
 from harness.cli.interruption import unwinding
 from harness.cli.output import say, show as show_result, show_rows
 from harness.core.errors import HarnessError, InputError, one_line
@@ -19,10 +19,16 @@ def show(
     full: options.FullOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Show the screen of a run again."""
+    """Show the screen of a run or risk again."""
+    from harness.results.folder import kind_of_folder
     from harness.results.run import load_run
 
-    print_run(load_run(run_folder), full, False, as_json)
+    if kind_of_folder(run_folder) == "risk":
+        from harness.studies.risk import read_risk
+
+        print_risk(read_risk(run_folder), full, False, as_json)
+    else:
+        print_run(load_run(run_folder), full, False, as_json)
 
 
 def report(
@@ -35,14 +41,22 @@ def report(
 ) -> None:
     """Write one HTML page: results, figures and a player for episodes.  It needs no network."""
     from harness.report.page import write_page
+    from harness.results.folder import kind_of_folder
     from harness.results.run import load_run
+    from harness.results.tables import EVENTS
     from harness.studies.allowed import allowed_in
     from harness.studies.candidates import groups_of
     from harness.studies.compare import compare as compare_cells
     from harness.studies.shown import shown_pairs
 
-    run = load_run(run_folder)
-    result = run.result()
+    is_risk = kind_of_folder(run_folder) == "risk"
+    run = load_run(run_folder / EVENTS if is_risk else run_folder)
+    if is_risk:
+        from harness.studies.risk import read_risk
+
+        result, out = read_risk(run_folder), out or run_folder / "report.html"
+    else:
+        result = run.result()
     with unwinding():
         groups = groups_of([run]) if run.finished else []
         several = any(len(group) > 1 for group in groups)

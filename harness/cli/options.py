@@ -45,6 +45,9 @@ _DRIVER = "Of simulations: who drove, AVs' strategy, the reference's, or SUMO."
 DriverOption = Annotated[Literal["av", "reference", "sumo"] | None, Option(help=_DRIVER)]
 Mu0Option = Annotated[float | None, Option(help="Upper limit of μ: the paper's allowed interval.")]
 Kappa0Option = Annotated[float | None, Option(help="Upper limit of κ: the same.")]
+_EVENT = "crashed, or a measure below or above a limit: 'min_ttc_s<0.5', 'contact_speed_mps>5'."
+EventOption = Annotated[str, Option(help=_EVENT)]
+TargetOption = Annotated[float, Option(help="Target of standard error / probability.")]
 PageOption = Annotated[Path | None, Option(help="The page; default RUN/report.html.")]
 FiguresOption = Annotated[Path | None, Option(help="Folder for the figures, PNG and PDF.")]
 TableOption = Annotated[Path | None, Option(help="Write the rows to a new CSV file.")]

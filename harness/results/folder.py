@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 import filelock
 
@@ -192,13 +192,13 @@ def refuse_other_versions(then: JsonObject, now: JsonObject) -> None:
         raise InputError("resume", change, "the versions, strategies and model of its beginning")
 
 
-def kind_of_folder(folder: Path) -> RunKind | Literal["old"]:
-    """The kind of a folder's content: that of its run, or anything else."""
+def kind_of_folder(folder: Path) -> RunKind | None:
+    """The kind of a folder's run; None if it holds none."""
     try:
         kind = _read(folder / MANIFEST).get("kind")
     except InputError:
-        return "old"
-    return next((known for known in TABLES_OF if known == kind), "old")
+        return None
+    return next((known for known in TABLES_OF if known == kind), None)
 
 
 def read_manifest(folder: Path) -> JsonObject:

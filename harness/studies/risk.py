@@ -148,32 +148,28 @@ def _passage(trace: Trace) -> tuple[float | None, float | None]:
     return float(trace.step_s * steps), float(speed_mps)
 
 
-def _quiet(_done: int, _planned: int) -> None:
-    """No progress is shown."""
-
-
 def risk(
     study: Study,
     event: str = "crashed",
-    *,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    progress: runs.Progress = runs.quiet,
     arm: Arm = Arm.AV,
     target_cv: float = 0.1,
     out: Path | None = None,
-    workers: int | None = None,
     engine: EngineName = "plain",
-    executor: Executor | None = None,
-    progress: runs.Progress = _quiet,
 ) -> Result:
     """Estimate the probability that an episode ends in an event.
 
     Args:
         study: a study of one cell.
         event: see ``parse_event``.
+        workers, executor: as for ``run``.
+        progress: receives the numbers of finished and planned draws of a round.
         arm: who drives.
         target_cv: target of the standard error divided by the probability.
         out: a new or empty folder; default ``runs/<name>-risk-<next free number>``.
-        workers, engine, executor: as for ``run``.
-        progress: receives the numbers of finished and planned draws of a round.
+        engine: as for ``run``.
 
     Raises:
         InputError: the scenario, the strategy or the event is refused; nothing has been written.
@@ -197,10 +193,9 @@ def risk(
 
 def resume(
     path: Path,
-    *,
     workers: int | None = None,
     executor: Executor | None = None,
-    progress: runs.Progress = _quiet,
+    progress: runs.Progress = runs.quiet,
 ) -> Result:
     """Continue an interrupted risk; parts that were lost or damaged are drawn again."""
     manifest, study, found = _read(path)

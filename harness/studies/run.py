@@ -48,7 +48,7 @@ Progress = Callable[[int, int], None]
 """Receives the numbers of finished and planned pairs."""
 
 
-def _quiet(_done: int, _planned: int) -> None:
+def quiet(_done: int, _planned: int) -> None:
     """No progress is shown."""
 
 
@@ -64,7 +64,7 @@ def run(
     workers: int | None = None,
     engine: EngineName = "sumo",
     executor: Executor | None = None,
-    progress: Progress = _quiet,
+    progress: Progress = quiet,
 ) -> Run:
     """Run every pair of every cell with both drivers, and write the run folder.
 
@@ -117,10 +117,9 @@ def run(
 
 def resume(
     path: Path | str,
-    *,
     workers: int | None = None,
     executor: Executor | None = None,
-    progress: Progress = _quiet,
+    progress: Progress = quiet,
 ) -> Run:
     """Continue an interrupted run; parts that were lost or damaged are simulated again.
 

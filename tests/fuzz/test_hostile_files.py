@@ -66,7 +66,7 @@ KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
             "run town/own.toml --out out",
         ),
     ),
-    "risk": (2_500, ("report risk --out out/page.html", "run risk/critical.toml --out out/again")),
+    "risk": (2_500, ("show risk", "resume risk")),
 }
 """Cases of each kind of file in full, and the commands that read it; those that draw take long."""
 
@@ -90,7 +90,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         assert done_or_refused(*sweep.split(), "--set", "pedestrians.max_count=3", "--out", RUN)
         (folder / RUN / "log.jsonl").unlink()  # it has a clock in it
         assert done_or_refused("run", "hours.toml", "--traces", "--out", "hours")
-        risk = "risk cctc --set arms.av=constant_speed --most-episodes 100 --out risk"
+        risk = "risk cctc --set arms.av=constant_speed --target-cv 1 --out risk"
         assert done_or_refused(*risk.split())
         own = "crossings town/town.sumocfg --write town/own.toml --edge :J7_c0"
         assert done_or_refused(*own.split())

@@ -1,6 +1,5 @@
 """Vehicles that obey late, in SUMO: encounters and risks."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +10,8 @@ from harness.encounter.pairing import PairRunner
 from harness.engine.plain import PlainEngine
 from harness.engine.shared import engine_for
 from harness.model.interaction import InteractionModel
-from harness.old.studies.risk.asking import Settings
-from harness.old.studies.risk.folder import estimate_risk
-from harness.old.studies.risk.writing import RESULT
-from harness.scenario import load_scenario
-from tests.batches import Inline
+from harness.scenario import Cell, Study, load_scenario
+from harness.studies.risk import risk
 from tests.scenes import on_plain, scenario
 
 pytestmark = pytest.mark.usefixtures("no_simulation")
@@ -57,9 +53,9 @@ def test_a_risk_of_a_late_vehicle_holds_its_quadrature(
     ]
     driven = on_plain(scene, model).run_arm_given(Arm.AV, cases, lambda _: None)
     truth = float(np.mean([each.record.ending is Ending.CRASHED for each in driven]))
-    asked = Settings("cctc", scene, target_cv=0.3)
-    folder = estimate_risk(asked, out=tmp_path / "risk", make_executor=Inline)
-    result = json.loads((folder / RESULT).read_text())
+    study = Study("late", scene, (Cell(0, {}, scene),))
+    (record,) = risk(study, workers=0, target_cv=0.3, out=tmp_path / "risk").records
+    found = record["probability"]
     # On either side the crashes are an interval of u, with two ends.
-    assert result["ci_low"] - 2 / parts <= truth <= result["ci_high"] + 2 / parts
-    assert result["ci_low"] > 0.05  # 0.0225 by the same sum if the vehicle obeys at once
+    assert found.low - 2 / parts <= truth <= found.high + 2 / parts
+    assert found.low > 0.05  # 0.0225 by the same sum if the vehicle obeys at once

@@ -1,177 +1,133 @@
-"""``harness risk`` from the shell: the same bytes on any number of workers, resumed, met again."""
+"""``harness risk`` from the shell: the same rows on any number of workers, resumed, met again."""
 
 import json
-import re
 import shutil
+import signal
+import subprocess
+import time
 from pathlib import Path
 
-import pyarrow.parquet as pq
+import pandas as pd
 import pytest
 
 import harness
-from harness.core.encounter import Arm
 from harness.core.errors import InputError, InterruptedRunError
-from harness.old.statistics.findings import Rank
-from harness.old.studies.risk.asking import Settings
-from harness.old.studies.risk.folder import estimate_risk, read_risk, resume_risk
-from harness.old.studies.risk.writing import RESULT
-from harness.scenario import Setting, read_scenario_file, validate
-from tests.batches import CHECKOUT, Inline, here, printed, refusal
+from harness.scenario import read_scenario_file, study_of
+from harness.studies.risk import read_risk, resume, risk
+from harness.studies.workers import InProcess
+from tests.batches import HARNESS, here, printed, refusal
 
-FILES = ("result.json", "failures.parquet", "critical.toml")
-
-
-def settings(av: str = "constant_speed", **changes: object) -> Settings:
-    scenario = read_scenario_file("cctc", [Setting("arms.av", av)]).scenario()
-    return Settings("cctc", scenario, target_cv=0.3, **changes)
-
-
-class Counting(Inline):
-    """Counts the episodes that it is given, and is interrupted at a task."""
-
-    def __init__(self, interrupted_at: int = 0) -> None:
-        super().__init__(1)
-        self.tasks, self.episodes, self._interrupted_at = 0, 0, interrupted_at
-
-    def submit(self, function, argument):  # type: ignore[no-untyped-def]
-        self.tasks += 1
-        if self.tasks == self._interrupted_at:
-            raise KeyboardInterrupt
-        self.episodes += len(argument.numbers)
-        return super().submit(function, argument)
-
-
-COUNTING = Counting()
+UNHINDERED = ("risk", "cctc", "--set", "arms.av=constant_speed", "--target-cv", 0.3)
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("risk") / "whole"
-    return estimate_risk(settings(), out=out, make_executor=lambda _: COUNTING)
+    assert printed(*UNHINDERED, "--out", out, "--quiet") == f"{out}\n"
+    return out
 
 
-def test_the_interval_holds_the_quadrature(finished: Path, tmp_path: Path) -> None:
-    """Its critical episodes crash again in SUMO."""
-    result = json.loads((finished / RESULT).read_text())
+def files_of(folder: Path) -> dict[str, bytes]:
+    """What must be the same: the rows and the findings."""
+    paths = [*folder.glob("draws/*"), folder / "findings.json", *folder.glob("events/episodes/*")]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
+
+def test_the_interval_holds_the_quadrature_and_its_events_crash_again(finished: Path) -> None:
+    document = json.loads(printed("show", finished, "--json"))
+    (record,) = document["records"]
     # docs/method.md: κ of constant_speed by quadrature.
-    assert result["ci_low"] <= 0.2146 <= result["ci_high"]
-    assert result["failed"] == 0
-    words = ("run", finished / "critical.toml", "--out", tmp_path / "run", "--quiet")
-    printed(*words, cwd=CHECKOUT)
-    episodes = pq.read_table(tmp_path / "run" / "episodes").to_pandas()
-    assert set(episodes[episodes["arm"] == "av"]["ending"]) == {"crashed"}
-    assert len(episodes) >= 2
+    assert record["probability"]["low"] <= 0.2146 <= record["probability"]["high"]
+    # The last round alone is the estimate; every draw is independent and nominal.
+    draws = pd.read_parquet(finished / "draws")
+    last = draws[draws["cell"] == draws["cell"].max()]
+    assert record["probability"]["value"] == pytest.approx(last["event"].mean())
+    assert record["episodes"]["value"] == draws["episodes"].sum() == 2 * len(last)
+    events = harness.load_run(finished / "events").episodes
+    assert set(events[events["arm"] == "av"]["ending"]) == {"crashed"}
+    assert "crashed" in printed("worst", finished / "events", "-n", 1)
+    screen = printed("show", finished)
+    assert f"{100 * record['probability']['value']:.2f} %" in screen
+    assert "brute force" in screen
 
 
-def test_same_bytes_after_interruptions_and_in_processes(finished: Path, tmp_path: Path) -> None:
-    """Issue: a batch was kept when it was whole, and the last stage of a risk is one batch."""
-    # In the first look's batch of 40 tasks, in the estimate, and in the checks in SUMO.
-    again, estimate, last = tmp_path / "again", Counting(COUNTING.tasks // 2), Counting(5)
-    first = Counting(30)
+def test_its_page_has_the_estimate_and_plays_its_events(finished: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    printed("report", finished, "--out", page)
+    text = page.read_text("utf-8")
+    assert "probability of the event" in text
+    assert 'id="player-data"' in text
+    for command in (["compare", finished], ["worst", finished], ["replay", finished, "--pair", 0]):
+        assert "is a risk estimate" in refusal(*command, *["--gui"] * (command[0] == "replay"))
+
+
+class Interrupting(InProcess):
+    """Is interrupted at a task."""
+
+    def __init__(self, at: int) -> None:
+        self._left = at
+
+    def submit(self, *arguments, **options):  # type: ignore[no-untyped-def]
+        self._left -= 1
+        if not self._left:
+            raise KeyboardInterrupt
+        return super().submit(*arguments, **options)
+
+
+def test_the_same_rows_after_interruptions_and_in_processes(finished: Path, tmp_path: Path) -> None:
+    study, again = (
+        study_of(read_scenario_file("cctc", {"arms.av": "constant_speed"})),
+        tmp_path / "r",
+    )
     with pytest.raises(InterruptedRunError, match="harness resume"):
-        estimate_risk(settings(), out=again, make_executor=lambda _: first)
-    assert not (again / RESULT).exists()
+        risk(study, executor=Interrupting(7), target_cv=0.3, out=again)
     with pytest.raises(InputError, match="is not finished; allowed: harness resume"):
         read_risk(again)
-    for executor in (estimate, last):
-        with pytest.raises(InterruptedRunError, match="harness resume"):
-            resume_risk(again, make_executor=lambda _, executor=executor: executor)
-    rest = Counting()
-    resume_risk(shutil.copytree(again, tmp_path / "one"), make_executor=lambda _: rest)
-    run = sum(executor.episodes for executor in (first, estimate, last, rest))
-    # An interruption loses the tasks that are under way: at most two of 25 episodes.
-    assert COUNTING.episodes <= run <= COUNTING.episodes + 3 * 2 * 25
-    resume_risk(again, workers=2)
-    for name in FILES:
-        assert (again / name).read_bytes() == (finished / name).read_bytes()
-    assert not (again / "batches").exists()
+    assert "is not finished" in refusal("show", again)
+    with pytest.raises(InterruptedRunError, match="harness resume"):
+        resume(again, executor=Interrupting(23))
+    next(iter(again.glob("draws/*"))).write_bytes(b"damaged")
+    resume(again, workers=2)
+    assert files_of(again) == files_of(finished)
+    # A finished one is only shown; one that was edited is refused.
+    assert printed("resume", again, "--quiet") == f"{again}\n"
+    (again / "findings.json").write_text("{}")
+    assert "findings.json: is damaged" in refusal("resume", again)
 
 
-def test_what_failed_ends_with_exit_code_1(finished: Path, tmp_path: Path) -> None:
-    """A damaged result is one line."""
-    folder = tmp_path / "risk"
-    shutil.copytree(finished, folder)
-    result = json.loads((finished / RESULT).read_text())
-    for wrong, code in (({}, 0), ({"failed": 1}, 1)):
-        (folder / RESULT).write_text(json.dumps({**result, **wrong}))
-        assert here("resume", folder).returncode == code
-    (folder / RESULT).write_text("{}")
-    assert "result.json: scenario: is missing" in refusal("resume", folder)
+RAISES = """
+class Raises:
+    def decide(self, observation):
+        if any(person.speed_mps > 1.6 for person in observation.pedestrians):
+            raise ValueError("too fast")
+        return 0.0
+"""
 
 
-def test_a_risk_is_said_as_json_as_its_folder_and_in_a_browser(
-    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    stored = json.loads((finished / RESULT).read_text())
-    assert json.loads(printed("resume", finished, "--json")) == stored
-    assert stored["findings"]["probability"]["value"] == stored["probability"]
-    assert printed("resume", finished, "--quiet") == f"{finished}\n"
-    opened: list[str] = []
-    monkeypatch.setattr("webbrowser.open", opened.append)
-    page = tmp_path / "page.html"
-    document = json.loads(printed("report", finished, "--out", page, "--open", "--json"))
-    assert (document, opened) == ({"page": str(page)}, [page.as_uri()])
-    # The page says the estimate and how to play.
-    text = page.read_text()
-    for words in (f" {stored['probability']:.3g} ", "harness run", "critical.toml"):
-        assert words in text
-    assert text.count('<table id="way-') == len(stored["ways"])
-    # The player has the likeliest events; in every one of them the AV crashes.
-    assert "The likeliest events of the estimate, simulated again in SUMO." in text
-    shown = harness.load_run(finished / "shown").episodes
-    assert set(shown[shown["arm"] == "av"]["ending"]) == {"crashed"}
-    (data,) = re.findall(r'id="player-data">(.*?)</script>', text)
-    assert json.loads(data)["episodes"]
-    # It says m/s as these episodes walked, and neither quantiles nor updates.
-    screen = printed("resume", finished, "--full")
-    for shown in (text, screen, json.dumps(stored)):
-        assert "quantile" not in shown
-        assert "at update" not in shown
-    walked = harness.load_run(finished / "shown").pedestrians
-    first = stored["ways"][0]["critical_pairs"][0]
-    walked = walked[(walked["arm"] == "av") & (walked["pair"] == first) & (walked["index"] == 0)]
-    speed = f"walks at {walked['speed_mps'].item():.2f} m/s"
-    assert speed in text
-    assert speed in screen
-    # A pair of critical.toml goes to another tool as any other.
-    printed("export", finished, "--pair", 0, "--format", "trajectories", "--out", tmp_path / "out")
-    assert (tmp_path / "out" / "trajectories.csv").is_file()
-    # What a risk cannot do is refused.
-    cluster = refusal("resume", finished, "--dask", "tcp://nowhere:1")
-    assert "--dask: is not supported with a risk estimate" in cluster
-    assert "a risk estimate has no figures" in refusal("report", finished, "--figures", tmp_path)
-    out = tmp_path / "new"
-    for command in (
-        ["compare", finished],
-        ["worst", finished],
-        ["export", finished, "--csv"],
-        ["replay", finished, "--pair", "0", "--out", out],
-    ):
-        message = refusal(*command)
-        assert message.startswith(f"harness: {finished}: is a risk estimate, not a run")
-        assert f"harness run {finished / 'critical.toml'}" in message
-    assert "is not empty" in refusal("run", "cctc", "--out", finished)
+def test_failures_are_said_and_end_with_exit_code_1(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(RAISES)
+    words = ("risk", "cctc", "--target-cv", 0.5, "--out", "out", "--json")
+    done = here(*words, "--set", "arms.av=own:Raises", cwd=tmp_path)
+    assert done.returncode == 1
+    document = json.loads(done.stdout)
+    (record,) = document["records"]
+    assert record["failures"]["value"] > 0
+    assert record["probability_worst"]["value"] > record["probability"]["value"]
+    assert document["notes"][0]["key"] == "failures"
+    draws = pd.read_parquet(tmp_path / "out" / "draws")
+    assert not (draws["event"] & draws["reason"].notna()).any()
+    assert draws["reason"].str.contains("too fast").sum() == record["failures"]["value"]
 
 
-def test_the_human_arm_and_another_event(tmp_path: Path) -> None:
-    asked = settings(arm=Arm.HUMAN, event="min_gap_m<1000", most_episodes=60)
-    folder = estimate_risk(asked, out=tmp_path / "risk", make_executor=Inline)
-    result = json.loads((folder / RESULT).read_text())
+def test_draws_that_are_not_sampled_are_said(tmp_path: Path) -> None:
+    """The human driver that samples its speed draws at every decision."""
+    settings = ["--set", "arms.av=human_gmm", "--set", "strategies.human_gmm.speed=sampled"]
+    words = ("risk", "cctc", *settings, "--event", "min_gap_m<1000", "--target-cv", 0.5)
+    document = json.loads(printed(*words, "--out", tmp_path / "risk", "--json"))
     # Everybody who steps off is nearer than a kilometre.
-    assert result["probability"] == 1.0
-    assert result["strategy"] == "human_gmm"
-
-
-def test_draws_that_are_not_sampled_are_said(finished: Path, tmp_path: Path) -> None:
-    # The human driver that samples its speed draws at every decision.
-    tree = read_scenario_file("cctc").scenario().model_dump()
-    tree["arms"]["av"], tree["strategies"]["human_gmm"] = "human_gmm", {"speed": "sampled"}
-    asked = Settings("cctc", validate(tree, "test"), event="min_gap_m<1000", most_episodes=60)
-    drawing = estimate_risk(asked, out=tmp_path / "risk", make_executor=Inline)
-    (note,) = read_risk(drawing).notes
-    assert note.rank is Rank.LEFT_OUT
-    assert "what the strategy draws after its first 2 random numbers" in note.text
-    assert read_risk(finished).notes == ()
+    assert document["records"][0]["probability"]["value"] == 1.0
+    (note,) = document["notes"]
+    assert "what the strategy draws after its first 2 random numbers" in note["text"]
 
 
 @pytest.mark.parametrize(
@@ -182,11 +138,31 @@ def test_draws_that_are_not_sampled_are_said(finished: Path, tmp_path: Path) -> 
         (["cctc", "--arm", "humans"], "'humans' is not one of 'av', 'human'"),
         (["cctc", "--target-cv", "0"], "--target-cv"),
         (["euro_ncap_vru"], "--set ego.initial_speed_mps=… --set pedestrians.timed_case=…"),
-        (["euro_ncap_vru", "--set", "pedestrians.timed_case=CPNA-25"], "ego.initial_speed_mps=…"),
-        (["cctc_flow", "--set", "traffic.flow_per_hour=300"], "without [traffic]"),
-        (["cctc", "--set", "arms.av=sumo_driver"], "drives only with [simulation]"),
+        (["cctc_flow", "--set", "traffic.flow_per_hour=300"], "a scenario of encounters"),
+        (["cctc", "--set", "arms.av=sumo_driver"], "drives only"),
     ],
 )
 def test_bad_input_is_one_line(arguments: list[str], words: str, tmp_path: Path) -> None:
     assert words in refusal("risk", *arguments, "--out", tmp_path / "risk")
     assert not (tmp_path / "risk").exists()
+
+
+@pytest.mark.slow
+def test_a_weighted_risk_that_is_killed_is_continued_with_the_same_rows(tmp_path: Path) -> None:
+    settings = ["arms.av=hard_yield", "perception.detection_probability=0.17"]
+    words = ["risk", "cctc", *(word for of in settings for word in ("--set", of))]
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    command = [*HARNESS, *words, "--target-cv", "0.5", "--out", str(killed), "--workers", "2"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    while not [*killed.glob("draws/0005-*")]:  # in the second round of learning
+        assert process.poll() is None
+        time.sleep(0.1)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    printed("resume", killed, "--quiet")
+    assert here(*words, "--target-cv", 0.5, "--out", whole).returncode == 0
+    assert files_of(killed) == files_of(whole)
+    # `python -m benchmarks.risk quadrature`.
+    found = read_risk(killed).records[0]["probability"]
+    assert found.low <= 9.154e-6 <= found.high
+    shutil.rmtree(killed)

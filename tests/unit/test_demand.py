@@ -14,8 +14,8 @@ from harness.core.encounter import Arm, Arrival, Side
 from harness.core.errors import InputError
 from harness.encounter.arrivals import already_walking, planned_arrivals
 from harness.encounter.walking_speeds import WalkingSpeeds
-from harness.old.studies.risk.space import space_of
 from harness.scenario import Scenario, validate
+from harness.studies.risk_space import space_of
 from tests.scenes import on_plain, refuses
 
 LUCK = 1e-3
@@ -203,8 +203,8 @@ def test_a_risk_samples_the_class_and_meets_it_again() -> None:
     people = {"flow_per_hour": 900.0, "walking_speed": SPEEDS}
     of = scene(60.0, **people)
     space = space_of(of, Arm.AV)
-    assert space.marks == ("arrival", "side", "quantile", "walking_class")
-    given = space.given(space.layout.draw(1, np.random.default_rng(3))[0], 7)
+    assert space.marks == ("side", "quantile", "walking_class")
+    given = space.given(np.empty(0), space.crowd(np.random.default_rng(3)), 7)
     assert len(given["walking_class"]) == len(given["side"]) > 0
     drawn = {key: [*values] for key, values in given.items()}
     tree = {"pedestrians": {**people, "drawn": [{"episode": 7, **drawn}]}}
@@ -215,7 +215,7 @@ def test_a_risk_samples_the_class_and_meets_it_again() -> None:
 
 
 def test_what_has_one_flow_or_single_arrivals_refuses_the_others() -> None:
-    for people, key in (({"flow_per_hour": [250.0]}, "flow_per_hour: a list"),
+    for people, key in (({"flow_per_hour": [250.0, 90.0]}, "flow_per_hour: is not supported"),
                         ({"group_size": SIZES}, "group_size: is not supported")):  # fmt: skip
         refuses(f"pedestrians.{key}", lambda people=people: space_of(scene(60, **people), Arm.AV))
 

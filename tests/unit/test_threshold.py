@@ -17,9 +17,8 @@ from scipy import stats
 from harness.core.encounter import Arm, Arrival, Side, Walk
 from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.threshold import Threat, blocking, effective_time_s
-from harness.old.studies.risk.space import space_of
-from harness.old.studies.risk.ways import drawn_of, people_of
 from harness.scenario import Scenario, ThresholdSection, load_scenario, validate
+from harness.studies.risk_space import space_of
 from tests.scenes import Recorder, episode, on_plain
 
 LOG_THETA, LOG_LATENCY = stats.norm(1.430, 0.405), stats.norm(0.0166, 0.604)
@@ -168,17 +167,15 @@ def test_a_risk_samples_thresholds_and_latencies(model) -> None:
     space = space_of(scenario, Arm.AV)
     assert space.fixed == ("side", "quantile", "threshold", "latency")
     z = np.array([1.0, -0.2, -1.5, 0.7])
-    cases = [(9, space.given(z, 9))]
+    given = space.given(z, np.empty((0, 1)), 9)
+    cases = [(9, given)]
     (outcome,) = on_plain(scenario, model).run_arm_given(Arm.AV, cases, [].append)
     arrival = outcome.trace.walks[0].arrival
     assert arrival.threshold_s == pytest.approx(math.exp(1.430 - 1.5 * 0.405))
     assert arrival.latency_s == pytest.approx(math.exp(0.0166 + 0.7 * 0.604))
-    (shown,) = people_of(scenario, space, 9, z, (), 0)
-    assert shown.culprit
-    assert (shown.threshold_s, shown.latency_s) == (arrival.threshold_s, arrival.latency_s)
-    critical = {"pedestrians.drawn": [drawn_of(space, 9, z)], "experiment.pairs": 1}
+    critical = {"pedestrians.drawn": [{"episode": 9, **given}], "experiment.pairs": 1}
     again = on_plain(load_scenario("cctc", {**changes, **critical}), model).run_arm(0, Arm.AV)
     assert again.trace.walks == outcome.trace.walks
     assert again.record == outcome.record
     flow = space_of(load_scenario("cctc_flow", {"pedestrians.behaviour": "threshold"}), Arm.AV)
-    assert flow.marks == ("arrival", "side", "quantile", "threshold", "latency")
+    assert flow.marks == ("side", "quantile", "threshold", "latency")
