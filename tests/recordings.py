@@ -9,12 +9,13 @@ from harness.core.encounter import Arrival, Leg, Side, Vehicle
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.loop import run_episode
 from harness.engine.plain import PlainEngine
-from harness.old.studies.validation import Validation, validate
-from harness.old.studies.validation.finding import crossing_about
-from harness.scenario import load_scenario
+from harness.results.result import Result
+from harness.scenario import Setting
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
+from harness.studies.recorded_passages import crossing_about
+from harness.studies.validation import validate
 
 RATE_HZ = 10.0
 LENGTH_M = 4.5
@@ -83,12 +84,9 @@ def write_set(folder, strategy, *, mirrored=False, shift_frames=0, turn=0.0):
     return folder
 
 
-def held(folder: Path, drivers=tuple(DRIVERS), folds=0, settings=None, **options) -> Validation:
+def held(folder: Path, drivers=tuple(DRIVERS), folds=0, **settings) -> Result:
+    """The validation of some drivers; settings with a dot are keys of a scenario."""
+    options = {"frame_rate_hz": RATE_HZ, "vehicle_length_m": LENGTH_M, **settings}
     return validate(
-        [folder],
-        "vci",
-        list(drivers),
-        load_scenario("cctc", settings or {}),
-        folds=folds,
-        options={"frame_rate_hz": RATE_HZ, "vehicle_length_m": LENGTH_M, **options},
+        [folder], "vci", list(drivers), [Setting(*one) for one in options.items()], folds
     )

@@ -23,7 +23,7 @@ COMMANDS: Mapping[str, str] = {
         "cli.crossings": "crossings",
         "cli.conflicts": "conflicts",
         "cli.model": "extract fit model",
-        "old.cli.validation": "validate",
+        "cli.validation": "validate",
     }.items()
     for command in commands.split()
 }

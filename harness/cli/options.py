@@ -49,10 +49,20 @@ _EVENT = "crashed, or a measure below or above a limit: 'min_ttc_s<0.5', 'contac
 EventOption = Annotated[str, Option(help=_EVENT)]
 TargetOption = Annotated[float, Option(help="Target of standard error / probability.")]
 PageOption = Annotated[Path | None, Option(help="The page; default RUN/report.html.")]
+ResultPageOption = Annotated[Path | None, Option(help="A file for the page.", metavar="PAGE")]
 FiguresOption = Annotated[Path | None, Option(help="Folder for the figures, PNG and PDF.")]
 TableOption = Annotated[Path | None, Option(help="Write the rows to a new CSV file.")]
 FolderOption = Annotated[Path, Option(help="Folder for the sources and the network.")]
 NewFolderOption = Annotated[Path | None, Option(help="A new folder for the files.")]
+
+DataArgument = Annotated[list[Path], Argument(metavar="DATA…", help="Recorded trajectories.")]
+FormatOption = Annotated[str, Option("--format", help="Format of the data, e.g. vci.")]
+_DRIVERS = "Strategies, built in or your own, e.g. human_gmm,human_yield,my.module:Class."
+DriversOption = Annotated[str, Option(help=_DRIVERS, metavar="NAME,…")]
+_FOLDS = (
+    "Folds of vehicles. A model fitted on these data is fitted again without each; 0: as it is."
+)
+FoldsOption = Annotated[int, Option(min=0, help=_FOLDS)]
 
 TownArgument = Annotated[Path, Argument(help="A SUMO configuration (.sumocfg) or network.")]
 WriteOption = Annotated[Path | None, Option(help="A new scenario file.", metavar="SCENARIO.toml")]

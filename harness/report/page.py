@@ -1,4 +1,4 @@
-"""The page of a run: one file that works from disk, with every text escaped."""
+"""The page of a result: one file that works from disk, with every text escaped."""
 
 import base64
 import hashlib
@@ -11,7 +11,7 @@ import jinja2
 
 from harness.core.files import write_file
 from harness.core.versions import versions_of_runs
-from harness.report.pictures import Scene, pictures_of
+from harness.report.pictures import Drawn, Scene, pictures_of, pictures_of_result
 from harness.report.player import player_of
 from harness.report.screen import below, confidence_of, filled
 from harness.report.style import save, styled
@@ -82,38 +82,82 @@ def write_page(
     """
     page = out or run.path / "report.html"
     written: list[Path] = []
-    pictures = []
     with styled():
-        for picture, caption, figure in pictures_of(Scene(run, shown, allowed)):
-            if figures is not None:
+        drawn = list(pictures_of(Scene(run, shown, allowed)))
+        if figures is not None:
+            for picture, caption, figure in drawn:
                 written += save(figure, caption, figures, picture.name)
-            svg = inline_svg(figure, f"f-{picture.name}", picture.title, caption)
-            pictures.append({**picture._asdict(), "caption": caption, "svg": svg})
-    results = [result, *([compared] if compared is not None else [])]
+        _write(
+            page,
+            [result, *([compared] if compared is not None else [])],
+            [(of.name, of.title, caption, figure) for of, caption, figure in drawn],
+            folder=str(run.path),
+            failures=list(_failures(run)),
+            episodes=run.kind == "encounters",
+            player=player_of(run, shown) if shown else None,
+            facts=list(_facts(run, result)),
+            scenario=_scenario(run),
+        )
+    return Written(page, tuple(written))
+
+
+def write_result(result: Result, page: Path) -> Path:
+    """Write the page of a result that has no run.
+
+    Raises:
+        HarnessError: the file cannot be written.
+    """
+    facts = [(name, plain_text(value)) for name, value in result.facts.items()]
+    with styled():
+        _write(page, [result], pictures_of_result(result), facts=facts)
+    return page
+
+
+def _write(
+    page: Path,
+    results: Sequence[Result],
+    drawn: Iterable[Drawn],
+    facts: Sequence[tuple[str, str]],
+    folder: str = "",
+    failures: Sequence[str] = (),
+    episodes: bool = False,
+    player: object = None,
+    scenario: _Table | None = None,
+) -> None:
+    """Write a page; call this inside ``styled``."""
+    result = results[0]
+    pictures = [
+        {
+            "name": name,
+            "title": title,
+            "caption": caption,
+            "svg": inline_svg(figure, f"f-{name}", title, caption),
+        }
+        for name, title, caption, figure in drawn
+    ]
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES), autoescape=True,
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     text = environment.get_template("report.html").render(
         result=result,
-        folder=str(run.path),
+        folder=folder,
         screen=_table(result.screen, "screen", confidence_of(result)),
         notes=list(_notes(results)),
-        failures=list(_failures(run)),
+        failures=failures,
         pictures=pictures,
-        episodes=run.kind == "encounters",
-        player=player_of(run, shown) if shown else None,
+        episodes=episodes,
+        player=player,
         tables=list(_tables(results)),
         remarks=[remark for of in results for remark in of.remarks],
-        facts=list(_facts(run, result)),
-        scenario=_scenario(run),
+        facts=facts,
+        scenario=scenario,
         styles=(_TEMPLATES / "report.css").read_text(encoding="utf-8"),
         scripts=[_script(name) for name in ("page.js", "player.js")],
         version=versions_of_runs()["harness"],
     )  # fmt: skip
     # A file may contain bytes that are not text, but a page must be text.
     write_file(page, text.encode("utf-8", errors="replace"))
-    return Written(page, tuple(written))
 
 
 def _notes(results: Iterable[Result]) -> Iterator[str]:

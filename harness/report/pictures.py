@@ -20,8 +20,10 @@ from harness.report.player import pair_name
 from harness.report.style import HEIGHT_INCH, MUTED, SERIES, new_figure
 from harness.report.words import counted, level_text, plain_text
 from harness.results.catalogue import ENTRY_OF
+from harness.results.estimators import CONFIDENCE
 from harness.results.finding import Finding, Form
 from harness.results.findings import CellFindings
+from harness.results.result import Result, Shown
 from harness.results.run import Run
 from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
 from harness.scenario.units import unit_of
@@ -42,6 +44,10 @@ _MOST = 3
 _CELLS = ("time_ratio", "kappa", "conflict_pet")
 _OVER = ("av_delay_s", "other_delay_s", "people_wait_s", "conflicts_pet")
 _AT = ("av_delay_s", "conflicts_pet")
+
+
+Drawn = tuple[str, str, str, Figure]
+"""A picture's name, title, caption and figure."""
 
 
 class Scene(NamedTuple):
@@ -79,6 +85,28 @@ def pictures_of(scene: Scene) -> Iterator[tuple[Picture, str, Figure]]:
             panels, height = picture.size(scene)
             figure, axes = new_figure(panels, panels * height)
             yield (picture, picture.draw(axes, scene), figure)
+
+
+def pictures_of_result(result: Result) -> Iterator[Drawn]:
+    """Yield the pictures of a result without a run; call this inside ``style.styled``.
+
+    They are the columns of its screen whose intervals are on every screen.
+    """
+    names = [plain_text(row[0]) for row in result.screen.rows]
+    for place, column in enumerate(result.screen.columns):
+        cells = [row[place] for row in result.screen.rows]
+        shown = [cell for cell in cells if isinstance(cell, Shown)]
+        if not column.interval or len(shown) < len(cells):
+            continue
+        share = shown[0].style.form is Form.SHARE
+        figure, axes = new_figure(height=1.4 + 0.26 * len(names))
+        found = [cell.finding for cell in shown]
+        across = f"{column.heading}, %" if share else column.heading
+        draw.draw_cells(axes[0], names, {Arm.AV: found}, across, 100.0 if share else 1.0)
+        axes[0].legend_ = None  # it names the arms of runs
+        caption = f"Each row with its {level_text(CONFIDENCE)} interval."
+        title = column.heading.partition(",")[0].capitalize()
+        yield column.key, title, caption, figure
 
 
 def axis_label(key: str) -> str:

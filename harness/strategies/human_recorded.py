@@ -64,6 +64,9 @@ class HumanRecorded:
     flows keep their speeds, so it waits for them.
     """
 
+    FITTED_ON = "dut"
+    """The shipped model on whose data its rules and parameters were fitted."""
+
     def __init__(self) -> None:
         self._since: dict[int, float] = {}
 
