@@ -32,7 +32,7 @@ from harness.model.trajectories.counting import Tally
 from harness.model.trajectories.extraction import VEHICLE_KEY
 from harness.model.trajectories.fingerprints import fingerprint, fingerprints_of
 from harness.results import estimators
-from harness.results.estimators import Sampling
+from harness.results.estimators import CONFIDENCE, Sampling
 from harness.results.finding import Finding, Form, Plain
 from harness.results.notes import Note
 from harness.results.result import Column, Result, Shown, Style, Table
@@ -396,11 +396,11 @@ def findings_of(drives: pd.DataFrame, sampling: Sampling) -> dict[str, Finding]:
 
 
 def differ(a: pd.DataFrame, b: pd.DataFrame, sampling: Sampling) -> bool:
-    """Whether the scores of two drivers differ significantly, in pairs of the same vehicles."""
+    """Whether the scores of two drivers differ by the sign-flip test over vehicles."""
     one, other = _by_vehicle(a), _by_vehicle(b)
     scores = one["score_s"].to_numpy(), other["score_s"].to_numpy()
     found = estimators.ratio_difference(*scores, one["passages"].to_numpy(), sampling)
-    return found.low is not None and not found.includes(0.0)
+    return found.p is not None and found.p < 1 - CONFIDENCE
 
 
 def _by_vehicle(drives: pd.DataFrame) -> pd.DataFrame:
