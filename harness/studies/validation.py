@@ -27,6 +27,7 @@ from harness.measures import measure
 from harness.measures.ego import crossing_time
 from harness.model.interaction import InteractionModel, load_model
 from harness.model.mixture.fitting import fit_mixture
+from harness.model.sample import LABELS, independent_vehicles, make_sample
 from harness.model.trajectories import ExtractionRules, extract, read_clips, row_weights
 from harness.model.trajectories.counting import Tally
 from harness.model.trajectories.extraction import VEHICLE_KEY
@@ -40,6 +41,7 @@ from harness.scenario import Scenario, Setting, load_scenario
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.parameters import needs
 from harness.strategies.registry import find_strategy
+from harness.studies.fitting import Settings, vehicle_folds
 from harness.studies.recorded_passages import BEYOND_S, RecordedPassage, find_passages
 
 DRAWS = 20
@@ -48,7 +50,7 @@ DRAWS = 20
 RELIABLE_FROM = 30
 """Vehicles from which an interval is reliable (tests/statistical/test_validation_intervals.py)."""
 
-_STANDING_MPS, _STARTS = 0.1, 3
+_STANDING_MPS = 0.1
 _COUNTS = ("contacts", "contacts_explained", "timed_out")
 
 COLUMNS: Mapping[Column, Style] = {
@@ -207,44 +209,34 @@ def fitted_on(model: InteractionModel, seen: frozenset[str]) -> bool | None:
 def models_without(
     model: InteractionModel, rows: pd.DataFrame, folds: int, seed: int
 ) -> dict[VehicleId, InteractionModel]:
-    """For each vehicle, a model of as many components that was fitted without it.
-
-    The folds are those of ``harness fit``: whole vehicles by descending weight, each into the
-    lightest fold so far.
+    """For each vehicle, a model of as many components that was fitted without its fold.
 
     Args:
         model: the model; the others have its box.
-        rows: the rows of the data, weighted by encounter.
+        rows: the rows of the data.  ``harness fit`` makes the same weights and folds of them.
         folds: number of folds, at most one for each vehicle.
         seed: seed of the folds and of the fits' starts.
     """
-    whole, size = model.mixture, len(model.mixture.weights)
-    data = rows[["range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s"]]
-    variables = data.to_numpy(dtype=float) ** [-1, 1, 1, -1]
-    inside = ((variables >= whole.lower) & (variables <= whole.upper)).all(axis=1)
-    # Whatever it is called: a vehicle is its track.
-    vehicle = rows.groupby("track", sort=False).ngroup().to_numpy()
-    mass = np.bincount(vehicle, row_weights(rows, "encounter"))
-    order = np.random.default_rng((seed, 1)).permutation(len(mass))
-    fold_of, filled = np.zeros(len(mass), dtype=int), np.zeros(min(folds, len(mass)))
-    for index in order[np.argsort(-mass[order], kind="stable")]:
-        fold_of[index] = np.argmin(filled)
-        filled[fold_of[index]] += mass[index]
+    whole, size, vehicle = model.mixture, len(model.mixture.weights), independent_vehicles(rows)
+    assert vehicle is not None  # rows from tracks name their vehicle
+    number = min(folds, int(vehicle.max()) + 1)
+    fold_of = vehicle_folds(vehicle, row_weights(rows, "encounter"), number, seed)
     models = []
-    for fold in range(len(filled)):
-        kept = inside & (fold_of[vehicle] != fold)
-        fit = fit_mixture(
-            variables[kept],
+    for fold in range(number):
+        sample = make_sample(rows[fold_of != fold], lower=whole.lower, upper=whole.upper)
+        fitted = fit_mixture(
+            sample.data,
             size,
             whole.lower,
             whole.upper,
-            sample_weight=row_weights(rows[kept], "encounter"),
-            n_init=_STARTS,
+            sample_weight=sample.weights,
+            n_init=Settings((size,)).starts,
             seed=np.random.SeedSequence(seed, spawn_key=(size, fold + 1)),
+            names=LABELS,
         )
-        models.append(InteractionModel(fit.mixture, f"{model.name}, fold {fold}", {}, ""))
+        models.append(InteractionModel(fitted.mixture, f"{model.name}, fold {fold}", {}, ""))
     names = rows[list(VEHICLE_KEY)].itertuples(index=False, name=None)
-    return {name: models[fold] for name, fold in zip(names, fold_of[vehicle], strict=True)}
+    return {name: models[fold] for name, fold in zip(names, fold_of, strict=True)}
 
 
 def drives_of(
