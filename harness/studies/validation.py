@@ -123,7 +123,6 @@ def validate(
     keys = [setting for setting in settings if "." in setting.key]
     options = {setting.key: setting.value for setting in settings if "." not in setting.key}
     scenario = load_scenario("cctc", keys)
-    scenario.refuse_refits("`harness validate`")
     model, factories = load_model(scenario.model.name, scenario.model.path), {}
     for name in drivers:
         if name in factories:
