@@ -33,17 +33,15 @@ from scipy.optimize import brentq
 
 from benchmarks.faults import BLIND_FROM_MPS, BLIND_TO_MPS
 from harness.core.encounter import Arm, Arrival, Ending, Side
-from harness.core.seeding import Given, resampling
+from harness.core.seeding import Given
 from harness.core.versions import versions_of_runs
 from harness.encounter.pairing import PairRunner
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.plain import PlainEngine
 from harness.model.interaction import load_model
-from harness.old.studies.risk.asking import Settings, question_of
-from harness.old.studies.risk.estimation import estimate_probability
-from harness.old.studies.risk.running import Evaluation
-from harness.old.studies.workers.this_process import ThisProcess
-from harness.scenario import Scenario, Setting, load_scenario
+from harness.results.folder import read_findings, read_manifest
+from harness.scenario import Cell, Scenario, Setting, Study, load_scenario
+from harness.studies.risk import risk
 
 DATA = Path(__file__).parent / "data"
 REFERENCE, SEEDS = DATA / "risk_reference.csv", DATA / "risk_seeds.csv"
@@ -235,28 +233,29 @@ def quadrature_of_the_blind(missed: float) -> float:
 def estimate(case: str, seed: int, target_cv: float) -> dict[str, Any]:
     """What ``harness risk`` says with a seed."""
     scenario = scenario_of(case, seed)
-    question = question_of(Settings(case, scenario, target_cv=target_cv))
-    rng = resampling(seed, "risk")
+    study = Study(case, scenario, (Cell(0, {}, scenario),))
     with tempfile.TemporaryDirectory() as place:
-        evaluation = Evaluation(question, Path(place), ThisProcess(), lambda *_: None)
-        findings = estimate_probability(evaluation, question.space.layout, rng, target_cv)
-    found = findings.estimate
+        out = Path(place) / "risk"
+        result = risk(study, target_cv=target_cv, workers=0, out=out)
+        (cell,) = read_findings(out, read_manifest(out), study.cells) or ()
+    found = cell.findings
+    kappa = found["probability"]
     return {
         "case": case,
         "seed": seed,
         "target_cv": target_cv,
-        "probability": found.probability,
-        "ci_low": found.ci_low,
-        "ci_high": found.ci_high,
-        "nominal_high": found.nominal.high,
-        "nominal_draws": found.nominal.draws,
-        "nominal_events": found.nominal.events,
-        "coefficient_of_variation": found.coefficient_of_variation,
-        "effective_sample_size": found.effective_sample_size,
-        "draws": found.draws,
-        "episodes": findings.episodes,
-        "weighted": findings.weighted,
-        "warnings": "; ".join(note.text for note in findings.notes),
+        "probability": kappa.value,
+        "ci_low": kappa.low,
+        "ci_high": kappa.high,
+        "nominal_high": found["nominal_high"].value,
+        "nominal_draws": found["nominal_high"].n,
+        "nominal_events": found["nominal_high"].events,
+        "coefficient_of_variation": found.get("coefficient_of_variation", kappa).value,
+        "effective_sample_size": found["effective_sample_size"].value,
+        "draws": kappa.n,
+        "episodes": int(found["episodes"].value or 0),
+        "weighted": bool(found["weighted"].value),
+        "warnings": "; ".join(note.text for note in result.notes),
         "versions": _versions(),
     }
 

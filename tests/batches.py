@@ -8,12 +8,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
 
-from harness.old.studies.workers.executor import Argument, Result
 from harness.scenario import (
     ScenarioFile,
     Setting,
@@ -38,26 +36,6 @@ QUICK = {
     "ego.trigger_range_m": 10.0,
 }
 """Changes that make an episode a matter of 17 steps: 17 m at 10 m/s."""
-
-
-class Inline:
-    """Runs each task where it is submitted, in this process."""
-
-    def __init__(self, workers: int) -> None:
-        self.workers = workers
-
-    def submit(
-        self, function: Callable[[Argument], Result], argument: Argument
-    ) -> "Future[Result]":
-        future: Future[Result] = Future()
-        try:
-            future.set_result(function(argument))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-    def stop(self) -> None:
-        """Nothing runs any more."""
 
 
 def wait_for(condition: Callable[[], object], what: str, seconds: float = 300.0) -> None:

@@ -27,7 +27,6 @@ from harness.model.trajectories import (
     read_clips,
     summary,
 )
-from harness.old.report.drawing.plots import plot_trajectories
 from tests.fuzz.hostile import accepted_or_refused_in_one_line, cut_and_flipped
 from tests.scenes import refusal_of
 
@@ -208,15 +207,6 @@ def test_tracks_are_whole(form: str) -> None:
     for sighting in clip.sightings or ():
         assert sighting.vehicle in clip.vehicles
         assert sighting.pedestrian in clip.pedestrians
-
-
-@with_tracks
-def test_tracks_are_drawn(form: str, tmp_path: Path) -> None:
-    rows = extract(ENCOUNTER / form, form).rows
-    written = plot_trajectories(read_clips(ENCOUNTER / form, form), rows, tmp_path)
-    assert {path.suffix for path in written} == {".png", ".pdf"}
-    assert len(written) == 4
-    assert all(path.stat().st_size > 1000 for path in written)
 
 
 @pytest.mark.parametrize("form", [name for name in FORMATS if not FORMATS[name].clips])

@@ -9,15 +9,10 @@ import pytest
 
 from harness.model.trajectories import (
     ROW_COLUMNS,
-    ExtractionRules,
-    Track,
-    VehicleTrack,
-    conflict_point,
     extract,
     read_clips,
     summary,
 )
-from harness.model.trajectories.paths import build_path
 
 MADE_UP = Path(__file__).parents[1] / "data" / "vci_made_up"
 RATE = 4.0  # frames per second of the made-up clip, frames 0–32
@@ -174,28 +169,6 @@ def test_who_passed_is_null_when_nobody_was_seen_to(tmp_path):
     rows = made_of(tmp_path, car, walker, pedestrian_extension_m=4.0).rows
     assert len(rows)
     assert rows[["passed_first", "pet_s"]].isna().all(axis=None)
-
-
-def test_conflict_points_and_paths_that_turn_back():
-    t = np.arange(0, 10, 0.25)
-    car = VehicleTrack(t, np.column_stack([4 * t, 0 * t]), 4.0, 2.0)
-    walker = Track(t, np.column_stack([0 * t + 7, t - 5]))
-    np.testing.assert_allclose(conflict_point(car, walker, ExtractionRules()), [7, 0], atol=1e-12)
-    away = Track(t, np.column_stack([0 * t + 7, t + 5]))
-    assert conflict_point(car, away, ExtractionRules()) is None
-    # The pedestrian crosses y = 0 at x = 5 first and comes back over it at x = 0, which the vehicle
-    # from x = −20 meets first.
-    t = np.arange(0, 24, 0.25)
-    corners = [0, 9, 14, 23]
-    x, y = np.interp(t, corners, [5, 5, 0, 0]), np.interp(t, corners, [6, -3, -3, 6])
-    car = VehicleTrack(t, np.column_stack([-20 + 2 * t, 0 * t]), 4.0, 2.0)
-    walker = Track(t, np.column_stack([x, y]))
-    np.testing.assert_allclose(conflict_point(car, walker, ExtractionRules()), [0, 0], atol=1e-9)
-    # Out to x = 2 and back in steps of a quarter (exact in binary): both ends of the chord about
-    # the turn lie on the same point.
-    t = np.arange(0.0, 17.0)
-    path = build_path(np.column_stack([2 - np.abs(t - 8) / 4, 0 * t]), 0.25, 1.0, 3.0)
-    np.testing.assert_array_equal(np.abs(path.direction(2.0, 0.5)), [1, 0])
 
 
 def test_nothing_left_is_an_empty_result_not_an_error():

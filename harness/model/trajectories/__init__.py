@@ -1,7 +1,6 @@
 """Raw trajectories in; rows of the interaction model's variables out."""
 
 from harness.model.trajectories.counting import REASONS, Counts
-from harness.model.trajectories.encounters import conflict_point
 from harness.model.trajectories.extraction import (
     Extraction,
     extract,
@@ -27,7 +26,6 @@ __all__ = [
     "Sighting",
     "Track",
     "VehicleTrack",
-    "conflict_point",
     "extract",
     "read_clips",
     "row_weights",

@@ -60,20 +60,6 @@ def candidate_rows(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator
         yield pd.DataFrame({"source": clip.source, "clip": clip.name, "track": track, **columns})
 
 
-def conflict_point(vehicle: Track, pedestrian: Track, rules: ExtractionRules) -> FloatArray | None:
-    """(2,) the first point along the vehicle's path at which the paths cross; None if they do not.
-
-    Args:
-        vehicle, pedestrian: tracks of one clip.
-        rules: lengths by which paths are extended; the limits of the angle are ignored.
-    """
-    car, walker = car_of(vehicle, rules), walker_of(pedestrian, rules)
-    if car is None or walker is None:
-        return None
-    crossing = first_crossing(car.path, walker.path)
-    return None if crossing is None else car.path.at(crossing[0])
-
-
 def _from_paths(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[Columns]:
     """Candidate rows of the pairs whose paths cross."""
     walkers = {}

@@ -1,1 +1,0 @@
-"""Traces and findings in; the tables of a run folder out, and back."""
