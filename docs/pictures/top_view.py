@@ -7,17 +7,9 @@ from xml.etree.ElementTree import Element, parse
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from harness.old.report.drawing.style import (
-    BLUE,
-    MUTED,
-    PATH,
-    ROAD,
-    VERMILLION,
-    finish,
-    new_figure,
-    styled,
-)
+from harness.report.style import BLUE, MUTED, VERMILLION, finish, new_figure, styled
 
+ROAD, PATH = "#c4cad1", "#e4e7eb"
 EVERY_S = 1.0
 """Time between two drawn outlines of the vehicle."""
 FILLS = {"driving": ROAD, "sidewalk": PATH, "walking": PATH}
@@ -27,7 +19,7 @@ def top_view(folder: Path, picture: Path) -> None:
     """Draw the road of ``road.xodr`` and everybody of ``scenario.xosc`` around the ego's end."""
     scenario = parse(folder / "scenario.xosc").getroot()
     with styled():
-        figure, (axes,) = new_figure(width=7.0, height=4.2)
+        figure, (axes,) = new_figure(height=4.2)
         for road in parse(folder / "road.xodr").getroot().iter("road"):
             draw_road(axes, road)
         for entity in scenario.iter("ScenarioObject"):

@@ -25,7 +25,7 @@ LINE, IGNORED, UNCOVERED, COVERED = 100, 5, 2, 96
 # The data's way, from below: a room imports its own level and those before it, never a later one.
 ORDER = (
     "core | site measures model | scenario | engine strategies | encounter | simulation | results "
-    "| studies | report | rl old | cli | __main__"
+    "| studies | report | rl | cli | __main__"
 )
 LEVELS = {name: n for n, names in enumerate(ORDER.split(" | ")) for name in names.split()}
 HEAVY = ("libsumo", "traci", "scipy", "pandas", "pyarrow", "matplotlib")
@@ -98,7 +98,6 @@ def test_no_check_is_looser() -> None:
     assert "extend-per-file-ignores" not in ruff["lint"]
     assert coverage["report"]["fail_under"] >= COVERED
     assert len(coverage["report"]["exclude_also"]) <= UNCOVERED
-    assert coverage["run"].pop("omit") == ["*/harness/old/*"]
     assert "omit" not in coverage["run"] | coverage["report"]
     assert coverage["run"]["source"] == ["harness"]
     assert tools["mypy"]["strict"]
@@ -174,7 +173,7 @@ def test_help_imports_nothing_heavy() -> None:
     assert result.stderr.strip() == "[]"
 
 
-NO_OLD_ROOM = """
+A_RUN = """
 import sys
 sys.argv = ["harness", "run", "cctc", "--pairs", "2", "--out", {out!r}]
 from harness.__main__ import main
@@ -183,16 +182,14 @@ try:
 except SystemExit as end:
     assert end.code == 0, end.code
 names = [name for name in sys.modules if name.split(".")[0] == "harness"]
-print(len(names), [name for name in names if name.startswith("harness.old")], file=sys.stderr)
+print(len(names), file=sys.stderr)
 """
 
 
 def test_a_run_imports_only_what_it_uses(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", NO_OLD_ROOM.format(out=str(tmp_path / "run"))]
+    command = [sys.executable, "-c", A_RUN.format(out=str(tmp_path / "run"))]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    number, _, old = done.stderr.splitlines()[-1].partition(" ")
-    assert int(number) <= IMPORTED
-    assert old == "[]"
+    assert int(done.stderr.splitlines()[-1]) <= IMPORTED
     child = "import sys, harness.engine.sumo, harness.studies.encounters; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", child], capture_output=True, text=True, check=True)
     names = [name for name in done.stdout.split() if name.split(".")[0] == "harness"]

@@ -21,14 +21,12 @@ FORBIDDEN_ATTRIBUTES = {
     *("system", "popen", "eval", "query", "exec_module", "load_module", "import_string"),
 }
 IMPORTERS = {
-    "import_module": {
-        *("strategies/own.py", "old/studies/workers/worker.py", "engine/session.py", "cli/app.py"),
-    },
+    "import_module": {"strategies/own.py", "engine/session.py", "cli/app.py"},
     "find_spec": {"studies/workers.py"},
     "entry_points": {"strategies/own.py"},
 }
-"""Who may import by name: a strategy's module, a worker what its parent names, SUMO's library or
-its client, and the command line the module of a command."""
+"""Who may import by name: a strategy's module, SUMO's library or its client, and the command line
+the module of a command."""
 
 
 def strange(source: str, name: str) -> Iterator[str]:

@@ -1,1 +1,0 @@
-"""The rooms that serve what the new way does not serve yet; they only shrink."""

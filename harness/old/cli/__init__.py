@@ -1,1 +1,0 @@
-"""Command-line arguments come in; printed results and exit codes go out."""

@@ -1,1 +1,0 @@
-"""Takes numbers and draws matplotlib figures in one style."""

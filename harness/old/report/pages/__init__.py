@@ -1,1 +1,0 @@
-"""Takes findings, drawings and traces and returns HTML pages."""

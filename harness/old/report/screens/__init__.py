@@ -1,1 +1,0 @@
-"""Takes findings and returns screens, tables and JSON."""

@@ -1,1 +1,0 @@
-"""Takes scenarios and returns finished runs, comparisons, replays, risks and validations."""
