@@ -72,8 +72,8 @@ class InterruptedRunError(KeyboardInterrupt):
     It is a ``KeyboardInterrupt``, as after every Ctrl-C, so ``except Exception`` does not catch it.
     """
 
-    def __init__(self, folder: object, command: str | None = None) -> None:
-        super().__init__(f"interrupted; to continue: {command or resume_command(folder)}")
+    def __init__(self, folder: object) -> None:
+        super().__init__(f"interrupted; to continue: {resume_command(folder)}")
 
 
 @contextmanager

@@ -50,7 +50,6 @@ def libsumo_engine(
     vehicle: Vehicle,
     crossing: Crossing,
     step_s: float,
-    sumo_seed: int = 1,
     outputs: Mapping[str, str] | None = None,
 ) -> SumoEngine:
     """Start SUMO in this process.
@@ -60,7 +59,6 @@ def libsumo_engine(
         vehicle: the ego.
         crossing: the crosswalk's constants.
         step_s: length of a step, whole milliseconds.
-        sumo_seed: seed of SUMO's random generators; no result depends on them.
         outputs: options that switch SUMO's output files on.
 
     Raises:
@@ -68,21 +66,19 @@ def libsumo_engine(
             libsumo itself reports no error for a second simulation.
     """
     site, types = site_and_types(place, vehicle, crossing)
-    _start(place.net, types, step_s, sumo_seed, outputs)
+    _start(place.net, types, step_s, outputs)
     engine = SumoEngine(libsumo, _close, site, vehicle, crossing, step_s, _COMPILED)
     _running.append(engine)
     return engine
 
 
-def _start(
-    net: Path, added: str, step_s: float, sumo_seed: int, outputs: Mapping[str, str] | None
-) -> None:
+def _start(net: Path, added: str, step_s: float, outputs: Mapping[str, str] | None) -> None:
     if _running:
         raise EngineError("only one SUMO simulation can run in a process; close the first")
     with TemporaryDirectory(prefix=scratch_prefix(os.getpid())) as folder:
         path = write_additional(folder, added)
         try:
-            libsumo.start(start_command(net, path, step_s, sumo_seed, outputs))
+            libsumo.start(start_command(net, path, step_s, outputs))
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             raise EngineError(f"SUMO did not start: {error}") from None
 

@@ -99,7 +99,7 @@ def gui_engine(
     """
     site, types = site_and_types(place, vehicle, crossing)
     folder = TemporaryDirectory(prefix="crosswalk-harness-")
-    _, *options = start_command(place.net, write_additional(folder.name, types), step_s, 1)
+    _, *options = start_command(place.net, write_additional(folder.name, types), step_s)
     settings = _view_settings(gui.delay_ms, vehicle.initial_speed_mps)
     close = _connected(options, folder, settings)
     engine = _ShownEngine(traci, close, site, vehicle, crossing, step_s)

@@ -14,7 +14,6 @@ from harness.scenario.file import (
 from harness.scenario.options import (
     EngineName,
     engine_named,
-    hang_limit_s,
 )
 from harness.scenario.people import (
     GapAcceptanceSection,
@@ -60,7 +59,6 @@ __all__ = [
     "by_quarter",
     "engine_named",
     "flatten",
-    "hang_limit_s",
     "load_scenario",
     "parse_setting",
     "parse_variation",

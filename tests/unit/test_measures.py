@@ -282,3 +282,15 @@ def test_pedestrian_delay_by_hand() -> None:
     assert result.pedestrian_delay_s == pytest.approx((0.5 + 4.0 + 4.4 + 0.4) / 4, abs=1e-9)
     assert cruise().pedestrian_delay_s is None
     assert cruise((0.0, Side.NEAR, 1.5)).pedestrian_delay_s == 0.0
+
+
+def test_contacts_while_braking_and_between_two_steps() -> None:
+    # 6 t − t²/4 = 29.75 m: t = (6 − √(36 − 29.75)) / 0.5 = 7 s, at 6 − 3.5 = 2.5 m/s.
+    result = record([-0.5] * 110, [(0.0, Side.NEAR, 0.3)], speed=6.0, ending=Ending.TIMED_OUT)
+    assert result.contact == "front"
+    assert result.contact_time_s == pytest.approx(7.0, abs=1e-9)
+    assert result.contact_speed_mps == pytest.approx(2.5, abs=1e-9)
+    assert result.max_deceleration_mps2 == pytest.approx(0.5, abs=1e-9)
+    # At 60 m/s a step of 1 s jumps over them: bumper −30 m, then 30 m.  Contact 29.75/60 s.
+    result = record([0.0, 0.0], [(0.0, Side.NEAR, 4.5)], speed=60.0, step=1.0)
+    assert result.contact_time_s == pytest.approx(29.75 / 60, abs=1e-9)

@@ -208,3 +208,14 @@ def test_bad_rows_are_refused(gap, k, text):
     with pytest.raises(InputError, match=text) as caught:
         fit_mixture(x, k, [0] * 3, [2] * 3, seed=1, names=["range", "speed", "gap"])
     assert "\n" not in str(caught.value)
+
+
+def test_at_the_maximum_a_step_of_em_stays_where_it_is(rows, fitted):
+    """There the rows have the moments of the truncated components: docstring of `Problem.step`."""
+    found = fitted.mixture
+    problem = Problem(rows, np.ones(len(rows)), found.lower, found.upper, 1.0, 0.0)
+    at = Parameters(found.weights, found.locations, found.scale_matrices)
+    step = problem.step(problem.evaluate(at))
+    np.testing.assert_allclose(step.weights, at.weights, atol=1e-5)
+    np.testing.assert_allclose(step.locations, at.locations, atol=1e-5)
+    np.testing.assert_allclose(step.scales, at.scales, atol=1e-5)
