@@ -130,7 +130,11 @@ AV = arm(
     queues=(2.0, 7.0), teleports=2,
 )  # fmt: skip
 REFERENCE = arm(
-    [passage("a", delay_s=1.0), passage("b", delay_s=3.0, crosswalk=":b_c0")],
+    [
+        passage("a", delay_s=1.0),
+        passage("b", delay_s=3.0, crosswalk=":b_c0"),
+        passage("d", automated=False, driven=False, driver="sumo", steps=0, delay_s=9.0),
+    ],
     [trip("a"), trip("d", automated=False)],
     [person("p", wait_s=1.0)],
     queues=(3.0, 4.0),
@@ -150,7 +154,8 @@ def counted() -> CellFindings:
         ("av_delay_s_human", 2.0),
         ("av_delay_s_difference", 2.0),
         ("other_delay_s", 1.0),
-        ("other_delay_s_human", None),
+        ("other_delay_s_human", 9.0),
+        ("other_delay_s_difference", -8.0),
         ("people_wait_s", 5.0),
         ("people_wait_s_difference", 4.0),
         ("people_los", 5.0),
