@@ -485,3 +485,10 @@ def test_json_and_csv_hide_nothing_that_the_screen_says(tell: Callable[..., Told
             assert row[f"{key}_reason"] == finding.reason
             assert document["records"][-1][key]["reason"] == finding.reason
     assert [name for name in row.index if name.endswith("_reason")]
+
+
+@given(st.lists(st.tuples(st.integers(-10, 20), st.floats(-9, 9)), max_size=8))
+def test_notes_are_ordered_by_rank_and_then_by_weight(of: list[tuple[int, float]]) -> None:
+    given_notes = [Note("k", rank, "k", "k", weight=weight) for rank, weight in of]
+    found = [(note.rank, -note.weight) for note in notes_of([], given_notes)]
+    assert found == sorted((rank, -weight) for rank, weight in of)
