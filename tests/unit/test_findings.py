@@ -14,6 +14,7 @@ from harness.results.columns import Sample
 from harness.results.estimators import EQUAL, FEW, REPEATED
 from harness.results.finding import Finding, finding_to_dict
 from harness.results.findings import CellFindings, cell_findings
+from harness.results.result import flat
 from harness.results.screens import run_result
 from tests.cells import (
     FAILED,
@@ -311,3 +312,23 @@ def test_a_sweep_has_a_row_a_cell_and_no_column_that_is_empty_or_equal(
     for record, cell in zip(result.to_dict()["records"], cells, strict=True):
         assert record["pedestrians.flow_per_hour"] == cell.varied["pedestrians.flow_per_hour"]
         assert record["delay_s"] == finding_to_dict(cell["delay_s"])
+
+
+def test_flat_names() -> None:
+    """One column for each part that a number has; what it lacks has none."""
+    found = Finding(0.04, 0.005, 0.137, 50, 2, True, "a reason", 0.2)
+    row = flat({"cell": 3, "kappa": found, "mu": Finding(None, n=0, reason="why")})
+    assert row == {
+        "cell": 3,
+        "kappa": 0.04,
+        "kappa_ci_low": 0.005,
+        "kappa_ci_high": 0.137,
+        "kappa_n": 50,
+        "kappa_events": 2,
+        "kappa_reliable": True,
+        "kappa_reason": "a reason",
+        "kappa_p": 0.2,
+        "mu": None,
+        "mu_n": 0,
+        "mu_reason": "why",
+    }

@@ -4,13 +4,14 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import pytest
+from hypothesis import given, strategies as st
 
 from harness.results import notes
 from harness.results.catalogue import ENTRIES
 from harness.results.estimators import EQUAL, zero_bound
 from harness.results.finding import Finding, Form
 from harness.results.findings import CellFindings, cell_findings, on_first_screen
-from harness.results.notes import RULES, Rule, Said, notes_of
+from harness.results.notes import RULES, Note, Rule, Said, notes_of
 from harness.results.result import Result, Shown, Style, Versus
 from harness.results.screens import scope_of
 from harness.scenario import PerceptionSection, Scenario, load_scenario
@@ -492,3 +493,11 @@ def test_notes_are_ordered_by_rank_and_then_by_weight(of: list[tuple[int, float]
     given_notes = [Note("k", rank, "k", "k", weight=weight) for rank, weight in of]
     found = [(note.rank, -note.weight) for note in notes_of([], given_notes)]
     assert found == sorted((rank, -weight) for rank, weight in of)
+
+
+def test_one_cell_of_a_sweep_keeps_its_name() -> None:
+    """An unfinished sweep may have one cell only, and ``--vary`` may have one value."""
+    vary = ("pedestrians.flow_per_hour=250", "ego.length_m=4", "crossing.length_m=12")
+    result = result_of(study({}, *vary), lambda _, pair: usual(pair), 3, finished=False)
+    for name in ("flow_per_hour 250", "ego.length_m 4", "crossing.length_m 12"):
+        assert name in result.title
