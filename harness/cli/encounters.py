@@ -25,6 +25,7 @@ def run(
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
     workers: options.WorkersOption = None,
+    over_model: options.OverModelOption = False,
     traces: options.TracesOption = False,
     engine: options.EngineOption = "sumo",
     dask: options.DaskOption = None,
@@ -42,7 +43,13 @@ def run(
         from harness.scenario import parse_variation, read_scenario_file, remarks, study_of
 
         file = read_scenario_file(scenario, settings_of(settings, pairs, seed))
-        study = study_of(file, [parse_variation(text) for text in vary or []])
+        variations = [parse_variation(text) for text in vary or []]
+        if over_model:
+            from harness.model.interaction import refits_beside
+
+            model = file.scenario().model
+            variations += refits_beside(model.name, model.path).items()
+        study = study_of(file, variations)
         lines = [line for cell in study.cells for line in remarks(cell.scenario)]
         for remark in filter(None, dict.fromkeys([study.remark, *lines])):
             say(f"harness: {remark}")

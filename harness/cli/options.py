@@ -31,6 +31,7 @@ SeedOption = Annotated[int | None, Option(help="Root seed, instead of the scenar
 WorkersOption = Annotated[int | None, Option(min=1, max=1024, help="Processes; default: cores.")]
 TracesOption = Annotated[bool, Option("--traces", help="Keep every time step.")]
 EngineOption = Annotated[Literal["sumo", "plain"], Option(help="plain: faster, without SUMO.")]
+OverModelOption = Annotated[bool, Option(help="Over the model's refits: what its fit adds.")]
 DaskOption = Annotated[str | None, Option(help="A cluster, e.g. tcp://127.0.0.1:8786.")]
 
 CellOption = Annotated[int, Option(help="Number of the cell in a sweep.")]

@@ -1,6 +1,6 @@
 """Model files in; the fitted distribution of walking and driving speeds at an encounter out."""
 
-from harness.model.interaction.file import load_model, read_model, write_model
+from harness.model.interaction.file import load_model, read_model, refits_beside, write_model
 from harness.model.interaction.model import (
     INVERSE_RANGE,
     INVERSE_TIME_ADVANTAGE,
@@ -23,5 +23,6 @@ __all__ = [
     "check_support",
     "load_model",
     "read_model",
+    "refits_beside",
     "write_model",
 ]
