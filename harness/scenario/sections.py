@@ -285,8 +285,8 @@ class SimulationSection(Section):
     outputs: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """Outputs of the configuration to keep in the run folder, for example ``tripinfo``, ``fcd``,
     ``detectors``, or ``all``."""
-    step_s: Annotated[float, Field(ge=0.001, le=0.2)] | None = None
-    """Step of both arms; if not given, the configuration's, which is then at most 0.2 s."""
+    step_s: Annotated[float, Field(ge=0.001, le=1)] | None = None
+    """Step of both arms; if not given, the configuration's, which is then at most 1 s."""
 
 
 class ActuationSection(Section):

@@ -81,6 +81,8 @@ class ArmOfPair:
         self._pair, self._arm, self._model = pair, arm, model
         self._seed, self._begin_s, self._steps = setup.seed(pair), session.time_s, 0
         self.log = Log(queues={name: [] for name in setup.crosswalks})
+        self._cars: dict[str, Car] = {}
+        self._near: dict[str, Car] = {}
         self._speeds = WalkingSpeeds(setup.scenario, self._model)
         self.people = {name: self._people_at(name) for name in setup.crosswalks}
         self._owns = [each.own for each in self.people.values() if each.own is not None]
@@ -89,8 +91,6 @@ class ArmOfPair:
         detection_m = ego.detection_range_m or ego.trigger_range_m
         self.control = Control(session, detection_m, ballistic, self._views, self.people)
         self.approaches = Approaches(setup, session)
-        self._cars: dict[str, Car] = {}
-        self._near: dict[str, Car] = {}
         self._due: dict[int, list[Car]] = defaultdict(list)
         self._hits: set[tuple[str, str]] = set()
 
@@ -153,7 +153,7 @@ class ArmOfPair:
         setup, session = self.setup, self.session
         crosswalk, own = setup.town.crosswalks[name], None
         if setup.own_people:
-            own = OwnPeople(session, setup, crosswalk, self._pair, self._speeds)
+            own = OwnPeople(session, setup, crosswalk, self._pair, self._speeds, self._near)
         return PeopleAt(session, crosswalk, setup.town.areas(name), own)
 
     def _note_people(self, time_s: float) -> None:
@@ -288,15 +288,10 @@ class ArmOfPair:
             if same is not None:
                 coming.remove(same)
                 if same.connection is not passage.connection and passage.first_m > car.odometer_m:
-                    self._lose(passage)
                     passage.move_to(same)
-                    self._see(passage)
             elif passage.first_m > car.odometer_m:
                 self._end(passage, LEFT)
-        for passage in coming:
-            if passage.last_m > car.odometer_m:
-                car.passages.append(passage)
-                self._see(passage)
+        car.passages += [each for each in coming if each.last_m > car.odometer_m]
         car.passages.sort(key=lambda each: each.first_m)
 
     def _begin(self, passage: Passage, time_s: float) -> None:
@@ -338,7 +333,6 @@ class ArmOfPair:
     def _end(self, passage: Passage, why: str) -> None:
         passage.ended = why
         passage.car.passages.remove(passage)
-        self._lose(passage)
         if passage.strategy is not None:
             passage.fallback = bool(getattr(passage.strategy, "fallback", False))
             passage.strategy = None
@@ -350,18 +344,6 @@ class ArmOfPair:
         for passage in [*car.passages]:
             self._end(passage, why)
         self.control.release(car, exists=exists)
-
-    def _see(self, passage: Passage) -> None:
-        """Let the harness's people see a vehicle."""
-        own = self.people[passage.crosswalk.id].own
-        if own is not None:
-            own.see(passage.connection.id, passage)
-
-    def _lose(self, passage: Passage) -> None:
-        """Let the harness's people see a vehicle no more."""
-        own = self.people[passage.crosswalk.id].own
-        if own is not None:
-            own.lose(passage.connection.id, passage)
 
     def _sample(self) -> None:
         """Count the queued vehicles before each crosswalk."""

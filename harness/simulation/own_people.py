@@ -4,11 +4,10 @@ In SUMO they are from kerb to kerb only; who waits is known to the harness alone
 """
 
 import math
-from collections.abc import Iterator
-from typing import Protocol
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
 from harness.core.encounter import Crossing, Side
-from harness.encounter.approaching import Approaching
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.crowd import Crowd
 from harness.encounter.walkers import ChooseSpeed, Walker
@@ -18,6 +17,9 @@ from harness.simulation.setup import Setup
 from harness.simulation.walked import Axis, Walked, moved
 from harness.site.town import Crosswalk
 from harness.site.zone import Zone
+
+if TYPE_CHECKING:
+    from harness.simulation.driving import Car, Passage
 
 HELD_M = 0.05
 """The harness's people are moved in SUMO only this far from both kerbs."""
@@ -32,18 +34,6 @@ _CAR_M = (5.0, 1.8)
 """Length and width of SUMO's car, whose zones are the lanes that people see."""
 _CAR_MPS2 = (2.6, 4.5)
 """Acceleration and deceleration of SUMO's car."""
-
-
-class Coming(Approaching, Protocol):
-    """A vehicle that people may see; x is 0 at the crosswalk's centre."""
-
-    @property
-    def passed_at_m(self) -> float:
-        """x at which its rear leaves the crosswalk."""
-
-    @property
-    def begun(self) -> bool:
-        """Whether it has passed R0."""
 
 
 class SeenLane:
@@ -61,10 +51,10 @@ class SeenLane:
             max(self.centre_m - half_m, 0.0),
             min(self.centre_m + half_m, zone.crosswalk_m),
         )
-        self.coming: list[Coming] = []
+        self.coming: list[Passage] = []
         """The vehicles, the first one first."""
 
-    def ahead(self, elapsed_s: float) -> Iterator[tuple[float, float, Coming]]:
+    def ahead(self, elapsed_s: float) -> Iterator[tuple[float, float, "Passage"]]:
         """See ``LaneAhead.ahead``."""
         for each in self.coming:
             gain = each.acceleration_mps2
@@ -74,7 +64,7 @@ class SeenLane:
                 if not each.begun:
                     return
 
-    def first(self, elapsed_s: float) -> tuple[float, float, Coming] | None:
+    def first(self, elapsed_s: float) -> "tuple[float, float, Passage] | None":
         """See ``LaneAhead.first``."""
         return next(self.ahead(elapsed_s), None)
 
@@ -88,6 +78,7 @@ class OwnPeople:
         crosswalk: where.
         pair: index of the pair.
         choose_speed: their walking speeds.
+        cars: the vehicles that they may see.
     """
 
     def __init__(
@@ -97,8 +88,10 @@ class OwnPeople:
         crosswalk: Crosswalk,
         pair: int,
         choose_speed: ChooseSpeed,
+        cars: "Mapping[str, Car]",
     ) -> None:
         self._session, self._crosswalk, self._axis = session, crosswalk.id, Axis(crosswalk)
+        self._cars = cars
         self._footpaths = setup.town.footpaths(crosswalk.id)
         self.arrivals = setup.arrivals(pair, crosswalk.id)
         self._lanes: dict[str, SeenLane] = {}
@@ -126,22 +119,23 @@ class OwnPeople:
         """SUMO's id of one of them."""
         return f"own{self._crosswalk}-{index}"
 
-    def see(self, connection: str, coming: Coming) -> None:
-        """Let them see a vehicle on a connection."""
-        lane = self._lanes.get(connection)
-        if lane is not None:
-            lane.coming.append(coming)
-            lane.coming.sort(key=lambda each: -each.x_m)
-
-    def lose(self, connection: str, coming: Coming) -> None:
-        """Let them see a vehicle no more."""
-        lane = self._lanes.get(connection)
-        if lane is not None:
-            lane.coming.remove(coming)
+    def _see(self) -> None:
+        """Look at the vehicles that come."""
+        for name, lane in self._lanes.items():
+            lane.coming = sorted(
+                (
+                    each
+                    for car in self._cars.values()
+                    for each in car.passages
+                    if each.crosswalk.id == self._crosswalk and each.connection.id == name
+                ),
+                key=lambda each: -each.x_m,
+            )
 
     def begin_step(self) -> None:
         """Let those who wait decide on the vehicles' states at the step's beginning."""
         if self.crowd.walkers:
+            self._see()
             self.crowd.begin_step(self._session.time_s - self._begin_s)
 
     def place(self) -> bool:
@@ -173,6 +167,7 @@ class OwnPeople:
         now_s = self._session.time_s - self._begin_s
         if self.crowd.next_s <= now_s:
             # The vehicles are in their states at the step's end.
+            self._see()
             self.crowd.advance(now_s, now_s)
 
     def _add(self, walker: Walker) -> None:

@@ -19,8 +19,8 @@ from urllib.parse import unquote
 
 from harness.core.errors import EngineError, InputError, one_line
 
-LONGEST_STEP_S = 0.2
-"""Longest step at which a strategy still decides in time."""
+LONGEST_STEP_S = 1.0
+"""SUMO's default, and the longest step at which strategies drive."""
 
 SHORTER_STEP_S = 0.1
 """The step that a scenario file gets if the configuration's step is too long."""
