@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module, metadata
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_type_hints
+from typing import Annotated, Any, Literal, Protocol, TypeVar, get_type_hints
 
 from harness.core.errors import EngineError, one_line
 from harness.engine.people import KEEP_ROUTE, MATCH_THRESHOLD_M, NO_ANGLE
@@ -76,13 +76,13 @@ _WRAPPED = frozenset(["getLeader", "appendWalkingStage", "moveToXY"])
 """Functions of libsumo whose wrappers in Python do more than to call them."""
 
 
-class Collision(NamedTuple):
-    """A collision that SUMO reports: who drove, whom they hit, and where."""
+class Collision(Protocol):
+    """A collision that SUMO reports: who drove, whom they hit, and where on the lane."""
 
     collider: str
     victim: str
     lane: str
-    position_m: float
+    pos: float
 
 
 _Functions = TypeVar("_Functions", Vehicles, People)
@@ -98,6 +98,9 @@ class Session:
 
     Attributes:
         vehicles, people: their functions.
+        departed, arrived, teleported, emergency_stops: ids of the vehicles that entered, arrived,
+            began to teleport, or had to stop as in an emergency in the last step.
+        collisions: those of the last step; one hit may last several steps.
         vehicles_on, people_on: ids of those on an edge at the last step.
         step_s: length of a step.
         time_s: the time at the end of the last step.
@@ -124,6 +127,13 @@ class Session:
         self.people_on: Callable[[str], Sequence[str]]
         self.people_on = self._function("edge", "getLastStepPersonIDs")
         self._move = self._function("person", "moveToXY")
+        ids: dict[str, Callable[[], Sequence[str]]] = {
+            name: self._function("simulation", f"get{name}IDList")
+            for name in ("Departed", "Arrived", "StartingTeleport", "EmergencyStoppingVehicles")
+        }
+        self.departed, self.arrived, self.teleported, self.emergency_stops = ids.values()
+        self.collisions: Callable[[], Sequence[Collision]]
+        self.collisions = self._function("simulation", "getCollisions")
         self.time_s: float = api.simulation.getTime()
         self.step_s: float = api.simulation.getDeltaT()
 
@@ -192,27 +202,6 @@ class Session:
         of = self._api.vehicletype
         asked = (of.getLength, of.getWidth, of.getAccel, of.getDecel, of.getMaxSpeed)
         return {name: tuple(each(name) for each in asked) for name in of.getIDList()}
-
-    def departed(self) -> Sequence[str]:
-        """The vehicles that entered in the last step."""
-        return tuple(self._api.simulation.getDepartedIDList())
-
-    def arrived(self) -> Sequence[str]:
-        """The vehicles that arrived in the last step."""
-        return tuple(self._api.simulation.getArrivedIDList())
-
-    def collisions(self) -> Sequence[Collision]:
-        """The collisions that SUMO reports of the last step; one hit may last several steps."""
-        found = self._api.simulation.getCollisions()
-        return tuple(Collision(each.collider, each.victim, each.lane, each.pos) for each in found)
-
-    def teleported(self) -> Sequence[str]:
-        """The vehicles that began to teleport in the last step."""
-        return tuple(self._api.simulation.getStartingTeleportIDList())
-
-    def emergency_stops(self) -> Sequence[str]:
-        """The vehicles that had to stop as in an emergency in the last step."""
-        return tuple(self._api.simulation.getEmergencyStoppingVehiclesIDList())
 
     def look(self, x: float, y: float, reach_m: float) -> None:
         """Show a square of the network in the window."""

@@ -1,7 +1,7 @@
 """Finds the vehicles that come near a chosen crosswalk, and what lies ahead of them."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 
 from harness.core.encounter import Arm
 from harness.engine.session import Session
@@ -65,16 +65,16 @@ class Approaches:
         if _edge(self._vehicles.lane(name)) in self._on_edge:
             self._new.append(name)
 
-    def found(self, step: int) -> Iterator[str]:
+    def found(self, step: int) -> Sequence[str]:
         """The vehicles that have come onto watched edges."""
-        yield from self._new
-        self._new.clear()
+        new, self._new = self._new, []
         if step % self._every == 0:
             for edge, before in self._on_edge.items():
                 names = self._session.vehicles_on(edge)
                 if names != before:
                     self._on_edge[edge] = names
-                    yield from set(names).difference(before)
+                    new += set(names).difference(before)
+        return new
 
     def car(self, name: str, type_id: str, automated: bool, driver: Arm) -> Car:
         """A vehicle that has been found."""
@@ -99,7 +99,12 @@ class Approaches:
 
         Its limits and connections ahead are those from now on.
         """
+        if car.odometer_m < car.replan_m:
+            return None
         lane = self._vehicles.lane(car.name)
+        if lane.startswith(":"):
+            ends_m = (link.end_m for link in car.links if link.end_m > car.odometer_m)
+            car.replan_m = next(ends_m, -math.inf)
         if lane == car.lane or lane.startswith(":") or not lane:
             return None
         car.lane, zones, town = lane, self._setup.zones, self._setup.town

@@ -2,12 +2,13 @@
 
 import math
 from collections import Counter, defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 from harness.core.encounter import Arm, PedestrianView
 from harness.encounter.deciding import ROUNDING_M
 from harness.encounter.walking_speeds import WalkingSpeeds
-from harness.engine.session import Session
+from harness.engine.session import Collision, Session
 from harness.model.interaction import InteractionModel
 from harness.simulation.approaches import Approaches
 from harness.simulation.driving import PASSED, Car, Control, Passage
@@ -158,12 +159,11 @@ class ArmOfPair:
 
     def _note_people(self, time_s: float) -> None:
         """Note where people are: at every step where a vehicle is within R0."""
-        crosswalks = {
-            each.crosswalk.id for car in self._near.values() for each in car.passages if each.begun
-        }
-        if self._steps % max(1, round(STROLL_S / self.session.step_s)) == 0:
-            crosswalks.update(self.people)
-        for name in crosswalks:
+        names: Iterable[str] = self.people
+        if self._steps % max(1, round(STROLL_S / self.session.step_s)):
+            cars = self._near.values()
+            names = {each.crosswalk.id for car in cars for each in car.passages if each.time_s}
+        for name in names:
             self.people[name].note(time_s)
 
     def _views(self, passage: Passage, near: bool) -> tuple[PedestrianView, ...]:
@@ -187,7 +187,7 @@ class ArmOfPair:
             key = (hit.collider, hit.victim)
             if key not in self._hits:
                 self._hits.add(key)
-                self._hit(*hit, counts)
+                self._hit(hit, counts)
         teleported = session.teleported()
         if counts:
             log.teleports += len(teleported)
@@ -197,17 +197,17 @@ class ArmOfPair:
                 if name in self._cars:
                     self._drop(self._cars[name], why, exists=why == TELEPORTED)
 
-    def _hit(self, collider: str, victim: str, lane: str, position_m: float, counts: bool) -> None:
+    def _hit(self, hit: Collision, counts: bool) -> None:
         # Vehicles and people may have the same ids: whoever is on a crosswalk walks.
-        places = [name for name, people in self.people.items() if victim in people.names()]
-        if victim in self.log.kinds and not places:
+        places = [name for name, people in self.people.items() if hit.victim in people.names()]
+        if hit.victim in self.log.kinds and not places:
             if counts:
-                self.log.collisions.append((collider, victim, lane, position_m))
+                self.log.collisions.append((hit.collider, hit.victim, hit.lane, hit.pos))
             return
-        for passage in self._near[collider].passages if collider in self._near else ():
+        for passage in self._near[hit.collider].passages if hit.collider in self._near else ():
             passage.collided |= passage.crosswalk.id in places
         if counts:
-            self.log.person_collisions[places[0] if places else lane.rpartition("_")[0]] += 1
+            self.log.person_collisions[places[0] if places else hit.lane.rpartition("_")[0]] += 1
 
     # Vehicles
 
@@ -226,8 +226,8 @@ class ArmOfPair:
 
     def _look(self, time_s: float) -> None:
         """Find the vehicles that came onto watched edges, or may have come near by now."""
-        due = self._due.pop(self._steps, [])
-        for name in self.approaches.found(self._steps):
+        due, found = self._due.pop(self._steps, []), self.approaches.found(self._steps)
+        for name in found:
             if name not in self._near and name in self.log.kinds:
                 car = self._cars.get(name)
                 if car is None:
@@ -271,7 +271,9 @@ class ArmOfPair:
         if not car.passages:
             self._drop(car, PASSED)
             return
-        self.control.update(car)
+        if car.changed:
+            car.changed = False
+            self.control.update(car)
         car.next_m = min(
             each.last_m - ROUNDING_M if each.begun else each.centre_m - range_m
             for each in car.passages
@@ -283,6 +285,7 @@ class ArmOfPair:
         coming = self.approaches.coming(car)
         if coming is None:
             return
+        car.changed = True
         for passage in [*car.passages]:
             same = next((each for each in coming if each.is_like(passage)), None)
             if same is not None:
@@ -328,10 +331,11 @@ class ArmOfPair:
                 self.people[passage.crosswalk.id].note(time_s)
                 self.sight.begin(passage, driver)
         passage.note(time_s)
+        car.changed = True
         self.log.passages.append(passage)
 
     def _end(self, passage: Passage, why: str) -> None:
-        passage.ended = why
+        passage.ended, passage.car.changed = why, True
         passage.car.passages.remove(passage)
         if passage.strategy is not None:
             passage.fallback = bool(getattr(passage.strategy, "fallback", False))

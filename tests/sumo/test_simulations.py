@@ -181,14 +181,17 @@ def test_people_of_the_harness(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("strategy", ["soft_yield", "gap_yield", "human_yield"])
 def test_nobody_is_hit_whom_a_stop_could_have_spared(strategy: str, tmp_path: Path) -> None:
-    """People of the harness at a crosswalk with turning vehicles.
+    """People of the harness at crosswalks over which vehicles go straight on, left and right.
 
-    A driver who sees somebody step off far enough away to stop with 2 m/s² never hits them.
+    A driver who sees somebody step off far enough away to stop with 2 m/s² never hits them.  SUMO's
+    own people do not keep to the line on which strategies expect them.
     """
-    config = grid(tmp_path / "town", END_S)
-    people = {**PEOPLE, "flow_per_hour": 300.0}
-    setup = setup_at(config, strategy, 1, "gap_yield", pedestrians=people)
+    config = grid(tmp_path / "town", 2 * END_S)
+    people = {**PEOPLE, "flow_per_hour": 500.0}
+    setup = setup_at(config, strategy, 7, "gap_yield", pedestrians=people)
     passed = pd.DataFrame(run(setup, tmp_path / strategy).passages)
-    moving = passed[(passed["contact"] == "front") & (passed["contact_speed_mps"] > 0.0)]
+    assert passed["manoeuvre"].value_counts()[["straight", "left", "right"]].min() > 50
+    hit = passed["contact_person"].str.startswith("own", na=False)
+    moving = passed[hit & (passed["contact"] == "front") & (passed["contact_speed_mps"] > 0.0)]
     spared = moving[moving["required_deceleration_mps2"] < 2.0]
     assert spared.empty, spared.T.to_string()
