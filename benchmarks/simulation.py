@@ -113,7 +113,7 @@ def used_s() -> float:
 def arm_s(setup: Setup) -> tuple[float, int]:
     """The processor time of an arm, and the number of its passages."""
     close_engine()
-    model = load_model(*setup.scenario.model.file_and_refits)
+    model = load_model(setup.scenario.model.name, setup.scenario.model.path)
     with tempfile.TemporaryDirectory() as folder:
         begin_s = used_s()
         outcome = run_arm(setup, model, 0, Arm.AV, Path(folder))

@@ -49,7 +49,7 @@ def setup_at(
 def run(setup: Setup, folder: Path, arm: Arm = Arm.AV, **more: Any) -> Outcome:
     """Run one arm, which succeeds."""
     close_engine()
-    model = load_model(*setup.scenario.model.file_and_refits)
+    model = load_model(setup.scenario.model.name, setup.scenario.model.path)
     outcome = run_arm(setup, model, 0, arm, folder, **more)
     assert outcome.reason is None, outcome.traceback or outcome.reason
     return outcome
