@@ -185,12 +185,33 @@ def _range_of(text: str) -> range:
 
 def export(
     run_folder: options.RunArgument,
-    _csv: options.CsvOption = True,
+    csv: options.CsvOption = False,
+    pair: options.ExportedOption = None,
+    out: options.NewFolderOption = None,
+    cell: options.CellOption = 0,
+    arm: options.ArmOption = "av",
+    ego: options.EgoOption = "recorded",
+    vehicle: options.VehicleOption = None,
+    crosswalk: options.CrosswalkOption = None,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Write every table as CSV."""
+    """Write every table as CSV, or an arm of a pair as OpenSCENARIO with its road as OpenDRIVE."""
     from harness.results.run import load_run
 
+    run, differences = load_run(run_folder), tuple[str, ...]()
     with unwinding():
-        files = [{"file": str(path)} for path in load_run(run_folder).write_csv()]
-    show_rows("export", files, True, as_json)
+        if csv and (pair, out) == (None, None):
+            files = run.write_csv()
+        elif not csv and pair is not None and out is not None:
+            from harness.core.encounter import Arm
+            from harness.studies.export import export as write
+
+            passage = vehicle, crosswalk, ego == "free"
+            files, differences = write(run, cell, pair, Arm(arm), out, *passage)
+        else:
+            raise InputError("export", "writes one of two formats", "--csv, or --pair with --out")
+    for difference in differences:
+        say(one_line(f"harness: pair {pair} differs from its record: {difference}"))
+    show_rows("export", [{"file": str(path)} for path in files], True, as_json)
+    if differences:
+        raise typer.Exit(1)

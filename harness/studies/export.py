@@ -1,0 +1,345 @@
+"""An arm of a pair in, of encounters or simulations; its scenario and road for other tools out.
+
+Coordinates are those of the SUMO network.  A vehicle's place is the middle of its front bumper, a
+pedestrian's the centre.  Times count from the ego's first state within R0.
+"""
+
+import math
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Literal
+
+import jinja2
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, FloatArray, Side
+from harness.core.errors import InputError
+from harness.core.files import cannot_write, write_file
+from harness.engine.fcd import Record, records
+from harness.engine.network import network_of, place_of
+from harness.engine.network.opendrive import opendrive
+from harness.engine.session import Session
+from harness.measures.motion.walking import cleared_s, states_at
+from harness.results.rows import stored_walk
+from harness.results.run import Run
+from harness.results.tables import TABLES_OF, Row, Tables, read_cell
+from harness.scenario import Scenario
+from harness.simulation.files import CONFIG_FILE
+from harness.site import RoadFrame, read_site
+from harness.site.configuration import read_config
+from harness.studies.replay import RECORDS, refuse_in_use, replayed, stored_tasks
+from harness.studies.simulations import REPLAYED
+from harness.studies.tasks import Task
+from harness.studies.workers import LocalExecutor, supervise
+
+SCENARIO, ROAD = "scenario.xosc", "road.xodr"
+"""The files that are written."""
+
+REAR_OVERHANG = 0.2
+"""Distance from the rear bumper to the rear axle, as a share of the vehicle's length (ours)."""
+
+_TEMPLATE = Path(__file__).with_name("scenario.template.xosc")
+_PERSON_M = 2 * PEDESTRIAN_RADIUS_M
+_NEAR_M = 50.0
+"""Those who never come nearer to the ego of a simulation are left out."""
+_ROUNDING_S, _ROUNDING_M = 1e-9, 1e-6
+_SLACK_M = 1e-3
+"""The free ego starts exactly where the people's clock starts; this keeps rounding out of it."""
+
+
+@dataclass(frozen=True)
+class Mover:
+    """A vehicle, pedestrian or obstacle.
+
+    Attributes:
+        name: its name in the file.
+        kind: what it is.
+        length_m, width_m: its extent.
+        states: time in s, x, y, heading in rad (counter-clockwise from the network's x axis) and
+            speed in m/s, shape (n, 5), n ≥ 1; n = 1 if it does not move by itself.
+        appears_s: the time from which it is there, at its first place.
+        leaves_s: the time from which it is gone; None if it stays.
+        limits_mps2: a vehicle's greatest acceleration and deceleration.
+    """
+
+    name: str
+    kind: Literal["vehicle", "pedestrian", "obstacle"]
+    length_m: float
+    width_m: float
+    states: FloatArray
+    appears_s: float = 0.0
+    leaves_s: float | None = None
+    limits_mps2: Sequence[float] = ()
+
+    @property
+    def axle_m(self) -> float:
+        """Distance from OpenSCENARIO's reference point, a vehicle's rear axle, to the place."""
+        return (1 - REAR_OVERHANG) * self.length_m if self.kind == "vehicle" else 0.0
+
+    @property
+    def changes(self) -> bool:
+        """Whether anything happens to it."""
+        return len(self.states) > 1 or self.appears_s > 0 or self.leaves_s is not None
+
+    def places(self) -> list[list[float]]:
+        """Time since its first state, x and y of the reference point, and heading."""
+        time_s, x, y, heading, _ = self.states.T
+        x, y = x - self.axle_m * np.cos(heading), y - self.axle_m * np.sin(heading)
+        places: list[list[float]] = np.column_stack((time_s - time_s[0], x, y, heading)).tolist()
+        return [[*(round(value, 6) for value in row[:3]), round(row[3], 9)] for row in places]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is exported.
+
+    Attributes:
+        title: what it is, in a line.
+        net: SUMO's network.
+        movers: everybody, the ego first.
+        end_s: the time at which it ends.
+        clock: x, y and distance in m: everybody's clock starts when the ego's reference point is
+            this near to the point; None: at once.
+    """
+
+    title: str
+    net: Path
+    movers: Sequence[Mover]
+    end_s: float
+    clock: tuple[float, float, float] | None = None
+
+
+def export(
+    run: Run,
+    cell: int,
+    pair: int,
+    arm: Arm,
+    out: Path,
+    vehicle: str | None = None,
+    crosswalk: str | None = None,
+    free: bool = False,
+) -> tuple[list[Path], tuple[str, ...]]:
+    """Write one arm of a pair as OpenSCENARIO XML 1.2, with its road as OpenDRIVE 1.4.
+
+    Args:
+        run: a run.
+        cell, pair, arm: which arm.
+        out: a new or empty folder.
+        vehicle, crosswalk: of a simulation the passage: ids.
+        free: of an encounter: whether the ego is at R0 with v0 and has no trajectory.
+
+    Returns:
+        The files, and how the arm differs from its record if it was simulated again.
+
+    Raises:
+        InputError: the cell, pair or passage does not exist, the arm failed, or an option is not
+            supported.
+    """
+    refuse_in_use(out, "--out")
+    (task,) = stored_tasks(run, cell, [pair], [arm])
+    simulated, named = run.kind == "simulations", vehicle is not None and crosswalk is not None
+    if simulated and (free or not named):
+        problem = "--ego free: is of encounters" if free else "is missing"
+        raise InputError("--vehicle, --crosswalk", problem, "a passage that `harness worst` lists")
+    if not simulated and (vehicle or crosswalk):
+        raise InputError("--vehicle, --crosswalk", "are of simulations", "--pair alone")
+    title = f"{run.name}, cell {cell}, pair {pair}, {arm.value}'s arm"
+    with TemporaryDirectory() as scratch:
+        tables, differences = _tables(run, task, Path(scratch))
+        (row,) = tables[TABLES_OF[run.kind][0].name].to_pylist()
+        if row["reason"] is not None:
+            problem = f"the arm {arm} failed ({row['reason']})"
+            raise InputError(f"--pair {pair}", problem, "a pair whose arm ran")
+        if simulated:
+            scene = _passage(title, tables["passages"], vehicle, crosswalk, Path(scratch))
+        else:
+            scene = _encounter(title, tables, run.scenario_of(cell), free)
+        contents = {SCENARIO: _openscenario(scene), ROAD: opendrive(scene.net)}
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(out, error) from None
+    for name, content in contents.items():
+        write_file(out / name, content)
+    return [out / name for name in contents], differences
+
+
+def _tables(run: Run, task: Task, outputs: Path) -> tuple[Tables, tuple[str, ...]]:
+    """The rows of an arm, and how they differ from its record if it had to be simulated again."""
+    (cell,), (arm,) = (each.number for each in task.cells), task.arms
+    if run.manifest["traces"]:
+        names = (*RECORDS, "traces")
+        kept = {name: read_cell(run.path, name, cell, run.manifest, task.first) for name in names}
+        return {name: of.filter(pc.equal(of["arm"], arm)) for name, of in kept.items()}, ()
+    if run.kind == "simulations":
+        again = replace(task, outputs=outputs)
+    else:
+        again = replace(task, traces=True, engine=run.manifest["engine"])
+    executor = LocalExecutor(1, 1)
+    try:
+        rows = executor.submit(supervise, again).result()
+    finally:
+        executor.abort()
+    return rows.tables[cell], replayed(run, task, rows).differences
+
+
+def _openscenario(scene: Scene) -> bytes:
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = environment.from_string(_TEMPLATE.read_text("utf-8"))
+    return f"{template.render(scene=scene, road=ROAD, overhang=REAR_OVERHANG)}\n".encode()
+
+
+def _encounter(title: str, tables: Tables, scenario: Scenario, free: bool) -> Scene:
+    """An episode; if the ego is free, it has no end but the time-out, and people walk on."""
+    rows, vehicle = tables["traces"], scenario.vehicle()
+    rows = rows.filter(pc.equal(rows["object"], "ego"))
+    names = ("time_s", "x_m", "y_m", "speed_mps")
+    time_s, x_m, y_m, speed_mps = (rows[name].to_numpy() for name in names)
+    frame, end_s = read_site(place_of(scenario)).frame, float(time_s[-1])
+    heading = np.full(len(time_s), math.atan2(frame.along_y, frame.along_x))
+    states = np.column_stack((time_s, *frame.to_network(x_m, y_m), heading, speed_mps))
+    limits = vehicle.max_acceleration_mps2, vehicle.max_deceleration_mps2
+    ego = Mover("ego", "vehicle", vehicle.length_m, vehicle.width_m, states, limits_mps2=limits)
+    people = [*_people(scenario, tables["pedestrians"].to_pylist(), frame, end_s, free)]
+    others = [*people, *_obstacles(scenario, frame)]
+    if not free:
+        return Scene(title, network_of(scenario), [ego, *others], end_s)
+    if not any(len(each.states) > 1 for each in people):
+        raise InputError("--ego free", "nobody walks in this arm of the pair", "another pair")
+    away_m = ego.axle_m - float(x_m[0]) + _SLACK_M
+    clock = (*frame.to_network(0.0, float(y_m[0])), away_m)
+    movers, timeout_s = [replace(ego, states=states[:1]), *others], scenario.experiment.timeout_s
+    return Scene(title, network_of(scenario), movers, timeout_s, clock)
+
+
+def _people(
+    scenario: Scenario, rows: Sequence[Row], frame: RoadFrame, end_s: float, to_the_kerb: bool
+) -> Iterator[Mover]:
+    """The people of a record that ends at ``end_s``, from their arrival to the other kerb.
+
+    ``to_the_kerb``: those who are on their way at the end walk on.
+    """
+    crossing, step_s = scenario.crosswalk(), scenario.experiment.step_s
+    for row in rows:
+        walk, way = stored_walk(row), 1.0 if row["side"] == Side.NEAR else -1.0
+        cleared = cleared_s(walk, crossing)
+        if cleared is not None and cleared <= 0:
+            continue
+        time_s = np.array([max(0.0, row["arrival_s"])])
+        motion = [np.array([of]) for of in (0.0, 0.0 if way > 0 else crossing.length_m, 0.0)]
+        until_s = end_s if cleared is None or (cleared > end_s and not to_the_kerb) else cleared
+        if walk.start_s is not None:
+            start_s = max(0.0, walk.start_s)
+            steps = np.arange(start_s // step_s, math.ceil(until_s / step_s)) * step_s
+            between = (steps > start_s + _ROUNDING_S) & (steps < until_s - _ROUNDING_S)
+            time_s = np.array([start_s, *steps[between], until_s])
+            motion = [*states_at(walk, crossing, time_s)[:3]]
+        x, y = frame.to_network(motion[0], motion[1])
+        across = math.atan2(way * frame.across_y, way * frame.across_x)
+        states = np.column_stack((time_s, x, y, _headings(x, y, across), motion[2]))
+        yield Mover(
+            f"pedestrian-{row['index']}",
+            "pedestrian",
+            _PERSON_M,
+            _PERSON_M,
+            states,
+            min(max(0.0, row["arrival_s"]), float(time_s[0])),
+            until_s if until_s == cleared else None,
+        )
+
+
+def _headings(x: FloatArray, y: FloatArray, standing: float) -> FloatArray:
+    """The direction of the way from each place to the next one, or of the last way."""
+    dx, dy = np.diff(x), np.diff(y)
+    ways = np.where(np.hypot(dx, dy) > _ROUNDING_M, np.arctan2(dy, dx), np.nan)
+    known = np.maximum.accumulate(np.where(np.isnan(ways), -1, np.arange(len(ways))))
+    return np.append(standing, ways)[[*(known + 1), *(known[-1:] + 1)] or [0]]
+
+
+def _obstacles(scenario: Scenario, frame: RoadFrame) -> Iterator[Mover]:
+    # At an oblique crosswalk a rectangle of the road frame is a parallelogram on the ground.
+    slant = abs(frame.along_x * frame.across_y - frame.along_y * frame.across_x)
+    heading = math.atan2(frame.along_y, frame.along_x)
+    for number, box in enumerate(scenario.obstacles()):
+        states = np.array([[0.0, *frame.to_network(box.x_m, box.y_m), heading, 0.0]])
+        name = f"obstacle-{number}"
+        yield Mover(name, "obstacle", box.length_m, box.width_m * slant, states)
+
+
+def _passage(
+    title: str, passages: pa.Table, vehicle: str | None, crosswalk: str | None, outputs: Path
+) -> Scene:
+    """A passage of a simulation with everybody near, as SUMO's own output has them."""
+    chosen = [
+        row
+        for row in passages.to_pylist()
+        if (row["vehicle"], row["crosswalk"]) == (vehicle, crosswalk)
+    ]
+    if not chosen:
+        problem = f"{vehicle} does not pass {crosswalk} in this arm"
+        raise InputError("--vehicle, --crosswalk", problem, "a passage that `harness worst` lists")
+    config, (fcd,) = read_config(outputs / CONFIG_FILE), REPLAYED.values()
+    begin_s, rear_s = chosen[0]["trigger_s"], chosen[0]["rear_s"]
+    last_s = math.inf if rear_s is None else rear_s + config.step_s
+    found: dict[str, list[Record]] = defaultdict(list)
+    for written_s, record in records(outputs / fcd):
+        # SUMO writes a state under the time at which its step began.
+        time_s = written_s + config.step_s
+        if time_s >= last_s - _ROUNDING_S:
+            break
+        # Who rides in a vehicle is no pedestrian.
+        if time_s > begin_s - _ROUNDING_S and not record.get("vehicle"):
+            found[record["id"]].append({**record, "time": time_s})
+    sizes = _sizes(config.path)
+    ego, *others = (
+        _seen(name, found[name], sizes) for name in sorted(found, key=lambda of: of != vehicle)
+    )
+    since_s, end_s = ego.states[0, 0], ego.states[-1, 0]
+    near = [each for each in others if _distance_m(each, ego) < _NEAR_M]
+    movers = [_between(each, since_s, end_s) for each in (replace(ego, name="ego"), *near)]
+    return Scene(f"{title}, {vehicle} over {crosswalk}", config.net, movers, end_s - since_s)
+
+
+def _sizes(config: Path) -> Mapping[str, Sequence[float]]:
+    """Length, width and what a vehicle can do, by its type; SUMO reads all of them."""
+    session = Session(config, {"route-steps": "0"})
+    try:
+        session.step()
+        return session.vehicle_types()
+    finally:
+        session.close()
+
+
+def _seen(name: str, rows: Sequence[Record], sizes: Mapping[str, Sequence[float]]) -> Mover:
+    """Somebody in SUMO's output, by SUMO's time."""
+    keys = ("time", "x", "y", "angle", "speed")
+    states = np.array([[float(row[key]) for key in keys] for row in rows])
+    states[:, 3] = np.radians(90.0 - states[:, 3])
+    if "lane" not in rows[0]:
+        return Mover(name, "pedestrian", _PERSON_M, _PERSON_M, states)
+    # The copy of a type for a single vehicle is named type@vehicle.
+    length_m, width_m, *limits = sizes[rows[0]["type"].partition("@")[0]]
+    return Mover(name, "vehicle", length_m, width_m, states, limits_mps2=limits)
+
+
+def _distance_m(mover: Mover, ego: Mover) -> float:
+    """The least distance of two movers."""
+    time_s, *places = mover.states[:, :3].T
+    away = (
+        of - np.interp(time_s, ego.states[:, 0], ego.states[:, k]) for k, of in enumerate(places, 1)
+    )
+    return float(np.hypot(*away).min())
+
+
+def _between(mover: Mover, since_s: float, end_s: float) -> Mover:
+    """A mover with times from ``since_s`` on, in a scene that ends at ``end_s``."""
+    states = mover.states - [since_s, 0.0, 0.0, 0.0, 0.0]
+    leaves_s = None if mover.states[-1, 0] == end_s else states[-1, 0]
+    return replace(mover, states=states, appears_s=states[0, 0], leaves_s=leaves_s)
