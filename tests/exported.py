@@ -1,6 +1,7 @@
 """Reads back what ``harness export`` wrote, as another tool would, and asks ASAM's checker."""
 
 import cmath
+import math
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -60,9 +61,14 @@ def read(path: Path) -> Read:
     return Read(root, states, appears, leaves)
 
 
+def entity_of(read_back: Read, name: str) -> ElementTree.Element:
+    (entity,) = (e for e in read_back.root.iter("ScenarioObject") if e.get("name") == name)
+    return entity
+
+
 def front(read_back: Read, name: str = "ego") -> np.ndarray:
     """Time, x and y of the middle of a vehicle's front bumper, from its bounding box."""
-    (entity,) = (e for e in read_back.root.iter("ScenarioObject") if e.get("name") == name)
+    entity = entity_of(read_back, name)
     centre, size = entity.find(".//Center"), entity.find(".//Dimensions")
     assert centre is not None
     assert size is not None
@@ -122,7 +128,10 @@ def lanes_in(path: Path) -> list[LaneOf]:
 
 
 def off_centre_m(lanes: list[LaneOf], point: complex, heading: float) -> float:
-    """Distance of a point from the nearest centre of a lane that it is on, in its direction."""
+    """Distance of a point from the nearest centre of a lane that it is on, in its direction.
+
+    It is infinite on no lane and on a lane of a bent road.
+    """
     found = []
     for lane in lanes:
         there = (point - lane.begin) / lane.along
@@ -133,5 +142,4 @@ def off_centre_m(lanes: list[LaneOf], point: complex, heading: float) -> float:
             and lane.right_m <= there.imag <= lane.left_m
         ):
             found.append(abs(there.imag - (lane.right_m + lane.left_m) / 2))
-    assert found, f"{point} is on no lane"
-    return min(found)
+    return min(found, default=math.inf)

@@ -17,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, FloatArray, Side
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Arrival, FloatArray, Leg, Side, Walk
 from harness.core.errors import InputError
 from harness.core.files import cannot_write, write_file
 from harness.engine.fcd import Record, records
@@ -25,7 +25,6 @@ from harness.engine.network import network_of, place_of
 from harness.engine.network.opendrive import opendrive
 from harness.engine.session import Session
 from harness.measures.motion.walking import cleared_s, states_at
-from harness.results.rows import stored_walk
 from harness.results.run import Run
 from harness.results.tables import TABLES_OF, Row, Tables, read_cell
 from harness.scenario import Scenario
@@ -228,11 +227,14 @@ def _people(
     """
     crossing, step_s = scenario.crosswalk(), scenario.experiment.step_s
     for row in rows:
-        walk, way = stored_walk(row), 1.0 if row["side"] == Side.NEAR else -1.0
+        came = Arrival(row["index"], row["arrival_s"], Side(row["side"]), row["quantile"])
+        legs = row["legs"] and tuple(Leg(**leg) for leg in row["legs"])
+        walk = Walk(came, row["start_s"], row["speed_mps"], legs=legs)
+        way = 1.0 if came.side is Side.NEAR else -1.0
         cleared = cleared_s(walk, crossing)
         if cleared is not None and cleared <= 0:
             continue
-        time_s = np.array([max(0.0, row["arrival_s"])])
+        time_s = np.array([max(0.0, came.arrival_s)])
         motion = [np.array([of]) for of in (0.0, 0.0 if way > 0 else crossing.length_m, 0.0)]
         until_s = end_s if cleared is None or (cleared > end_s and not to_the_kerb) else cleared
         if walk.start_s is not None:
@@ -244,15 +246,10 @@ def _people(
         x, y = frame.to_network(motion[0], motion[1])
         across = math.atan2(way * frame.across_y, way * frame.across_x)
         states = np.column_stack((time_s, x, y, _headings(x, y, across), motion[2]))
-        yield Mover(
-            f"pedestrian-{row['index']}",
-            "pedestrian",
-            _PERSON_M,
-            _PERSON_M,
-            states,
-            min(max(0.0, row["arrival_s"]), float(time_s[0])),
-            until_s if until_s == cleared else None,
-        )
+        appears_s = min(max(0.0, came.arrival_s), float(time_s[0]))
+        leaves_s = until_s if until_s == cleared else None
+        name, size = f"pedestrian-{came.index}", (_PERSON_M, _PERSON_M)
+        yield Mover(name, "pedestrian", *size, states, appears_s, leaves_s)
 
 
 def _headings(x: FloatArray, y: FloatArray, standing: float) -> FloatArray:

@@ -1,6 +1,7 @@
-"""What ``harness export`` writes of encounters, read back as another tool would.
+"""What ``harness export`` writes, read back as another tool would.
 
-Positions are compared with the run's own traces, and lanes with the exported road.
+Positions are compared with a run's own traces, or with its passages over the network's crosswalks,
+and lanes with the exported road.
 """
 
 import math
@@ -9,17 +10,27 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import shapely
 
 from harness.core.encounter import Arm
 from harness.engine.network import place_of
 from harness.results.run import load_run
 from harness.scenario import Scenario, ScenarioFile, study_of
 from harness.site import read_site
+from harness.site.town import Town
 from harness.studies.run import run
+from tests import towns
 from tests.batches import printed, refusal
-from tests.exported import Read, checked, front, lanes_in, off_centre_m, places, read
-
-pytest.importorskip("scenariogeneration")
+from tests.exported import (
+    Read,
+    checked,
+    entity_of,
+    front,
+    lanes_in,
+    off_centre_m,
+    places,
+    read,
+)
 
 
 def ran(tree: dict[str, object], folder: Path, *, traces: bool = True) -> Path:
@@ -27,8 +38,8 @@ def ran(tree: dict[str, object], folder: Path, *, traces: bool = True) -> Path:
     return run(study, traces=traces, workers=0, out=folder).path
 
 
-def exported(run: Path, out: Path, *words: object, form: str = "openscenario") -> Path:
-    printed("export", run, "--format", form, "--out", out, *words)
+def exported(run: Path, out: Path, *words: object) -> Path:
+    printed("export", run, "--out", out, *words)
     return out / "scenario.xosc"
 
 
@@ -135,49 +146,104 @@ def test_the_same_pair_gives_the_same_bytes_simulated_again_or_not(
     )
     one, other = tmp_path / "one", tmp_path / "other"
     exported(flow, one, "--pair", 1)
-    text = printed("export", again, "--format", "openscenario", "--out", other, "--pair", 1)
-    assert "simulated again; the record is identical to the stored record" in text
+    exported(again, other, "--pair", 1)
     names = sorted(path.name for path in one.iterdir())
     assert names == ["road.xodr", "scenario.xosc"]
     for name in names:
         assert (one / name).read_bytes() == (other / name).read_bytes()
 
 
-def test_trajectories_as_a_table(flow: Path, tmp_path: Path) -> None:
-    exported(flow, tmp_path / "out", "--pair", 1, "--arm", "human", form="trajectories")
-    table = pd.read_csv(tmp_path / "out" / "trajectories.csv")
-    frame = read_site(place_of(load_run(flow).scenario_of(0))).frame
-    for name, rows in stored(flow, 1, Arm.HUMAN).items():
-        kept = table[table["object"] == name].merge(
-            rows.assign(time_s=rows["time_s"].round(6)), on="time_s"
-        )
-        assert len(kept) == len(rows)
-        assert kept["road_x_m"].to_numpy() == pytest.approx(kept["x_m"], abs=1e-6)
-        assert kept["road_y_m"].to_numpy() == pytest.approx(kept["y_m"], abs=1e-6)
-        assert kept["speed_mps_x"].to_numpy() == pytest.approx(kept["speed_mps_y"], abs=1e-6)
-        x, y = frame.to_network(kept["x_m"].to_numpy(), kept["y_m"].to_numpy())
-        assert kept["network_x_m"].to_numpy() == pytest.approx(x, abs=1e-6)
-        assert kept["network_y_m"].to_numpy() == pytest.approx(y, abs=1e-6)
+@pytest.fixture(scope="module")
+def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of a left-hand town whose AVs, cars and trucks, cross every crosswalk that they can."""
+    folder = tmp_path_factory.mktemp("town")
+    config = towns.town(folder, seed=3, end_s=90, kind="left")
+    usable = [
+        name
+        for name, each in Town.read(folder / "net.net.xml").crosswalks.items()
+        if each.refused is None
+    ]
+    simulated = {"file": str(config), "crossings": usable, "av_share": 1.0}
+    simulated["av_types"] = ["passenger", "truck"]
+    arms = {"av": "gap_yield", "human": "human_yield"}
+    tree = {"simulation": simulated, "arms": arms, "experiment": {"pairs": 1}}
+    return ran(tree, folder / "run", traces=False)
+
+
+@pytest.mark.parametrize("kind", ["car that goes straight on", "truck that turns"])
+def test_a_passage_of_a_simulation(town: Path, tmp_path: Path, kind: str) -> None:
+    """The exported body is on the crosswalk when the table of passages says so; people too."""
+    ran = load_run(town)
+    rows, people = (ran.table(name).query("arm == 'av'") for name in ("passages", "people"))
+    found = rows[(rows["type"] == "lorry") == ("truck" in kind)].dropna(subset="rear_s")
+    found = found[(found["manoeuvre"] == "straight") == ("straight" in kind)]
+    row = found.sort_values(["pedestrians", "driven"]).iloc[-1]
+    path = exported(
+        town, tmp_path / "out", "--pair", 0, "--vehicle", row["vehicle"], "--crosswalk",
+        row["crosswalk"],
+    )  # fmt: skip
+    back = read(path)
+    crosswalk = Town.read(town.parent / "net.net.xml").crosswalks[row["crosswalk"]]
+    # Corners of the bounding box; the clock begins with the first step within R0.
+    begin_s = math.ceil(row["trigger_s"] * 10 - 1e-6) / 10
+    size = next(entity_of(back, "ego").iter("Dimensions"))
+    length_m, width_m = (float(size.get(key, "nan")) for key in ("length", "width"))
+    assert (length_m, width_m) == ((12.0, 2.5) if "truck" in kind else (5.0, 1.8))
+    at, h = front(back), back.states["ego"][:, 3]
+    ahead, left = np.exp(1j * h), 0.5j * width_m * np.exp(1j * h)
+    nose = at[:, 1] + 1j * at[:, 2]
+    corners = np.stack([nose - left, nose + left, nose + left - length_m * ahead,
+                        nose - left - length_m * ahead], axis=1)  # fmt: skip
+    bodies = shapely.polygons(np.stack([corners.real, corners.imag], axis=2))
+    on = begin_s + at[shapely.intersects(bodies, crosswalk.area), 0]
+    # Places are rounded to 1 cm, and states are a step of 0.1 s apart.
+    assert row["front_s"] - 0.02 <= on[0] <= row["front_s"] + 0.12
+    assert row["rear_s"] - 0.12 <= on[-1] <= row["rear_s"] + 0.02
+    met = people[people["crosswalk"] == row["crosswalk"]]
+    compared = 0
+    for person in met.dropna(subset=["start_s", "cleared_s"]).to_dict("records"):
+        states = back.states.get(str(person["person"]))
+        if states is None or len(states) == 1:
+            continue
+        time_s = begin_s + states[:, 0]
+        between = (time_s > person["start_s"] + 0.1) & (time_s < person["cleared_s"] - 0.1)
+        points = shapely.points(states[between, 1:3])
+        assert (shapely.distance(points, crosswalk.area) < 0.02).all()
+        compared += between.any()
+    assert compared >= (row["pedestrians"] > 0)
+    # Roads that bend are left out, and some vehicles change lane.
+    lanes, places = lanes_in(path.parent / "road.xodr"), zip(nose, h, strict=True)
+    off_m = np.array([off_centre_m(lanes, point, heading) for point, heading in places])
+    assert np.isfinite(off_m).sum() > 10
+    assert np.median(off_m[np.isfinite(off_m)]) < 0.02
+    assert "0 checker(s) are skipped" in checked(path)
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--format openscenario --out new", "--pair"),
-        ("--format openscenario --pair 1", "--out"),
-        ("--format openscenario --pair 9 --out new", "0 to 2"),
-        ("--format openscenario --pair 1 --cell 4 --out new", "0 to 0"),
-        ("--format openscenario --pair 1 --vehicle 3 --out new", "--vehicle 3"),
-        ("--format commonroad --pair 1 --out new", "openscenario"),
-        ("--format trajectories --pair 1 --ego free --out new", "openscenario"),
-        ("--format trajectories --csv", "No such option"),
-        ("--pair 1", "--format"),
+        ("--out new", "--pair with --out"),
+        ("--pair 1", "--pair with --out"),
+        ("--pair 1 --out new --csv", "--pair with --out"),
+        ("--pair 9 --out new", "0 to 2"),
+        ("--pair 1 --cell 4 --out new", "0 to 0"),
+        ("--pair 1 --vehicle 3 --out new", "--vehicle, --crosswalk: are of simulations"),
     ],
 )
 def test_refusals_write_nothing(
     flow: Path, tmp_path: Path, monkeypatch, words: str, said: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    text = refusal("export", flow, *words.split())
-    assert said in text
+    assert said in refusal("export", flow, *words.split())
     assert [*tmp_path.iterdir()] == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["", "--vehicle 3", "--vehicle 3 --crosswalk :none", "--vehicle 3 --crosswalk a --ego free"],
+)
+def test_a_passage_has_to_be_named(town: Path, tmp_path: Path, words: str) -> None:
+    text = refusal("export", town, "--pair", 0, "--out", tmp_path / "new", *words.split())
+    assert "--vehicle, --crosswalk" in text
+    assert "harness worst" in text
+    assert not (tmp_path / "new").exists()
