@@ -147,7 +147,7 @@ def exported() -> None:
     episodes = load_run("flow").episodes
     crashed = episodes[(episodes["arm"] == "av") & (episodes["ending"] == "crashed")]
     pair = int(crashed["pair"].iloc[0])
-    harness("export", "flow", "--pair", pair, "--format", "openscenario", "--out", "crash")
+    harness("export", "flow", "--pair", pair, "--out", "crash")
     top_view(Path("crash"), Path("exported.png"))
     save(Path("exported.png"), "exported")
 
