@@ -1,6 +1,7 @@
 """What is known of the reference drivers: their validation on recordings, and where they disagree.
 
-The results stand in ``validated.json``, with the data and the command that measured them.
+``python -m benchmarks.references`` writes the results into ``validated.json``, with data, versions
+and date.
 """
 
 import json
@@ -17,12 +18,19 @@ CROWD_PER_HOUR = 1_000.0
 recordings."""
 
 
+FILE = Path(__file__).with_name("validated.json")
+
+
 @cache
-def validated() -> dict[str, Any]:
-    """The results in ``validated.json``."""
-    text = Path(__file__).with_name("validated.json").read_text(encoding="utf-8")
-    results: dict[str, Any] = json.loads(text)
+def known() -> dict[str, Any]:
+    """The result of ``harness validate``, and the ratios of times of runs."""
+    results: dict[str, Any] = json.loads(FILE.read_text(encoding="utf-8"))
     return results
+
+
+def recorded() -> dict[str, dict[str, Any]]:
+    """What each driver reached in place of recorded ones."""
+    return {record["driver"]: record for record in known()["validation"]["records"]}
 
 
 def keeps_its_defaults(scenario: Scenario, strategy: str) -> bool:
@@ -51,7 +59,7 @@ def is_validated(scenario: Scenario) -> bool:
     """Whether the reference was validated with its parameters, and ``human_gmm`` with its model."""
     name = scenario.arms.human
     other_model = (scenario.model.name, scenario.model.path) != ("dut", None)
-    if name not in validated()["recordings"]["drivers"] or (other_model and name == "human_gmm"):
+    if name not in recorded() or (other_model and name == "human_gmm"):
         return False
     return keeps_its_defaults(scenario, name)
 
@@ -62,58 +70,67 @@ def not_validated(scenario: Scenario) -> str | None:
     The recordings show crowds that decide for themselves; people who come at fixed times do not.
     """
     name, people = scenario.arms.human, scenario.pedestrians
-    known = is_validated(scenario)
+    here = is_validated(scenario)
     crowd = not people.timed and people.max_count != 1
-    if known and crowd and max(people.flows_per_hour) >= CROWD_PER_HOUR:
+    if here and crowd and max(people.flows_per_hour) >= CROWD_PER_HOUR:
         return None
-    settings = ""
-    if not known and name in validated()["recordings"]["drivers"]:
-        settings = " with these settings"
+    settings = " with these settings" if not here and name in recorded() else ""
     text = f"{name}{settings} was not validated against real drivers in such scenes"
-    if known:
-        order = validated()["recordings"]["drivers"][name]["order_right"]
+    if here:
+        order = recorded()[name]["order_right"]["value"]
         text += f". In recorded crowds (DUT) its order of passing was right for {100 * order:.0f} %"
     return f"{text}."
 
 
 def validation(scenario: Scenario) -> str:
     """What the reference reached on recordings, as a sentence."""
-    name, recordings = scenario.arms.human, validated()["recordings"]
+    name, facts = scenario.arms.human, known()["validation"]["facts"]
     if not is_validated(scenario):
-        settings = " with these settings" if name in recordings["drivers"] else ""
+        settings = " with these settings" if name in recorded() else ""
         return f"{name}{settings} was not compared with recorded drivers (harness validate)."
-    human = recordings["drivers"][name]
+    human = recorded()[name]
+    fitted = ""
+    if human["fitted_on_these_data"]:
+        fitted = " It was fitted on these passages, so it is better here than elsewhere."
+    elif human["folds"]:
+        fitted = (
+            f" Its model was fitted again in {human['folds']} folds, each without their vehicles."
+        )
     return (
-        f"{name} in place of the drivers of {recordings['data']}: the order of passing was right "
-        f"for {100 * human['order_right']:.0f} %, the median error of the pass time was "
-        f"{human['pass_time_off_s']:.1f} s, and it hit somebody in {human['contacts']:g} "
-        f"passages; the recorded drivers hit nobody. {human['remark']}"
-    ).strip()
+        f"{name} in place of the drivers of {facts['passages']} recorded passages of "
+        f"{facts['vehicles']} vehicles ({facts['data']}): the order of passing was right for "
+        f"{100 * human['order_right']['value']:.0f} %, the median error of the pass time was "
+        f"{human['pass_time_error_median_s']['value']:.1f} s, and it hit somebody in "
+        f"{human['contacts']['value']:g} passages, the recorded drivers in "
+        f"{facts['contacts_recorded']}.{fitted}"
+    )
 
 
 def opposite(scenario: Scenario, time_ratio: float) -> str | None:
     """A sentence if another shipped reference is known to give the opposite result; otherwise None.
 
-    It is known for the scenarios in ``validated.json`` alone.
+    It is known in the scenarios of ``validated.json`` alone, where an interval excludes 1.
 
     >>> opposite(load_scenario("cctc", {"arms.av": "gap_yield"}), 0.7)
     'Against human_recorded gap_yield is slower: it depends on the reference.'
     >>> opposite(load_scenario("cctc", {"ego.initial_speed_mps": 6.0}), 0.7)
     """
-    known, av, human = validated()["opposite"], scenario.arms.av, scenario.arms.human
-    way, other = ("slower", "human_recorded") if time_ratio < 1 else ("faster", "human_gmm")
-    if av not in known["strategies"] or human == other or not is_validated(scenario):
-        return None
-    studied = _studied()[:1] if way == "faster" else _studied()
-    if _but_for_arms(scenario) not in studied:
-        return None
-    return f"Against {other} {av} is {way}: it depends on the reference."
+    av, human, here = scenario.arms.av, scenario.arms.human, _but_for_arms(scenario)
+    for row, studied in _studied():
+        ratio = row["time_ratio"]
+        slower = time_ratio < 1 < ratio["low"]
+        other = row["reference"] != human and (slower or ratio["high"] < 1 < time_ratio)
+        if other and row["av"] == av and studied == here:
+            way = "slower" if slower else "faster"
+            return f"Against {row['reference']} {av} is {way}: it depends on the reference."
+    return None
 
 
 @cache
-def _studied() -> list[str]:
-    studied = validated()["opposite"]["scenarios"]
-    return [_but_for_arms(load_scenario(file, changes)) for file, changes in studied]
+def _studied() -> list[tuple[dict[str, Any], str]]:
+    rows = known()["runs"]
+    scenarios = (load_scenario(row["scenario"], row["settings"]) for row in rows)
+    return [(row, _but_for_arms(of)) for row, of in zip(rows, scenarios, strict=True)]
 
 
 def _but_for_arms(scenario: Scenario) -> str:

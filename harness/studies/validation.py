@@ -54,7 +54,6 @@ _STANDING_MPS = 0.1
 _COUNTS = ("contacts", "contacts_explained", "timed_out")
 
 COLUMNS: Mapping[Column, Style] = {
-    Column("driver", ""): Style(),
     Column("pass_time_score_s", "score, s", interval=True): Style(),
     Column("pass_time_error_mean_s", "mean error, s"): Style(digits=1),
     Column("pass_time_error_median_s", "median |error|, s"): Style(digits=1),
@@ -124,6 +123,8 @@ def validate(
     options = {setting.key: setting.value for setting in settings if "." not in setting.key}
     scenario = load_scenario("cctc", keys)
     model, factories = load_model(scenario.model.name, scenario.model.path), {}
+    if not drivers:
+        raise InputError("--drivers", "names no driver", "e.g. human_gmm,human_yield")
     for name in drivers:
         if name in factories:
             raise InputError("--drivers", f"names {name} twice", "every driver once")
@@ -157,7 +158,7 @@ def validate(
         {
             "driver": name,
             "fitted_on_these_data": name in optimistic,
-            "folds": folds if of_vehicle and name in with_model else 0,
+            "folds": len({*of_vehicle.values()}) if name in with_model else 0,
             **findings_of(drives[name], sampling),
         }
         for name in drivers
@@ -181,7 +182,8 @@ def validate(
         **versions_of_fits(),
     }
     table = [
-        tuple(_cell(record[of.key], style) for of, style in COLUMNS.items()) for record in records
+        (of["driver"], *(Shown(of[column.key], style) for column, style in COLUMNS.items()))
+        for of in records
     ]
     return Result(
         command="validate",
@@ -189,7 +191,7 @@ def validate(
         scope=f"{len(passages):,} passages of {facts['vehicles']} vehicles, "
         f"{facts['encounters']:,} encounters; recorded contacts {facts['contacts_recorded']}",
         about="",
-        screen=Table("", tuple(COLUMNS), tuple(table)),
+        screen=Table("", (Column("driver", ""), *COLUMNS), tuple(table)),
         full=(),
         notes=tuple(_notes(records, left_out, alike, tally, known is None)),
         closing=("All notes: --full. Page: --out PAGE.html",),
@@ -402,10 +404,6 @@ def _by_vehicle(drives: pd.DataFrame) -> pd.DataFrame:
     return means.assign(score_s=scores, passages=1.0).groupby(level=0, sort=False).sum()
 
 
-def _cell(value: Plain | Finding, style: Style) -> Shown | Plain:
-    return Shown(value, style) if isinstance(value, Finding) else value
-
-
 def _notes(
     records: Sequence[Mapping[str, Any]],
     left_out: str,
@@ -417,19 +415,21 @@ def _notes(
     few = records[0]["pass_time_score_s"].reason
     late = [f"{of['driver']} {n:.3g}" for of in records if (n := of["timed_out"].value)]
     optimistic = [of["driver"] for of in records if of["fitted_on_these_data"]]
-    texts: dict[str, Any] = {
-        "few vehicles": few and f"Unreliable or no intervals: {few}.",
-        "fitted on these data": optimistic
-        and f"Fitted on these passages, so better here than elsewhere: {', '.join(optimistic)}.",
-        "fitted on unknown data": unknown
-        and "The model's card has no fingerprints of tracks, so it is unknown whether the model "
-        "was fitted on these data.",
-        "time-outs": late
-        and f"Passages that timed out: {', '.join(late)}. The limit counts as their time.",
-        "not told apart": alike and f"No significant difference: {', '.join(alike)}.",
-        "left out": left_out and f"Left out: {left_out}.",
-        "records": tally.remarks() and f"{'; '.join(tally.remarks())}.",
+    card = [
+        "no fingerprints of tracks, so it is unknown whether the model was fitted on these data"
+    ]
+    lists = {
+        "few vehicles": ("Unreliable or no intervals", [few] if few else []),
+        "fitted on these data": (
+            "Fitted on these passages, so better here than elsewhere",
+            optimistic,
+        ),
+        "fitted on unknown data": ("The model's card", card if unknown else []),
+        "time-outs": ("Timed out, so the limit counts as their time; passages", late),
+        "not told apart": ("No significant difference", alike),
+        "left out": ("Left out", [left_out] if left_out else []),
+        "records": ("Records", tally.remarks()),
     }
-    for rank, (label, text) in enumerate(texts.items()):
-        if text:
-            yield Note(label.replace(" ", "_"), rank, label, text)
+    for rank, (label, (what, words)) in enumerate(lists.items()):
+        if words:
+            yield Note(label.replace(" ", "_"), rank, label, f"{what}: {'; '.join(words)}.")

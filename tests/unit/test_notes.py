@@ -299,7 +299,6 @@ def test_the_opposite_is_known_where_it_was_measured() -> None:
         {"ego.initial_speed_mps": 6.0},
         {"arms.av": "constant_speed"},
         {"strategies.soft_yield.p1": 0.02},
-        {"arms.human": "tests.planner:Planner"},
         {"strategies.human_gmm.speed": "sampled"},
     ):
         assert said(changes, 0.8) is None

@@ -18,7 +18,7 @@ from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_recorded import HumanRecorded
 from harness.studies.recorded_passages import find_passages
-from harness.studies.validation import DRAWS, findings_of, pass_time_score
+from harness.studies.validation import DRAWS, findings_of, models_without, pass_time_score
 from tests.batches import printed
 from tests.recordings import DRIVERS, LENGTH_M, RATE_HZ, SCENES, held, write_set
 from tests.scenes import refusal_of
@@ -197,6 +197,7 @@ def test_draws_and_passages_have_the_weight_of_their_passage_and_vehicle() -> No
     assert found["pass_time_error_mean_s"].value == pytest.approx((2 - 1 + 5) / 3)
     assert found["order_right"].value == pytest.approx(4 / 6)
     assert found["contacts"].value == 0.5
+    assert str(found["pass_time_score_s"].reason).startswith("2 vehicles")
 
 
 @pytest.mark.parametrize(
@@ -204,6 +205,7 @@ def test_draws_and_passages_have_the_weight_of_their_passage_and_vehicle() -> No
     [
         (("--drivers", "hard_yield"), ["hard_yeild"], {}),
         (("twice",), ["hard_yield", "hard_yield"], {}),
+        (("--drivers", "names no driver"), [], {}),
         (("--drivers", "[simulation]"), ["sumo_driver"], {}),
         (("no passage", "begins too near 4"), ["hard_yield"], {"vehicle_length_m": 60.0}),
         (("strategies.hard_yield", "p1"), ["hard_yield"], {"strategies.hard_yield.p1": 1.0}),
@@ -283,6 +285,22 @@ def test_recordings_that_a_model_was_fitted_on_are_known_whatever_they_are_calle
     model = load_model("own", own["model.path"])
     monkeypatch.setattr("harness.studies.validation.load_model", lambda *_: model)
     assert optimistic(held(other, drivers)) == {"human_gmm", "human_recorded"}
+
+
+def test_a_vehicle_is_driven_by_a_model_that_has_not_seen_it(tmp_path: Path) -> None:
+    """Whatever one vehicle does: the models of its passages stay, those of all others change."""
+    folder = write_set(tmp_path / "made", HardYield)
+    model = load_model("own", model_of(folder, tmp_path / "own.json"))
+    rows = pd.read_parquet(tmp_path / "own.parquet")
+    vehicles = sorted(set(zip(rows["source"], rows["clip"], rows["vehicle"], strict=True)))
+    changed = rows.copy()
+    changed.loc[changed["clip"] == vehicles[0][1], "vehicle_speed_mps"] *= 0.9
+    before, after = (models_without(model, of, len(vehicles), 1) for of in (rows, changed))
+    kept = [
+        np.array_equal(before[name].mixture.locations, after[name].mixture.locations)
+        for name in vehicles
+    ]
+    assert kept == [True] + [False] * (len(vehicles) - 1)
 
 
 def test_a_card_without_tracks_leaves_it_open_and_says_so(tmp_path: Path) -> None:
