@@ -49,8 +49,8 @@ def test_intervals_over_vehicles_cover_the_truth_as_often_as_they_say() -> None:
             assert high is not None
             assert found[key].reliable
             covered[key] += low <= truth <= high
-    # A share of 0.95 in 600 has a standard error of 0.9 points.
-    assert all(0.92 <= count / repeats <= 0.98 for count in covered.values()), covered
+    # Nominal ± 2 points; a share in 600 has a standard error of 0.9 points, of which two are added.
+    assert all(0.912 <= count / repeats <= 0.988 for count in covered.values()), covered
 
 
 def same(now: Sequence[Mapping[str, Any]], then: Sequence[Mapping[str, Any]]) -> None:
