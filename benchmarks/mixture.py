@@ -19,7 +19,7 @@ from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.em import Problem
 from harness.model.mixture.fitting import fit_mixture
 from harness.model.sample import Sample
-from harness.studies.fitting import Settings, fit
+from harness.studies.fitting import Settings, fit, processes
 
 Array = NDArray[np.float64]
 
@@ -106,21 +106,14 @@ def sweep(known: TruncatedGaussianMixture) -> None:
         row=np.arange(n),
         vehicle=None,
         encounter=None,
-        vehicles=None,
-        encounters=None,
         named_vehicles=None,
-        tracks=(),
         lower=known.lower,
         upper=known.upper,
-        rows_read=n,
-        outside={},
-        weigh="row",
-        factor=False,
-        sources=(),
     )
     settings = Settings(tuple(range(1, 21)), "bic", starts=3, folds=0, seed=1)
     began = time.perf_counter()
-    found = fit(sample, settings, workers=2)
+    with processes(2) as executor:
+        found = fit(sample, settings, executor)
     text = f"{time.perf_counter() - began:.1f} s, picks {found.chosen.components}"
     line("BIC for K = 1 to 20, 3 starts, 8,000 rows, two workers", text, "< 60 s")
 

@@ -65,6 +65,29 @@ _FOLDS = (
 )
 FoldsOption = Annotated[int, Option(min=0, help=_FOLDS)]
 
+RowsOption = Annotated[Path, Option(help="File for the rows (.parquet).")]
+RowsArgument = Annotated[Path, Argument(help="Rows as `harness extract` writes them.")]
+FittedOption = Annotated[Path | None, Option(help="The fitted rows, drawn beside the model.")]
+ModelOption = Annotated[Path, Option(help="File for the model (.json).")]
+ModelArgument = Annotated[str, Argument(help="A model file, or the name of a shipped model.")]
+ComponentsOption = Annotated[str, Option(help="Numbers of components: 1..20, or 10 (the paper's).")]
+ChooseOption = Annotated[
+    Literal["held-out", "bic", "rule"],
+    Option(help="Criterion for their number; rule: the paper's."),
+]
+WeighOption = Annotated[
+    Literal["row", "encounter", "vehicle"], Option(help="What counts the same.")
+]
+_BOUNDS = "Bounds of a variable, e.g. vehicle_speed_mps=0.3:14 or inverse_range_per_m=1/80:0.5."
+BoundsOption = Annotated[list[str] | None, Option(help=_BOUNDS, metavar="NAME=LOW:HIGH")]
+StartsOption = Annotated[int, Option(min=1, help="Random starts of each fit.")]
+FitSeedOption = Annotated[int, Option(min=0, help="Seed of starts, folds and refits.")]
+NearOption = Annotated[str, Option(help="State R,v: the card tells the data near it.")]
+RefitsOption = Annotated[
+    int, Option(min=0, help="Fits to resampled vehicles, beside the model: NAME.refit-1.json …")
+]
+NameOption = Annotated[str | None, Option(help="The model's name; default: that of its file.")]
+
 TownArgument = Annotated[Path, Argument(help="A SUMO configuration (.sumocfg) or network.")]
 WriteOption = Annotated[Path | None, Option(help="A new scenario file.", metavar="SCENARIO.toml")]
 EdgeOption = Annotated[list[str] | None, Option(help="A crosswalk to write. Repeatable.")]

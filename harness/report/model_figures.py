@@ -17,8 +17,10 @@ from matplotlib.ticker import MaxNLocator
 from harness.core.encounter import FloatArray
 from harness.model.interaction import PEDESTRIAN_SPEED, VEHICLE_SPEED, InteractionModel
 from harness.model.mixture.distribution import TruncatedGaussianMixture
-from harness.model.sample import Sample
+from harness.model.sample import Sample, make_sample, read_rows
+from harness.report.page import write_result
 from harness.report.style import BLUE, MUTED, SERIES, VERMILLION, finish, save, styled
+from harness.results.result import Result
 from harness.studies.fitting import RULE_SHARE, relative_gain
 
 AXIS_LABELS = ("1/R (1/m)", "vehicle speed v (m/s)", "walking speed v_p (m/s)", "1/T_adv (1/s)")
@@ -41,24 +43,44 @@ _VEHICLE_SPEEDS = (2.0, 3.5, 5.0)
 """Below the speed at the trigger in the paper's Table II."""
 
 
-def save_figures(model: InteractionModel, sample: Sample | None, folder: Path) -> list[Path]:
-    """Write the paper's figures of a model, beside the rows of a sample if there is one.
+def write_model_page(
+    model: InteractionModel,
+    result: Result,
+    rows: Path | None,
+    page: Path | None,
+    folder: Path | None,
+) -> list[Path]:
+    """Draw the paper's figures of a model; write them into a page, and as PNG and PDF.
+
+    Args:
+        model: the model.
+        result: what the page shows besides.
+        rows: the file of the fitted rows, which are drawn beside the model.
+        page: the file of the page.
+        folder: the folder of the figures, made if it is missing.
+
+    Returns:
+        The written files.
 
     Raises:
-        HarnessError: the folder or a file cannot be written.
+        InputError: the rows are not usable.
+        HarnessError: a file cannot be written.
     """
+    sample, box = None, (model.mixture.lower, model.mixture.upper)
+    if rows is not None:
+        unit = str(model.provenance.get("weigh", "row")).partition(",")[0]
+        sample = make_sample(read_rows(rows).rows, unit, *box)
     with styled():
-        drawn = [("pairs", _pairs(model, sample)), ("speeds", _speeds(model))]
+        drawn = [("pairs", "Pairs of variables", *_pairs(model, sample))]
+        drawn.append(("speeds", "Speeds under conditions", *_speeds(model)))
         if len(model.provenance.get("candidates", ())) > 1:
-            drawn.insert(0, ("components", _components(model)))
-        return [
-            path
-            for name, (figure, caption) in drawn
-            for path in save(figure, caption, folder, name)
-        ]
+            drawn.insert(0, ("components", "Number of components", *_components(model)))
+        kept = [(figure, words, folder, name) for name, _, words, figure in drawn if folder]
+        written = [path for each in kept for path in save(*each)]
+    return [*written, *([write_result(result, page, drawn)] if page else [])]
 
 
-def _components(model: InteractionModel) -> tuple[Figure, str]:
+def _components(model: InteractionModel) -> tuple[str, Figure]:
     """BIC, the gain of each component, and the held-out scores."""
     card = model.provenance
     bic = {each["components"]: each["bic"] for each in card["candidates"]}
@@ -75,10 +97,10 @@ def _components(model: InteractionModel) -> tuple[Figure, str]:
         axes[2].errorbar([*means], [*means.values()], errors, fmt="none", ecolor=MUTED)
         _over_components(axes[2], means, "held-out log f(v_p | 1/R, v) (nats)", card["components"])
     caption = f"{model.name}: n = {card['rows']:,} rows; BIC's n is {card['weight_sum']:.0f}. "
-    return figure, f"{caption}Bars: 95 % over vehicles. Square: the chosen K."
+    return f"{caption}Bars: 95 % over vehicles. Square: the chosen K.", figure
 
 
-def _pairs(model: InteractionModel, sample: Sample | None) -> tuple[Figure, str]:
+def _pairs(model: InteractionModel, sample: Sample | None) -> tuple[str, Figure]:
     """Rows and model in three projections; both have the same colour scale."""
     figure, axes = _panels(len(PAIRS), 1 if sample is None else 2, 3.4)
     view, panels = usual_view(model.mixture), iter(axes)
@@ -93,10 +115,10 @@ def _pairs(model: InteractionModel, sample: Sample | None) -> tuple[Figure, str]
         _draw_density(next(panels), density, pair, edges, norm, "model")
     rows = "" if sample is None else f"; rows are weighted by {sample.weigh}"
     words = f"{model.name}, K = {model.mixture.weights.size}: densities, dark is high"
-    return figure, f"{words}; one colour scale per row (square root){rows}."
+    return f"{words}; one colour scale per row (square root){rows}.", figure
 
 
-def _speeds(model: InteractionModel) -> tuple[Figure, str]:
+def _speeds(model: InteractionModel) -> tuple[str, Figure]:
     """v_p and v under the authors' conditions, and v_p as in a run."""
     figure, axes = _panels(2, 2, 4.0)
     ranges = [{"range_m": 1 / inverse} for inverse in _INVERSE_RANGES]
@@ -113,7 +135,7 @@ def _speeds(model: InteractionModel) -> tuple[Figure, str]:
             mode = np.array([model.driver_speed(**condition)])
             panel.plot(mode, driving(mode, **_arrays(condition)), "o", color=look.colour, ms=5)
     words = f"{model.name}, K = {model.mixture.weights.size}. Dots are the modes, the speeds that "
-    return figure, f"{words}the human driver aims for. Without T_adv it is integrated out."
+    return f"{words}the human driver aims for. Without T_adv it is integrated out.", figure
 
 
 def _panels(down: int, across: int, height: float) -> tuple[Figure, list[Axes]]:
@@ -193,7 +215,7 @@ def _over_components(
     axes: Axes, values: Mapping[int, float], label: str, chosen: int | None = None
 ) -> None:
     """Draw values over K, joined by a line, with a square around the chosen K."""
-    axes.plot(*zip(*sorted(values.items()), strict=True), "o-", color=BLUE, ms=4, lw=1.4)
+    axes.plot([*values], [*values.values()], "o-", color=BLUE, ms=4, lw=1.4)
     if chosen is not None and chosen in values:
         axes.plot(chosen, values[chosen], "s", ms=10, mfc="none", mec=VERMILLION, mew=1.8)
     finish(axes, "number of components K", label)

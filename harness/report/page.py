@@ -101,15 +101,20 @@ def write_page(
     return Written(page, tuple(written))
 
 
-def write_result(result: Result, page: Path) -> Path:
+def write_result(result: Result, page: Path, drawn: Sequence[Drawn] = ()) -> Path:
     """Write the page of a result that has no run.
+
+    Args:
+        result: the result.
+        page: the file.
+        drawn: its pictures, in place of those of its first table.
 
     Raises:
         HarnessError: the file cannot be written.
     """
     facts = [(name, plain_text(value)) for name, value in result.facts.items()]
     with styled():
-        _write(page, [result], pictures_of_result(result), facts=facts)
+        _write(page, [result], drawn or pictures_of_result(result), facts=facts)
     return page
 
 

@@ -1,21 +1,21 @@
-"""Fits the interaction model: a fit and a held-out score for every K, and the chosen K.
+"""Fits the interaction model: a fit and a held-out score for every K, the chosen K, and refits.
 
 Each fit has a seed of its own and one thread, so results do not depend on the number of processes.
 """
 
 import os
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
-from multiprocessing import active_children, get_context, parent_process
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from multiprocessing import active_children, get_context, parent_process, resource_tracker
 from threading import Thread
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from harness.core.encounter import FloatArray
-from harness.core.errors import InputError
+from harness.core.errors import HarnessError, InputError
 from harness.core.seeding import resampling
 from harness.model.interaction import (
     INVERSE_RANGE,
@@ -30,12 +30,20 @@ from harness.model.sample import LABELS, Sample
 Choice = Literal["held-out", "bic", "rule"]
 Progress = Callable[[int, int], None]
 
+MOST_COMPONENTS = 100
+
 RULE_SHARE = 0.10
 """The paper stops adding components when BIC changes by less than this share."""
 
+TARGETS: Mapping[str, tuple[int, tuple[int, ...]]] = {
+    "held_out": (PEDESTRIAN_SPEED, (INVERSE_RANGE, VEHICLE_SPEED)),
+    "held_out_driver": (VEHICLE_SPEED, (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)),
+}
+"""What fits are scored by on vehicles that they have not seen: log f(v_p | 1/R, v), by which K is
+chosen, and log f(v | 1/R, v_p, 1/T_adv), which the human driver uses."""
 
-@dataclass(frozen=True)
-class Settings:
+
+class Settings(NamedTuple):
     """The settings of a fit.
 
     Attributes:
@@ -43,8 +51,8 @@ class Settings:
         choose: the criterion that chooses among several K.
         starts: number of k-means++ starts of each fit.  The best start is kept.
         folds: number of folds of vehicles for the held-out scores; 0 or 1 means no scores.
-        seed: the seed of the starts and the folds.
-        tol: a fit stops when its gradient per unit of weight is below this (see ``fit_mixture``).
+        seed: the seed of the starts, the folds and the refits.
+        near: (R in m, v in m/s) at the trigger of the scenario that will use the model.
     """
 
     components: tuple[int, ...]
@@ -52,11 +60,37 @@ class Settings:
     starts: int = 3
     folds: int = 5
     seed: int = 1
-    tol: float = 1e-7
+    near: tuple[float, float] = (30.0, 5.0)
 
 
-@dataclass(frozen=True, eq=False)
-class HeldOut:
+def settings_of(
+    components: str, choose: Choice, starts: int, folds: int, seed: int, near: str
+) -> Settings:
+    """The settings, of which ``components`` and ``near`` are texts such as 1..20 and 30,5.
+
+    >>> settings_of("2..4", "bic", 3, 5, 1, "30,5")[:1]
+    ((2, 3, 4),)
+
+    Raises:
+        InputError: one of these is not accepted.
+    """
+    first, _, last = components.partition("..")
+    texts, state = (first, last or first), near.split(",")
+    low, high = (int(text) if text.isdecimal() else 0 for text in texts)
+    if not 1 <= low <= high <= MOST_COMPONENTS:
+        allowed = f"whole numbers from 1 to {MOST_COMPONENTS}, e.g. 10 or 1..20"
+        raise InputError(f"--components {components}", "is not accepted", allowed)
+    try:
+        range_m, speed_mps = map(float, state)
+    except ValueError:
+        range_m = speed_mps = 0.0
+    if not (0 < range_m < np.inf and 0 < speed_mps < np.inf):
+        raise InputError(f"--near {near}", "is not a state", "R,v above 0, e.g. 30,5")
+    ks = tuple(range(low, high + 1))
+    return Settings(ks, choose, starts, folds, seed, (range_m, speed_mps))
+
+
+class HeldOut(NamedTuple):
     """Scores of rows that were not used in the fit, summed by vehicle.
 
     Attributes:
@@ -85,57 +119,40 @@ class HeldOut:
         errors = self.totals - self.mean * self.weights
         return float(np.sqrt(count / (count - 1) * (errors @ errors)) / self.weights.sum())
 
-    def as_plain(self) -> dict[str, float | None]:
-        """For the card."""
-        return {"mean": self.mean, "standard_error": self.standard_error}
-
 
 class Candidate(NamedTuple):
-    """The fit with K components, and its log scores on vehicles that it has not seen.
+    """The fit with K components, and its scores by ``TARGETS``.
 
-    ``held_out`` has the scores of f(v_p | 1/R, v), ``driver`` those of f(v | 1/R, v_p, 1/T_adv);
-    both are None if there are no folds or one of them could not be fitted.
+    There are no scores without folds, or if a fold cannot be fitted or has a row of density 0.
     """
 
     components: int
     fit: FitResult
-    held_out: HeldOut | None
-    driver: HeldOut | None
+    scores: Mapping[str, HeldOut]
 
 
 class Fitted(NamedTuple):
     """All fits by ascending K, the chosen one, by which criterion, the folds, and warnings."""
 
-    candidates: tuple[Candidate, ...]
+    candidates: Sequence[Candidate]
     chosen: Candidate
     criterion: str
     folds: int
-    warnings: tuple[str, ...]
-
-
-class _Job(NamedTuple):
-    """A fit to the rows with these weights, and the rows that it has not seen."""
-
-    sample: Sample
-    settings: Settings
-    components: int
-    weights: FloatArray
-    key: tuple[int, ...]
-    held: np.ndarray | None = None
+    warnings: Sequence[str]
 
 
 class _Answer(NamedTuple):
-    """The fit of a job, and what its held-out rows score; or an error's parts."""
+    """A fit and its scores on held-out rows, or the parts of an error: pickling loses them."""
 
-    fit: FitResult | None = None
-    scores: tuple[HeldOut, HeldOut] | None = None
-    refusal: tuple[str, str, str | None] | None = None
+    fit: FitResult | None
+    scores: Mapping[str, HeldOut]
+    refusal: tuple[str, str, str | None] | None
 
 
 def fit(
     sample: Sample,
     settings: Settings,
-    workers: int = 1,
+    executor: Executor | None = None,
     progress: Progress = lambda _done, _planned: None,
 ) -> Fitted:
     """Fit every K to a sample, score each on vehicles that its fits have not seen, and choose one.
@@ -143,188 +160,188 @@ def fit(
     Args:
         sample: the weighted rows.
         settings: see ``Settings``.
-        workers: number of processes.
+        executor: carries out the fits; None: this process.
         progress: called with the numbers of finished and planned fits.
 
     Raises:
         InputError: the rows do not determine a fit, or the criterion cannot be applied.
+        HarnessError: a worker died.
     """
-    folds = 0
-    if settings.folds >= 2 and sample.vehicles and sample.vehicles >= 2:
-        folds = min(settings.folds, sample.vehicles)
+    folds = min(settings.folds, sample.vehicles) if min(settings.folds, sample.vehicles) > 1 else 0
     _check(sample, settings, folds)
-    fold_of_row = np.full(len(sample.data), -1)
-    if folds and sample.vehicle is not None:
+    fold_of_row = np.zeros(len(sample.data))
+    if sample.vehicle is not None and folds:
         fold_of_row = vehicle_folds(sample.vehicle, sample.weights, folds, settings.seed)
-    # The slowest first, so that no worker ends late with a long job.
-    jobs = [
-        _Job(sample, settings, k, sample.weights * ~held, (k, fold + 1), held)
+    # The slowest first, so that no worker ends late with a long fit.
+    jobs = {
+        (k, fold): (sample.weights * (fold_of_row != fold), (k, fold + 1))
         for k in sorted(settings.components, reverse=True)
         for fold in range(-1, folds)
-        for held in [(fold_of_row == fold) & (fold >= 0)]
-    ]
-    answers = {job.key: answer for job, answer in _carried_out(jobs, workers, progress)}
+    }
+    answers = _carried_out(sample, settings, jobs, executor, progress)
     warnings, candidates = [], []
     for k in sorted(settings.components):
-        answer = answers[k, 0]
-        if answer.fit is None:
-            raise InputError(*(answer.refusal or ("fit", f"K = {k} failed", None)))
-        scores = [answers[k, fold + 1].scores for fold in range(folds)]
-        held_out, driver = (_joined([each and each[i] for each in scores]) for i in range(2))
-        if folds and held_out is None:
+        if (found := answers[k, -1].fit) is None:
+            raise InputError(*(answers[k, -1].refusal or ("fit", f"K = {k} failed", None)))
+        scores = _joined([answers[k, fold].scores for fold in range(folds)])
+        if folds and not scores:
             warnings.append(f"K = {k} has no held-out score: one of its folds could not be fitted.")
-        if not answer.fit.converged:
+        if not found.converged:
             warnings.append(
-                f"The fit with K = {k} did not converge in {answer.fit.n_iter} steps; its gradient "
-                f"norm is {answer.fit.gradient_norm:.1g} per unit of weight."
+                f"The fit with K = {k} did not converge in {found.n_iter} steps; its gradient "
+                f"norm is {found.gradient_norm:.1g} per unit of weight."
             )
-        candidates.append(Candidate(k, answer.fit, held_out, driver))
+        candidates.append(Candidate(k, found, scores))
     chosen, criterion = _choose(candidates, settings, warnings)
-    return Fitted(tuple(candidates), chosen, criterion, folds, tuple(warnings))
+    return Fitted(candidates, chosen, criterion, folds, warnings)
+
+
+def drawn_vehicles(sample: Sample, count: int, seed: int) -> np.ndarray:
+    """Vehicles that refits draw with replacement, (count, V − 1) of V; the first stay the same.
+
+    With V − 1 draws the variance between refits estimates the variance of the fit without bias
+    where the fit is linear in the vehicles (McCarthy and Snowden 1985).
+
+    Raises:
+        InputError: the rows do not identify three vehicles.
+    """
+    if count and sample.vehicles < 3:
+        problem = "needs rows that identify at least three vehicles, which are resampled"
+        raise InputError("--refits", problem, "rows with source, clip and vehicle")
+    size = count, max(sample.vehicles - 1, 0)
+    return resampling(seed, "refits").integers(0, sample.vehicles or 1, size)
 
 
 def refits(
     sample: Sample,
     components: int,
-    count: int,
+    drawn: np.ndarray,
     settings: Settings,
-    workers: int = 1,
+    executor: Executor | None = None,
     progress: Progress = lambda _done, _planned: None,
-) -> list[TruncatedGaussianMixture]:
-    """Fits of K components to resampled vehicles.
+) -> Iterator[TruncatedGaussianMixture]:
+    """Yield a fit of K components for each draw of vehicles, in their order.
 
-    Each draws V − 1 of the V vehicles with replacement, so that the variance between refits
-    estimates the variance of the fit without bias where the fit is linear in the vehicles
-    (McCarthy and Snowden 1985).  A vehicle that is drawn m times has m times the weight.  Refit r
-    is the same however many there are.
+    A vehicle that is drawn m times has m times the weight.
 
     Raises:
-        InputError: the rows do not identify three vehicles, or a refit is refused.
+        InputError: a refit is refused.
+        HarnessError: a worker died.
     """
-    vehicle, vehicles = check_refits(sample)
-    size = count, vehicles - 1
-    drawn = resampling(settings.seed, "refits").integers(0, vehicles, size)
-    jobs = [
-        _Job(sample, settings, components, sample.weights * times[vehicle], (components, 0, r))
-        for r, each in enumerate(drawn, 1)
-        for times in [np.bincount(each, minlength=vehicles)]
-    ]
-    found = {job.key[-1]: answer for job, answer in _carried_out(jobs, workers, progress)}
-    for number, answer in found.items():
-        if answer.refusal is not None:
-            raise InputError(f"refit {number}: {answer.refusal[0]}", *answer.refusal[1:])
-    return [fitted.mixture for _, answer in sorted(found.items()) if (fitted := answer.fit)]
+    jobs = {}
+    for number, vehicles in enumerate(drawn, 1):
+        times = np.bincount(vehicles, minlength=sample.vehicles)
+        weights = sample.weights * times[sample.vehicle]
+        jobs[components, number] = weights, (components, 0, number)
+    answers = _carried_out(sample, settings, jobs, executor, progress, scored=False)
+    for (_, number), answer in sorted(answers.items(), key=lambda each: each[0]):
+        if answer.fit is None:
+            where, problem, allowed = answer.refusal or ("fit", "failed", None)
+            raise InputError(f"refit {number}: {where}", problem, allowed)
+        yield answer.fit.mixture
 
 
-def check_refits(sample: Sample) -> tuple[np.ndarray, int]:
-    """The vehicle of each row, and their number, if there are enough of them to be resampled.
+class _Processes(ProcessPoolExecutor):
+    """Processes that do not hear Ctrl-C, and that end with this one."""
 
-    Raises:
-        InputError: there are fewer than three, or rows do not identify them.
-    """
-    if sample.vehicle is None or sample.vehicles is None or sample.vehicles < 3:
-        problem = "needs rows that identify at least three vehicles, which are resampled"
-        raise InputError("--refits", problem, "rows with source, clip and vehicle")
-    return sample.vehicle, sample.vehicles
+    def submit(self, fn: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
+        """Submit a call; a process that starts here inherits the blocked signal."""
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return super().submit(fn, *arguments, **options)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _carried_out(
-    jobs: Sequence[_Job], workers: int, progress: Progress
-) -> list[tuple[_Job, _Answer]]:
-    """The jobs with their answers; if it is interrupted, its processes end."""
-    progress(0, len(jobs))
-    if workers == 1 or len(jobs) == 1:
-        done = []
-        for job in jobs:
-            done.append((job, _run(job)))
-            progress(len(done), len(jobs))
-        return done
-    pool = ProcessPoolExecutor(min(workers, len(jobs)), get_context("spawn"), _end_with_parent)
+@contextmanager
+def processes(workers: int) -> Iterator[Executor | None]:
+    """Yield an executor of so many processes, which are killed on an exception; None for one."""
+    if workers == 1:
+        yield None
+        return
+    resource_tracker.ensure_running()  # it would unblock the signal
+    pool = _Processes(workers, get_context("spawn"), _end_with_parent)
     try:
-        waiting: dict[Future[_Answer], _Job] = {pool.submit(_run, job): job for job in jobs}
-        done = []
-        for future in as_completed(waiting):
-            done.append((waiting[future], future.result()))
-            progress(len(done), len(jobs))
+        yield pool
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
         for child in active_children():
             child.kill()
         raise
     pool.shutdown()
-    return done
 
 
 def _end_with_parent() -> None:
-    """Let this process end as soon as its parent has ended."""
-    parent = parent_process()
-
     def watch() -> None:
-        if parent is not None:
+        if (parent := parent_process()) is not None:
             parent.join()
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()
 
 
-def _run(job: _Job) -> _Answer:
-    """Fit in one thread, since the number of threads changes last digits.
-
-    An ``InputError`` is returned, because pickling would lose its parts.
-    """
-    sample, settings, used = job.sample, job.settings, job.weights > 0
-    seed = np.random.SeedSequence(settings.seed, spawn_key=job.key)
+def _carried_out(
+    sample: Sample,
+    settings: Settings,
+    jobs: Mapping[tuple[int, int], tuple[FloatArray, tuple[int, ...]]],
+    executor: Executor | None,
+    progress: Progress,
+    scored: bool = True,
+) -> dict[tuple[int, int], _Answer]:
+    """The answers to jobs, each of which has weights of the rows and the key of its seed."""
+    progress(0, len(jobs))
+    answers: dict[tuple[int, int], _Answer] = {}
+    if executor is None:
+        for key, job in jobs.items():
+            answers[key] = _run(sample, settings, *job, scored)
+            progress(len(answers), len(jobs))
+        return answers
+    waiting = {
+        executor.submit(_run, sample, settings, *job, scored): key for key, job in jobs.items()
+    }
     try:
-        with threadpool_limits(1):
-            found = fit_mixture(
-                sample.data[used],
-                job.components,
-                sample.lower,
-                sample.upper,
-                sample_weight=job.weights[used],
-                tol=settings.tol,
-                n_init=settings.starts,
-                seed=seed,
-                names=LABELS,
-            )
-            if (
-                job.held is None
-                or not job.held.any()
-                or sample.vehicle is None
-                or sample.vehicles is None
-            ):
-                return _Answer(found)
-            rows, weights = sample.data[job.held], sample.weights[job.held]
-            group = (weights, sample.vehicle[job.held], sample.vehicles)
-            walking = _by_vehicle(walking_log_scores(found.mixture, rows), *group)
-            return _Answer(
-                found, (walking, _by_vehicle(driving_log_scores(found.mixture, rows), *group))
-            )
+        for future in as_completed(waiting):
+            answers[waiting[future]] = future.result()
+            progress(len(answers), len(jobs))
+    except RuntimeError as error:  # the pool is broken
+        raise HarnessError(f"a worker died during a fit ({error})") from None
+    return answers
+
+
+def _run(
+    sample: Sample, settings: Settings, weights: FloatArray, key: tuple[int, ...], scored: bool
+) -> _Answer:
+    """Fit the rows of weight above 0, and score those of weight 0."""
+    used = weights > 0
+    try:
+        found = fit_mixture(
+            sample.data[used],
+            key[0],
+            sample.lower,
+            sample.upper,
+            sample_weight=weights[used],
+            n_init=settings.starts,
+            seed=np.random.SeedSequence(settings.seed, spawn_key=key),
+            names=LABELS,
+        )
     except InputError as error:
-        return _Answer(refusal=(error.where, error.problem, error.allowed))
+        return _Answer(None, {}, (error.where, error.problem, error.allowed))
+    if not scored or used.all() or sample.vehicle is None:
+        return _Answer(found, {}, None)
+    held, scores = sample.weights[~used], {}
+    for name in TARGETS:
+        logs = log_scores(found.mixture, sample.data[~used], name)
+        sums = [
+            np.bincount(sample.vehicle[~used], of, sample.vehicles) for of in (logs * held, held)
+        ]
+        scores[name] = HeldOut(*np.array(sums, dtype=float))
+    return _Answer(found, scores, None)
 
 
-def walking_log_scores(mixture: TruncatedGaussianMixture, data: FloatArray) -> FloatArray:
-    """log f(v_p | 1/R, v), the density of walking speeds, of rows (n, 4): (n,), in nats."""
-    given = (INVERSE_RANGE, VEHICLE_SPEED)
-    conditional = mixture.conditional(PEDESTRIAN_SPEED, given)
-    return conditional.logpdf(data[:, PEDESTRIAN_SPEED], data[:, list(given)])
-
-
-def driving_log_scores(mixture: TruncatedGaussianMixture, data: FloatArray) -> FloatArray:
-    """log f(v | 1/R, v_p, 1/T_adv), the drivers' density, of rows (n, 4): (n,), in nats."""
-    given = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
-    conditional = mixture.conditional(VEHICLE_SPEED, given)
-    return conditional.logpdf(data[:, VEHICLE_SPEED], data[:, list(given)])
-
-
-def _by_vehicle(
-    scores: FloatArray, weights: FloatArray, vehicle: np.ndarray, count: int
-) -> HeldOut:
-    return HeldOut(
-        np.bincount(vehicle, scores * weights, minlength=count).astype(float),
-        np.bincount(vehicle, weights, minlength=count).astype(float),
-    )
+def log_scores(mixture: TruncatedGaussianMixture, data: FloatArray, target: str) -> FloatArray:
+    """The log density, by a name of ``TARGETS``, of rows (n, 4): (n,), in nats."""
+    variable, given = TARGETS[target]
+    return mixture.conditional(variable, given).logpdf(data[:, variable], data[:, list(given)])
 
 
 def vehicle_folds(vehicle: np.ndarray, weights: FloatArray, folds: int, seed: int) -> np.ndarray:
@@ -341,9 +358,8 @@ def vehicle_folds(vehicle: np.ndarray, weights: FloatArray, folds: int, seed: in
     """
     mass = np.bincount(vehicle, weights)
     order = np.random.default_rng((seed, 1)).permutation(mass.size)
-    order = order[np.argsort(-mass[order], kind="stable")]
     filled, fold_of = np.zeros(folds), np.empty(mass.size, dtype=np.intp)
-    for index in order:
+    for index in order[np.argsort(-mass[order], kind="stable")]:
         fold_of[index] = int(np.argmin(filled))
         filled[fold_of[index]] += mass[index]
     return np.asarray(fold_of[vehicle])
@@ -351,22 +367,13 @@ def vehicle_folds(vehicle: np.ndarray, weights: FloatArray, folds: int, seed: in
 
 def _check(sample: Sample, settings: Settings, folds: int) -> None:
     """Raise errors that every fit would raise, before any process starts."""
-    if not settings.components or min(settings.components) < 1:
-        raise InputError("--components", f"{settings.components}", "1 or more")
-    most, rows = max(settings.components), int((sample.weights > 0).sum())
+    most, rows = max(settings.components), len(sample.data)
     if rows < most:
         raise InputError("rows", f"{rows} rows for {most} components", "at least one row each")
-    fit_mixture(
-        sample.data,
-        1,
-        sample.lower,
-        sample.upper,
-        sample_weight=sample.weights,
-        n_init=1,
-        max_iter=1,
-        seed=settings.seed,
-        names=LABELS,
-    )
+    whole = settings._replace(components=(1,))
+    _, _, refusal = _run(sample, whole._replace(starts=1), sample.weights, (1, 0), scored=False)
+    if refusal is not None:
+        raise InputError(*refusal)
     if len(settings.components) > 1:
         if settings.choose == "held-out" and not folds:
             by_held_out({})
@@ -374,17 +381,12 @@ def _check(sample: Sample, settings: Settings, folds: int) -> None:
             by_rule(dict.fromkeys(settings.components, 0.0))
 
 
-def _joined(scores: Sequence[HeldOut | None]) -> HeldOut | None:
+def _joined(scores: Sequence[Mapping[str, HeldOut]]) -> Mapping[str, HeldOut]:
     """The scores of all folds together; every vehicle is in exactly one fold."""
-    parts = [part for part in scores if part is not None]
-    if not parts or len(parts) < len(scores):
-        return None
-    totals, weights = (
-        np.sum([getattr(each, name) for each in parts], axis=0) for name in ("totals", "weights")
-    )
-    joined = HeldOut(totals, weights)
-    # A row with density 0 makes the mean infinite, so the fit cannot be compared.
-    return joined if np.isfinite(joined.mean) else None
+    if not scores or not all(scores):
+        return {}
+    joined = {name: HeldOut(*np.sum([of[name] for of in scores], axis=0)) for name in TARGETS}
+    return joined if all(np.isfinite(of.mean) for of in joined.values()) else {}
 
 
 def _choose(
@@ -402,7 +404,7 @@ def _choose(
             warnings.append("No fitted K meets the paper's rule: every gain in BIC is above 10 %.")
         k = max(by_k) if reached is None else reached
     else:
-        k = by_held_out({k: c.held_out for k, c in by_k.items() if c.held_out is not None})
+        k = by_held_out({k: c.scores["held_out"] for k, c in by_k.items() if c.scores})
     if k == max(by_k):
         warnings.append(f"K = {k} is the largest fitted K; a larger K may be better.")
     return by_k[k], settings.choose
@@ -439,7 +441,10 @@ def by_rule(bic: Mapping[int, float]) -> int | None:
 
 
 def relative_gain(bic: Mapping[int, float]) -> dict[int, float]:
-    """(BIC_{K−1} − BIC_K) / (BIC_1 − BIC_2) for every K with a fitted K − 1."""
-    if not {1, 2} <= set(bic) or bic[1] == bic[2]:
+    """(BIC_{K−1} − BIC_K) / (BIC_1 − BIC_2) for every K with a fitted K − 1.
+
+    It is undefined unless the second component is a gain.
+    """
+    if not {1, 2} <= set(bic) or bic[1] <= bic[2]:
         return {}
     return {k: (bic[k - 1] - bic[k]) / (bic[1] - bic[2]) for k in sorted(bic) if k - 1 in bic}

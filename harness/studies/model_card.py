@@ -1,27 +1,73 @@
 """The card of a fitted model, and what ``harness extract``, ``fit`` and ``model`` show."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from harness.core.encounter import FloatArray
 from harness.core.errors import InputError
 from harness.core.versions import versions_of_fits
-from harness.model.interaction import INVERSE_RANGE, VARIABLES, VEHICLE_SPEED, InteractionModel
-from harness.model.sample import RowFile, Sample, effective_number
-from harness.model.trajectories import REASONS
+from harness.model.interaction import (
+    INVERSE_RANGE,
+    VARIABLES,
+    VEHICLE_SPEED,
+    InteractionModel,
+    write_model,
+)
+from harness.model.sample import (
+    RowFile,
+    Sample,
+    box_of,
+    effective_number,
+    make_sample,
+    read_rows,
+)
+from harness.model.trajectories import REASONS, Extraction
 from harness.results.finding import Finding, Plain
 from harness.results.notes import Note
-from harness.results.result import Column, Entered, Result, Shown, Style, Table
-from harness.studies.fitting import RULE_SHARE, Fitted, HeldOut, Settings, by_rule, relative_gain
+from harness.results.result import Column, Entered, Result, Shown, Style, Table, listed
+from harness.studies.fitting import (
+    RULE_SHARE,
+    TARGETS,
+    Fitted,
+    HeldOut,
+    Progress,
+    Settings,
+    by_rule,
+    drawn_vehicles,
+    fit,
+    processes,
+    refits as made_again,
+    relative_gain,
+)
 
 NEAR_RANGE_M, NEAR_SPEED_MPS = 5.0, 1.0
 """A row is near a state (R, v) if R and v both differ by at most this."""
 
 FEW = 10
 """The card warns if fewer vehicles or effective rows than this are near the scenario's state."""
+
+_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+_NORMAL, _RELIABLE_FROM = 1.96, 100
+"""The normal quantile of 95 % intervals, and vehicles from which they are reliable."""
+
+_OVER_K: Mapping[Column, Style] = {
+    Column("components", "K"): Style(digits=0),
+    Column("log_likelihood", "log L"): Style(digits=1),
+    Column("bic", "BIC"): Style(digits=1),
+    Column("bic_gain_share", "gain"): Style(digits=2),
+    Column("held_out", "held-out v_p, nats"): Style(digits=3),
+    Column("held_out_less_chosen", "less the chosen's"): Style(digits=3),
+    Column("held_out_driver", "held-out v, nats"): Style(digits=3),
+}
+_LEGEND = (
+    "Gain: gain in BIC, as a share of the gain by the second component. Held-out: mean log "
+    "f(v_p | 1/R, v) and log f(v | 1/R, v_p, 1/T_adv) per encounter, on vehicles that the fit has "
+    "not seen, with 95 % intervals over vehicles (* fewer than 100)."
+)
 
 
 def card(
@@ -30,7 +76,6 @@ def card(
     fitted: Fitted,
     file: RowFile,
     command: str,
-    state: tuple[float, float],
 ) -> dict[str, Any]:
     """The model's card, as plain data for the model file's ``provenance``.
 
@@ -40,46 +85,38 @@ def card(
         fitted: the result of the fits.
         file: the file of the rows, with the command of the extraction.
         command: the exact command of the fit.
-        state: (R in m, v in m/s) at the trigger of the scenario that will use the model.
     """
-    near, chosen = near_state(sample, state), fitted.chosen
+    near, rows = near_state(sample, settings.near), len(sample.data)
     bic = {each.components: each.fit.bic for each in fitted.candidates}
     rule = None
     with suppress(InputError):  # there are not enough K
         rule = by_rule(bic)
-    extracted = file.extraction.get("command")
+    outside, extracted = dict(sample.outside or {}), file.extraction.get("command")
     return {
-        "source": list(sample.sources),
+        "source": sample.sources,
         "commands": [*[extracted] * isinstance(extracted, str), command],
         "rows_sha256": file.sha256,
         "rows_read": sample.rows_read,
-        "rows_outside_box": {**sample.outside, "any": sample.rows_read - len(sample.data)},
-        "rows": len(sample.data),
-        "copied_rows": sample.copies,
-        "effective_rows": _effective(sample.row, sample.weights),
-        "encounters": sample.encounters,
-        "vehicles": sample.vehicles,
-        "effective_vehicles": _effective(sample.vehicle, sample.weights),
-        "tracks": list(sample.tracks),
+        "rows_outside_box": {**outside, "any": sample.rows_read - rows},
+        "rows": rows,
+        "copied_rows": _copies(sample),
+        **_counted(sample, np.ones(rows, bool)),
+        "tracks": sample.tracks,
         "near_state": near,
-        "weigh": sample.weigh + (", times the rows' own weight" if sample.factor else ""),
+        "weigh": sample.weigh,
         "weight_sum": float(sample.weights.sum()),
-        "bounds": {
-            name: [float(low), float(high)]
-            for name, low, high in zip(VARIABLES, sample.lower, sample.upper, strict=True)
-        },
-        "components": chosen.components,
+        "bounds": dict(
+            zip(VARIABLES, np.stack((sample.lower, sample.upper), 1).tolist(), strict=True)
+        ),
+        "components": fitted.chosen.components,
         "chosen_by": fitted.criterion,
-        "candidates": _table(fitted, relative_gain(bic)),
+        "candidates": list(_candidates(fitted, relative_gain(bic))),
         "rule": {
             "words": f"smallest K with BIC_K - BIC_K+1 < {RULE_SHARE:g} (BIC_1 - BIC_2)",
             "components": rule,
         },
         "folds_of_vehicles": fitted.folds,
-        "folds_wanted": settings.folds,
-        "starts": settings.starts,
-        "seed": settings.seed,
-        "tol": settings.tol,
+        **{name: getattr(settings, name) for name in ("starts", "seed")},
         "extraction": file.extraction.get("counts"),
         "warnings": [*_data_warnings(sample, near), *fitted.warnings],
         "versions": versions_of_fits(),
@@ -87,93 +124,123 @@ def card(
 
 
 def near_state(sample: Sample, state: tuple[float, float]) -> dict[str, Any]:
-    """The numbers of rows, encounters and vehicles near a state: |R − R0| ≤ 5 m, |v − v0| ≤ 1 m/s.
-
-    ``effective_rows`` and ``effective_vehicles`` are (Σw)²/Σw², where w is the total weight of a
-    distinct row or of a vehicle.
-    """
+    """How many rows, encounters and vehicles are near a state: |R − R0| ≤ 5 m, |v − v0| ≤ 1 m/s."""
     near = np.abs(1.0 / sample.data[:, INVERSE_RANGE] - state[0]) <= NEAR_RANGE_M
     near &= np.abs(sample.data[:, VEHICLE_SPEED] - state[1]) <= NEAR_SPEED_MPS
-    vehicle = None if sample.vehicle is None else sample.vehicle[near]
     return {
         "range_m": state[0],
         "vehicle_speed_mps": state[1],
         "within_m": NEAR_RANGE_M,
         "within_mps": NEAR_SPEED_MPS,
         "rows": int(near.sum()),
-        "effective_rows": _effective(sample.row[near], sample.weights[near]),
-        "encounters": None if sample.encounter is None else len(np.unique(sample.encounter[near])),
-        "vehicles": None if vehicle is None else len(np.unique(vehicle)),
-        "effective_vehicles": _effective(vehicle, sample.weights[near]),
+        **_counted(sample, near),
     }
 
 
-def _effective(item: np.ndarray | None, weights: FloatArray) -> float | None:
-    """The effective number of items; None if rows do not identify their item."""
-    return None if item is None else effective_number(np.bincount(item, weights).astype(float))
+def _counted(sample: Sample, of: np.ndarray) -> dict[str, float | int | None]:
+    """Encounters, vehicles, and effective rows and vehicles among some rows; None if unknown.
+
+    Effective numbers are (Σw)²/Σw², where w is the weight of a distinct row or of a vehicle.
+    """
+    items, weights = (
+        {"vehicles": sample.vehicle, "encounters": sample.encounter},
+        sample.weights[of],
+    )
+    chosen = {name: None if item is None else item[of] for name, item in items.items()}
+    return {
+        **{name: None if item is None else len(np.unique(item)) for name, item in chosen.items()},
+        "effective_rows": effective_number(sample.row[of], weights),
+        "effective_vehicles": effective_number(chosen["vehicles"], weights),
+    }
 
 
-def _data_warnings(sample: Sample, near: Mapping[str, Any]) -> list[str]:
-    """Warnings about copies of rows and vehicles, and about few of them near the state."""
-    warnings = []
-    if sample.copies:
-        warnings.append(
-            f"{sample.copies} of {len(sample.data)} rows are copies of another row. A row in m "
-            f"encounters has weight 1/m in each, and BIC's n is {sample.weights.sum():.4g}."
+def _copies(sample: Sample) -> int:
+    return len(sample.row) - len(np.unique(sample.row))
+
+
+def _data_warnings(sample: Sample, near: Mapping[str, Any]) -> Iterable[str]:
+    """Yield warnings about copies of rows and vehicles, and about few of them near the state."""
+    if copies := _copies(sample):
+        yield (
+            f"{copies} of {len(sample.row)} rows are copies of another row. A row in m encounters "
+            f"has weight 1/m in each, and BIC's n is {sample.weights.sum():.4g}."
         )
-    if sample.vehicles and sample.named_vehicles and sample.vehicles < sample.named_vehicles:
-        warnings.append(
+    if sample.vehicles < (sample.named_vehicles or 0):
+        yield (
             f"The {sample.named_vehicles} vehicle names count as {sample.vehicles} vehicles, "
             "because some share rows or tracks; each vehicle is in one fold."
         )
     place = f"({near['range_m']:g} m, {near['vehicle_speed_mps']:g} m/s)"
-    return warnings + [
-        f"Near {place} the model has only {near[key]:.3g} {words}, fewer than {FEW}."
-        for key, words in (("vehicles", "vehicles"), ("effective_rows", "effective rows"))
-        if near[key] is not None and near[key] < FEW
-    ]
+    for key, words in (("vehicles", "vehicles"), ("effective_rows", "effective rows")):
+        if near[key] is not None and near[key] < FEW:
+            yield f"Near {place} the model has only {near[key]:.3g} {words}, fewer than {FEW}."
 
 
-def _table(fitted: Fitted, gain: Mapping[int, float]) -> list[dict[str, Any]]:
-    """One entry per K, for the card."""
-    rows, best = [], fitted.chosen.held_out
-    for k, found, held_out, driver in fitted.candidates:
-        less = None
-        if held_out is not None and best is not None:
-            less = HeldOut(held_out.totals - best.totals, held_out.weights)
-        rows.append(
-            {
-                "components": k,
-                "parameters": 15 * k - 1,  # K − 1 weights, 4 K locations, 10 K scales
-                "log_likelihood": found.log_likelihood,
-                "bic": found.bic,
-                "bic_gain_share": gain.get(k),
-                "converged": found.converged,
-                "gradient_norm": found.gradient_norm,
-                "steps": found.n_iter,
-                "held_out": held_out and held_out.as_plain(),
-                "held_out_less_chosen": less and less.as_plain(),
-                "held_out_driver": driver and driver.as_plain(),
-            }
-        )
-    return rows
+def _candidates(fitted: Fitted, gain: Mapping[int, float]) -> Iterable[dict[str, Any]]:
+    """Yield an entry for each K."""
+    best = fitted.chosen.scores.get("held_out")
+    for k, found, scores in fitted.candidates:
+        own = scores.get("held_out")
+        less = HeldOut(own.totals - best.totals, own.weights) if own and best else None
+        all_scores = {name: scores.get(name) for name in TARGETS} | {"held_out_less_chosen": less}
+        yield {
+            "components": k,
+            "log_likelihood": found.log_likelihood,
+            "bic": found.bic,
+            "bic_gain_share": gain.get(k),
+            "converged": found.converged,
+            "gradient_norm": found.gradient_norm,
+            "steps": found.n_iter,
+            **{
+                name: of and {"mean": of.mean, "standard_error": of.standard_error}
+                for name, of in all_scores.items()
+            },
+        }
 
 
-_K = (
-    Column("components", "K"),
-    Column("log_likelihood", "log L"),
-    Column("bic", "BIC"),
-    Column("bic_gain_share", "gain, %"),
-    Column("held_out", "held-out v_p, nats"),
-    Column("held_out_less_chosen", "less the chosen's"),
-    Column("held_out_driver", "held-out v, nats"),
-)
-_LEGEND = (
-    "Gain: gain in BIC, as a share of the gain by the second component. Held-out: mean log "
-    "f(v_p | 1/R, v) and log f(v | 1/R, v_p, 1/T_adv) per encounter, on vehicles that the fit has "
-    "not seen, with 95 % intervals over vehicles."
-)
-_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+def fit_model(
+    rows: Path,
+    out: Path,
+    name: str,
+    command: str,
+    settings: Settings,
+    weigh: str,
+    bounds: Sequence[str],
+    refits: int,
+    workers: int,
+    progress: Progress,
+) -> tuple[Result, list[Path]]:
+    """Fit a model to a file of rows and write it, and its refits beside it.
+
+    Args:
+        rows: the file of rows.
+        out: the file of the model; refits are ``out.refit-1.json`` and so on.
+        name: its name.
+        command: the exact command, for its card.
+        settings: see ``Settings``.
+        weigh, bounds: see ``make_sample`` and ``box_of``.
+        refits: number of refits.
+        workers: number of processes.
+        progress: called with the numbers of finished and planned fits.
+
+    Returns:
+        What it shows, and the written files.
+    """
+    file = read_rows(rows)
+    sample = make_sample(file.rows, weigh, *box_of(bounds))
+    drawn = drawn_vehicles(sample, refits, settings.seed)
+    with processes(workers) as executor:
+        fitted = fit(sample, settings, executor, progress)
+        made = fitted.chosen.fit.mixture
+        model = write_model(out, made, name, card(sample, settings, fitted, file, command))
+        again = made_again(sample, fitted.chosen.components, drawn, settings, executor, progress)
+        written = [out]
+        for number, mixture in enumerate(again, 1):
+            written.append(out.with_name(f"{out.stem}.refit-{number}.json"))
+            about = {"refit": number, "of": model.sha256, "command": command}
+            write_model(written[-1], mixture, f"{name}.refit-{number}", about)
+    closing = [f"Model: {out}", *[f"Refits: {written[-1]} and before"] * (refits > 0)]
+    return model_result("fit", model, str(out), closing), written
 
 
 def model_result(
@@ -184,137 +251,110 @@ def model_result(
     Raises:
         InputError: the model's card has another form than those of ``harness fit``.
     """
+    title = f"{model.name}: K = {model.mixture.weights.size}, sha256 {model.sha256[:16]}"
+    facts: dict[str, Plain] = {"name": model.name, "sha256": model.sha256}
+    marginals, of = _marginals(model), model.provenance
+    if "candidates" not in of:  # a refit, or by another program
+        said = tuple(f"{key}: {value}" for key, value in of.items())
+        return Result(command, title, "", "", marginals, (), (), tuple(closing), said, facts)
     try:
-        return _model_result(command, model, closing)
+        rule, near, outside = of["rule"]["components"], of["near_state"], of["rows_outside_box"]
+        columns = ", ".join(f"{name} {n}" for name, n in outside.items() if n and name != "any")
+        records = [
+            {column.key: _number(fit[column.key], of["vehicles"]) for column in _OVER_K}
+            for fit in of["candidates"]
+        ]
+        rows = [tuple(map(_entered, record.values(), _OVER_K.values())) for record in records]
+        return Result(
+            command=command,
+            title=title,
+            scope=f"{of['rows']:,} of {of['rows_read']:,} rows in the box"
+            f"{columns and f' (outside: {columns})'}, {_known(of, 'encounters')}, "
+            f"{_known(of, 'vehicles')}; weighed by {of['weigh']}",
+            about=f"K = {of['components']} ({of['chosen_by']}); the paper's 10 % rule "
+            f"{'is not reached' if rule is None else f'gives K = {rule}'}. Within "
+            f"{near['within_m']:g} m and {near['within_mps']:g} m/s of ({near['range_m']:g} m, "
+            f"{near['vehicle_speed_mps']:g} m/s): {near['rows']:,} rows, "
+            f"{_known(near, 'vehicles')}.",
+            screen=Table("", tuple(_OVER_K), tuple(rows), legend=_LEGEND),
+            full=(marginals,),
+            notes=_notes(map(str, of["warnings"])),
+            closing=tuple(closing),
+            remarks=(*(f"$ {each}" for each in of["commands"]), f"rows {of['rows_sha256']}"),
+            facts=facts | {"chosen_by": of["chosen_by"], "components": of["components"]},
+            records=records,
+        )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         problem = f"its provenance is no card of `harness fit` ({type(error).__name__}: {error})"
         raise InputError(file, problem, "a model as `harness fit` writes it") from None
 
 
-def _model_result(command: str, model: InteractionModel, closing: Sequence[str]) -> Result:
-    marginals, of = _marginals(model), model.provenance
-    title = f"{model.name}: K = {model.mixture.weights.size}, sha256 {model.sha256[:16]}"
-    facts: dict[str, Plain] = {"name": model.name, "sha256": model.sha256}
-    if "candidates" not in of:  # another program wrote it
-        said = tuple(f"{key}: {value}" for key, value in of.items())
-        screen, rest = marginals, ()
-        return Result(command, title, "", "", screen, rest, (), tuple(closing), said, facts)
-    near, outside = of["near_state"], of["rows_outside_box"]
-    by_column = ", ".join(f"{name} {n}" for name, n in outside.items() if n and name != "any")
-    scope = (
-        f"{of['rows']:,} of {of['rows_read']:,} rows in the box{by_column and f' ({by_column})'}, "
-        f"{_known(of['encounters'])} encounters, {_known(of['vehicles'])} vehicles (effective "
-        f"{_known(of['effective_vehicles'])}); weighed by {of['weigh']}"
-    )
-    rule = of["rule"]["components"]
-    about = (
-        f"K = {of['components']} ({of['chosen_by']}); the paper's 10 % rule "
-        f"{'is not reached' if rule is None else f'gives K = {rule}'}. Within {near['within_m']:g} "
-        f"m and {near['within_mps']:g} m/s of ({near['range_m']:g} m, "
-        f"{near['vehicle_speed_mps']:g} m/s): {near['rows']:,} rows, {_known(near['vehicles'])} "
-        f"vehicles (effective {_known(near['effective_vehicles'])})."
-    )
-    rows = tuple(_row(each) for each in of["candidates"])
-    notes = tuple(Note("warning", n, "warning", text) for n, text in enumerate(of["warnings"]))
-    remarks = [*(f"$ {each}" for each in of["commands"]), f"rows sha256 {of['rows_sha256']}"]
-    return Result(
-        command=command,
-        title=title,
-        scope=scope,
-        about=about,
-        screen=Table("", _K, rows, legend=_LEGEND),
-        full=(marginals,),
-        notes=notes,
-        closing=tuple(closing),
-        remarks=tuple(remarks),
-        facts=facts | {"chosen_by": of["chosen_by"], "components": of["components"]},
-        records=[
-            dict(zip((column.key for column in _K), _plain(row), strict=True)) for row in rows
-        ],
-    )
-
-
-def extraction_result(summary: Mapping[str, Any], closing: Sequence[str]) -> Result:
+def extraction_result(extraction: Extraction, closing: Sequence[str]) -> Result:
     """What ``extract`` shows: quartiles of the columns, and the rows that each rule left out."""
-    counts = summary["counts"]
-    names = list(next(iter(summary["quartiles"].values())))
-    quartiles: tuple[tuple[Entered, ...], ...] = tuple(
-        (
-            name,
-            *(Shown(Finding(of[key]), Style(digits=3)) if key != "n" else of[key] for key in names),
-        )
-        for name, of in summary["quartiles"].items()
+    counts, names = (
+        extraction.counts,
+        {"count": "rows", "25%": "25 %", "50%": "50 %", "75%": "75 %"},
     )
-    left_out = tuple(
-        (words, level, counts["dropped"][level][reason])
+    frame = extraction.rows.drop(columns="time_s").describe().T.drop(columns=["mean", "std"])
+    frame = frame.round(3).astype(object).where(frame.notna(), None).rename(columns=names)
+    quartiles: Any = frame.reset_index(names="column").to_dict("records")
+    dropped: list[dict[str, Plain]] = [
+        {"rule": words, "of": level, "number": counts.dropped[level][reason]}
         for level, reasons in REASONS.items()
         for reason, words in reasons.items()
-        if counts["dropped"][level][reason]
-    )
-    skipped = (f"Clip {clip} was not used: {why}" for clip, why in counts["skipped"].items())
-    columns = Column("column", "column"), *(Column(name, name) for name in names)
-    rules = Column("rule", "rule"), Column("what", "of"), Column("number", "number")
-    return Result(
-        command="extract",
-        title=f"{summary['rows']:,} rows of {_known(summary['encounters'])} encounters with "
-        f"{_known(summary['vehicles'])} vehicles",
-        scope=f"{_known(counts['clips'])} clips, {counts['candidates']:,} candidate rows",
-        about="",
-        screen=Table("", columns, quartiles),
-        full=(Table("Left out", rules, left_out),) if left_out else (),
-        notes=(),
-        closing=tuple(closing),
-        remarks=(*skipped, *counts["notes"]),
-        records=[{"column": name, **of} for name, of in summary["quartiles"].items()],
+        if counts.dropped[level][reason]
+    ]
+    known = {"encounters": counts.pairs, "vehicles": counts.vehicles}
+    title = ", ".join([f"{counts.rows:,} rows", *(_known(known, name) for name in known)])
+    shown = listed("extract", quartiles, title, closing)
+    skipped = (f"Clip {clip} was not used: {why}." for clip, why in counts.skipped.items())
+    return replace(
+        shown,
+        scope=f"{counts.candidates:,} candidate rows",
+        full=(replace(listed("", dropped).screen, title="Left out"),) if dropped else (),
+        notes=_notes((*skipped, *counts.notes)),
     )
 
 
-def _row(candidate: Mapping[str, Any]) -> tuple[Entered, ...]:
-    gain = candidate["bic_gain_share"]
-    scores = (candidate[key] for key in ("held_out", "held_out_less_chosen", "held_out_driver"))
-    star = "" if candidate["converged"] else " (did not converge)"
-    return (
-        f"{candidate['components']}{star}",
-        Shown(Finding(candidate["log_likelihood"]), Style(digits=1)),
-        Shown(Finding(candidate["bic"]), Style(digits=1)),
-        None if gain is None else Shown(Finding(100 * gain), Style(digits=0)),
-        *(
-            None if score is None else Shown(_interval(**score), Style(digits=3))
-            for score in scores
-        ),
-    )
+def _notes(texts: Iterable[str]) -> tuple[Note, ...]:
+    return tuple(Note("warning", rank, "warning", text) for rank, text in enumerate(texts))
 
 
-def _interval(mean: float | None, standard_error: float | None) -> Finding:
-    if mean is None or standard_error is None:
+def _number(value: Any, vehicles: int | None) -> Plain | Finding:
+    """A number of a candidate; scores have 95 % intervals over vehicles."""
+    if not isinstance(value, Mapping):
+        return Finding(value) if isinstance(value, float) else value
+    mean, error = value["mean"], value["standard_error"]
+    if mean is None or error is None or vehicles is None:
         return Finding(mean)
-    return Finding(mean, mean - 1.96 * standard_error, mean + 1.96 * standard_error)
+    few = f"{vehicles} vehicles, reliable from {_RELIABLE_FROM} on"
+    ends, enough = (mean - _NORMAL * error, mean + _NORMAL * error), vehicles >= _RELIABLE_FROM
+    return Finding(mean, *ends, vehicles, reliable=enough, reason=None if enough else few)
 
 
-def _plain(row: Sequence[Entered]) -> list[Plain | Finding]:
-    return [each.finding if isinstance(each, Shown) else each for each in row]  # type: ignore[misc]
+def _entered(value: Plain | Finding, style: Style) -> Entered:
+    return Shown(value, style) if isinstance(value, Finding) else value
 
 
 def _marginals(model: InteractionModel) -> Table:
     """Mean, standard deviation and quantiles of each variable within its bounds."""
     mixture = model.mixture
-    mean, covariance = mixture.mean(), mixture.covariance()
     # The moments of a component that lies almost entirely outside the box are meaningless.
     with np.errstate(all="ignore"):
-        spread = np.sqrt(np.diag(covariance))
+        mean, spread = mixture.mean(), np.sqrt(np.diag(mixture.covariance()))
     rows: list[tuple[Entered, ...]] = []
     for i, name in enumerate(VARIABLES):
         quantiles = mixture.conditional(i, ()).ppf(np.array(_QUANTILES), np.empty((1, 0)))
         numbers = (mixture.lower[i], mixture.upper[i], mean[i], spread[i], *quantiles)
-        shown = (
-            Shown(Finding(float(of) if np.isfinite(of) else None), Style(digits=3))
-            for of in numbers
-        )
-        rows.append((name, *shown))
+        rows.append((name, *(Shown(Finding(float(of)), Style(digits=3)) for of in numbers)))
     headings = ("variable", "low", "high", "mean", "sd", *(f"{100 * q:g} %" for q in _QUANTILES))
     columns = tuple(Column(heading, heading) for heading in headings)
     return Table("Marginals of the truncated mixture", columns, tuple(rows))
 
 
-def _known(value: float | None) -> str:
-    return "unknown" if value is None else f"{value:,.4g}" if value < 10_000 else f"{value:,.0f}"
+def _known(of: Mapping[str, Any], name: str) -> str:
+    """A count in words, with the effective number if there is one."""
+    count, effective = of[name], of.get(f"effective_{name}")
+    if count is None:
+        return f"an unknown number of {name}"
+    return f"{count:,} {name}" + ("" if effective is None else f" (effective {effective:.3g})")

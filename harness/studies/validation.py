@@ -27,8 +27,8 @@ from harness.measures import measure
 from harness.measures.ego import crossing_time
 from harness.model.interaction import InteractionModel, load_model
 from harness.model.mixture.fitting import fit_mixture
-from harness.model.sample import LABELS, independent_vehicles, make_sample
-from harness.model.trajectories import ExtractionRules, extract, read_clips, row_weights
+from harness.model.sample import LABELS, independent_vehicles, make_sample, row_weights
+from harness.model.trajectories import ExtractionRules, extract, read_clips
 from harness.model.trajectories.counting import Tally
 from harness.model.trajectories.extraction import VEHICLE_KEY
 from harness.model.trajectories.fingerprints import fingerprint, fingerprints_of

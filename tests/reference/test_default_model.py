@@ -15,7 +15,7 @@ from harness.model.interaction import VARIABLES, load_model
 from harness.model.sample import make_sample
 from harness.model.trajectories import extract
 from harness.scenario import Scenario, load_scenario
-from harness.studies.fitting import Settings, fit
+from harness.studies.fitting import Settings, fit, processes
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
 needs_dut = pytest.mark.skipif(
@@ -121,13 +121,15 @@ def test_fitting_again_gives_the_same_density(name, sample):
 def test_the_cards_have_the_tracks_of_the_data(sample):
     assert len(sample.tracks) == sample.vehicles == 33
     for name in NAMES:
-        assert load_model(name).provenance["tracks"] == list(sample.tracks)
+        assert load_model(name).provenance["tracks"] == sample.tracks
 
 
 @needs_dut
 @pytest.mark.slow
 def test_no_fit_of_the_shipped_data_ends_on_a_slope(sample):
     settings = Settings(tuple(range(1, 21)), choose="bic", starts=1, folds=0)
-    for candidate in fit(sample, settings, workers=2).candidates:
-        assert candidate.converged, candidate.components
-        assert candidate.gradient_norm < 1e-7, candidate.components
+    with processes(2) as executor:
+        candidates = fit(sample, settings, executor).candidates
+    for candidate in candidates:
+        assert candidate.fit.converged, candidate.components
+        assert candidate.fit.gradient_norm < 1e-7, candidate.components

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.model.sample import make_sample
-from harness.model.trajectories import extract, row_weights, summary
+from harness.model.sample import make_sample, row_weights
+from harness.model.trajectories import extract, summary
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
 pytestmark = pytest.mark.skipif(

@@ -73,22 +73,24 @@ def test_extract_writes_rows_and_says_what_it_left_out(harness, rows):
     code, out, err = harness(*given, "--json")
     assert (code, err) == (0, "")
     document = json.loads(out)
-    assert document["title"] == "160 rows of 40 encounters with 8 vehicles"
-    assert {of["column"]: of["n"] for of in document["records"]}["pedestrian_speed_mps"] == 160
+    assert document["title"] == "160 rows, 40 encounters, 8 vehicles"
+    assert {of["column"]: of["rows"] for of in document["records"]}["pedestrian_speed_mps"] == 160
     assert len(pd.read_parquet("r.parquet")) == 160
     _, out, _ = harness(*given)
-    assert "160 rows of 40 encounters with 8 vehicles" in out
+    assert "160 rows, 40 encounters, 8 vehicles" in out
     assert "pedestrian_speed_mps" in out
 
 
 def test_what_the_files_do_not_say_is_said(harness):
     given = ("extract", DATA / "vci_made_up", "--format", "vci", "--out", "r.parquet")
-    _, out, _ = harness(*given, "--full")
+    _, out, _ = harness(*given)
     # 24000/1001 frames per second; a speed is proportional to it.
     assert "frame_rate_hz = 23.976 frames per second (assumed" in out
     _, out, _ = harness(*given, "--set", "frame_rate_hz=29.97", "--json")
-    notes = json.loads(out)["remarks"]
-    assert any(note.startswith("frame_rate_hz = 29.97 frames per second;") for note in notes)
+    notes = json.loads(out)["notes"]
+    assert any(
+        note["text"].startswith("frame_rate_hz = 29.97 frames per second;") for note in notes
+    )
 
 
 @pytest.mark.parametrize(
@@ -109,9 +111,9 @@ def test_what_the_files_do_not_say_is_said(harness):
         ("fit mine.csv --out m.json --weigh cars", ["--weigh", "'encounter'"]),
         ("fit mine.csv --out m.json --bounds vehicle_sped_mps=1:2",
          ["--bounds", "did you mean 'vehicle_speed_mps'"]),
-        ("fit mine.csv --out m.json --bounds vehicle_speed_mps=2:1", ["--bounds", "LOW:HIGH"]),
+        ("fit mine.csv --out m.json --bounds vehicle_speed_mps=2:1", ["--bounds", "lower < upper"]),
         ("fit mine.csv --out m.json --bounds vehicle_speed_mps=1/0:2",
-         ["--bounds", "LOW:HIGH"]),
+         ["--bounds", "lower < upper"]),
         ("fit mine.csv --out m.json --refits 5 --weigh row --components 1 --folds 0",
          ["--refits", "three vehicles"]),
         ("fit mine.csv --out m.json --near 30", ["--near", "R,v"]),
@@ -173,7 +175,7 @@ def test_fit_gives_one_number_of_components_and_prints_progress_apart(harness):
         "--out", "m.json",
     )  # fmt: skip
     assert code == 0
-    assert "156 of 160 rows in the box (vehicle_speed_mps 4)" in out
+    assert "156 of 160 rows in the box (outside: vehicle_speed_mps 4)" in out
     assert "Within 5 m and 1 m/s of (30 m, 5 m/s)" in out
     assert "fits" in err
     assert "fits" not in out

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.model.trajectories import WEIGHINGS, row_weights
+from harness.model.sample import WEIGHINGS, row_weights
 
 # Vehicle a: encounters 1 (2 rows), 2 (1 row), 3 (1 row); vehicle b of the same clip: encounter 1
 # (4 rows); a vehicle also called a in another clip: 1 encounter, 2 rows. 5 encounters, 10 rows.
@@ -37,4 +37,3 @@ def test_weights_sum_to_the_encounters_in_any_order(rows, weigh):
     assert (weights > 0).all()
     order = np.random.default_rng(3).permutation(len(rows))
     np.testing.assert_allclose(row_weights(rows.iloc[order], weigh), weights[order])
-    assert row_weights(rows.iloc[:0], weigh).shape == (0,)

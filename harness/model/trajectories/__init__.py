@@ -11,13 +11,11 @@ from harness.model.trajectories.extraction import (
 from harness.model.trajectories.extraction_rules import ROW_COLUMNS, ExtractionRules
 from harness.model.trajectories.formats import FORMATS, Format
 from harness.model.trajectories.tracks import Clip, Sighting, Track, VehicleTrack
-from harness.model.trajectories.weights import WEIGHINGS, row_weights
 
 __all__ = [
     "FORMATS",
     "REASONS",
     "ROW_COLUMNS",
-    "WEIGHINGS",
     "Clip",
     "Counts",
     "Extraction",
@@ -28,7 +26,6 @@ __all__ = [
     "VehicleTrack",
     "extract",
     "read_clips",
-    "row_weights",
     "summary",
     "write_rows",
 ]
