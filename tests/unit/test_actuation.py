@@ -200,17 +200,6 @@ def test_grade_and_friction_limit_every_vehicle_of_the_road() -> None:
     refuses(r"crossing\.grade: .* not drive on", lambda: scenario(crossing={"grade": 0.4}))
 
 
-def test_on_a_slope_the_vehicles_of_an_hour_differ_by_direction() -> None:
-    # Whoever drives, and without [actuation]: b + g sin α with the grade of their own direction.
-    slope = 9.80665 * math.sin(math.atan(0.08))
-    driven = constants_of(scenario(crossing={"grade": -0.08})).driven
-    b = scenario().vehicle().max_deceleration_mps2
-    for driver in Arm:
-        for oncoming, braking in ((False, b - slope), (True, b + slope)):
-            (car,) = driven[driver, oncoming]
-            assert car.max_deceleration_mps2 == pytest.approx(braking)
-
-
 def stopping_m(vehicle: Vehicle, speed: float, gain: float = 0.0) -> float:
     """v t_d plus the integral of the lagging response to full braking, which begins with a gain."""
     braking, lag = vehicle.max_deceleration_mps2, vehicle.lag_s

@@ -104,7 +104,7 @@ def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         ("full", "half of the time, s", True),
         ("page", "half of the time, s", True),
         ("json", '"halved_s": {"value": HALF', True),
-        ("findings", '"halved_s": {\n    "value": HALF', False),
+        ("findings", '"halved_s": {\n     "value": HALF', False),
         ("summary", "halved_s,", False),
         ("csv", "halved_time_s", False),
         ("reference", "| `halved_s` |  | s | Mean of the halves. |", False),
