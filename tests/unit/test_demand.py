@@ -215,9 +215,9 @@ def test_a_risk_samples_the_class_and_meets_it_again() -> None:
 
 
 def test_what_has_one_flow_or_single_arrivals_refuses_the_others() -> None:
-    for people, key in (({"flow_per_hour": [250.0]}, "flow_per_hour: is not supported"),
+    for people, key in (({"flow_per_hour": [250.0, 90.0]}, "flow_per_hour: is not supported"),
                         ({"group_size": SIZES}, "group_size: is not supported")):  # fmt: skip
-        refuses(f"pedestrians.{key}", lambda people=people: space_of(scene(60, **people), Arm.AV))
+        refuses(f"pedestrians.{key}", lambda of=people: space_of(scene(1800, **of), Arm.AV))
 
 
 @pytest.mark.parametrize(
