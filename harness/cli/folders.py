@@ -190,26 +190,24 @@ def export(
     out: options.NewFolderOption = None,
     cell: options.CellOption = 0,
     arm: options.ArmOption = "av",
+    passage: options.PassageOption = None,
     ego: options.EgoOption = "recorded",
-    vehicle: options.VehicleOption = None,
-    crosswalk: options.CrosswalkOption = None,
     as_json: options.JsonOption = False,
 ) -> None:
     """Write every table as CSV, or an arm of a pair as OpenSCENARIO with its road as OpenDRIVE."""
     from harness.results.run import load_run
 
+    if (pair, out).count(None) != 2 * csv:
+        raise InputError("export", "writes one of two formats", "--csv, or --pair with --out")
     run, differences = load_run(run_folder), tuple[str, ...]()
     with unwinding():
-        if csv and (pair, out) == (None, None):
+        if pair is None or out is None:
             files = run.write_csv()
-        elif not csv and pair is not None and out is not None:
+        else:
             from harness.core.encounter import Arm
             from harness.studies.export import export as write
 
-            passage = vehicle, crosswalk, ego == "free"
-            files, differences = write(run, cell, pair, Arm(arm), out, *passage)
-        else:
-            raise InputError("export", "writes one of two formats", "--csv, or --pair with --out")
+            files, differences = write(run, cell, pair, Arm(arm), out, passage, ego == "free")
     for difference in differences:
         say(one_line(f"harness: pair {pair} differs from its record: {difference}"))
     show_rows("export", [{"file": str(path)} for path in files], True, as_json)

@@ -106,8 +106,8 @@ CsvOption = Annotated[bool, Option("--csv", help="Write every table as CSV.")]
 ExportedOption = Annotated[int | None, Option("--pair", help="Number of the pair.")]
 _EGO = "With its trajectory, or at R0 with v0 and without one, for another driver."
 EgoOption = Annotated[Literal["recorded", "free"], Option(help=_EGO)]
-VehicleOption = Annotated[str | None, Option(help="Of simulations: whose passage.", metavar="ID")]
-CrosswalkOption = Annotated[str | None, Option(help="Over which crosswalk.", metavar="ID")]
+_PASSAGE = "Of simulations: the passage's vehicle and crosswalk."
+PassageOption = Annotated[tuple[str, str] | None, Option(help=_PASSAGE, metavar="ID ID")]
 FullOption = Annotated[bool, Option("--full", help="Print every number, with all notes.")]
 JsonOption = Annotated[bool, Option("--json", help="Print only the results, as JSON.")]
 QuietOption = Annotated[bool, Option("--quiet", "-q", help="Print only paths or names.")]

@@ -119,8 +119,7 @@ def export(
     pair: int,
     arm: Arm,
     out: Path,
-    vehicle: str | None = None,
-    crosswalk: str | None = None,
+    passage: tuple[str, str] | None = None,
     free: bool = False,
 ) -> tuple[list[Path], tuple[str, ...]]:
     """Write one arm of a pair as OpenSCENARIO XML 1.2, with its road as OpenDRIVE 1.4.
@@ -129,7 +128,7 @@ def export(
         run: a run.
         cell, pair, arm: which arm.
         out: a new or empty folder.
-        vehicle, crosswalk: of a simulation the passage: ids.
+        passage: of a simulation: the ids of the vehicle and of the crosswalk.
         free: of an encounter: whether the ego is at R0 with v0 and has no trajectory.
 
     Returns:
@@ -141,12 +140,11 @@ def export(
     """
     refuse_in_use(out, "--out")
     (task,) = stored_tasks(run, cell, [pair], [arm])
-    simulated, named = run.kind == "simulations", vehicle is not None and crosswalk is not None
-    if simulated and (free or not named):
-        problem = "--ego free: is of encounters" if free else "is missing"
-        raise InputError("--vehicle, --crosswalk", problem, "a passage that `harness worst` lists")
-    if not simulated and (vehicle or crosswalk):
-        raise InputError("--vehicle, --crosswalk", "are of simulations", "--pair alone")
+    if (run.kind == "simulations") != (passage is not None):
+        problem = "is of simulations" if passage else "is missing"
+        raise InputError("--passage", problem, "of a simulation one that `harness worst` lists")
+    if passage and free:
+        raise InputError("--ego free", "is of encounters", "--ego recorded")
     title = f"{run.name}, cell {cell}, pair {pair}, {arm.value}'s arm"
     with TemporaryDirectory() as scratch:
         tables, differences = _tables(run, task, Path(scratch))
@@ -154,8 +152,8 @@ def export(
         if row["reason"] is not None:
             problem = f"the arm {arm} failed ({row['reason']})"
             raise InputError(f"--pair {pair}", problem, "a pair whose arm ran")
-        if simulated:
-            scene = _passage(title, tables["passages"], vehicle, crosswalk, Path(scratch))
+        if passage:
+            scene = _passage(title, tables["passages"], passage, Path(scratch))
         else:
             scene = _encounter(title, tables, run.scenario_of(cell), free)
         contents = {SCENARIO: _openscenario(scene), ROAD: opendrive(scene.net)}
@@ -270,18 +268,13 @@ def _obstacles(scenario: Scenario, frame: RoadFrame) -> Iterator[Mover]:
         yield Mover(name, "obstacle", box.length_m, box.width_m * slant, states)
 
 
-def _passage(
-    title: str, passages: pa.Table, vehicle: str | None, crosswalk: str | None, outputs: Path
-) -> Scene:
+def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) -> Scene:
     """A passage of a simulation with everybody near, as SUMO's own output has them."""
-    chosen = [
-        row
-        for row in passages.to_pylist()
-        if (row["vehicle"], row["crosswalk"]) == (vehicle, crosswalk)
-    ]
+    vehicle, crosswalk = ids
+    chosen = [row for row in rows.to_pylist() if (row["vehicle"], row["crosswalk"]) == ids]
     if not chosen:
         problem = f"{vehicle} does not pass {crosswalk} in this arm"
-        raise InputError("--vehicle, --crosswalk", problem, "a passage that `harness worst` lists")
+        raise InputError("--passage", problem, "one that `harness worst` lists")
     config, (fcd,) = read_config(outputs / CONFIG_FILE), REPLAYED.values()
     begin_s, rear_s = chosen[0]["trigger_s"], chosen[0]["rear_s"]
     last_s = math.inf if rear_s is None else rear_s + config.step_s

@@ -178,10 +178,8 @@ def test_a_passage_of_a_simulation(town: Path, tmp_path: Path, kind: str) -> Non
     found = rows[(rows["type"] == "lorry") == ("truck" in kind)].dropna(subset="rear_s")
     found = found[(found["manoeuvre"] == "straight") == ("straight" in kind)]
     row = found.sort_values(["pedestrians", "driven"]).iloc[-1]
-    path = exported(
-        town, tmp_path / "out", "--pair", 0, "--vehicle", row["vehicle"], "--crosswalk",
-        row["crosswalk"],
-    )  # fmt: skip
+    passage = row["vehicle"], row["crosswalk"]
+    path = exported(town, tmp_path / "out", "--pair", 0, "--passage", *passage)
     back = read(path)
     crosswalk = Town.read(town.parent / "net.net.xml").crosswalks[row["crosswalk"]]
     # Corners of the bounding box; the clock begins with the first step within R0.
@@ -227,7 +225,7 @@ def test_a_passage_of_a_simulation(town: Path, tmp_path: Path, kind: str) -> Non
         ("--pair 1 --out new --csv", "--pair with --out"),
         ("--pair 9 --out new", "0 to 2"),
         ("--pair 1 --cell 4 --out new", "0 to 0"),
-        ("--pair 1 --vehicle 3 --out new", "--vehicle, --crosswalk: are of simulations"),
+        ("--pair 1 --passage 3 a --out new", "--passage: is of simulations"),
     ],
 )
 def test_refusals_write_nothing(
@@ -239,11 +237,14 @@ def test_refusals_write_nothing(
 
 
 @pytest.mark.parametrize(
-    "words",
-    ["", "--vehicle 3", "--vehicle 3 --crosswalk :none", "--vehicle 3 --crosswalk a --ego free"],
+    ("words", "said"),
+    [
+        ("", "--passage: is missing"),
+        ("--passage 3 :none", "--passage: 3 does not pass :none in this arm"),
+        ("--passage 3 :none --ego free", "--ego free: is of encounters"),
+    ],
 )
-def test_a_passage_has_to_be_named(town: Path, tmp_path: Path, words: str) -> None:
-    text = refusal("export", town, "--pair", 0, "--out", tmp_path / "new", *words.split())
-    assert "--vehicle, --crosswalk" in text
-    assert "harness worst" in text
-    assert not (tmp_path / "new").exists()
+def test_a_passage_has_to_be_named(town: Path, tmp_path: Path, words: str, said: str) -> None:
+    new = tmp_path / "new"
+    assert said in refusal("export", town, "--pair", 0, "--out", new, *words.split())
+    assert not new.exists()
