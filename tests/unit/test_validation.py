@@ -131,6 +131,9 @@ def test_walks_go_on_before_and_after_their_records() -> None:
     for one, other in zip(cut.people, full.people, strict=True):
         assert one.passing_s == pytest.approx(other.passing_s)
         assert one.arrival.arrival_s == pytest.approx(other.arrival.arrival_s)
+        for path in (one.arrival.path, other.arrival.path):
+            assert path is not None
+            assert path[-1].y_mps == pytest.approx(1.0)
 
 
 def test_the_command_shows_the_result_and_writes_its_page(tmp_path: Path) -> None:
