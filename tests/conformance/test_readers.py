@@ -6,7 +6,6 @@ the line of one pedestrian's way, they are 6 m − 1.2 m/s · s before the line 
 angle, seen at least until s = 4.6.
 """
 
-import json
 import math
 import shutil
 from collections.abc import Callable, Iterator
@@ -25,7 +24,6 @@ from harness.model.trajectories import (
     ExtractionRules,
     extract,
     read_clips,
-    summary,
 )
 from tests.fuzz.hostile import accepted_or_refused_in_one_line, cut_and_flipped
 from tests.scenes import refusal_of
@@ -87,7 +85,7 @@ def test_the_encounter_comes_out_as_it_was_and_counts_add_up(form) -> None:
     assert (found.counts.vehicles, found.counts.pairs) == (1, 1)
     dropped = found.counts.dropped["candidates"]
     assert found.counts.rows + sum(dropped.values()) == found.counts.candidates
-    assert json.loads(json.dumps(summary(found), allow_nan=False))["rows"] == len(found.rows)
+    assert found.counts.rows == len(found.rows)
 
 
 @every_format
@@ -204,9 +202,6 @@ def test_tracks_are_whole(form: str) -> None:
     for vehicle in clip.vehicles.values():
         assert 0 <= vehicle.front_offset_m <= vehicle.length_m
         assert vehicle.length_m > 0
-    for sighting in clip.sightings or ():
-        assert sighting.vehicle in clip.vehicles
-        assert sighting.pedestrian in clip.pedestrians
 
 
 @pytest.mark.parametrize("form", [name for name in FORMATS if not FORMATS[name].clips])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from harness.model.sample import make_sample, row_weights
-from harness.model.trajectories import extract, summary
+from harness.model.trajectories import extract
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
 pytestmark = pytest.mark.skipif(
@@ -41,16 +41,16 @@ def test_counts_agree_with_the_data_page(dut):
     ],
 )
 def test_quartiles_agree_with_the_data_page(dut, column, quartiles):
-    found = summary(dut)["quartiles"][column]
     # The page gives two digits; 3.5 % covers their rounding and a few per cent.
-    np.testing.assert_allclose([found[q] for q in ("q25", "median", "q75")], quartiles, rtol=0.035)
+    np.testing.assert_allclose(dut.rows[column].quantile([0.25, 0.5, 0.75]), quartiles, rtol=0.035)
 
 
 def test_rows_are_spread_over_vehicles_as_on_the_data_page(dut):
-    plain = summary(dut)
-    assert plain["rows_per_vehicle"]["max"] == pytest.approx(1527, rel=0.03)
-    assert plain["rows_per_vehicle"]["min"] <= 2
-    assert plain["five_busiest_vehicles"]["encounters"] == pytest.approx(0.45, abs=0.02)
+    each = dut.rows.groupby(["clip", "vehicle"])
+    assert each.size().max() == pytest.approx(1527, rel=0.03)
+    assert each.size().min() <= 2
+    encounters = each["pedestrian"].nunique()
+    assert encounters.nlargest(5).sum() / encounters.sum() == pytest.approx(0.45, abs=0.02)
 
 
 def test_rows_outside_the_models_box_are_as_many_as_on_the_data_page(dut):
@@ -64,9 +64,7 @@ def test_clips_missing_pedestrians_are_named(dut):
     # 28 clips; roundabout_03 has no pedestrians, roundabout_05 only unfiltered ones.
     assert dut.counts.clips == 27
     assert list(dut.counts.skipped) == ["roundabout_03"]
-    assert [note.split(":")[0] for note in dut.counts.notes if ":" in note.split("(")[0]] == [
-        "roundabout_05"
-    ]
+    assert any(note.startswith("roundabout_05: unfiltered") for note in dut.counts.notes)
 
 
 def test_counts_add_up(dut):

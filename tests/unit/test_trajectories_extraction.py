@@ -11,7 +11,6 @@ from harness.model.trajectories import (
     ROW_COLUMNS,
     extract,
     read_clips,
-    summary,
 )
 
 MADE_UP = Path(__file__).parents[1] / "data" / "vci_made_up"
@@ -177,5 +176,3 @@ def test_nothing_left_is_an_empty_result_not_an_error():
     assert tuple(nothing.rows.columns) == ROW_COLUMNS
     assert (nothing.counts.pairs, nothing.counts.vehicles) == (0, 0)
     assert nothing.counts.dropped["pairs"]["no_row_kept"] == 2
-    expected = {"n": 0, "min": None, "q25": None, "median": None, "q75": None, "max": None}
-    assert summary(nothing)["quartiles"]["range_m"] == expected

@@ -1,9 +1,8 @@
 """Counts the items that an extraction used and left out, by rule."""
 
-from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from typing import Literal
 
 Level = Literal["records", "tracks", "pairs", "candidates"]
 
@@ -46,86 +45,46 @@ REASONS: Mapping[Level, Mapping[str, str]] = {
 
 @dataclass
 class Tally:
-    """The running counts of one extraction; readers and rules write into it."""
+    """The counts of an extraction; readers and rules write into it.
+
+    Attributes:
+        clips: clips that were read.
+        rows: number of kept rows.
+        vehicles, pairs: distinct vehicles, and vehicle–pedestrian pairs (encounters), with at least
+            one row; None if a row does not identify them.
+        candidates: sampled instants of crossing pairs before the row rules;
+            ``rows + sum(dropped["candidates"].values()) == candidates``.
+        dropped: level → reason → number left out, for every reason of ``REASONS``.
+        skipped: clip → reason, for clips that could not be used at all.
+        notes: what the files do not say and was assumed.
+    """
 
     clips: int = 0
-    pedestrian_tracks: int = 0
-    vehicle_tracks: int = 0
+    rows: int = 0
+    vehicles: int | None = None
+    pairs: int | None = None
     candidates: int = 0
-    out_of_order: int = 0
-    default_lengths: int = 0
+    dropped: dict[Level, dict[str, int]] = field(
+        default_factory=lambda: {level: dict.fromkeys(of, 0) for level, of in REASONS.items()}
+    )
     skipped: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
-    dropped: dict[Level, Counter[str]] = field(
-        default_factory=lambda: {level: Counter() for level in REASONS}
-    )
 
     def drop(self, level: Level, reason: str, number: int = 1) -> None:
-        """Count ``number`` items of ``level`` as left out for a reason of ``REASONS``."""
-        if reason not in REASONS[level]:
-            raise KeyError(f"{level}: {reason}")
-        if number:
-            self.dropped[level][reason] += int(number)
-
-    def remarks(self) -> list[str]:
-        """Sentences on the records left out, and on assumptions about the other records."""
-        dropped = (
-            f"{number} records left out: {REASONS['records'][reason]}"
-            for reason, number in self.dropped["records"].items()
-        )
-        skipped = (f"Clip {clip} not used: {why}" for clip, why in self.skipped.items())
-        return [*dropped, *skipped, *self.notes]
+        """Count items of ``level`` as left out for a reason of ``REASONS``."""
+        self.dropped[level][reason] += int(number)
 
     def note(self, text: str) -> None:
         """Add a remark unless it is already there."""
         if text not in self.notes:
             self.notes.append(text)
 
-
-@dataclass(frozen=True)
-class Counts:
-    """The counts of a finished extraction.
-
-    Attributes:
-        clips: clips that were read (None for ready-made rows, which have none).
-        vehicle_tracks, pedestrian_tracks: usable tracks in those clips.
-        vehicles: distinct vehicles with at least one row; None if unknown.
-        pairs: distinct vehicle–pedestrian pairs (encounters) with at least one row; None if
-            unknown.
-        rows: number of kept rows.
-        candidates: sampled instants of crossing pairs before the row rules;
-            ``rows + sum(dropped["candidates"].values()) == candidates``.
-        out_of_order: records that stand below a later instant in their file; they are used.
-        default_lengths: vehicles whose length was not in the data and was taken from the options.
-        skipped: clip → reason, for clips that could not be used at all.
-        dropped: level → reason → number left out; the reasons are in ``REASONS``.
-        notes: remarks on the result.
-    """
-
-    clips: int | None
-    vehicle_tracks: int
-    pedestrian_tracks: int
-    vehicles: int | None
-    pairs: int | None
-    rows: int
-    candidates: int
-    out_of_order: int
-    default_lengths: int
-    skipped: Mapping[str, str]
-    dropped: Mapping[Level, Mapping[str, int]]
-    notes: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, object]:
-        """The counts as plain data (JSON-ready), reasons in their fixed order."""
-        return {**asdict(self), "notes": list(self.notes)}
-
-
-def freeze(tally: Tally, rows: int, vehicles: int | None, pairs: int | None) -> Counts:
-    """The tally as an immutable record with every reason of ``REASONS``, even if its count is 0."""
-    every_reason = {
-        level: {reason: tally.dropped[level][reason] for reason in reasons}
-        for level, reasons in REASONS.items()
-    }
-    final: dict[str, Any] = {"skipped": dict(tally.skipped), "notes": tuple(tally.notes)}
-    final |= {"clips": tally.clips or None, "dropped": every_reason}
-    return Counts(rows=rows, vehicles=vehicles, pairs=pairs, **(vars(tally) | final))
+    def remarks(self) -> list[str]:
+        """Sentences on the records and clips left out, and on assumptions about the others."""
+        dropped = [
+            f"{number} records left out: {REASONS['records'][reason]}"
+            for reason, number in self.dropped["records"].items()
+            if number
+        ]
+        skipped = [f"Clip {clip} not used: {why}" for clip, why in self.skipped.items()]
+        return [*dropped, *skipped, *self.notes]

@@ -1,8 +1,8 @@
-"""Takes the user's files and returns checked tables of numbers and identifiers."""
+"""Reads tables with named columns and units from the user's files."""
 
 import difflib
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -117,22 +117,34 @@ def require_columns(path: Path, table: pd.DataFrame, needed: Iterable[str]) -> N
             raise InputError(str(path), problem, allowed, name if near else None)
 
 
-def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally) -> pd.DataFrame:
-    """The table with the named columns as floats, without records that have an unusable cell.
+def read_records(
+    path: Path, columns: Mapping[str, tuple[str, float]], tally: Tally, names: Sequence[str] = ()
+) -> pd.DataFrame:
+    """The usable records of a table: named columns of numbers in SI units.
 
-    Each such record is counted as ``not_a_number``, ``missing_value`` or ``out_of_scale``.
+    A record with an unusable number is counted as ``not_a_number``, ``missing_value`` or
+    ``out_of_scale``.
+
+    Args:
+        path: the file.
+        columns: name here → name in the file, and by what its numbers are divided.
+        tally: counts what is left out.
+        names: further columns, which are not read as numbers.
 
     Raises:
-        InputError: a column contains no number at all.
+        InputError: the file is no table, lacks a column, or a column contains no number at all.
     """
-    values = pd.DataFrame({name: as_numbers(path, table[name]) for name in names})
-    text = (values.isna() & table[list(names)].notna()).any(axis=1)
+    table, units = read_table(path), [unit for _, unit in columns.values()]
+    require_columns(path, table, [*names, *(name for name, _ in columns.values())])
+    values = pd.DataFrame({of: as_numbers(path, table[name]) for of, (name, _) in columns.items()})
+    given = table[[name for name, _ in columns.values()]].notna().to_numpy()
+    text = (values.isna() & given).any(axis=1)
     finite = pd.Series(np.isfinite(values.to_numpy()).all(axis=1), index=values.index)
     usable = finite & (values.abs() <= LARGEST_NUMBER).all(axis=1)
-    tally.drop("records", "not_a_number", int(text.sum()))
-    tally.drop("records", "missing_value", int((~finite & ~text).sum()))
-    tally.drop("records", "out_of_scale", int((finite & ~usable).sum()))
-    return table.assign(**values)[usable]
+    tally.drop("records", "not_a_number", text.sum())
+    tally.drop("records", "missing_value", (~finite & ~text).sum())
+    tally.drop("records", "out_of_scale", (finite & ~usable).sum())
+    return table[[*names]].join(values / units)[usable]
 
 
 def as_numbers(path: Path, column: pd.Series) -> pd.Series:
@@ -154,10 +166,9 @@ def as_numbers(path: Path, column: pd.Series) -> pd.Series:
 
 def once_each(records: pd.DataFrame, clock: str, tally: Tally) -> pd.DataFrame:
     """Records sorted by time; the first of each instant is kept, the others are counted."""
-    tally.out_of_order += int((records[clock].diff() < 0).sum())
     records = records.sort_values(clock, kind="stable")
     repeated = records[clock].duplicated()
-    tally.drop("records", "duplicated", int(repeated.sum()))
+    tally.drop("records", "duplicated", repeated.sum())
     return records.loc[~repeated]
 
 

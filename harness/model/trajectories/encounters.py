@@ -46,38 +46,25 @@ class Mover:
 def candidate_rows(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[pd.DataFrame]:
     """The candidate rows of a clip, pair by pair, in the order of its tracks.
 
-    A pair is a vehicle and a pedestrian whose paths cross, or a sighting of the sensor if the clip
-    has sightings. ``tally`` counts what is left out.
+    A pair is a vehicle and a pedestrian whose paths cross.  ``tally`` counts what is left out.
 
     Yields:
         Frames with ``CANDIDATE_COLUMNS``. A speed is *undefined* (NaN) at a gap in the track, or if
         the track is shorter than half the speed window.
     """
-    find = _from_paths if clip.sightings is None else _from_sightings
-    tracks = {name: fingerprint(track) for name, track in clip.vehicles.items()}
-    for columns in find(clip, rules, tally):
-        track = tracks[str(columns["vehicle"])]
-        yield pd.DataFrame({"source": clip.source, "clip": clip.name, "track": track, **columns})
-
-
-def _from_paths(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[Columns]:
-    """Candidate rows of the pairs whose paths cross."""
-    walkers = {}
-    for name, track in clip.pedestrians.items():
-        walker = walker_of(track, rules)
-        if walker is None:
-            tally.drop("tracks", "standing_pedestrian")
-        else:
-            walkers[name] = walker
-    for vehicle, vehicle_track in clip.vehicles.items():
-        car = car_of(vehicle_track, rules)
+    walkers = {name: walker_of(track, rules) for name, track in clip.pedestrians.items()}
+    tally.drop("tracks", "standing_pedestrian", [*walkers.values()].count(None))
+    for vehicle, track in clip.vehicles.items():
+        car = car_of(track, rules)
         if car is None:
             tally.drop("tracks", "parked_vehicle")
             continue
+        names = {"source": clip.source, "clip": clip.name, "track": fingerprint(track)}
         for pedestrian, walker in walkers.items():
-            columns = _pair_rows(vehicle_track, car, walker, rules, tally)
+            columns = None if walker is None else _pair_rows(track, car, walker, rules, tally)
             if columns is not None:
-                yield {"vehicle": vehicle, "pedestrian": pedestrian, **columns}
+                names |= {"vehicle": vehicle, "pedestrian": pedestrian}
+                yield pd.DataFrame(names | columns)
 
 
 def walker_of(track: Track, rules: ExtractionRules) -> Mover | None:
@@ -128,7 +115,7 @@ def _pair_rows(
         across = -across
     lateral_m = (car.path.at(on_car) - walker.track.position_m) @ across
     return {
-        **_common_rows(
+        **rows_of_pair(
             times, vehicle.length_m, vehicle.time_s, range_m, walker.track.time_s, lateral_m
         ),
         "vehicle_speed_mps": -rate(vehicle.time_s, range_m, times, rules),
@@ -151,30 +138,7 @@ def angle_deg(driving: FloatArray, walking: FloatArray) -> float:
     return math.degrees(math.acos(float(np.clip(driving @ walking, -1.0, 1.0))))
 
 
-def _from_sightings(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[Columns]:
-    """Candidate rows of the pairs that a sensor measured."""
-    for sighting in clip.sightings or ():
-        times = sampling_instants(sighting.time_s, sighting.time_s, rules.sample_s)
-        if len(times) == 0:
-            tally.drop("pairs", "no_common_time")
-        elif not rules.min_angle_deg <= sighting.crossing_angle_deg <= rules.max_angle_deg:
-            tally.drop("pairs", "crossing_angle")
-        else:
-            speed = np.interp(times, sighting.time_s, sighting.vehicle_speed_mps)
-            speed[spans_gap(sighting.time_s, times, times, rules.max_gap_s)] = np.nan
-            length_m = clip.vehicles[sighting.vehicle].length_m
-            distances = sighting.range_m, sighting.time_s, sighting.lateral_m
-            yield {
-                "vehicle": sighting.vehicle,
-                "pedestrian": sighting.pedestrian,
-                **_common_rows(times, length_m, sighting.time_s, *distances),
-                "vehicle_speed_mps": speed,
-                "pedestrian_speed_mps": sighting.pedestrian_speed_mps,
-                "crossing_angle_deg": sighting.crossing_angle_deg,
-            }
-
-
-def _common_rows(
+def rows_of_pair(
     times: FloatArray,
     length_m: float,
     vehicle_time_s: FloatArray,
@@ -182,7 +146,14 @@ def _common_rows(
     pedestrian_time_s: FloatArray,
     lateral_m: FloatArray,
 ) -> Columns:
-    """R and L at the sampling instants, and who passed first."""
+    """R and L at the sampling instants, and who passed first.
+
+    Args:
+        times: (n,) the instants.
+        length_m: the vehicle's length.
+        vehicle_time_s, range_m: R over time.
+        pedestrian_time_s, lateral_m: L over time.
+    """
     passed_first, pet_s = order_of_passing(
         vehicle_time_s, range_m, length_m, pedestrian_time_s, lateral_m
     )

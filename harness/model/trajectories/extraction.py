@@ -1,12 +1,10 @@
 """Takes raw trajectories and returns rows of the model's variables."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 import pyarrow as pa
@@ -14,28 +12,50 @@ import pyarrow.parquet as pq
 
 from harness.core.errors import InputError, unknown_name
 from harness.core.files import write_file
-from harness.model.trajectories.counting import Counts, Tally, freeze
+from harness.model.trajectories import mobileye, ready_rows, vci
+from harness.model.trajectories.counting import Tally
 from harness.model.trajectories.csv_input import as_paths
 from harness.model.trajectories.encounters import CANDIDATE_COLUMNS, candidate_rows
 from harness.model.trajectories.extraction_rules import (
     ROW_COLUMNS,
     TEXT_COLUMNS,
+    ExtractionRules,
     kept_rows,
     split_options,
     with_times,
 )
-from harness.model.trajectories.formats import FORMATS, Format
+from harness.model.trajectories.mobileye import MobileyeOptions
+from harness.model.trajectories.ready_rows import TableOptions
 from harness.model.trajectories.tracks import Clip
+from harness.model.trajectories.vci import VciOptions
 
 VEHICLE_KEY = ("source", "clip", "vehicle")
 ENCOUNTER_KEY = (*VEHICLE_KEY, "pedestrian")
 EXTRACTION_KEY = b"harness.extraction"
 """Key of the command and the counts in the metadata of a Parquet file of rows."""
 
-SUMMARISED = (
-    "range_m", "lateral_m", "vehicle_speed_mps", "pedestrian_speed_mps",
-    "arrival_time_s", "time_advantage_s", "crossing_angle_deg", "pet_s",
-)  # fmt: skip
+
+class Format(NamedTuple):
+    """The reader of a data format.
+
+    Attributes:
+        words: a description in one line.
+        options: the class of the reader's options.
+        clips: yields the clips (tracks); None if the data are no tracks.
+        rows: returns candidate rows; None if rows come from tracks.
+    """
+
+    words: str
+    options: type[Any]
+    clips: Callable[[Sequence[Path], Any, Tally], Iterator[Clip]] | None = None
+    rows: Callable[[Sequence[Path], Any, ExtractionRules, Tally], pd.DataFrame] | None = None
+
+
+FORMATS: Mapping[str, Format] = {
+    "vci": Format("fixed camera, DUT and sets like it", VciOptions, vci.read_clips),
+    "mobileye": Format("the paper's sensor", MobileyeOptions, rows=mobileye.read_rows),
+    "table": Format("ready-made rows, csv or parquet", TableOptions, rows=ready_rows.read_rows),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +65,11 @@ class Extraction:
     Attributes:
         rows: one row per encounter and sampling instant, with ``ROW_COLUMNS``, sorted by source
             path, clip, vehicle, pedestrian and time. Missing values are null.
-        counts: numbers of used and excluded items, see ``Counts``.
+        counts: numbers of used and excluded items.
     """
 
     rows: pd.DataFrame
-    counts: Counts
+    counts: Tally
 
 
 def extract(paths: str | Path | Sequence[str | Path], format: str, **options: Any) -> Extraction:
@@ -79,19 +99,19 @@ def extract(paths: str | Path | Sequence[str | Path], format: str, **options: An
     rules, reader = split_options(options, known.options, f"format {format}")
     tally, files = Tally(), as_paths(paths)
     if known.rows is not None:
-        candidates = _typed(known.rows(files, reader, tally))
+        candidates = _typed(known.rows(files, reader, rules, tally))
     else:
         # Without pairs there are no rows, but the columns are the same.
         frames = [pd.DataFrame(columns=CANDIDATE_COLUMNS)]
         for clip in known.clips(files, reader, tally) if known.clips else ():
             frames += candidate_rows(clip, rules, tally)
         candidates = _typed(with_times(pd.concat(frames[1:] or frames, ignore_index=True)))
-    rows = kept_rows(candidates, rules, tally)
-    vehicles, pairs = _groups(rows, VEHICLE_KEY), _groups(rows, ENCOUNTER_KEY)
-    candidate_pairs = _groups(candidates, ENCOUNTER_KEY)
-    if pairs is not None and candidate_pairs is not None:
-        tally.drop("pairs", "no_row_kept", candidate_pairs - pairs)
-    return Extraction(rows, freeze(tally, len(rows), vehicles, pairs))
+    rows, seen = kept_rows(candidates, rules, tally), _groups(candidates, ENCOUNTER_KEY)
+    tally.rows, tally.pairs = len(rows), _groups(rows, ENCOUNTER_KEY)
+    tally.vehicles = _groups(rows, VEHICLE_KEY)
+    if tally.pairs is not None and seen is not None:
+        tally.drop("pairs", "no_row_kept", seen - tally.pairs)
+    return Extraction(rows, tally)
 
 
 def write_rows(path: Path, extraction: Extraction, command: str) -> None:
@@ -106,7 +126,7 @@ def write_rows(path: Path, extraction: Extraction, command: str) -> None:
         HarnessError: the file cannot be written.
     """
     table = pa.Table.from_pandas(extraction.rows, preserve_index=False)
-    about = {"command": command, "counts": extraction.counts.as_dict()}
+    about = {"command": command, "counts": asdict(extraction.counts)}
     metadata = {**(table.schema.metadata or {}), EXTRACTION_KEY: json.dumps(about).encode()}
     buffer = pa.BufferOutputStream()
     pq.write_table(table.replace_schema_metadata(metadata), buffer)
@@ -119,7 +139,7 @@ def read_clips(
     tally: Tally | None = None,
     **options: Any,
 ) -> list[Clip]:
-    """The tracks of an extraction, for figures.
+    """The tracks of recordings.
 
     Args:
         paths, format, **options: as for ``extract``.
@@ -129,50 +149,13 @@ def read_clips(
         The usable clips in their fixed order.
 
     Raises:
-        InputError: as for ``extract``, or the format is ``table``, which has no tracks.
+        InputError: as for ``extract``, or the format has no tracks.
     """
     known = _known_format(format)
     if known.clips is None:
         raise InputError(f"format {format}", "has rows, not tracks")
     _, reader = split_options(options, known.options, f"format {format}")
     return list(known.clips(as_paths(paths), reader, Tally() if tally is None else tally))
-
-
-def summary(extraction: Extraction) -> dict[str, Any]:
-    """Figures of an extraction as plain data (JSON-ready).
-
-    Returns:
-        ``rows``, ``vehicles``, ``encounters``; ``quartiles``: column → n, min, q25, median, q75,
-        max over its rows (null where a column is empty); ``rows_per_vehicle``: min, median, max;
-        ``five_busiest_vehicles``: their share of the rows and of the encounters, 0–1;
-        ``passed_first``: encounters by who passed first; ``counts``: everything that was left out.
-        Figures that need identifiers are null if the rows have none.
-    """
-    rows, counts = extraction.rows, extraction.counts
-    encounters = rows.drop_duplicates(list(ENCOUNTER_KEY))
-    rows_each = rows.groupby(list(VEHICLE_KEY)).size()
-    encounters_each = encounters.groupby(list(VEHICLE_KEY)).size()
-    first = encounters["passed_first"].fillna("unknown").value_counts()
-    by_vehicle: dict[str, Any] = {
-        "rows_per_vehicle": rows_each.agg(["min", "median", "max"]).astype(float).to_dict(),
-        "five_busiest_vehicles": {
-            "rows": float(rows_each.nlargest(5).sum() / max(len(rows), 1)),
-            "encounters": float(encounters_each.nlargest(5).sum() / max(len(encounters), 1)),
-        },
-        "passed_first": {
-            name: int(first.get(name, 0)) for name in ("vehicle", "pedestrian", "unknown")
-        },
-    }
-    if counts.vehicles is None or counts.pairs is None or rows.empty:
-        by_vehicle = dict.fromkeys(by_vehicle)
-    return {
-        "rows": counts.rows,
-        "vehicles": counts.vehicles,
-        "encounters": counts.pairs,
-        "quartiles": {name: _quartiles(rows[name]) for name in SUMMARISED},
-        **by_vehicle,
-        "counts": counts.as_dict(),
-    }
 
 
 def _known_format(name: str) -> Format:
@@ -193,10 +176,3 @@ def _groups(rows: pd.DataFrame, key: Sequence[str]) -> int | None:
     if rows[list(key)].isna().any(axis=None):
         return None
     return len(rows[list(key)].drop_duplicates())
-
-
-def _quartiles(column: pd.Series[float]) -> dict[str, float | int | None]:
-    """Count, minimum, quartiles and maximum of a column; null if it is empty."""
-    shares = {"min": 0.0, "q25": 0.25, "median": 0.5, "q75": 0.75, "max": 1.0}
-    quartiles = column.quantile([*shares.values()]).tolist() if column.notna().any() else [None] * 5
-    return {"n": int(column.count()), **dict(zip(shares, quartiles, strict=True))}

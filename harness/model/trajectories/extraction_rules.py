@@ -1,6 +1,7 @@
 """Takes candidate rows and the thresholds of an extraction and returns the rows that are kept."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from operator import gt, lt
 from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
@@ -91,26 +92,17 @@ def split_options(
     return check_form(ExtractionRules, rules, where), check_form(reader_options, reader, where)
 
 
-Mask = Callable[[pd.DataFrame, ExtractionRules], "pd.Series[bool]"]
-
-# Each rule returns the rows that it drops. A missing L passes (ready-made rows may lack it), and so
-# does a value that equals a bound.
-ROW_RULES: Mapping[str, Mask] = {
-    "speed_undefined": lambda rows, _: (
-        rows["vehicle_speed_mps"].isna() | rows["pedestrian_speed_mps"].isna()
-    ),
-    "range_below_min": lambda rows, rule: rows["range_m"] < rule.min_range_m,
-    "range_above_max": lambda rows, rule: rows["range_m"] > rule.max_range_m,
-    "lateral_below_min": lambda rows, rule: rows["lateral_m"] < rule.min_lateral_m,
-    "lateral_above_max": lambda rows, rule: rows["lateral_m"] > rule.max_lateral_m,
-    "vehicle_too_slow": lambda rows, rule: rows["vehicle_speed_mps"] < rule.min_vehicle_speed_mps,
-    "pedestrian_too_slow": lambda rows, rule: (
-        rows["pedestrian_speed_mps"] < rule.min_pedestrian_speed_mps
-    ),
-    "time_advantage_below_min": lambda rows, rule: (
-        ~(rows["time_advantage_s"] >= rule.min_time_advantage_s)
-    ),
+_LIMITS = {
+    "range_below_min": ("range_m", lt, "min_range_m"),
+    "range_above_max": ("range_m", gt, "max_range_m"),
+    "lateral_below_min": ("lateral_m", lt, "min_lateral_m"),
+    "lateral_above_max": ("lateral_m", gt, "max_lateral_m"),
+    "vehicle_too_slow": ("vehicle_speed_mps", lt, "min_vehicle_speed_mps"),
+    "pedestrian_too_slow": ("pedestrian_speed_mps", lt, "min_pedestrian_speed_mps"),
+    "time_advantage_below_min": ("time_advantage_s", lt, "min_time_advantage_s"),
 }
+"""When a row is dropped.  A missing L passes (ready-made rows may lack it), and so does a value
+that equals a limit."""
 
 
 def with_times(rows: pd.DataFrame) -> pd.DataFrame:
@@ -128,9 +120,16 @@ def with_times(rows: pd.DataFrame) -> pd.DataFrame:
 def kept_rows(candidates: pd.DataFrame, rules: ExtractionRules, tally: Tally) -> pd.DataFrame:
     """The candidates that break no rule.  The others count under the first rule that they break."""
     tally.candidates += len(candidates)
+    speeds = candidates[["vehicle_speed_mps", "pedestrian_speed_mps"]]
+    # T_adv is undefined at a speed of 0.
+    values = candidates.assign(time_advantage_s=candidates["time_advantage_s"].fillna(-1.0))
+    breaks = {"speed_undefined": speeds.isna().any(axis=1)}
+    breaks |= {
+        reason: beyond(values[name], getattr(rules, limit))
+        for reason, (name, beyond, limit) in _LIMITS.items()
+    }
     alive = np.ones(len(candidates), dtype=bool)
-    for reason, breaks in ROW_RULES.items():
-        broken = alive & breaks(candidates, rules).to_numpy()
-        tally.drop("candidates", reason, int(broken.sum()))
+    for reason, broken in breaks.items():
+        tally.drop("candidates", reason, (alive & broken).sum())
         alive &= ~broken
     return candidates.loc[alive].reset_index(drop=True)

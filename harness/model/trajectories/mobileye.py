@@ -1,4 +1,4 @@
-"""Takes csv files of the paper's sensor and returns clips: MobilEye and GPS on buses.
+"""Takes csv files of the paper's sensor and returns candidate rows: MobilEye and GPS on buses.
 
 A record belongs to a bus, an instant and an obstacle. It has the columns Device, Trip, Time
 (1/100 s), ObstacleId, Range, Transversal (m), Speed (m/s), GpsHeading (degrees clockwise from
@@ -16,7 +16,7 @@ dominates the sensor's lateral rate; a model's card should mention this.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -31,18 +31,35 @@ from harness.model.trajectories.csv_input import (
     files_in,
     identifiers,
     in_order,
-    numbers,
     once_each,
-    read_table,
-    require_columns,
+    read_records,
 )
-from harness.model.trajectories.extraction_rules import NotNegative, Options, Positive
-from harness.model.trajectories.tracks import Clip, Sighting, Track, VehicleTrack
+from harness.model.trajectories.encounters import (
+    CANDIDATE_COLUMNS,
+    Columns,
+    angle_deg,
+    rows_of_pair,
+    sampling_instants,
+    spans_gap,
+)
+from harness.model.trajectories.extraction_rules import (
+    ExtractionRules,
+    NotNegative,
+    Options,
+    Positive,
+    with_times,
+)
+from harness.model.trajectories.fingerprints import fingerprint
+from harness.model.trajectories.tracks import Track
 
-COLUMNS = (
-    "Device", "Trip", "Time", "ObstacleId", "Range", "Transversal", "Speed", "GpsHeading",
-    "Longitude", "Latitude",
-)  # fmt: skip
+COLUMNS: Mapping[str, tuple[str, float]] = {
+    "device": ("Device", 1.0), "trip": ("Trip", 1.0), "obstacle": ("ObstacleId", 1.0),
+    "time_s": ("Time", 100.0), "range_m": ("Range", 1.0), "aside_m": ("Transversal", 1.0),
+    "vehicle_speed_mps": ("Speed", 1.0), "heading_deg": ("GpsHeading", 1.0),
+    "longitude_deg": ("Longitude", 1.0), "latitude_deg": ("Latitude", 1.0),
+}  # fmt: skip
+"""The columns of a file, and by what their numbers are divided."""
+
 EARTH_RADIUS_M = 6_371_000.0
 
 
@@ -73,40 +90,37 @@ class MobileyeOptions(Options):
     source: str | None = None
 
 
-def read_clips(paths: Sequence[Path], options: MobileyeOptions, tally: Tally) -> Iterator[Clip]:
-    """The trips in csv files, or in folders of them: a clip per Device and Trip.
+def read_rows(
+    paths: Sequence[Path], options: MobileyeOptions, rules: ExtractionRules, tally: Tally
+) -> pd.DataFrame:
+    """The candidate rows of csv files, or of folders of them: a clip per Device and Trip.
 
-    Returns:
-        Clips ``<device>-<trip>`` with the bus, the pedestrians (``<ObstacleId>-<sequence>``) and
-        their sightings; time is Time / 100.
+    Pedestrians are ``<ObstacleId>-<sequence>``; time is Time / 100.
 
     Raises:
         InputError: there is no file, or a file is unreadable or lacks a needed column.
     """
 
-    def read(_: str, file: Path) -> list[Clip]:
+    def read(_: str, file: Path) -> list[pd.DataFrame]:
+        trips = _records(file, options, tally).groupby(["device", "trip"])
         source = options.source or file.stem
-        trips = _records(file, options, tally).groupby(["Device", "Trip"])
-        return [_read_trip(source, trip, options, tally) for _, trip in trips]
+        return [_trip(source, trip, options, rules, tally) for _, trip in trips]
 
     files = [(file.name, file) for path in paths for file in files_in(path, "*.csv")]
-    return contents_of(files, read, tally, "trip")
+    frames: list[pd.DataFrame] = list(contents_of(files, read, tally, "trip"))
+    return with_times(pd.concat(frames, ignore_index=True))
 
 
 def _records(path: Path, options: MobileyeOptions, tally: Tally) -> pd.DataFrame:
     """The usable records of a file with positions in the turned axes."""
-    table = read_table(path)
-    require_columns(path, table, COLUMNS)
-    table = numbers(path, table, COLUMNS, tally)
-    heading = table["GpsHeading"]
+    table = read_records(path, COLUMNS, tally)
+    heading = table["heading_deg"]
     ours = (heading > options.heading_above_deg) & (heading <= options.heading_below_deg)
-    tally.drop("records", "bus_heading_other_way", int((~ours).sum()))
+    tally.drop("records", "bus_heading_other_way", (~ours).sum())
     table = table.loc[ours].copy()
     bus, forward = _bus(table, options)
     left = np.column_stack([-forward[:, 1], forward[:, 0]])
-    ahead, aside = table[["Range"]].to_numpy(), table[["Transversal"]].to_numpy()
-    walker = bus + ahead * forward + aside * left
-    table["time_s"] = table["Time"] / 100
+    walker = bus + table[["range_m"]].to_numpy() * forward + table[["aside_m"]].to_numpy() * left
     for name, points in (("bus", bus), ("forward", forward), ("walker", walker)):
         table[[f"{name}_x", f"{name}_y"]] = points
     return table
@@ -114,7 +128,7 @@ def _records(path: Path, options: MobileyeOptions, tally: Tally) -> pd.DataFrame
 
 def _bus(table: pd.DataFrame, options: MobileyeOptions) -> tuple[FloatArray, FloatArray]:
     """(n, 2) positions and (n, 2) forward unit vectors of the bus in the turned axes."""
-    radians = np.radians(table[["Longitude", "Latitude", "GpsHeading"]].to_numpy())
+    radians = np.radians(table[["longitude_deg", "latitude_deg", "heading_deg"]].to_numpy())
     parallel = math.cos(math.radians(options.latitude_deg))
     east = (radians[:, 0] - math.radians(options.longitude_deg)) * parallel * EARTH_RADIUS_M
     north = (radians[:, 1] - math.radians(options.latitude_deg)) * EARTH_RADIUS_M
@@ -126,28 +140,29 @@ def _bus(table: pd.DataFrame, options: MobileyeOptions) -> tuple[FloatArray, Flo
     return position, forward
 
 
-def _read_trip(source: str, trip: pd.DataFrame, options: MobileyeOptions, tally: Tally) -> Clip:
-    """One trip: the bus's track, and a pedestrian and a sighting for every sequence."""
+def _trip(
+    source: str,
+    trip: pd.DataFrame,
+    options: MobileyeOptions,
+    rules: ExtractionRules,
+    tally: Tally,
+) -> pd.DataFrame:
+    """The candidate rows of one trip: those of every sequence."""
     moments = trip.sort_values("time_s", kind="stable").drop_duplicates("time_s")
-    vehicle, number = (str(identifiers(trip[name]).iloc[0]) for name in ("Device", "Trip"))
-    where = moments[["bus_x", "bus_y"]].to_numpy()
-    bus = VehicleTrack(moments["time_s"].to_numpy(), where, options.vehicle_length_m, 0.0)
-    walkers: dict[str, Track] = {}
-    sightings = []
-    groups = {str(key): group for key, group in trip.groupby(identifiers(trip["ObstacleId"]))}
+    bus = Track(moments["time_s"].to_numpy(), moments[["bus_x", "bus_y"]].to_numpy())
+    vehicle, number = (str(identifiers(trip[name]).iloc[0]) for name in ("device", "trip"))
+    names = {"source": source, "clip": f"{vehicle}-{number}", "vehicle": vehicle}
+    # Without sequences there are no rows, but the columns are the same.
+    frames = [pd.DataFrame(columns=CANDIDATE_COLUMNS)]
+    tally.clips += 1
+    groups = {str(key): group for key, group in trip.groupby(identifiers(trip["obstacle"]))}
     for obstacle in in_order(groups):
         for place, records in enumerate(_sequences(groups[obstacle], options, tally), start=1):
-            sighting = _sighting(vehicle, f"{obstacle}-{place}", records)
-            if sighting is None:
-                tally.drop("tracks", "standing_pedestrian")
-                continue
-            where = records[["walker_x", "walker_y"]].to_numpy()
-            walkers[sighting.pedestrian] = Track(sighting.time_s, where)
-            sightings.append(sighting)
-    tally.clips += 1
-    tally.vehicle_tracks += 1
-    tally.pedestrian_tracks += len(walkers)
-    return Clip(source, f"{vehicle}-{number}", {vehicle: bus}, walkers, tuple(sightings))
+            columns = _sequence_rows(records, options.vehicle_length_m, rules, tally)
+            if columns is not None:
+                names |= {"pedestrian": f"{obstacle}-{place}", "track": fingerprint(bus)}
+                frames.append(pd.DataFrame(names | columns))
+    return pd.concat(frames[1:] or frames, ignore_index=True)
 
 
 def _sequences(
@@ -167,23 +182,31 @@ def _sequences(
             yield sequence
 
 
-def _sighting(vehicle: str, pedestrian: str, records: pd.DataFrame) -> Sighting | None:
-    """The variables of one sequence; None for a pedestrian who does not move across the road."""
-    time_s = records["time_s"].to_numpy()
+def _sequence_rows(
+    records: pd.DataFrame, length_m: float, rules: ExtractionRules, tally: Tally
+) -> Columns | None:
+    """The candidate rows of one sequence; None if it is no encounter."""
+    time_s, range_m = records["time_s"].to_numpy(), records["range_m"].to_numpy()
     walker = records[["walker_x", "walker_y"]].to_numpy()
     walked = walker[-1] - walker[0]
-    if walked[1] == 0.0:
+    if walked[1] == 0.0:  # not across the road
+        tally.drop("tracks", "standing_pedestrian")
         return None
     forward = records[["forward_x", "forward_y"]].to_numpy().sum(axis=0)
-    cosine = (walked @ forward) / (np.hypot(*walked) * np.hypot(*forward))
-    side = math.copysign(1.0, walked[1])
-    return Sighting(
-        vehicle=vehicle,
-        pedestrian=pedestrian,
-        time_s=time_s,
-        range_m=records["Range"].to_numpy(),
-        lateral_m=side * (records["bus_y"].to_numpy() - walker[:, 1]),
-        vehicle_speed_mps=records["Speed"].to_numpy(),
-        pedestrian_speed_mps=float(abs(walked[1]) / (time_s[-1] - time_s[0])),
-        crossing_angle_deg=math.degrees(math.acos(float(np.clip(cosine, -1.0, 1.0)))),
-    )
+    angle = angle_deg(walked / np.hypot(*walked), forward / np.hypot(*forward))
+    times = sampling_instants(time_s, time_s, rules.sample_s)
+    if len(times) == 0:
+        tally.drop("pairs", "no_common_time")
+        return None
+    if not rules.min_angle_deg <= angle <= rules.max_angle_deg:
+        tally.drop("pairs", "crossing_angle")
+        return None
+    lateral_m = math.copysign(1.0, walked[1]) * (records["bus_y"].to_numpy() - walker[:, 1])
+    speed = np.interp(times, time_s, records["vehicle_speed_mps"].to_numpy())
+    speed[spans_gap(time_s, times, times, rules.max_gap_s)] = np.nan
+    return {
+        **rows_of_pair(times, length_m, time_s, range_m, time_s, lateral_m),
+        "vehicle_speed_mps": speed,
+        "pedestrian_speed_mps": float(abs(walked[1]) / (time_s[-1] - time_s[0])),
+        "crossing_angle_deg": angle,
+    }

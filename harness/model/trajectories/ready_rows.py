@@ -29,6 +29,7 @@ from harness.model.trajectories.csv_input import (
 from harness.model.trajectories.extraction_rules import (
     ROW_COLUMNS,
     TEXT_COLUMNS,
+    ExtractionRules,
     Options,
     with_times,
 )
@@ -44,7 +45,9 @@ class TableOptions(Options):
     source: str | None = None
 
 
-def read_rows(paths: Sequence[Path], options: TableOptions, tally: Tally) -> pd.DataFrame:
+def read_rows(
+    paths: Sequence[Path], options: TableOptions, _: ExtractionRules, tally: Tally
+) -> pd.DataFrame:
     """Read the candidate rows of csv or parquet files, or of folders of them, in their order.
 
     Returns:
@@ -101,6 +104,6 @@ def _complete(rows: pd.DataFrame, tally: Tally) -> pd.DataFrame:
     rows["time_advantage_s"] = recorded.fillna(computed)
     incomplete = rows[[*NEEDED, "time_advantage_s"]].isna().any(axis=1) & ~contradictory
     tally.candidates += int((incomplete | contradictory).sum())
-    tally.drop("candidates", "incomplete", int(incomplete.sum()))
-    tally.drop("candidates", "contradictory", int(contradictory.sum()))
+    tally.drop("candidates", "incomplete", incomplete.sum())
+    tally.drop("candidates", "contradictory", contradictory.sum())
     return rows.loc[~(incomplete | contradictory), list(ROW_COLUMNS)]

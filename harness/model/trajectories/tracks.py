@@ -1,9 +1,4 @@
-"""Holds the records that every reader of trajectories returns.
-
-A clip has the tracks of vehicles and pedestrians that were recorded together. If a sensor on the
-vehicle measured the pairs, the clip also has sightings. The model's variables then come from the
-sightings instead of the crossings of paths.
-"""
+"""Tracks of vehicles and pedestrians that were recorded together."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -52,50 +47,18 @@ class VehicleTrack(Track):
 
 
 @dataclass(frozen=True, eq=False)
-class Sighting:
-    """The variables of one pair, measured by a sensor on the vehicle.
-
-    Attributes:
-        vehicle, pedestrian: keys of the clip's tracks.
-        time_s: (n,) strictly increasing.
-        range_m: (n,) R from the front bumper.
-        lateral_m: (n,) L, negative after the pedestrian passed the vehicle's line.
-        vehicle_speed_mps: (n,).
-        pedestrian_speed_mps: one speed for the whole sighting.
-        crossing_angle_deg: angle between the two directions of motion, 0–180.
-    """
-
-    vehicle: str
-    pedestrian: str
-    time_s: FloatArray
-    range_m: FloatArray
-    lateral_m: FloatArray
-    vehicle_speed_mps: FloatArray
-    pedestrian_speed_mps: float
-    crossing_angle_deg: float
-
-    def __post_init__(self) -> None:
-        for name in ("time_s", "range_m", "lateral_m", "vehicle_speed_mps"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-
-
-@dataclass(frozen=True, eq=False)
 class Clip:
-    """Tracks recorded together: one video clip, or one trip of an instrumented vehicle.
+    """Tracks recorded together, as in one video clip.
 
     Attributes:
         source: the data set's name.
         name: the clip's name, unique within the source.
         vehicles, pedestrians: tracks by identifier, in a fixed order.
-        sightings: the pairs that a sensor measured; None if pairs are found from the paths.
-        y_down: whether y points down if x points right, as in images; maps must flip this axis.
-        site: the place, if a source has several places; clips of one site share axes and a map.
+        y_down: whether y points down if x points right, as in images.
     """
 
     source: str
     name: str
     vehicles: Mapping[str, VehicleTrack]
     pedestrians: Mapping[str, Track]
-    sightings: tuple[Sighting, ...] | None = None
     y_down: bool = False
-    site: str = ""

@@ -14,7 +14,6 @@ with the same ratio, and the counts mention it.
 """
 
 import math
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -29,10 +28,8 @@ from harness.model.trajectories.csv_input import (
     files_in,
     identifiers,
     in_order,
-    numbers,
     once_each,
-    read_table,
-    require_columns,
+    read_records,
 )
 from harness.model.trajectories.extraction_rules import Options, Positive
 from harness.model.trajectories.tracks import Clip, Track, VehicleTrack
@@ -106,28 +103,22 @@ def _read_clip(
     pedestrian_file = vehicle_file.with_name(stem + PEDESTRIAN_END)
     pixel_file = _beside(vehicle_file, "trajectories", f"{stem}_traj_ped.csv")
     if pedestrian_file.exists():
-        walkers = _records(pedestrian_file, ("x_est", "y_est"), 1.0, options, tally)
+        walkers = _tracks(pedestrian_file, ("x_est", "y_est"), 1.0, options, tally)
     elif pixel_file is None or ratio is None:
         raise EmptyTableError(str(pedestrian_file), "is missing")
     else:
-        walkers = _records(pixel_file, ("x", "y"), ratio, options, tally)
+        walkers = _tracks(pixel_file, ("x", "y"), ratio, options, tally)
         tally.note(f"{name}: unfiltered pedestrians (pixels) used, filtered ones are missing")
-    cars = _records(vehicle_file, ("x_est", "y_est"), 1.0, options, tally)
-    lengths = _lengths_m(vehicle_file, stem, ratio)
+    cars = _tracks(vehicle_file, ("x_est", "y_est"), 1.0, options, tally)
+    lengths, assumed = _lengths_m(vehicle_file, stem, ratio), options.vehicle_length_m
     vehicles = {}
     for key, track in cars.items():
-        length = lengths.get(key, options.vehicle_length_m)
+        length = lengths.get(key, assumed)
         vehicles[key] = VehicleTrack(track.time_s, track.position_m, length, length / 2)
     if without := len(cars.keys() - lengths.keys()):
-        tally.default_lengths += without
-        length = options.vehicle_length_m
-        tally.note(f"vehicle_length_m = {length:g} m for vehicles without corners")
+        tally.note(f"{name}: vehicle_length_m = {assumed:g} m for {without} without corners")
     tally.clips += 1
-    tally.vehicle_tracks += len(vehicles)
-    tally.pedestrian_tracks += len(walkers)
-    # The names of one site's clips differ only in the number: intersection_01, intersection_02.
-    site = re.sub(r"[\W_]*\d*$", "", name)
-    return Clip(source, name, vehicles, walkers, y_down=True, site=site)
+    return Clip(source, name, vehicles, walkers, y_down=True)
 
 
 def _beside(vehicle_file: Path, folder: str, name: str) -> Path | None:
@@ -161,33 +152,31 @@ def _lengths_m(vehicle_file: Path, stem: str, ratio: float | None) -> dict[str, 
     path = _beside(vehicle_file, "trajectories", f"{stem}_traj_veh.csv")
     if path is None or ratio is None:
         return {}
-    table = read_table(path)
-    require_columns(path, table, ("id", *CORNERS))
     # These records are not positions, so the extraction does not count those that are dropped.
-    table = numbers(path, table, CORNERS, Tally())
+    table = read_records(path, {name: (name, 1.0) for name in CORNERS}, Tally(), ["id"])
     x = (table["x_fl"] + table["x_fr"] - table["x_rr"] - table["x_rl"]) / 2
     y = (table["y_fl"] + table["y_fr"] - table["y_rr"] - table["y_rl"]) / 2
-    length = pd.Series(np.hypot(x, y) / ratio, index=table.index)
-    medians = length.groupby(identifiers(table["id"])).median()
+    medians = (
+        pd.Series(np.hypot(x, y) / ratio, table.index).groupby(identifiers(table["id"])).median()
+    )
     return {str(key): float(value) for key, value in medians.items() if value > 0}
 
 
-def _records(
+def _tracks(
     path: Path, position: tuple[str, str], ratio: float, options: VciOptions, tally: Tally
 ) -> dict[str, Track]:
-    """The tracks of one file, by identifier; positions divided by ``ratio``."""
-    table = read_table(path)
-    require_columns(path, table, ("id", "frame", *position))
-    table = numbers(path, table, ("frame", *position), tally)
+    """The tracks of one file, by identifier; positions have ``ratio`` units per metre."""
+    columns = {"time_s": ("frame", options.frame_rate_hz)}
+    columns |= {of: (name, ratio) for of, name in zip(("x_m", "y_m"), position, strict=True)}
+    table = read_records(path, columns, tally, ["id"])
     keys = identifiers(table["id"])
-    tally.drop("records", "missing_value", int(keys.isna().sum()))
+    tally.drop("records", "missing_value", keys.isna().sum())
     tracks = {}
     groups = {str(key): records for key, records in table.groupby(keys)}
     for key in in_order(groups):
-        records = once_each(groups[key], "frame", tally)
+        records = once_each(groups[key], "time_s", tally)
         if len(records) < 2:
             tally.drop("tracks", "one_record")
             continue
-        time_s = records["frame"].to_numpy() / options.frame_rate_hz
-        tracks[key] = Track(time_s, records[list(position)].to_numpy() / ratio)
+        tracks[key] = Track(records["time_s"].to_numpy(), records[["x_m", "y_m"]].to_numpy())
     return tracks
