@@ -67,10 +67,10 @@ class TimedModel(InteractionModel):
 
     spent_s = 0.0
 
-    def walking_speed_at(self, *args, **kwargs):  # type: ignore[no-untyped-def]
+    def walking_speed(self, *args, **kwargs):  # type: ignore[no-untyped-def]
         begin = time.process_time()
         try:
-            return super().walking_speed_at(*args, **kwargs)
+            return super().walking_speed(*args, **kwargs)
         finally:
             self.spent_s += time.process_time() - begin
 

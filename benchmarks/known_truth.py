@@ -112,8 +112,8 @@ def _arm(scenario: Scenario, arm: Arm, quantiles: FloatArray, sides: list[Side])
     model, engine = model_of(scenario), plain_engine(scenario)
     vehicle, rules = scenario.vehicle(), constants_of(scenario)
     count = len(quantiles)
-    seen = (np.full(count, vehicle.trigger_range_m), np.full(count, vehicle.initial_speed_mps))
-    speeds = model.walking_speed(quantiles, *seen).tolist()
+    seen = vehicle.trigger_range_m, vehicle.initial_speed_mps
+    speeds = [model.walking_speed(quantile, *seen) for quantile in quantiles.tolist()]
     name = scenario.arms.driver(arm)
 
     def outcomes() -> Iterator[Outcome]:

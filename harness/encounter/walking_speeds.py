@@ -22,7 +22,7 @@ class WalkingSpeeds:
         self.model_use = ModelUseCounter(model)
         self._model, self._reading = model, scenario.model.pedestrian_reading
         self._normal = scenario.pedestrians.walking_speed
-        self._from_model = lru_cache(_REMEMBERED)(model.walking_speed_at)
+        self._from_model = lru_cache(_REMEMBERED)(model.walking_speed)
 
     def __call__(self, arrival: Arrival, range_m: float, speed_mps: float) -> float:
         """Walking speed in m/s of a pedestrian who sees the ego at (range_m, speed_mps)."""

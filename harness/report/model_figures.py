@@ -5,7 +5,7 @@ projections, and conditional densities of walking and driving speed.  Lines diff
 colour, so greyscale is readable.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,16 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from harness.core.encounter import FloatArray
-from harness.model.interaction import PEDESTRIAN_SPEED, VEHICLE_SPEED, InteractionModel
+from harness.model.interaction import (
+    DRIVING_GIVEN,
+    INVERSE_RANGE,
+    INVERSE_TIME_ADVANTAGE,
+    PEDESTRIAN_SPEED,
+    VEHICLE_SPEED,
+    WALKING_GIVEN,
+    InteractionModel,
+)
+from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.sample import Sample, make_sample, read_rows
 from harness.report.page import write_result
@@ -27,15 +36,8 @@ AXIS_LABELS = ("1/R (1/m)", "vehicle speed v (m/s)", "walking speed v_p (m/s)", 
 PAIRS = ((0, 1), (0, 2), (3, 2))
 """The projections: v over 1/R, v_p over 1/R, and v_p over 1/T_adv."""
 
-Conditions = Sequence[Mapping[str, float]]
-
 _CELLS = 48
-_SYMBOLS = {
-    "range_m": ("1/R", "per m"),
-    "vehicle_speed_mps": ("v", "m/s"),
-    "pedestrian_speed_mps": ("v_p", "m/s"),
-    "inverse_time_advantage_per_s": ("1/T_adv", "per s"),
-}
+_SYMBOLS = (("1/R", "per m"), ("v", "m/s"), ("v_p", "m/s"), ("1/T_adv", "per s"))
 _INVERSE_RANGES, _INVERSE_TIMES = (0.07, 0.10, 0.13), (0.05, 0.10)
 """The authors' public scripts draw these conditions."""
 
@@ -121,19 +123,17 @@ def _pairs(model: InteractionModel, sample: Sample | None) -> tuple[str, Figure]
 def _speeds(model: InteractionModel) -> tuple[str, Figure]:
     """v_p and v under the authors' conditions, and v_p as in a run."""
     figure, axes = _panels(2, 2, 4.0)
-    ranges = [{"range_m": 1 / inverse} for inverse in _INVERSE_RANGES]
-    common: dict[str, float] = {"vehicle_speed_mps": 3.5, "inverse_time_advantage_per_s": 0.1}
-    walking, driving = model.walking_speed_density, model.driver_speed_density
-    _draw_speeds(axes[0], model, PEDESTRIAN_SPEED, walking, [each | common for each in ranges])
-    at_trigger = [{"range_m": 30.0, "vehicle_speed_mps": speed} for speed in _VEHICLE_SPEEDS]
-    _draw_speeds(axes[1], model, PEDESTRIAN_SPEED, walking, at_trigger)
+    given = (INVERSE_RANGE, VEHICLE_SPEED, INVERSE_TIME_ADVANTAGE)
+    conditions = [(inverse, 3.5, 0.1) for inverse in _INVERSE_RANGES]
+    _draw_speeds(axes[0], model, PEDESTRIAN_SPEED, given, conditions)
+    at_trigger = [(1 / 30, speed) for speed in _VEHICLE_SPEEDS]
+    _draw_speeds(axes[1], model, PEDESTRIAN_SPEED, WALKING_GIVEN, at_trigger)
     for panel, inverse_time in zip(axes[2:], _INVERSE_TIMES, strict=True):
-        common = {"pedestrian_speed_mps": 1.2, "inverse_time_advantage_per_s": inverse_time}
-        conditions = [each | common for each in ranges]
-        _draw_speeds(panel, model, VEHICLE_SPEED, driving, conditions)
-        for condition, look in zip(conditions, SERIES, strict=False):
-            mode = np.array([model.driver_speed(**condition)])
-            panel.plot(mode, driving(mode, **_arrays(condition)), "o", color=look.colour, ms=5)
+        conditions = [(inverse, 1.2, inverse_time) for inverse in _INVERSE_RANGES]
+        driving = _draw_speeds(panel, model, VEHICLE_SPEED, DRIVING_GIVEN, conditions)
+        modes = driving.mode(conditions)
+        for mode, height, look in zip(modes, driving.pdf(modes, conditions), SERIES, strict=False):
+            panel.plot(mode, height, "o", color=look.colour, ms=5)
     words = f"{model.name}, K = {model.mixture.weights.size}. Dots are the modes, the speeds that "
     return f"{words}the human driver aims for. Without T_adv it is integrated out.", figure
 
@@ -166,32 +166,24 @@ def _draw_speeds(
     axes: Axes,
     model: InteractionModel,
     variable: int,
-    density: Callable[..., FloatArray],
-    conditions: Conditions,
-) -> None:
+    given: Sequence[int],
+    conditions: Sequence[tuple[float, ...]],
+) -> Conditional:
     """Draw a line for each condition; the legend names their differences, the title the rest."""
-    speeds = np.linspace(model.mixture.lower[variable], model.mixture.upper[variable], 500)
-    varied = {key for key in conditions[0] if len({each[key] for each in conditions}) > 1}
-    for condition, look in zip(conditions, SERIES, strict=False):
-        values = density(speeds, **_arrays(condition))
-        label = _words(condition, varied)
+    conditional = model.mixture.conditional(variable, given)
+    speeds = np.linspace(conditional.lower, conditional.upper, 500)
+    names = [_SYMBOLS[each] for each in given]
+    texts = [[f"{name} = {of:.3g} {unit}" for (name, unit), of in zip(names, each, strict=True)]
+             for each in conditions]  # fmt: skip
+    alike = [text for text in texts[0] if all(text in each for each in texts)]
+    for condition, words, look in zip(conditions, texts, SERIES, strict=False):
+        label = ", ".join(text for text in words if text not in alike)
+        values = conditional.pdf(speeds, [condition])
         axes.plot(speeds, values, color=look.colour, ls=look.dash, lw=1.8, label=label)
-    common = _words(conditions[0], set(conditions[0]) - varied)
-    finish(axes, AXIS_LABELS[variable], "probability density (s/m)", common)
+    finish(axes, AXIS_LABELS[variable], "probability density (s/m)", ", ".join(alike))
     axes.set_ylim(bottom=0)
     axes.margins(x=0)
-
-
-def _arrays(condition: Mapping[str, float]) -> dict[str, FloatArray]:
-    return {key: np.array([value]) for key, value in condition.items()}
-
-
-def _words(condition: Mapping[str, float], keys: set[str]) -> str:
-    return ", ".join(
-        f"{symbol} = {1 / condition[key] if key == 'range_m' else condition[key]:.3g} {unit}"
-        for key, (symbol, unit) in _SYMBOLS.items()
-        if key in keys
-    )
+    return conditional
 
 
 def _edges(pair: tuple[int, int], view: FloatArray) -> list[FloatArray]:

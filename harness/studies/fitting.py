@@ -18,10 +18,10 @@ from harness.core.encounter import FloatArray
 from harness.core.errors import HarnessError, InputError
 from harness.core.seeding import resampling
 from harness.model.interaction import (
-    INVERSE_RANGE,
-    INVERSE_TIME_ADVANTAGE,
+    DRIVING_GIVEN,
     PEDESTRIAN_SPEED,
     VEHICLE_SPEED,
+    WALKING_GIVEN,
 )
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.fitting import FitResult, fit_mixture
@@ -36,8 +36,8 @@ RULE_SHARE = 0.10
 """The paper stops adding components when BIC changes by less than this share."""
 
 TARGETS: Mapping[str, tuple[int, tuple[int, ...]]] = {
-    "held_out": (PEDESTRIAN_SPEED, (INVERSE_RANGE, VEHICLE_SPEED)),
-    "held_out_driver": (VEHICLE_SPEED, (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)),
+    "held_out": (PEDESTRIAN_SPEED, WALKING_GIVEN),
+    "held_out_driver": (VEHICLE_SPEED, DRIVING_GIVEN),
 }
 """What fits are scored by on vehicles that they have not seen: log f(v_p | 1/R, v), by which K is
 chosen, and log f(v | 1/R, v_p, 1/T_adv), which the human driver uses."""

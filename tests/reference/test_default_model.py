@@ -73,8 +73,7 @@ def test_default_number_of_components_has_the_highest_held_out_score():
 @pytest.mark.parametrize("name", NAMES)
 def test_walking_speeds_at_the_papers_state_are_those_of_people(name):
     model = load_model(name)
-    u = np.array([0.05, 0.5, 0.95])
-    slow, median, fast = model.walking_speed(u, np.full(3, 30.0), np.full(3, 5.0))
+    slow, median, fast = (model.walking_speed(u, 30.0, 5.0) for u in (0.05, 0.5, 0.95))
     # Tarawneh 2001: mean 1.34 m/s; HCM 2010: 1.30 to 1.44; the sample is of people on a campus.
     assert median == pytest.approx(1.35, abs=0.2)
     assert 0.3 < slow < 1.15

@@ -58,7 +58,7 @@ def test_crash_rate_of_the_truth_is_what_geometry_says(model) -> None:
         (lambda s: 5.85 - 35 * s - reach(s), lambda s: 30 * s - 7.65 - reach(s)),
     )
     bounds = 5.0 * np.array([brentq(edge, 0.0, 1.0) for side in hit for edge in side])
-    cdf = model.walking_speed_cdf(bounds, np.full(4, 30.0), np.full(4, 5.0))
+    cdf = model.mixture.conditional(2, (0, 1)).cdf(bounds, [[1 / 30.0, 5.0]])
     kappa = (cdf[1] - cdf[0] + cdf[3] - cdf[2]) / 2
     truth = known_truth.truth_of_cell(nodes()["constant"])
     # Each of the four ends is within half a node.

@@ -33,47 +33,36 @@ def mixture() -> TruncatedGaussianMixture:
     )
 
 
-class Drawn:
-    """Rows drawn from a model."""
-
-    def __init__(self, model: InteractionModel, count: int, seed: int) -> None:
-        rng = np.random.default_rng(seed)
-        rows = model.mixture.sample(count, rng)
-        self.range_m, self.speed_mps = 1 / rows[:, 0], rows[:, 1]
-        self.walking_mps, self.inverse_time = rows[:, 2], rows[:, 3]
-
-
 @pytest.fixture(scope="module")
 def own() -> InteractionModel:
     return InteractionModel(mixture(), "test", {}, "")
 
 
 @pytest.fixture(scope="module", params=["own", "shipped"])
-def drawn(request, own, model) -> tuple[InteractionModel, Drawn]:
-    chosen = own if request.param == "own" else model
-    return chosen, Drawn(chosen, ROWS, seed=11)
+def drawn(request, own, model) -> tuple[TruncatedGaussianMixture, np.ndarray]:
+    chosen = (own if request.param == "own" else model).mixture
+    return chosen, chosen.sample(ROWS, np.random.default_rng(11))
 
 
-@pytest.mark.parametrize("given", [{}, {"inverse_time_advantage_per_s": "inverse_time"}])
+GIVEN = pytest.mark.parametrize("given", [(0, 1), (0, 1, 3)], ids=["marginal", "given T_adv"])
+
+
+@GIVEN
 def test_every_reading_is_uniform(drawn, given):
-    model, rows = drawn
-    columns = {key: getattr(rows, name) for key, name in given.items()}
-    u = model.walking_speed_cdf(rows.walking_mps, rows.range_m, rows.speed_mps, **columns)
+    mixture, rows = drawn
+    u = mixture.conditional(2, given).cdf(rows[:, 2], rows[:, given])
     assert kstest(u, "uniform").pvalue > 0.001
 
 
-@pytest.mark.parametrize("given", [{}, {"inverse_time_advantage_per_s": 0.3}])
+@GIVEN
 def test_densities_integrate_to_one(drawn, given):
-    model, _ = drawn
-    low, high = model.mixture.lower[2], model.mixture.upper[2]
+    mixture, _ = drawn
     # Gauss–Legendre on short panels.
-    range_m, speed = 20.0, 4.0
-    edges = np.linspace(low, high, 41)
+    edges = np.linspace(mixture.lower[2], mixture.upper[2], 41)
     nodes, weights = np.polynomial.legendre.leggauss(12)
     half = np.diff(edges)[:, None] / 2
     x = (edges[:-1, None] + half * (1 + nodes)).ravel()
-    arrays = {key: np.array([value]) for key, value in given.items()}
-    density = model.walking_speed_density(x, np.array([range_m]), np.array([speed]), **arrays)
+    density = mixture.conditional(2, given).pdf(x, [[0.05, 4.0, 0.3][: len(given)]])
     assert (density >= 0).all()
     assert ((half * weights).ravel() @ density) == pytest.approx(1.0, abs=1e-5)
 
@@ -86,8 +75,8 @@ model, rng = load_model("dut-k10"), np.random.default_rng(7)
 rows = model.mixture.sample(2_000, rng)
 conditional = model.mixture.conditional(2, (0, 1, 3))
 found = [rows, conditional.sample(rows[:, [0, 1, 3]], rng), conditional.mode(rows[:, [0, 1, 3]])]
-u, range_m, speed = rng.random(500), 1 / rows[:500, 0], rows[:500, 1]
-found.append(model.walking_speed(u, range_m, speed))
+states = zip(rng.random(500).tolist(), 1 / rows[:500, 0], rows[:500, 1])
+found.append(np.array([model.walking_speed(*state) for state in states]))
 print(hashlib.sha256(b"".join(part.tobytes() for part in found)).hexdigest())
 """
 

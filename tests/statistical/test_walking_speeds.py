@@ -108,7 +108,7 @@ def test_walking_speeds_at_the_trigger(model: InteractionModel, joint: Joint) ->
     # The quantiles the paper's experiment plans, pushed through f(v_p | 1/30, 5).
     scenario = load_scenario("cctc")
     quantiles = np.array([planned_arrivals(scenario, pair)[0].quantile for pair in range(10_000)])
-    drawn = model.walking_speed(quantiles, np.full(10_000, 30.0), np.full(10_000, 5.0))
+    drawn = [model.walking_speed(u, 30.0, 5.0) for u in quantiles.tolist()]
     paces, cdf = joint.walking_speed_cdf(30.0, 5.0)
     assert stats.kstest(drawn, lambda v: np.interp(v, paces, cdf)).pvalue > 0.01
     # The test can tell: the unconditional density and one without truncation are refused.
@@ -119,21 +119,18 @@ def test_walking_speeds_at_the_trigger(model: InteractionModel, joint: Joint) ->
 @pytest.mark.parametrize(("range_m", "speed"), [(30.0, 5.0), (8.0, 1.2), (15.0, 7.5), (55.0, 3.0)])
 def test_quantiles_against_integration(model, joint, range_m, speed) -> None:
     u = np.linspace(0.001, 0.999, 400)
-    drawn = model.walking_speed(u, np.full(400, range_m), np.full(400, speed))
+    drawn = [model.walking_speed(each, range_m, speed) for each in u.tolist()]
     paces, cdf = joint.walking_speed_cdf(range_m, speed)
     np.testing.assert_allclose(np.interp(drawn, paces, cdf), u, atol=1e-4)
 
 
 def test_conditions_outside_the_support_are_clamped(model: InteractionModel) -> None:
     lower, upper = model.mixture.lower, model.mixture.upper
-    u = np.array([0.1, 0.5, 0.9])
     for range_m, speed in ((0.5, 0.0), (150.0, 30.0)):
         clamped = 1 / np.clip(1 / range_m, lower[R], upper[R]), np.clip(speed, lower[V], upper[V])
-        np.testing.assert_allclose(
-            model.walking_speed(u, np.full(3, range_m), np.full(3, speed)),
-            model.walking_speed(u, np.full(3, clamped[0]), np.full(3, clamped[1])),
-            rtol=1e-12,
-        )
+        for u in (0.1, 0.5, 0.9):
+            expected = model.walking_speed(u, *map(float, clamped))
+            assert model.walking_speed(u, range_m, speed) == pytest.approx(expected, rel=1e-12)
 
 
 def test_the_unconditional_walking_speed(model: InteractionModel, joint: Joint) -> None:

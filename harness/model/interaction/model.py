@@ -9,7 +9,7 @@ integrated out (``marginal``), or given as in the paper's figures (``given_time_
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -27,8 +27,9 @@ VARIABLES = (
 INVERSE_RANGE, VEHICLE_SPEED, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE = range(4)
 
 
-_WALKING_GIVEN = (INVERSE_RANGE, VEHICLE_SPEED, INVERSE_TIME_ADVANTAGE)
-_DRIVING_GIVEN = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
+WALKING_GIVEN = (INVERSE_RANGE, VEHICLE_SPEED)
+DRIVING_GIVEN = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
+"""What a walking speed is drawn under, and what the human driver sees."""
 
 
 class InteractionModel:
@@ -57,81 +58,24 @@ class InteractionModel:
         self._limits = list(zip(mixture.lower.tolist(), mixture.upper.tolist(), strict=True))
         self._conditionals: dict[tuple[int, ...], Conditional] = {}
 
-    def walking_speed(
-        self, quantile: FloatArray, range_m: FloatArray, vehicle_speed_mps: FloatArray
-    ) -> FloatArray:
+    def walking_speed(self, quantile: float, range_m: float, vehicle_speed_mps: float) -> float:
         """v_p at a quantile of f(v_p | 1/R, v), 1/T_adv integrated out (reading ``marginal``).
 
         Args:
-            quantile: shape (n,), in [0, 1].
-            range_m: R > 0, shape (n,); for R ≤ 0 use ``walking_speed_unconditional``.
-            vehicle_speed_mps: v, shape (n,).
+            quantile: in [0, 1].
+            range_m: R > 0; for R ≤ 0 use ``walking_speed_unconditional``.
+            vehicle_speed_mps: v.
 
         Returns:
-            Walking speeds in m/s, shape (n,), within the model's box.  A speed does not depend on
-            the other entries of the call, to the last bit.
+            The walking speed in m/s, within the model's box.
         """
-        conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
-        given = self._clamped(conditional, _inverse(range_m), vehicle_speed_mps)
-        return conditional.ppf(np.asarray(quantile, dtype=float), given)
-
-    def walking_speed_at(self, quantile: float, range_m: float, vehicle_speed_mps: float) -> float:
-        """``walking_speed`` of one pedestrian: faster, with the same bits."""
-        conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
-        return conditional.ppf_at(
-            quantile, self._clamped_row(conditional, (1 / range_m, vehicle_speed_mps))
-        )
+        conditional = self._conditional(PEDESTRIAN_SPEED, *WALKING_GIVEN)
+        given = self._clamped(conditional, (1 / range_m, vehicle_speed_mps))
+        return conditional.ppf_at(quantile, given)
 
     def walking_speed_unconditional(self, quantile: float) -> float:
         """v_p at a quantile of its marginal, for a pedestrian who meets no vehicle."""
         return self._conditional(PEDESTRIAN_SPEED).ppf_at(quantile, np.empty(0))
-
-    def walking_speed_density(
-        self,
-        speed_mps: FloatArray,
-        range_m: FloatArray,
-        vehicle_speed_mps: FloatArray,
-        *,
-        inverse_time_advantage_per_s: FloatArray | None = None,
-    ) -> FloatArray:
-        """Density of v_p in s/m, (n,): 0 outside the box.
-
-        Args:
-            speed_mps: v_p, (n,).
-            range_m, vehicle_speed_mps: (n,) or one value, clamped.
-            inverse_time_advantage_per_s: 1/T_adv, for the reading ``given_time_advantage``.
-                Without it, the reading is ``marginal``.
-        """
-        state = (range_m, vehicle_speed_mps, inverse_time_advantage_per_s)
-        return self._walking("pdf", speed_mps, *state)
-
-    def walking_speed_cdf(
-        self,
-        speed_mps: FloatArray,
-        range_m: FloatArray,
-        vehicle_speed_mps: FloatArray,
-        *,
-        inverse_time_advantage_per_s: FloatArray | None = None,
-    ) -> FloatArray:
-        """Distribution function of v_p, (n,) in [0, 1]; see ``walking_speed_density``."""
-        state = (range_m, vehicle_speed_mps, inverse_time_advantage_per_s)
-        return self._walking("cdf", speed_mps, *state)
-
-    def driver_speed_density(
-        self,
-        speed_mps: FloatArray,
-        range_m: FloatArray,
-        pedestrian_speed_mps: FloatArray,
-        inverse_time_advantage_per_s: FloatArray | None = None,
-    ) -> FloatArray:
-        """Density of v in s/m, (n,), given 1/R, v_p and, unless it is None, 1/T_adv."""
-        columns = [_inverse(range_m), pedestrian_speed_mps]
-        if inverse_time_advantage_per_s is not None:
-            columns.append(inverse_time_advantage_per_s)
-        conditional = self._conditional(VEHICLE_SPEED, *_DRIVING_GIVEN[: len(columns)])
-        return conditional.pdf(
-            np.asarray(speed_mps, dtype=float), self._clamped(conditional, *columns)
-        )
 
     def driver_speed(
         self,
@@ -153,28 +97,9 @@ class InteractionModel:
         values = [1 / range_m, pedestrian_speed_mps]
         if inverse_time_advantage_per_s is not None:
             values.append(inverse_time_advantage_per_s)
-        conditional = self._conditional(VEHICLE_SPEED, *_DRIVING_GIVEN[: len(values)])
-        y = self._clamped_row(conditional, values)
+        conditional = self._conditional(VEHICLE_SPEED, *DRIVING_GIVEN[: len(values)])
+        y = self._clamped(conditional, values)
         return conditional.mode_at(y) if quantile is None else conditional.ppf_at(quantile, y)
-
-    def _walking(
-        self,
-        function: Literal["pdf", "cdf"],
-        speed_mps: FloatArray,
-        range_m: FloatArray,
-        vehicle_speed_mps: FloatArray,
-        inverse_time: FloatArray | None,
-    ) -> FloatArray:
-        """Evaluate a function of v_p under the reading that the given variables imply."""
-        speeds = np.asarray(speed_mps, dtype=float)
-        columns = [_inverse(range_m), vehicle_speed_mps]
-        if inverse_time is not None:
-            columns.append(inverse_time)
-        conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[: len(columns)])
-        result: FloatArray = getattr(conditional, function)(
-            speeds, self._clamped(conditional, *columns)
-        )
-        return result
 
     def _conditional(self, target: int, *given: int) -> Conditional:
         key = (target, *given)
@@ -182,24 +107,12 @@ class InteractionModel:
             self._conditionals[key] = self.mixture.conditional(target, given)
         return self._conditionals[key]
 
-    def _clamped(self, conditional: Conditional, *columns: FloatArray) -> FloatArray:
-        """The given variables clamped to the box, one row per pedestrian."""
-        rows = np.column_stack(np.broadcast_arrays(*map(np.atleast_1d, columns)))
-        chosen = list(conditional.given)
-        within: FloatArray = np.clip(rows, self.mixture.lower[chosen], self.mixture.upper[chosen])
-        return within
-
-    def _clamped_row(self, conditional: Conditional, values: Sequence[float]) -> FloatArray:
-        """``_clamped`` of one pedestrian; plain numbers are faster, and every episode calls it."""
+    def _clamped(self, conditional: Conditional, values: Sequence[float]) -> FloatArray:
+        """The given variables of one pedestrian, clamped to the box; every episode calls it."""
         limits = [self._limits[variable] for variable in conditional.given]
         return np.array(
             [min(max(x, low), high) for x, (low, high) in zip(values, limits, strict=True)]
         )
-
-
-def _inverse(range_m: FloatArray) -> FloatArray:
-    with np.errstate(divide="ignore"):
-        return 1 / np.asarray(range_m, dtype=float)
 
 
 # Relative: 1/(1/60) may differ from 60 in its last bit.
