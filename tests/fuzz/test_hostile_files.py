@@ -89,7 +89,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         sweep = "run cctc_flow --vary arms.av=soft_yield,gap_yield --pairs 2 --traces"
         assert done_or_refused(*sweep.split(), "--set", "pedestrians.max_count=3", "--out", RUN)
         (folder / RUN / "log.jsonl").unlink()  # it has a clock in it
-        assert done_or_refused("run", "hours.toml", "--traces", "--out", "hours")
+        assert done_or_refused("run", "hours.toml", "--out", "hours")
         risk = "risk cctc --set arms.av=constant_speed --target-cv 1 --out risk"
         assert done_or_refused(*risk.split())
         own = "crossings town/town.sumocfg --write town/own.toml --edge :J7_c0"

@@ -214,13 +214,12 @@ def test_a_run_that_was_broken_off(refused: Refuse, tmp_path: Path) -> None:
     says(refused("show", "broken off"), "no pair is finished yet", "harness resume 'broken off'")
 
 
-def test_a_command_with_commands_of_its_own_alone_says_its_help_and_version() -> None:
-    for group in ([], ["model"]):
-        done = here(*group)
-        assert (done.returncode, done.stdout) == (2, "")
-        lines = [line.strip() for line in done.stderr.splitlines()]
-        assert "Commands:" in lines
-        assert lines[0].endswith("[OPTIONS] COMMAND [ARGS]...")
+def test_alone_it_says_its_help_and_its_version() -> None:
+    done = here()
+    assert (done.returncode, done.stdout) == (2, "")
+    lines = [line.strip() for line in done.stderr.splitlines()]
+    assert "Commands:" in lines
+    assert lines[0].endswith("[OPTIONS] COMMAND [ARGS]...")
     assert shell("--version").stdout == version("crosswalk-harness") + "\n"
 
 
