@@ -43,6 +43,10 @@ class InputError(HarnessError):
             parts.append(f"did you mean {nearest!r}?")
         super().__init__(one_line("; ".join(parts)))
 
+    def __reduce__(self) -> tuple[type["InputError"], tuple[str | None, ...]]:
+        """Its parts, so that it may come from another process."""
+        return InputError, (self.where, self.problem, self.allowed, self.nearest)
+
 
 class EngineError(HarnessError):
     """The simulation engine could not simulate an episode (not the user's fault)."""

@@ -78,6 +78,11 @@ class Sample:
         """Number of vehicles inside the box; 0 if rows do not identify them."""
         return 0 if self.vehicle is None else int(self.vehicle.max()) + 1
 
+    @property
+    def copies(self) -> int:
+        """Number of rows that repeat an earlier row."""
+        return len(self.row) - len(np.unique(self.row))
+
 
 def read_rows(path: Path) -> RowFile:
     """Read the Parquet file of ``harness extract``, or a CSV file with the same columns.

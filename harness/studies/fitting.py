@@ -5,9 +5,16 @@ Each fit has a seed of its own and one thread, so results do not depend on the n
 
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import (
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    as_completed,
+)
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing import active_children, get_context, parent_process, resource_tracker
 from threading import Thread
 from typing import Any, Literal, NamedTuple
@@ -15,7 +22,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from harness.core.encounter import FloatArray
-from harness.core.errors import HarnessError, InputError
+from harness.core.errors import HarnessError, InputError, refused_at
 from harness.core.seeding import resampling
 from harness.model.interaction import (
     DRIVING_GIVEN,
@@ -141,12 +148,14 @@ class Fitted(NamedTuple):
     warnings: Sequence[str]
 
 
-class _Answer(NamedTuple):
-    """A fit and its scores on held-out rows, or the parts of an error: pickling loses them."""
+_Key = tuple[int, int]
+"""K, and the number of a fold or refit."""
 
-    fit: FitResult | None
-    scores: Mapping[str, HeldOut]
-    refusal: tuple[str, str, str | None] | None
+_Job = tuple[FloatArray, tuple[int, ...]]
+"""The rows' weights, and the key of the starts' seed."""
+
+_Scored = tuple[FitResult, Mapping[str, HeldOut]]
+"""A fit, and its scores on the rows of weight 0."""
 
 
 def fit(
@@ -181,9 +190,9 @@ def fit(
     answers = _carried_out(sample, settings, jobs, executor, progress)
     warnings, candidates = [], []
     for k in sorted(settings.components):
-        if (found := answers[k, -1].fit) is None:
-            raise InputError(*(answers[k, -1].refusal or ("fit", f"K = {k} failed", None)))
-        scores = _joined([answers[k, fold].scores for fold in range(folds)])
+        found, _ = _accepted(answers[k, -1])
+        parts = [answers[k, fold] for fold in range(folds)]
+        scores = _joined([{} if isinstance(part, InputError) else part[1] for part in parts])
         if folds and not scores:
             warnings.append(f"K = {k} has no held-out score: one of its folds could not be fitted.")
         if not found.converged:
@@ -233,12 +242,10 @@ def refits(
         times = np.bincount(vehicles, minlength=sample.vehicles)
         weights = sample.weights * times[sample.vehicle]
         jobs[components, number] = weights, (components, 0, number)
-    answers = _carried_out(sample, settings, jobs, executor, progress, scored=False)
-    for (_, number), answer in sorted(answers.items(), key=lambda each: each[0]):
-        if answer.fit is None:
-            where, problem, allowed = answer.refusal or ("fit", "failed", None)
-            raise InputError(f"refit {number}: {where}", problem, allowed)
-        yield answer.fit.mixture
+    answers = _carried_out(sample, settings, jobs, executor, progress)
+    for key in jobs:
+        with refused_at(f"refit {key[1]}:"):
+            yield _accepted(answers[key])[0].mixture
 
 
 class _Processes(ProcessPoolExecutor):
@@ -283,59 +290,56 @@ def _end_with_parent() -> None:
 def _carried_out(
     sample: Sample,
     settings: Settings,
-    jobs: Mapping[tuple[int, int], tuple[FloatArray, tuple[int, ...]]],
+    jobs: Mapping[_Key, _Job],
     executor: Executor | None,
     progress: Progress,
-    scored: bool = True,
-) -> dict[tuple[int, int], _Answer]:
-    """The answers to jobs, each of which has weights of the rows and the key of its seed."""
+) -> dict[_Key, _Scored | InputError]:
+    """The fits of jobs, or why they are refused."""
     progress(0, len(jobs))
-    answers: dict[tuple[int, int], _Answer] = {}
-    if executor is None:
-        for key, job in jobs.items():
-            answers[key] = _run(sample, settings, *job, scored)
-            progress(len(answers), len(jobs))
-        return answers
-    waiting = {
-        executor.submit(_run, sample, settings, *job, scored): key for key, job in jobs.items()
-    }
-    try:
-        for future in as_completed(waiting):
-            answers[waiting[future]] = future.result()
-            progress(len(answers), len(jobs))
-    except RuntimeError as error:  # the pool is broken
-        raise HarnessError(f"a worker died during a fit ({error})") from None
+    calls = {key: partial(_run, sample, settings, *job) for key, job in jobs.items()}
+    results: Iterable[tuple[_Key, Callable[[], _Scored]]] = calls.items()
+    if executor is not None:
+        waiting = {executor.submit(call): key for key, call in calls.items()}
+        results = ((waiting[future], future.result) for future in as_completed(waiting))
+    answers: dict[_Key, _Scored | InputError] = {}
+    for key, result in results:
+        try:
+            answers[key] = result()
+        except InputError as error:
+            answers[key] = error
+        except BrokenExecutor as error:
+            raise HarnessError(f"a worker died during a fit ({error})") from None
+        progress(len(answers), len(jobs))
     return answers
 
 
-def _run(
-    sample: Sample, settings: Settings, weights: FloatArray, key: tuple[int, ...], scored: bool
-) -> _Answer:
+def _accepted(answer: _Scored | InputError) -> _Scored:
+    if isinstance(answer, InputError):
+        raise answer
+    return answer
+
+
+def _run(sample: Sample, settings: Settings, weights: FloatArray, key: tuple[int, ...]) -> _Scored:
     """Fit the rows of weight above 0, and score those of weight 0."""
     used = weights > 0
-    try:
-        found = fit_mixture(
-            sample.data[used],
-            key[0],
-            sample.lower,
-            sample.upper,
-            sample_weight=weights[used],
-            n_init=settings.starts,
-            seed=np.random.SeedSequence(settings.seed, spawn_key=key),
-            names=LABELS,
-        )
-    except InputError as error:
-        return _Answer(None, {}, (error.where, error.problem, error.allowed))
-    if not scored or used.all() or sample.vehicle is None:
-        return _Answer(found, {}, None)
-    held, scores = sample.weights[~used], {}
+    found = fit_mixture(
+        sample.data[used],
+        key[0],
+        sample.lower,
+        sample.upper,
+        sample_weight=weights[used],
+        n_init=settings.starts,
+        seed=np.random.SeedSequence(settings.seed, spawn_key=key),
+        names=LABELS,
+    )
+    if used.all() or sample.vehicle is None:
+        return found, {}
+    vehicle, held, scores = sample.vehicle[~used], sample.weights[~used], {}
     for name in TARGETS:
         logs = log_scores(found.mixture, sample.data[~used], name)
-        sums = [
-            np.bincount(sample.vehicle[~used], of, sample.vehicles) for of in (logs * held, held)
-        ]
+        sums = [np.bincount(vehicle, of, sample.vehicles) for of in (logs * held, held)]
         scores[name] = HeldOut(*np.array(sums, dtype=float))
-    return _Answer(found, scores, None)
+    return found, scores
 
 
 def log_scores(mixture: TruncatedGaussianMixture, data: FloatArray, target: str) -> FloatArray:
@@ -370,10 +374,7 @@ def _check(sample: Sample, settings: Settings, folds: int) -> None:
     most, rows = max(settings.components), len(sample.data)
     if rows < most:
         raise InputError("rows", f"{rows} rows for {most} components", "at least one row each")
-    whole = settings._replace(components=(1,))
-    _, _, refusal = _run(sample, whole._replace(starts=1), sample.weights, (1, 0), scored=False)
-    if refusal is not None:
-        raise InputError(*refusal)
+    _run(sample, settings._replace(starts=1), sample.weights, (1, 0))
     if len(settings.components) > 1:
         if settings.choose == "held-out" and not folds:
             by_held_out({})

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +100,7 @@ def card(
         "rows_read": sample.rows_read,
         "rows_outside_box": {**outside, "any": sample.rows_read - rows},
         "rows": rows,
-        "copied_rows": _copies(sample),
+        "copied_rows": sample.copies,
         **_counted(sample, np.ones(rows, bool)),
         "tracks": sample.tracks,
         "near_state": near,
@@ -154,13 +155,9 @@ def _counted(sample: Sample, of: np.ndarray) -> dict[str, float | int | None]:
     }
 
 
-def _copies(sample: Sample) -> int:
-    return len(sample.row) - len(np.unique(sample.row))
-
-
 def _data_warnings(sample: Sample, near: Mapping[str, Any]) -> Iterable[str]:
     """Yield warnings about copies of rows and vehicles, and about few of them near the state."""
-    if copies := _copies(sample):
+    if copies := sample.copies:
         yield (
             f"{copies} of {len(sample.row)} rows are copies of another row. A row in m encounters "
             f"has weight 1/m in each, and BIC's n is {sample.weights.sum():.4g}."
@@ -233,6 +230,8 @@ def fit_model(
         fitted = fit(sample, settings, executor, progress)
         made = fitted.chosen.fit.mixture
         model = write_model(out, made, name, card(sample, settings, fitted, file, command))
+        for old in out.parent.glob(f"{escape(out.stem)}.refit-*.json"):
+            old.unlink()  # of another fit
         again = made_again(sample, fitted.chosen.components, drawn, settings, executor, progress)
         written = [out]
         for number, mixture in enumerate(again, 1):
