@@ -87,7 +87,8 @@ class Approaches:
             driver,
         )
         factor, most_mps = vehicles.speed_factor(name), vehicles.max_speed_mps(name)
-        return Car(name, type_id, automated, vehicle, factor, most_mps)
+        late = not vehicle.obeys_at_once
+        return Car(name, type_id, automated, vehicle, factor, most_mps, late)
 
     def steps_until_near(self, car: Car) -> int:
         """The number of steps after which a planned vehicle may be near; 0 if it is."""

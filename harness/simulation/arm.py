@@ -5,7 +5,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
-from harness.core.encounter import Arm, PedestrianView
+from harness.core.encounter import Arm
 from harness.encounter.deciding import ROUNDING_M
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.session import Collision, Session
@@ -90,7 +90,7 @@ class ArmOfPair:
         self.sight = Sight(setup.scenario, pair, session, self.people)
         ego, ballistic = setup.scenario.ego, setup.config.ballistic
         detection_m = ego.detection_range_m or ego.trigger_range_m
-        self.control = Control(session, detection_m, ballistic, self._views, self.people)
+        self.control = Control(session, detection_m, ballistic, self.people, self.sight.shown)
         self.approaches = Approaches(setup, session)
         self._due: dict[int, list[Car]] = defaultdict(list)
         self._hits: set[tuple[str, str]] = set()
@@ -165,11 +165,6 @@ class ArmOfPair:
             names = {each.crosswalk.id for car in cars for each in car.passages if each.time_s}
         for name in names:
             self.people[name].note(time_s)
-
-    def _views(self, passage: Passage, near: bool) -> tuple[PedestrianView, ...]:
-        if passage.updates is not None:
-            return self.sight.shown(passage, near=near)
-        return self.people[passage.crosswalk.id].views(passage.zone) if near else ()
 
     # Events
 

@@ -16,7 +16,6 @@ from harness.core.encounter import (
     Crossing,
     EgoView,
     Observation,
-    PedestrianView,
     Strategy,
     Vehicle,
     quick_tuple,
@@ -58,6 +57,7 @@ class Car:
         name: SUMO's id.
         type_id, automated: its vType; whether it is an AV, in either arm.
         vehicle: its constants; v0 and R0 are those of each passage.
+        late: whether it obeys late.
         speed_factor, max_mps: its own factor of speed limits, and its type's largest speed.
         lane: the last lane that it was planned from.
         next_m, replan_m: the odometer from which passages begin or end, or its lane may change.
@@ -80,6 +80,7 @@ class Car:
     vehicle: Vehicle
     speed_factor: float
     max_mps: float
+    late: bool = False
     lane: str = ""
     next_m: float = -math.inf
     replan_m: float = -math.inf
@@ -216,9 +217,9 @@ class Control:
         session: SUMO.
         detection_m: distance within which drivers see people.
         ballistic: whether vehicles move with constant acceleration within a step.
-        views: the people whom a passage's driver sees; with whether the vehicle is within
-            ``detection_m``.
         people: everybody at each crosswalk.
+        shown: the people whom a driver with a sensor sees; with whether the vehicle is within
+            ``detection_m``.
     """
 
     def __init__(
@@ -226,12 +227,12 @@ class Control:
         session: Session,
         detection_m: float,
         ballistic: bool,
-        views: Callable[[Passage, bool], tuple[PedestrianView, ...]],
         people: Mapping[str, PeopleAt],
+        shown: Callable[[Passage, bool], Views],
     ) -> None:
         self._session, self._vehicles = session, session.vehicles
         self._detection_m, self._ballistic = detection_m + ROUNDING_M, ballistic
-        self._step_s, self._views, self._people = session.step_s, views, people
+        self._step_s, self._shown, self._people = session.step_s, shown, people
         self.driven: dict[str, Car] = {}
 
     def update(self, car: Car) -> None:
@@ -280,7 +281,7 @@ class Control:
                 self._leave(car)
                 continue
             target_mps = wish_mps = max(0.0, car.speed_mps + lowest * self._step_s)
-            if not car.vehicle.obeys_at_once:
+            if car.late:
                 target_mps = self._late(car, lowest)
             car.limited_by = STRATEGY if abs(target_mps - wish_mps) <= CUT_MPS else ACTUATOR
             if target_mps > car.least_mps:
@@ -325,7 +326,12 @@ class Control:
         assert strategy is not None
         range_m = passage.centre_m - car.odometer_m
         time_s = (len(passage.xs_m) - 1) * self._step_s
-        seen = self._views(passage, -self._detection_m <= range_m <= self._detection_m)
+        near = -self._detection_m <= range_m <= self._detection_m
+        seen: Views = ()
+        if passage.updates is not None:
+            seen = self._shown(passage, near)
+        elif near:
+            seen = self._people[passage.crosswalk.id].views(passage.zone)
         ego = quick_tuple(EgoView, (range_m, car.speed_mps, car.acceleration_mps2))
         observation = quick_tuple(
             Observation, (time_s, self._step_s, ego, vehicle, passage.crossing, seen)
@@ -334,7 +340,7 @@ class Control:
             answer = strategy.decide(observation)
         except (Exception, SystemExit) as error:
             raise _named(passage, now_s, strategy_raised(error, time_s)) from error
-        if answer is None and vehicle.obeys_at_once:
+        if answer is None and not car.late:
             return None
         try:
             return limited(answer, vehicle, time_s)

@@ -58,16 +58,16 @@ class Sight:
         )
         passage.hides = sensor.vehicles_hide
 
-    def shown(self, passage: Passage, *, near: bool) -> Views:
+    def shown(self, passage: Passage, near: bool) -> Views:
         """The people that a vehicle's driver sees; ``near``: within its detection range."""
         assert passage.updates is not None
         assert passage.shown is not None
         step = len(passage.shown)
-        shown = passage.updates.shown(step, lambda: self._look(passage, near=near))
+        shown = passage.updates.shown(step, lambda: self._look(passage, near))
         passage.shown.append(shown)
         return shown
 
-    def _look(self, passage: Passage, *, near: bool) -> Iterable[tuple[PedestrianView, bool]]:
+    def _look(self, passage: Passage, near: bool) -> Iterable[tuple[PedestrianView, bool]]:
         people = self._people[passage.crosswalk.id]
         views = people.views(passage.zone)
         if not near or not passage.hides or not views:

@@ -17,8 +17,8 @@ _PATH_M = 40.0
 class Link(NamedTuple):
     """A connection ahead, from ``begin_m`` to ``end_m``.
 
-    ``yields``: SUMO has to mind others at it: vehicles that have the right of way, or people with
-    priority on a crosswalk that is not chosen.
+    ``yields``: SUMO keeps the right of way.  It does so except where it would slow down for a chosen
+    crosswalk on which people have priority, and no vehicles or people have it elsewhere.
     """
 
     begin_m: float
@@ -107,7 +107,9 @@ class Zones:
                 for via in way.via:
                     limits.append((at_m, town.lane(via).limit_mps))
                     at_m += town.lane(via).length_m
-                links.append(Link(begin_m, at_m, way, way.gives_way or way.id in self._minds))
+                zebra = any(each.prioritized for each in self.crosswalks(way))
+                yields = way.gives_way or way.id in self._minds or not zebra
+                links.append(Link(begin_m, at_m, way, yields))
             limits.append((at_m, town.lane(name).limit_mps))
             at_m += town.lane(name).length_m
             until_m = min(until_m, at_m + reach_m)

@@ -86,8 +86,11 @@ def test_waits_at_low_flow_are_adams(tmp_path: Path) -> None:
 def test_delay_of_a_lone_vehicle_under_absolute_priority(tmp_path: Path) -> None:
     """(e^{λτ} − λτ − 1)/λ where speeding up takes no time: all accelerations are 20 m/s².
 
-    τ is the time of a walk over the crosswalk, then that of the metre between where Hard-Yield
-    stops and the crosswalk, and half a step.
+    A vehicle that waits stands 1 m before the crosswalk, so it needs 1 m/v from its start until its
+    bumper is over the edge, and a person who comes within that time stops it again.  The gap
+    between people that lets it pass is therefore a walk over the crosswalk and 1 m/v, and its delay
+    ends 1 m/v after its start, as that of a free vehicle ends 1 m/v after the same place.  It looks
+    at the beginning of steps, on average half a step late.
     """
     walking, rate = 0.6, 1000.0
     limits = ("max_acceleration_mps2", "max_deceleration_mps2", "resume_acceleration_mps2")
@@ -111,9 +114,11 @@ def test_delay_of_a_lone_vehicle_under_absolute_priority(tmp_path: Path) -> None
 def test_capacity_under_absolute_priority(tmp_path: Path) -> None:
     """λ e^{−λ(τ + t0)}/(1 − e^{−λ h}) of a saturated lane with Hard-Yield, within 15 %.
 
-    h is the headway of the queue without people, in the same run of cells; the first vehicle stops
-    a metre before the crosswalk and reaches it t0 = √(2 m/a0) later.  With a constant t0 and h the
-    form agrees no closer.
+    h is the headway of the queue without people, in the same run of cells.  The k-th vehicle has
+    committed itself, d_k after the crosswalk became free, once its bumper is over the edge: Hard-
+    Yield stops for people until then.  The first one stands a metre before it, so with a0 = 1 m/s²
+    d_0 = √(2 · 1 m/a0), and each of the others follows a headway later.  That the first ones are
+    slower than the queue at speed is left out.
     """
     scenario = validate(
         {
