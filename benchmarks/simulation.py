@@ -136,7 +136,7 @@ def hour_s(checkout: Path, folder: Path) -> float:
     """The processor time of an hour of ``[traffic]`` with a checkout's command."""
     file = folder / "hour.toml"
     file.write_text(HOUR, encoding="utf-8")
-    options = ["--pairs", 1, "--workers", 0, "--quiet", "--out", folder / checkout.name]
+    options = ["--pairs", 1, "--workers", 1, "--quiet", "--out", folder / checkout.name]
     begin_s = used_s()
     call(checkout / ".venv/bin/harness", "run", file, *options)
     return used_s() - begin_s
