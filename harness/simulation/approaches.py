@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 
 from harness.core.encounter import Arm
 from harness.engine.session import Session
-from harness.simulation.driving import Car, Passage
+from harness.simulation.cars import Car, Passage
 from harness.simulation.setup import Setup
 
 _SIGHT_M = 200.0

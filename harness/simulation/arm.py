@@ -11,7 +11,8 @@ from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.session import Collision, Session
 from harness.model.interaction import InteractionModel
 from harness.simulation.approaches import Approaches
-from harness.simulation.driving import PASSED, Car, Control, Passage
+from harness.simulation.cars import PASSED, Car, Passage
+from harness.simulation.driving import Control
 from harness.simulation.own_people import OwnPeople
 from harness.simulation.people import PeopleAt
 from harness.simulation.seeing import Sight

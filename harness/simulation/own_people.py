@@ -5,7 +5,6 @@ In SUMO they are from kerb to kerb only; who waits is known to the harness alone
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
 
 from harness.core.encounter import Crossing, Side
 from harness.encounter.cell_constants import CellConstants
@@ -13,13 +12,11 @@ from harness.encounter.crowd import Crowd
 from harness.encounter.walkers import ChooseSpeed, Walker
 from harness.engine.session import Session
 from harness.measures.motion.walking import cleared_s
+from harness.simulation.cars import Car, Passage
 from harness.simulation.setup import Setup
 from harness.simulation.walked import Axis, Walked, moved
 from harness.site.town import Crosswalk
 from harness.site.zone import Zone
-
-if TYPE_CHECKING:
-    from harness.simulation.driving import Car, Passage
 
 HELD_M = 0.05
 """The harness's people are moved in SUMO only this far from both kerbs."""

@@ -28,7 +28,7 @@ from harness.measures.contacts import Strike
 from harness.measures.efficiency import beyond
 from harness.measures.ego import ego_state
 from harness.measures.motion.walking import states_at
-from harness.simulation.driving import LIMITS, Passage
+from harness.simulation.cars import LIMITS, Passage
 from harness.simulation.walked import Axis, Walked, moved
 from harness.simulation.zones import Zones
 from harness.site.path import Path

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, PedestrianView
 from harness.engine.session import Session
 from harness.scenario import Scenario
-from harness.simulation.driving import Passage
+from harness.simulation.cars import Passage
 from harness.simulation.people import PeopleAt
 from harness.simulation.shares import number_of
 from harness.strategies.perception.occlusion import Point, Rectangle, is_hidden, outline

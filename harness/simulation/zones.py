@@ -17,8 +17,8 @@ _PATH_M = 40.0
 class Link(NamedTuple):
     """A connection ahead, from ``begin_m`` to ``end_m``.
 
-    ``yields``: SUMO keeps the right of way.  It does so except where it would slow down for a chosen
-    crosswalk on which people have priority, and no vehicles or people have it elsewhere.
+    ``yields``: SUMO keeps the right of way.  It does so except where it would slow down for a
+    chosen crosswalk on which people have priority, and no vehicles or people have it elsewhere.
     """
 
     begin_m: float

@@ -22,7 +22,7 @@ from harness.results.result import Result, listed
 from harness.results.simulated import which
 from harness.results.tables import PASSAGES, Row
 from harness.scenario.sections import ConflictsSection
-from harness.simulation.driving import Car, Passage
+from harness.simulation.cars import Car, Passage
 from harness.simulation.listing import chosen
 from harness.simulation.passages import passages
 from harness.simulation.walked import Axis, Walked, walked_of

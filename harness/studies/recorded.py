@@ -8,7 +8,7 @@ from pathlib import Path
 
 from harness.core.errors import InputError
 from harness.engine.fcd import FORMATS, Record, records
-from harness.simulation.driving import PASSED, Car, Passage
+from harness.simulation.cars import PASSED, Car, Passage
 from harness.simulation.walked import Axis, Seen
 from harness.simulation.zones import Zones
 from harness.site.town import Connection

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as some
 
 from harness.core.encounter import Arrival, Ending, Leg, Side, Trace, Vehicle, Walk
 from harness.measures import measure
-from harness.simulation.driving import Car, Passage
+from harness.simulation.cars import Car, Passage
 from harness.simulation.passages import free_pass_s, strike_of
 from harness.simulation.walked import Axis, Walked, moved
 from harness.site.path import Path, PathLane

@@ -1,0 +1,186 @@
+"""Vehicles on their ways over chosen crosswalks.
+
+A vehicle's places are values of SUMO's odometer, so that two crosswalks in a row are two places on
+one axis.
+"""
+
+import math
+from array import array
+from dataclasses import dataclass, field
+
+from harness.core.actuation import Actuator
+from harness.core.encounter import Crossing, Strategy, Vehicle
+from harness.simulation.zones import Link
+from harness.site.town import Connection, Crosswalk
+from harness.site.zone import Zone
+from harness.strategies.perception.updates import Updates, Views
+
+LIMITS = ("strategy", "actuator", "lane", "leader", "right_of_way")
+"""What decides a driven vehicle's speed in a step; lanes include curves."""
+STRATEGY, ACTUATOR, LANE, LEADER, RIGHT_OF_WAY = range(len(LIMITS))
+
+PASSED = "passed"
+
+_SAME_M = 15.0
+"""The stop lines of a vehicle's lanes at one junction are this near to each other."""
+
+
+@dataclass(slots=True, eq=False)
+class Car:
+    """A vehicle that is, or soon will be, on its way over a chosen crosswalk.
+
+    Attributes:
+        name: SUMO's id.
+        type_id, automated: its vType; whether it is an AV, in either arm.
+        vehicle: its constants; v0 and R0 are those of each passage.
+        late: whether it obeys late.
+        speed_factor, max_mps: its own factor of speed limits, and its type's largest speed.
+        lane: the last lane that it was planned from.
+        next_m, replan_m: the odometer from which passages begin or end, or its lane may change.
+        odometer_m, speed_mps, acceleration_mps2: its state at the end of the last step.
+        passages: its passages that have not ended, in order.
+        changed: whether they, or what lies ahead, have changed.
+        limits: (odometer, speed in m/s) where each lane ahead begins, for this vehicle.
+        least_mps: the lowest of the limits.
+        links: the connections ahead, by the odometer.
+        mode: the speed mode while a strategy drives, else None.
+        sent_mps, asked_mps: the last command to SUMO, and the one of this step.
+        limited_by: what decided the command (``LIMITS``).
+        held_by: what made SUMO drive slower than commanded; None: nothing.
+        actuator: what passes commands on, if the vehicle obeys late.
+    """
+
+    name: str
+    type_id: str
+    automated: bool
+    vehicle: Vehicle
+    speed_factor: float
+    max_mps: float
+    late: bool = False
+    lane: str = ""
+    next_m: float = -math.inf
+    replan_m: float = -math.inf
+    odometer_m: float = 0.0
+    speed_mps: float = 0.0
+    acceleration_mps2: float = 0.0
+    passages: "list[Passage]" = field(default_factory=list)
+    changed: bool = False
+    limits: list[tuple[float, float]] = field(default_factory=list)
+    least_mps: float = math.inf
+    links: list[Link] = field(default_factory=list)
+    mode: int | None = None
+    sent_mps: float | None = None
+    asked_mps: float | None = None
+    limited_by: int = STRATEGY
+    held_by: int | None = None
+    actuator: Actuator | None = None
+
+    def limit_mps(self, lane_mps: float) -> float:
+        """The vehicle's own limit on a lane with this speed limit."""
+        return min(self.max_mps, lane_mps * self.speed_factor)
+
+
+@dataclass(slots=True, eq=False)
+class Passage:
+    """One vehicle's way over one chosen crosswalk, from R0 until its rear has left.
+
+    Attributes:
+        car: the vehicle.
+        crosswalk: the crosswalk.
+        connection, zone, crossing: where the vehicle meets it.
+        stop_m: the odometer at the stop line.
+        vehicle: the car's constants; once it has begun, with v0 and R0 of this passage and the
+            size of its zone: the straight frame's body covers the same part of the crosswalk.
+        driver: who drives, or ``sumo``.
+        strategy: the strategy that drives, until the passage has ended.
+        not_driven: why no strategy drives it, or None.
+        time_s, xs_m, speeds_mps: its states in the straight frame, at every step from R0 on.
+        trace_offset_s: time from R0 until the first of them.
+        limited: number of driven steps by what limited them (``LIMITS``).
+        ended: how it ended; None while it goes on.
+        fallback, collided: whether its strategy fell back, and whether SUMO saw a collision.
+        updates, shown: the driver's sensor and what it showed at each step; None: the truth.
+        hides: whether vehicles hide people from it.
+    """
+
+    car: Car
+    crosswalk: Crosswalk
+    connection: Connection
+    zone: Zone
+    crossing: Crossing
+    stop_m: float
+    vehicle: Vehicle
+    driver: str = "sumo"
+    strategy: Strategy | None = None
+    not_driven: str | None = None
+    # Unlike lists, arrays take no time of the garbage collector.
+    time_s: "array[float]" = field(default_factory=lambda: array("d"))
+    xs_m: "array[float]" = field(default_factory=lambda: array("d"))
+    speeds_mps: "array[float]" = field(default_factory=lambda: array("d"))
+    trace_offset_s: float = 0.0
+    limited: list[int] = field(default_factory=lambda: [0] * len(LIMITS))
+    ended: str | None = None
+    fallback: bool = False
+    collided: bool = False
+    updates: Updates | None = None
+    shown: list[Views] | None = None
+    hides: bool = False
+    first_m: float = 0.0
+    last_m: float = 0.0
+    centre_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Compute the odometer where the body first and last touches it, and at x = 0."""
+        self.first_m = self.stop_m + self.zone.first_m
+        self.last_m = self.stop_m + self.zone.last_m
+        self.centre_m = self.stop_m + self.zone.centre_m
+
+    # What the harness's people see of it (``encounter.approaching.Approaching``)
+
+    @property
+    def x_m(self) -> float:
+        """x as the people at the crosswalk see it: its near edge is at − half the width."""
+        return self.car.odometer_m - self.first_m - self.crosswalk.width_m / 2
+
+    @property
+    def passed_at_m(self) -> float:
+        """``x_m`` at which the rear has left."""
+        return self.last_m - self.first_m - self.crosswalk.width_m / 2
+
+    @property
+    def begun(self) -> bool:
+        """Whether it has passed R0."""
+        return bool(self.time_s)
+
+    @property
+    def passed(self) -> bool:
+        """Whether its rear has left."""
+        return self.ended == PASSED
+
+    @property
+    def speed_mps(self) -> float:
+        """The vehicle's speed."""
+        return self.car.speed_mps
+
+    @property
+    def acceleration_mps2(self) -> float:
+        """The vehicle's acceleration."""
+        return self.car.acceleration_mps2
+
+    def is_like(self, other: "Passage") -> bool:
+        """Whether it leads over the same crosswalk at the same time."""
+        return self.crosswalk is other.crosswalk and abs(self.stop_m - other.stop_m) < _SAME_M
+
+    def note(self, time_s: float) -> None:
+        """Note the state at the end of a step."""
+        self.time_s.append(time_s)
+        self.xs_m.append(self.car.odometer_m - self.centre_m)
+        self.speeds_mps.append(self.car.speed_mps)
+
+    def move_to(self, other: "Passage") -> None:
+        """Go on, and be measured, on the connection of a lane to which the vehicle changed."""
+        before_m = self.centre_m
+        self.connection, self.zone, self.crossing = other.connection, other.zone, other.crossing
+        self.stop_m = other.stop_m
+        self.__post_init__()
+        self.xs_m = array("d", (x_m + before_m - self.centre_m for x_m in self.xs_m))
