@@ -42,13 +42,16 @@ def run(
     try:
         from harness.scenario import parse_variation, read_scenario_file, remarks, study_of
 
-        file = read_scenario_file(scenario, settings_of(settings, pairs, seed))
+        changes = settings_of(settings, pairs, seed)
+        file = read_scenario_file(scenario, changes)
         variations = [parse_variation(text) for text in vary or []]
         if over_model:
             from harness.model.interaction import refits_beside
 
             model = file.scenario().model
             variations += refits_beside(model.name, model.path).items()
+            others = [each for each in changes if each.key not in ("model.name", "model.path")]
+            file = read_scenario_file(scenario, others)
         study = study_of(file, variations)
         lines = [line for cell in study.cells for line in remarks(cell.scenario)]
         for remark in filter(None, dict.fromkeys([study.remark, *lines])):
