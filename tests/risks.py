@@ -54,6 +54,12 @@ def gain(numbers: dict[str, Finding]) -> float:
     return numbers["brute_force_episodes"].count / numbers["episodes"].count
 
 
+def holds(numbers: dict[str, Finding], truth: float) -> bool:
+    """Whether the interval holds the truth."""
+    of = numbers["probability"]
+    return of.low is not None and of.high is not None and of.low <= truth <= of.high
+
+
 def is_true(numbers: dict[str, Finding], truth: float) -> bool:
     """Whether what is said holds: the interval's lower end, and the bound of all ways."""
     low, high = numbers["probability"].low or 0.0, numbers["all_ways_high"].value

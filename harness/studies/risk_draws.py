@@ -365,7 +365,7 @@ def rounds_of(
             weighted = _RESERVE * learning.squared_cv
             if weighted * learning.cost < needed:
                 needed, proposal = weighted, learning.proposal
-    least = _LEAST_DRAWS if events < enough else _LOOKS
+    least = _LOOKS if events >= enough or proposal.placed is not None else _LEAST_DRAWS
     learning.draw(proposal, min(max(math.ceil(needed / target_cv**2), least), most))
     return learning.rounds
 
