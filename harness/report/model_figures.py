@@ -7,6 +7,7 @@ colour, so greyscale is readable.
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,7 +31,7 @@ from harness.model.sample import Sample, make_sample, read_rows
 from harness.report.page import write_result
 from harness.report.style import BLUE, MUTED, SERIES, VERMILLION, finish, save, styled
 from harness.results.result import Result
-from harness.studies.fitting import RULE_SHARE, relative_gain
+from harness.studies.fitting import RULE_SHARE
 
 AXIS_LABELS = ("1/R (1/m)", "vehicle speed v (m/s)", "walking speed v_p (m/s)", "1/T_adv (1/s)")
 PAIRS = ((0, 1), (0, 2), (3, 2))
@@ -75,31 +76,33 @@ def write_model_page(
     with styled():
         drawn = [("pairs", "Pairs of variables", *_pairs(model, sample))]
         drawn.append(("speeds", "Speeds under conditions", *_speeds(model)))
-        if len(model.provenance.get("candidates", ())) > 1:
-            drawn.insert(0, ("components", "Number of components", *_components(model)))
+        if len(result.records) > 1:
+            drawn.insert(0, ("components", "Number of components", *_components(result)))
         kept = [(figure, words, folder, name) for name, _, words, figure in drawn if folder]
         written = [path for each in kept for path in save(*each)]
     return [*written, *([write_result(result, page, drawn)] if page else [])]
 
 
-def _components(model: InteractionModel) -> tuple[str, Figure]:
+def _components(result: Result) -> tuple[str, Figure]:
     """BIC, the gain of each component, and the held-out scores."""
-    card = model.provenance
-    bic = {each["components"]: each["bic"] for each in card["candidates"]}
-    gain = {k: 100 * share for k, share in relative_gain(bic).items()}
-    scores = {each["components"]: each["held_out"] for each in card["candidates"]}
-    scores = {k: of for k, of in scores.items() if of}
-    figure, axes = _panels(1, 3 if scores else 2, 4.0)
-    _over_components(axes[0], bic, "BIC (lower is better)", card["components"])
-    _over_components(axes[1], gain, "gain in BIC, share of the second's (%)")
-    axes[1].axhline(100 * RULE_SHARE, color=VERMILLION, lw=1.2, ls="--", label="the rule's limit")
+    records: Any = result.records
+    bic, gain, scores = (
+        {
+            each["components"]: np.array((of.value, of.low, of.high), dtype=float)
+            for each in records
+            if (of := each[key]) is not None
+        }
+        for key in ("bic", "bic_gain_share", "held_out")
+    )
+    figure, axes, chosen = *_panels(1, 3 if scores else 2, 4.0), result.facts["components"]
+    _over_components(axes[0], bic, "BIC (lower is better)", chosen)
+    _over_components(axes[1], gain, "gain in BIC, share of the second's")
+    axes[1].axhline(RULE_SHARE, color=VERMILLION, lw=1.2, ls="--", label="the rule's limit")
+    for k, ends in scores.items():
+        axes[2].plot([k, k], ends[1:], color=MUTED)
     if scores:
-        means = {k: of["mean"] for k, of in scores.items()}
-        errors = [1.96 * (of["standard_error"] or 0.0) for of in scores.values()]
-        axes[2].errorbar([*means], [*means.values()], errors, fmt="none", ecolor=MUTED)
-        _over_components(axes[2], means, "held-out log f(v_p | 1/R, v) (nats)", card["components"])
-    caption = f"{model.name}: n = {card['rows']:,} rows; BIC's n is {card['weight_sum']:.0f}. "
-    return f"{caption}Bars: 95 % over vehicles. Square: the chosen K.", figure
+        _over_components(axes[2], scores, "held-out log f(v_p | 1/R, v) (nats)", chosen)
+    return f"{result.title}. Bars: 95 % over vehicles. Square: the chosen K.", figure
 
 
 def _pairs(model: InteractionModel, sample: Sample | None) -> tuple[str, Figure]:
@@ -204,11 +207,12 @@ def _draw_density(
 
 
 def _over_components(
-    axes: Axes, values: Mapping[int, float], label: str, chosen: int | None = None
+    axes: Axes, found: Mapping[int, FloatArray], label: str, chosen: object = None
 ) -> None:
     """Draw values over K, joined by a line, with a square around the chosen K."""
-    axes.plot([*values], [*values.values()], "o-", color=BLUE, ms=4, lw=1.4)
-    if chosen is not None and chosen in values:
-        axes.plot(chosen, values[chosen], "s", ms=10, mfc="none", mec=VERMILLION, mew=1.8)
+    axes.plot([*found], [of[0] for of in found.values()], "o-", color=BLUE, ms=4, lw=1.4)
+    for k, of in found.items():
+        if k == chosen:
+            axes.plot(k, of[0], "s", ms=10, mfc="none", mec=VERMILLION, mew=1.8)
     finish(axes, "number of components K", label)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -260,7 +260,7 @@ def model_result(
         rule, near, outside = of["rule"]["components"], of["near_state"], of["rows_outside_box"]
         columns = ", ".join(f"{name} {n}" for name, n in outside.items() if n and name != "any")
         records = [
-            {column.key: _number(fit[column.key], of["vehicles"]) for column in _OVER_K}
+            {column.key: _number(fit, column.key, of["vehicles"]) for column in _OVER_K}
             for fit in of["candidates"]
         ]
         rows = [tuple(map(_entered, record.values(), _OVER_K.values())) for record in records]
@@ -280,7 +280,7 @@ def model_result(
             notes=_notes(map(str, of["warnings"])),
             closing=tuple(closing),
             remarks=(*(f"$ {each}" for each in of["commands"]), f"rows {of['rows_sha256']}"),
-            facts=facts | {"chosen_by": of["chosen_by"], "components": of["components"]},
+            facts=facts | {"chosen_by": of["chosen_by"], "components": _whole(of["components"])},
             records=records,
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -319,16 +319,25 @@ def _notes(texts: Iterable[str]) -> tuple[Note, ...]:
     return tuple(Note("warning", rank, "warning", text) for rank, text in enumerate(texts))
 
 
-def _number(value: Any, vehicles: int | None) -> Plain | Finding:
+def _number(fit: Mapping[str, Any], key: str, vehicles: int | None) -> Plain | Finding:
     """A number of a candidate; scores have 95 % intervals over vehicles."""
+    value = fit[key]
+    if key == "components":
+        return _whole(value)
     if not isinstance(value, Mapping):
-        return Finding(value) if isinstance(value, float) else value
+        return None if value is None else Finding(value)
     mean, error = value["mean"], value["standard_error"]
     if mean is None or error is None or vehicles is None:
         return Finding(mean)
     few = f"{vehicles} vehicles, reliable from {_RELIABLE_FROM} on"
     ends, enough = (mean - _NORMAL * error, mean + _NORMAL * error), vehicles >= _RELIABLE_FROM
     return Finding(mean, *ends, vehicles, reliable=enough, reason=None if enough else few)
+
+
+def _whole(value: Any) -> int:
+    if type(value) is not int:
+        raise TypeError(f"{value!r} is no whole number")
+    return value
 
 
 def _entered(value: Plain | Finding, style: Style) -> Entered:

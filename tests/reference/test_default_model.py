@@ -98,12 +98,12 @@ def sample():
 @pytest.mark.parametrize("name", NAMES)
 def test_fitting_again_gives_the_same_density(name, sample):
     model = load_model(name)
-    fit = model.provenance["commands"][1]
+    command = model.provenance["commands"][1]
     settings = Settings(
         (model.mixture.weights.size,),
-        starts=int(option(fit, "--starts")),
+        starts=int(option(command, "--starts")),
         folds=0,
-        seed=int(option(fit, "--seed")),
+        seed=int(option(command, "--seed")),
     )
     again = fit(sample, settings).chosen.fit.mixture
     assert sample.data.shape == (model.provenance["rows"], len(VARIABLES))

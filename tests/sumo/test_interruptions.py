@@ -61,7 +61,7 @@ COMMANDS: dict[str, list[object]] = {
     "report": ["report", "RUN", "--figures", "out"],
     "export": ["export", "RUN", "--csv"],
     "extract": ["extract", MADE_UP / "vci_made_up", "--format", "vci", "--out", "out.parquet"],
-    "model show": ["model", "show", "dut", "--plots", "out"],
+    "model": ["model", "dut", "--figures", "out"],
 }
 
 

@@ -144,7 +144,8 @@ def read_records(
     tally.drop("records", "not_a_number", text.sum())
     tally.drop("records", "missing_value", (~finite & ~text).sum())
     tally.drop("records", "out_of_scale", (finite & ~usable).sum())
-    return table[[*names]].join(values / units)[usable]
+    scaled = values / units
+    return table[[*names]].assign(**{of: scaled[of] for of in columns})[usable]
 
 
 def as_numbers(path: Path, column: pd.Series) -> pd.Series:
