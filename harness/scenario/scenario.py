@@ -71,7 +71,7 @@ class Scenario(Section):
     def av_drives_alone(self) -> bool:
         """Whether no reference drives in the AV's arm, so that it is the same with any reference.
 
-        In own simulations the reference may drive vehicles that are not of ``av_types``.
+        In simulations the reference may drive vehicles that are not of ``av_types``.
         """
         if self.simulation is not None:
             return False

@@ -59,7 +59,7 @@ class Study:
 
     @property
     def long_pairs(self) -> bool:
-        """Whether a pair takes long: an hour of traffic or an own simulation.
+        """Whether a pair takes long: a simulation.
 
         A long pair is a task of its own, with the pairs of cells that share its AV's arm.
         """
@@ -113,7 +113,7 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
         cells.append(Cell(len(cells), varied, scenario))
     if len({cell.scenario.traffic is None for cell in cells}) > 1:
         allowed = "[traffic] in every cell, or in none"
-        raise InputError(source, "some cells are hours of traffic, others are not", allowed)
+        raise InputError(source, "some cells have [traffic], others have not", allowed)
     remark = _left_out(list(given), len(planned), len(cells)) if given else None
     study = Study(file.name, file.scenario(), tuple(cells), remark)
     _check_driven(study, [*file.settings, *(Setting(key, None, source) for key, _ in variations)])

@@ -4,7 +4,7 @@ from harness.core.encounter import Observation
 
 
 class SumoDriver:
-    """Lets SUMO's own car-following and junction model drive at every step of an own simulation.
+    """Lets SUMO's own car-following and junction model drive at every step of a simulation.
 
     It is refused without ``[simulation]``.
     """
