@@ -16,7 +16,7 @@ from concurrent.futures import (
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing import active_children, get_context, parent_process, resource_tracker
-from threading import Thread
+from threading import Thread, current_thread, main_thread
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -252,12 +252,23 @@ class _Processes(ProcessPoolExecutor):
     """Processes that do not hear Ctrl-C, and that end with this one."""
 
     def submit(self, fn: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
-        """Submit a call; a process that starts here inherits the blocked signal."""
+        """Submit a call; a process that starts here inherits the blocked signal.
+
+        An interruption waits until it has started: half a start would print a traceback.
+        """
+        came: list[int] = []
+        # Python handles signals in the main thread, and only there may their handlers be changed.
+        numbers = (signal.SIGINT, signal.SIGTERM) if current_thread() is main_thread() else ()
+        noting = [(of, signal.signal(of, lambda number, _: came.append(number))) for of in numbers]
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             return super().submit(fn, *arguments, **options)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            for number, handler in noting:
+                signal.signal(number, handler)
+            if came:
+                signal.raise_signal(came[0])
 
 
 @contextmanager
