@@ -17,7 +17,7 @@ import pytest
 
 CHECKOUT = Path(__file__).parents[2]
 CODE = {"harness": 22_500, "tests": 16_500, "benchmarks": 1_700, "docs": 600, "examples": 201}
-ROOMS = {"simulation": 2_290, "results": 2_165, "report": 1_490, "cli": 815, "studies": 4_650}
+ROOMS = {"simulation": 2_290, "results": 2_165, "report": 1_490, "cli": 815, "studies": 4_660}
 RUNNING = "tasks encounters children workers run replay watch evaluate candidates compare worst"
 MODULES, DOORS, PAGES, WEB = 220, 16, 3_500, 700
 IMPORTED, PASSED = 110, 15
