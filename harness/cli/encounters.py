@@ -123,7 +123,7 @@ def risk(
     from harness.studies.risk import risk as estimate
 
     study = study_of(read_scenario_file(scenario, settings_of(settings, None, seed)))
-    with progress_bar(quiet or as_json, "draws") as advance, unwinding():
+    with progress_bar(quiet or as_json, "parts") as advance, unwinding():
         cluster = _cluster(dask, workers, study.driven)
         asked = Arm(arm), target_cv, out, engine
         result = estimate(study, event, workers, cluster, advance, *asked)

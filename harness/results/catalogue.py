@@ -348,7 +348,8 @@ ENTRIES: tuple[Entry, ...] = (
           "all ways: the interval's end, and where draws are weighted `nominal_high` on top.",
           form=Form.SHARE, digits=2, undefined="every episode failed", screen=True),
     _RISK("probability_worst", "probability if failures were events", "The worst case.",
-          form=Form.SHARE, digits=2, undefined="no episode failed", screen=True),
+          form=Form.SHARE, digits=2, undefined="no episode failed", screen=True,
+          optional=True),
     _RISK("nominal_high", "upper bound by nominal draws alone", "One-sided, by Clopper and "
           "Pearson, from the nominal draws of all rounds.", form=Form.SHARE, digits=2,
           undefined="every episode failed"),
@@ -360,13 +361,12 @@ ENTRIES: tuple[Entry, ...] = (
           undefined=_NO_EVENT),
     _RISK("episodes", "episodes", "All that were run.", form=Form.COUNT, screen=True),
     _RISK("brute_force_episodes", "episodes that brute force would need", "For the same "
-          "coefficient of variation.", form=Form.COUNT, undefined=_NO_EVENT, screen=True),
+          "coefficient of variation.", form=Form.COUNT, undefined=_NO_EVENT, screen=True,
+          optional=True),
     *(_RISK(key, heading, meaning, form=Form.COUNT) for key, heading, meaning in (
         ("weighted", "weighted draws", "Draws of the estimate; 0: by brute force."),
         ("failures", "failed episodes", "They count as no event."),
-        ("timed_out_episodes", "timed-out episodes", "They count as no event."),
-        ("drew_more", "episodes with further draws", "In which the strategy drew more random "
-         "numbers than are sampled."))),
+        ("timed_out_episodes", "timed-out episodes", "They count as no event."))),
 )
 """The catalogue, in the order in which it is shown."""
 # fmt: on

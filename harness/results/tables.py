@@ -281,7 +281,6 @@ DRAWS = Table("draws", (
     Column("episodes", int, "", "episodes that it took", required=True),
     Column("reason", str, "", "why it failed"),
     Column("timed_out", bool, "", "whether it timed out", required=True),
-    Column("drew_more", bool, "", "whether the strategy drew more than is sampled", required=True),
     Column("uniforms", str, "", "of an event: its entry of `pedestrians.drawn`, as JSON"),
 ))
 """One row for each episode of a risk; those that only find an event's weight are counted."""

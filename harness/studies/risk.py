@@ -19,21 +19,21 @@ from threadpoolctl import threadpool_limits
 from harness.core.documents import JsonObject
 from harness.core.encounter import Arm, Ending, Trace
 from harness.core.errors import InputError, resume_command
-from harness.core.seeding import GIVEN_DRAWS, has_drawn_more, resampling
-from harness.encounter.arms import draws_of
+from harness.core.seeding import Given, resampling
+from harness.encounter.loop import Episode as Loop
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import open_engine
 from harness.measures import Outcome as Measured, measure
 from harness.results import folder as folders, tables
 from harness.results.catalogue import entries_of
-from harness.results.finding import Finding, Findings, Plain
+from harness.results.finding import Finding, Findings
 from harness.results.findings import CellFindings
 from harness.results.notes import Note
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.scenario import Cell, EngineName, Study, validate
 from harness.scenario.place import place_in_words
 from harness.scenario.study import study_from
-from harness.studies import risk_draws as of, run as runs
+from harness.studies import risk_draws, run as runs
 from harness.studies.risk_space import Event, Space, parse_event, space_of
 from harness.studies.tasks import EpisodeId, Rows, Task, Tell, part_pairs
 
@@ -54,7 +54,7 @@ class _Drawing:
 
     space: Space
     event: Event
-    proposal: of.Proposal
+    proposal: risk_draws.Proposal
 
     def run(self, task: Task, tell: Tell) -> Rows:
         """The rows of a task; units of which an episode was given up are recorded as failed."""
@@ -63,65 +63,56 @@ class _Drawing:
         runner = PairRunner(scenario, task.model, lambda: open_engine(scenario, task.engine))
         lost = {each.pair: failure.reason for each, failure in task.given_up.items()}
 
-        def run(episodes: Sequence[of.Episode]) -> list[of.Outcome]:
+        def run(episodes: Sequence[risk_draws.Episode]) -> list[risk_draws.Outcome]:
             kept = [each for each in episodes if each.unit not in lost]
             inputs = [(each.number, self.space.given(*each[2:4], each.number)) for each in kept]
-            drew: list[bool] = []
+            units = (each.unit for each in kept)
 
-            def ended(rng: np.random.Generator | None) -> None:
-                number, given = inputs[len(drew)]
-                unused = draws_of(scenario, arm, number, given=given)
-                drew.append(rng is not None and has_drawn_more(rng, unused))
-                tell(None, None)
+            def begins(_number: int, _arm: Arm, episode: Loop) -> None:
+                tell(EpisodeId(cell.number, next(units), arm), episode.x_m)
 
-            measured = runner.run_arm_given(
-                arm,
-                inputs,
-                ended,
-                lambda _number, _arm, episode: tell(
-                    EpisodeId(cell.number, kept[len(drew)].unit, arm), episode.x_m
-                ),
-            )
-            found = self._outcomes(kept, [*measured], drew)
+            measured = [*runner.run_arm_given(arm, inputs, lambda _rng: tell(None, None), begins)]
+            found = self._outcomes(kept, inputs, measured)
             return [
-                of.Outcome(False, reason=lost[each.unit]) if each.unit in lost else next(found)
+                risk_draws.Outcome(False, reason=lost[each.unit])
+                if each.unit in lost
+                else next(found)
                 for each in episodes
             ]
 
         with threadpool_limits(1, user_api="blas"):
-            rows = of.draw_units(self.proposal, self.space, cell.number, task.pairs, run)
+            rows = risk_draws.draw_units(self.proposal, self.space, cell.number, task.pairs, run)
         return Rows({cell.number: {tables.DRAWS.name: tables.DRAWS.of(rows)}})
 
     def _outcomes(
-        self, episodes: Sequence[of.Episode], measured: Sequence[Measured], drew: Sequence[bool]
-    ) -> Iterator[of.Outcome]:
-        def place(index: int | None, episode: of.Episode) -> int:
-            at = -1 if index is None else index - self.space.before
-            return at if 0 <= at < len(episode.people) else -1
+        self,
+        episodes: Sequence[risk_draws.Episode],
+        inputs: Sequence[tuple[int, Given]],
+        measured: Sequence[Measured],
+    ) -> Iterator[risk_draws.Outcome]:
+        def place(index: int | None, at: risk_draws.Episode) -> int:
+            rank = -1 if index is None else index - self.space.before
+            return rank if 0 <= rank < len(at.people) else -1
 
-        asked = [
+        alone = [
             [walk for walk in each.trace.walks if place(walk.arrival.index, at) == at.asked]
             for at, each in zip(episodes, measured, strict=True)
         ]
         traces = [
             replace(each.trace, walks=tuple(walks))
-            for each, walks in zip(measured, asked, strict=True)
-            if walks
+            for each, walks in zip(measured, alone, strict=True)
         ]
-        alone = iter(measure(traces))
-        for at, each, walks, more in zip(episodes, measured, asked, drew, strict=True):
-            record = each.record
-            event = record.ending is not Ending.ENGINE_FAILED and self.event.holds(record)
-            given = self.space.given(*at[2:4], at.number)
-            yield of.Outcome(
+        every = zip(episodes, inputs, measured, measure(traces), strict=True)
+        for at, (number, given), each, own in every:
+            event = self.event.holds(each.record)
+            yield risk_draws.Outcome(
                 event,
                 place(self._culprit(each), at) if event else -1,
-                self.event.scores(next(alone)) if walks else of.NEVER,
+                self.event.scores(own),
                 *_passage(each.trace),
-                record.reason,
-                record.ending is Ending.TIMED_OUT,
-                more,
-                json.dumps({"episode": at.number} | dict(given)) if event else None,
+                each.record.reason,
+                each.record.ending is Ending.TIMED_OUT,
+                json.dumps({"episode": number, **{**given}}) if event else None,
             )
 
     def _culprit(self, measured: Measured) -> int | None:
@@ -135,17 +126,16 @@ class _Drawing:
         walks = measured.trace.walks
         alone = measure([replace(measured.trace, walks=(walk,)) for walk in walks])
         whose = zip(walks, alone, strict=True)
-        return next((walk.arrival.index for walk, his in whose if self.event.holds(his)), None)
+        return next((walk.arrival.index for walk, own in whose if self.event.holds(own)), None)
 
 
 def _passage(trace: Trace) -> tuple[float | None, float | None]:
     """Time and speed at which the ego's front reached the centre line, interpolated."""
-    if not (trace.x_m >= 0.0).any() or trace.x_m[0] >= 0.0:
+    if not len(trace.x_m) or not trace.x_m[0] < 0.0 <= trace.x_m[-1]:
         return None, None
-    after = int((trace.x_m >= 0.0).argmax())
-    steps = np.interp(0.0, trace.x_m[after - 1 : after + 1], (after - 1, after))
-    speed_mps = np.interp(steps, (after - 1, after), trace.speed_mps[after - 1 : after + 1])
-    return float(trace.step_s * steps), float(speed_mps)
+    times = trace.step_s * np.arange(len(trace.x_m))
+    passed_s = float(np.interp(0.0, trace.x_m, times))
+    return passed_s, float(np.interp(passed_s, times, trace.speed_mps))
 
 
 def risk(
@@ -165,7 +155,7 @@ def risk(
         study: a study of one cell.
         event: see ``parse_event``.
         workers, executor: as for ``run``.
-        progress: receives the numbers of finished and planned draws of a round.
+        progress: receives the numbers of finished and planned parts of a round.
         arm: who drives.
         target_cv: target of the standard error divided by the probability.
         out: a new or empty folder; default ``runs/<name>-risk-<next free number>``.
@@ -188,7 +178,8 @@ def risk(
     path = folders.claim_folder(out, f"{study.name}-risk")
     with runs.at_work(path, study, workers, executor, MOST_DRAWS) as (folder, chosen):
         folders.write_manifest(path, manifest)
-        return _carried_out(folder, study, manifest, chosen, progress)
+        _carry_out(folder, study, manifest, chosen, progress)
+    return read_risk(path)
 
 
 def resume(
@@ -200,24 +191,12 @@ def resume(
     """Continue an interrupted risk; parts that were lost or damaged are drawn again."""
     manifest, study, found = _read(path)
     with runs.at_work(path, study, workers, executor, MOST_DRAWS) as (folder, chosen):
-        if found is not None:
-            return _result(path, study, manifest, found)
-        models = runs.checked_models([study.cells[0].scenario])
-        now = folders.simulated_with(study.driven, models)
-        folders.refuse_other_versions(manifest["simulated_with"], now)
-        return _carried_out(folder, study, manifest, chosen, progress)
-
-
-def read_risk(path: Path) -> Result:
-    """What a finished risk says.
-
-    Raises:
-        InputError: it is not finished, or its findings are damaged.
-    """
-    manifest, study, found = _read(path)
-    if found is None:
-        raise InputError(str(path), "is not finished", resume_command(path))
-    return _result(path, study, manifest, found)
+        if found is None:
+            models = runs.checked_models([study.cells[0].scenario])
+            now = folders.simulated_with(study.driven, models)
+            folders.refuse_other_versions(manifest["simulated_with"], now)
+            _carry_out(folder, study, manifest, chosen, progress)
+    return read_risk(path)
 
 
 def _read(path: Path) -> tuple[JsonObject, Study, Findings | None]:
@@ -227,57 +206,50 @@ def _read(path: Path) -> tuple[JsonObject, Study, Findings | None]:
     return manifest, study, None if cells is None else cells[0].findings
 
 
-def _carried_out(
+def _carry_out(
     folder: folders.RunFolder,
     study: Study,
     manifest: JsonObject,
     executor: Executor,
     progress: runs.Progress,
-) -> Result:
+) -> None:
     """Draw all rounds, run the events, and write the findings."""
     path, asked, scenario = folder.path, manifest["risk"], study.cells[0].scenario
     (model,), arm = runs.checked_models([scenario]), Arm(asked["arm"])
     space, event = space_of(scenario, arm), parse_event(asked["event"])
-    done, code = tables.done_parts(path), manifest["simulated_with"]["strategies"]
-    whole = Task((), model, 0, 0, (arm,), engine=manifest["engine"], code=code)
+    whole = Task((), model, 0, 0, (arm,), engine=manifest["engine"])
+    whole = replace(whole, code=manifest["simulated_with"]["strategies"])
 
-    def draw(proposal: of.Proposal, round_: int, count: int) -> of.Units:
-        found, tasks, size = dict[int, pa.Table](), list[Task](), part_pairs(count)
+    def draw(proposal: risk_draws.Proposal, round_: int, count: int) -> risk_draws.Units:
+        found, tasks, size, name = dict[int, pa.Table](), list[Task](), part_pairs(count), "draws"
         cells, own = (Cell(round_, {}, scenario),), _Drawing(space, event, proposal)
         for first in range(0, count, size):
             task = replace(whole, cells=cells, first=first, count=min(size, count - first), own=own)
-            tasks.append(task)
-            if (round_, first) in done:
-                try:
-                    part = path, tables.DRAWS.name, round_, first, manifest, task.pairs
-                    found[first] = tables.read_part(*part)
-                    tasks.pop()
-                except tables.DamagedPartError as error:
-                    folder.note("part removed", reason=str(error))
-        missing = sum(task.count for task in tasks)
+            try:
+                found[first] = tables.read_part(path, name, round_, first, manifest, task.pairs)
+            except tables.DamagedPartError:  # or there is none
+                tasks.append(task)
         for task, rows in runs.rows_as_done(tasks, executor):
             for line in rows.events:
                 folder.note(**line)
             tables.write_part(path, round_, task.first, rows.tables[round_], manifest["digest"])
-            found[task.first] = rows.tables[round_][tables.DRAWS.name]
-            missing -= task.count
-            progress(count - missing, count)
-        return of.Units(pa.concat_tables([found[first] for first in sorted(found)]))
+            found[task.first] = rows.tables[round_][name]
+            progress(len(found), -(-count // size))
+        return risk_draws.Units(pa.concat_tables([found[first] for first in sorted(found)]))
 
     folder.note("started")
     rng = resampling(manifest["seed"], "risk")
     with threadpool_limits(1, user_api="blas"):  # the last bits depend on the number of threads
-        rounds = of.rounds_of(draw, space, rng, asked["target_cv"], MOST_DRAWS)
+        rounds = risk_draws.rounds_of(draw, space, rng, asked["target_cv"], MOST_DRAWS)
     _run_events(path, study, manifest, rounds[-1], executor)
     told = findings_of(rounds)
     found = {key: v for entry in entries_of("risk") for key, v in entry.findings(told).items()}
     folders.write_findings(path, manifest, [CellFindings(0, {}, scenario, found)])
     folder.note("finished")
-    return _result(path, study, manifest, found)
 
 
 def _run_events(
-    path: Path, study: Study, manifest: JsonObject, estimate: of.Units, executor: Executor
+    path: Path, study: Study, manifest: JsonObject, estimate: risk_draws.Units, executor: Executor
 ) -> None:
     """Run a systematic sample of the events by their weights; each once."""
     events = path / tables.EVENTS
@@ -294,20 +266,19 @@ def _run_events(
         runs.run(again, out=events, engine=manifest["engine"], executor=executor)
 
 
-def findings_of(rounds: Sequence[of.Units]) -> dict[str, Finding]:
+def findings_of(rounds: Sequence[risk_draws.Units]) -> dict[str, Finding]:
     """The numbers of a risk by key; the estimate is that of the last round alone."""
     estimate = rounds[-1]
     n, value, weighted = estimate.count, estimate.value, estimate.weighted
-    draws, events, episodes, failures, timed_out, drew_more = (
-        sum(getattr(each, name) for each in rounds)
-        for name in ("draws", "events", "episodes", "failures", "timed_out", "drew_more")
-    )
-    nominal = Finding(of.bound(draws, events) if draws else None, n=draws, events=events)
-    total, size, told = float(value.sum()), of.effective(value), dict[str, Finding]()
+    summed = ("episodes", "failures", "timed_out_episodes")
+    counts = {name: Finding(sum(getattr(each, name) for each in rounds)) for name in summed}
+    bound, draws, events = risk_draws.bound(rounds)
+    nominal = Finding(bound, n=draws, events=events)
+    total, size, told = float(value.sum()), risk_draws.effective(value), dict[str, Finding]()
     told["probability"] = Finding(None, n=n, events=0)
     told["nominal_high"] = told["all_ways_high"] = nominal
     if total:
-        cv, low, high = of.interval(value, weighted)
+        cv, low, high = risk_draws.interval(value, weighted)
         largest = float(value.max()) / total
         tails = stats.binom.sf(events - 1, draws, high), stats.binom.cdf(events, draws, low)
         doubts = {
@@ -316,78 +287,71 @@ def findings_of(rounds: Sequence[of.Units]) -> dict[str, Finding]:
             f"{events:,} of {draws:,} nominal draws are events": min(tails) < _CHECK_TAIL,
         }
         doubt = "; ".join(text for text, holds in doubts.items() if holds and weighted)
-        counts = n, len(estimate.weights), not doubt, doubt or None
-        told["probability"] = Finding(total / n, low, high, *counts)
+        of_draws = n, len(estimate.weights), not doubt, doubt or None
+        told["probability"] = Finding(total / n, low, high, *of_draws)
         told["all_ways_high"] = Finding(min(1.0, high + (nominal.value or 1.0) * weighted))
         told["coefficient_of_variation"] = Finding(cv)
         told["largest_share"] = Finding(largest)
         told["brute_force_episodes"] = Finding(round((n / total - 1) / cv**2) if cv else None)
-    if failures:
+    if counts["failures"].value:
         told["probability_worst"] = Finding(min(1.0, (total + float(estimate.failed.sum())) / n))
-    return told | {
-        "effective_sample_size": Finding(size),
-        "weighted": Finding(n * weighted),
-        "episodes": Finding(episodes),
-        "failures": Finding(failures),
-        "timed_out_episodes": Finding(timed_out),
-        "drew_more": Finding(drew_more),
-    }
+    told["effective_sample_size"], told["weighted"] = Finding(size), Finding(n * weighted)
+    return told | counts
 
 
-def _notes(found: Findings, space: Space, target_cv: float) -> Iterator[Note]:
+def _notes(found: Findings, space: Space) -> Iterator[Note]:
     """What a reader must know, the worst first."""
-    p, cv = found["probability"], found["coefficient_of_variation"].value or 0.0
+    p, every = found["probability"], f"{found['episodes'].count:,} episodes"
+    failures, late = (found[key].count for key in ("failures", "timed_out_episodes"))
     high, worst = (found[key].value or 1.0 for key in ("all_ways_high", "probability_worst"))
-    every = f"{found['episodes'].count:,} episodes"
-    failures, late, drew = (
-        found[key].count for key in ("failures", "timed_out_episodes", "drew_more")
-    )
-    further = f"what the strategy draws after its first {GIVEN_DRAWS} random numbers"
-    chance = "; ".join((*space.by_chance, *[further] * bool(drew)))
+    chance = "; ".join(space.by_chance)
     said = (
         ("failures", failures, f"{failures:,} of {every} failed and count as no event. If those of "
          f"the estimate were events, its probability would be {worst:.3g}."),
-        ("nothing found", p.value is None, "No draw of the estimate ended in the event. In "
+        ("no event", p.value is None, "No draw of the estimate ended in the event. In "
          f"{every} no way to it was found, or none that draws could follow. Its probability is at "
          f"most {high:.2g} (95 %)."),
         ("unreliable", p.reliable is False, f"The interval is too narrow: {p.reason}."),
         ("other ways", found["weighted"].count, "The interval is of the ways to the event that "
          f"were found. With all others the probability is at most {high:.2g} (95 %)."),
-        ("few draws", cv > 2 * target_cv, f"The coefficient of variation is {cv:.2g} in place of "
-         f"{target_cv:g}, with the most draws that are made, {MOST_DRAWS:,}."),
         ("time-outs", late, f"{late:,} of {every} timed out and count as no event."),
         ("not sampled", chance, f"Random, but not sampled: {chance}. A way to the event that needs "
          "rare values of these is found only by chance."),
     )  # fmt: skip
-    for rank, (key, holds, text) in enumerate(said):
-        if holds:
-            yield Note(key, rank, key, text)
+    yield from (Note(key, k, key, text) for k, (key, holds, text) in enumerate(said) if holds)
 
 
-def _result(path: Path, study: Study, manifest: JsonObject, found: Findings) -> Result:
-    scenario, asked = study.cells[0].scenario, manifest["risk"]
-    arm, quoted = Arm(asked["arm"]), shlex.quote(str(path))
+def read_risk(path: Path) -> Result:
+    """What a finished risk says.
+
+    Raises:
+        InputError: it is not finished, or its findings are damaged.
+    """
+    manifest, study, found = _read(path)
+    if found is None:
+        raise InputError(str(path), "is not finished", resume_command(path))
+    scenario, asked, quoted = study.cells[0].scenario, manifest["risk"], shlex.quote(str(path))
+    arm = Arm(asked["arm"])
     columns = Column("measure", ""), Column("value", "", True), Column("remark", "remark")
-    screen, full = (
-        tuple(
-            (each.heading, Shown(number, Style(each.form, each.digits)), number.reason)
-            for each in entries_of("risk")
-            if (number := found[each.key]) and (every or (each.screen and number.value is not None))
+    rows = [
+        (
+            each.screen and not (each.optional and number.value is None),
+            (each.heading, Shown(number, Style(each.form, each.digits)), number.reason),
         )
-        for every in (False, True)
-    )
-    facts: dict[str, Plain] = {"name": study.name, "folder": str(path), **asked}
-    facts |= {key: manifest[key] for key in ("seed", "confidence", "engine")}
+        for each in entries_of("risk")
+        if (number := found[each.key])
+    ]
+    facts = {"name": study.name, "folder": str(path), "failed": found["failures"].count, **asked}
     how = "weighted draws" if found["weighted"].count else "brute force"
     return Result(
         command="risk",
         title=f"{study.name}: {asked['event']}, {scenario.arms.driver(arm)}",
         scope=f"{found['episodes'].count:,} episodes, by {how}, seed {manifest['seed']}",
         about=place_in_words([scenario]),
-        screen=Table("", columns, screen),
-        full=(Table("Every number", columns, full),),
-        notes=tuple(_notes(found, space_of(scenario, arm), asked["target_cv"])),
+        screen=Table("", columns, tuple(row for on_screen, row in rows if on_screen)),
+        full=(Table("Every number", columns, tuple(row for _, row in rows)),),
+        notes=tuple(_notes(found, space_of(scenario, arm))),
         closing=(f"Events: harness worst {quoted}/{tables.EVENTS}. Page: harness report {quoted}",),
-        facts={**facts, "failed": found["failures"].count},
+        facts=facts | {key: manifest[key] for key in ("seed", "confidence", "engine")},
         records=[{"event": asked["event"], "strategy": scenario.arms.driver(arm), **found}],
     )

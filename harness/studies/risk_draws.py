@@ -2,8 +2,8 @@
 
 A *unit* is an independent draw.  It begins with a nominal flow ξ and fixed numbers f, from a
 mixture q₀ with a share of the nominal density φ, and its episode is run.  The time T at which the
-ego passes and its speed s then say where a person would be in its way.  A number of people, K(s) in
-the mean, are drawn from a density g(x | f, s) of their arrival after T and their other numbers, and
+ego passes and its speed s then say where a person would be in its way.  A number of people, in the
+mean K, are drawn from a density g(x | f, s) of their arrival after T and their other numbers, and
 the episode is run again with each of them.  Without a flow nobody is placed.
 
 Every event is due to one person of the flow (the *culprit*), who is a function of the episode, or
@@ -11,7 +11,7 @@ to nobody in it.  So by Mecke's formula (Last & Penrose, Lectures on the Poisson
 4.1) the events with culprit x = (t, m) have in the units, relative to the nominal density, the
 frequency
 
-    q₀(f)/φ(f) (1 + K(s) g(x | f, s)/(λ φ(m))),
+    q₀(f)/φ(f) (1 + K g(x | f, s)/(λ φ(m))),
 
 where T and s are those of the flow without x.  The weight of an event is the inverse (the balance
 heuristic, Veach & Guibas 1995); an event that is due to nobody in the flow has the first factor
@@ -23,7 +23,7 @@ to the draws of all rounds with the lowest scores.  No round but the last is in 
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +36,7 @@ from harness.core.seeding import stream
 from harness.results.estimators import CONFIDENCE, clopper_pearson
 from harness.results.tables import Row
 from harness.studies.risk_normals import Normals, fitted, standard_normal
-from harness.studies.risk_space import GRADINGS, Space
+from harness.studies.risk_space import NEVER, Space
 
 NOMINAL_SHARE = 0.1
 """Share of the nominal density in the mixture of fixed numbers."""
@@ -58,11 +58,8 @@ _ROUND, _ROUND_WITHOUT_FLOW = (100, 40), (1_000, 150)
 """Units of a round of learning, and number of lowest scores of each grading to which a density is
 fitted.  Of fewer a fit would lose the less likely of several ways to the event."""
 
-_PLACED, _PLACED_LATER = 4.0, 2.0
-"""Mean number of placed people in a unit of the first rounds, and after that."""
-
-_ENOUGH_HITS = 100
-"""Number of placed culprits that show at which speeds the ego is in danger."""
+_PLACED = 3.0
+"""Mean number of placed people in a unit."""
 
 _CLIPPED = 0.9
 """Weights above this quantile are reduced to it for a fit, so that no single draw dominates it."""
@@ -74,13 +71,9 @@ _FEWEST_EVENTS, _FEW_SCORES = 25.0, 5.0
 """Effective number of events among them below which it cannot be predicted; and of low scores below
 which they do not bound the probability."""
 
-_OTHER_WAYS, _NEAREST = 0.2, 6
-"""Share of the placed people who look for other ways to the event; and number of lowest scores of
-each grading, at similar speeds, that lead there."""
-
-_BINS, _EVERYWHERE = 20, 0.05
-"""Number of ranges of the ego's speed with about equally many passages; and the share of the placed
-people that is independent of the speed."""
+_OTHER_WAYS, _NEAREST, _BINS = 0.2, 6, 20
+"""Share of the placed people who look for other ways to the event; number of lowest scores of each
+grading at similar speeds that lead there; and number of ranges of speeds."""
 
 _ALLOWANCE, _ALLOWED_SHARE = 5_000, 0.08
 """Number of episodes that learning may take in any case, and the share of the episodes of brute
@@ -92,22 +85,18 @@ _RESERVE, _RESERVE_OF_BRUTE_FORCE = 2.5, 1.25
 _LEAST_DRAWS = 4_000
 
 
-NEVER = (math.inf,) * GRADINGS
-"""The scores of somebody who does not meet the ego."""
-
-
 class Episode(NamedTuple):
     """An episode to run: its unit, its number, its random inputs (see ``Space``).
 
     ``asked`` is the place among the people of the one whose own scores are wanted; −1: everybody
-    who is not of the flow; None: nobody.
+    who is not of the flow.
     """
 
     unit: int
     number: int
     fixed: FloatArray
     people: FloatArray
-    asked: int | None = None
+    asked: int = -1
 
 
 class Outcome(NamedTuple):
@@ -125,7 +114,6 @@ class Outcome(NamedTuple):
     passed_mps: float | None = None
     reason: str | None = None
     timed_out: bool = False
-    drew_more: bool = False
     uniforms: str | None = None
 
 
@@ -138,32 +126,24 @@ class Proposal:
     """The densities of the fixed numbers and of the placed people.
 
     ``fixed`` is mixed with the nominal density; None: that alone.  ``placed`` is the density of f,
-    s, t − T and m; None: a placed person is like all others and arrives at any time.  ``counts``
-    are the mean numbers of placed people between the speeds ``edges_mps``.
+    s, t − T and m; None: a placed person is like all others and arrives at any time.  ``many`` is
+    their mean number K where the ego passes.
     """
 
     fixed: Normals | None = None
     placed: Normals | None = None
-    edges_mps: FloatArray = field(default_factory=lambda: np.empty(0))
-    counts: FloatArray = field(default_factory=lambda: np.zeros(1))
-
-    def count(self, speed: FloatArray) -> FloatArray:
-        """K(s), (n,); 0 if the ego did not pass."""
-        counts = self.counts[np.searchsorted(self.edges_mps, speed)]
-        return np.where(np.isnan(speed), 0.0, counts)
+    many: float = 0.0
 
     def rates(self, space: Space, points: FloatArray) -> FloatArray:
-        """K(s) g(x | f, s)/(λ φ(m)) at points (n, fixed + 2 + m); 0 at points with NaN."""
+        """K g(x | f, s)/(λ φ(m)) at points (n, fixed + 2 + m); 0 at points with NaN."""
         rates, known = np.zeros(len(points)), ~np.isnan(points).any(axis=1)
         y, size = points[known], len(space.fixed) + 1
-        if not len(y):
-            return rates
-        count, who = self.count(y[:, size - 1]), y[:, size:]
-        if self.placed is None:
-            rates[known] = count / (space.rate_per_s * space.window_s)
-        else:
-            density = self.placed.given(y[:, :size]).density(who)
-            rates[known] = count * density / (space.rate_per_s * standard_normal(who[:, 1:]))
+        if self.placed is not None and len(y):
+            density = self.placed.given(y[:, :size]).density(y[:, size:])
+            nominal = space.rate_per_s * standard_normal(y[:, size + 1 :])
+            rates[known] = self.many * density / nominal
+        elif self.many:
+            rates[known] = self.many / (space.rate_per_s * space.window_s)
         return rates
 
     def ratio(self, f: FloatArray) -> FloatArray:
@@ -183,15 +163,14 @@ def draw_units(
     """
     rngs = [stream(space.seed, "risk", unit, round_) for unit in units]
     size, n = len(space.fixed), len(units)
-    noise = np.array([rng.standard_normal(size) for rng in rngs]).reshape(n, size)
-    uniform = np.array([rng.random(2) for rng in rngs])
-    nominal, f = np.ones(n, dtype=bool), noise
+    f = np.array([rng.standard_normal(size) for rng in rngs]).reshape(n, size)
+    nominal, uniform = np.ones(n, dtype=bool), np.array([rng.random(2) for rng in rngs])
     if proposal.fixed is not None:
         nominal = uniform[:, 0] < NOMINAL_SHARE
-        drawn = proposal.fixed.given(noise[:, :0]).points(uniform[:, 1], noise)
-        f = np.where(nominal[:, None], noise, drawn)
+        drawn = proposal.fixed.given(f[:, :0]).points(uniform[:, 1], f)
+        f = np.where(nominal[:, None], f, drawn)
     begun = [
-        Episode(unit, FIRST_NUMBER + round_ * _NUMBERS + unit, fixed, space.crowd(rng), -1)
+        Episode(unit, FIRST_NUMBER + round_ * _NUMBERS + unit, fixed, space.crowd(rng))
         for unit, fixed, rng in zip(units, f, rngs, strict=True)
     ]
     first = run(begun)
@@ -199,36 +178,28 @@ def draw_units(
     tried, row, again = _placed(proposal, space, begun, passed, rngs)
     # Without its culprit an event says how often a placed person is drawn there.
     whose = [k for k, outcome in enumerate(first) if outcome.culprit >= 0]
-    culprits = [begun[k].people[first[k].culprit] for k in whose]
     without = [np.delete(begun[k].people, first[k].culprit, axis=0) for k in whose]
     fewer = run([begun[k]._replace(people=of) for k, of in zip(whose, without, strict=True)])
     points = np.full((n, size + 2 + len(space.marks)), np.nan)
     points[:, :size] = f
-    for k, (arrival_s, *marks), each in zip(whose, culprits, fewer, strict=True):
+    for k, each in zip(whose, fewer, strict=True):
         if each.passed_s is not None:
+            arrival_s, *marks = begun[k].people[first[k].culprit]
             points[k, size:] = each.passed_mps, arrival_s - each.passed_s, *marks
     rates, ratio = proposal.rates(space, tried), proposal.ratio(f)
     weights = 1 / (ratio * (1 + proposal.rates(space, points)))
-    rows: list[Row] = [
-        {
-            **each._asdict(),
-            **{"cell": round_, "pair": units[k], "placed": False, "nominal": bool(nominal[k])},
-            **{"due": each.event and each.culprit < 0, "point": f[k].tolist()},
-            **{"weight": weights[k], "likely": 1 / ratio[k]},
-            "episodes": 1 + (each.culprit >= 0),
-        }
-        for k, each in enumerate(first)
-    ]
+    rows: list[Row] = []
+    for k, each in enumerate(first):
+        due, episodes = each.event and each.culprit < 0, 1 + (each.culprit >= 0)
+        own = {"placed": False, "nominal": nominal[k], "due": due, "episodes": episodes}
+        own |= {"weight": weights[k], "likely": 1 / ratio[k], "point": f[k].tolist()}
+        rows.append({**each._asdict(), "cell": round_, "pair": units[k], **own})
     for k, each, at, rate, point in zip(row, run(again), again, rates, tried, strict=True):
         hit = each.event and each.culprit == at.asked
-        rows.append(
-            {
-                **each._asdict(),
-                **{"cell": round_, "pair": units[k], "placed": True, "nominal": False},
-                **{"event": hit, "due": hit, "point": point.tolist(), "episodes": 1},
-                **{"weight": 1 / (ratio[k] * (1 + rate)), "likely": 1 / (ratio[k] * rate)},
-            }
-        )
+        own = {"placed": True, "nominal": False, "event": hit, "due": hit, "episodes": 1}
+        own |= {"weight": 1 / (ratio[k] * (1 + rate)), "likely": 1 / (ratio[k] * rate)}
+        own |= {"cell": round_, "pair": units[k], "point": point.tolist()}
+        rows.append({**each._asdict(), **own})
     return sorted(rows, key=lambda row: (row["pair"], row["placed"]))
 
 
@@ -241,14 +212,13 @@ def _placed(
 ) -> tuple[FloatArray, list[int], list[Episode]]:
     """The points of the placed people, the unit's place of each, and the episodes with them.
 
-    Who would come outside the window, where K g is no density of arrivals, is not placed.
+    Who would come outside the window, where no flow is sampled, is not placed.
     """
-    counts, size = proposal.count(passed[:, 1]), 1 + len(space.marks)
-    many = [int(count + rng.random()) for count, rng in zip(counts, rngs, strict=True)]
+    passes, size = ~np.isnan(passed[:, 0]), 1 + len(space.marks)
+    many = [int(proposal.many * of + rng.random()) for of, rng in zip(passes, rngs, strict=True)]
     row = np.repeat(np.arange(len(begun)), many)
-    drawn = [
-        (rng.random(k), rng.standard_normal((k, size))) for rng, k in zip(rngs, many, strict=True)
-    ]
+    sizes = zip(rngs, many, strict=True)
+    drawn = [(rng.random(k), rng.standard_normal((k, size))) for rng, k in sizes]
     uniform, who = map(np.concatenate, zip(*drawn, strict=True))
     passed_s, passed_mps = passed[row].T
     known = np.column_stack([np.array([each.fixed for each in begun])[row], passed_mps])
@@ -267,9 +237,40 @@ def _placed(
     return np.column_stack([known, who])[inside], row[inside].tolist(), again
 
 
-class Tried(NamedTuple):
-    """What was drawn from a learned density: points (n, d), their own scores (n, gradings), whether
-    an event was due to them, and the nominal density over theirs (n,)."""
+class Units:
+    """The rows of a round, and what is summed over them.
+
+    ``value`` and ``failed`` (n,) are the sums of the weights of each unit's events and failures.
+    ``draws`` and ``events`` count the nominal draws that did not fail.  ``weights`` and
+    ``uniforms`` are those of the events.
+    """
+
+    def __init__(self, rows: pa.Table) -> None:
+        self.rows = rows
+        pair, weight, placed, event, nominal = (
+            rows[of].to_numpy() for of in ("pair", "weight", "placed", "event", "nominal")
+        )
+        failed = rows["reason"].is_valid().to_numpy()
+        self.count = count = int(np.sum(~placed))
+        self.value, self.failed = (
+            np.bincount(pair[of], weight[of], count).astype(float) for of in (event, failed)
+        )
+        self.weights = weight[event]
+        self.uniforms = rows.filter(pa.array(event))["uniforms"].to_pylist()
+        self.draws, self.events = (int(np.sum(nominal & of)) for of in (~failed, event))
+        self.episodes, self.timed_out_episodes = (
+            int(np.sum(rows[of].to_numpy())) for of in ("episodes", "timed_out")
+        )
+        self.failures = int(failed.sum())
+        self.weighted = bool(placed.any() or nominal.sum() < count)
+
+
+class _Tried(NamedTuple):
+    """What was drawn from a learned density.
+
+    Points (n, d), their own scores (n, gradings), whether an event was due to them, and the nominal
+    density over theirs (n,).
+    """
 
     points: FloatArray
     own: FloatArray
@@ -277,60 +278,30 @@ class Tried(NamedTuple):
     likely: FloatArray
 
 
-class Units:
-    """The rows of a round as arrays.
-
-    ``value`` and ``failed`` (n,) are the sums of the weights of each unit's events and failures.
-    ``first`` and ``placed`` are what was drawn.  ``draws`` and ``events`` count the nominal draws
-    that did not fail.  ``weights`` and ``uniforms`` are those of the events.
-    """
-
-    def __init__(self, rows: pa.Table) -> None:
-        pair, weight = (rows[name].to_numpy() for name in ("pair", "weight"))
-        placed, event, nominal = (rows[of].to_numpy() for of in ("placed", "event", "nominal"))
-        failed = rows["reason"].is_valid().to_numpy()
-        self.count = count = int(np.sum(~placed))
-        sums = [np.bincount(pair[of], weight[of], count).astype(float) for of in (event, failed)]
-        self.value: FloatArray = sums[0]
-        self.failed: FloatArray = sums[1]
-        self.weights = weight[event]
-        self.uniforms = rows.filter(pa.array(event))["uniforms"].to_pylist()
-        self.draws, self.events = (int(np.sum(nominal & of)) for of in (~failed, event))
-        self.episodes, self.timed_out, self.drew_more = (
-            int(rows[name].to_numpy().sum()) for name in ("episodes", "timed_out", "drew_more")
-        )
-        self.failures = int(failed.sum())
-        self.weighted = bool(placed.any() or nominal.sum() < count)
-        self.passed_mps = rows["passed_mps"].to_numpy()[~placed]
-        self.first, self.placed = (_tried(rows.filter(pa.array(of))) for of in (~placed, placed))
-
-
-def _tried(rows: pa.Table) -> Tried:
+def _tried(rounds: Sequence[Units], placed: bool) -> _Tried:
+    """The placed people of some rounds, or the fixed numbers of their first episodes."""
+    rows = pa.concat_tables([units.rows for units in rounds])
+    rows = rows.filter(pa.array(rows["placed"].to_numpy() == placed)).combine_chunks()
+    n = len(rows)
     points, own = (
-        rows[name].combine_chunks().flatten().to_numpy().reshape(len(rows), -1)
-        if len(rows)
-        else np.empty((0, 0))
+        rows[name].combine_chunks().flatten().to_numpy().reshape(n, -1 if n else 0)
         for name in ("point", "scores")
     )
-    return Tried(points, own, rows["due"].to_numpy(), rows["likely"].to_numpy())
-
-
-def _joined(parts: Sequence[Tried]) -> Tried:
-    whole = [part for part in parts if len(part.due)]
-    return Tried(*map(np.concatenate, zip(*whole, strict=True))) if whole else parts[0]
+    return _Tried(points, own, rows["due"].to_numpy(), rows["likely"].to_numpy())
 
 
 Draw = Callable[[Proposal, int, int], Units]
 """Draws from a proposal: in which round, and how many units."""
 
 
-def bound(draws: int, events: int) -> float:
-    """The one-sided Clopper–Pearson upper bound from nominal draws, of all ways to the event.
+def bound(rounds: Sequence[Units]) -> tuple[float | None, int, int]:
+    """The one-sided Clopper–Pearson bound of all ways to the event, from nominal draws alone.
 
-    >>> round(bound(6_000, 0) * 6_000, 2)
-    2.99
+    It comes with the nominal draws and the events among them; None without a draw.
     """
-    return clopper_pearson(events, draws, 2 * CONFIDENCE - 1)[1]
+    draws, events = (sum(getattr(units, of) for units in rounds) for of in ("draws", "events"))
+    high = clopper_pearson(events, draws, 2 * CONFIDENCE - 1)[1] if draws else None
+    return high, draws, events
 
 
 def rounds_of(
@@ -338,8 +309,7 @@ def rounds_of(
 ) -> list[Units]:
     """All rounds of a risk; the last one is the estimate.
 
-    A first look ends with brute force if it is cheap.  Else the densities are learned until more
-    rounds would cost more than they save, or too many episodes; then the cheaper of both estimates.
+    A first look ends with brute force if it is cheap.  Else densities are learned.
 
     Args:
         draw: draws units.
@@ -348,172 +318,110 @@ def rounds_of(
         target_cv: target coefficient of variation of the estimate.
         most: maximum number of units of the last round.
     """
-    learning = _Learning(draw, space, rng)
-    nominal, enough = Proposal(), max(_LOOK_EVENTS[0], _LOOK_EVENTS[1] / target_cv**2)
-    while learning.events < enough and learning.draws < _MOST_LOOKS:
-        learning.draw(nominal, _LOOKS)
-        if learning.rounds[0].failures == _LOOKS:
-            return learning.rounds
-    events, draws, proposal = learning.events, learning.draws, nominal
-    if events >= enough:
-        needed = _RESERVE_OF_BRUTE_FORCE * (draws / events - 1)
-    else:
-        learning.learn(target_cv)
-        p = learning.probability
-        needed = _RESERVE_OF_BRUTE_FORCE * (1 / p - 1) if p else 0.0
-        if learning.squared_cv is not None:
-            weighted = _RESERVE * learning.squared_cv
-            if weighted * learning.cost < needed:
-                needed, proposal = weighted, learning.proposal
-    least = _LOOKS if events >= enough or proposal.placed is not None else _LEAST_DRAWS
-    learning.draw(proposal, min(max(math.ceil(needed / target_cv**2), least), most))
-    return learning.rounds
+    rounds, events, draws = list[Units](), 0, 0
+    enough = max(_LOOK_EVENTS[0], _LOOK_EVENTS[1] / target_cv**2)
+    while events < enough and draws < _MOST_LOOKS:
+        rounds.append(draw(Proposal(), len(rounds), _LOOKS))
+        if rounds[0].failures == _LOOKS:
+            return rounds
+        _, draws, events = bound(rounds)
+    proposal, least = Proposal(), _LOOKS
+    needed = _RESERVE_OF_BRUTE_FORCE * (draws / events - 1) / target_cv**2 if events else 0.0
+    if events < enough:
+        proposal, needed = _learn(draw, space, rng, target_cv, rounds)
+        least = _LEAST_DRAWS if proposal.placed is None else _LOOKS
+    rounds.append(draw(proposal, len(rounds), min(max(math.ceil(needed), least), most)))
+    return rounds
 
 
-class _Learning:
-    """Learns a proposal and predicts what an estimate with it costs.
+def _learn(
+    draw: Draw, space: Space, rng: np.random.Generator, target_cv: float, rounds: list[Units]
+) -> tuple[Proposal, float]:
+    """Add rounds until more would cost more than they save, or take too many episodes.
 
-    ``probability`` is the mean of all rounds of learning.  ``squared_cv`` of a unit's value and
-    ``cost``, the episodes of a unit, are those of the latest units; None if they have few events.
+    Returns:
+        The proposal of the estimate, nominal if brute force is cheaper, and its number of draws.
     """
-
-    def __init__(self, draw: Draw, space: Space, rng: np.random.Generator) -> None:
-        self._draw, self._space, self._rng = draw, space, rng
-        self.proposal = Proposal(counts=np.array([_PLACED * bool(space.rate_per_s)]))
-        self._count, self._lowest = _ROUND if space.rate_per_s else _ROUND_WITHOUT_FLOW
-        self.rounds: list[Units] = []
-        self.draws, self.events, self._looked = 0, 0, 0
-        self.squared_cv: float | None = None
-        self.cost, self.probability = math.nan, 0.0
-
-    def draw(self, proposal: Proposal, count: int) -> None:
-        """Draw a round."""
-        self.rounds.append(self._draw(proposal, len(self.rounds), count))
-        self.draws += self.rounds[-1].draws
-        self.events += self.rounds[-1].events
-
-    def learn(self, target_cv: float) -> None:
-        """Draw rounds and fit the proposal to them."""
-        self._looked, highest = len(self.rounds), 1.0
-        while True:
-            spent = sum(units.episodes for units in self._learned)
-            highest = min(highest, bound(self.draws, self.events), self._high())
-            if spent > _ALLOWANCE + _ALLOWED_SHARE / (highest * target_cv**2):
-                return
-            if _RESERVE * (self.squared_cv or math.inf) * self.cost / target_cv**2 < spent:
-                return
-            self.draw(self.proposal, self._count)
-            self._predict()
-            self._fit()
-
-    @property
-    def _learned(self) -> list[Units]:
-        return self.rounds[self._looked :]
-
-    @property
-    def _recent(self) -> list[Units]:
-        return self._learned[-max(1, _RECENT // self._learned[0].count) :] if self._learned else []
-
-    def _high(self) -> float:
-        """An upper bound of the probability; 1 if the rounds do not show one.
-
-        An event is a score below every level, so it is no likelier than scores below the lowest
-        level so far.  The bound is two standard errors above the estimate of the latter.
-        """
-        flow = bool(self._space.rate_per_s)
-        if not self._recent or (flow and self._space.fixed):
-            return 1.0
-        every, recent = (
-            _joined([units.placed if flow else units.first for units in of])
-            for of in (self._learned, self._recent)
-        )
-        bounds, count = [1.0], sum(units.count for units in self._recent)
-        for column, whole in zip(recent.own.T, every.own.T, strict=True):
-            if len(whole) >= self._lowest:
-                level = max(float(np.partition(whole, self._lowest - 1)[self._lowest - 1]), 0.0)
-                weights = recent.likely[column <= level]
-                if (size := effective(weights)) >= _FEW_SCORES:
-                    bounds.append(math.exp(2 / math.sqrt(size)) * float(weights.sum()) / count)
-        return min(bounds)
-
-    def _predict(self) -> None:
-        self.probability = float(np.concatenate([each.value for each in self._learned]).mean())
-        last = np.concatenate([units.value for units in self._recent])
-        if effective(last) >= _FEWEST_EVENTS:
-            # As in the interval, the largest value counts twice, because large values are rare.
-            largest = float(last.max()) / float(last.sum())
-            self.squared_cv = float(last.var()) / float(last.mean()) ** 2 + len(last) * largest**2
-            self.cost = sum(units.episodes for units in self._recent) / len(last)
-
-    def _fit(self) -> None:
-        size = len(self._space.fixed)
-        first, placed = (
-            _joined([getattr(units, name) for units in self._learned])
-            for name in ("first", "placed")
-        )
-        found = self._fitted(first, np.ones(size, dtype=bool)) if size else None
-        if len(placed.due) < self._lowest:  # nobody can be placed, or the ego passes too rarely
-            self.proposal = replace(self.proposal, fixed=found)
-            return
-        # The nominal densities of the ego's speed and of the arrival are not standard normal.
-        standard = np.ones(placed.points.shape[1], dtype=bool)
-        standard[size : size + 2] = False
-        who = self._fitted(placed, standard)
-        if who is None:
-            return
-        speeds = placed.points[:, size]
-        if placed.due.any():
-            # Near misses at every speed may lead to other ways than those of the culprits so far.
-            near = _nearest(placed, speeds)
-            alike = np.ones(int(near.sum()))
-            who = who.mixed_with(
-                fitted(placed.points[near], alike, standard, self._rng), _OTHER_WAYS
-            )
-        if size:
-            marginal = who.first(size)
-            found = marginal if found is None else found.mixed_with(marginal, 0.5)
-        self.proposal = replace(self.proposal, fixed=found, placed=who)
-        if placed.due.sum() >= _ENOUGH_HITS:
-            self._allot(speeds[placed.due], placed.likely[placed.due])
-
-    def _fitted(self, tried: Tried, standard: NDArray[np.bool_]) -> Normals | None:
-        """The density of those with an event or one of the lowest scores; None without any."""
-        chosen = tried.due.copy()
-        for column in tried.own.T:
-            scores = np.where(tried.due, -np.inf, column)
-            lowest = np.argsort(scores, kind="stable")[: self._lowest]
-            chosen[lowest[np.isfinite(column[lowest])]] = True
-        if not chosen.any():
-            return None
-        weights = tried.likely[chosen]
-        clipped = np.minimum(weights, np.quantile(weights, _CLIPPED))
-        return fitted(tried.points[chosen], clipped, standard, self._rng)
-
-    def _allot(self, speeds_mps: FloatArray, weights: FloatArray) -> None:
-        """Place more people where the ego passes at speeds at which culprits are likelier.
-
-        The number that minimises the variance for its episodes is proportional to the standard
-        deviation of a placed person's weight (Neyman's allocation), which is here taken as the
-        square root of the probability of a culprit.
-        """
-        passed = np.concatenate([units.passed_mps for units in self._learned])
-        passed = passed[~np.isnan(passed)]
-        edges = np.unique(np.quantile(passed, np.arange(1, _BINS) / _BINS))
-        share = np.bincount(np.searchsorted(edges, passed), minlength=len(edges) + 1) / len(passed)
-        mass = np.bincount(np.searchsorted(edges, speeds_mps), weights, len(edges) + 1)
-        root = np.sqrt(mass / mass.sum() / np.maximum(share, 1 / len(passed)))
-        shape = (1 - _EVERYWHERE) * root / float(share @ root) + _EVERYWHERE
-        self.proposal = replace(self.proposal, edges_mps=edges, counts=_PLACED_LATER * shape)
+    flow, looked, highest = bool(space.rate_per_s), len(rounds), 1.0
+    count, lowest = _ROUND if flow else _ROUND_WITHOUT_FLOW
+    proposal, needed, each = Proposal(many=_PLACED * flow), math.inf, 1.0
+    while True:
+        learned = rounds[looked:]
+        spent = sum(units.episodes for units in learned)
+        if recent := learned[-(_RECENT // count) :]:
+            value = np.concatenate([units.value for units in recent])
+            if effective(value) >= _FEWEST_EVENTS:
+                # As in the interval, the largest value counts twice, because large ones are rare.
+                largest, n = float(value.max() / value.sum()), len(value)
+                squared_cv = float(value.var() / value.mean() ** 2) + n * largest**2
+                needed = _RESERVE * squared_cv / target_cv**2
+                each = sum(units.episodes for units in recent) / n
+            if not (flow and space.fixed):
+                highest = min(highest, _high(_tried(recent, flow), lowest, len(value)))
+        highest = min(highest, bound(rounds)[0] or 1.0)
+        if spent > min(needed * each, _ALLOWANCE + _ALLOWED_SHARE / (highest * target_cv**2)):
+            p = float(np.concatenate([units.value for units in learned]).mean())
+            by_brute_force = _RESERVE_OF_BRUTE_FORCE * (1 / p - 1) / target_cv**2 if p else 0.0
+            cheaper = needed * each < by_brute_force
+            return (proposal, needed) if cheaper else (Proposal(), by_brute_force)
+        rounds.append(draw(proposal, len(rounds), count))
+        proposal = _fit(proposal, rounds[looked:], len(space.fixed), lowest, rng)
 
 
-def _nearest(tried: Tried, speeds_mps: FloatArray) -> NDArray[np.bool_]:
-    """Those with the lowest scores of those that the ego passes at a similar speed."""
-    near = np.zeros(len(speeds_mps), dtype=bool)
-    (rows,) = np.nonzero(~tried.due)
-    for part in np.array_split(rows[np.argsort(speeds_mps[rows], kind="stable")], _BINS):
-        for column in tried.own[part].T:
-            near[part[np.argsort(column, kind="stable")[:_NEAREST]]] = True
-    return near
+def _high(tried: _Tried, lowest: int, units: int) -> float:
+    """An upper bound of the probability; 1 if the draws of some units do not show one.
+
+    An event has a score below every level, so it is no likelier than scores below the lowest ones.
+    The bound is two standard errors above the estimate of the latter.
+    """
+    bounds = [1.0]
+    for column in tried.own.T if len(tried.own) >= lowest else ():
+        weights = tried.likely[column <= max(np.partition(column, lowest - 1)[lowest - 1], 0.0)]
+        if (size := effective(weights)) >= _FEW_SCORES:
+            bounds.append(math.exp(2 / math.sqrt(size)) * float(weights.sum()) / units)
+    return min(bounds)
+
+
+def _fit(
+    proposal: Proposal, rounds: Sequence[Units], size: int, lowest: int, rng: np.random.Generator
+) -> Proposal:
+    """The next proposal, fitted to the draws of all rounds; ``size`` is that of f."""
+    first, tried = (_tried(rounds, placed) for placed in (False, True))
+    fixed = _fitted(first, np.ones(size, dtype=bool), lowest, rng) if size else None
+    if len(tried.due) < lowest:  # nobody can be placed, or the ego passes too rarely
+        return replace(proposal, fixed=fixed)
+    # The nominal densities of the ego's speed and of the arrival are not standard normal.
+    standard = np.ones(tried.points.shape[1], dtype=bool)
+    standard[size : size + 2] = False
+    placed = _fitted(tried, standard, lowest, rng)
+    if placed is not None and tried.due.any():
+        # Near misses at every speed may lead to other ways than those of the culprits so far.
+        near, (rows,) = np.zeros(len(tried.due), dtype=bool), np.nonzero(~tried.due)
+        by_speed = rows[np.argsort(tried.points[rows, size], kind="stable")]
+        for part in np.array_split(by_speed, _BINS):
+            for column in tried.own[part].T:
+                near[part[np.argsort(column, kind="stable")[:_NEAREST]]] = True
+        ways = fitted(tried.points[near], np.ones(int(near.sum())), standard, rng)
+        placed = placed.mixed_with(ways, _OTHER_WAYS)
+    if placed is not None and size:
+        marginal = placed.first(size)
+        fixed = marginal if fixed is None else fixed.mixed_with(marginal, 0.5)
+    return replace(proposal, fixed=fixed, placed=placed)
+
+
+def _fitted(
+    tried: _Tried, standard: NDArray[np.bool_], lowest: int, rng: np.random.Generator
+) -> Normals | None:
+    """The density of those with an event or one of the lowest scores; None without any."""
+    chosen = tried.due.copy()
+    for column in tried.own.T:
+        order = np.argsort(np.where(tried.due, -np.inf, column), kind="stable")[:lowest]
+        chosen[order[np.isfinite(column[order])]] = True
+    if not chosen.any():
+        return None
+    weights = tried.likely[chosen]
+    clipped = np.minimum(weights, np.quantile(weights, _CLIPPED))
+    return fitted(tried.points[chosen], clipped, standard, rng)
 
 
 def effective(value: FloatArray) -> float:

@@ -15,9 +15,6 @@ components."""
 
 _ROUNDS = 30
 
-_FEWEST = 3.0
-"""A component with fewer effective points is removed."""
-
 _PRIOR = 0.1
 """The prior variance of a component, as a share of that of all points; it weighs as one point."""
 
@@ -104,7 +101,7 @@ class Conditional:
 def fitted(
     y: FloatArray, weights: FloatArray, standard: NDArray[np.bool_], rng: np.random.Generator
 ) -> Normals:
-    """A mixture fitted to weighted points by expectation maximisation, from clusters of k-means.
+    """A mixture fitted to weighted points around the clusters of k-means.
 
     A number whose nominal density is standard normal, and which is nearly so among the points too,
     becomes standard normal and independent of the others in every component: otherwise numbers
@@ -123,7 +120,7 @@ def fitted(
     free = standard & ((mean**2 + variances - 1 - np.log(variances)) / 2 < _DIVERGENCE)
     if free.all():
         return Normals(np.ones(1), np.zeros((1, size)), np.eye(size)[None])
-    shares, means, covariances = _expectation_maximisation(y[:, ~free], weights, rng)
+    shares, means, covariances = _clusters(y[:, ~free], weights, rng)
     used = np.flatnonzero(~free)
     whole_means = np.zeros((2 * len(shares), size))
     whole_means[:, used] = np.tile(means, (2, 1))
@@ -138,31 +135,17 @@ def standard_normal(z: FloatArray) -> FloatArray:
     return np.exp(_log_normal(z, np.eye(z.shape[1])))
 
 
-def _expectation_maximisation(
+def _clusters(
     y: FloatArray, weights: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Shares, means and covariances of the components."""
+    """Shares, means and covariances of clusters."""
     scale = np.sqrt(_moments(y, weights)[1].diagonal() + _NARROWEST)
     count = min(_MOST, 1 + len(y) // max(_POINTS, 4 * y.shape[1]))
-    _, clusters = k_means(y / scale, weights, count, 1, rng)
-    responsible = np.eye(count)[clusters]
-    mean, covariance = _component(y, weights, scale)
-    found = np.ones(1), mean[None], covariance[None]
-    for _ in range(_ROUNDS):
-        parts = []
-        for column in (responsible * weights[:, None]).T:
-            mass = float(column.sum())
-            if mass > 0 and mass**2 / float(np.sum(column**2)) >= _FEWEST:
-                parts.append((mass, *_component(y, column, scale)))
-        if not parts:
-            return found
-        shares, means, covariances = (np.array(part) for part in zip(*parts, strict=True))
-        found = shares / shares.sum(), means, covariances
-        densities = zip(*found, strict=True)
-        logs = [np.log(share) + _log_normal(y - at, of) for share, at, of in densities]
-        responsible = np.exp(np.array(logs).T - np.max(logs, axis=0)[:, None])
-        responsible /= responsible.sum(axis=1, keepdims=True)
-    return found
+    _, clusters = k_means(y / scale, weights, count, _ROUNDS, rng)
+    members = [clusters == k for k in np.unique(clusters)]
+    parts = [(weights[of].sum(), *_component(y[of], weights[of], scale)) for of in members]
+    shares, means, covariances = (np.array(part) for part in zip(*parts, strict=True))
+    return shares, means, covariances
 
 
 def _component(

@@ -27,6 +27,9 @@ CRASHED = "crashed"
 GRADINGS = 4
 """Number of scores by which the distance of an episode from an event is graded."""
 
+NEVER = (math.inf,) * GRADINGS
+"""The scores of somebody who does not meet the ego, and of an episode that failed."""
+
 _FAR, _NEVER_NEAR = 1_000.0, 100.0
 """Added to the score if the event's measure is undefined; and to the smallest gap in m, which is
 the score without a conflict."""
@@ -39,7 +42,7 @@ _BEYOND = {
 }
 """Measures that are undefined in some crashes, and the side of any limit where a crash lies."""
 
-_FORM = re.compile(r"\s*(\w+)\s*([<>])\s*([-+.\deE]+)\s*")
+_FORM = re.compile(r"\s*(\w+)\s*([<>])\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,2})?)\s*")
 
 _WINDOW_PASSES = 4.0
 """Length of the flow's sampled window as a multiple of the unhindered passing time."""
@@ -66,7 +69,7 @@ class Event:
     def holds(self, record: EpisodeRecord) -> bool:
         """Whether an episode ended in the event."""
         crashed = record.ending is Ending.CRASHED
-        if self.measure is None:
+        if self.measure is None or record.ending is Ending.ENGINE_FAILED:
             return crashed
         value = getattr(record, self.measure)
         if value is None or (crashed and self.measure == "min_time_advantage_s"):
@@ -82,7 +85,7 @@ class Event:
         another event it is the distance from the limit in the measure's unit.
         """
         if record.ending is Ending.ENGINE_FAILED:
-            return (math.inf,) * GRADINGS
+            return NEVER
         value = None if self.measure is None else getattr(record, self.measure)
         if value is not None:
             distance = float(value) - self.limit
@@ -114,19 +117,13 @@ def parse_event(text: str) -> Event:
     if text.strip() == CRASHED:
         return Event()
     match = _FORM.fullmatch(text)
-    allowed = "crashed, or MEASURE<NUMBER or MEASURE>NUMBER, e.g. min_ttc_s<0.5"
     if match is None:
+        allowed = "crashed, or MEASURE<NUMBER or MEASURE>NUMBER, e.g. min_ttc_s<0.5"
         raise InputError(f"--event {text}", "is not an event", allowed)
     column, sign, number = match.groups()
     if column not in (columns := [measure.column for measure in MEASURES]):
         raise unknown_name("--event", "measure", column, columns)
-    try:
-        limit = float(number)
-    except ValueError:
-        limit = math.nan
-    if not math.isfinite(limit):
-        raise InputError(f"--event {text}", f"{number!r} is no finite number", allowed)
-    return Event(f"{column}{sign}{limit:g}", column, sign == "<", limit)
+    return Event(f"{column}{sign}{float(number):g}", column, sign == "<", float(number))
 
 
 @dataclass(frozen=True)
@@ -230,7 +227,7 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     first = int(people.first_at_trigger and most != 0)
     fixed: list[Purpose] = ["timed_detection"] * (timed * misses)
     fixed += each * first + seen * (timed + first)
-    if draws(scenario, arm):
+    if drawing := draws(scenario, arm):
         fixed += [draws_from(scenario, arm)] * GIVEN_DRAWS
     rate = people.flows_per_hour[0] / SECONDS_PER_HOUR
     flows = rate > 0 and (most is None or most > first)
@@ -243,6 +240,7 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     words = {
         "the updates at which perception loses a pedestrian": drops,
         "the change of perception errors after a pedestrian's first update": errs,
+        f"what the strategy draws after its first {GIVEN_DRAWS} random numbers": drawing,
     }
     pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
     return Space(

@@ -87,14 +87,14 @@ def test_the_mean_weight_is_the_probability_whatever_the_density(mean_s: float) 
     place = POINTS + np.array([0.0, 0.0, 1.0 + mean_s, 0.0])
     placed = Normals(np.ones(1), place, np.diag([1.0, 0.1, 4.0, 2.0])[None])
     fixed = Normals(np.ones(1), np.array([[1.0]]), np.array([[[0.5]]]))
-    proposal = Proposal(fixed, placed, np.array([1.45]), np.array([0.5, 2.5]))
+    proposal = Proposal(fixed, placed, 1.5)
     units = drawn(proposal, CROWD, 0, 6_000, lambda episodes: [*map(outcome, episodes)])
     error = units.value.std() / math.sqrt(6_000)
     assert abs(units.value.mean() - stats.poisson.pmf(2, 4.0)) < 4 * error
-    assert units.placed.due.any()
+    assert units.rows.to_pandas().query("placed")["due"].any()
     assert units.weights.max() <= 10  # the nominal share is a tenth
     # Of the fixed numbers alone: P(z > 2).
-    beyond = drawn(replace(proposal, placed=None, counts=np.zeros(2)), CROWD, 1, 6_000, _above_2)
+    beyond = drawn(replace(proposal, placed=None, many=0.0), CROWD, 1, 6_000, _above_2)
     error = beyond.value.std() / math.sqrt(6_000)
     assert abs(beyond.value.mean() - stats.norm.sf(2.0)) < 4 * error
 
