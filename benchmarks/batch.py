@@ -21,13 +21,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from harness.scenario import (
-    Setting,
-    Study,
-    parse_variation,
-    read_scenario_file,
-    study_of,
-)
+from harness.scenario import Setting, Study, read_scenario_file, study_of
+from harness.scenario.variation import parse_variation
 from harness.studies.run import run
 
 FLOWS = "pedestrians.flow_per_hour=50,100,250,500,1000"

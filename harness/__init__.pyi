@@ -20,14 +20,14 @@ from .results.run import Run as Run, load_run as load_run
 from .rl import CrosswalkEnv as CrosswalkEnv, Transition as Transition
 from .scenario import (
     Scenario as Scenario,
-    ScenarioFile as ScenarioFile,
     Setting as Setting,
     Study as Study,
     load_scenario as load_scenario,
-    parse_variation as parse_variation,
     read_scenario_file as read_scenario_file,
     study_of as study_of,
 )
+from .scenario.file import ScenarioFile as ScenarioFile
+from .scenario.variation import parse_variation as parse_variation
 from .strategies.vector import (
     acceleration_of as acceleration_of,
     observation_vector as observation_vector,

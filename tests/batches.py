@@ -12,14 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from harness.scenario import (
-    ScenarioFile,
-    Setting,
-    Study,
-    parse_variation,
-    read_scenario_file,
-    study_of,
-)
+from harness.scenario import Setting, Study, read_scenario_file, study_of
+from harness.scenario.file import ScenarioFile
+from harness.scenario.variation import parse_variation
 
 CHECKOUT = Path(__file__).parents[1]
 

@@ -14,15 +14,8 @@ from harness.results.notes import Note, notes_of
 from harness.results.result import Result
 from harness.results.run import Run
 from harness.results.tables import EPISODES
-from harness.scenario import (
-    Cell,
-    Scenario,
-    Setting,
-    Study,
-    parse_variation,
-    read_scenario_file,
-    study_of,
-)
+from harness.scenario import Cell, Scenario, Setting, Study, read_scenario_file, study_of
+from harness.scenario.variation import parse_variation
 
 HUMAN_S = 10.0
 FREE_S = 7.4

@@ -17,7 +17,7 @@ def conflicts(
 ) -> None:
     """Measure conflicts of people and vehicles in a SUMO output; nothing is simulated."""
     from harness.core.files import write_csv
-    from harness.scenario import set_thresholds
+    from harness.scenario.file import set_thresholds
     from harness.studies.conflicts import conflicts as measured
 
     thresholds = set_thresholds(options.settings_of(settings), "conflicts")

@@ -40,7 +40,9 @@ def run(
         # They import their modules while this process imports its own.
         children.start_children(local.workers_for(workers, pairs))
     try:
-        from harness.scenario import parse_variation, read_scenario_file, remarks, study_of
+        from harness.scenario import read_scenario_file, study_of
+        from harness.scenario.consistency import remarks
+        from harness.scenario.variation import parse_variation
 
         changes = settings_of(settings, pairs, seed)
         file = read_scenario_file(scenario, changes)

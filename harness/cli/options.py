@@ -117,7 +117,8 @@ def settings_of(
     settings: list[str] | None, pairs: int | None = None, seed: int | None = None
 ) -> list[Any]:
     """The changes of --set, --pairs and --seed in the order of application."""
-    from harness.scenario import Setting, parse_setting
+    from harness.scenario import Setting
+    from harness.scenario.file import parse_setting
 
     given = {"experiment.pairs": ("--pairs", pairs), "experiment.seed": ("--seed", seed)}
     return [

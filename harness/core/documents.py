@@ -4,10 +4,11 @@ Values that a parser accepts but that would break a program or a terminal later 
 """
 
 import json
+import re
 import tomllib
 import unicodedata
-from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -57,22 +58,66 @@ def check_form(form: type[Form], document: Any, where: str) -> Form:
 
     Raises:
         InputError: a key is missing or unknown, or has a wrong type or value; names the first such
-            key.
+            key, as it is written, and of an unknown one the nearest.
     """
     try:
         return form.model_validate(document)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        path = [str(part) for part in first["loc"]]
-        key = f"{where}: {'.'.join(path)}" if path else where
-        if first["type"] == "extra_forbidden":
-            known = [field.alias or name for name, field in form.model_fields.items()]
-            raise unknown_name(key, "key", path[-1], known) from None
-        if first["type"] == "missing":
-            raise InputError(key, "is missing") from None
-        raise InputError(
-            key, f"{shortened(first['input'])} is not accepted", first["msg"]
-        ) from None
+        first, *others = error.errors(include_url=False)
+    # A number or a list of numbers: pydantic reports an error for each of the two.
+    if _NUMBER in first["loc"] and isinstance(first["input"], list | tuple):
+        first = others[0]
+    path = [str(part) for part in first["loc"] if part not in _KINDS]
+    key = ".".join(part if _BARE.fullmatch(part) else f'"{part}"' for part in path)
+    key = f"{where}: {key}" if where and key else where or key
+    if first["type"] == "extra_forbidden":
+        raise unknown_name(key, "key", path[-1], _keys_of(form, path[:-1]))
+    if first["type"] == "missing":
+        raise InputError(key, "is missing")
+    message = first["msg"].removeprefix("Input should be ")
+    allowed = _TOML_WORDS.get(first["type"], message[0].lower() + message[1:])
+    if first["type"] == "float_type" and (named_unit := unit_of(path[-1])) is not None:
+        allowed += f", in {named_unit[1]}"
+    raise InputError(key, f"{shortened(first['input'])} is not accepted", allowed)
+
+
+_NUMBER = "constrained-float"
+_KINDS = (_NUMBER, "tuple[constrained-float, ...]", "float", "list", "dict")
+"""Pydantic's names of alternatives, which are no keys."""
+
+_BARE = re.compile(r"[\w-]+")
+"""A part of a key that needs no quotes in TOML."""
+
+_TOML_WORDS = {
+    "model_type": "a table",
+    "dict_type": "a table",
+    "tuple_type": "an array",
+    "bool_type": "true or false",
+    "float_type": "a number",
+}
+"""TOML's names for types that pydantic calls by Python's names."""
+
+
+def _keys_of(form: Any, path: Sequence[str]) -> list[str]:
+    """The keys of a table in a form."""
+    for name in path:
+        if not name.isdecimal():  # a number is an index into an array of tables
+            annotation: Any = form.model_fields[name].annotation
+            # An optional table is a union with None.
+            form = next(iter(get_args(annotation)), annotation)
+    return [field.alias or name for name, field in form.model_fields.items()]
+
+
+_ENDINGS = {"_mps3": "m/s³", "_mps2": "m/s²", "_mps": "m/s", "_m": "m", "_s": "s", "_deg": "°"}
+
+
+def unit_of(name: str) -> tuple[str, str] | None:
+    """The ending of a key that says its unit, and the unit; None if the name says none.
+
+    >>> unit_of("max_deceleration_mps2"), unit_of("friction")
+    (('_mps2', 'm/s²'), None)
+    """
+    return next((each for each in _ENDINGS.items() if name.endswith(each[0])), None)
 
 
 def shortened(value: Any) -> str:

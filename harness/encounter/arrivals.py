@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from harness.core.encounter import Arrival, Leg, Side
 from harness.core.seeding import Given, Purpose, stream
 from harness.encounter.threshold import lognormal_s
-from harness.scenario import QUARTER_S, GapAcceptanceSection, PedestriansSection, Scenario
+from harness.scenario import Scenario
+from harness.scenario.people import GapAcceptanceSection, PedestriansSection
+from harness.scenario.traffic import QUARTER_S
 
 SECONDS_PER_HOUR = 3600.0
 

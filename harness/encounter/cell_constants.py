@@ -3,7 +3,8 @@
 from dataclasses import dataclass, field
 
 from harness.core.encounter import Arm, Behaviour, Crossing, Vehicle
-from harness.scenario import Scenario, ThresholdSection
+from harness.scenario import Scenario
+from harness.scenario.people import ThresholdSection
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from harness.encounter.approaching import Approaching, LaneAhead
 from harness.encounter.deciding import ROUNDING_M
 from harness.measures.efficiency import STANDING_MPS
-from harness.scenario import ThresholdSection
+from harness.scenario.people import ThresholdSection
 
 REFERENCE_MPS = 50 / 3.6
 """The speed at which the weight of the distance changes nothing."""

@@ -21,7 +21,7 @@ from harness.results.notes import Note
 from harness.results.result import Entered, Result, Table
 from harness.results.run import Run
 from harness.results.tables import TABLES_OF
-from harness.scenario import flatten
+from harness.scenario.variation import flatten
 
 if TYPE_CHECKING:
     from harness.studies.allowed import Allowed

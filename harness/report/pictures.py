@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
+from harness.core.documents import unit_of
 from harness.core.encounter import Arm
 from harness.core.errors import HarnessError
 from harness.report import figures as draw
@@ -26,7 +27,6 @@ from harness.results.findings import CellFindings
 from harness.results.result import Result, Shown
 from harness.results.run import Run
 from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
-from harness.scenario.units import unit_of
 from harness.site.configuration import read_config
 from harness.site.road_network import read_network
 from harness.strategies.references import is_the_papers

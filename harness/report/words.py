@@ -7,7 +7,7 @@ from harness.measures.queues import level_of_service
 from harness.results.estimators import CONFIDENCE, zero_bound
 from harness.results.finding import Finding, Form
 from harness.results.result import Entered, Shown, Style, Versus
-from harness.scenario import as_written
+from harness.scenario.study import as_written
 
 DASH = "–"
 """An undefined number; a note, or the finding's reason, says why."""

@@ -13,7 +13,8 @@ from harness.measures.queues import growth
 from harness.results.columns import AV, REFERENCE, BothArms
 from harness.results.estimators import Sampling
 from harness.results.tables import LIMITED_BY, Tables
-from harness.scenario import ConflictsSection, Scenario
+from harness.scenario import Scenario
+from harness.scenario.sections import ConflictsSection
 
 _OF = pc.field
 _TOUCHED = _OF("contact_person").is_valid()

@@ -3,7 +3,7 @@
 import math
 import operator
 from numbers import Real
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 from harness.core.errors import InputError, unknown_name
 
@@ -17,11 +17,9 @@ def engine_named(name: str) -> EngineName:
     Raises:
         InputError: there is no such engine.
     """
-    for engine in get_args(EngineName):
-        if engine == name:
-            known: EngineName = engine
-            return known
-    raise unknown_name("engine", "engine", str(name), get_args(EngineName))
+    if name not in get_args(EngineName):
+        raise unknown_name("engine", "engine", str(name), get_args(EngineName))
+    return cast(EngineName, name)
 
 
 def whole_number(where: str, value: object, least: int) -> int:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.scenario.scenario import Scenario
+from harness.scenario.sections import ActuationSection, PerceptionSection
 from harness.scenario.study import as_written
 
 
@@ -15,9 +16,9 @@ def place_in_words(scenarios: Sequence[Scenario]) -> str:
 
     >>> place_in_words([Scenario()])
     'Road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people/h.'
-    >>> late = Scenario.model_validate({"actuation": {"dead_time_s": 0.3, "lag_s": 0.4}})
+    >>> late = Scenario.model_validate({"actuation": {"dead_time_s": 0.3}})
     >>> place_in_words([late])
-    'Road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people/h; AV: dead time 0.3 s, lag 0.4 s.'
+    'Road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people/h; actuation of AV: dead_time_s 0.3.'
     """
     parts = []
     for name, words in _PARTS.items():
@@ -96,35 +97,13 @@ def _behaviour(scenario: Scenario) -> str:
     return "" if behaviour == "constant" else f"behaviour {behaviour}"
 
 
-def _actuation(scenario: Scenario) -> str:
-    actuation = scenario.actuation
-    words = {
-        "dead time {} s": actuation.dead_time_s,
-        "lag {} s": actuation.lag_s,
-        "jerk up to {} m/s³": actuation.max_jerk_mps3,
-    }
-    return _of_arms("", actuation.human, words)
-
-
-def _perception(scenario: Scenario) -> str:
-    perception = scenario.perception
-    updated_s = perception.update_s
-    every_step = updated_s is None or updated_s < 1.5 * scenario.experiment.step_s
-    words = {
-        "{} s late": perception.latency_s,
-        "an update every {} s": None if every_step else updated_s,
-        "{} % undetected": 100 * (1 - perception.detection_probability),
-        "{} % lost": 100 * perception.dropout_probability,
-        "errors of {} m": perception.position_sd_m,
-        "errors of {} m/s": perception.speed_sd_mps,
-    }
-    return _of_arms("sensor of the ", perception.human, words)
-
-
-def _of_arms(what: str, both: bool, words: Mapping[str, float | None]) -> str:
-    """The words of values that are set and not 0; empty if there are none."""
-    parts = ", ".join(text.format(f"{value:.4g}") for text, value in words.items() if value)
-    return f"{what}{'AV and reference' if both else 'AV'}: {parts}" if parts else ""
+def _of_arms(name: str, section: ActuationSection | PerceptionSection) -> str:
+    """The keys of a section that are not at their default; empty if all are."""
+    own, default = dict(section), dict(type(section)())
+    both = own.pop("human")
+    parts = [f"{key} {as_written(own[key])}" for key in own if own[key] != default[key]]
+    who = "AV and reference" if both else "AV"
+    return f"{name} of {who}: {', '.join(parts)}" if parts else ""
 
 
 _PARTS: Mapping[str, Callable[[Scenario], str]] = {
@@ -133,6 +112,6 @@ _PARTS: Mapping[str, Callable[[Scenario], str]] = {
     "share of AVs": _vehicles,
     "people": _people,
     "behaviour": _behaviour,
-    "actuation": _actuation,
-    "perception": _perception,
+    "actuation": lambda scenario: _of_arms("actuation", scenario.actuation),
+    "perception": lambda scenario: _of_arms("perception", scenario.perception),
 }

@@ -64,8 +64,7 @@ class Scenario(Section):
     @property
     def walks_by_model(self) -> bool:
         """Whether any walking speed is drawn from the interaction model."""
-        no_speeds = self.pedestrians.walking_speed is None
-        return self.pedestrians.anyone_comes and no_speeds
+        return self.pedestrians.anyone_comes and self.pedestrians.walking_speed is None
 
     @property
     def av_drives_alone(self) -> bool:
@@ -73,11 +72,9 @@ class Scenario(Section):
 
         In simulations the reference may drive vehicles that are not of ``av_types``.
         """
-        if self.simulation is not None:
-            return False
         traffic = self.traffic
-        if traffic is None:
-            return True
+        if self.simulation is not None or traffic is None:
+            return self.simulation is None
         return traffic.av_share == 1 and all(kind.automated for kind in traffic.types)
 
     def vehicle(self, driver: Arm | None = None) -> Vehicle:
@@ -101,23 +98,9 @@ class Scenario(Section):
             return vehicle
         return replace(vehicle, **actuation.model_dump(exclude={"human"}))
 
-    def crosswalk(self) -> Crossing:
-        """The crosswalk's constants for the ego's lane."""
-        return self._seen_from(self.ego.lane)
-
-    def crosswalk_from_lanes(self, *, oncoming: bool) -> tuple[Crossing, ...]:
-        """The crosswalk's constants for each lane of a direction, counted from its near kerb."""
-        crossing = self.crossing
-        count = crossing.oncoming_lanes if oncoming else crossing.lanes
-        return tuple(map(self._seen_from, range(count)))
-
-    @property
-    def speed_limit_mps(self) -> float:
-        """The road's speed limit, or v0 if none is given."""
-        return self.crossing.road_speed_limit_mps or self.ego.initial_speed_mps
-
-    def _seen_from(self, lane: int) -> Crossing:
-        crossing = self.crossing
+    def crosswalk(self, lane: int | None = None) -> Crossing:
+        """The crosswalk's constants for a lane, counted from its near kerb; None: the ego's."""
+        crossing, lane = self.crossing, self.ego.lane if lane is None else lane
         return Crossing(
             length_m=crossing.length_m,
             width_m=crossing.width_m,
@@ -126,6 +109,18 @@ class Scenario(Section):
             lane=lane,
             speed_limit_mps=self.speed_limit_mps,
         )
+
+    def crosswalk_from_lanes(self, *, oncoming: bool) -> tuple[Crossing, ...]:
+        """The crosswalk's constants for each lane of a direction, counted from its near kerb."""
+        crossing = self.crossing
+        return tuple(
+            map(self.crosswalk, range((crossing.lanes, crossing.oncoming_lanes)[oncoming]))
+        )
+
+    @property
+    def speed_limit_mps(self) -> float:
+        """The road's speed limit, or v0 if none is given."""
+        return self.crossing.road_speed_limit_mps or self.ego.initial_speed_mps
 
     def least_headway_s(self) -> float:
         """The mean of ``headway_s`` over the vehicle mix; the mean headway must be longer."""

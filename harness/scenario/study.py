@@ -6,14 +6,8 @@ from types import MappingProxyType
 from typing import Any
 
 from harness.core.errors import InputError, nearest_name
-from harness.scenario.file import (
-    ScenarioFile,
-    Setting,
-    apply_setting,
-    validate,
-)
+from harness.scenario.file import ScenarioFile, Setting, apply_setting, parts_of, validate
 from harness.scenario.scenario import Scenario
-from harness.scenario.units import in_si
 from harness.scenario.variation import Variation, planned_cells
 
 
@@ -82,39 +76,40 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
             equal, or parameters are given to a strategy that drives in no cell.
     """
     source = "--vary" if variations or file.sweep is None else f"{file.source}: sweep"
-    planned = planned_cells(file, variations, source)
-    given = _given(file, planned, source)
+    points = planned_cells(file, variations, source)
+    planned, given = len(points), _given(file, points, source)
     if given and variations:
         key, setting = next(iter(given.items()))
         problem = f"cannot be combined with {setting.source} {setting.key}"
         raise InputError(f"--vary {key}", problem, "one of the two")
-    points = [_without(given, point, file, source) for point in planned] if given else planned
+    if given:
+        points = [_without(given, point, file, source) for point in points]
     keys = list(dict.fromkeys(key for point in points for key in point))
     if "experiment.pairs" in keys:
-        raise InputError(
-            f"{source} experiment.pairs", "cannot vary", "one number for all cells (--pairs)"
-        )
+        allowed = "one number for all cells (--pairs)"
+        raise InputError(f"{source} experiment.pairs", "cannot vary", allowed)
     cells: list[Cell] = []
     seen: dict[str, int] = {}
     for number, point in enumerate(points):
         scenario = file.scenario([Setting(key, value, source) for key, value in point.items()])
         dumped = scenario.model_dump()
-        # From here on a speed with a unit is a number.
-        written = in_si(point, source, {})
-        varied = {key: written.get(key, _value_at(dumped, key)) for key in keys}
-        # From here on a class is a name.
-        varied |= {key: _value_at(dumped, key) for key in keys if isinstance(varied[key], type)}
-        if (first := seen.setdefault(repr(dumped), number)) != number:
-            if given:
-                continue
+        # A speed with a unit is a number from here on, and a class is a name.
+        varied = {
+            key: point[key]
+            if key in point and not isinstance(point[key], str | type)
+            else _value_at(dumped, key)
+            for key in keys
+        }
+        if (first := seen.setdefault(repr(dumped), number)) == number:
+            cells.append(Cell(len(cells), varied, scenario))
+        elif not given:
             what = ", ".join(f"{key}={value}" for key, value in varied.items())
             problem = f"cells {first} and {number} are the same ({what})"
             raise InputError(source, problem, "each value once")
-        cells.append(Cell(len(cells), varied, scenario))
     if len({cell.scenario.traffic is None for cell in cells}) > 1:
         allowed = "[traffic] in every cell, or in none"
         raise InputError(source, "some cells have [traffic], others have not", allowed)
-    remark = _left_out(list(given), len(planned), len(cells)) if given else None
+    remark = _left_out(list(given), planned, len(cells)) if given else None
     study = Study(file.name, file.scenario(), tuple(cells), remark)
     _check_driven(study, [*file.settings, *(Setting(key, None, source) for key, _ in variations)])
     return study
@@ -123,7 +118,7 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
 def _check_driven(study: Study, settings: Sequence[Setting]) -> None:
     """Refuse settings of a strategy's parameters if the strategy drives in no cell."""
     for setting in settings:
-        section, *names = _path_of(setting)
+        section, *names = parts_of(setting)
         if section == "strategies" and names and names[0] not in study.driven:
             where = f"{setting.source} {setting.key}"
             allowed = f"a parameter of {' or '.join(study.driven)}"
@@ -136,12 +131,12 @@ def _given(
 ) -> dict[str, Setting]:
     """The varied keys, each with the setting that sets it, a part of it, or its table."""
     keys = dict.fromkeys(key for point in points for key in point)
-    paths = [(setting, _path_of(setting)) for setting in file.settings]
+    paths = [(setting, parts_of(setting)) for setting in file.settings]
     return {
         key: setting
         for key in keys
         for setting, path in paths
-        if all(a == b for a, b in zip(_path_of(Setting(key, None, source)), path, strict=False))
+        if all(a == b for a, b in zip(parts_of(Setting(key, None, source)), path, strict=False))
     }
 
 
@@ -154,7 +149,7 @@ def _without(
     drivers = set(scenario.arms.model_dump().values())
 
     def drives(key: str) -> bool:
-        section, *names = _path_of(Setting(key, None, source))
+        section, *names = parts_of(Setting(key, None, source))
         return section != "strategies" or {*names[:1]} <= drivers
 
     return {key: value for key, value in kept.items() if drives(key)}
@@ -197,19 +192,8 @@ def as_written(value: Any) -> str:
 def _value_at(tree: Mapping[str, Any], key: str) -> Any:
     """The value of a varied key in a cell that does not set it; None if there is no such key."""
     node: Any = tree
-    for name in _path_of(Setting(key, None)):
+    for name in parts_of(Setting(key, None)):
         if not isinstance(node, Mapping) or name not in node:
             return None
         node = node[name]
     return node
-
-
-def _path_of(setting: Setting) -> tuple[str, ...]:
-    """The parts of a setting's key."""
-    probe: Any = {}
-    apply_setting(probe, setting._replace(value=None))
-    path = []
-    while isinstance(probe, dict):
-        ((name, probe),) = probe.items()
-        path.append(name)
-    return tuple(path)

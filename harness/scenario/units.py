@@ -1,8 +1,7 @@
-"""Units by the ending of a key; one that ends in ``_mps`` accepts "50 km/h" or a number in m/s."""
+"""Speeds with units: a key that ends in ``_mps`` accepts "50 km/h" or a number in m/s."""
 
 import math
 import re
-from collections.abc import Mapping
 from typing import Any
 
 from harness.core.documents import shortened
@@ -16,18 +15,7 @@ UNITS = {
 }
 """Units of speed as (metres, seconds); they are exact by definition."""
 
-_ENDINGS = {"_mps3": "m/s³", "_mps2": "m/s²", "_mps": "m/s", "_m": "m", "_s": "s", "_deg": "°"}
-
 _FORM = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S+)\s*")
-
-
-def unit_of(name: str) -> tuple[str, str] | None:
-    """The ending of a key that says its unit, and the unit; None if the name says none.
-
-    >>> unit_of("max_deceleration_mps2"), unit_of("friction")
-    (('_mps2', 'm/s²'), None)
-    """
-    return next((each for each in _ENDINGS.items() if name.endswith(each[0])), None)
 
 
 def in_metres_per_second(text: str) -> float | None:
@@ -46,31 +34,24 @@ def in_metres_per_second(text: str) -> float | None:
     return speed if math.isfinite(speed) else None
 
 
-def in_si(value: Any, source: str, key_sources: Mapping[str, str], key: str = "") -> Any:
+def in_si(value: Any, key: str = "") -> Any:
     """A tree of keys and values in which every speed with a unit is a number in m/s.
 
     Args:
         value: the tree, or a value in it.
-        source: name of the file in messages.
-        key_sources: name of the source of every key that is not from the file (``--set``).
         key: the dotted key of ``value``.
 
     Raises:
         InputError: the text of a key that ends in ``_mps`` is not a speed.
     """
-    if isinstance(value, dict):
-        before = f"{key}." if key else ""
-        return {
-            name: in_si(part, source, key_sources, f"{before}{name}")
-            for name, part in value.items()
-        }
-    if isinstance(value, list):
-        return [in_si(part, source, key_sources, f"{key}.{i}") for i, part in enumerate(value)]
+    if isinstance(value, dict | list):
+        named = value.items() if isinstance(value, dict) else enumerate(value)
+        parts = {name: in_si(part, f"{key}.{name}".lstrip(".")) for name, part in named}
+        return parts if isinstance(value, dict) else [*parts.values()]
     if not (isinstance(value, str) and key.endswith("_mps")):
         return value
     speed = in_metres_per_second(value)
     if speed is None:
-        where = f"{key_sources[key]} {key}" if key in key_sources else f"{source}: {key}"
         allowed = f"a number in m/s, or text with a unit: {', '.join(UNITS)}"
-        raise InputError(where, f"{shortened(value)} is not accepted", allowed)
+        raise InputError(key, f"{shortened(value)} is not accepted", allowed)
     return speed

@@ -8,7 +8,7 @@ from datetime import time
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
-from harness.core.documents import parse_toml
+from harness.core.documents import parse_toml, shortened
 from harness.core.errors import InputError
 from harness.scenario.file import ScenarioFile, as_plain, toml_value
 
@@ -60,57 +60,50 @@ def _expand(values: Sequence[Any], where: str) -> list[Any]:
     for value in values:
         # TOML reads 10:50:10 as a time of day.
         text = value.isoformat() if isinstance(value, time) else value
-        parts = text.split(":") if isinstance(text, str) else []
-        numbers = [_decimal(part) for part in parts]
-        if len(numbers) == 2 and None not in numbers:
+        numbers = _numbers(text) if isinstance(text, str) else []
+        if len(numbers) == 2:
             raise InputError(where, f"range {text!r} has no step", "begin:end:step")
-        if len(numbers) != 3 or any(number is None for number in numbers):
+        if len(numbers) != 3:
             expanded.append(value)
             continue
         # Decimals, so that 0:1:0.1 is 0.3 and not 0.30000000000000004.
-        begin, end, step = (number for number in numbers if number is not None)
-        if step == 0 or (end - begin) / step < 0 or (end - begin) / step > MAX_CELLS:
+        begin, end, step = numbers
+        if step == 0 or not 0 <= (end - begin) / step <= MAX_CELLS:
             problem = f"range {text!r} does not reach its end in {MAX_CELLS} steps"
             raise InputError(where, problem, "begin:end:step")
-        whole = all(number == number.to_integral_value() for number in (begin, end, step))
-        for index in range(int((end - begin) / step) + 1):
-            number = begin + index * step
-            expanded.append(int(number) if whole else float(number))
+        whole = int if all(number == int(number) for number in numbers) else float
+        expanded += [whole(begin + i * step) for i in range(int((end - begin) / step) + 1)]
     return expanded
 
 
-def _decimal(text: str) -> Decimal | None:
+def _numbers(text: str) -> list[Decimal]:
+    """The numbers between colons; none if a part is no finite number that a float can hold."""
     try:
-        number = Decimal(text.strip())
+        numbers = [Decimal(part.strip()) for part in text.split(":")]
     except InvalidOperation:
-        return None
-    return number if number.is_finite() and abs(number.adjusted()) < 300 else None
+        return []
+    return numbers if all(n.is_finite() and abs(n.adjusted()) < 300 for n in numbers) else []
 
 
 def _points_of_table(table: Mapping[str, Any], source: str) -> list[dict[str, Any]]:
     where = f"{source}: sweep"
-    named = table.get("cells")
-    if named is None:
+    if "cells" not in table:
         flat = flatten(table)
         if not flat:
             raise InputError(where, "nothing to vary", "a list of values for each key that varies")
         for key, values in flat.items():
             if not isinstance(values, list):
                 raise InputError(f"{where}.{key}", f"{values!r} is not a list", "a list of values")
-        return _grid(
-            [(key, _expand(values, f"{where}.{key}")) for key, values in flat.items()], where
-        )
+        return _grid([(key, _expand(of, f"{where}.{key}")) for key, of in flat.items()], where)
+    named = table["cells"]
     if len(table) > 1:
         other = next(key for key in table if key != "cells")
-        raise InputError(
-            f"{where}.{other}", "cannot be combined with [[sweep.cells]]", "one of the two"
-        )
-    if not isinstance(named, list) or not all(isinstance(cell, dict) for cell in named):
-        raise InputError(f"{where}.cells", "is not an array of tables", "[[sweep.cells]]")
-    if len(named) > MAX_CELLS:
-        raise InputError(f"{where}.cells", f"{len(named)} cells", f"at most {MAX_CELLS}")
-    if not named:
-        raise InputError(f"{where}.cells", "nothing to vary", "at least one cell")
+        problem = "cannot be combined with [[sweep.cells]]"
+        raise InputError(f"{where}.{other}", problem, "one of the two")
+    tables = isinstance(named, list) and all(isinstance(cell, dict) for cell in named)
+    if not tables or not 0 < len(named) <= MAX_CELLS:
+        allowed = f"1 to {MAX_CELLS} tables [[sweep.cells]]"
+        raise InputError(f"{where}.cells", f"{shortened(named)} is not accepted", allowed)
     return [flatten(cell) for cell in named]
 
 

@@ -13,9 +13,9 @@ from harness.core.errors import EngineError, InputError, nearest_name
 from harness.encounter.arms import asks_model
 from harness.engine.starting import scratch_prefix
 from harness.model.interaction import InteractionModel, check_support
-from harness.scenario import Scenario, SimulationSection
-from harness.scenario.sections import EgoSection
-from harness.scenario.sight import check_sight
+from harness.scenario import Scenario
+from harness.scenario.consistency import check_perception
+from harness.scenario.sections import EgoSection, SimulationSection
 from harness.simulation import demand
 from harness.simulation.files import Kept, check_outputs, write_config
 from harness.simulation.setup import CROSSWALK, Setup
@@ -81,7 +81,7 @@ def opened(scenario: Scenario) -> Setup:
         raise InputError(str(path), str(error)) from None
     experiment = scenario.experiment.model_copy(update={"step_s": step_s})
     scenario = scenario.model_copy(update={"experiment": experiment})
-    check_sight(scenario, "simulation")
+    check_perception(scenario)
     _check_people(scenario, config)
     _check_types(simulation.av_types, config)
     for name in crosswalks:

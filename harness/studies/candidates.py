@@ -17,8 +17,10 @@ from harness.results.run import Run
 from harness.results.screens import driver_of
 from harness.results.simulated import SimulationSample
 from harness.results.tables import TABLES_OF
-from harness.scenario import Scenario, as_written, flatten
+from harness.scenario import Scenario
 from harness.scenario.place import name_of
+from harness.scenario.study import as_written
+from harness.scenario.variation import flatten
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES
 

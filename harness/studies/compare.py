@@ -23,8 +23,8 @@ from harness.results.screens import drivers, scope_of, shown, table_of
 from harness.results.simulated import SimulationSample
 from harness.results.student import RELIABLE_FROM
 from harness.results.tables import RunKind
-from harness.scenario import flatten
 from harness.scenario.place import place_in_words
+from harness.scenario.variation import flatten
 from harness.studies.allowed import allowed_in, allowed_table
 from harness.studies.candidates import Candidate, groups_of, without_av
 

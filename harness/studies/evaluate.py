@@ -18,9 +18,9 @@ from harness.encounter.arms import arm_key
 from harness.results.estimators import CONFIDENCE
 from harness.results.findings import cell_findings
 from harness.results.result import flat
-from harness.scenario import Cell, EngineName, Scenario, Setting, engine_named
+from harness.scenario import Cell, EngineName, Scenario, Setting
 from harness.scenario.file import as_plain
-from harness.scenario.options import whole_number
+from harness.scenario.options import engine_named, whole_number
 from harness.strategies.registry import source_digests
 from harness.studies.run import checked_models, scenario_file
 from harness.studies.tasks import Task, but_for_drivers

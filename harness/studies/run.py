@@ -32,8 +32,9 @@ from harness.results.tables import (
     read_part,
     write_part,
 )
-from harness.scenario import EngineName, Scenario, engine_named
+from harness.scenario import EngineName, Scenario
 from harness.scenario.file import ScenarioFile, Setting, read_scenario_file
+from harness.scenario.options import engine_named
 from harness.scenario.study import Study, study_from, study_of
 from harness.studies.tasks import Rows, Task, part_pairs, tasks_of
 from harness.studies.workers import executor_for, supervise

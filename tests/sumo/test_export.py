@@ -15,7 +15,8 @@ import shapely
 from harness.core.encounter import Arm
 from harness.engine.network import place_of
 from harness.results.run import load_run
-from harness.scenario import Scenario, ScenarioFile, study_of
+from harness.scenario import Scenario, study_of
+from harness.scenario.file import ScenarioFile
 from harness.site import read_site
 from harness.site.town import Town
 from harness.studies.run import run

@@ -8,7 +8,8 @@ from scipy import stats
 
 from harness.core.encounter import Arrival, Side
 from harness.encounter.arrivals import critical_gap_s, planned_arrivals
-from harness.scenario import GapAcceptanceSection, Scenario, validate
+from harness.scenario import Scenario, validate
+from harness.scenario.people import GapAcceptanceSection
 from tests.scenes import Recorder, episode
 
 

@@ -8,14 +8,9 @@ import pytest
 from harness.core.encounter import Arm, Side
 from harness.core.errors import InputError
 from harness.measures.ego import crossing_time
-from harness.scenario import (
-    Setting,
-    parse_variation,
-    read_scenario_file,
-    remarks,
-    study_of,
-    validate,
-)
+from harness.scenario import Setting, read_scenario_file, study_of, validate
+from harness.scenario.consistency import remarks
+from harness.scenario.variation import parse_variation
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.gap_yield import GapYield
 from tests.scenes import on_plain, play, scenario

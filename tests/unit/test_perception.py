@@ -13,7 +13,8 @@ from harness.encounter.arrivals import planned_arrivals
 from harness.measures import measure
 from harness.model.interaction import load_model
 from harness.results.rows import trace_rows
-from harness.scenario import Scenario, load_scenario, remarks, validate
+from harness.scenario import Scenario, load_scenario, validate
+from harness.scenario.consistency import remarks
 from harness.scenario.file import Setting
 from harness.strategies.perception.occlusion import Rectangle, is_hidden, outline
 from harness.strategies.perception.perception import Perception

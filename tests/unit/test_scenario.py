@@ -9,7 +9,8 @@ import pytest
 from harness.core.encounter import Crossing, Vehicle
 from harness.core.errors import InputError
 from harness.core.resources import shipped_directory
-from harness.scenario import Scenario, load_scenario, parse_setting, read_scenario_file, validate
+from harness.scenario import Scenario, load_scenario, read_scenario_file, validate
+from harness.scenario.file import parse_setting
 from tests.scenes import refusal_of
 
 # Table II of the paper and the choices beside it: what an empty scenario runs.
@@ -238,8 +239,8 @@ def test_files_that_are_no_scenario(tmp_path: Path) -> None:
     for path, says in (
         (broken, "not a TOML file"),
         (binary, "not a TOML file"),
-        (tmp_path, "is a folder"),
-        (tmp_path / "none.toml", "no such scenario file"),
+        (tmp_path, "not a regular file"),
+        (tmp_path / "none.toml", "No such file"),
         ("cctx", "did you mean 'cctc'"),
     ):
         with pytest.raises(InputError, match=says) as caught:

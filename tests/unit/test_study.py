@@ -6,14 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from harness.scenario import (
-    Study,
-    parse_setting,
-    parse_variation,
-    read_scenario_file,
-    study_from,
-    study_of,
-)
+from harness.scenario import Study, read_scenario_file, study_from, study_of
+from harness.scenario.file import parse_setting
+from harness.scenario.variation import parse_variation
 from tests.batches import here
 from tests.scenes import refusal_of, refuses
 
@@ -158,7 +153,7 @@ def test_studies_come_back_from_a_manifest_and_cells_reach_a_worker(tmp_path) ->
         ("[sweep]", [], ["nothing to vary"]),
         ("sweep = 3", [], ["sweep", "table"]),
         ("[sweep]\ncells = 3", [], ["sweep.cells"]),
-        ("[sweep]\ncells = []", [], ["nothing to vary"]),
+        ("[sweep]\ncells = []", [], ["sweep.cells", "[]", "1 to"]),
         ("[[sweep.cells]]\nego.lenght_m = 5.0", [], ["lenght_m", "'length_m'"]),
         ("[sweep]\narms.av = ['hard_yield']\n[[sweep.cells]]\nego.length_m = 5.0", [], ["arms"]),
     ],

@@ -17,7 +17,8 @@ from scipy import stats
 from harness.core.encounter import Arm, Arrival, Side, Walk
 from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.threshold import Threat, blocking, effective_time_s
-from harness.scenario import Scenario, ThresholdSection, load_scenario, validate
+from harness.scenario import Scenario, load_scenario, validate
+from harness.scenario.people import ThresholdSection
 from harness.studies.risk_space import space_of
 from tests.scenes import Recorder, episode, on_plain
 

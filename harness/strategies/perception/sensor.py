@@ -4,7 +4,8 @@ import math
 from dataclasses import dataclass
 
 from harness.core.encounter import Arm, Crossing
-from harness.scenario import PerceptionSection, Scenario
+from harness.scenario import Scenario
+from harness.scenario.sections import PerceptionSection
 from harness.strategies.perception.occlusion import Rectangle
 
 EYE_BEHIND_BUMPER_M = 2.4
