@@ -27,7 +27,7 @@ from harness.core.encounter import Arm, Trace
 from harness.encounter.pairing import CHUNK_PAIRS, PairRunner
 from harness.engine.network import place_of
 from harness.engine.protocol import Engine
-from harness.engine.sumo import libsumo_engine
+from harness.engine.shared import open_engine
 from harness.measures import measure
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario, Setting, load_scenario
@@ -171,7 +171,7 @@ def opened(start: Callable[[], Engine]) -> Iterator[Engine]:
 def local() -> Engine:
     """SUMO in this process."""
     scenario = load_scenario("cctc")
-    return libsumo_engine(place_of(scenario), scenario.vehicle(), scenario.crosswalk(), 0.1)
+    return open_engine(scenario)
 
 
 def bare(episodes: int, steps: int) -> Cost:

@@ -29,7 +29,7 @@ PARTS = {
     "ego's setSpeed and getDistance": r"_wrap_vehicle_(setSpeed|getDistance|getSpeed) \(",
     "ego and persons inserted and removed": r"(_insert_ego|_announce_until|begin|remove|end) "
     r"\(harness/engine/control",
-    "SUMO started": r"libsumo_engine \(",
+    "SUMO started": r"session_of \(",
     "rest of the engine": r"\(harness/engine/",
     "the human driver: modes of the model": r"\(harness/strategies/human_gmm",
     "the AV's strategy": r"\(harness/strategies/",
@@ -102,8 +102,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for stack, samples in record(options.scenario, options.pairs, options.workers, folder):
-            # Of a worker's command line, which has line breaks, the last line.
-            if " harness.engine.sumo /" not in stack:
+            if "serve (harness/studies/children" not in stack:
                 command[part_of(stack, COMMAND)] += samples
             elif "_end_with_parent" not in stack:
                 workers[part_of(stack, PARTS)] += samples

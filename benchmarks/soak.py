@@ -26,7 +26,7 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.encounter.pairing import PairRunner
-from harness.engine.shared import close_engine, engine_for
+from harness.engine.shared import close_engine, open_engine
 from harness.model.interaction import load_model
 from harness.results.folder import MANIFEST, read_manifest
 from harness.results.tables import done_parts
@@ -190,7 +190,7 @@ def _pace() -> Callable[[], float]:
     """Measures the processor time of a few pairs of ``cctc`` in a SUMO started for them, in s."""
     scenario = load_scenario("cctc")
     model = load_model(scenario.model.name)
-    runner = PairRunner(scenario, model, lambda: engine_for(scenario))
+    runner = PairRunner(scenario, model, lambda: open_engine(scenario))
 
     def fresh_s() -> float:
         begin = time.process_time()

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from harness.engine.network import place_of
 from harness.engine.protocol import Engine
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario
@@ -39,18 +38,14 @@ def close_all() -> None:
 @pytest.fixture
 def sumo() -> MakeEngine:
     """Gives a SUMO engine for a scenario; this process's one simulation is kept open."""
-    from harness.engine.sumo import libsumo_engine  # tests/unit needs no SUMO
+    from harness.engine.control import SumoEngine  # tests/unit needs no SUMO
+    from harness.engine.starting import session_of
 
     def make(scenario: Scenario) -> Engine:
         key = repr((scenario.crossing, scenario.ego, scenario.experiment.step_s))
         if key not in _open:
             close_all()
-            _open[key] = libsumo_engine(
-                place_of(scenario),
-                scenario.vehicle(),
-                scenario.crosswalk(),
-                scenario.experiment.step_s,
-            )
+            _open[key] = SumoEngine(session_of(scenario), scenario)
         return _open[key]
 
     return make

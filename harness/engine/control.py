@@ -1,18 +1,20 @@
 """An encounter in SUMO: the ego's speed and the pedestrians' positions in, the ego's state out.
 
-It uses the interface that libsumo and TraCI share.  docs/sumo.md explains the choices and has the
+docs/sumo.md explains the choices and has the
 measurements behind them.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple
 
-from harness.core.encounter import Arrival, Crossing, Vehicle
+from harness.core.encounter import Arrival
 from harness.core.errors import EngineError
+from harness.engine.network import place_of
 from harness.engine.people import HeldPeople
-from harness.site import Site
+from harness.engine.session import Session
+from harness.scenario import Scenario
+from harness.site import read_site
 
 SPEED_MODE_EXTERNAL = 32
 """SUMO neither brakes for pedestrians nor limits accelerations; only the strategy drives."""
@@ -24,31 +26,6 @@ SUMO reports a hit only while the front is on the junction, which begins a few m
 """
 
 
-def limit_speed(api: Any, road: Sequence[str], limit_mps: float) -> None:
-    """Set the speed limit of a road's successive edges and of the lanes that connect them."""
-    lanes = [f"{edge}_{index}" for edge in road for index in range(api.edge.getLaneNumber(edge))]
-    while lanes:
-        lane = lanes.pop()
-        api.lane.setMaxSpeed(lane, limit_mps)
-        # Inside a junction several lanes may follow one after another.
-        lanes += [inside for *_, inside, _, _, _ in api.lane.getLinks(lane) if inside]
-
-
-class Calls(NamedTuple):
-    """The functions that are called at every step."""
-
-    advance: Callable[[], object]
-    move: Callable[..., object]
-    set_speed: Callable[[str, float], object]
-    get_distance: Callable[[str], float]
-
-
-def calls_of(api: Any) -> Calls:
-    """The public functions of libsumo or traci."""
-    vehicle, person = api.vehicle, api.person
-    return Calls(api.simulationStep, person.moveToXY, vehicle.setSpeed, vehicle.getDistance)
-
-
 class SumoEngine:
     """Simulates episodes in SUMO, one after another in the same simulation.
 
@@ -57,50 +34,39 @@ class SumoEngine:
     because SUMO's own pedestrians would stop for the vehicle and hide crashes.
 
     Args:
-        api: the module ``libsumo`` or ``traci``, connected to a simulation that was
-            started with ``start_command``.
-        close: ends that simulation.
-        site: the crosswalk.
-        vehicle: the ego.
-        crossing: the crosswalk's constants.
-        step_s: length of a step, whole milliseconds.
-        calls: the functions that are called at every step; None: the functions of ``api``.
+        session: a new simulation of the scenario's network.
+        scenario: the scenario.
 
     Attributes:
         automated: whether SUMO's files and window name the ego an AV; set between episodes.
     """
 
-    def __init__(
-        self,
-        api: Any,
-        close: Callable[[], None],
-        site: Site,
-        vehicle: Vehicle,
-        crossing: Crossing,
-        step_s: float,
-        calls: Calls | None = None,
-    ) -> None:
-        self._api, self._close = api, close
+    def __init__(self, session: Session, scenario: Scenario) -> None:
+        self._site = site = read_site(place_of(scenario))
+        self._session, self._api, self._lost = session, session.api, session.lost
         self.closed = self.automated = False
-        self._lost: tuple[type[Exception], ...] = (api.TraCIException, api.FatalTraCIError)
-        calls = calls or calls_of(api)
-        self._advance = calls.advance
-        self._set_speed, self._get_distance = calls.set_speed, calls.get_distance
-        self._get_speed = api.vehicle.getSpeed
-        self._vehicle, self._step_s = vehicle, step_s
+        self._advance, self._get_speed = session.advance, session.vehicles.speed_mps
+        self._set_speed, self._get_distance = (
+            session.vehicles.set_speed,
+            session.vehicles.odometer_m,
+        )
+        vehicle, self._step_s = scenario.vehicle(), scenario.experiment.step_s
         departure = site.ego.departure(vehicle.trigger_range_m)
-        self._depart_position = repr(departure.position_m)
-        self._lane_index = str(departure.lane)
+        self._departing = {
+            "depart": "now",
+            "departLane": str(departure.lane),
+            "departPos": repr(departure.position_m),
+            "departSpeed": repr(vehicle.initial_speed_mps),
+        }
         self._start_x_m = -vehicle.trigger_range_m
-        self._collisions_from_m = -crossing.width_m / 2 - COLLISION_REACH_M
+        self._collisions_from_m = -scenario.crossing.width_m / 2 - COLLISION_REACH_M
         self._episode = 0
         self._ego = ""
         self._set_mps: float | None = None
         """The speed that was last set."""
-        self.people = HeldPeople(api, site, crossing, move=calls.move)
-        api.route.add("drive", departure.edges)
-        if crossing.speed_limit_mps is not None:
-            limit_speed(api, departure.edges, crossing.speed_limit_mps)
+        self.people = HeldPeople(session, site, scenario.crossing.length_m)
+        self._api.route.add("drive", departure.edges)
+        self._limit_speed(departure.edges, scenario.speed_limit_mps)
 
     def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
         """See ``Engine.begin``."""
@@ -162,7 +128,7 @@ class SumoEngine:
     def close(self) -> None:
         """End the simulation, which also completes SUMO's output files."""
         self.closed = True
-        self._close()
+        self._session.close()
 
     @contextmanager
     def _watched(self, what: str) -> Iterator[None]:
@@ -172,16 +138,20 @@ class SumoEngine:
         except self._lost as error:
             raise EngineError(f"SUMO {what}: {error}") from None
 
+    def _limit_speed(self, road: Sequence[str], limit_mps: float) -> None:
+        """Set the speed limit of a road's successive edges and of the lanes that connect them."""
+        api = self._api
+        counts = {edge: api.edge.getLaneNumber(edge) for edge in road}
+        lanes = [f"{edge}_{index}" for edge, count in counts.items() for index in range(count)]
+        while lanes:
+            lane = lanes.pop()
+            api.lane.setMaxSpeed(lane, limit_mps)
+            # Inside a junction several lanes may follow one after another.
+            lanes += [inside for *_, inside, _, _, _ in api.lane.getLinks(lane) if inside]
+
     def _insert_ego(self) -> None:
-        self._api.vehicle.add(
-            self._ego,
-            "drive",
-            typeID="av" if self.automated else "ego",
-            depart="now",
-            departLane=self._lane_index,
-            departPos=self._depart_position,
-            departSpeed=repr(self._vehicle.initial_speed_mps),
-        )
+        kind = "av" if self.automated else "ego"
+        self._api.vehicle.add(self._ego, "drive", typeID=kind, **self._departing)
         self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
         self._api.vehicle.setLaneChangeMode(self._ego, 0)
 

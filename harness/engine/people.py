@@ -2,25 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
-from harness.core.encounter import Arrival, Crossing, Side
+from harness.core.encounter import Arrival, Side
+from harness.engine.session import KEEP_ROUTE, MATCH_THRESHOLD_M, NO_ANGLE, Session
 from harness.site import Site
 
 WALKER = "walker"
 """The SUMO type of pedestrians."""
-
-NO_ANGLE = -1073741824.0
-"""SUMO's INVALID_DOUBLE_VALUE: the angle follows from the movement."""
-
-KEEP_ROUTE = 2
-"""The person may leave their route."""
-
-MATCH_THRESHOLD_M = 1.0
-"""Distance within which SUMO searches for a lane.
-
-These three arguments are separate, because unpacking a tuple costs 1 % of a step.
-"""
 
 
 class HeldPeople:
@@ -31,25 +19,18 @@ class HeldPeople:
     their kerb until their first position is set.
 
     Args:
-        api: the module ``libsumo`` or ``traci``, connected to a simulation.
+        session: the simulation.
         site: the crosswalk.
-        crossing: the crosswalk's constants.
-        move: the function that sets a position; None: ``moveToXY`` of ``api``.
+        length_m: from kerb to kerb.
     """
 
-    def __init__(
-        self,
-        api: Any,
-        site: Site,
-        crossing: Crossing,
-        move: Any = None,
-    ) -> None:
-        self._person, self._move = api.person, move or api.person.moveToXY
+    def __init__(self, session: Session, site: Site, length_m: float) -> None:
+        self._person, self._move = session.api.person, session.move
         self._footpaths = {side: site.footpath(side) for side in Side}
         self._to_network = site.frame.to_network
         # Network coordinates of (0, y) are origin + y · across.
         self._line = (*self._to_network(0.0, 0.0), site.frame.across_x, site.frame.across_y)
-        self._kerb_m = {Side.NEAR: 0.0, Side.FAR: crossing.length_m}
+        self._kerb_m = {Side.NEAR: 0.0, Side.FAR: length_m}
         self.ids: dict[int, str] = {}
         """SUMO's ids of the pedestrians in the simulation, by index."""
         self._waiting: dict[int, tuple[float, float]] = {}

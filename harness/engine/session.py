@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol, TypeVar, get_type_hints
 
 from harness.core.errors import EngineError, one_line
-from harness.engine.people import KEEP_ROUTE, MATCH_THRESHOLD_M, NO_ANGLE
 from harness.site.configuration import first_error, sumo_program
 
 Module = Literal["libsumo", "traci", "gui"]
@@ -19,6 +18,18 @@ Module = Literal["libsumo", "traci", "gui"]
 
 _VIEW = "View #0"
 _DEPART_NOW = -3.0
+
+NO_ANGLE = -1073741824.0
+"""SUMO's INVALID_DOUBLE_VALUE: the angle follows from the movement."""
+
+KEEP_ROUTE = 2
+"""The person may leave their route."""
+
+MATCH_THRESHOLD_M = 1.0
+"""Distance within which SUMO searches for a lane.
+
+These three arguments are separate, because unpacking a tuple costs 1 % of a step.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +115,8 @@ class Session:
         vehicles_on, people_on: ids of those on an edge at the last step.
         step_s: length of a step.
         time_s: the time at the end of the last step.
+        api, lost, advance, move: the module, its exceptions, and its functions for a step and for a
+            person's place; for ``SumoEngine`` only.
 
     Raises:
         EngineError: SUMO does not start, or another simulation runs in this process.
@@ -116,9 +129,9 @@ class Session:
         command += [
             part for name, value in (options or {}).items() for part in (f"--{name}", value)
         ]
-        self._api = api = _started(module, command)
-        self._lost = (api.TraCIException, api.FatalTraCIError)
-        self._advance = self._function("simulation", "step")
+        self.api = api = _started(module, command)
+        self.lost = (api.TraCIException, api.FatalTraCIError)
+        self.advance = self._function("simulation", "step")
         self._now = self._function("simulation", "getTime")
         self.vehicles = self._functions("vehicle", Vehicles)
         self.people = self._functions("person", People)
@@ -126,7 +139,7 @@ class Session:
         self.vehicles_on = self._function("edge", "getLastStepVehicleIDs")
         self.people_on: Callable[[str], Sequence[str]]
         self.people_on = self._function("edge", "getLastStepPersonIDs")
-        self._move = self._function("person", "moveToXY")
+        self.move = self._function("person", "moveToXY")
         ids: dict[str, Callable[[], Sequence[str]]] = {
             name: self._function("simulation", f"get{name}IDList")
             for name in ("Departed", "Arrived", "StartingTeleport", "EmergencyStoppingVehicles")
@@ -138,11 +151,11 @@ class Session:
         self.step_s: float = api.simulation.getDeltaT()
 
     def _function(self, domain: str, name: str) -> Callable[..., Any]:
-        if self._api.__name__ == "libsumo" and name not in _WRAPPED:
+        if self.api.__name__ == "libsumo" and name not in _WRAPPED:
             # Without the wrapper in Python, which takes as long as the function.
-            compiled: Callable[..., Any] = getattr(self._api._libsumo, f"{domain}_{name}")
+            compiled: Callable[..., Any] = getattr(self.api._libsumo, f"{domain}_{name}")
             return compiled
-        public: Callable[..., Any] = getattr(getattr(self._api, domain), name)
+        public: Callable[..., Any] = getattr(getattr(self.api, domain), name)
         return public
 
     def _functions(self, domain: str, kind: type[_Functions]) -> _Functions:
@@ -156,8 +169,8 @@ class Session:
             EngineError: SUMO lost the simulation.
         """
         try:
-            self._advance()
-        except self._lost as error:
+            self.advance()
+        except self.lost as error:
             raise EngineError(f"SUMO lost the simulation: {one_line(str(error))}") from None
         self.time_s = self._now()
         return self.time_s
@@ -169,7 +182,7 @@ class Session:
         """
         if end_s is not None:
             return self.time_s < end_s - 1e-9
-        api = self._api
+        api = self.api
         expected = api.simulation.getMinExpectedNumber()
         if not expected or api.vehicle.getIDCount():
             return bool(expected)
@@ -188,34 +201,34 @@ class Session:
 
         They need a way (``people.walk``) in the same step.
         """
-        self._api.person.add(name, edge, position_m, depart=_DEPART_NOW, typeID=type_id)
+        self.api.person.add(name, edge, position_m, depart=_DEPART_NOW, typeID=type_id)
 
     def move_person(self, name: str, x: float, y: float) -> None:
         """Put a person who exists on a point of a crosswalk's axis, 0.05 m or more from its ends.
 
         SUMO ends the process if the person does not exist.
         """
-        self._move(name, "", x, y, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
+        self.move(name, "", x, y, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
 
     def vehicle_types(self) -> Mapping[str, tuple[float, float, float, float, float]]:
         """Length, width, acceleration, deceleration and top speed of each type, by its id."""
-        of = self._api.vehicletype
+        of = self.api.vehicletype
         asked = (of.getLength, of.getWidth, of.getAccel, of.getDecel, of.getMaxSpeed)
         return {name: tuple(each(name) for each in asked) for name in of.getIDList()}
 
     def look(self, x: float, y: float, reach_m: float) -> None:
         """Show a square of the network in the window."""
-        self._api.gui.setBoundary(_VIEW, x - reach_m, y - reach_m, x + reach_m, y + reach_m)
+        self.api.gui.setBoundary(_VIEW, x - reach_m, y - reach_m, x + reach_m, y + reach_m)
 
     def screenshot(self, file: Path, width: int, height: int) -> None:
         """Order a picture of the window at the end of the next step."""
-        self._api.gui.screenshot(_VIEW, str(file.absolute()), width, height)
+        self.api.gui.screenshot(_VIEW, str(file.absolute()), width, height)
 
     def close(self) -> None:
         """End the simulation; only then are its output files complete."""
         # The user may have closed the window.
-        with contextlib.suppress(self._api.FatalTraCIError):
-            self._api.close()
+        with contextlib.suppress(self.api.FatalTraCIError):
+            self.api.close()
 
 
 def _started(module: Module, command: Sequence[str]) -> Any:

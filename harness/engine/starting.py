@@ -1,15 +1,32 @@
-"""Command line and additional file of SUMO, from a place and a vehicle.
+"""An encounter's SUMO: scenario in, running session out.
 
 docs/sumo.md explains the choices and has the measurements behind them.
 """
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
 from xml.sax.saxutils import quoteattr
 
-from harness.core.encounter import Crossing, Vehicle
-from harness.site import Place, Site, read_site
+from harness.engine.network import network_of
+from harness.engine.session import Module, Session
+from harness.scenario import Scenario
+
+_OPTIONS = {
+    "seed": "1",  # no result depends on it
+    "step-method.ballistic": "true",
+    "insertion-checks": "none",
+    "collision.check-junctions": "true",
+    "collision.mingap-factor": "0",
+    "collision.action": "warn",
+    "pedestrian.striping.dawdling": "0",
+    "pedestrian.striping.jamtime": "-1",
+    "pedestrian.striping.jamtime.crossing": "-1",
+    "time-to-teleport": "-1",
+    "no-step-log": "true",
+    "no-warnings": "true",
+}
 
 _WALKER = {"vClass": "pedestrian", "speedDev": 0, "sigma": 0}
 
@@ -22,36 +39,41 @@ def scratch_prefix(process: int) -> str:
     return f"crosswalk-harness-{process}-"
 
 
-def start_command(
-    net: Path, types: Path, step_s: float, outputs: Mapping[str, str] | None = None
-) -> list[str]:
-    """SUMO's command line; ``outputs`` are further options."""
-    options: dict[str, Any] = {
-        "--net-file": net,
-        "--additional-files": types,
-        "--seed": 1,  # no result depends on it
-        "--step-length": f"{step_s:.3f}",
-        "--step-method.ballistic": "true",
-        "--insertion-checks": "none",
-        "--collision.check-junctions": "true",
-        "--collision.mingap-factor": "0",
-        "--collision.action": "warn",
-        "--pedestrian.striping.dawdling": "0",
-        "--pedestrian.striping.jamtime": "-1",
-        "--pedestrian.striping.jamtime.crossing": "-1",
-        "--time-to-teleport": "-1",
-        "--no-step-log": "true",
-        "--no-warnings": "true",
-        **(outputs or {}),
-    }
-    return ["sumo", *(str(part) for option in options.items() for part in option)]
+def session_of(
+    scenario: Scenario,
+    options: Mapping[str, str] | None = None,
+    files: Mapping[str, str] | None = None,
+    module: Module = "libsumo",
+) -> Session:
+    """Start SUMO for a scenario's encounters.
 
+    Args:
+        scenario: the scenario.
+        options: further options of SUMO by name.
+        files: the contents of further input files, by the option that takes the file.
+        module: where SUMO runs.
 
-def site_and_types(place: Place, vehicle: Vehicle, crossing: Crossing) -> tuple[Site, str]:
-    """A crosswalk's site, and SUMO's types of vehicles and pedestrians as XML.
-
-    No attribute is random.  The type of an AV differs only in name and colour.
+    Raises:
+        EngineError: SUMO does not start, or a simulation is already running in this process.
     """
+    given = {"net-file": str(network_of(scenario))}
+    given |= {"step-length": f"{scenario.experiment.step_s:.3f}", **_OPTIONS, **(options or {})}
+    with TemporaryDirectory(prefix=scratch_prefix(os.getpid())) as folder:
+        config = Path(folder, "encounter.sumocfg")
+        config.write_text("<configuration/>", encoding="utf-8")
+        for option, text in {"additional-files": _types(scenario), **(files or {})}.items():
+            file = Path(folder, f"{option}.xml")
+            file.write_text(text, encoding="utf-8")
+            given[option] = str(file)
+        return Session(config, given, module)
+
+
+def _types(scenario: Scenario) -> str:
+    """SUMO's types of vehicles and pedestrians; no attribute is random.
+
+    The type of an AV differs only in name and colour.
+    """
+    vehicle, v0 = scenario.vehicle(), scenario.ego.initial_speed_mps
     ego = {
         "vClass": "passenger",
         "length": vehicle.length_m,
@@ -61,28 +83,14 @@ def site_and_types(place: Place, vehicle: Vehicle, crossing: Crossing) -> tuple[
         "emergencyDecel": vehicle.max_deceleration_mps2,
         "minGap": 0,
         "maxSpeed": 100,
-        "speedFactor": _speed_factor(
-            vehicle, crossing.speed_limit_mps or vehicle.initial_speed_mps
-        ),
+        # SUMO accepts a vehicle that is faster than the road's limit.
+        "speedFactor": max(1.0, v0 / scenario.speed_limit_mps * (1 + 1e-9)),
         "speedDev": 0,
         "sigma": 0,
     }
     types = {"walker": _WALKER, "ego": ego, "av": ego | AV_COLOUR}
-    return read_site(place), "".join(
+    elements = "".join(
         f"<vType {' '.join(f'{name}={quoteattr(str(value))}' for name, value in type_.items())}/>"
         for type_ in ({"id": name, **attributes} for name, attributes in types.items())
     )
-
-
-def _speed_factor(vehicle: Vehicle, speed_limit_mps: float) -> float:
-    """The speedFactor with which SUMO accepts a vehicle that is faster than the road's limit."""
-    if vehicle.initial_speed_mps <= speed_limit_mps:
-        return 1.0
-    return vehicle.initial_speed_mps / speed_limit_mps * (1 + 1e-9)
-
-
-def write_additional(folder: str, elements: str) -> Path:
-    """Write a SUMO additional file into a folder."""
-    path = Path(folder) / "types.add.xml"
-    path.write_text(f"<additional>{elements}</additional>\n", encoding="utf-8")
-    return path
+    return f"<additional>{elements}</additional>\n"

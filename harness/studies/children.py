@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Mapping, Sized
 from concurrent.futures import CancelledError
 from contextlib import suppress
+from importlib import import_module
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from threading import Event, Lock, Thread
@@ -261,8 +262,8 @@ def serve(pipe: int, state: int) -> None:
     # A broken pipe means that the parent has ended.
     with suppress(EOFError, OSError):
         with suppress(Exception):  # the task raises it again
-            import harness.engine.sumo
-            import harness.studies.encounters  # noqa: F401
+            import_module("libsumo")
+            import_module("harness.studies.encounters")
         while connection.poll(_IDLE_S):
             connection.send(answer())
 

@@ -3,23 +3,18 @@
 import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import EngineError, InputError
-from harness.engine.network import place_of
-from harness.engine.protocol import Engine
 from harness.results.run import Run
-from harness.scenario import Scenario
 from harness.studies import simulations
 from harness.studies.encounters import run_task
 from harness.studies.replay import Replayed, refuse_in_use, replayed, stored_tasks
 
 _SHOW = {"start": "true", "quit-on-end": "true", "delay": "100"}
 """Options of sumo-gui for a simulation."""
-
-_EVERY_S = 0.5
-"""Simulated time between two screenshots."""
 
 
 def watch(
@@ -59,7 +54,7 @@ def watch(
             replayed(run, task, simulations.run_task(task, module="gui", more=_SHOW))
             for task in tasks
         ]
-    from harness.engine.traci import Gui, gui_engine
+    from harness.engine.window import Window
 
     shown = []
     for task in tasks:
@@ -67,16 +62,7 @@ def watch(
         if folder is not None:
             folder = folder / f"{task.first}-{arm}" if len(tasks) > 1 else folder
             folder.mkdir(parents=True, exist_ok=True)
-
-        def window(scenario: Scenario, arm: Arm = arm, folder: Path | None = folder) -> Engine:
-            step_s = scenario.experiment.step_s
-            gui = Gui(1000 * step_s, folder, _EVERY_S)
-            place, crossing = place_of(scenario), scenario.crosswalk()
-            engine = gui_engine(place, scenario.vehicle(), crossing, step_s, gui)
-            engine.automated = arm is Arm.AV
-            return engine
-
-        rows = run_task(task, make_engine=window)
+        rows = run_task(task, make_engine=partial(Window, arm=arm, screenshots=folder))
         (episode,) = rows.tables[cell]["episodes"].to_pylist()
         if episode["ending"] == Ending.ENGINE_FAILED:
             raise EngineError(f"sumo-gui: {episode['reason']}")

@@ -8,7 +8,7 @@ import pytest
 from harness.core.encounter import Arm, Ending
 from harness.encounter.pairing import PairRunner
 from harness.engine.plain import PlainEngine
-from harness.engine.shared import engine_for
+from harness.engine.shared import open_engine
 from harness.model.interaction import InteractionModel
 from harness.scenario import Cell, Study, load_scenario
 from harness.studies.risk import risk
@@ -27,7 +27,7 @@ def test_both_engines_play_the_same_episodes(model: InteractionModel) -> None:
         actuation={**LATE, "human": True},
         crossing={"grade": -0.05, "friction": 0.4},
     )
-    in_sumo = [*PairRunner(scene, model, lambda: engine_for(scene)).run(range(5))]
+    in_sumo = [*PairRunner(scene, model, lambda: open_engine(scene)).run(range(5))]
     plain = [*PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), STEP_S)).run(range(5))]
     for one, other in zip(in_sumo, plain, strict=True):
         assert one.trace.speed_mps == pytest.approx(other.trace.speed_mps, abs=1e-7)

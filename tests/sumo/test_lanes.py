@@ -8,8 +8,10 @@ import pytest
 
 from harness.core.encounter import Arm
 from harness.encounter.pairing import PairRunner
-from harness.engine.network import build_network
-from harness.engine.sumo import libsumo_engine
+from harness.engine.control import SumoEngine
+from harness.engine.network import network_of
+from harness.engine.network.build import CACHE_VARIABLE
+from harness.engine.starting import session_of
 from harness.scenario import Scenario, validate
 from harness.site import Place, read_site
 from tests.scenes import on_plain
@@ -70,14 +72,11 @@ def check_lanes(scenario: Scenario, net: Path) -> None:
             assert libsumo.lane.getWidth(name) == pytest.approx(width)
 
 
-def compare(seed: int, folder: Path, model) -> int:
+def compare(seed: int, model) -> int:
     """One random road in SUMO and on the plain engine; returns how many people were met."""
     scenario = random_scenario(seed)
-    net = build_network(scenario.crossing, folder, "site").net
-    step_s = scenario.experiment.step_s
-    engine = libsumo_engine(
-        Place(net, lane=scenario.ego.lane), scenario.vehicle(), scenario.crosswalk(), step_s
-    )
+    net = network_of(scenario)
+    engine = SumoEngine(session_of(scenario), scenario)
     met = 0
     try:
         check_lanes(scenario, net)
@@ -100,5 +99,6 @@ def compare(seed: int, folder: Path, model) -> int:
     [(range(10), 20), pytest.param(range(10, 210), 400, marks=pytest.mark.slow)],
 )
 @pytest.mark.usefixtures("no_simulation")
-def test_random_roads(tmp_path: Path, model, seeds: range, least: int) -> None:
-    assert sum(compare(seed, tmp_path / str(seed), model) for seed in seeds) > least
+def test_random_roads(tmp_path: Path, monkeypatch, model, seeds: range, least: int) -> None:
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    assert sum(compare(seed, model) for seed in seeds) > least

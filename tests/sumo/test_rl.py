@@ -7,7 +7,7 @@ pytest.importorskip("gymnasium")
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import EngineError
 from harness.encounter.pairing import PairRunner
-from harness.engine.shared import close_engine, engine_for
+from harness.engine.shared import close_engine, open_engine
 from harness.model.interaction import load_model
 from harness.scenario import Setting, load_scenario
 from tests.unit.test_rl import BUSY, drive, environment, measured
@@ -19,7 +19,7 @@ def test_the_same_records_as_the_harness_after_episodes_broken_off():
     changes = {**BUSY, "arms.av": "constant_speed", "arms.human": "constant_speed"}
     scenario = load_scenario("cctc_flow", [Setting(*item) for item in changes.items()])
     model = load_model(scenario.model.name)
-    outcomes = PairRunner(scenario, model, lambda: engine_for(scenario)).run(range(25))
+    outcomes = PairRunner(scenario, model, lambda: open_engine(scenario)).run(range(25))
     expected = [outcome.record for outcome in outcomes if outcome.arm is Arm.AV]
     close_engine()
     env = environment(BUSY, engine="sumo")

@@ -149,7 +149,7 @@ def test_the_vector_takes_the_nearest_first():
 def test_misuse_is_refused_in_words():
     refuses("nearest", lambda: environment(nearest=0))
     refuses("unknown engine 'plan'", lambda: environment(engine="plan"))
-    refuses(r"has a \[traffic\] table", lambda: environment(scenario="traffic"))
+    refuses("is a simulation", lambda: environment(scenario="traffic"))
     refuses("flow_per_hour", lambda: environment({"pedestrians.flow_per_hours": 1}))
     refuses("pair", lambda: environment().reset(options={"pair": -1}))
     with pytest.raises(InputError, match=r"unknown key 'paar'; .*did you mean 'pair'"):
