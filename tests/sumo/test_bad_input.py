@@ -70,9 +70,9 @@ REFUSED = [
     ("run cctc --set experiment.timeout_s=inf", "experiment.timeout_s", "inf", "finite"),
     # Options are named as the user wrote them.
     ("run cctc --pairs 0", "--pairs", "0"),
-    ("run none.toml", "none.toml", "no such scenario"),
+    ("run none.toml", "none.toml", "No such file"),
     ("run ccct", "did you mean 'cctc'"),
-    ("run .", "is a folder"),
+    ("run .", "not a regular file"),
     (f"run {LONG}", "xxx"),
     ("run broken.toml", "broken.toml", "not a TOML file"),
     # Strategies and their parameters.

@@ -29,7 +29,7 @@ ORDER = (
 )
 LEVELS = {name: n for n, names in enumerate(ORDER.split(" | ")) for name in names.split()}
 HEAVY = ("libsumo", "traci", "scipy", "pandas", "pyarrow", "matplotlib")
-ALONE = {"libsumo": "harness.engine.sumo", "traci": "harness.engine.traci"}
+ALONE = {"libsumo": "harness.engine.session", "traci": "harness.engine.session"}
 _SILENT = "COMMENT NL NEWLINE INDENT DEDENT ENDMARKER"
 NO_CODE = {getattr(tokenize, name) for name in _SILENT.split()}
 
@@ -190,14 +190,14 @@ def test_a_run_imports_only_what_it_uses(tmp_path: Path) -> None:
     command = [sys.executable, "-c", A_RUN.format(out=str(tmp_path / "run"))]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert int(done.stderr.splitlines()[-1]) <= IMPORTED
-    child = "import sys, harness.engine.sumo, harness.studies.encounters; print(*sys.modules)"
+    child = "import sys, harness.engine.starting, harness.studies.encounters; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", child], capture_output=True, text=True, check=True)
     names = [name for name in done.stdout.split() if name.split(".")[0] == "harness"]
     assert 0 < len(names) <= IMPORTED
 
 
 KAPPA = (
-    "engine/sumo encounter/loop encounter/pairing measures/chunk measures/contacts measures/record "
+    "engine/control encounter/loop encounter/pairing measures/chunk measures/contacts measures/record "
     "studies/encounters results/rows results/tables results/columns results/estimators "
     "results/catalogue results/findings results/screens report/screen"
 )
