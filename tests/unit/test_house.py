@@ -197,9 +197,9 @@ def test_a_run_imports_only_what_it_uses(tmp_path: Path) -> None:
 
 
 KAPPA = (
-    "engine/control encounter/loop encounter/pairing measures/chunk measures/contacts measures/record "
-    "studies/encounters results/rows results/tables results/columns results/estimators "
-    "results/catalogue results/findings results/screens report/screen"
+    "engine/control encounter/loop encounter/pairing measures/chunk measures/contacts "
+    "measures/record studies/encounters results/rows results/tables results/columns "
+    "results/estimators results/catalogue results/findings results/screens report/screen"
 )
 
 
