@@ -24,7 +24,6 @@ _OPTIONS = {
     "pedestrian.striping.jamtime": "-1",
     "pedestrian.striping.jamtime.crossing": "-1",
     "time-to-teleport": "-1",
-    "no-step-log": "true",
     "no-warnings": "true",
 }
 
@@ -60,7 +59,7 @@ def session_of(
     given |= {"step-length": f"{scenario.experiment.step_s:.3f}", **_OPTIONS, **(options or {})}
     with TemporaryDirectory(prefix=scratch_prefix(os.getpid())) as folder:
         config = Path(folder, "encounter.sumocfg")
-        config.write_text("<configuration/>", encoding="utf-8")
+        config.write_text('<configuration><no-step-log value="true"/></configuration>')
         for option, text in {"additional-files": _types(scenario), **(files or {})}.items():
             file = Path(folder, f"{option}.xml")
             file.write_text(text, encoding="utf-8")
