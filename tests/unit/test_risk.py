@@ -71,18 +71,20 @@ POINTS = np.array([[0.0, 1.5, -1.0, 0.5]])
 """Fixed number, speed, arrival after the passage, other number."""
 
 
-@pytest.mark.parametrize("mean_s", [-1.0, 3.5])
-def test_the_mean_weight_is_the_probability_whatever_the_density(mean_s: float) -> None:
+@pytest.mark.parametrize(("mean_s", "culprit"), [(-1.0, 0), (3.5, 1)])
+def test_the_mean_weight_is_the_probability_whatever_the_density(mean_s, culprit: int) -> None:
     """Exactly two of a Poisson number of four come: most of the placed may come after the window.
 
-    The ego passes a second later, and 0.1 m/s slower, for each who comes before 3 s.
+    The culprit is the first or the second of them.  The ego passes a second later, and 0.1 m/s slower, for each who comes before 3 s.
     """
 
     def outcome(episode: Episode) -> Outcome:
         early = int((episode.people[:, 0] < 3.0).sum())
         event = len(episode.people) == 2
         passed_s = 4.0 + float(episode.fixed[0]) / 10 + early
-        return Outcome(event, -1 + event, passed_s=passed_s, passed_mps=1.5 - 0.1 * early)
+        return Outcome(
+            event, culprit if event else -1, passed_s=passed_s, passed_mps=1.5 - 0.1 * early
+        )
 
     place = POINTS + np.array([0.0, 0.0, 1.0 + mean_s, 0.0])
     placed = Normals(np.ones(1), place, np.diag([1.0, 0.1, 4.0, 2.0])[None])
