@@ -23,8 +23,8 @@ from harness.studies.risk_space import GRADINGS, Space
 
 DIMENSIONS = 6
 
-FLAT = Space(("side",) * DIMENSIONS)
-CROWD = Space(("side",), ("quantile",), rate_per_s=0.5, window_s=8.0)
+FLAT = Space(("quantile",) * DIMENSIONS)
+CROWD = Space(("quantile",), ("quantile",), rate_per_s=0.5, window_s=8.0)
 
 Case = tuple[Run, float]
 

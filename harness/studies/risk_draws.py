@@ -284,7 +284,7 @@ def _tried(rounds: Sequence[Units], placed: bool) -> _Tried:
     rows = rows.filter(pa.array(rows["placed"].to_numpy() == placed)).combine_chunks()
     n = len(rows)
     points, own = (
-        rows[name].combine_chunks().flatten().to_numpy().reshape(n, -1 if n else 0)
+        np.array(rows[name].combine_chunks().flatten()).reshape(n, -1 if n else 0)
         for name in ("point", "scores")
     )
     return _Tried(points, own, rows["due"].to_numpy(), rows["likely"].to_numpy())
@@ -365,7 +365,7 @@ def _learn(
             cheaper = needed * each < by_brute_force
             return (proposal, needed) if cheaper else (Proposal(), by_brute_force)
         rounds.append(draw(proposal, len(rounds), count))
-        proposal = _fit(proposal, rounds[looked:], len(space.fixed), lowest, rng)
+        proposal = _fit(proposal, rounds[looked:], space, lowest, rng)
 
 
 def _high(tried: _Tried, lowest: int, units: int) -> float:
@@ -383,10 +383,16 @@ def _high(tried: _Tried, lowest: int, units: int) -> float:
 
 
 def _fit(
-    proposal: Proposal, rounds: Sequence[Units], size: int, lowest: int, rng: np.random.Generator
+    proposal: Proposal, rounds: Sequence[Units], space: Space, lowest: int, rng: np.random.Generator
 ) -> Proposal:
-    """The next proposal, fitted to the draws of all rounds; ``size`` is that of f."""
-    first, tried = (_tried(rounds, placed) for placed in (False, True))
+    """The next proposal, fitted to the draws of all rounds."""
+    size, first, tried = len(space.fixed), _tried(rounds, False), _tried(rounds, True)
+    # Only the sign of a side's number matters: its size is drawn anew, or fits would narrow it.
+    names = np.array([*space.fixed, "speed", "arrival", *space.marks])
+    for points in (first.points, tried.points):
+        if len(points):
+            of = names[: points.shape[1]] == "side"
+            points[:, of] = np.copysign(rng.standard_normal(points[:, of].shape), points[:, of])
     fixed = _fitted(first, np.ones(size, dtype=bool), lowest, rng) if size else None
     if len(tried.due) < lowest:  # nobody can be placed, or the ego passes too rarely
         return replace(proposal, fixed=fixed)
