@@ -75,7 +75,8 @@ POINTS = np.array([[0.0, 1.5, -1.0, 0.5]])
 def test_the_mean_weight_is_the_probability_whatever_the_density(mean_s, culprit: int) -> None:
     """Exactly two of a Poisson number of four come: most of the placed may come after the window.
 
-    The culprit is the first or the second of them.  The ego passes a second later, and 0.1 m/s slower, for each who comes before 3 s.
+    The culprit is the first or the second of them.  The ego passes a second later, and 0.1 m/s
+    slower, for each who comes before 3 s.
     """
 
     def outcome(episode: Episode) -> Outcome:
