@@ -6,7 +6,6 @@ A car whose speed reaches 0 stands: its acceleration is 0 until a positive comma
 
 import math
 from collections import deque
-from collections.abc import Iterator
 from itertools import chain, repeat
 from typing import NamedTuple
 
@@ -149,26 +148,15 @@ class Actuator:
     def after_dead_time(self) -> tuple[float, CarState]:
         """Distance in m and state at the time from which a command given now would act."""
         state, distance_m = self._state, 0.0
-        for command, duration_s in self._acting():
+        # The commands that were given and still act; the first only for the rest of its step.
+        first = (self._rest_s,) if self._rest_s else ()
+        lasting = chain(first, repeat(self._step_s))
+        for command, duration_s in zip(self._waiting, lasting, strict=False):
             after = response(state, command, duration_s, self._vehicle)
             distance_m += (state.speed_mps + after.speed_mps) / 2 * duration_s
             state = after
         return distance_m, state
 
-    def _acting(self) -> Iterator[tuple[float, float]]:
-        """The commands that were given and still act, each with its time."""
-        first = (self._rest_s,) if self._rest_s else ()
-        return zip(self._waiting, chain(first, repeat(self._step_s)), strict=False)
-
     def _limited(self, wanted_mps2: float) -> float:
         vehicle = self._vehicle
         return max(-vehicle.max_deceleration_mps2, min(vehicle.max_acceleration_mps2, wanted_mps2))
-
-
-def actuator_of(
-    vehicle: Vehicle, step_s: float, speed_mps: float, acceleration_mps2: float = 0.0
-) -> Actuator | None:
-    """The actuation of a car that obeys late; None if it obeys at once.  See ``Actuator``."""
-    if vehicle.obeys_at_once:
-        return None
-    return Actuator(vehicle, step_s, speed_mps, acceleration_mps2)

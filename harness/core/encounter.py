@@ -8,7 +8,7 @@ kerb.  Nothing here depends on an engine.
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,14 +122,6 @@ class Crossing:
     def place_of(self, side: Side, remaining_m: float) -> float:
         """y of a pedestrian from ``side`` who is ``remaining_m`` away from the other kerb."""
         return self.length_m - remaining_m if side is Side.NEAR else remaining_m
-
-    @property
-    def lane_edges_m(self) -> tuple[float, float]:
-        """y of the edges of the ego's lane."""
-        return (
-            self.lane_centre_m - self.lane_width_m / 2,
-            self.lane_centre_m + self.lane_width_m / 2,
-        )
 
     @property
     def stop_line_m(self) -> float:
@@ -337,6 +329,3 @@ class Trace:
         """Make the arrays read-only."""
         self.x_m.setflags(write=False)
         self.speed_mps.setflags(write=False)
-
-
-Parameters = dict[str, Any]

@@ -163,13 +163,15 @@ def place_of(error: BaseException) -> str | None:
     relative to it.
     """
     if isinstance(error, SyntaxError) and error.filename:
-        return f"{_from_here(error.filename)}:{error.lineno}"
-    frames = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if "importlib" not in frame.filename
-    ]
-    return f"{_from_here(frames[-1].filename)}:{frames[-1].lineno}" if frames else None
+        file, line = error.filename, error.lineno
+    else:
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [frame for frame in frames if "importlib" not in frame.filename]
+        if not own:
+            return None
+        file, line = own[-1].filename, own[-1].lineno
+    path, here = Path(file), Path.cwd()
+    return f"{path.relative_to(here) if path.is_relative_to(here) else file}:{line}"
 
 
 def in_one_line(error: BaseException) -> str:
@@ -177,8 +179,3 @@ def in_one_line(error: BaseException) -> str:
     text = error.msg if isinstance(error, SyntaxError) else str(error)
     place = place_of(error)
     return f"{type(error).__name__}: {text}" + (f" ({place})" if place else "")
-
-
-def _from_here(file: str) -> str:
-    path, here = Path(file), Path.cwd()
-    return str(path.relative_to(here)) if path.is_relative_to(here) else file

@@ -8,38 +8,18 @@ group, if it describes one), unless the stream is keyed by the pedestrian too.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Literal
 
 import numpy as np
 
-Purpose = Literal[
-    "arrival",
-    "side",
-    "quantile",
-    "strategy",
-    "critical_gap",
-    "vehicle_arrival",
-    "detection",
-    "timed_detection",
-    "redetection",
-    "dropout",
-    "perception_error",
-    "warm_up",
-    "av_strategy",
-    "vehicle_type",
-    "threshold",
-    "latency",
-    "group_size",
-    "walking_class",
-    "risk",
-]
+Purpose = str
+"""What random numbers are for: a key of ``_PURPOSES``."""
 
 Given = Mapping[Purpose, Sequence[float]]
 """Uniforms in (0, 1) that replace the first draws of a pair's streams: one for each pedestrian (two
 in ``perception_error``), and at most ``GIVEN_DRAWS`` for a strategy."""
 
 # The seeds depend on these numbers: changing one changes every result.
-_PURPOSES: dict[Purpose, int] = {
+_PURPOSES = {
     "arrival": 1,
     "side": 2,
     "quantile": 3,
@@ -62,10 +42,8 @@ _PURPOSES: dict[Purpose, int] = {
 }
 
 
-Resampling = Literal["summary", "comparison", "validation", "risk", "refits"]
-
 # These seeds have another form than those of the streams above, so no two coincide.
-_RESAMPLINGS: dict[Resampling, int] = {
+_RESAMPLINGS = {
     "summary": 5,
     "comparison": 6,
     "validation": 7,
@@ -156,7 +134,7 @@ def _state(upper: int, word: int) -> int:
     return upper << 64 | lower
 
 
-def resampling(root_seed: int, purpose: Resampling) -> np.random.Generator:
+def resampling(root_seed: int, purpose: str) -> np.random.Generator:
     """The generator of random numbers that belong to no pair; the same for every cell of a run.
 
     Args:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harness.core.actuation import actuator_of
+from harness.core.actuation import Actuator
 from harness.core.encounter import (
     Arrival,
     Crossing,
@@ -134,7 +134,8 @@ class _EgoLane:
 
     def __init__(self, crossing: Crossing, vehicle: Vehicle) -> None:
         self.centre_m, self.passed, self.vehicle = crossing.lane_centre_m, False, vehicle
-        self.edges_m = crossing.lane_edges_m
+        half_m = crossing.lane_width_m / 2
+        self.edges_m = crossing.lane_centre_m - half_m, crossing.lane_centre_m + half_m
         self.at(0.0, 0.0, 0.0)
 
     def at(self, x_m: float, speed_mps: float, acceleration_mps2: float) -> None:
@@ -233,7 +234,7 @@ class Episode:
         note_x(x)
         note_speed(speed)
         ego.at(x, speed, 0.0)
-        actuator = actuator_of(vehicle, step, speed)
+        actuator = None if vehicle.obeys_at_once else Actuator(vehicle, step, speed)
         crowd.advance(0.0, 0.0)
         then = 0.0
         for n in range(steps):

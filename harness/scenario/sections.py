@@ -249,10 +249,9 @@ class ExperimentSection(Section):
     """``[experiment]``: number of pairs, seed, simulation step and time limits."""
 
     pairs: Annotated[int, Field(ge=1, le=10_000_000)] = 50
-    """N, the number of pairs; with ``[traffic]`` each pair is an hour, simulated twice."""
+    """N, the number of pairs; each is simulated twice, once per arm."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
-    """Seed from which every random number derives; another seed also has other SUMO seeds in own
-    simulations."""
+    """Seed from which every random number derives; with ``[simulation]`` SUMO's own seeds, too."""
     step_s: Annotated[float, Field(ge=0.001, le=1)] = 0.1
     """Simulation step; whole milliseconds."""
     timeout_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
@@ -302,14 +301,10 @@ class ActuationSection(Section):
     human: bool = False
     """Whether the vehicle of the human's arm obeys as late."""
 
-    @property
-    def is_off(self) -> bool:
-        """Whether vehicles obey at once."""
-        return self.model_copy(update={"human": False}) == ActuationSection()
-
     def applies_to(self, driver: Arm) -> bool:
         """Whether the vehicles of a driver obey late."""
-        return not self.is_off and (driver is Arm.AV or self.human)
+        at_once = self.model_copy(update={"human": False}) == ActuationSection()
+        return not at_once and (driver is Arm.AV or self.human)
 
 
 def on_road(vehicle: Vehicle, crossing: CrossingSection, *, oncoming: bool = False) -> Vehicle:

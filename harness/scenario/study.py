@@ -130,11 +130,10 @@ def _given(
     file: ScenarioFile, points: Sequence[Mapping[str, Any]], source: str
 ) -> dict[str, Setting]:
     """The varied keys, each with the setting that sets it, a part of it, or its table."""
-    keys = dict.fromkeys(key for point in points for key in point)
     paths = [(setting, parts_of(setting)) for setting in file.settings]
     return {
         key: setting
-        for key in keys
+        for key in dict.fromkeys(key for point in points for key in point)
         for setting, path in paths
         if all(a == b for a, b in zip(parts_of(Setting(key, None, source)), path, strict=False))
     }
@@ -144,15 +143,14 @@ def _without(
     given: Mapping[str, Setting], point: Mapping[str, Any], file: ScenarioFile, source: str
 ) -> dict[str, Any]:
     """A cell's changes without the set keys and parameters of strategies that do not drive."""
-    kept = {key: value for key, value in point.items() if key not in given}
-    scenario = file.scenario([Setting(key, value, source) for key, value in kept.items()])
-    drivers = set(scenario.arms.model_dump().values())
-
-    def drives(key: str) -> bool:
-        section, *names = parts_of(Setting(key, None, source))
-        return section != "strategies" or {*names[:1]} <= drivers
-
-    return {key: value for key, value in kept.items() if drives(key)}
+    kept = [Setting(key, value, source) for key, value in point.items() if key not in given]
+    drivers = {*file.scenario(kept).arms.model_dump().values()}
+    return {
+        setting.key: setting.value
+        for setting in kept
+        for section, *names in [parts_of(setting)]
+        if section != "strategies" or {*names[:1]} <= drivers
+    }
 
 
 def _left_out(keys: Sequence[str], planned: int, left: int) -> str:

@@ -21,8 +21,7 @@ from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Arrival, FloatArray
 from harness.core.errors import InputError
 from harness.core.files import cannot_write, write_file
 from harness.engine.fcd import Record, records
-from harness.engine.network import network_of, place_of
-from harness.engine.network.opendrive import opendrive
+from harness.engine.network import network_of, opendrive, place_of
 from harness.engine.session import Session
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.results.run import Run

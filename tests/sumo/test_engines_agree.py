@@ -15,6 +15,7 @@ import pytest
 
 from harness.encounter.pairing import PairRunner
 from harness.engine.plain import PlainEngine
+from harness.engine.shared import close_engine, open_engine
 from harness.measures import MEASURES, EpisodeRecord, Outcome
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, validate
@@ -134,3 +135,14 @@ def test_pedestrians_who_decide_by_thresholds(sumo, model) -> None:
 def test_thousands_of_random_episodes(sumo, model) -> None:
     seen = compare(scenes=150, pairs=10, sumo=sumo, model=model, seed=8)
     assert seen["crossed"] + seen["crashed"] + seen["timed_out"] == 3000
+
+
+@pytest.mark.usefixtures("no_simulation")
+def test_sumo_says_nothing_of_its_own(capfd: pytest.CaptureFixture[str]) -> None:
+    """Standard output is for results, and standard error for the harness's own lines."""
+    engine = open_engine(Scenario())
+    engine.begin([])
+    engine.step(5.0, [])
+    engine.end()
+    close_engine()
+    assert capfd.readouterr() == ("", "")

@@ -16,8 +16,8 @@ import pytest
 
 from harness.core.encounter import Ending
 from harness.core.errors import EngineError, InputError
-from harness.engine.network import build, build_network, network_for, sources
-from harness.scenario import load_scenario
+from harness.engine.network import build, build_network, network_of, sources
+from harness.scenario import Scenario, load_scenario
 from harness.scenario.sections import CrossingSection
 from harness.site import Place, read_site, road_network
 from harness.strategies.constant_speed import ConstantSpeed
@@ -252,15 +252,15 @@ def test_a_network_that_netconvert_does_not_build_as_asked_leaves_nothing(
 def test_other_geometries_are_built_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path))
     geometry = CrossingSection(bearing_deg=10.0)
-    net = network_for(geometry, NETWORKS)
+    net = network_of(Scenario(crossing=geometry))
     assert net.is_relative_to(tmp_path)
     assert read_site(Place(net)).bearing_deg == pytest.approx(10.0, abs=1e-5)
     with monkeypatch.context() as patch:
         patch.setattr(build, "build_network", lambda *_: pytest.fail("built twice"))
-        assert network_for(geometry, NETWORKS) == net
-    assert network_for(CrossingSection(bearing_deg=11.0), NETWORKS) != net
+        assert network_of(Scenario(crossing=geometry)) == net
+    assert network_of(Scenario(crossing=CrossingSection(bearing_deg=11.0))) != net
     monkeypatch.setattr(build, "_netconvert_version", lambda: "another")
-    assert network_for(geometry, NETWORKS) != net
+    assert network_of(Scenario(crossing=geometry)) != net
 
 
 def test_an_ego_starts_at_the_nearest_range_there_is(sumo: MakeEngine) -> None:

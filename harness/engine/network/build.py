@@ -60,7 +60,7 @@ def build_network(crossing: CrossingSection, directory: Path, name: str) -> Netw
             for file_name, text in sources.items():
                 (folder / file_name).write_bytes(text.encode())
             run_netconvert(["-c", f"{name}.netccfg"], folder)
-            _strip_comments(folder / net_name)
+            (folder / net_name).write_bytes(_without_comments(folder / net_name).encode())
             _check(folder / net_name, crossing)
             for file_name in (*sources, net_name):
                 (folder / file_name).replace(directory / file_name)
@@ -69,8 +69,8 @@ def build_network(crossing: CrossingSection, directory: Path, name: str) -> Netw
     return NetworkFiles(directory / net_name, tuple(directory / file for file in sources))
 
 
-def network_for(crossing: CrossingSection, shipped: Path) -> Path:
-    """The network of a geometry: a shipped one, one built earlier, or one built now.
+def network_of(scenario: Scenario) -> Path:
+    """The SUMO network of a scenario: a shipped one, one built earlier, or one built now.
 
     A shipped network is used if its sources equal those of this geometry, character for character.
     Any other network is cached in ``$CROSSWALK_HARNESS_CACHE``, else in
@@ -78,18 +78,12 @@ def network_for(crossing: CrossingSection, shipped: Path) -> Path:
     ``~/.cache/crosswalk-harness/networks``.  Its folder is named by a hash of its sources and of
     netconvert's version.  Several processes may build at the same time.
 
-    Args:
-        crossing: the crosswalk.
-        shipped: folder of the shipped sites; each is a folder as `build_network` writes it.
-
-    Returns:
-        Path of the ``.net.xml``.
-
     Raises:
         InputError: the cache folder cannot be written.
         EngineError: see `build_network`.
     """
-    for net in sorted(shipped.glob("*/*.net.xml")):
+    crossing = scenario.crossing
+    for net in sorted(shipped_directory("networks").glob("*/*.net.xml")):
         sources = plain_sources(crossing, net.name.removesuffix(".net.xml"))
         if all(_text(net.with_name(file)) == text for file, text in sources.items()):
             return net
@@ -101,11 +95,6 @@ def network_for(crossing: CrossingSection, shipped: Path) -> Path:
     if net.is_file():  # the network is the last file, so the folder is complete
         return net
     return build_network(crossing, directory, "site").net
-
-
-def network_of(scenario: Scenario) -> Path:
-    """The SUMO network of a scenario: a shipped one, or one in the cache."""
-    return network_for(scenario.crossing, shipped_directory("networks"))
 
 
 def place_of(scenario: Scenario) -> Place:
@@ -149,10 +138,26 @@ def run_netconvert(arguments: Sequence[str], directory: Path) -> None:
         raise EngineError(f"netconvert: {' '.join('; '.join(words).split()) or how}")
 
 
-def _strip_comments(net: Path) -> None:
-    """Remove netconvert's header from its network."""
-    text = re.sub(r"<!--.*?-->\s*", "", net.read_text(encoding="utf-8"), flags=re.DOTALL)
-    net.write_bytes(text.encode())
+def opendrive(net: Path) -> bytes:
+    """A network as OpenDRIVE, in the network's own coordinates.
+
+    The same network gives the same bytes, because netconvert's comment and its date are removed.
+
+    Raises:
+        EngineError: netconvert is missing or failed.
+    """
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as temporary:
+        path = Path(temporary) / "road.xodr"
+        # The default precision of 1 cm would shift and turn the lanes.
+        arguments = ["--sumo-net-file", str(net.absolute()), "--opendrive-output", path.name]
+        run_netconvert([*arguments, "--precision", "9"], path.parent)
+        text = _without_comments(path)
+    return re.sub(r'(<header\b[^>]*?) date="[^"]*"', r"\1", text, count=1).encode()
+
+
+def _without_comments(file: Path) -> str:
+    """The text of a file of netconvert, without its header."""
+    return re.sub(r"<!--.*?-->\s*", "", file.read_text(encoding="utf-8"), flags=re.DOTALL)
 
 
 def _netconvert_version() -> str:
