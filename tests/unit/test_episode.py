@@ -136,9 +136,11 @@ def test_it_ends_when_the_rear_has_left_the_far_edge_in_the_last_step_too() -> N
     assert trace.ending is Ending.CROSSED
 
 
-@pytest.mark.parametrize("timeout_s", [3.0, 7.3])
+@pytest.mark.parametrize("timeout_s", [7.4, 9.3])
 def test_a_time_out(timeout_s: float) -> None:
-    trace = play(ConstantSpeed(), [], scenario(experiment={"timeout_s": timeout_s}))
+    # From 5 m/s it stands after 12.5 m, of 30 m.
+    scene = scenario(experiment={"timeout_s": timeout_s})
+    trace = play(Recorder(lambda _: -1.0), [], scene)
     assert (trace.ending, trace.reason) == (Ending.TIMED_OUT, None)
     assert len(trace.x_m) - 1 == round(timeout_s / 0.1)
     (record,) = measure([trace])
