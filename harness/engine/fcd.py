@@ -1,4 +1,4 @@
-"""SUMO's FCD output, record by record: XML, plain or packed by gzip, CSV or Parquet."""
+"""SUMO's FCD output, record by record: XML or CSV, plain or packed by gzip."""
 
 import csv
 import gzip
@@ -14,9 +14,9 @@ from harness.core.errors import InputError
 from harness.engine.session import Session
 from harness.site.configuration import elements_of, seconds
 
-FORMATS = "SUMO's --fcd-output or --person-fcd-output: .xml, .xml.gz, .csv, .csv.gz or .parquet"
+FORMATS = "SUMO's --fcd-output or --person-fcd-output: .xml, .xml.gz, .csv or .csv.gz"
 
-Record = Mapping[str, Any]
+Record = Mapping[str, str]
 """The attributes of a vehicle or a person at one time, as SUMO names them."""
 
 
@@ -28,35 +28,25 @@ def records(path: Path) -> Iterator[tuple[float, Record]]:
     """
     if not path.is_file():
         raise InputError(str(path), "no such file", FORMATS)
-    name = path.name.removesuffix(".gz")
     try:
-        if name.endswith(".parquet"):
-            import pyarrow.parquet as pq
-
-            with pq.ParquetFile(path) as table:
-                rows = (row for batch in table.iter_batches() for row in batch.to_pylist())
-                yield from _of_rows(rows)
-            return
         with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as file:
-            if name.endswith(".csv"):
-                lines = (line.decode() for line in file)
-                head = next(lines, "")
-                names = head.strip().split(separator := ";" if ";" in head else ",")
-                yield from _of_rows(csv.DictReader(lines, names, delimiter=separator))
-            else:
-                yield from _of_xml(file)
+            of_csv = path.name.removesuffix(".gz").endswith(".csv")
+            yield from _of_csv(file) if of_csv else _of_xml(file)
     except (ET.ParseError, EOFError, zlib.error, OSError) as error:
         raise InputError(str(path), f"is cut off, or no FCD ({error})", FORMATS) from None
     except (KeyError, ValueError, TypeError) as error:
         raise InputError(str(path), f"is damaged, or no FCD ({error})", FORMATS) from None
 
 
-def _of_rows(rows: Iterator[Record]) -> Iterator[tuple[float, Record]]:
-    for row in rows:
-        time_s = seconds(str(row["timestep_time"]))
+def _of_csv(file: Any) -> Iterator[tuple[float, Record]]:
+    lines = (line.decode() for line in file)
+    head = next(lines, "")
+    names = head.strip().split(separator := ";" if ";" in head else ",")
+    for row in csv.DictReader(lines, names, delimiter=separator):
         for kind in ("vehicle_", "person_"):
             # A time without vehicles has a row without an id.
             if row.get(f"{kind}id"):
+                time_s = seconds(row["timestep_time"])
                 yield time_s, {name.removeprefix(kind): of for name, of in row.items()}
 
 

@@ -1,5 +1,6 @@
 """Conflicts of vehicles and people in SUMO's FCD output, measured as a simulation's passages."""
 
+import json
 from array import array
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -11,9 +12,8 @@ import numpy as np
 import pandas as pd
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
-import shapely
 
-from harness.core.encounter import StepMotion, Vehicle
+from harness.core.encounter import StepMotion
 from harness.core.errors import InputError
 from harness.engine.fcd import records, sizes_of
 from harness.results.finding import Plain
@@ -22,27 +22,22 @@ from harness.results.result import Result, listed
 from harness.results.simulated import which
 from harness.results.tables import PASSAGES, Row
 from harness.scenario.sections import ConflictsSection
-from harness.simulation.cars import Car, Passage
+from harness.simulation.cars import Passage
 from harness.simulation.listing import chosen
 from harness.simulation.passages import passages
-from harness.simulation.walked import Axis, Walked, walked_of
+from harness.simulation.walked import Walked
 from harness.simulation.zones import Zones
 from harness.site.town import Town
-from harness.studies.recorded import CUT_OFF, RANGE_M, Reader
+from harness.studies.recorded import CUT_OFF, Drives, read_ways, walks
 
-_CAR = "DEFAULT_VEHTYPE"
 _MOST_ROWS = 12
 """Rows of the first screen, and of the worst passages."""
-_BESIDE_M, _MOST_BESIDE = 3.0, 0.1
-"""People are elsewhere if more of their records than this share are further from the crosswalk."""
-_EXACT_DIGITS = 7
 _KINDS = {"with people": "met", "contacts": "touched", "PET": "pet", "TTC": "ttc", "DRAC": "drac"}
 """What is counted, with the rows of the table of passages that it counts."""
-_WORST = {
-    **{name: name.replace("_", " ") for name in ("crosswalk", "vehicle", "type", "manoeuvre")},
-    **{"front_s": "at, s", "contact_person": "touched", "contact_speed_mps": "speed then, m/s"},
-    **{"pet_s": "PET, s", "min_ttc_s": "TTC, s", "max_drac_mps2": "DRAC, m/s²"},
-}
+_SHOWN = (
+    *("crosswalk", "vehicle", "manoeuvre", "front_s", "contact_person", "contact_speed_mps"),
+    *("pet_s", "min_ttc_s", "max_drac_mps2"),
+)
 
 
 def conflicts(
@@ -64,7 +59,7 @@ def conflicts(
     Raises:
         InputError: a file cannot be used, nobody crosses, or no vehicle passes.
     """
-    town = Town.read(net)
+    town, where = Town.read(net), ", ".join(map(str, files))
     usable = [name for name, each in town.crosswalks.items() if each.refused is None]
     names = [chosen(town, name).id for name in edges] or usable
     times = [time_s for time_s, _ in islice(groupby(records(files[0]), lambda of: of[0]), 200)]
@@ -72,109 +67,64 @@ def conflicts(
         raise InputError(str(files[0]), "has no two times with vehicles", "FCD of some steps")
     step_s = round(float(np.diff(times).min()), 6)
     zones = Zones(town, step_s, names)
-    reader = Reader(zones, names, _cars(net, types), step_s)
-    for file in files:
-        reader.read(file)
-    people = _walked(reader, town, ", ".join(map(str, files)))
-    motion, explained = _motion(reader.passages, step_s)
-    columns = passages(reader.passages, people, zones, step_s, motion)
+    drives, walked = Drives(zones, sizes_of(net, types)), {*names}.union(*map(town.areas, names))
+    vehicles, walkers = read_ways(files, walked, step_s)
+    found = [each for way in vehicles for each in drives.passages(way)]
+    people = walks(walkers, town, names)
+    if not found or not any(people.values()):
+        kind, ways = ("people", walkers) if found else ("vehicles", vehicles)
+        problem = f"0 of {len({way.id for way in ways}):,} {kind} are over a crosswalk"
+        allowed = "FCD of this network with both, or --person-fcd; without --fcd-output.geo"
+        raise InputError(where, problem, allowed)
+    motion = _motion(found, step_s)
+    columns = passages(found, people, zones, step_s, motion or "euler")
     values = zip(*columns.values(), strict=True)
     table = PASSAGES.of([dict(zip(columns, of, strict=True)) for of in values])
+    fields = {name: pc.field(name) for name in table.column_names}
     masks = {name: which(kind, limits) for name, kind in _KINDS.items()}
-    fields = {name: pc.field(name) for name in _WORST}
     frame = ds.dataset(table).to_table(columns=fields | masks).to_pandas()
-    found = _found(frame, people)
-    bad = frame[frame[["PET", "TTC", "DRAC"]].any(axis=1)]
     order = {"contact_speed_mps": False, "pet_s": True, "min_ttc_s": True}
-    bad = bad.sort_values([*order], ascending=[*order.values()])[[*_WORST]].rename(columns=_WORST)
-    shown = listed(
-        "conflicts",
-        found[:_MOST_ROWS],
-        f"Conflicts at {len(people)} crosswalks",
-        ["The worst passages, and all crosswalks: --full; every passage: --table FILE.csv"],
-    )
+    bad = frame[frame[["PET", "TTC", "DRAC"]].any(axis=1)]
+    bad = bad.sort_values([*order], ascending=[*order.values()])[[*_SHOWN]]
+    rows, worst = _found(frame, people), listed("", _plain(bad[:_MOST_ROWS])).screen
+    every = listed("", rows).screen
     result = replace(
-        shown,
-        scope=f"{found[0]['passages']:,} passages, {found[0]['people']:,} people",
+        listed("conflicts", rows[:_MOST_ROWS], f"Conflicts at {len(people)} crosswalks"),
+        closing=("The worst passages, and all crosswalks: --full; all passages: --table FILE.csv",),
+        scope=f"{rows[0]['passages']:,} passages, {rows[0]['people']:,} people",
         about=f"PET < {limits.pet_s:g} s, TTC < {limits.ttc_s:g} s, DRAC > {limits.drac_mps2:g} "
         "m/s²; a contact is a conflict of every kind",
-        full=tuple(
-            replace(listed("", rows).screen, title=title)
-            for title, rows in (
-                ("All crosswalks", found),
-                ("The worst passages", _plain(bad[:_MOST_ROWS])),
-            )
-        ),
-        notes=_notes(reader, town, step_s, explained),
+        full=(replace(every, title="All crosswalks"), replace(worst, title="The worst passages")),
+        notes=_notes(drives, found, step_s, motion),
         facts={
-            "files": ", ".join(map(str, files)),
-            "net": str(net),
-            "step_s": step_s,
-            "motion": motion if explained else "places",
-            **{f"{kind}_records": reader.counts[kind] for kind in ("vehicles", "people")},
+            **{"files": where, "net": str(net), "step_s": step_s, "motion": motion or "places"},
             **limits.model_dump(),
         },
-        records=found,
+        records=rows,
     )
     return result, table.drop_columns(["cell", "pair", "arm"]).to_pylist()
 
 
-def _cars(net: Path, types: Sequence[Path]) -> Mapping[str, Car]:
-    """A vehicle of each type; "" is SUMO's car."""
-    cars = {}
-    for name, (length_m, width_m, gain, loss, most_mps) in sizes_of(net, types).items():
-        body = Vehicle(1.0, RANGE_M, RANGE_M, length_m, width_m, gain, loss, gain)
-        cars[name] = Car("", name, False, body, 1.0, most_mps)
-    return cars | {"": cars[_CAR]}
+def _motion(found: Sequence[Passage], step_s: float) -> StepMotion | None:
+    """How vehicles move between two records: the rule by which the speeds give the distances.
 
-
-def _walked(reader: Reader, town: Town, where: str) -> dict[str, list[Walked]]:
-    """Everybody who went over each crosswalk.
-
-    Raises:
-        InputError: the recording has no passages or people, or is of another network.
-    """
-    for what, any_of in (("vehicles", reader.passages), ("people", any(reader.people.values()))):
-        if not any_of:
-            problem = f"0 of {reader.counts[what]:,} records of {what} are over a crosswalk"
-            raise InputError(where, problem, f"FCD of this network with {what}, or --person-fcd")
-    # A place is off by half of its last digit in both directions.
-    rounding_m = 10.0**-reader.digits / 2**0.5 if reader.digits < _EXACT_DIGITS else 0.0
-    people, beside_m = {}, []
-    for name, here in reader.people.items():
-        crosswalk = town.crosswalks[name]
-        found = (walked_of(each, Axis(crosswalk), rounding_m) for each in here)
-        people[name] = [each for each in found if each is not None]
-        for each in here:
-            places = shapely.points(np.column_stack((each.x, each.y))[np.array(each.on, bool)])
-            beside_m += shapely.distance(places, crosswalk.area).tolist()
-    if np.mean(np.array(beside_m) > _BESIDE_M) > _MOST_BESIDE:
-        allowed = "FCD of this network, without --fcd-output.geo"
-        raise InputError(where, "the people on its crosswalks are recorded elsewhere", allowed)
-    return people
-
-
-def _motion(found: Sequence[Passage], step_s: float) -> tuple[StepMotion, bool]:
-    """How vehicles move between two records, and whether the records show it.
-
-    Either Euler's rule (the new speed) or the ballistic one (the mean of both) gives the distance
-    of a step.  If neither does, the simulation's steps are shorter than the time between records,
-    and the vehicles get the mean speeds between their places.
+    That is Euler's rule (the new speed) or the ballistic one (the mean of both).  If it is neither,
+    the simulation's steps are shorter than the time between records: None, and the vehicles get the
+    mean speeds between their places.
     """
     moved = np.concatenate([np.diff(each.xs_m) for each in found])
     before = np.concatenate([each.speeds_mps[:-1] for each in found])
     after = np.concatenate([each.speeds_mps[1:] for each in found])
     changing = np.abs(after - before) > 0.05
-    if not changing.any():
-        return "euler", True
-    euler = float(np.median(np.abs(moved - after * step_s)[changing]))
-    ballistic = float(np.median(np.abs(moved - (after + before) / 2 * step_s)[changing]))
-    if min(euler, ballistic) < 0.011 + 0.01 * step_s:
-        return ("euler" if euler <= ballistic else "ballistic"), True
+    rules: dict[StepMotion, np.ndarray] = {"euler": after, "ballistic": (after + before) / 2}
+    for motion, speed_mps in rules.items():
+        off_m = np.abs(moved - speed_mps * step_s)[changing]
+        if not len(off_m) or np.median(off_m) < 0.011 + 0.01 * step_s:
+            return motion
     for each in found:
-        driven = np.diff(each.xs_m) / step_s
-        each.speeds_mps = array("d", [*each.speeds_mps[:1], *driven.tolist()])
-    return "euler", False
+        driven_mps = np.diff(each.xs_m) / step_s
+        each.speeds_mps = array("d", [*each.speeds_mps[:1], *driven_mps.tolist()])
+    return None
 
 
 def _found(frame: pd.DataFrame, people: Mapping[str, Sequence[Walked]]) -> list[dict[str, Plain]]:
@@ -196,28 +146,28 @@ def _found(frame: pd.DataFrame, people: Mapping[str, Sequence[Walked]]) -> list[
 
 def _plain(frame: pd.DataFrame) -> list[dict[str, Plain]]:
     """The rows of a frame, rounded, with None for what is undefined."""
-    rounded = frame.round(2).astype(object)
-    rows: list[dict[str, Plain]] = rounded.where(rounded.notna(), None).to_dict("records")  # type: ignore[assignment]
+    rows: list[dict[str, Plain]] = json.loads(frame.round(2).to_json(orient="records"))
     return rows
 
 
-def _notes(reader: Reader, town: Town, step_s: float, explained: bool) -> tuple[Note, ...]:
+def _notes(
+    drives: Drives, found: Sequence[Passage], step_s: float, motion: StepMotion | None
+) -> tuple[Note, ...]:
     """What was left out and why, and how the records were read."""
-    refused = Counter(each.refused for each in town.crosswalks.values() if each.refused)
-    left_out = "; ".join(f"{count:,} since {why}" for why, count in refused.items())
-    cut_off = sum(each.ended == CUT_OFF for each in reader.passages)
-    split = sum(each.zone.split for each in reader.passages)
-    jumps, types = reader.counts["jumps"], ", ".join(sorted(reader.undefined))
+    refused = Counter(of.refused for of in drives.town.crosswalks.values() if of.refused)
+    undefined, jumps = ", ".join(sorted(drives.undefined)), drives.jumps
+    cut_off = sum(each.ended == CUT_OFF for each in found)
+    split = sum(each.zone.split for each in found)
     said = {
-        "types": types and f"No --types file defines {types}: measured as SUMO's car.",
+        "types": undefined and f"No --types file defines {undefined}: measured as SUMO's car.",
         "cut off": cut_off and f"{cut_off:,} passages have no end: {CUT_OFF}.",
         "jumps": jumps and f"At {jumps:,} places a vehicle jumps: no passage is measured there.",
-        "crosswalks": left_out and f"Crosswalks left out: {left_out}.",
+        "crosswalks": refused
+        and f"Left out: {'; '.join(f'{n:,} crosswalks, {why}' for why, n in refused.items())}.",
         "grazed": split
         and f"{split:,} passages touch their crosswalk twice, or for less than a step.",
-        "motion": not explained
-        and "Records are further apart than SUMO's steps: vehicles move evenly between them.",
         "records": f"Records are {step_s:g} s apart; times between them are interpolated. "
-        "Whoever waits and never goes is not in them.",
+        + "These are not SUMO's steps: vehicles move evenly between them. " * (motion is None)
+        + "Whoever waits and never goes is not in them.",
     }
     return tuple(Note(key, rank, key, of) for rank, (key, of) in enumerate(said.items()) if of)

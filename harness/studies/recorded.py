@@ -1,228 +1,206 @@
 """SUMO's records of vehicles and people in; passages and walks over crosswalks out."""
 
-from collections import Counter, deque
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from array import array
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
-from harness.core.errors import InputError
-from harness.engine.fcd import FORMATS, Record, records
+import numpy as np
+import shapely
+
+from harness.core.encounter import FloatArray, Vehicle
+from harness.core.errors import InputError, reading
+from harness.engine.fcd import records
 from harness.simulation.cars import PASSED, Car, Passage
-from harness.simulation.walked import Axis, Seen
+from harness.simulation.walked import Axis, Seen, Walked, walked_of
 from harness.simulation.zones import Zones
-from harness.site.town import Connection
+from harness.site.town import Connection, Town
 
 RANGE_M = 50.0
 """A passage begins this far before the crosswalk's centre."""
-_KEPT_M = RANGE_M + 50.0
-"""Length of a vehicle's way whose records are kept, longer than a step at most speeds."""
 CUT_OFF = "its records end"
-_BACK_M = 0.1
-"""A vehicle does not drive back further than this."""
+_MOST_DIGITS = 7
+_BESIDE_M = 3.0
+"""Whoever is first further from a crosswalk is not on it: the file is of another network."""
 
 
-@dataclass(slots=True, eq=False)
-class _Track:
-    """A vehicle whose records go on.
+class Way(NamedTuple):
+    """A vehicle or a person from one record to the next, without a gap.
 
     Attributes:
-        car: the vehicle.
-        lane: its last lane outside junctions.
-        start_m: the odometer at that lane's beginning.
-        link: the connection that it is on, or None.
-        seen: (time, odometer, speed) of its last ``_KEPT_M``.
-        passages: those that go on.
+        id, type: SUMO's.
+        runs: its lanes, or a person's edges, in order.  Each has (time, position, speed), or (time,
+            x, y), of every record on it, one after another.
     """
 
-    car: Car
-    lane: str
-    start_m: float = 0.0
-    link: Connection | None = None
-    seen: deque[tuple[float, float, float]] = field(default_factory=deque)
-    passages: list[Passage] = field(default_factory=list)
+    id: str
+    type: str
+    runs: "list[tuple[str, array[float]]]"
 
 
-class Reader:
-    """Follows vehicles and people over some crosswalks.
+def read_ways(
+    files: Sequence[Path], edges: Iterable[str], step_s: float
+) -> tuple[list[Way], list[Way]]:
+    """The ways of all vehicles, and those of people on some edges.
 
     Args:
-        zones: the zones of the network.
-        crosswalks: ids of the crosswalks.
-        cars: a vehicle of each type; ``""`` is one of a type that is not defined.
+        files: FCD outputs of one simulation.
+        edges: crosswalks and walking areas.
         step_s: time between two records.
 
+    Raises:
+        InputError: a file is no FCD.
+    """
+    walked, vehicles, people = frozenset(edges), list[Way](), list[Way]()
+    last: dict[tuple[bool, str], Way] = {}
+    for file in files:
+        for time_s, row in records(file):
+            driven = bool(row.get("lane"))
+            if not driven and row.get("edge") not in walked:
+                continue
+            on, a, b = ("lane", "pos", "speed") if driven else ("edge", "x", "y")
+            with reading(file):
+                name, values = (driven, row["id"]), (time_s, float(row[a]), float(row[b]))
+                way = last.get(name)
+                if way is None or time_s - way.runs[-1][1][-3] > 1.5 * step_s:
+                    way = last[name] = Way(row["id"], row["type"], [])
+                    (vehicles if driven else people).append(way)
+            if not way.runs or way.runs[-1][0] != row[on]:
+                way.runs.append((row[on], array("d")))
+            way.runs[-1][1].extend(values)
+    return vehicles, people
+
+
+class Drives:
+    """The passages of recorded vehicles over some crosswalks.
+
+    Args:
+        zones: the zones of the crosswalks.
+        sizes: length, width, acceleration, deceleration and top speed of each type, in m and s.
+
     Attributes:
-        passages: those that have ended.
-        people: everybody who went over each crosswalk.
-        undefined: the types without a definition.
-        digits: the most decimals of a person's place.
-        counts: number of records of vehicles and of people, and of places where a vehicle's
-            records jump.
+        town: the network.
+        undefined: the types without a size, which get that of SUMO's car.
+        jumps: number of places to which no way leads.
     """
 
-    def __init__(
-        self, zones: Zones, crosswalks: Sequence[str], cars: Mapping[str, Car], step_s: float
-    ) -> None:
-        self._zones, self._town, self._cars = zones, zones.town, cars
-        self._gap_s, self._chosen = 1.5 * step_s, frozenset(crosswalks)
-        self._axes = {name: Axis(self._town.crosswalks[name]) for name in crosswalks}
-        self._areas = {area for name in crosswalks for area in self._town.areas(name)}
-        self._tracks: dict[str, _Track] = {}
-        self._walkers: dict[str, tuple[str, Seen]] = {}
-        self.passages: list[Passage] = []
-        self.people: dict[str, list[Seen]] = {name: [] for name in crosswalks}
-        self.undefined: set[str] = set()
-        self.digits, self.counts = 0, Counter[str]()
+    def __init__(self, zones: Zones, sizes: Mapping[str, Sequence[float]]) -> None:
+        self.town, self._zones, self._sizes = zones.town, zones, sizes
+        self.undefined, self.jumps = set[str](), 0
 
-    def read(self, path: Path) -> None:
-        """Follow everybody in a file.
+    def passages(self, way: Way) -> Iterator[Passage]:
+        """The passages of a vehicle, whose places are put on one axis.
 
         Raises:
-            InputError: the file is no FCD, or of another network.
+            InputError: a lane is not in the network.
         """
-        for time_s, row in records(path):
-            try:
-                if row.get("lane"):
-                    self._vehicle(time_s, row)
-                elif row.get("edge"):
-                    self._person(time_s, row)
-            except KeyError as error:
-                allowed = "FCD of this network, with all attributes"
-                raise InputError(
-                    str(path), f"{error} is not in a record, or in the network", allowed
-                ) from None
-            except (ValueError, TypeError) as error:
-                raise InputError(str(path), f"is damaged ({error})", FORMATS) from None
-        for track in self._tracks.values():
-            self._end(track)
-        self._tracks.clear()
-
-    def _vehicle(self, time_s: float, row: Record) -> None:
-        self.counts["vehicles"] += 1
-        name, lane, speed_mps = str(row["id"]), row["lane"], float(row["speed"])
-        track = self._tracks.get(name)
-        at_m = None
-        if track is not None and time_s - track.seen[-1][0] <= self._gap_s:
-            at_m = self._on(track, lane, float(row["pos"]))
-            self.counts["jumps"] += at_m is None and not track.lane.startswith(":")
-        if track is None or at_m is None:
-            if track is not None:
-                self._end(track)
-            track, at_m = _Track(self._car(name, row), lane), float(row["pos"])
-            self._tracks[name] = track
-        track.seen.append((time_s, at_m, speed_mps))
-        while at_m - track.seen[0][1] > _KEPT_M:
-            track.seen.popleft()
-        track.car.odometer_m, track.car.speed_mps = at_m, speed_mps
-        for passage in [*track.passages]:
-            passage.note(time_s)
-            if at_m >= passage.last_m:
-                passage.ended = PASSED
-                track.passages.remove(passage)
-                self.passages.append(passage)
-
-    def _car(self, name: str, row: Record) -> Car:
-        kind = str(row["type"])
         # SUMO names the copy of a type for a single vehicle type@vehicle.
-        known = self._cars.get(kind) or self._cars.get(kind.partition("@")[0])
-        if known is None:
-            self.undefined.add(kind)
-        return replace(known or self._cars[""], name=name, type_id=kind)
-
-    def _on(self, track: _Track, lane: str, position_m: float) -> float | None:
-        """The odometer at a vehicle's next place; None if no way leads there."""
-        at_m = track.start_m
-        if _edge(lane) != _edge(track.lane):
-            for link in self._chain(track.lane, lane, track.link):
-                at_m += self._town.lane(link.from_lane).length_m
-                if link is not track.link:
-                    self._begin(track, link, at_m)
-                for via in link.via:
-                    if _edge(via) == _edge(lane):
-                        track.link = link
-                        return at_m + position_m
-                    at_m += self._town.lane(via).length_m
-            if at_m == track.start_m:
-                return None
-        track.lane, track.start_m, track.link = lane, at_m, None
-        return at_m + position_m if at_m + position_m > track.seen[-1][1] - _BACK_M else None
-
-    @cache  # noqa: B019 - as long as the reader
-    def _chain(self, lane: str, goal: str, on: Connection | None) -> tuple[Connection, ...]:
-        """The connections from a lane to another one, of which a long step may pass one."""
-        ahead = self._town.ahead
-        chains = [(link,) for each in self._town.lanes(_edge(lane)) for link in ahead(each)]
-        for found in (chains, [(a, b) for (a,) in chains for b in ahead(a.to_lane)]):
-            ends = {each: (*each[-1].via, each[-1].to_lane) for each in found}
-            fit = [each for each in found if _edge(goal) in map(_edge, ends[each])]
-            if fit:
-                return max(
-                    fit, key=lambda of: (of[0] is on, goal in ends[of], of[0].from_lane == lane)
-                )
-        return ()
-
-    def _begin(self, track: _Track, link: Connection, stop_m: float) -> None:
-        """Begin the passages over the chosen crosswalks of a connection."""
-        car, body = track.car, track.car.vehicle
-        for crosswalk in self._zones.crosswalks(link):
-            found = self._zones.at(link, crosswalk, body.length_m, body.width_m)
-            if found is None:
-                continue
-            passage = Passage(car, crosswalk, link, *found, stop_m, body)
-            begin_m, range_m = passage.centre_m - RANGE_M, RANGE_M
-            states = [state for state in track.seen if state[1] >= begin_m]
-            if len(states) < len(track.seen):
-                then_s, then_m, _ = track.seen[-len(states) - 1]
-                share = (states[0][1] - begin_m) / (states[0][1] - then_m)
-                passage.trace_offset_s = (states[0][0] - then_s) * share
+        size = self._sizes.get(way.type) or self._sizes.get(way.type.partition("@")[0])
+        self.undefined |= set() if size else {way.type}
+        length_m, width_m, gain, loss, most_mps = size or self._sizes["DEFAULT_VEHTYPE"]
+        body = Vehicle(1.0, RANGE_M, RANGE_M, length_m, width_m, gain, loss, gain)
+        car = Car(way.id, way.type, False, body, 1.0, most_mps)
+        last, start_m, links, states = "", 0.0, dict[float, Connection](), list[FloatArray]()
+        for lane, of in way.runs:
+            at_m, chain = start_m, self._chain(last, lane)
+            if last and not chain and _edge(lane) != _edge(last):
+                self.jumps += not last.startswith(":")
+                yield from self._over(car, np.concatenate(states), links)
+                at_m, links, states = 0.0, {}, []
+            for each, link in chain:
+                if _edge(each) == _edge(lane):
+                    # It is inside the junction, and goes on from the lane of this connection.
+                    last = link.from_lane
+                    break
+                if each == link.from_lane:
+                    start_m = at_m
+                    links[at_m + self.town.lane(each).length_m] = link
+                at_m += self.town.lane(each).length_m
             else:
-                range_m = max(passage.centre_m - states[0][1], 0.1)
-            limit_mps = self._town.lane(link.from_lane).limit_mps
-            passage.vehicle = replace(
-                body,
-                initial_speed_mps=car.limit_mps(limit_mps),
-                width_m=passage.zone.to_m - passage.zone.from_m,
-                trigger_range_m=range_m,
-                detection_range_m=range_m,
-            )
-            for time_s, car.odometer_m, car.speed_mps in states:
-                passage.note(time_s)
-            track.passages.append(passage)
+                last, start_m = lane, at_m
+            states.append(np.add(np.reshape(of, (-1, 3)), [0.0, at_m, 0.0]))
+        yield from self._over(car, np.concatenate(states), links)
 
-    def _end(self, track: _Track) -> None:
-        for passage in track.passages:
-            passage.ended = CUT_OFF
-        self.passages += track.passages
+    @cache  # noqa: B019 - as long as the recording is measured
+    def _chain(self, lane: str, goal: str) -> Sequence[tuple[str, Connection]]:
+        """The lanes from one to another edge, with their connections; a long step may pass two."""
+        town = self.town
+        try:
+            town.lane(goal)
+        except KeyError:
+            allowed = "FCD of this network"
+            raise InputError(f"lane {goal}", "is not in the network", allowed) from None
+        if not lane or _edge(lane) == _edge(goal):
+            return ()
+        chains = [[link] for each in town.lanes(_edge(lane)) for link in town.ahead(each)]
+        chains += [[link, other] for (link,) in chains for other in town.ahead(link.to_lane)]
 
-    def _person(self, time_s: float, row: Record) -> None:
-        self.counts["people"] += 1
-        name, edge, place = str(row["id"]), row["edge"], (float(row["x"]), float(row["y"]))
-        last, seen = self._walkers.pop(name, ("", None))
-        if seen is not None and time_s - seen.time_s[-1] > self._gap_s:
-            seen = None
-        if seen is not None and last != edge and (last in self._chosen or edge in self._areas):
-            if last in self._chosen:
-                # The first place beyond the crosswalk shows when they reached the kerb.
-                _note(seen, time_s, place, on=False)
-            seen = None
-        if edge in self._chosen or edge in self._areas:
-            seen = seen or Seen(name, 0, 0.0)
-            _note(seen, time_s, place, on=edge in self._chosen)
-            if edge in self._chosen and (last != edge or len(seen.on) == 1):
-                seen.index = len(self.people[edge])
-                seen.first_m = self._axes[edge].along_m(seen.x[0], seen.y[0])
-                self.people[edge].append(seen)
-                self.digits = max(self.digits, len(str(row["x"]).partition(".")[2]))
-            self._walkers[name] = edge, seen
+        def rank(chain: list[Connection]) -> tuple[bool, ...]:
+            inside, right = goal in chain[-1].via, chain[0].from_lane == lane
+            return len(chain) == 1, inside, right, goal == chain[-1].to_lane
+
+        ways = [of for of in chains if _edge(goal) in map(_edge, (*of[-1].via, of[-1].to_lane))]
+        best = max(ways, key=rank, default=[])
+        return [(each, link) for link in best for each in (link.from_lane, *link.via)]
+
+    def _over(
+        self, car: Car, states: FloatArray, links: Mapping[float, Connection]
+    ) -> Iterator[Passage]:
+        """The passages over the crosswalks of connections, by the place of the stop line."""
+        body, at_m = car.vehicle, states[:, 1]
+        for stop_m, link in links.items():
+            for crosswalk in self._zones.crosswalks(link):
+                found = self._zones.at(link, crosswalk, body.length_m, body.width_m)
+                if found is None:
+                    continue
+                passage = Passage(car, crosswalk, link, *found, stop_m, body)
+                begin_m, last = passage.centre_m - RANGE_M, len(at_m) - 1
+                first, end = np.searchsorted(at_m, (begin_m, passage.last_m)).tolist()
+                passage.ended = PASSED if end <= last else CUT_OFF
+                begin_s = np.interp(begin_m, at_m, states[:, 0])
+                passage.trace_offset_s = float(states[min(first, last), 0] - begin_s)
+                range_m = min(max(passage.centre_m - float(at_m[0]), 0.1), RANGE_M)
+                limit_mps = self.town.lane(link.from_lane).limit_mps
+                passage.vehicle = replace(
+                    body,
+                    initial_speed_mps=car.limit_mps(limit_mps),
+                    width_m=passage.zone.to_m - passage.zone.from_m,
+                    trigger_range_m=range_m,
+                    detection_range_m=range_m,
+                )
+                for time_s, car.odometer_m, car.speed_mps in states[first : end + 1].tolist():
+                    passage.note(time_s)
+                yield passage
+
+
+def walks(ways: Sequence[Way], town: Town, crosswalks: Iterable[str]) -> dict[str, list[Walked]]:
+    """Everybody who went over each crosswalk.
+
+    They are seen from the walking area before it until their first place beyond it, which shows
+    when they reached the kerb.
+    """
+    people: dict[str, list[Walked]] = {name: [] for name in crosswalks}
+    x = np.array([each for way in ways for _, of in way.runs for each in of[1::3]])
+    digits = next((n for n in range(_MOST_DIGITS) if np.allclose(x, x.round(n), 0.0, 1e-9)), 99)
+    # A place is off by half of its last digit in both directions.
+    rounding_m = 10.0**-digits / 2**0.5
+    none = ("", np.empty((0, 3)))
+    for way in ways:
+        runs = [none, *((edge, np.reshape(of, (-1, 3))) for edge, of in way.runs), none]
+        for (_, before), (edge, there), (_, after) in zip(runs, runs[1:], runs[2:], strict=False):
+            at = town.crosswalks.get(edge)
+            if edge in people and at and at.area.dwithin(shapely.Point(there[0, 1:]), _BESIDE_M):
+                places = np.concatenate([before, there, after[:1]])
+                on = [len(before) <= i < len(before) + len(there) for i in range(len(places))]
+                axis, columns = Axis(at), (array("d", of.tolist()) for of in places.T)
+                first_m = axis.along_m(*places[0, 1:].tolist())
+                seen = Seen(way.id, len(people[edge]), first_m, *columns, on)
+                walked = walked_of(seen, axis, rounding_m)
+                people[edge] += [walked] if walked else []
+    return people
 
 
 def _edge(lane: str) -> str:
     return lane.rpartition("_")[0]
-
-
-def _note(seen: Seen, time_s: float, place: tuple[float, float], *, on: bool) -> None:
-    seen.time_s.append(time_s)
-    seen.x.append(place[0])
-    seen.y.append(place[1])
-    seen.on.append(on)
