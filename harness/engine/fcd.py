@@ -16,7 +16,7 @@ from harness.site.configuration import elements_of, seconds
 
 FORMATS = "SUMO's --fcd-output or --person-fcd-output: .xml, .xml.gz, .csv or .csv.gz"
 
-Record = Mapping[str, str]
+Record = Mapping[str, Any]
 """The attributes of a vehicle or a person at one time, as SUMO names them."""
 
 

@@ -3,7 +3,7 @@
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from harness.core.encounter import Arm
 from harness.encounter.deciding import ROUNDING_M
@@ -297,17 +297,10 @@ class ArmOfPair:
         """Begin a passage whose vehicle is within R0, and choose who drives."""
         setup, car, step_s = self.setup, passage.car, self.session.step_s
         range_m = setup.scenario.ego.trigger_range_m
-        x_m, link = car.odometer_m - passage.centre_m, passage.connection
+        x_m = car.odometer_m - passage.centre_m
         over_m = max(0.0, x_m + range_m)
-        v0_mps = car.limit_mps(setup.town.lane(link.from_lane).limit_mps)
         within = over_m <= (car.speed_mps + car.vehicle.max_deceleration_mps2 * step_s) * step_s
-        passage.vehicle = replace(
-            car.vehicle,
-            initial_speed_mps=max(v0_mps, 0.1),
-            length_m=passage.zone.body_m,
-            width_m=passage.zone.to_m - passage.zone.from_m,
-            trigger_range_m=range_m if within else max(-x_m, 0.1),
-        )
+        passage.begin(range_m if within else max(-x_m, 0.1))
         if over_m > ROUNDING_M and within:
             # Time since R0, from over = v t − a t²/2.
             gain = car.acceleration_mps2 if setup.config.ballistic else 0.0

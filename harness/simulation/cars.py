@@ -6,7 +6,7 @@ one axis.
 
 import math
 from array import array
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from harness.core.actuation import Actuator
 from harness.core.encounter import Crossing, Strategy, Vehicle
@@ -170,6 +170,17 @@ class Passage:
     def is_like(self, other: "Passage") -> bool:
         """Whether it leads over the same crosswalk at the same time."""
         return self.crosswalk is other.crosswalk and abs(self.stop_m - other.stop_m) < _SAME_M
+
+    def begin(self, range_m: float) -> None:
+        """Begin with R0 = ``range_m``, at the limit before the junction."""
+        zone = self.zone
+        self.vehicle = replace(
+            self.car.vehicle,
+            initial_speed_mps=max(self.car.limit_mps(zone.limit_mps), 0.1),
+            length_m=zone.body_m,
+            width_m=zone.to_m - zone.from_m,
+            trigger_range_m=range_m,
+        )
 
     def note(self, time_s: float) -> None:
         """Note the state at the end of a step."""
