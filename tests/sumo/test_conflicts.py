@@ -190,8 +190,8 @@ def passages(town: Path, *files: Path) -> pd.DataFrame:
 )  # fmt: skip
 def test_every_format_has_the_same_passages(town: Path, exact: pd.DataFrame, name: str) -> None:
     if name.endswith("apart"):
-        apart = ("--person-fcd-output", "people.xml")
-        files = [output(town, "cars.xml", *apart), town / "people.xml"]
+        apart = ("--person-fcd-output", "walkers.xml")
+        files = [output(town, "apart.xml", *apart), town / "walkers.xml"]
     else:
         files = [output(town, name)]
     here, there = (
