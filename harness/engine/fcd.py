@@ -11,8 +11,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from harness.core.errors import InputError
+from harness.engine.configuration import elements_of, seconds
 from harness.engine.session import Session
-from harness.site.configuration import elements_of, seconds
 
 FORMATS = "SUMO's --fcd-output or --person-fcd-output: .xml, .xml.gz, .csv or .csv.gz"
 

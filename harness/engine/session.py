@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol, TypeVar, get_type_hints
 
 from harness.core.errors import EngineError, one_line
-from harness.site.configuration import first_error, sumo_program
+from harness.engine.configuration import first_error, sumo_program
 
 Module = Literal["libsumo", "traci", "gui"]
 """Where SUMO runs: in this process, in another one, or in another one with a window."""

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from harness.core.documents import unit_of
 from harness.core.encounter import Arm
 from harness.core.errors import HarnessError
+from harness.engine.configuration import read_config
 from harness.report import figures as draw
 from harness.report.player import pair_name
 from harness.report.style import HEIGHT_INCH, MUTED, SERIES, new_figure
@@ -27,7 +28,6 @@ from harness.results.findings import CellFindings
 from harness.results.result import Result, Shown
 from harness.results.run import Run
 from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
-from harness.site.configuration import read_config
 from harness.site.road_network import read_network
 from harness.strategies.references import is_the_papers
 from harness.strategies.registry import aggressiveness_of

@@ -16,10 +16,10 @@ import numpy as np
 
 from harness.core.encounter import Vehicle
 from harness.core.seeding import stream
+from harness.engine.configuration import SumoConfig
 from harness.engine.network import network_of
 from harness.scenario import Scenario
 from harness.scenario.traffic import QUARTER_S, TrafficSection, by_quarter
-from harness.site.configuration import SumoConfig
 
 NET_FILE, ROUTES_FILE, CONFIG_FILE = "road.net.xml", "vehicles.rou.xml", "traffic.sumocfg"
 

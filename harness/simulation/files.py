@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from harness.core.errors import InputError, nearest_name, one_line
-from harness.site.configuration import SumoConfig, option_sections, option_types
+from harness.core.errors import InputError, one_line, unknown_name
+from harness.engine.configuration import SumoConfig, option_kinds
 
 CONFIG_FILE = "simulation.sumocfg"
 TRIPS_FILE = "tripinfo.xml"
@@ -107,10 +107,9 @@ def inside(written: Path, home: Path) -> str:
 
 def output_options(config: SumoConfig) -> dict[str, str]:
     """The options of a configuration that make SUMO write a file, each with the file's path."""
-    types, sections = option_types(), option_sections()
-    named = {}
+    kinds, named = option_kinds(), {}
     for name, value in config.options.items():
-        writes = types.get(name) == "FILE" and sections.get(name) in ("output", "report")
+        writes = kinds.get(name) in (("output", "FILE"), ("report", "FILE"))
         writes |= name.endswith(("-output", ".output")) or name in _PARAMETERS
         if writes and "input-file" not in name and not name.endswith(".prefix") and value:
             named[name] = value
@@ -150,7 +149,7 @@ def _is_dropped(option: str) -> bool:
         *("save-", "output-prefix", "output-suffix", "num-clients", "remote-port"),
         "device.tripinfo.",
     )
-    return option.startswith(prefixes) or option_sections().get(option) == "gui_only"
+    return option.startswith(prefixes) or option_kinds().get(option, ("",))[0] == "gui_only"
 
 
 def copied(file: Path, kept: Kept, home: Path) -> str:
@@ -208,9 +207,7 @@ def check_outputs(config: SumoConfig, names: Iterable[str], where: str) -> None:
     known = {"all", "detectors", "devices", "tripinfo", *map(short_name, output_options(config))}
     for name in names:
         if name not in known:
-            problem = f"{config.path} writes no output {name!r}"
-            allowed = ", ".join(sorted(known))
-            raise InputError(where, problem, allowed, nearest_name(name, known))
+            raise unknown_name(where, f"output of {config.path}", name, known)
 
 
 def write_config(
@@ -243,7 +240,7 @@ def write_config(
     root = ET.Element("configuration")
     for name, value in sorted((_options(config, kept) | ours | dict(more)).items()):
         # In paths SUMO decodes "%20".
-        is_path = option_types().get(name) == "FILE"
+        is_path = option_kinds().get(name, ("", ""))[1] == "FILE"
         ET.SubElement(root, name, value=value.replace("%", "%25") if is_path else value)
     ET.indent(root)
     path = kept.folder.absolute() / CONFIG_FILE

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from harness.core.errors import EngineError, InputError, nearest_name
+from harness.engine import configuration
 from harness.engine.session import Session
 from harness.scenario.sections import EgoSection
 from harness.simulation.files import Kept, write_config
-from harness.site import configuration
 from harness.site.town import Connection, Crosswalk, Town
 from harness.site.zone import zone_of
 
@@ -71,15 +71,14 @@ def _rank(row: Row) -> tuple[bool, float, float]:
 
 def _row(town: Town, crosswalk: Crosswalk, passed: Passed | None) -> Row:
     over = town.connections(crosswalk.id, 0.0)
+    # Vehicles are known by edges only, and several lanes may join two edges.
     ways, many = Counter[str](each.manoeuvre for each in over), Row()
     if passed is not None:
         moves, people, hours = passed
-        # Vehicles are known by edges only, and several lanes may join two edges.
-        counts = {_edges(each): each.manoeuvre for each in over}
-        ways = Counter()
-        for edges, manoeuvre in counts.items():
-            ways[manoeuvre] += moves[edges]
-        ways = Counter({way: round(number / hours) for way, number in ways.items()})
+        numbers = Counter[str]()
+        for edges, manoeuvre in {_edges(each): each.manoeuvre for each in over}.items():
+            numbers[manoeuvre] += moves[edges]
+        ways = Counter({way: round(number / hours) for way, number in numbers.items()})
         walked = round(len(people[crosswalk.id]) / hours)
         many = {"vehicles/h": ways.total(), "people/h": walked}
     limits = [town.lane(each.from_lane).limit_mps for each in over]
@@ -176,8 +175,8 @@ def scenario_text(file: Path, crossings: Sequence[str], written: Path) -> str:
     )
 
 
-def chosen(town: Town, name: str) -> Crosswalk:
-    """The crosswalk of ``--edge``.
+def chosen(town: Town, name: str, where: str = "--edge") -> Crosswalk:
+    """The crosswalk that an option or a key names.
 
     Raises:
         InputError: it is not there, or not usable.
@@ -186,10 +185,10 @@ def chosen(town: Town, name: str) -> Crosswalk:
     if crosswalk is None:
         some = ", ".join([*town.crosswalks][:5]) + ", …" * (len(town.crosswalks) > 5)
         near = nearest_name(name, town.crosswalks)
-        raise InputError("--edge", f"no crossing {name!r}", some or "there are none", near)
+        raise InputError(where, f"no crossing {name!r}", some or "there are none", near)
     if crosswalk.refused is not None:
         allowed = "a crosswalk that `harness crossings` lists as usable"
-        raise InputError(f"--edge {name}", crosswalk.refused, allowed)
+        raise InputError(where, f"{name}: {crosswalk.refused}", allowed)
     return crosswalk
 
 

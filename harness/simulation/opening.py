@@ -11,17 +11,7 @@ from tempfile import TemporaryDirectory
 
 from harness.core.errors import EngineError, InputError, nearest_name
 from harness.encounter.arms import asks_model
-from harness.engine.starting import scratch_prefix
-from harness.model.interaction import InteractionModel, check_support
-from harness.scenario import Scenario
-from harness.scenario.consistency import check_perception
-from harness.scenario.sections import EgoSection, SimulationSection
-from harness.simulation import demand
-from harness.simulation.files import Kept, check_outputs, write_config
-from harness.simulation.setup import CROSSWALK, Setup
-from harness.simulation.shares import sumo_seed
-from harness.simulation.zones import Zones
-from harness.site.configuration import (
+from harness.engine.configuration import (
     SumoConfig,
     first_error,
     people_come,
@@ -29,6 +19,17 @@ from harness.site.configuration import (
     sumo_program,
     types_that_come,
 )
+from harness.engine.starting import scratch_prefix
+from harness.model.interaction import InteractionModel, check_support
+from harness.scenario import Scenario
+from harness.scenario.consistency import check_perception
+from harness.scenario.sections import EgoSection, SimulationSection
+from harness.simulation import demand
+from harness.simulation.files import Kept, check_outputs, write_config
+from harness.simulation.listing import chosen
+from harness.simulation.setup import CROSSWALK, Setup
+from harness.simulation.shares import sumo_seed
+from harness.simulation.zones import Zones
 from harness.site.town import Town
 
 _BASE_SEED = 23423
@@ -148,14 +149,8 @@ def _limits_mps(town: Town, crosswalk: str) -> Iterable[float]:
 
 
 def _check_crosswalk(name: str, town: Town, range_m: float) -> None:
-    where, crosswalk = "simulation.crossings", town.crosswalks.get(name)
-    if crosswalk is None:
-        some = ", ".join([*town.crosswalks][:5]) + ", …" * (len(town.crosswalks) > 5)
-        near = nearest_name(name, town.crosswalks)
-        raise InputError(where, f"no crossing {name!r}", some or "there are none", near)
-    if crosswalk.refused is not None:
-        allowed = "a crosswalk that `harness crossings` lists as usable"
-        raise InputError(where, f"{name}: {crosswalk.refused}", allowed)
+    where = "simulation.crossings"
+    crosswalk = chosen(town, name, where)
     fastest_mps = max(_limits_mps(town, name))
     if fastest_mps > _FASTEST_MPS:
         problem = f"the limit before {name} is {fastest_mps:g} m/s"

@@ -7,12 +7,12 @@ from harness.core.encounter import Arm, Arrival, Strategy, Vehicle
 from harness.core.errors import StrategyError, in_one_line
 from harness.encounter.arms import make_strategy
 from harness.encounter.arrivals import planned_arrivals
+from harness.engine.configuration import SumoConfig
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
 from harness.scenario.consistency import SUMO_DRIVER
 from harness.simulation.shares import number_of, sumo_seed
 from harness.simulation.zones import Zones
-from harness.site.configuration import SumoConfig
 from harness.site.town import Town
 
 CROSSWALK = ":crosswalk_c0"

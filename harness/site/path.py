@@ -1,6 +1,5 @@
 """A vehicle's line over a crosswalk, by its arc length s in SUMO's lane metres."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -114,7 +113,7 @@ def _straight_on(knots_m: FloatArray, points: FloatArray) -> tuple[FloatArray, F
     """A line with a far point before its beginning, and one beyond its end."""
     steps = np.diff(points, axis=0)
     long = np.flatnonzero(np.hypot(*steps.T) > 0.0)
-    first, last = (steps[i] / math.hypot(*steps[i]) for i in (long[0], long[-1]))
+    first, last = (steps[i] / np.hypot(*steps[i]) for i in (long[0], long[-1]))
     return (
         np.concatenate([[knots_m[0] - _BEYOND_M], knots_m, [knots_m[-1] + _BEYOND_M]]),
         np.concatenate([[points[0] - _BEYOND_M * first], points, [points[-1] + _BEYOND_M * last]]),

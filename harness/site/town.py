@@ -186,9 +186,8 @@ class Town:
 
     def areas(self, crosswalk: str) -> tuple[str, ...]:
         """Ids of the walking areas at the ends of a crosswalk."""
-        return tuple(
-            sorted({each.getEdge().getID() for end in self._ends(crosswalk) for each in end})
-        )
+        start, end = self._ends(crosswalk)
+        return tuple(sorted({lane.getEdge().getID() for lane in (*start, *end)}))
 
     def footpaths(self, crosswalk: str) -> tuple[Footpath, Footpath]:
         """Where people come from at the beginning of a crosswalk's axis, and at its end.
@@ -204,10 +203,8 @@ class Town:
     def _ends(self, crosswalk: str) -> tuple[list["Lane"], list["Lane"]]:
         """The walking areas at the beginning of a crosswalk's axis, and at its end."""
         lane = self._net.getEdge(crosswalk).getLane(0)
-        return (
-            [link.getFromLane() for link in lane.getIncomingConnections()],
-            [link.getToLane() for link in lane.getOutgoing()],
-        )
+        start = [link.getFromLane() for link in lane.getIncomingConnections()]
+        return start, [link.getToLane() for link in lane.getOutgoing()]
 
     def _footpath(self, crosswalk: str, areas: list["Lane"]) -> Footpath:
         ways: list[tuple[Lane, ...]] = [(area,) for area in areas]
@@ -279,13 +276,11 @@ def _crosswalk(
     area = axis.buffer(lane.getWidth() / 2, cap_style="flat")
     over = [each for each in passing[junction] if each.line.intersects(area)]
     walked = lane.getIncomingConnections()
-    refused = None
+    refused = None if over else NO_VEHICLES
+    if any(each.rail for each in over):
+        refused = RAIL
     if any(link.getTLSID() for link in walked) or any(each.signalled for each in over):
         refused = SIGNAL
-    elif any(each.rail for each in over):
-        refused = RAIL
-    elif not over:
-        refused = NO_VEHICLES
     return Crosswalk(
         id=edge.getID(),
         junction=junction,

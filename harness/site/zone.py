@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from harness.core.encounter import Crossing, FloatArray, Side
+from harness.core.encounter import Crossing, FloatArray
 from harness.site.path import Path
 from harness.site.town import Crosswalk
 
@@ -77,10 +77,6 @@ class Zone:
     def y_of(self, along_m: float) -> float:
         """y of a position on the crosswalk's axis; the inverse is the same function."""
         return self.crosswalk_m - along_m if self.reverse else along_m
-
-    def side_at(self, along_m: float) -> Side:
-        """The kerb that is nearer to a position on the crosswalk's axis."""
-        return Side.NEAR if 2 * self.y_of(along_m) < self.crosswalk_m else Side.FAR
 
 
 def zone_of(

@@ -20,6 +20,7 @@ import pyarrow.compute as pc
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Arrival, FloatArray, Leg, Side, Walk
 from harness.core.errors import InputError
 from harness.core.files import cannot_write, write_file
+from harness.engine.configuration import read_config
 from harness.engine.fcd import Record, records
 from harness.engine.network import network_of, opendrive, place_of
 from harness.engine.session import Session
@@ -29,7 +30,6 @@ from harness.results.tables import TABLES_OF, Row, Tables, read_cell
 from harness.scenario import Scenario
 from harness.simulation.files import CONFIG_FILE
 from harness.site import RoadFrame, read_site
-from harness.site.configuration import read_config
 from harness.studies.replay import RECORDS, refuse_in_use, replayed, stored_tasks
 from harness.studies.simulations import REPLAYED
 from harness.studies.tasks import Task

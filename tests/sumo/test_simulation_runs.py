@@ -395,7 +395,7 @@ def test_a_written_scenario_runs_and_its_worst_passage_is_replayed(
         ({"simulation.crossings": [":C2_c0"]}, "a traffic light controls it"),
         ({"simulation.av_types": ["bus"]}, "no vehicle of 'bus' comes"),
         ({"simulation.end": 100.0}, "simulation.end: 100 s is not accepted|at most 90 s"),
-        ({"simulation.outputs": ["fcd"]}, "writes no output 'fcd'"),
+        ({"simulation.outputs": ["fcd"]}, "unknown output of "),
         ({"simulation.av_shares": 1}, "did you mean 'av_share'"),
         ({"simulation.step_s": 1.5}, "simulation.step_s"),
         ({"ego.trigger_range_m": 10.0}, "nobody stops within 10 m from 13.89 m/s"),

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from harness.core.encounter import Arm, Side
+from harness.engine.configuration import read_config, sumo_program
 from harness.engine.shared import close_engine
 from harness.model.interaction import load_model
 from harness.scenario import validate
@@ -18,7 +19,6 @@ from harness.simulation.opening import opened
 from harness.simulation.pairing import Outcome, run_arm
 from harness.simulation.setup import Setup
 from harness.simulation.walked import Axis
-from harness.site.configuration import read_config, sumo_program
 from harness.site.town import Town
 from tests.towns import call, grid
 

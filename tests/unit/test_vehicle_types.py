@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from harness.site.configuration import read_config, types_that_come
+from harness.engine.configuration import read_config, types_that_come
 
 
 def test_types_of_vehicles_flows_distributions_and_peoples_vehicles(tmp_path: Path) -> None:

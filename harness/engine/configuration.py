@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import sysconfig
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -25,8 +25,8 @@ LONGEST_STEP_S = 1.0
 SHORTER_STEP_S = 0.1
 """The step that a scenario file gets if the configuration's step is too long."""
 
-VEHICLES = ("vehicle", "trip", "flow")
-PEOPLE = ("person", "personFlow")
+_VEHICLES = ("vehicle", "trip", "flow")
+_PEOPLE = ("person", "personFlow")
 
 _READING_S = 120
 _SCRATCH = f"crosswalk-harness-{os.getpid()}-"
@@ -54,10 +54,14 @@ class SumoConfig:
         return self.files("net-file")[0]
 
     @property
+    def demand(self) -> list[Path]:
+        """The additional files and the route files, in the order in which SUMO reads them."""
+        return [*self.files("additional-files"), *self.files("route-files")]
+
+    @property
     def inputs(self) -> list[Path]:
-        """The configuration's file, its network, its route files and its additional files."""
-        options = ("net-file", "route-files", "additional-files")
-        return [self.path, *(file for option in options for file in self.files(option))]
+        """The configuration's file, its network, its additional files and its route files."""
+        return [self.path, self.net, *self.demand]
 
     @property
     def step_s(self) -> float:
@@ -100,6 +104,25 @@ def is_on(value: str) -> bool:
     return value.strip().lower() in ("1", "yes", "true", "on", "x", "t")
 
 
+_REFUSED: Mapping[str, tuple[Callable[[str], bool], str, str]] = {
+    "mesosim": (is_on, "the mesoscopic model has no positions of vehicles", "false"),
+    "device.fcd-replay.enable": (is_on, "replayed vehicles cannot be driven", "false"),
+    "lateral-resolution": (
+        lambda text: float(text) > 0,
+        "the sublane model is not supported",
+        "0 or not given",
+    ),
+    "pedestrian.model": (lambda text: text != "striping", "is not supported", "striping"),
+    "remote-port": (
+        lambda text: text != "0",
+        "it waits for a TraCI client; nobody would answer for it",
+        "a scenario without a client",
+    ),
+    "load-state": (bool, "a loaded state is not supported", "none"),
+}
+"""Options with a value that is not supported: whether it is one, what is wrong, what is allowed."""
+
+
 def read_config(path: Path, step_s: float | None = None) -> SumoConfig:
     """Read a configuration, and refuse one that cannot be simulated here.
 
@@ -114,12 +137,21 @@ def read_config(path: Path, step_s: float | None = None) -> SumoConfig:
     if not path.is_file():
         raise InputError(str(path), "no such configuration", "a SUMO configuration (.sumocfg)")
     config = SumoConfig(path, _options_of(path.absolute()))
-    _refuse_options(config, step_s)
-    for option in ("net-file", "route-files", "additional-files"):
-        for file in config.files(option):
-            if not file.is_file():
-                raise InputError(f"{path}: {option}", f"{file} does not exist", "a file")
-    _refuse_empty(config)
+    for option, (is_refused, problem, allowed) in _REFUSED.items():
+        value = config.options.get(option)
+        if value and is_refused(value):
+            raise InputError(f"{path}: {option} = {value}", problem, allowed)
+    if step_s is None and config.step_s > LONGEST_STEP_S + 1e-9:
+        allowed = f"at most {LONGEST_STEP_S:g} s, or simulation.step_s = {SHORTER_STEP_S:g}"
+        raise InputError(f"{path}: step-length", f"{config.step_s:g} s", allowed)
+    if not config.files("net-file"):
+        raise InputError(f"{path}: net-file", "is not given", "a SUMO network")
+    for file in config.inputs:
+        if not file.is_file():
+            raise InputError(str(path), f"{file} does not exist", "a file")
+    if not any(element.tag in _VEHICLES for element in elements_of(*config.demand)):
+        allowed = "vehicles, trips or flows in its route files or additional files"
+        raise InputError(str(path), "no vehicle comes", allowed)
     return config
 
 
@@ -158,13 +190,11 @@ def _options_of(path: Path) -> dict[str, str]:
 
 def _absolute(option: str, value: str, folder: Path) -> str:
     """The value of an option, with each path absolute; SUMO itself resolves most of them."""
-    if option_types().get(option) != "FILE":
+    if option_kinds().get(option, ("", ""))[1] != "FILE":
         return value
-    return ",".join(
-        part if not part.strip() else str(Path(os.path.normpath(folder / part.strip())))
-        # SUMO writes "%20" for a space in a path.
-        for part in unquote(value).split(",")
-    )
+    # SUMO writes "%20" for a space in a path.
+    paths = (path.strip() for path in unquote(value).split(","))
+    return ",".join(path and os.path.normpath(folder / path) for path in paths)
 
 
 def first_error(text: str) -> str:
@@ -175,19 +205,8 @@ def first_error(text: str) -> str:
 
 
 @cache
-def option_types() -> Mapping[str, str]:
-    """The type of every option of ``sumo``, as its template says (``FILE``, ``BOOL``, …)."""
-    return {name: kind for name, (_, kind) in _template().items()}
-
-
-@cache
-def option_sections() -> Mapping[str, str]:
-    """The section of every option of ``sumo``, as its template says (``output``, …)."""
-    return {name: section for name, (section, _) in _template().items()}
-
-
-@cache
-def _template() -> Mapping[str, tuple[str, str]]:
+def option_kinds() -> Mapping[str, tuple[str, str]]:
+    """Section (``output``, …) and type (``FILE``, ``BOOL``, …) of every option of ``sumo``."""
     with TemporaryDirectory(prefix=_SCRATCH) as folder:
         template = Path(folder) / "template.xml"
         command = [sumo_program(), "--save-template", str(template)]
@@ -196,83 +215,39 @@ def _template() -> Mapping[str, tuple[str, str]]:
             root = ET.parse(template).getroot()
         except (OSError, subprocess.SubprocessError, ET.ParseError) as error:
             raise EngineError(f"sumo did not list its options: {error}") from None
-    return {
-        option.tag: (section.tag, option.get("type", "")) for section in root for option in section
-    }
-
-
-def _refuse_options(config: SumoConfig, step_s: float | None) -> None:
-    options, where = config.options, str(config.path)
-    if not config.files("net-file"):
-        raise InputError(f"{where}: net-file", "is not given", "a SUMO network")
-    for option, what in (
-        ("mesosim", "the mesoscopic model has no positions of vehicles"),
-        ("device.fcd-replay.enable", "replayed vehicles cannot be driven"),
-    ):
-        if is_on(options.get(option, "false")):
-            raise InputError(f"{where}: {option}", f"{what}; it is not supported", "false")
-    if float(options.get("lateral-resolution", "-1")) > 0:
-        raise InputError(
-            f"{where}: lateral-resolution", "the sublane model is not supported", "0 or not given"
-        )
-    model = options.get("pedestrian.model", "striping")
-    if model != "striping":
-        raise InputError(f"{where}: pedestrian.model", f"{model!r} is not supported", "striping")
-    if int(options.get("remote-port", "0")):
-        what = "the configuration waits for a TraCI client; nobody would answer for it"
-        raise InputError(f"{where}: remote-port", what, "a scenario without a client")
-    if options.get("load-state"):
-        raise InputError(f"{where}: load-state", "a loaded state is not supported", "none")
-    if step_s is None and config.step_s > LONGEST_STEP_S + 1e-9:
-        allowed = f"at most {LONGEST_STEP_S:g} s, or simulation.step_s = {SHORTER_STEP_S:g}"
-        raise InputError(f"{where}: step-length", f"{config.step_s:g} s", allowed)
-
-
-def _refuse_empty(config: SumoConfig) -> None:
-    """Refuse a scenario in which no vehicle comes."""
-    files = [*config.files("route-files"), *config.files("additional-files")]
-    if not any(_holds(file, VEHICLES) for file in files):
-        allowed = "vehicles, trips or flows in its route files or additional files"
-        raise InputError(str(config.path), "no vehicle comes", allowed)
+    return {each.tag: (section.tag, each.get("type", "")) for section in root for each in section}
 
 
 def people_come(config: SumoConfig) -> bool:
     """Whether the route files or additional files of a configuration have people."""
-    files = [*config.files("route-files"), *config.files("additional-files")]
-    return any(_holds(file, PEOPLE) for file in files)
+    return any(element.tag in _PEOPLE for element in elements_of(*config.demand))
 
 
-def _holds(file: Path, tags: tuple[str, ...]) -> bool:
-    """Whether a file, or one that it includes, has an element with one of these names."""
-    for element in elements_of(file):
-        if element.tag in tags:
-            return True
-        if element.tag == "include":
-            included = Path(os.path.normpath(file.parent / element.get("href", "")))
-            if _holds(included, tags):
-                return True
-    return False
+def elements_of(*files: Path) -> Iterator[ET.Element]:
+    """The elements of XML files, plain or gzipped, and of those that they include, in order.
 
-
-def elements_of(file: Path) -> Iterator[ET.Element]:
-    """The elements of an XML file, plain or gzipped, one after another; without their content.
+    They come without their content.
 
     Raises:
-        InputError: the file cannot be read as XML.
+        InputError: a file cannot be read as XML.
     """
-    try:
-        with gzip.open(file) if file.suffix == ".gz" else file.open("rb") as stream:
-            parents: list[ET.Element] = []
-            for event, element in ET.iterparse(stream, ("start", "end")):
-                if event == "start":
+    for file in files:
+        try:
+            with gzip.open(file) if file.suffix == ".gz" else file.open("rb") as stream:
+                parents: list[ET.Element] = []
+                for event, element in ET.iterparse(stream, ("start", "end")):
+                    if event == "end":
+                        parents.pop()
+                        if parents:
+                            parents[-1].remove(element)
+                        continue
                     parents.append(element)
                     yield element
-                else:
-                    parents.pop()
-                    if parents:
-                        parents[-1].remove(element)
-    except (OSError, ET.ParseError, EOFError, ValueError) as error:
-        raise InputError(str(file), f"cannot be read as XML ({one_line(str(error))})") from None
+                    if element.tag == "include":
+                        included = os.path.normpath(file.parent / element.get("href", ""))
+                        yield from elements_of(Path(included))
+        except (OSError, ET.ParseError, EOFError, ValueError) as error:
+            raise InputError(str(file), f"cannot be read as XML ({one_line(str(error))})") from None
 
 
 _BY_MODE = {
@@ -289,9 +264,6 @@ _DEFAULTS = {
     "DEFAULT_RAILTYPE": "rail",
 }
 
-_Types = dict[str, set[tuple[str, str]]]
-"""By the name of a vType or of a distribution of vTypes: its types, each with its class."""
-
 
 def types_that_come(config: SumoConfig) -> Iterator[tuple[str, str]]:
     """Type and class of every vehicle and flow in the files, one after another.
@@ -302,38 +274,24 @@ def types_that_come(config: SumoConfig) -> Iterator[tuple[str, str]]:
     Raises:
         InputError: a file cannot be read as XML.
     """
-    types: _Types = {name: {(name, vehicle_class)} for name, vehicle_class in _DEFAULTS.items()}
-    # SUMO reads the additional files first.
-    for option in ("additional-files", "route-files"):
-        for file in config.files(option):
-            yield from _coming(file, types)
-
-
-def _coming(file: Path, types: _Types) -> Iterator[tuple[str, str]]:
+    # By the name of a vType or of a distribution: its types, each with its class.
+    types = {name: {(name, vehicle_class)} for name, vehicle_class in _DEFAULTS.items()}
     distribution: str | None = None
-    for element in elements_of(file):
-        tag = element.tag
+    for element in elements_of(*config.demand):
+        tag, name, names = element.tag, element.get("id", ""), list[str]()
         if tag == "vTypeDistribution":
-            distribution = element.get("id", "")
-            names = element.get("vTypes", "").split()
-            types[distribution] = set().union(*(_named(name, types) for name in names))
+            distribution = name
+            listed = element.get("vTypes", "").split()
+            types[name] = {of for each in listed for of in types.get(each, {(each, "passenger")})}
         elif tag == "vType":
-            name = element.get("id", "")
             types[name] = {(name, element.get("vClass", "passenger"))}
             if distribution is not None:
                 types[distribution] |= types[name]
-        elif tag in ("vehicle", "trip", "flow"):
-            distribution = None
-            yield from _named(element.get("type", "DEFAULT_VEHTYPE"), types)
+        elif tag in _VEHICLES:
+            distribution, names = None, [element.get("type", "DEFAULT_VEHTYPE")]
         elif tag == "personTrip":
-            own = element.get("vTypes", "").split()
             modes = element.get("modes", "").split()
-            for name in own or [_BY_MODE[mode] for mode in modes if mode in _BY_MODE]:
-                yield from _named(name, types)
-        elif tag == "include":
-            included = Path(os.path.normpath(file.parent / element.get("href", "")))
-            yield from _coming(included, types)
-
-
-def _named(name: str, types: _Types) -> set[tuple[str, str]]:
-    return types.get(name, {(name, "passenger")})
+            own = element.get("vTypes", "").split()
+            names = own or [_BY_MODE[mode] for mode in modes if mode in _BY_MODE]
+        for each in names:
+            yield from types.get(each, {(each, "passenger")})
