@@ -406,8 +406,8 @@ def test_a_written_scenario_runs_and_its_worst_passage_is_replayed(
             {"pedestrians.flow_per_hour": 100.0, "arms.human": "human_yield"},
             "the limit before :B1_c0",
         ),
-        ({"pedestrians.first_at_trigger": True}, "first_at_trigger"),
-        ({"traffic.av_share": 1.0}, r"traffic: cannot be combined with \[simulation\]"),
+        ({"pedestrians.first_at_trigger": True, "arms.human": "human_yield"}, "first_at_trigger"),
+        ({"traffic.av_share": 1.0}, r"traffic.av_share: cannot be combined with \[simulation\]"),
         ({"arms.av": "nobody"}, "unknown strategy"),
     ],
 )
