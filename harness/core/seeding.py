@@ -6,8 +6,8 @@ cell and after any resumption.  Within a stream the i-th draw belongs to pedestr
 group, if it describes one), unless the stream is keyed by the pedestrian too.
 """
 
-import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -71,67 +71,26 @@ GIVEN_DRAWS = 2
 """Number of first draws of a generator that can be given."""
 
 
-def beginning_with(uniforms: Sequence[float], rng: np.random.Generator) -> np.random.Generator:
-    """A generator of the same kind whose first draws of ``random()`` are given.
-
-    Each raw word of 64 bits has the 53 bits of the given uniform first, and drawn bits after them.
-    So a normal or an integer that is drawn first is a function of the uniform, too.
-
-    PCG64 is the linear congruential generator s' = a s + c modulo 2^128.  A word is the xor of a
-    state's halves, rotated (O'Neill 2014, PCG XSL RR 128/64).  The upper halves of the first two
-    states are drawn.  The lower halves follow from the words, and c follows from both states.
-    Later draws are as random as the drawn halves.
+class GivenFirst(np.random.Generator):
+    """A generator whose first draws of ``random()`` are given; everything else it draws itself.
 
     Args:
-        uniforms: at most ``GIVEN_DRAWS`` values in [0, 1); without any, the result is ``rng``.
-        rng: a new PCG64 generator, from which everything else is drawn.
+        bits: its source of all other draws.
+        uniforms: values in [0, 1), at most ``GIVEN_DRAWS``.
     """
-    if not len(uniforms):
-        return rng
-    words, halves = np.array_split(rng.bit_generator.random_raw(2 * GIVEN_DRAWS), 2)
-    below = [int(word) & 0x7FF for word in words]
-    given = [
-        int(math.ldexp(uniform, 53)) << 11 | bits
-        for uniform, bits in zip(uniforms, below, strict=False)
-    ]
-    given += words[len(given) :].tolist()
-    first, second = (_state(int(half), word) for half, word in zip(halves, given, strict=True))
-    increment = (second - _MULTIPLIER * first) % 2**128
-    if increment % 2 == 0:  # c must be odd; another upper half makes it odd
-        second = _state(int(halves[1]) ^ 1, given[1])
-        increment = (second - _MULTIPLIER * first) % 2**128
-    before = (first - increment) * pow(_MULTIPLIER, -1, 2**128) % 2**128
-    rng.bit_generator.state = {
-        **rng.bit_generator.state,
-        "state": {"state": before, "inc": increment},
-    }
-    return rng
 
+    def __init__(self, bits: np.random.BitGenerator, uniforms: Sequence[float] = ()) -> None:
+        super().__init__(bits)
+        self._given = [*uniforms]
 
-def has_drawn_more(rng: np.random.Generator, begun: np.random.Generator) -> bool:
-    """Whether more than ``GIVEN_DRAWS`` raw words were drawn from a PCG64 generator.
-
-    Args:
-        rng: the generator.
-        begun: another generator in the initial state of ``rng``; it is used up.
-    """
-    now = rng.bit_generator.state["state"]
-    for _ in range(GIVEN_DRAWS + 1):
-        if begun.bit_generator.state["state"] == now:
-            return False
-        begun.bit_generator.random_raw()
-    return True
-
-
-_MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
-"""The multiplier a of PCG64."""
-
-
-def _state(upper: int, word: int) -> int:
-    """The state with a given upper half for which PCG64 returns a given word."""
-    turned = upper >> 58
-    lower = upper ^ ((word << turned | word >> (64 - turned)) & 2**64 - 1)
-    return upper << 64 | lower
+    def random(self, size: Any = None, *args: Any, **kwargs: Any) -> Any:
+        """As NumPy's, but for the given draws, which come first."""
+        drawn = super().random(size, *args, **kwargs)
+        if size is None and self._given:
+            return self._given.pop(0)
+        for place in range(min(len(self._given), np.size(drawn))):
+            drawn.flat[place] = self._given.pop(0)
+        return drawn
 
 
 def resampling(root_seed: int, purpose: str) -> np.random.Generator:

@@ -7,11 +7,11 @@ import numpy as np
 
 from harness.core.encounter import Arm, Strategy
 from harness.core.errors import InputError, in_one_line
-from harness.core.seeding import Given, Purpose, beginning_with, stream
+from harness.core.seeding import Given, GivenFirst, Purpose, stream
 from harness.model.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
 from harness.strategies.human_gmm import HumanDriver
-from harness.strategies.parameters import check_complete, check_parameters, needs
+from harness.strategies.parameters import check_parameters, needs
 from harness.strategies.perception.sensor import sensor_of
 from harness.strategies.registry import STRATEGIES, find_strategy, prepare, table_key
 
@@ -55,7 +55,8 @@ def draws_of(
     """The generator from which a driver draws; its first draws may be ``given``."""
     purpose = draws_from(scenario, driver)
     rng = stream(scenario.experiment.seed, purpose, pair, *vehicle)
-    return beginning_with(given.get(purpose, ()), rng)
+    first = given.get(purpose, ())
+    return GivenFirst(rng.bit_generator, first) if first else rng
 
 
 def make_strategy(
@@ -119,7 +120,7 @@ def check_arms(scenario: Scenario, model: InteractionModel) -> None:
     for key, name in scenario.arms.model_dump().items():
         where = table_key(name)
         factory = find_strategy(name, f"arms.{key}")
-        check_complete(factory, scenario.strategies.get(name, {}), where)
+        check_parameters(factory, scenario.strategies.get(name, {}), where)
         try:
             make_strategy(scenario, Arm(key), 0, model)
         except InputError as error:

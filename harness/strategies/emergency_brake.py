@@ -1,7 +1,7 @@
 """Autonomous emergency braking (AEB) alone: no reaction until a collision is near."""
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation, PedestrianView
-from harness.core.errors import InputError
+from harness.scenario.sections import Positive
 from harness.strategies.driving import ROUNDING, half_path, resume, time_in_path
 
 
@@ -26,14 +26,9 @@ class EmergencyBrake:
 
     Args:
         ttc_threshold_s: the TTC below which it brakes, s, above 0.
-
-    Raises:
-        InputError: the threshold is not above 0.
     """
 
-    def __init__(self, *, ttc_threshold_s: float = 1.2) -> None:
-        if ttc_threshold_s <= 0:
-            raise InputError("emergency_brake.ttc_threshold_s", f"{ttc_threshold_s!r} s", "above 0")
+    def __init__(self, *, ttc_threshold_s: Positive = 1.2) -> None:
         self._threshold_s = ttc_threshold_s
         self._braking_for: set[int] = set()
 

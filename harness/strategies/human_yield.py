@@ -1,13 +1,13 @@
 """The human driver of traffic engineering, who yields at a measured rate and avoids crashes."""
 
 import math
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import ndtri
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation
-from harness.core.errors import InputError, unknown_name
+from harness.scenario.sections import NonNegative, Positive, Share
 from harness.strategies.driving import (
     CLEARANCE_M,
     COMFORTABLE_MPS2,
@@ -23,65 +23,6 @@ from harness.strategies.driving import (
     stop_at_line,
     time_in_path,
 )
-
-SOURCE = "NCHRP Project 17-87, working paper, table D2, unstaged crossings"
-
-
-class Treatment(NamedTuple):
-    """The mean yield rate and the range of the studies; None where the source has none."""
-
-    mean: float | None
-    low: float | None = None
-    high: float | None = None
-
-    @property
-    def words(self) -> str:
-        """The mean and the range in per cent.
-
-        >>> Treatment(0.79, 0.45, 0.95).words
-        '79 % (studies 45 to 95 %)'
-        """
-        mean = "no mean" if self.mean is None else f"{100 * self.mean:.0f} %"
-        if self.low is None or self.high is None:
-            return f"{mean} (no range)"
-        return f"{mean} (studies {100 * self.low:.0f} to {100 * self.high:.0f} %)"
-
-
-TREATMENTS = {
-    "sign_overhead_or_in_street": Treatment(0.71, 0.51, 0.97),
-    "refuge_island": Treatment(0.80, 0.65, 0.92),
-    "high_visibility_signs_and_markings": Treatment(0.20, 0.04, 0.35),
-    "continental_markings": Treatment(0.79),
-    "rrfb": Treatment(0.79, 0.45, 0.95),
-    "pedestal_beacon": Treatment(0.57),
-    "overhead_beacon_push_button": Treatment(0.51, 0.13, 0.91),
-    "overhead_beacon_passive": Treatment(0.73, 0.61, 0.76),
-    "in_road_lights": Treatment(0.58, 0.53, 0.65),
-    "crossing_guards_with_rrfb": Treatment(None, 0.81, 0.98),
-    "hybrid_beacon": Treatment(0.88, 0.83, 1.00),
-    "half_signal": Treatment(0.98, 0.96, 1.00),
-    "any_markings": Treatment(0.56, 0.42, 0.70),
-    "crossing_flags": Treatment(0.74, 0.72, 0.80),
-}
-"""Every treatment of the table: ``rrfb`` is a rectangular rapid-flashing beacon, ``hybrid_beacon``
-the pedestrian hybrid beacon (HAWK)."""
-
-
-def rate_of(treatment: str, where: str) -> float:
-    """The mean yield rate of a treatment, 0 to 1.
-
-    Raises:
-        InputError: the treatment is unknown, or the source has no mean; ``where`` is its key.
-    """
-    usable = [name for name, row in TREATMENTS.items() if row.mean is not None]
-    if treatment not in TREATMENTS:
-        raise unknown_name(where, "treatment", treatment, usable)
-    row = TREATMENTS[treatment]
-    if row.mean is None:
-        why = f"{treatment!r} has {row.words}, so the source gives no rate"
-        raise InputError(where, why, "yield_rate, within that range")
-    return row.mean
-
 
 MEAN_YIELD_RATE = 0.74
 """Mean of the yield rates measured at 40 site-periods (0.33 to 1.0) in NCHRP Project 17-87."""
@@ -123,58 +64,25 @@ class HumanYield:
         rng: random numbers of this vehicle (given by the harness).
         yield_rate: the share of vehicles that yield, M_y, 0 to 1.  Its aggressiveness is
             −yield_rate.
-        treatment: the crosswalk's treatment (``yield_rates.TREATMENTS``), whose mean yield rate
-            replaces ``yield_rate``; a scenario sets one of the two.
         reaction_time_s: median reaction time before it begins to brake, s, 0 or more.
         reaction_time_sigma: σ of its logarithm, 0 or more; 0: all drivers have the median.
         comfortable_deceleration_mps2: greatest deceleration for yielding, m/s², above 0; with
             a spread, its median.
         comfortable_deceleration_sigma: σ of its logarithm, 0 or more.
-
-    Raises:
-        InputError: a value is outside its range, or the treatment is unknown or has no rate.
     """
 
     AGGRESSIVENESS: ClassVar = {"yield_rate": -1.0}  # a smaller yield rate is bolder
-
-    ALTERNATIVES: ClassVar = ("treatment", "yield_rate")  # a scenario sets one of them
-
-    NOTES: ClassVar = {
-        "treatment": (
-            f"mean yield rates by treatment, {SOURCE}:",
-            *(f"{name}: {row.words}" for name, row in TREATMENTS.items()),
-        ),
-        "reaction_time_s": ("measured at the onset of yellow: 1.0, sigma 0.4 (Gates et al. 2007)",),
-        "comfortable_deceleration_mps2": (
-            "ITE: 3.0; measured at the onset of yellow: 3.0, sigma 0.28 (Gates et al. 2007)",
-        ),
-    }
 
     def __init__(
         self,
         *,
         rng: np.random.Generator,
-        yield_rate: float = MEAN_YIELD_RATE,
-        treatment: str | None = None,
-        reaction_time_s: float = 0.0,
-        reaction_time_sigma: float = 0.0,
-        comfortable_deceleration_mps2: float = COMFORTABLE_MPS2,
-        comfortable_deceleration_sigma: float = 0.0,
+        yield_rate: Share = MEAN_YIELD_RATE,
+        reaction_time_s: NonNegative = 0.0,
+        reaction_time_sigma: NonNegative = 0.0,
+        comfortable_deceleration_mps2: Positive = COMFORTABLE_MPS2,
+        comfortable_deceleration_sigma: NonNegative = 0.0,
     ) -> None:
-        if treatment is not None:
-            yield_rate = rate_of(treatment, "human_yield.treatment")
-        if not 0 <= yield_rate <= 1:
-            raise InputError("human_yield.yield_rate", f"{yield_rate!r}", "0 to 1")
-        if comfortable_deceleration_mps2 <= 0:
-            where = "human_yield.comfortable_deceleration_mps2"
-            raise InputError(where, f"{comfortable_deceleration_mps2!r} m/s²", "above 0")
-        for name, value in (
-            ("reaction_time_s", reaction_time_s),
-            ("reaction_time_sigma", reaction_time_sigma),
-            ("comfortable_deceleration_sigma", comfortable_deceleration_sigma),
-        ):
-            if value < 0:
-                raise InputError(f"human_yield.{name}", f"{value!r}", "0 or more")
         self._yields = bool(rng.random() < yield_rate)
         self._reaction_s = reaction_time_s
         self._comfortable_mps2 = comfortable_deceleration_mps2

@@ -7,13 +7,11 @@ to its standard output.  ``observation.schema.json`` beside this file defines th
 
 import json
 import os
-import select
 import shlex
 import subprocess
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
-from time import monotonic
 from typing import Any, ClassVar
 
 from harness.core.encounter import Crossing, Observation, StrategyFactory, Vehicle
@@ -26,7 +24,7 @@ SCHEMA_FILE = Path(__file__).with_name("observation.schema.json")
 
 _NEWLINE = b"\n"
 _LONGEST_ANSWER = 1_000
-"""Greatest length of an answer in bytes; a number has fewer."""
+"""Number of bytes of an answer after which no more is read; a number has fewer."""
 
 
 def is_program(name: str) -> bool:
@@ -66,103 +64,65 @@ class ProgramDriver:
     """An external program that reads a JSON line and answers with a commanded acceleration.
 
     Each worker starts it once and uses it for one episode after another; ``time_s = 0`` begins a
-    new episode.  It must end when its standard input ends.
-
-    Args:
-        answer_limit_s: wall time for one answer, including the program's start.  If it takes
-            longer, the program is ended and the episode fails; the next episode starts it again.
+    new episode.  It must end when its standard input ends.  After a wrong answer it is ended, and
+    the next episode starts it again.
     """
 
     COMMAND: ClassVar[tuple[str, ...]] = ()
 
-    def __init__(self, *, answer_limit_s: float = 5.0) -> None:
-        if not answer_limit_s > 0:
-            raise InputError("answer_limit_s", f"{answer_limit_s:g} s", "above 0")
-        self._limit_s = answer_limit_s
-
     def decide(self, observation: Observation, /) -> Any:
         """The program's answer in m/s², or None (``null``), SUMO's own driver in a simulation."""
-        program = _running_program(self.COMMAND)
+        answer = b""
         try:
-            program.say(line_of(observation))
-            answer = program.answer(self._limit_s)
-        except Exception:
-            _end(self.COMMAND)
-            raise
-        try:
+            answer = _ask(_running_program(self.COMMAND), line_of(observation))
+            if not answer.endswith(_NEWLINE):
+                raise ValueError(answer)
             return json.loads(answer)
         except ValueError:
             _end(self.COMMAND)
-            problem = f"the program answered {answer[:80]!r}, which is not a number"
+            problem = f"the program answered {answer[:80]!r}, which is not one line with a number"
             raise ValueError(problem) from None
+        except BaseException:
+            _end(self.COMMAND)
+            raise
 
 
-class _Running:
-    """A running program; it reads one line and writes one line."""
-
-    def __init__(self, command: tuple[str, ...]) -> None:
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._stdin, self._stdout = self._process.stdin.fileno(), self._process.stdout.fileno()
-        self._rest = b""
-
-    def say(self, line: bytes) -> None:
-        """Write a line."""
-        try:
-            while line:
-                line = line[os.write(self._stdin, line) :]
-        except BrokenPipeError:
-            raise ChildProcessError(self._why_gone()) from None
-
-    def answer(self, limit_s: float) -> bytes:
-        """The next line without its line end."""
-        until_s = monotonic() + limit_s
-        while _NEWLINE not in self._rest:
-            ready, _, _ = select.select([self._stdout], [], [], max(0.0, until_s - monotonic()))
-            if not ready:
-                raise TimeoutError(f"the program gave no answer within {limit_s:g} s")
-            part = os.read(self._stdout, 4096)
+def _ask(program: "subprocess.Popen[bytes]", line: bytes) -> bytes:
+    """What a program answers to a line; a second line in it makes it no JSON."""
+    assert program.stdin is not None
+    assert program.stdout is not None
+    answer = b""
+    try:
+        program.stdin.write(line)
+        program.stdin.flush()
+        while _NEWLINE not in answer and len(answer) < _LONGEST_ANSWER:
+            part = program.stdout.read1(_LONGEST_ANSWER)
             if not part:
-                raise ChildProcessError(self._why_gone())
-            self._rest += part
-            if len(self._rest) > _LONGEST_ANSWER:
-                raise ValueError(
-                    f"the program answered a line of more than {_LONGEST_ANSWER} bytes"
-                )
-        line, _, self._rest = self._rest.partition(_NEWLINE)
-        if self._rest:
-            # The rest would be taken for the answer to the next observation.
-            raise ValueError("the program answered more than one line")
-        return line
-
-    def end(self) -> None:
-        """Kill the program."""
-        self._process.kill()
-        self._process.communicate()
-
-    def _why_gone(self) -> str:
-        try:
-            code: int | str = self._process.wait(timeout=1.0)
-        except subprocess.TimeoutExpired:
-            code = "none yet"
-        return f"the program ended (exit code {code})"
+                raise BrokenPipeError
+            answer += part
+    except BrokenPipeError:
+        program.kill()
+        code = program.wait()
+        raise ChildProcessError(f"the program ended (exit code {code})") from None
+    return answer
 
 
-_programs: dict[tuple[str, ...], _Running] = {}
+_programs: "dict[tuple[str, ...], subprocess.Popen[bytes]]" = {}
 """The running programs of this process, by their commands."""
 
 
-def _running_program(command: tuple[str, ...]) -> _Running:
+def _running_program(command: tuple[str, ...]) -> "subprocess.Popen[bytes]":
     if command not in _programs:
-        _programs[command] = _Running(command)
+        pipe = subprocess.PIPE
+        _programs[command] = subprocess.Popen(command, stdin=pipe, stdout=pipe)
     return _programs[command]
 
 
 def _end(command: tuple[str, ...]) -> None:
     program = _programs.pop(command, None)
     if program is not None:
-        program.end()
+        program.kill()
+        program.communicate()
 
 
 def line_of(observation: Observation) -> bytes:

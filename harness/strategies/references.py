@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.scenario import Scenario, load_scenario
-from harness.strategies.parameters import parameters_of
+from harness.strategies.parameters import defaults_of
 from harness.strategies.registry import STRATEGIES
 
 CROWD_PER_HOUR = 1_000.0
@@ -37,7 +37,7 @@ def keeps_its_defaults(scenario: Scenario, strategy: str) -> bool:
     """Whether a scenario leaves every parameter of a built-in strategy at its default."""
     if strategy not in STRATEGIES:
         return False
-    defaults = {item.name: item.default for item in parameters_of(STRATEGIES[strategy])}
+    defaults = defaults_of(STRATEGIES[strategy])
     return defaults | scenario.strategies.get(strategy, {}) == defaults
 
 

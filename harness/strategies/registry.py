@@ -16,7 +16,7 @@ from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.human_recorded import HumanRecorded
 from harness.strategies.human_yield import HumanYield
 from harness.strategies.own import installed, load_own
-from harness.strategies.parameters import describe, knows_the_model, parameters_of
+from harness.strategies.parameters import form_of, knows_the_model, values_in_words
 from harness.strategies.program import ProgramDriver, is_program, load_program
 from harness.strategies.soft_yield import SoftYield
 from harness.strategies.sumo_driver import SumoDriver
@@ -82,15 +82,14 @@ def listing() -> list[dict[str, str | None]]:
             meaning += f" {KNOWS_THE_MODEL}"
         no_parameter = {"parameter": None, "default": None}
         rows.append({"strategy": name, **no_parameter, "meaning": meaning})
-        notes = getattr(factory, "NOTES", {})
         rows += [
             {
                 "strategy": name,
-                "parameter": each.name,
-                "default": "none" if each.required else repr(each.default),
-                "meaning": "; ".join([describe(each.annotation), *notes.get(each.name, ())]),
+                "parameter": key,
+                "default": "none" if field.is_required() else repr(field.default),
+                "meaning": values_in_words(factory, key),
             }
-            for each in parameters_of(factory)
+            for key, field in form_of(factory).model_fields.items()
         ]
     return rows
 

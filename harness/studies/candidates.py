@@ -21,7 +21,7 @@ from harness.scenario import Scenario
 from harness.scenario.place import name_of
 from harness.scenario.study import as_written
 from harness.scenario.variation import flatten
-from harness.strategies.parameters import parameters_of
+from harness.strategies.parameters import defaults_of
 from harness.strategies.registry import STRATEGIES
 
 _SHARED = ("traffic", "simulation")
@@ -99,7 +99,7 @@ def _parameters(scenario: Scenario, strategy: str) -> dict[str, Any]:
     given = dict(scenario.strategies.get(strategy, {}))
     if strategy not in STRATEGIES:
         return given
-    return {item.name: item.default for item in parameters_of(STRATEGIES[strategy])} | given
+    return defaults_of(STRATEGIES[strategy]) | given
 
 
 def _of_av(scenario: Scenario) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from harness.encounter.loop import run_episode
 from harness.engine.plain import PlainEngine
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario, Setting, load_scenario, validate
-from harness.strategies.parameters import check_parameters, parameters_of
+from harness.strategies.parameters import check_parameters
 from harness.strategies.registry import find_strategy, table_key
 
 LIMIT_S = 60.0
@@ -170,10 +170,6 @@ def check_strategy(
     model = model or load_model(scenario.model.name, scenario.model.path)
     factory, given = find_strategy(name, "--check"), scenario.strategies.get(name, {})
     check_parameters(factory, given, table_key(name))
-    missing = [of.name for of in parameters_of(factory) if of.required and of.name not in given]
-    if missing:
-        lacks = f"no default for {', '.join(missing)}"
-        return _verdicts([], BrokenRuleError(lacks, rule=_HAS_DEFAULTS))
     plays: list[Play] = []
     done: Future[None] = Future()
 
@@ -252,12 +248,11 @@ class Rule(NamedTuple):
     check: Callable[[Sequence[Play]], None]
 
 
-_HAS_DEFAULTS, _SURVIVES = "every parameter has a default", "plays every scene to its end"
+_SURVIVES = "plays every scene to its end"
 _IS_FINITE = "answers with a finite number"
 
 # fmt: off
 RULES: tuple[Rule, ...] = (
-    Rule(_HAS_DEFAULTS, "a run without its table has to be possible", _played),
     Rule(_SURVIVES, "an exception is a failed episode", _played),
     Rule(_IS_FINITE, "anything else is a failed episode", _played),
     Rule("crosses an empty road", "else each episode ends as a time-out", _crosses),

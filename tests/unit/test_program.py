@@ -21,7 +21,7 @@ from harness.scenario import load_scenario
 from harness.strategies import program
 from harness.strategies.registry import find_strategy, source_digests
 from harness.strategies.vector import observation_vector
-from tests.scenes import Recorder, on_plain, refusal_of, refuses, scenario
+from tests.scenes import Recorder, on_plain, refusal_of, scenario
 
 EXAMPLES = Path(driver.__file__).parent
 
@@ -161,10 +161,9 @@ def test_the_example_in_cpp_drives_as_the_one_in_python(here: Path, model) -> No
     [
         ("sys.stdin.readline(); sys.exit(3)", "the program ended (exit code 3)"),
         ("sys.exit(4)", "the program ended (exit code 4)"),
-        ("[print('fast', flush=True) for _ in sys.stdin]", "b'fast', which is not a number"),
-        ("[print('1\\n2', flush=True) for _ in sys.stdin]", "more than one line"),
-        ("print('1' * 5000, flush=True); sys.stdin.read()", "more than 1000 bytes"),
-        ("[None for _ in sys.stdin]", "no answer within 0.3 s"),
+        ("[print('fast', flush=True) for _ in sys.stdin]", "b'fast\\n', which is not one line"),
+        ("[print('1\\n2', flush=True) for _ in sys.stdin]", "which is not one line"),
+        ("print('1' * 5000, flush=True); sys.stdin.read()", "which is not one line"),
         ("[print('NaN', flush=True) for _ in sys.stdin]", "the strategy returned nan"),
         ("[print('1e999', flush=True) for _ in sys.stdin]", "the strategy returned inf"),
         ("[print('true', flush=True) for _ in sys.stdin]", "the strategy returned True"),
@@ -173,9 +172,7 @@ def test_the_example_in_cpp_drives_as_the_one_in_python(here: Path, model) -> No
     ],
 )
 def test_a_program_that_misbehaves_fails_in_its_episode(text: str, said: str, model) -> None:
-    limit_s = 0.3 if "within" in said else 5.0
-    found = traces(write("bad.py", text), model, pairs=2, answer_limit_s=limit_s)
-    for trace in found:
+    for trace in traces(write("bad.py", text), model, pairs=2):
         assert trace.ending is Ending.ENGINE_FAILED
         assert said in str(trace.reason)
 
@@ -208,10 +205,6 @@ def test_a_program_that_ended_is_started_again(model) -> None:
 def test_refused(name: str, said: str) -> None:
     Path("plain.txt").write_text("text", encoding="utf-8")
     assert refusal_of(lambda: find_strategy(name, "arms.av"), said).where == "arms.av"
-
-
-def test_a_limit_of_no_time_is_refused(model) -> None:
-    refuses("answer_limit_s: 0 s", lambda: traces("exec:./driver.py", model, answer_limit_s=0.0))
 
 
 def test_the_manifest_says_which_program_it_was() -> None:

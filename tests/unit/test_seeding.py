@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.seeding import beginning_with, has_drawn_more, stream
+from harness.core.seeding import GivenFirst, stream
 from harness.simulation.opening import sumo_seed
 
 PURPOSES = ("arrival", "side", "quantile", "strategy", "critical_gap", "av_strategy")
@@ -41,47 +41,16 @@ def test_pairs_are_independent_and_uniform() -> None:
         assert abs(np.corrcoef(one, other)[0, 1]) < 4 / np.sqrt(4000)
 
 
-def test_the_first_draws_of_a_generator_can_be_given() -> None:
-    """PCG64's state is solved for its first two words; what follows is as random as before."""
-    given = np.random.default_rng(1).random((4_000, 2))
-    drawn = np.array(
-        [
-            beginning_with(pair, stream(1, "strategy", k)).random(4)
-            for k, pair in enumerate(given.tolist())
-        ]
-    )
-    # random() has 53 bits.
-    np.testing.assert_allclose(drawn[:, :2], given, rtol=0, atol=2**-53)
-    # Known chances of a false alarm: 1 in 1,000 each.
-    assert stats.kstest(drawn[:, 2:].ravel(), "uniform").pvalue > 1e-3
-    correlations = np.corrcoef(drawn.T)[np.triu_indices(4, 1)]
-    assert np.abs(correlations).max() < stats.norm.isf(1e-3 / 12) / np.sqrt(len(drawn))
-    # A normal drawn first is one too: its word's lower bits are drawn.
-    normal = [
-        beginning_with(pair, stream(1, "strategy", k)).standard_normal()
-        for k, pair in enumerate(given.tolist())
-    ]
-    assert stats.kstest(normal, "norm").pvalue > 1e-3
-
-
-def test_without_given_draws_a_generator_is_its_stream() -> None:
-    np.testing.assert_array_equal(
-        beginning_with((), stream(3, "strategy", 5)).random(9), stream(3, "strategy", 5).random(9)
-    )
-    one = beginning_with((0.25,), stream(3, "strategy", 5))
-    assert one.random() == 0.25
-    # Children are those of the stream.
-    assert one.spawn(1)[0].random() == stream(3, "strategy", 5).spawn(1)[0].random()
-
-
-@pytest.mark.parametrize("draws", range(5))
-def test_who_draws_more_than_what_is_given_is_noticed(draws: int) -> None:
-    def begun() -> np.random.Generator:
-        return beginning_with((0.1, 0.9), stream(3, "strategy", 5))
-
-    rng = begun()
-    rng.random(draws)
-    assert has_drawn_more(rng, begun()) is (draws > 2)
+@pytest.mark.parametrize("size", [None, 1, 2, 3, (2, 2)])
+def test_the_first_draws_of_random_can_be_given(size: int | None) -> None:
+    """Later draws, and what other methods draw, are those of the stream."""
+    given = GivenFirst(stream(3, "strategy", 5).bit_generator, (0.25, 0.75))
+    own = stream(3, "strategy", 5)
+    drawn = np.append([given.random(size) for _ in range(4)], [])
+    np.testing.assert_array_equal(drawn[:2], [0.25, 0.75])
+    np.testing.assert_array_equal(drawn[2:], own.random(drawn.size)[2:])
+    assert given.standard_normal() == own.standard_normal()
+    assert given.spawn(1)[0].random() == own.spawn(1)[0].random()
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 2**31, 2**63 - 2])

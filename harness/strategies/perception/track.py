@@ -6,7 +6,7 @@ from types import MappingProxyType
 import numpy as np
 from scipy.special import ndtri
 
-from harness.core.seeding import Given, Purpose, beginning_with, stream
+from harness.core.seeding import Given, GivenFirst, Purpose, stream
 from harness.strategies.perception.sensor import Sensor
 
 
@@ -106,7 +106,7 @@ class Track:
         if probability >= 1:
             return 1
         if self._again is None:
-            self._again = beginning_with(self._wait_given, self._stream("redetection"))
+            self._again = GivenFirst(self._stream("redetection").bit_generator, self._wait_given)
         return updates_until_found(self._again.random(), probability)
 
     def _stream(self, purpose: Purpose) -> np.random.Generator:
