@@ -56,8 +56,8 @@ def run(
             file = read_scenario_file(scenario, others)
         study = study_of(file, variations)
         lines = [line for cell in study.cells for line in remarks(cell.scenario)]
-        for remark in filter(None, dict.fromkeys([study.remark, *lines])):
-            say(f"harness: {remark}")
+        for line in dict.fromkeys(lines):
+            say(f"harness: {line}")
         if vary and file.sweep is not None:
             say(f"note: --vary replaces the [sweep] of {file.source}")
         from harness.studies.run import run as run_study

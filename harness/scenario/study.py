@@ -1,7 +1,7 @@
 """A scenario file in; the cells of its study out: one cell, or a grid of varied keys."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -36,14 +36,12 @@ class Cell:
 class Study:
     """All cells of a run, in order: the last varied key changes fastest.
 
-    ``base`` is the scenario without the variation.  ``remark`` names the keys of the file's sweep
-    that were left out because a setting gives them a value; None if there are none.
+    ``base`` is the scenario without the variation.
     """
 
     name: str
     base: Scenario
     cells: tuple[Cell, ...]
-    remark: str | None = field(default=None, compare=False)
 
     @property
     def driven(self) -> list[str]:
@@ -68,8 +66,7 @@ class Study:
 def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
     """The cells of a run, from ``variations``, or else the file's ``[sweep]``; otherwise one cell.
 
-    A key to which a setting gives a value is left out of the file's sweep.  Cells that are then
-    equal are merged; parameters of strategies that do not drive are ignored in this comparison.
+    A key to which a setting gives a value is left out of the file's grid.
 
     Raises:
         InputError: a key or value is not accepted, a key varies twice or is also set, two cells are
@@ -77,13 +74,6 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
     """
     source = "--vary" if variations or file.sweep is None else f"{file.source}: sweep"
     points = planned_cells(file, variations, source)
-    planned, given = len(points), _given(file, points, source)
-    if given and variations:
-        key, setting = next(iter(given.items()))
-        problem = f"cannot be combined with {setting.source} {setting.key}"
-        raise InputError(f"--vary {key}", problem, "one of the two")
-    if given:
-        points = [_without(given, point, file, source) for point in points]
     keys = list(dict.fromkeys(key for point in points for key in point))
     if "experiment.pairs" in keys:
         allowed = "one number for all cells (--pairs)"
@@ -100,18 +90,19 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
             else _value_at(dumped, key)
             for key in keys
         }
-        if (first := seen.setdefault(repr(dumped), number)) == number:
-            cells.append(Cell(len(cells), varied, scenario))
-        elif not given:
+        if (first := seen.setdefault(repr(dumped), number)) != number:
             what = ", ".join(f"{key}={value}" for key, value in varied.items())
             problem = f"cells {first} and {number} are the same ({what})"
             raise InputError(source, problem, "each value once")
-    if len({cell.scenario.traffic is None for cell in cells}) > 1:
-        allowed = "[traffic] in every cell, or in none"
-        raise InputError(source, "some cells have [traffic], others have not", allowed)
-    remark = _left_out(list(given), planned, len(cells)) if given else None
-    study = Study(file.name, file.scenario(), tuple(cells), remark)
-    _check_driven(study, [*file.settings, *(Setting(key, None, source) for key, _ in variations)])
+        cells.append(Cell(number, varied, scenario))
+    kinds = {
+        (each.traffic is None, each.simulation is None) for each in (c.scenario for c in cells)
+    }
+    if len(kinds) > 1:
+        allowed = "[traffic] or [simulation] in every cell, or in none"
+        raise InputError(source, "cells are of different kinds", allowed)
+    study = Study(file.name, file.scenario(), tuple(cells))
+    _check_driven(study, [*file.settings, *(Setting(key, None, source) for key in keys)])
     return study
 
 
@@ -124,39 +115,6 @@ def _check_driven(study: Study, settings: Sequence[Setting]) -> None:
             allowed = f"a parameter of {' or '.join(study.driven)}"
             near = nearest_name(names[0], study.driven)
             raise InputError(where, f"{names[0]} drives in no cell", allowed, near)
-
-
-def _given(
-    file: ScenarioFile, points: Sequence[Mapping[str, Any]], source: str
-) -> dict[str, Setting]:
-    """The varied keys, each with the setting that sets it, a part of it, or its table."""
-    paths = [(setting, parts_of(setting)) for setting in file.settings]
-    return {
-        key: setting
-        for key in dict.fromkeys(key for point in points for key in point)
-        for setting, path in paths
-        if all(a == b for a, b in zip(parts_of(Setting(key, None, source)), path, strict=False))
-    }
-
-
-def _without(
-    given: Mapping[str, Setting], point: Mapping[str, Any], file: ScenarioFile, source: str
-) -> dict[str, Any]:
-    """A cell's changes without the set keys and parameters of strategies that do not drive."""
-    kept = [Setting(key, value, source) for key, value in point.items() if key not in given]
-    drivers = {*file.scenario(kept).arms.model_dump().values()}
-    return {
-        setting.key: setting.value
-        for setting in kept
-        for section, *names in [parts_of(setting)]
-        if section != "strategies" or {*names[:1]} <= drivers
-    }
-
-
-def _left_out(keys: Sequence[str], planned: int, left: int) -> str:
-    are, them = ("is", "it") if len(keys) == 1 else ("are", "them")
-    cells = f"{planned} cells became {left}" if left < planned else f"{planned} cells, as before"
-    return f"{' and '.join(keys)} {are} set: the sweep over {them} is left out; {cells}"
 
 
 def study_from(document: Mapping[str, Any], where: str) -> Study:

@@ -5,12 +5,12 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from datetime import time
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from typing import Any
 
 from harness.core.documents import parse_toml, shortened
 from harness.core.errors import InputError
-from harness.scenario.file import ScenarioFile, as_plain, toml_value
+from harness.scenario.file import ScenarioFile, Setting, as_plain, parts_of, toml_value
 
 MAX_CELLS = 100_000
 
@@ -31,9 +31,31 @@ def planned_cells(
     Raises:
         InputError: a key varies twice, or a key has no list of values.
     """
-    if variations or file.sweep is None:
-        return _grid([(key, as_plain(values)) for key, values in variations], source)
-    return _points_of_table(file.sweep, file.source)
+    sweep = None if variations else file.sweep
+    grid = [(key, as_plain(values)) for key, values in variations]
+    points = None
+    if sweep is not None and "cells" in sweep:
+        points = _named_cells(sweep, source)
+    elif sweep is not None:
+        grid = _lists_of(sweep, source)
+    keys = [key for key, _ in grid] if points is None else [key for of in points for key in of]
+    given = {key: setting for key in keys if (setting := _setting_of(key, file.settings))}
+    if given and (variations or points is not None):
+        key, setting = next(iter(given.items()))
+        problem = f"cannot be combined with {setting.source} {setting.key}"
+        raise InputError(f"{source} {key}", problem, "one of the two")
+    if points is None:
+        points = _grid([(key, values) for key, values in grid if key not in given], source)
+    return points
+
+
+def _setting_of(key: str, settings: Sequence[Setting]) -> Setting | None:
+    """The setting that sets a key, a part of it, or its table."""
+    path = parts_of(Setting(key, None))
+    for setting in settings:
+        if all(a == b for a, b in zip(path, parts_of(setting), strict=False)):
+            return setting
+    return None
 
 
 def parse_variation(text: str) -> Variation:
@@ -60,41 +82,42 @@ def _expand(values: Sequence[Any], where: str) -> list[Any]:
     for value in values:
         # TOML reads 10:50:10 as a time of day.
         text = value.isoformat() if isinstance(value, time) else value
-        numbers = _numbers(text) if isinstance(text, str) else []
-        if len(numbers) == 2:
-            raise InputError(where, f"range {text!r} has no step", "begin:end:step")
-        if len(numbers) != 3:
-            expanded.append(value)
-            continue
-        # Decimals, so that 0:1:0.1 is 0.3 and not 0.30000000000000004.
-        begin, end, step = numbers
-        if step == 0 or not 0 <= (end - begin) / step <= MAX_CELLS:
-            problem = f"range {text!r} does not reach its end in {MAX_CELLS} steps"
-            raise InputError(where, problem, "begin:end:step")
-        whole = int if all(number == int(number) for number in numbers) else float
-        expanded += [whole(begin + i * step) for i in range(int((end - begin) / step) + 1)]
+        try:
+            # Decimals, so that 0:1:0.1 is 0.3 and not 0.30000000000000004.
+            begin, *more = map(Decimal, text.split(":") if isinstance(text, str) else [])
+        except (ArithmeticError, ValueError):
+            more = []
+        expanded += _range(begin, more, str(text), where) if more else [value]
     return expanded
 
 
-def _numbers(text: str) -> list[Decimal]:
-    """The numbers between colons; none if a part is no finite number that a float can hold."""
+def _range(begin: Decimal, more: Sequence[Decimal], text: str, where: str) -> list[float]:
     try:
-        numbers = [Decimal(part.strip()) for part in text.split(":")]
-    except InvalidOperation:
-        return []
-    return numbers if all(n.is_finite() and abs(n.adjusted()) < 300 for n in numbers) else []
+        end, step = more
+        steps = (end - begin) / step
+        reached = 0 <= steps <= MAX_CELLS
+    except (ArithmeticError, ValueError):
+        reached = False
+    if not reached:
+        problem = f"range {text!r} has no step, or does not reach its end in {MAX_CELLS} steps"
+        raise InputError(where, problem, "begin:end:step")
+    whole = int if all(number == int(number) for number in (begin, *more)) else float
+    return [whole(begin + i * step) for i in range(int(steps) + 1)]
 
 
-def _points_of_table(table: Mapping[str, Any], source: str) -> list[dict[str, Any]]:
-    where = f"{source}: sweep"
-    if "cells" not in table:
-        flat = flatten(table)
-        if not flat:
-            raise InputError(where, "nothing to vary", "a list of values for each key that varies")
-        for key, values in flat.items():
-            if not isinstance(values, list):
-                raise InputError(f"{where}.{key}", f"{values!r} is not a list", "a list of values")
-        return _grid([(key, _expand(of, f"{where}.{key}")) for key, of in flat.items()], where)
+def _lists_of(table: Mapping[str, Any], where: str) -> list[Variation]:
+    """The keys of a ``[sweep]`` with their values."""
+    flat = flatten(table)
+    if not flat:
+        raise InputError(where, "nothing to vary", "a list of values for each key that varies")
+    for key, values in flat.items():
+        if not isinstance(values, list):
+            raise InputError(f"{where}.{key}", f"{values!r} is not a list", "a list of values")
+    return [(key, _expand(values, f"{where}.{key}")) for key, values in flat.items()]
+
+
+def _named_cells(table: Mapping[str, Any], where: str) -> list[dict[str, Any]]:
+    """The keys with their values of each of the ``[[sweep.cells]]``."""
     named = table["cells"]
     if len(table) > 1:
         other = next(key for key in table if key != "cells")
