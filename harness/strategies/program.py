@@ -96,7 +96,7 @@ def _ask(program: "subprocess.Popen[bytes]", line: bytes) -> bytes:
         program.stdin.write(line)
         program.stdin.flush()
         while _NEWLINE not in answer and len(answer) < _LONGEST_ANSWER:
-            part = program.stdout.read1(_LONGEST_ANSWER)
+            part = os.read(program.stdout.fileno(), _LONGEST_ANSWER)
             if not part:
                 raise BrokenPipeError
             answer += part
