@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from harness.core.resources import shipped_directory
+from harness.core.files import shipped_directory
 from harness.engine.network import plain_sources
 from harness.scenario import Scenario, load_scenario
 from harness.scenario.sections import CrossingSection

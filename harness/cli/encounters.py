@@ -41,7 +41,6 @@ def run(
         children.start_children(local.workers_for(workers, pairs))
     try:
         from harness.scenario import read_scenario_file, study_of
-        from harness.scenario.consistency import remarks
         from harness.scenario.variation import parse_variation
 
         changes = settings_of(settings, pairs, seed)
@@ -55,9 +54,6 @@ def run(
             others = [each for each in changes if each.key not in ("model.name", "model.path")]
             file = read_scenario_file(scenario, others)
         study = study_of(file, variations)
-        lines = [line for cell in study.cells for line in remarks(cell.scenario)]
-        for line in dict.fromkeys(lines):
-            say(f"harness: {line}")
         if vary and file.sweep is not None:
             say(f"note: --vary replaces the [sweep] of {file.source}")
         from harness.studies.run import run as run_study

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from harness.core.resources import shipped_directory
+from harness.core.files import shipped_directory
 
 _SHIPPED = ", ".join(sorted(file.stem for file in shipped_directory("scenarios").glob("*.toml")))
 _SCENARIO = f"A scenario file (TOML), or the name of a shipped scenario: {_SHIPPED}."

@@ -188,10 +188,9 @@ class Strategy(Protocol):
     - ``step_s``: the simulation's step.
 
     A strategy may have a boolean attribute ``fallback``, which is recorded at the end of the
-    episode.  It may have a classmethod ``prepare``, which is called once per process with the same
-    parameters, before the first object is made.  The class of a built-in strategy may list the
-    parameters that define its aggressiveness: ``AGGRESSIVENESS = {"margin_s": -1.0}``.  A negative
-    sign means that a smaller value is bolder.
+    episode.  The class of a built-in strategy may list the parameters that define its
+    aggressiveness: ``AGGRESSIVENESS = {"margin_s": -1.0}``.  A negative sign means that a smaller
+    value is bolder.
     """
 
     def decide(self, observation: Observation, /) -> float | None:

@@ -7,9 +7,17 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from harness.core.errors import HarnessError, InputError
+
+PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def shipped_directory(kind: Literal["networks", "scenarios"]) -> Path:
+    """The folder of shipped networks or scenarios: in the package, or beside it in a checkout."""
+    inside = PACKAGE / kind
+    return inside if inside.is_dir() else PACKAGE.parent / kind
 
 
 def read_file(path: Path) -> bytes:

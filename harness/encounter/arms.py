@@ -13,7 +13,7 @@ from harness.scenario import Scenario
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.parameters import check_parameters, needs
 from harness.strategies.perception.sensor import sensor_of
-from harness.strategies.registry import STRATEGIES, find_strategy, prepare, table_key
+from harness.strategies.registry import STRATEGIES, find_strategy, table_key
 
 
 def draws_from(scenario: Scenario, driver: Arm) -> Purpose:
@@ -64,8 +64,6 @@ def make_strategy(
 ) -> Strategy:
     """A new strategy object for one episode, or for one ``vehicle`` of a pair with several.
 
-    ``prepare`` of its class has been called.
-
     Args:
         scenario: has the strategies of both arms, their parameters, the seed and the step.
         driver: selects ``arms.av`` or ``arms.human``, independently of the simulated arm.
@@ -91,7 +89,6 @@ def named_strategy(
     """
     factory = find_strategy(name, "arms")
     parameters = scenario.strategies.get(name, {})
-    prepare(factory, parameters)
     given = {"model": lambda: model, "step_s": lambda: scenario.experiment.step_s, "rng": rng}
     return factory(**{key: given[key]() for key in needs(factory)}, **parameters)
 

@@ -33,9 +33,6 @@ _OF_A_CONFIGURATION = {
 _NEED_A_TRIGGER = ("drawn", "first_at_trigger", "timed", "timed_case", "warm_up_s")
 """Keys of ``[pedestrians]`` that need an encounter."""
 
-WIDEST_USUAL_LANE_M = 6.0
-"""A wider lane gets a remark, because users may enter the width of two lanes as that of one."""
-
 
 def check_consistency(scenario: Scenario) -> None:
     """Refuse a scenario whose keys do not fit together, although each single key was accepted."""
@@ -78,18 +75,6 @@ def check_consistency(scenario: Scenario) -> None:
         problem = f"{scenario.experiment.timeout_s:g} s is shorter than a free pass"
         allowed = f"at least {free_pass_s:.4g} s, the time to pass at ego.initial_speed_mps"
         raise InputError("experiment.timeout_s", problem, allowed)
-
-
-def remarks(scenario: Scenario) -> list[str]:
-    """Remarks on values that are allowed but may be mistakes, one line each."""
-    crossing = scenario.crossing
-    if crossing.width_of_lane_m <= WIDEST_USUAL_LANE_M:
-        return []
-    lanes = f"crossing.lanes = {crossing.lanes} and oncoming_lanes = {crossing.oncoming_lanes}"
-    return [
-        f"each lane is {crossing.width_of_lane_m:g} m wide: {lanes} share crossing.length_m = "
-        f"{crossing.length_m:g} m; to change it, set the lanes or crossing.lane_width_m"
-    ]
 
 
 def _changed(section: Section, default: Section, names: tuple[str, ...]) -> list[str]:

@@ -15,8 +15,7 @@ import numpy as np
 
 from harness.core.documents import check_form, parse_toml, shortened
 from harness.core.errors import InputError, nearest_name, unknown_name
-from harness.core.files import read_file
-from harness.core.resources import shipped_directory
+from harness.core.files import read_file, shipped_directory
 from harness.scenario.consistency import check_consistency
 from harness.scenario.scenario import Scenario
 from harness.scenario.sections import ConflictsSection

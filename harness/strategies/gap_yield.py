@@ -1,11 +1,9 @@
 """Gap-Yield: a strategy that goes first if the gap is long enough and otherwise yields smoothly."""
 
 import math
-from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
-from harness.core.actuation import Actuator
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, EgoView, Observation
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation
 from harness.strategies.driving import (
     CLEARANCE_M,
     COMFORTABLE_MPS2,
@@ -57,15 +55,6 @@ class GapYield:
     stands on the crossing outside its path.  If not even full braking stops it before x = −0.25 m,
     it drives on.
 
-    *Actuation.*  With ``actuation`` it decides for the moment at which a command would have acted:
-    after the dead time θ plus the lag τ.  It knows its own commands, so it computes its state after
-    θ as the vehicle responds: x, v, a.  From there the response to a command c tends to that of a
-    vehicle without lag that begins τ later with the speed v + a τ at x + v τ + c τ²/2; it leaves
-    out the last term, which is negative when it brakes.  Pedestrians keep their velocities until
-    then.  A command that is given when the bumper reaches the edge acts at the speed v_e after
-    v_e (θ + τ), so v_e has (step + θ + τ) in place of the step, and it keeps v_e until its bumper
-    is over the edge.  It leaves out the limit of the jerk.
-
     Sources: time advantage, Laureshyn, Svensson, Hydén 2010 (gaps under 1.5 s count as conflicts);
     the speed from which a vehicle can still stop, as in Krauss 1998 and the assured clear distance.
 
@@ -73,46 +62,16 @@ class GapYield:
         critical_gap_s: the time advantage above which it goes first, s; if negative, it also goes
             first if it would arrive second.  Its aggressiveness is −critical_gap_s.
         yield_to_waiting: also stop for pedestrians who wait at a kerb, if 3 m/s² are enough.
-        actuation: take the vehicle's dead time and lag into account.
     """
 
     AGGRESSIVENESS: ClassVar = {"critical_gap_s": -1.0}  # a smaller gap is bolder
 
-    def __init__(
-        self,
-        *,
-        critical_gap_s: float = 1.5,
-        yield_to_waiting: bool = False,
-        actuation: bool = False,
-    ) -> None:
+    def __init__(self, *, critical_gap_s: float = 1.5, yield_to_waiting: bool = False) -> None:
         self._critical_gap_s, self._yield_to_waiting = critical_gap_s, yield_to_waiting
-        self._actuation = actuation
-        self._car: Actuator | None = None
 
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²."""
-        ego, vehicle = observation.ego, observation.vehicle
-        if vehicle.obeys_at_once:
-            return self._decide(observation, resume(observation))
-        if not self._actuation:  # it drives as if the vehicle obeyed at once
-            at_once = replace(vehicle, dead_time_s=0.0, lag_s=0.0)
-            return self._decide(observation._replace(vehicle=at_once), resume(observation))
-        if self._car is None:
-            speed, gain = ego.speed_mps, ego.acceleration_mps2
-            self._car = Actuator(vehicle, observation.step_s, speed, gain)
-        self._car.observe(ego.speed_mps)
-        acting = _when_acting(observation, self._car)
-        go = resume(acting)
-        if _to_edge(acting) <= 0 < _to_edge(observation):
-            # Somebody may still step off.
-            go = min(go, (_edge_speed(acting) - acting.ego.speed_mps) / acting.step_s)
-        wanted = self._decide(acting, go)
-        self._car.speed_after(wanted, ego.speed_mps)
-        return wanted
-
-    def _decide(self, observation: Observation, go: float) -> float:
-        """The command from what it sees, and from what it would do without an edge ahead."""
-        go = _within_stopping(observation, go)
+        go = _within_stopping(observation, resume(observation))
         if self._yield_to_waiting and anybody_waits(observation) and can_stop_at_line(observation):
             return min(go, stop_at_line(observation))
         people = _people(observation)
@@ -120,26 +79,6 @@ class GapYield:
             return go
         until = _lane_free(observation, people, self._critical_gap_s)
         return go if until is None else min(go, _yield(observation, until, go))
-
-
-def _when_acting(observation: Observation, car: Actuator) -> Observation:
-    """The observation at the time at which a command would have acted."""
-    vehicle, ego = observation.vehicle, observation.ego
-    distance_m, (speed, gain) = car.after_dead_time()
-    after = max(0.0, speed + gain * vehicle.lag_s)
-    distance_m += speed * vehicle.lag_s
-    late_s = vehicle.dead_time_s + vehicle.lag_s
-    people = (
-        person._replace(
-            lateral_m=person.lateral_m - person.speed_mps * late_s,
-            remaining_m=person.remaining_m - person.speed_mps * late_s,
-        )
-        for person in observation.pedestrians
-    )
-    return observation._replace(
-        ego=EgoView(ego.range_m - distance_m, after, gain),
-        pedestrians=tuple(person for person in people if person.remaining_m > 0),
-    )
 
 
 class _Person(NamedTuple):
@@ -245,10 +184,9 @@ def _to_edge(observation: Observation) -> float:
 
 def _edge_speed(observation: Observation) -> float:
     """v_e: the speed at the near edge from which the ego can still stop one step later."""
-    vehicle, step = observation.vehicle, observation.step_s
-    limit, after_s = vehicle.max_deceleration_mps2, step + vehicle.dead_time_s + vehicle.lag_s
+    limit, step = observation.vehicle.max_deceleration_mps2, observation.step_s
     room = observation.crossing.width_m / 2 - CLEARANCE_M - limit * step**2 / 8
-    return limit * (math.sqrt(after_s**2 + 2 * max(0.0, room) / limit) - after_s)
+    return limit * (math.sqrt(step**2 + 2 * max(0.0, room) / limit) - step)
 
 
 def _slowing(observation: Observation) -> float:

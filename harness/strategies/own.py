@@ -1,27 +1,17 @@
-"""Strategies of the user: ``package.module:Class`` in the working directory, or an entry point."""
+"""Strategies of the user: ``package.module:Class``, importable from the working directory."""
 
 import importlib
 import operator
 import pkgutil
 import sys
 from functools import lru_cache
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 
 from harness.core.encounter import StrategyFactory
 from harness.core.errors import InputError, in_one_line, nearest_name
 
-GROUP = "harness.strategies"
-"""The entry point group in which installed packages register their strategies."""
-
 _FORM = "package.module:Class"
-
-
-@lru_cache
-def installed() -> dict[str, EntryPoint]:
-    """The strategies of installed packages, by name."""
-    return {point.name: point for point in entry_points(group=GROUP)}
 
 
 def is_of_this_process(name: str) -> bool:
@@ -30,7 +20,7 @@ def is_of_this_process(name: str) -> bool:
 
 
 def load_own(name: str, where: str) -> StrategyFactory:
-    """The strategy of an entry point or of a name such as ``package.module:MyStrategy``.
+    """The strategy of a name such as ``package.module:MyStrategy``.
 
     Modules of the working directory can be imported, in worker processes too.
 
@@ -38,8 +28,6 @@ def load_own(name: str, where: str) -> StrategyFactory:
         InputError: the module or class does not exist, the module cannot be imported, or the class
             is not a strategy.
     """
-    if name in installed():
-        return load_once(installed()[name].value.partition("[")[0].strip(), where)
     if is_of_this_process(name):
         # The notebook's cell may have been run again, so the class is not cached.
         return _load(name, where)

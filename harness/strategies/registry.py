@@ -4,7 +4,7 @@ import hashlib
 import inspect
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 from harness.core.encounter import StrategyFactory
 from harness.core.errors import InputError, nearest_name
@@ -15,7 +15,7 @@ from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.human_recorded import HumanRecorded
 from harness.strategies.human_yield import HumanYield
-from harness.strategies.own import installed, load_own
+from harness.strategies.own import load_own
 from harness.strategies.parameters import form_of, knows_the_model, values_in_words
 from harness.strategies.program import ProgramDriver, is_program, load_program
 from harness.strategies.soft_yield import SoftYield
@@ -36,12 +36,9 @@ STRATEGIES: dict[str, StrategyFactory] = {
 KNOWS_THE_MODEL = "It is given the model from which the pedestrians are drawn."
 """What is said of a strategy that knows more than real drivers do."""
 
-_prepared: set[tuple[StrategyFactory, str]] = set()
-"""The strategies that this process has prepared, each with its parameters."""
-
 
 def find_strategy(name: str, where: str) -> StrategyFactory:
-    """The strategy with a name: built-in, ``package.module:Class``, an entry point or a program.
+    """The strategy with a name: built-in, ``package.module:Class`` or a program.
 
     Raises:
         InputError: the name is unknown or cannot be imported; ``where`` is the key that has it.
@@ -50,33 +47,19 @@ def find_strategy(name: str, where: str) -> StrategyFactory:
         return STRATEGIES[name]
     if is_program(name):
         return load_program(name, where)
-    if ":" in name or name in installed():
+    if ":" in name:
         return load_own(name, where)
-    names = sorted({*STRATEGIES, *installed()})
+    names = sorted(STRATEGIES)
     allowed = ", ".join([*names, "or your own as package.module:Class or exec:./PROGRAM"])
     is_module = Path(f"{name.replace('.', '/')}.py").is_file()
     nearest = f"{name}:Class" if is_module else nearest_name(name, names)
     raise InputError(where, f"unknown strategy {name!r}", allowed, nearest)
 
 
-def available() -> dict[str, StrategyFactory | InputError]:
-    """Every named strategy, or the error of one that cannot be loaded."""
-    strategies: dict[str, StrategyFactory | InputError] = {**STRATEGIES}
-    for name in installed():
-        try:
-            strategies.setdefault(name, load_own(name, name))
-        except InputError as error:
-            strategies.setdefault(name, error)
-    return strategies
-
-
 def listing() -> list[dict[str, str | None]]:
-    """Rows for a user: of each strategy its first line or its problem, then its parameters."""
+    """Rows for a user: of each built-in strategy its first line, then its parameters."""
     rows: list[dict[str, str | None]] = []
-    for name, factory in available().items():
-        if isinstance(factory, InputError):
-            rows.append({"strategy": name, "meaning": str(factory)})
-            continue
+    for name, factory in STRATEGIES.items():
         meaning = (factory.__doc__ or "no description").strip().splitlines()[0]
         if knows_the_model(factory):
             meaning += f" {KNOWS_THE_MODEL}"
@@ -139,12 +122,3 @@ def fallback_of(name: str) -> str:
 def table_key(name: str) -> str:
     """The key of a strategy's table in a scenario file; names with a colon are quoted."""
     return f'strategies."{name}"' if ":" in name else f"strategies.{name}"
-
-
-def prepare(strategy: StrategyFactory, parameters: Mapping[str, Any]) -> None:
-    """Let a strategy load what it needs, once per process and set of parameters."""
-    preparation = getattr(strategy, "prepare", None)
-    key = (strategy, repr(sorted(parameters.items())))
-    if preparation is not None and key not in _prepared:
-        preparation(**parameters)
-        _prepared.add(key)

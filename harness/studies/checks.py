@@ -152,7 +152,7 @@ def check_strategy(
     """Check every rule of a strategy.
 
     Args:
-        strategy: a built-in name, an entry point, ``package.module:Class``, or a class, as in
+        strategy: a built-in name, ``package.module:Class``, or a class, as in
             ``arms.av``.
         model: the interaction model for strategies that use it; None means the scenario's.
         scenario: gives the crosswalk, the ego, its actuation and the strategy's parameters.  The

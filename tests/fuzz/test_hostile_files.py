@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, strategies as st
 from pydantic import BaseModel
 
-from harness.core.resources import shipped_directory
+from harness.core.files import shipped_directory
 from harness.engine.shared import close_engine
 from harness.model.interaction.file import SHIPPED
 from harness.model.trajectories import FORMATS

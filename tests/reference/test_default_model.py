@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.resources import shipped_directory
+from harness.core.files import shipped_directory
 from harness.model.interaction import VARIABLES, load_model
 from harness.model.sample import make_sample
 from harness.model.trajectories import extract

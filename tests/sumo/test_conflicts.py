@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.core.resources import shipped_directory
+from harness.core.files import shipped_directory
 from harness.site.town import Town
 from tests import towns
 from tests.batches import printed, refusal

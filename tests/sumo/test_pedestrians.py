@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from harness.core.encounter import Side
-from harness.core.resources import shipped_directory
+from harness.core.files import shipped_directory
 from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.loop import run_episode

@@ -12,15 +12,13 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 from harness.core.actuation import Actuator, CarState, response
-from harness.core.encounter import Arm, Ending, Observation, Side, Trace, Vehicle
+from harness.core.encounter import Arm, Side, Trace, Vehicle
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.loop import run_episode
-from harness.encounter.pairing import PairRunner
 from harness.engine.plain import PlainEngine
 from harness.measures import measure
 from harness.model.interaction import InteractionModel
-from harness.scenario import Scenario, load_scenario
-from harness.strategies.gap_yield import GapYield
+from harness.scenario import Scenario
 from tests.scenes import Recorder, drive, on_plain, refuses, scenario
 
 STEP_S = 0.1
@@ -240,35 +238,3 @@ def test_avoidable_counts_on_the_braking_that_was_under_way() -> None:
         trace = drive(gains, [(3.8, Side.NEAR, 0.9)], scene=scene)
         moved = replace(trace, vehicle=vehicle, x_m=trace.x_m + nearer_m)
         assert measure([moved])[0].avoidable is expected
-
-
-def test_gap_yield_can_stop_for_somebody_who_steps_off_as_it_reaches_the_edge() -> None:
-    scene = scenario(actuation={"dead_time_s": 0.4, "lag_s": 0.4}, experiment={"timeout_s": 20.0})
-    strategy = GapYield(actuation=True)
-
-    def command(seen: Observation) -> float:
-        # Whoever steps off before the bumper is over the edge is seen a step later at most.
-        return strategy.decide(seen) if seen.ego.range_m > 2.0 else -4.5
-
-    rules, engine = constants_of(scene, Arm.AV), PlainEngine(scene.vehicle(), STEP_S)
-    trace = run_episode(engine, Recorder(command), (), lambda *_: 1.0, rules)
-    assert trace.speed_mps[-1] == 0.0
-    assert -2.0 < trace.x_m[-1] < -0.25
-
-
-def test_gap_yield_is_safe_again_if_it_knows_how_late_its_car_is(model: InteractionModel) -> None:
-    flow = load_scenario("cctc_flow").model_dump()["pedestrians"] | {"flow_per_hour": 1000.0}
-
-    def crashes(**parameters: bool) -> int:
-        scene = scenario(
-            pedestrians=flow | {"kerb_wait_s": 0.0},
-            arms={"av": "gap_yield"},
-            actuation={"dead_time_s": 0.4, "lag_s": 0.4},
-            strategies={"gap_yield": parameters},
-        )
-        runner = PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), STEP_S))
-        outcomes = runner.run_arm_given(Arm.AV, [(pair, {}) for pair in range(60)], lambda _: None)
-        return sum(outcome.record.ending is Ending.CRASHED for outcome in outcomes)
-
-    assert crashes() > 0
-    assert crashes(actuation=True) == 0

@@ -9,7 +9,6 @@ from harness.core.encounter import Arm, Side
 from harness.core.errors import InputError
 from harness.measures.ego import crossing_time
 from harness.scenario import Setting, read_scenario_file, study_of, validate
-from harness.scenario.consistency import remarks
 from harness.scenario.variation import parse_variation
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.gap_yield import GapYield
@@ -61,14 +60,6 @@ def test_where_a_lane_lies(crossing: Any, lane: int, centre: float, borders: Any
 def test_what_does_not_fit_is_refused(crossing: Any, ego: Any, key: str, allowed: str) -> None:
     with pytest.raises(InputError, match=rf"{key}.*{allowed}"):
         validate({"crossing": crossing, "ego": ego}, "test")
-
-
-def test_a_lane_of_two_lanes_width_is_remarked_upon() -> None:
-    assert remarks(road(length_m=12.0)) == []
-    (line,) = remarks(road(length_m=14.0))
-    assert line.startswith("each lane is 7 m wide: ")
-    assert remarks(road(length_m=14.0, lanes=2, oncoming_lanes=2)) == []
-    assert remarks(road(length_m=14.0, lane_width_m=3.5)) == []
 
 
 def test_gap_yield_waits_until_its_own_lane_is_free() -> None:

@@ -4,7 +4,6 @@ import importlib
 import json
 import sys
 from collections.abc import Callable, Iterator
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
@@ -13,8 +12,7 @@ from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
 from harness.encounter.arms import check_arms
 from harness.scenario import Scenario, load_scenario, read_scenario_file, study_of, validate
-from harness.strategies import own, registry
-from harness.strategies.registry import find_strategy
+from harness.strategies import own
 from harness.studies.checks import RULES
 from tests.batches import here
 from tests.scenes import on_plain, refusal_of
@@ -23,14 +21,7 @@ MODULE = '''
 class Steady:
     """Drives on."""
 
-    prepared = []
-
-    @classmethod
-    def prepare(cls, **parameters):
-        cls.prepared.append(parameters)
-
     def __init__(self, *, gap_s: float = 3.0, side: str | None = None):
-        assert self.prepared, "made before it was prepared"
         if gap_s < 0:
             from harness.core.errors import InputError
             raise InputError("gap_s", f"{gap_s!r} s", "0 or more")
@@ -100,7 +91,6 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Write]:
         if str(tmp_path) in str(getattr(module, "__spec__", None)):
             del sys.modules[name]
     own.load_once.cache_clear()
-    registry._prepared.clear()
 
 
 def scene(name: str, parameters: dict[str, object] | None = None, seed: int = 1) -> Scenario:
@@ -232,28 +222,6 @@ def test_a_class_stands_for_its_name(write: Write) -> None:
     for nameless in (local, type("Steady", (), {"__module__": "mine_of_a_class"})):
         with pytest.raises(InputError, match=r"^settings arms.av: .* a class of a module"):
             load_scenario("cctc", {"arms.av": nameless})
-
-
-def test_an_installed_entry_point_of_the_documented_group(write, model, monkeypatch) -> None:
-    write("mine_j", MODULE)
-    monkeypatch.syspath_prepend(str(Path.cwd()))
-    points = {
-        name: EntryPoint(name, f"mine_j:{value}", own.GROUP)
-        for name, value in {"theirs": "Steady", "soft_yield": "Anything", "bad": "Nothing"}.items()
-    }
-    monkeypatch.setattr(registry, "installed", lambda: points)
-    monkeypatch.setattr(own, "installed", lambda: points)
-    check_arms(scene("theirs", {"gap_s": 1.0}), model)
-    assert "strategies.theirs.gap_s" in refusal(scene("theirs", {"gap_s": "x"}), model)
-    assert "did you mean 'theirs'?" in refusal(scene("their"), model)
-    assert "'mine_j' has no 'Nothing'" in refusal(scene("bad"), model)
-    listed = registry.available()
-    assert [name for name in listed if name not in registry.STRATEGIES] == ["theirs", "bad"]
-    assert isinstance(listed["bad"], InputError)
-    # A name of the table cannot be taken over.
-    assert listed["soft_yield"] is registry.STRATEGIES["soft_yield"]
-    assert find_strategy("soft_yield", "test") is registry.STRATEGIES["soft_yield"]
-    assert own.GROUP == "harness.strategies"
 
 
 def checked(name: str, *options: str) -> tuple[int, list[str]]:

@@ -14,7 +14,6 @@ from harness.measures import measure
 from harness.model.interaction import load_model
 from harness.results.rows import trace_rows
 from harness.scenario import Scenario, load_scenario, validate
-from harness.scenario.consistency import remarks
 from harness.scenario.file import Setting
 from harness.strategies.perception.occlusion import Rectangle, is_hidden, outline
 from harness.strategies.perception.perception import Perception
@@ -407,4 +406,3 @@ def test_obstacles_beside_all_ways_are_taken() -> None:
     assert scenario(crossing={"obstacles": [touching]}).obstacles()
     beyond = {"x_m": 0.0, "y_m": -5.0, "length_m": 4.0, "width_m": 1.8}
     assert scenario(crossing={"obstacles": [beyond]}).obstacles()
-    assert remarks(scenario(perception={"latency_s": 0.3})) == []

@@ -19,7 +19,7 @@ from typer.main import get_command
 import harness
 from harness.cli.app import application
 from harness.cli.output import print_line
-from harness.core.resources import shipped_directory
+from harness.core.files import shipped_directory
 from harness.measures import MEASURES, EpisodeRecord
 
 ROOT = Path(harness.__file__).parents[1]

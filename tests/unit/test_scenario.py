@@ -8,7 +8,7 @@ import pytest
 
 from harness.core.encounter import Crossing, Vehicle
 from harness.core.errors import InputError
-from harness.core.resources import shipped_directory
+from harness.core.files import shipped_directory
 from harness.scenario import Scenario, load_scenario, read_scenario_file, validate
 from harness.scenario.file import parse_setting
 from tests.scenes import refusal_of

@@ -2,7 +2,7 @@
 
 import pytest
 
-from harness.core.resources import shipped_directory
+from harness.core.files import shipped_directory
 from harness.encounter.arms import check_arms
 from harness.scenario import Study, read_scenario_file, study_of
 

@@ -28,7 +28,6 @@ IMPORTERS = {
         "cli/app.py",
     },
     "find_spec": {"studies/workers.py"},
-    "entry_points": {"strategies/own.py"},
 }
 """Who may import by name: a strategy's module, SUMO's library or its client, and the command line
 the module of a command."""

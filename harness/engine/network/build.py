@@ -11,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 
 from harness.core.errors import EngineError, InputError
-from harness.core.resources import shipped_directory
+from harness.core.files import shipped_directory
 from harness.engine.network.sources import APPROACH_M, plain_sources
 from harness.scenario import Scenario
 from harness.scenario.sections import CrossingSection
