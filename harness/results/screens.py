@@ -15,7 +15,7 @@ from harness.results.over_model import over_model
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
 from harness.results.tables import RunKind
 from harness.scenario.place import name_of, place_in_words, short_names
-from harness.strategies.references import is_the_papers, validation
+from harness.strategies.references import is_the_papers
 from harness.strategies.registry import fallback_of
 
 _SWEEP: Mapping[RunKind, Sequence[str]] = {
@@ -88,7 +88,6 @@ def run_result(
         full=(*models, *every[:_MOST_TABLES]),
         notes=notes_of(cells, [*notes, *said]),
         closing=(f"All measures: harness show {path} --full. Page: harness report {path}",),
-        remarks=tuple(dict.fromkeys(map(validation, scenarios))),
         facts={"name": name, "folder": str(folder), "finished": finished, **facts},
         records=[record for cell in cells for record in records_of(cell, arms=True)],
     )

@@ -4,8 +4,6 @@ import itertools
 import math
 import re
 from collections.abc import Mapping, Sequence
-from datetime import time
-from decimal import Decimal
 from typing import Any
 
 from harness.core.documents import parse_toml, shortened
@@ -59,50 +57,20 @@ def _setting_of(key: str, settings: Sequence[Setting]) -> Setting | None:
 
 
 def parse_variation(text: str) -> Variation:
-    """Split ``key=v1,v2,…``; a value is TOML or text, and ``0:1:0.1`` is a range up to its end.
+    """Split ``key=v1,v2,…``; a value is TOML or text.
 
     Raises:
-        InputError: the text has another form, or a range never reaches its end.
+        InputError: the text has another form.
     """
     key, equals, raw = text.partition("=")
-    where = f"--vary {text}"
     if not equals or not key.strip() or not raw.strip():
         allowed = "key=v1,v2,…, e.g. pedestrians.flow_per_hour=50,100,250"
-        raise InputError(where, "not of the form key=v1,v2,…", allowed)
+        raise InputError(f"--vary {text}", "not of the form key=v1,v2,…", allowed)
     try:
         values: list[Any] = parse_toml(f"values = [{raw}]")["values"]
     except ValueError:
         values = [toml_value(part.strip()) for part in raw.split(",")]
-    return key.strip(), _expand(values, where)
-
-
-def _expand(values: Sequence[Any], where: str) -> list[Any]:
-    """Replace each range, given as text, by its numbers."""
-    expanded: list[Any] = []
-    for value in values:
-        # TOML reads 10:50:10 as a time of day.
-        text = value.isoformat() if isinstance(value, time) else value
-        try:
-            # Decimals, so that 0:1:0.1 is 0.3 and not 0.30000000000000004.
-            begin, *more = map(Decimal, text.split(":") if isinstance(text, str) else [])
-        except (ArithmeticError, ValueError):
-            more = []
-        expanded += _range(begin, more, str(text), where) if more else [value]
-    return expanded
-
-
-def _range(begin: Decimal, more: Sequence[Decimal], text: str, where: str) -> list[float]:
-    try:
-        end, step = more
-        steps = (end - begin) / step
-        reached = 0 <= steps <= MAX_CELLS
-    except (ArithmeticError, ValueError):
-        reached = False
-    if not reached:
-        problem = f"range {text!r} has no step, or does not reach its end in {MAX_CELLS} steps"
-        raise InputError(where, problem, "begin:end:step")
-    whole = int if all(number == int(number) for number in (begin, *more)) else float
-    return [whole(begin + i * step) for i in range(int(steps) + 1)]
+    return key.strip(), values
 
 
 def _lists_of(table: Mapping[str, Any], where: str) -> list[Variation]:
@@ -113,7 +81,7 @@ def _lists_of(table: Mapping[str, Any], where: str) -> list[Variation]:
     for key, values in flat.items():
         if not isinstance(values, list):
             raise InputError(f"{where}.{key}", f"{values!r} is not a list", "a list of values")
-    return [(key, _expand(values, f"{where}.{key}")) for key, values in flat.items()]
+    return [*flat.items()]
 
 
 def _named_cells(table: Mapping[str, Any], where: str) -> list[dict[str, Any]]:

@@ -82,30 +82,6 @@ def not_validated(scenario: Scenario) -> str | None:
     return f"{text}."
 
 
-def validation(scenario: Scenario) -> str:
-    """What the reference reached on recordings, as a sentence."""
-    name, facts = scenario.arms.human, known()["validation"]["facts"]
-    if not is_validated(scenario):
-        settings = " with these settings" if name in recorded() else ""
-        return f"{name}{settings} was not compared with recorded drivers (harness validate)."
-    human = recorded()[name]
-    fitted = ""
-    if human["fitted_on_these_data"]:
-        fitted = " It was fitted on these passages, so it is better here than elsewhere."
-    elif human["folds"]:
-        fitted = (
-            f" Its model was fitted again in {human['folds']} folds, each without their vehicles."
-        )
-    return (
-        f"{name} in place of the drivers of {facts['passages']} recorded passages of "
-        f"{facts['vehicles']} vehicles ({facts['data']}): the order of passing was right for "
-        f"{100 * human['order_right']['value']:.0f} %, the median error of the pass time was "
-        f"{human['pass_time_error_median_s']['value']:.1f} s, and it hit somebody in "
-        f"{human['contacts']['value']:g} passages, the recorded drivers in "
-        f"{facts['contacts_recorded']}.{fitted}"
-    )
-
-
 def opposite(scenario: Scenario, time_ratio: float) -> str | None:
     """A sentence if another shipped reference is known to give the opposite result; otherwise None.
 

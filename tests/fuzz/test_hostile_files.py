@@ -209,7 +209,7 @@ UNUSUAL = {
     "deep.toml": f"[experiment]\npairs = {DEEP}\n".encode(),
     "deepkey.toml": f"strategies.a{'.a' * 3_000} = 1\n".encode(),
     "digits.toml": f"[experiment]\nseed = 0x{'f' * 5_000}\n".encode(),
-    "cells.toml": b"[sweep.experiment]\nseed = ['0:99999:1']\npairs = ['1:99999:1']\n",
+    "cells.toml": b"[sweep.experiment]\nseed = [" + b"1," * 99_999 + b"]\npairs = [1, 2]\n",
     "device.toml": b'[model]\npath = "/dev/zero"\n',
     "deep.json": f'{{"provenance": {DEEP}}}'.encode(),
     "exponent.json": b'{"schema": 1e999999999}',

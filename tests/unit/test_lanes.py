@@ -53,7 +53,7 @@ def test_where_a_lane_lies(crossing: Any, lane: int, centre: float, borders: Any
     [
         ({"lanes": 2, "lane_width_m": 3.5}, {}, "crossing.lane_width_m", "= 3 m"),
         ({"lanes": 2}, {"lane": 2}, "ego.lane", "crossing.lanes = 2"),
-        ({"lanes": 3, "oncoming_lanes": 3}, {}, "ego.width_m", "1.5 m"),
+        ({"lanes": 3, "oncoming_lanes": 3}, {}, "ego.width_m", "at most 1 m"),
         ({"lanes": 0}, {}, "crossing.lanes", "1"),
     ],
 )

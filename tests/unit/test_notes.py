@@ -16,7 +16,7 @@ from harness.results.result import Result, Shown, Style, Versus
 from harness.results.screens import scope_of
 from harness.scenario import Scenario, load_scenario
 from harness.scenario.sections import ActuationSection, PerceptionSection
-from harness.strategies.references import not_validated, opposite, validation
+from harness.strategies.references import not_validated, opposite
 from harness.studies.compare import compare
 from tests.cells import (
     FAILED,
@@ -274,8 +274,6 @@ def test_a_reference_that_was_not_validated_in_such_scenes(tell: Callable[..., T
 def test_which_references_were_validated(changes: dict[str, object], said: str | None) -> None:
     text = not_validated(load_scenario("cctc", changes))
     assert text is None if said is None else text.startswith(said)
-    known = "hit somebody in 17 passages" in validation(load_scenario("cctc", changes))
-    assert known == (said is None or said.startswith("human_gmm was"))
 
 
 @pytest.mark.parametrize("pairs", [20, 50, 200, 1_000])

@@ -352,7 +352,6 @@ def test_what_was_shown_is_kept_in_the_traces() -> None:
         ({}, {"latency_s": 0.25}, "perception.latency_s"),
         ({}, {"update_s": 0.05}, "perception.update_s"),
         ({}, {"detection_probability": 1.5}, "perception.detection_probability"),
-        ({}, {"vehicles_hide": True}, "perception.vehicles_hide"),
         # The ego drives in y = 1.35 … 3.15.
         ({"y_m": 0.5}, {}, "crossing.obstacles.0.y_m"),
         ({"x_m": -2.2}, {}, "crossing.obstacles.0.x_m"),

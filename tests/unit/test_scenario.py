@@ -170,7 +170,7 @@ def test_settings_are_applied_in_order_over_the_file_or_come_as_a_dictionary(tmp
         ("[ego]\ninitial_speed_mps = -5.0", ["ego.initial_speed_mps", "-5.0"]),
         ("[ego]\ntrigger_range_m = 1e6", ["ego.trigger_range_m", "1000000.0", "less than"]),
         ("[ego]\ntrigger_range_m = 3.4", ["ego.trigger_range_m", "3.4 m", "3.5 m"]),
-        ("[ego]\nwidth_m = 5.0", ["ego.width_m", "5 m", "4.5 m"]),
+        ("[ego]\nwidth_m = 5.0", ["ego.width_m", "5 m", "at most 4 m"]),
         ("[ego]\nmax_deceleration_mps2 = 0.0", ["ego.max_deceleration_mps2", "greater than 0"]),
         ("[crossing]\nbearing_deg = 360.0", ["crossing.bearing_deg", "less than 360"]),
         ("[crossing]\nlength_m = 2.0", ["crossing.length_m", "2.0", "2.5"]),
