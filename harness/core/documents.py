@@ -94,6 +94,10 @@ _TOML_WORDS = {
     "tuple_type": "an array",
     "bool_type": "true or false",
     "float_type": "a number",
+    "int_type": "a whole number",
+    "string_type": "text",
+    "too_short": "a longer array",
+    "too_long": "a shorter array",
 }
 """TOML's names for types that pydantic calls by Python's names."""
 

@@ -111,7 +111,7 @@ def _check_lanes(scenario: Scenario) -> None:
 def _check_fits(lane: Crossing, scenario: Scenario) -> None:
     """Refuse a vehicle that is too wide for its lane, or for pedestrians who wait next to it."""
     beside_m = min(map(lane.to_lane_m, Side)) - PEDESTRIAN_RADIUS_M
-    most_m = min(lane.lane_width_m, 2 * beside_m)
+    most_m = max(0.0, min(lane.lane_width_m, 2 * beside_m))
     for number, vehicle in enumerate(scenario.vehicles()):
         if vehicle.width_m > most_m + ROUNDING_M:
             types = scenario.traffic.types if scenario.traffic is not None else ()

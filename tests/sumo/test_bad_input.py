@@ -81,7 +81,7 @@ REFUSED = [
         *("run cctc --set strategies.nobody.x=1", "--set strategies.nobody.x"),
         *("drives in no cell", "soft_yield or human_gmm"),
     ),
-    (f"{PARAMETER}.soft_yield.p4=1", "strategies.soft_yield.p4", "unknown parameter"),
+    (f"{PARAMETER}.soft_yield.p4=1", "strategies.soft_yield.p4", "unknown key"),
     (f"{PARAMETER}.soft_yield.p1=fast", "strategies.soft_yield.p1", "'fast'", "number"),
     (f"{PARAMETER}.constant_speed.gap=1", "strategies.constant_speed.gap", "drives in no"),
     (f"{PARAMETER}.human_gmm.reading=both", "'both'", "'marginal'", "given_time_advantage"),
