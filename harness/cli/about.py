@@ -2,8 +2,9 @@
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Annotated
 
-from typer import Exit
+from typer import Exit, Option
 
 from harness.cli import options
 from harness.cli.interruption import unwinding
@@ -14,7 +15,7 @@ from harness.core.errors import HarnessError, InputError
 
 def network(
     scenario: options.ScenarioArgument,
-    out: options.FolderOption,
+    out: Annotated[Path, Option(help="Folder for the sources and the network.")],
     settings: options.SetOption = None,
     as_json: options.JsonOption = False,
 ) -> None:

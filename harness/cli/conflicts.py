@@ -1,14 +1,19 @@
 """The command ``conflicts``."""
 
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
 from harness.cli import options
 from harness.cli.output import show
 
 
 def conflicts(
-    fcd: options.FcdArgument,
-    net: options.NetOption,
-    person_fcd: options.PersonFcdOption = None,
-    types: options.TypesOption = None,
+    fcd: Annotated[Path, Argument(metavar="FCD", help="SUMO's --fcd-output, .gz too.")],
+    net: Annotated[Path, Option(help="The simulation's network (.net.xml).")],
+    person_fcd: Annotated[Path | None, Option(help="SUMO's --person-fcd-output.")] = None,
+    types: Annotated[list[Path] | None, Option(help="A file with its vTypes. Repeatable.")] = None,
     edge: options.EdgeOption = None,
     settings: options.SetOption = None,
     table: options.TableOption = None,

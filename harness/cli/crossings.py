@@ -3,6 +3,9 @@
 import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Annotated
+
+from typer import Argument, Option
 
 from harness.cli import options
 from harness.cli.interruption import unwinding
@@ -16,10 +19,10 @@ _NO_CROSSWALK = (
 
 
 def crossings(
-    file: options.TownArgument,
+    file: Annotated[Path, Argument(help="A SUMO configuration (.sumocfg) or network.")],
     write: options.WriteOption = None,
     edge: options.EdgeOption = None,
-    every: options.AllOption = False,
+    every: Annotated[bool, Option("--all", help="List those that are not usable, too.")] = False,
     as_json: options.JsonOption = False,
 ) -> None:
     """List the crosswalks of a SUMO configuration or a network.

@@ -1,32 +1,29 @@
 """The commands ``run`` (also called ``sweep``), ``risk`` and ``resume``."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 from harness.cli import options
 from harness.cli.interruption import unwinding
 from harness.cli.options import settings_of
 from harness.cli.output import progress_bar, say, show
-from harness.core.errors import InputError, one_line
+from harness.core.errors import InputError
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
-
-    from harness.results.result import Result
-    from harness.results.run import Run
 
 
 def run(
     scenario: options.ScenarioArgument,
     vary: options.VaryOption = None,
     out: options.OutOption = None,
-    pairs: options.PairsOption = None,
+    pairs: Annotated[int | None, Option(help="Pairs per cell, instead of the scenario's.")] = None,
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
     workers: options.WorkersOption = None,
-    over_model: options.OverModelOption = False,
-    traces: options.TracesOption = False,
+    over_model: Annotated[bool, Option(help="Over the model's refits: what its fit adds.")] = False,
+    traces: Annotated[bool, Option("--traces", help="Keep every time step.")] = False,
     engine: options.EngineOption = "sumo",
     dask: options.DaskOption = None,
     full: options.FullOption = False,
@@ -70,7 +67,7 @@ def run(
             )
     finally:
         children.stop_children()
-    print_run(finished, full, quiet, as_json)
+    show(finished.result(), full, quiet, as_json, [finished.path])
 
 
 def resume(
@@ -82,29 +79,26 @@ def resume(
     as_json: options.JsonOption = False,
 ) -> None:
     """Continue an interrupted run or risk."""
-    from harness.results.folder import kind_of_folder, read_manifest
+    from harness.results.folder import read_manifest
     from harness.scenario.study import study_from
     from harness.studies import risk as risks, run as runs
 
-    driven = study_from(read_manifest(run_folder), str(run_folder)).driven
-    is_risk = kind_of_folder(run_folder) == "risk"
+    manifest = read_manifest(run_folder)
+    driven = study_from(manifest, str(run_folder)).driven
     with progress_bar(quiet or as_json, "done") as advance, unwinding():
         how = workers, _cluster(dask, workers, driven), advance
-        if is_risk:
+        if manifest["kind"] == "risk":
             result = risks.resume(run_folder, *how)
         else:
-            finished = runs.resume(run_folder, *how)
-    if is_risk:
-        print_risk(result, full, quiet, as_json)
-    else:
-        print_run(finished, full, quiet, as_json)
+            result = runs.resume(run_folder, *how).result()
+    show(result, full, quiet, as_json, [run_folder])
 
 
 def risk(
     scenario: options.ScenarioArgument,
     event: options.EventOption = "crashed",
     arm: options.ArmOption = "av",
-    target_cv: options.TargetOption = 0.1,
+    target_cv: Annotated[float, Option(help="Target of standard error / probability.")] = 0.1,
     out: options.OutOption = None,
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
@@ -125,14 +119,7 @@ def risk(
         cluster = _cluster(dask, workers, study.driven)
         asked = Arm(arm), target_cv, out, engine
         result = estimate(study, event, workers, cluster, advance, *asked)
-    print_risk(result, full, quiet, as_json)
-
-
-def print_risk(result: "Result", full: bool, quiet: bool, as_json: bool) -> None:
-    """Print what a risk says; exit with 1 if an episode failed."""
     show(result, full, quiet, as_json, [result.facts["folder"]])
-    if result.facts["failed"]:
-        raise typer.Exit(1)
 
 
 def _cluster(address: str | None, workers: int | None, drivers: list[str]) -> "Executor | None":
@@ -143,17 +130,3 @@ def _cluster(address: str | None, workers: int | None, drivers: list[str]) -> "E
     from harness.studies.workers import dask_executor
 
     return dask_executor(address, drivers)
-
-
-def print_run(run: "Run", full: bool, quiet: bool, as_json: bool) -> None:
-    """Print a run's result, and its failures on stderr.
-
-    Raises:
-        Exit: with code 1, if an episode failed.
-    """
-    show(run.result(), full, quiet, as_json, [run.path])
-    if failures := run.failures:
-        cell, pair, arm, why = failures[0]
-        first = f"cell {cell} pair {pair} {arm}: {why}"
-        say(one_line(f"harness: {len(failures)} episodes failed (log.jsonl); the first: {first}"))
-        raise typer.Exit(1)

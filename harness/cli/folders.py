@@ -1,14 +1,19 @@
 """Commands that read folders of runs: ``show, report, compare, worst, replay, export``."""
 
 import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from typer import Argument, Option
 
 from harness.cli import options
-from harness.cli.encounters import print_risk, print_run
 from harness.cli.interruption import unwinding
 from harness.cli.output import say, show as show_result, show_rows
 from harness.core.errors import HarnessError, InputError, one_line
+
+if TYPE_CHECKING:
+    from harness.results.result import Result
 
 _MOST_DIFFERENCES = 3
 """Differences of a replay from its record that are printed."""
@@ -20,20 +25,29 @@ def show(
     as_json: options.JsonOption = False,
 ) -> None:
     """Show the screen of a run or risk again."""
-    from harness.results.folder import kind_of_folder
-    from harness.results.run import load_run
+    show_result(_result_of(run_folder), full, False, as_json)
 
-    if kind_of_folder(run_folder) == "risk":
+
+def _result_of(folder: Path) -> "Result":
+    """The result of a run or a risk."""
+    if _is_risk(folder):
         from harness.studies.risk import read_risk
 
-        print_risk(read_risk(run_folder), full, False, as_json)
-    else:
-        print_run(load_run(run_folder), full, False, as_json)
+        return read_risk(folder)
+    from harness.results.run import load_run
+
+    return load_run(folder).result()
+
+
+def _is_risk(folder: Path) -> bool:
+    from harness.results.folder import read_manifest
+
+    return bool(read_manifest(folder)["kind"] == "risk")
 
 
 def report(
     run_folder: options.RunArgument,
-    out: options.PageOption = None,
+    out: Annotated[Path | None, Option(help="The page; default RUN/report.html.")] = None,
     figures: options.FiguresOption = None,
     mu0: options.Mu0Option = None,
     kappa0: options.Kappa0Option = None,
@@ -41,7 +55,6 @@ def report(
 ) -> None:
     """Write one HTML page: results, figures and a player for episodes.  It needs no network."""
     from harness.report.page import write_page
-    from harness.results.folder import kind_of_folder
     from harness.results.run import load_run
     from harness.results.tables import EVENTS
     from harness.studies.allowed import allowed_in
@@ -49,14 +62,8 @@ def report(
     from harness.studies.compare import compare as compare_cells
     from harness.studies.shown import shown_pairs
 
-    is_risk = kind_of_folder(run_folder) == "risk"
-    run = load_run(run_folder / EVENTS if is_risk else run_folder)
-    if is_risk:
-        from harness.studies.risk import read_risk
-
-        result, out = read_risk(run_folder), out or run_folder / "report.html"
-    else:
-        result = run.result()
+    run = load_run(run_folder / EVENTS if _is_risk(run_folder) else run_folder)
+    result, out = _result_of(run_folder), out or run_folder / "report.html"
     with unwinding():
         groups = groups_of([run]) if run.finished else []
         several = any(len(group) > 1 for group in groups)
@@ -77,7 +84,7 @@ def report(
 
 
 def compare(
-    run_folders: options.RunsArgument,
+    run_folders: Annotated[list[Path], Argument(metavar="RUN…", help="Runs with the same people.")],
     mu0: options.Mu0Option = None,
     kappa0: options.Kappa0Option = None,
     out: options.TableOption = None,
@@ -89,9 +96,6 @@ def compare(
 
     With --mu0 and --kappa0 the values of a swept parameter are judged.
     """
-    if out is not None and (out.exists() or not out.parent.is_dir()):
-        problem = "exists already" if out.exists() else f"there is no folder {out.parent}"
-        raise InputError(f"--out {out}", problem, "a new file in a folder that exists")
     from harness.results.run import load_run
     from harness.studies.compare import compare as compare_cells
 
@@ -107,10 +111,9 @@ def compare(
 def worst(
     run_folder: options.RunArgument,
     by: options.ByOption = "pet_s",
-    most: options.MostOption = 20,
+    most: Annotated[int, Option("-n", help="Number of episodes.", metavar="N")] = 20,
     arm: options.ArmOption = "av",
-    cell: options.OnlyCellOption = None,
-    diff: options.DiffOption = None,
+    cell: Annotated[int | None, Option(help="Only this cell.")] = None,
     driver: options.DriverOption = None,
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
@@ -119,19 +122,18 @@ def worst(
     from harness.results.run import load_run
     from harness.studies.worst import worst as worst_of
 
-    before = None if diff is None else load_run(run_folder)
-    result = worst_of(load_run(diff or run_folder), by, most, arm, cell, before, driver)
+    result = worst_of(load_run(run_folder), by, most, arm, cell, driver)
     show_result(result, False, quiet, as_json, result.closing)
 
 
 def replay(
     run_folder: options.RunArgument,
-    pair: options.PairOption,
+    pair: Annotated[str, Option(help="Number of the pair, or a range: 1-20.")],
     out: options.NewFolderOption = None,
     cell: options.CellOption = 0,
-    arm: options.ArmsOption = "both",
+    arm: Annotated[Literal["av", "human", "both"], Option(help="Arm to repeat, or both.")] = "both",
     gui: options.GuiOption = False,
-    screenshots: options.ScreenshotsOption = None,
+    screenshots: Annotated[Path | None, Option(help="With --gui: a new folder for PNGs.")] = None,
     debug: options.DebugOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
@@ -158,17 +160,16 @@ def replay(
         else:
             allowed = "a new folder for SUMO's files, --gui or --debug"
             raise InputError("--out", "is missing", allowed)
-    rows = []
-    for each in replayed:
-        if each.traceback:
-            say(each.traceback.rstrip())
-        if each.problem:
-            say(one_line(f"harness: {each.name}: {each.problem}; SUMO's files are incomplete"))
-        record = "differs from the stored one" if each.differences else "is the stored one"
-        said = "; ".join(each.differences[:_MOST_DIFFERENCES])
-        more = f"; {len(each.differences):,} in all" * (len(each.differences) > _MOST_DIFFERENCES)
-        why = {"differences": f"{said}{more}"} if said else {}
-        rows.append({"episode": each.name, "record": each.problem or record, **why})
+    for traceback in filter(None, (each.traceback for each in replayed)):
+        say(traceback.rstrip())
+    rows = [
+        {
+            "episode": each.name,
+            "record": each.problem or ("differs" if each.differences else "is the stored one"),
+            "differences": "; ".join(each.differences[:_MOST_DIFFERENCES]),
+        }
+        for each in replayed
+    ]
     show_rows("replay", rows, False, as_json)
     if any(each.problem or each.differences for each in replayed):
         raise typer.Exit(1)
@@ -185,8 +186,8 @@ def _range_of(text: str) -> range:
 
 def export(
     run_folder: options.RunArgument,
-    csv: options.CsvOption = False,
-    pair: options.ExportedOption = None,
+    csv: Annotated[bool, Option("--csv", help="Write every table as CSV.")] = False,
+    pair: Annotated[int | None, Option("--pair", help="Number of the pair.")] = None,
     out: options.NewFolderOption = None,
     cell: options.CellOption = 0,
     arm: options.ArmOption = "av",

@@ -4,6 +4,9 @@ import os
 import shlex
 import sys
 from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
 
 from harness.cli import options
 from harness.cli.interruption import unwinding
@@ -14,7 +17,7 @@ from harness.core.errors import InputError
 def extract(
     data: options.DataArgument,
     format_: options.FormatOption,
-    out: options.RowsOption,
+    out: Annotated[Path, Option(help="File for the rows (.parquet).")],
     settings: options.SetOption = None,
     full: options.FullOption = False,
     quiet: options.QuietOption = False,
@@ -34,18 +37,18 @@ def extract(
 
 
 def fit(
-    rows: options.RowsArgument,
-    out: options.ModelOption,
+    rows: Annotated[Path, Argument(help="Rows as `harness extract` writes them.")],
+    out: Annotated[Path, Option(help="File for the model (.json).")],
     components: options.ComponentsOption = "1..20",
     choose: options.ChooseOption = "held-out",
     weigh: options.WeighOption = "encounter",
     bounds: options.BoundsOption = None,
-    starts: options.StartsOption = 3,
+    starts: Annotated[int, Option(min=1, help="Random starts of each fit.")] = 3,
     folds: options.FoldsOption = 5,
-    seed: options.FitSeedOption = 1,
-    near: options.NearOption = "30,5",
+    seed: Annotated[int, Option(min=0, help="Seed of starts, folds and refits.")] = 1,
+    near: Annotated[str, Option(help="State R,v: the card tells the data near it.")] = "30,5",
     refits: options.RefitsOption = 0,
-    name: options.NameOption = None,
+    name: Annotated[str | None, Option(help="The model's name; default: that of its file.")] = None,
     workers: options.WorkersOption = None,
     full: options.FullOption = False,
     quiet: options.QuietOption = False,
@@ -66,10 +69,10 @@ def fit(
 
 
 def model(
-    model: options.ModelArgument,
+    model: Annotated[str, Argument(help="A model file, or the name of a shipped model.")],
     out: options.ResultPageOption = None,
     figures: options.FiguresOption = None,
-    rows: options.FittedOption = None,
+    rows: Annotated[Path | None, Option(help="The fitted rows, drawn beside the model.")] = None,
     full: options.FullOption = False,
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,

@@ -18,7 +18,6 @@ _VARY = (
 
 ScenarioArgument = Annotated[str, Argument(help=_SCENARIO)]
 RunArgument = Annotated[Path, Argument(metavar="RUN", help="A run folder.")]
-RunsArgument = Annotated[list[Path], Argument(metavar="RUN…", help="Runs with the same people.")]
 
 _CHECK = "Check whether a strategy keeps the rules: your own, my_module:MyStrategy, or one listed."
 CheckOption = Annotated[str | None, Option(help=_CHECK, metavar="STRATEGY")]
@@ -26,34 +25,23 @@ ScenarioOption = Annotated[str, Option(help="With --check: has crosswalk, ego an
 SetOption = Annotated[list[str] | None, Option("--set", help=_SET, metavar="KEY=VALUE")]
 VaryOption = Annotated[list[str] | None, Option("--vary", help=_VARY, metavar="KEY=V1,V2,…")]
 OutOption = Annotated[Path | None, Option(help="Folder; default runs/<scenario>-<next number>.")]
-PairsOption = Annotated[int | None, Option(help="Pairs per cell, instead of the scenario's.")]
 SeedOption = Annotated[int | None, Option(help="Root seed, instead of the scenario's.")]
 WorkersOption = Annotated[int | None, Option(min=1, max=1024, help="Processes; default: cores.")]
-TracesOption = Annotated[bool, Option("--traces", help="Keep every time step.")]
 EngineOption = Annotated[Literal["sumo", "plain"], Option(help="plain: faster, without SUMO.")]
-OverModelOption = Annotated[bool, Option(help="Over the model's refits: what its fit adds.")]
 DaskOption = Annotated[str | None, Option(help="A cluster, e.g. tcp://127.0.0.1:8786.")]
 
 CellOption = Annotated[int, Option(help="Number of the cell in a sweep.")]
-OnlyCellOption = Annotated[int | None, Option(help="Only this cell.")]
-PairOption = Annotated[str, Option(help="Number of the pair, or a range: 1-20.")]
 ArmOption = Annotated[Literal["av", "human"], Option(help="The AV's or the human driver's arm.")]
-ArmsOption = Annotated[Literal["av", "human", "both"], Option(help="Arm to repeat, or both.")]
 ByOption = Annotated[str, Option(help="Measure to rank by, e.g. min_ttc_s, delay_s, stops.")]
-MostOption = Annotated[int, Option("-n", help="Number of episodes.", metavar="N")]
-DiffOption = Annotated[Path | None, Option(help="A run with what is worse in it than in RUN.")]
 _DRIVER = "Of simulations: who drove, AVs' strategy, the reference's, or SUMO."
 DriverOption = Annotated[Literal["av", "reference", "sumo"] | None, Option(help=_DRIVER)]
 Mu0Option = Annotated[float | None, Option(help="Upper limit of μ: the paper's allowed interval.")]
 Kappa0Option = Annotated[float | None, Option(help="Upper limit of κ: the same.")]
 _EVENT = "crashed, or a measure below or above a limit: 'min_ttc_s<0.5', 'contact_speed_mps>5'."
 EventOption = Annotated[str, Option(help=_EVENT)]
-TargetOption = Annotated[float, Option(help="Target of standard error / probability.")]
-PageOption = Annotated[Path | None, Option(help="The page; default RUN/report.html.")]
 ResultPageOption = Annotated[Path | None, Option(help="A file for the page.", metavar="PAGE")]
 FiguresOption = Annotated[Path | None, Option(help="Folder for the figures, PNG and PDF.")]
 TableOption = Annotated[Path | None, Option(help="Write the rows to a new CSV file.")]
-FolderOption = Annotated[Path, Option(help="Folder for the sources and the network.")]
 NewFolderOption = Annotated[Path | None, Option(help="A new folder for the files.")]
 
 DataArgument = Annotated[list[Path], Argument(metavar="DATA…", help="Recorded trajectories.")]
@@ -65,11 +53,6 @@ _FOLDS = (
 )
 FoldsOption = Annotated[int, Option(min=0, help=_FOLDS)]
 
-RowsOption = Annotated[Path, Option(help="File for the rows (.parquet).")]
-RowsArgument = Annotated[Path, Argument(help="Rows as `harness extract` writes them.")]
-FittedOption = Annotated[Path | None, Option(help="The fitted rows, drawn beside the model.")]
-ModelOption = Annotated[Path, Option(help="File for the model (.json).")]
-ModelArgument = Annotated[str, Argument(help="A model file, or the name of a shipped model.")]
 ComponentsOption = Annotated[str, Option(help="Numbers of components: 1..20, or 10 (the paper's).")]
 ChooseOption = Annotated[
     Literal["held-out", "bic", "rule"],
@@ -80,30 +63,17 @@ WeighOption = Annotated[
 ]
 _BOUNDS = "Bounds of a variable, e.g. vehicle_speed_mps=0.3:14 or inverse_range_per_m=1/80:0.5."
 BoundsOption = Annotated[list[str] | None, Option(help=_BOUNDS, metavar="NAME=LOW:HIGH")]
-StartsOption = Annotated[int, Option(min=1, help="Random starts of each fit.")]
-FitSeedOption = Annotated[int, Option(min=0, help="Seed of starts, folds and refits.")]
-NearOption = Annotated[str, Option(help="State R,v: the card tells the data near it.")]
 RefitsOption = Annotated[
     int, Option(min=0, help="Fits to resampled vehicles, beside the model: NAME.refit-1.json …")
 ]
-NameOption = Annotated[str | None, Option(help="The model's name; default: that of its file.")]
 
-TownArgument = Annotated[Path, Argument(help="A SUMO configuration (.sumocfg) or network.")]
 WriteOption = Annotated[Path | None, Option(help="A new scenario file.", metavar="SCENARIO.toml")]
 EdgeOption = Annotated[list[str] | None, Option(help="A crosswalk to write. Repeatable.")]
-AllOption = Annotated[bool, Option("--all", help="List those that are not usable, too.")]
 
-FcdArgument = Annotated[Path, Argument(metavar="FCD", help="SUMO's --fcd-output, .gz too.")]
-NetOption = Annotated[Path, Option(help="The simulation's network (.net.xml).")]
-PersonFcdOption = Annotated[Path | None, Option(help="SUMO's --person-fcd-output.")]
-TypesOption = Annotated[list[Path] | None, Option(help="A file with its vTypes. Repeatable.")]
 
 GuiOption = Annotated[bool, Option("--gui", help="Show it in sumo-gui, one arm after the other.")]
-ScreenshotsOption = Annotated[Path | None, Option(help="With --gui: a new folder for PNGs.")]
 DebugOption = Annotated[bool, Option("--debug", help="Here, so that breakpoint() works in decide.")]
 
-CsvOption = Annotated[bool, Option("--csv", help="Write every table as CSV.")]
-ExportedOption = Annotated[int | None, Option("--pair", help="Number of the pair.")]
 _EGO = "With its trajectory, or at R0 with v0 and without one, for another driver."
 EgoOption = Annotated[Literal["recorded", "free"], Option(help=_EGO)]
 _PASSAGE = "Of simulations: the passage's vehicle and crosswalk."

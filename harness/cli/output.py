@@ -6,6 +6,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from typer import Exit
+
+from harness.core.errors import one_line
+
 if TYPE_CHECKING:
     from harness.results.result import Result
 
@@ -13,7 +17,11 @@ if TYPE_CHECKING:
 def show(
     result: "Result", full: bool, quiet: bool, as_json: bool, lines: Iterable[object] = ()
 ) -> None:
-    """Print a result: its screen, its JSON, or with ``quiet`` the given lines."""
+    """Print a result: its screen, its JSON, or with ``quiet`` the given lines.
+
+    Raises:
+        Exit: with code 1, if an episode failed.
+    """
     if as_json:
         print_line(json.dumps(result.to_dict(), indent=1, ensure_ascii=False, allow_nan=False))
     elif quiet:
@@ -23,6 +31,10 @@ def show(
         from harness.report.screen import print_result
 
         print_result(result, full)
+    if failed := result.facts.get("failed"):
+        first = result.facts.get("failure", "see log.jsonl")
+        say(one_line(f"harness: {failed:,} episodes failed; the first: {first}"))
+        raise Exit(1)
 
 
 def show_rows(
@@ -58,16 +70,15 @@ def progress_bar(hidden: bool, what: str = "pairs") -> Iterator[Callable[..., No
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-    columns = BarColumn(), MofNCompleteColumn(), "{task.fields[rate]}", TimeRemainingColumn()
+    columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     bar = Progress("{task.description}", *columns, console=Console(stderr=True), disable=hidden)
-    task = bar.add_task(what, rate="")
+    task = bar.add_task(what)
 
     def advance(done: int, planned: int, *_: object) -> None:
         if hidden:
             return
         bar.start()  # not before: a refusal prints one line only
-        speed = bar.tasks[0].speed
-        bar.update(task, completed=done, total=planned, rate=f"{speed:.0f}/s" if speed else "")
+        bar.update(task, completed=done, total=planned)
 
     try:
         yield advance

@@ -21,7 +21,7 @@ from harness.results.finding import finding_from_dict, finding_to_dict
 from harness.results.findings import CellFindings
 from harness.results.result import flat
 from harness.results.screens import records_of
-from harness.results.tables import FINDINGS, TABLES_OF, RunKind, kind_of
+from harness.results.tables import FINDINGS, TABLES_OF, kind_of
 from harness.scenario import Cell, EngineName, Study
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
@@ -190,15 +190,6 @@ def refuse_other_versions(then: JsonObject, now: JsonObject) -> None:
     """
     for change in changes(then, now):
         raise InputError("resume", change, "the versions, strategies and model of its beginning")
-
-
-def kind_of_folder(folder: Path) -> RunKind | None:
-    """The kind of a folder's run; None if it holds none."""
-    try:
-        kind = _read(folder / MANIFEST).get("kind")
-    except InputError:
-        return None
-    return next((known for known in TABLES_OF if known == kind), None)
 
 
 def read_manifest(folder: Path) -> JsonObject:

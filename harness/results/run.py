@@ -128,13 +128,18 @@ class Run:
         if not self.cells:
             allowed = f"a run with results: {resume_command(self.path)}"
             raise InputError(str(self.path), "no pair is finished yet", allowed)
+        facts = {key: self.manifest[key] for key in ("seed", "confidence", "engine")}
+        facts["failed"] = sum(cell.total("failed") for cell in self.cells)
+        if facts["failed"]:
+            cell, pair, arm, why = self.failures[0]
+            facts["failure"] = f"cell {cell} pair {pair} {arm}: {why}"
         return run_result(
             self.name,
             self.path,
             self.cells,
             planned=sum(cell.scenario.experiment.pairs for cell in self.study.cells),
             finished=self.finished,
-            facts={key: self.manifest[key] for key in ("seed", "confidence", "engine")},
+            facts=facts,
         )
 
     def write_csv(self) -> list[Path]:

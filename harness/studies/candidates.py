@@ -129,10 +129,5 @@ def _group(cells: Sequence[tuple[Run, CellFindings, str]]) -> list[Candidate]:
     return [*found.values()]
 
 
-def key_of(scenario: Scenario, *, with_av: bool) -> str:
-    """What cells that met the same people have in common, and whether it includes the AV."""
-    return _frozen([without_av(scenario), _of_av(scenario) if with_av else None])
-
-
 def _frozen(value: object) -> str:
     return json.dumps(value, sort_keys=True, default=str)

@@ -14,7 +14,6 @@ from harness.results.result import Column, Result, Shown, Style, Table
 from harness.results.run import Run
 from harness.results.tables import RunKind
 from harness.simulation.arm import ENDED
-from harness.studies.candidates import key_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,9 +23,6 @@ RANKED = {measure.column: measure for measure in MEASURES if measure.worse is no
 
 CONFLICT_S = 5.0
 """A larger PET or TTC counts as this value: no conflict (SSAM's maximum, FHWA-HRT-08-051)."""
-
-_BEFORE, _SAME = "_before", 1e-9
-"""Suffix of the earlier run's columns; a smaller change of badness is none."""
 
 Driver = Literal["av", "reference", "sumo"]
 """Who drove a passage: the strategy of AVs, the reference's, or SUMO."""
@@ -52,7 +48,6 @@ def worst(
     most: int = 20,
     arm: Arm | str = Arm.AV,
     cell: int | None = None,
-    before: Run | None = None,
     driver: Driver | None = None,
 ) -> Result:
     """The worst episodes of a run, or passages of simulations.
@@ -68,14 +63,11 @@ def worst(
         most: maximum number of episodes, 1 or more.
         arm: who drives, ``av`` or ``human``.
         cell: number of the cell; None: all cells.
-        before: an earlier run with the same people; only episodes that are worse than in it are
-            listed, the greatest change first.  Cells are matched by people and AV; if each run has
-            one cell, their AVs may differ.
         driver: of simulations, who drove; None: anybody.
 
     Raises:
-        InputError: a run is not finished, the measure, arm or cell does not exist, every episode
-            failed, or the earlier run has other people.
+        InputError: the run is not finished, the measure, arm or cell does not exist, or every
+            episode failed.
     """
     if by not in RANKED:
         if by in COLUMNS:
@@ -89,25 +81,16 @@ def worst(
     if cell is not None and not 0 <= cell < len(run.study.cells):
         raise InputError("--cell", f"{cell}", f"0 to {len(run.study.cells) - 1}")
     simulated = run.kind == "simulations"
-    if simulated and before is not None:
-        raise InputError("--diff", "is of encounters", "a run of encounters")
     if driver is not None and not simulated:
         raise InputError("--driver", "is of simulations", "--arm")
     rows = _ranked(run, by, arm, cell, driver)
-    if before is not None:
-        past = _ranked(before, by, arm)[["cell", "pair", by, "badness"]]
-        past["cell"] = past["cell"].map(_same_cells(before, run))
-        rows = rows.merge(past, on=["cell", "pair"], suffixes=("", _BEFORE))
-        rows["badness"] -= rows.pop(f"badness{_BEFORE}")
-    bad = rows[rows["badness"] > (_least(by) if before is None else _SAME)]
+    bad = rows[rows["badness"] > _least(by)]
     then = ["cell", "pair", *(["front_s"] if simulated else [])]
     order = bad.sort_values(["badness", *then], ascending=[False, *(True for _ in then)])[:most]
-    return _result(run, order, len(rows), by, Arm(arm), before)
+    return _result(run, order, len(rows), by, Arm(arm))
 
 
-def _ranked(
-    run: Run, by: str, arm: str, cell: int | None = None, driver: Driver | None = None
-) -> "pd.DataFrame":
+def _ranked(run: Run, by: str, arm: str, cell: int | None, driver: Driver | None) -> "pd.DataFrame":
     """The episodes or passages of an arm that have a measure, each with its badness.
 
     Episodes that failed are left out, and passages that the end of the simulation cut off.
@@ -140,24 +123,6 @@ def _passages(run: Run, arm: Arm, driver: Driver | None) -> "pd.DataFrame":
     return rows.assign(ending=touched.map({True: Ending.CRASHED, False: Ending.CROSSED}))
 
 
-def _same_cells(before: Run, run: Run) -> dict[int, int]:
-    """The cell of a run by that of an earlier one: the same people, and the same AV if it can be.
-
-    Raises:
-        InputError: no two cells have the same people, or the AVs of several differ.
-    """
-    alone = len(before.cells) == len(run.cells) == 1
-    of = [
-        {key_of(cell.scenario, with_av=not alone): cell.number for cell in each.cells}
-        for each in (before, run)
-    ]
-    same = {number: of[1][key] for key, number in of[0].items() if key in of[1]}
-    if not same:
-        allowed = "a run of the same road, people, seed and strategies"
-        raise InputError(f"--diff {run.path}", "has no cell in common with the other run", allowed)
-    return same
-
-
 def _badness(by: str, value: float, ending: str, contact_speed_mps: float) -> float:
     """An episode's badness: larger is worse, NaN undefined."""
     measure = RANKED[by]
@@ -177,18 +142,15 @@ def _least(by: str) -> float:
     return -math.inf if RANKED[by].worse == "small" or by == "delay_s" else 0.0
 
 
-def _result(
-    run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm, before: Run | None
-) -> Result:
+def _result(run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm) -> Result:
     several, unit = len(run.study.cells) > 1, {each.column: each.unit for each in MEASURES}[by]
     keys = {"cell": "cell", **{key: key.rpartition(".")[2] for key in run.study.varied_keys}}
     headings = {
         **(keys if several else {}),
         **_COLUMNS[run.kind],
         **{_SPEED: "speed at contact, m/s", by: f"{by}, {unit}" if unit else by},
-        **({} if before is None else {by + _BEFORE: "before"}),
     }
-    styles = {name: _STYLES.get(name, Style(digits=3)) for name in (*_STYLES, by, by + _BEFORE)}
+    styles = {name: _STYLES.get(name, Style(digits=3)) for name in (*_STYLES, by)}
     records: list[dict[str, Plain | Finding]] = []
     commands: dict[str, None] = {}
     for row in rows.to_dict("records"):
@@ -207,11 +169,10 @@ def _result(
         )
         for record in records
     )
-    what = "worst" if before is None else "worsened"
     noun = "episodes" if run.kind == "encounters" else "passages"
     return Result(
         command="worst",
-        title=f"{run.name}: the {what} {noun} of {arm} by {by}",
+        title=f"{run.name}: the worst {noun} of {arm} by {by}",
         scope=f"{len(records)} of {among:,}",
         about="",
         screen=Table("", tuple(Column(*each) for each in headings.items()), cells),

@@ -7,6 +7,7 @@ import unicodedata
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
+from unittest.mock import Mock
 
 import pandas as pd
 import pytest
@@ -100,8 +101,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture
 def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("harness.studies.run._carried_out", lambda *_: None)
-    monkeypatch.setattr("harness.cli.encounters.print_run", lambda *_: None)
+    monkeypatch.setattr("harness.studies.run._carried_out", lambda *_: Mock())
+    monkeypatch.setattr("harness.cli.encounters.show", lambda *_: None)
 
 
 def files_of(folder: Path, kind: str) -> list[Path]:

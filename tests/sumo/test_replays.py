@@ -84,37 +84,3 @@ def test_the_worst_come_first_and_each_has_its_command(stored: Run) -> None:
     for by, line in (("delays", "unknown measure"), ("arrivals", "neither small nor large")):
         with pytest.raises(InputError, match=line):
             worst(stored, by)
-
-
-def test_episodes_that_got_worse_since_an_earlier_run(stored: Run, tmp_path: Path) -> None:
-    other = {"arms.av": "hard_yield"}
-    now = run("cctc_flow", settings=other, pairs=12, out=tmp_path / "now", workers=0)
-    result = worst(now, "delay_s", 3, before=stored)
-    then, later = (
-        of.episodes[of.episodes["arm"] == "av"].set_index("pair")["delay_s"] for of in (stored, now)
-    )
-    change = (later - then).dropna()
-    expected = change[change > 0].nlargest(3)
-    assert [record["pair"] for record in result.records] == expected.index.tolist()
-    record = result.records[0]
-    assert record["delay_s"].value - record["delay_s_before"].value == pytest.approx(
-        expected.iloc[0]
-    )
-    assert not worst(stored, "delay_s", before=stored).records
-    seed = run("cctc_flow", pairs=1, seed=2, out=tmp_path / "seed", workers=0)
-    with pytest.raises(InputError, match=r"--diff .*no cell in common"):
-        worst(now, before=seed)
-
-
-def test_cells_of_two_sweeps_are_matched_by_their_av(tmp_path: Path) -> None:
-    """The same strategies in another order: nothing got worse."""
-    orders = ["soft_yield", "constant_speed"], ["constant_speed", "soft_yield"]
-    first, second = (
-        run(
-            "cctc_flow", pairs=12, vary={"arms.av": [*of]}, out=tmp_path / of[0], workers=0,
-            engine="plain",
-        )
-        for of in orders
-    )  # fmt: skip
-    assert worst(first).records
-    assert not worst(second, before=first).records
