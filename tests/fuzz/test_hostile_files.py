@@ -116,7 +116,6 @@ def files_of(folder: Path, kind: str) -> list[Path]:
         "hours": "hours/*",
         "risk": "risk/*",
         "town": "town/*",
-        "tuned": "tuned/*",
     }
     found = folder.glob(named.get(kind, f"encounter/{kind}/**/*"))
     return sorted(path for path in found if path.is_file())

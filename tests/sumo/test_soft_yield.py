@@ -57,19 +57,6 @@ def test_edge_of_the_window_is_where_the_root_turns_negative(sumo) -> None:
             assert crossing_time(trace, 0.0) == pytest.approx(L0 / walking_speed, abs=1e-6)
 
 
-def test_a_slow_walker_makes_it_stand_at_the_stop_line(sumo) -> None:
-    trace = play(SoftYield(), [(0.0, Side.NEAR, 0.5)], engine=sumo(scenario()))
-    standing = trace.x_m[trace.speed_mps == 0]
-    assert len(standing) > 10
-    np.testing.assert_allclose(-standing, 3.0, atol=1e-3)
-    # The stop is one constant deceleration: 5² / (2 · 27).
-    decelerations = -np.diff(trace.speed_mps[:80]) / 0.1
-    np.testing.assert_allclose(decelerations, 25 / 54, rtol=1e-4)
-    # Away again in the first step after they have left (18 s), at a0.
-    assert trace.speed_mps[180] == 0
-    assert trace.speed_mps[181] == pytest.approx(0.1)
-
-
 @pytest.mark.parametrize("walking_speed", [1.5001, 1.6, 2.0, 3.0])
 def test_never_brakes_for_a_fast_walker(sumo, walking_speed) -> None:
     trace = play(SoftYield(), [(0.0, Side.FAR, walking_speed)], engine=sumo(scenario()))

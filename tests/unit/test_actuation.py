@@ -36,12 +36,6 @@ def speeds_of(vehicle: Vehicle, commands: Sequence[float], speed: float = 5.0) -
     return speeds[1:]
 
 
-def test_a_lag_alone_by_its_closed_form() -> None:
-    found = speeds_of(late(lag_s=0.4), [-4.0] * 8)
-    times = STEP_S * np.arange(1, 9)
-    assert found == pytest.approx(5 - 4 * (times - 0.4 * (1 - np.exp(-times / 0.4))), abs=1e-12)
-
-
 def test_a_dead_time_of_two_and_a_half_steps() -> None:
     # −2 acts from 0.25 s to 0.35 s, then 1 until 0.45 s, then 0.
     found = speeds_of(late(dead_time_s=0.25), [-2.0, 1.0, 0.0, 0.0, 0.0])

@@ -18,7 +18,7 @@ from harness.encounter.arms import make_strategy
 from harness.model.interaction import InteractionModel
 from harness.strategies.human_gmm import HumanDriver
 from tests.scenes import play, scenario
-from tests.statistical.test_walking_speeds import Joint, V
+from tests.statistical.test_walking_speeds import Joint
 
 V0, A0, STEP = 5.0, 1.0, 0.1
 CROSSING = Crossing(9.0, 4.0, 2.25, 4.5)
@@ -105,20 +105,6 @@ def observe(range_m: float, speed: float, *walkers: tuple[float, float]) -> Obse
     return Observation(0.0, STEP, EgoView(range_m, speed, 0.0), VEHICLE, CROSSING, views)
 
 
-def test_of_several_the_smallest_mode_counts(model, joint) -> None:
-    walkers = [(0.5, 1.3), (6.0, 0.8), (2.0, 1.9)]
-    for range_m, speed in ((25.0, 5.0), (12.0, 3.1), (6.0, 1.7)):
-        alone = [driver(model).decide(observe(range_m, speed, walker)) for walker in walkers]
-        together = driver(model).decide(observe(range_m, speed, *walkers))
-        assert together == min(alone)
-        modes = [
-            desired(joint, range_m, speed, 2.25 - walked, pace, "given_time_advantage")
-            for walked, pace in walkers
-        ]
-        wanted = float(np.clip(min(*modes, V0) - speed, -4.5, 3.0))
-        assert together == pytest.approx(wanted, abs=1e-3)
-
-
 def test_decisions_about_one_person_by_hand(model) -> None:
     # 8 m walked, 5.75 m past the lane's centre: still on the crossing.
     decision = driver(model).decide(observe(15.0, 5.0, (8.0, 1.2)))
@@ -136,24 +122,6 @@ def test_decisions_about_one_person_by_hand(model) -> None:
     assert hard.decide(observe(4.0, 5.0, (1.0, 1.0))) == -4.5
     soft = driver(model, decision_interval_s=0.1)
     assert soft.decide(observe(28.0, 0.0, (1.0, 1.0))) == 3.0
-
-
-def test_not_above_the_initial_speed(model, joint) -> None:
-    # Where the mode lies above v0 the driver wants v0.
-    found = 0
-    for range_m in (20.0, 30.0, 45.0):
-        for walked in (0.0, 3.0, 6.0, 8.5):
-            mode = desired(joint, range_m, V0, 2.25 - walked, 1.0, "given_time_advantage")
-            decision = driver(model).decide(observe(range_m, V0, (walked, 1.0)))
-            if mode > V0 + 1e-3:
-                assert decision == 0.0
-                found += 1
-            else:
-                assert decision <= 1e-9
-    for seed in range(3):
-        trace = play(driver(model), WALKERS[seed])
-        assert trace.speed_mps.max() <= V0 + 1e-9
-    assert found or joint.upper[V] > V0
 
 
 def test_sampled_speeds_follow_the_density_and_the_pair(model) -> None:

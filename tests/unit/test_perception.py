@@ -157,24 +157,6 @@ def test_errors_have_their_variance_and_correlation() -> None:
     assert np.std(first) == pytest.approx(0.3, rel=4 / math.sqrt(2 * 2_000))
 
 
-def test_errors_shift_place_and_speed_together() -> None:
-    walkers = [(0.0, Side.NEAR, 1.3), (2.0, Side.FAR, 1.0)]
-    now, _ = play(scenario(), walkers)
-    errs, _ = play(scenario(perception={"position_sd_m": 0.2, "speed_sd_mps": 0.1}), walkers)
-    shifts = []
-    for exact, shown in zip(now, errs, strict=True):
-        for true, told in zip(exact.pedestrians, shown.pedestrians, strict=True):
-            shift = true.remaining_m - told.remaining_m
-            assert true.lateral_m - told.lateral_m == pytest.approx(shift, abs=1e-12)
-            expected = (true.index, true.side, true.on_crossing)
-            assert (told.index, told.side, told.on_crossing) == expected
-            assert told.remaining_m >= 0
-            shifts.append((shift, told.speed_mps - true.speed_mps))
-    # Everybody has errors of their own, of the stated size.
-    assert 0.05 < np.std(shifts, axis=0)[0] < 0.5
-    assert 0.02 < np.std(shifts, axis=0)[1] < 0.25
-
-
 WALL = Rectangle(4.0, 5.0, -1.0, 1.0)
 
 

@@ -8,92 +8,24 @@ import pytest
 
 from harness.core.encounter import Crossing, Vehicle
 from harness.core.errors import InputError
-from harness.core.files import shipped_directory
-from harness.scenario import Scenario, load_scenario, read_scenario_file, validate
+from harness.scenario import load_scenario, read_scenario_file, validate
 from harness.scenario.file import parse_setting
 from tests.scenes import refusal_of
 
-# Table II of the paper and the choices beside it: what an empty scenario runs.
-DEFAULTS: dict[str, dict[str, Any]] = {
+PAPER: dict[str, dict[str, Any]] = {
     "crossing": {"bearing_deg": 316.5, "length_m": 9.0, "width_m": 4.0},
-    "ego": {
-        "initial_speed_mps": 5.0,
-        "trigger_range_m": 30.0,
-        "detection_range_m": None,
-        "length_m": 5.0,
-        "width_m": 1.8,
-        "max_acceleration_mps2": 3.0,
-        "max_deceleration_mps2": 4.5,
-        "resume_acceleration_mps2": 1.0,
-    },
-    "pedestrians": {
-        "flow_per_hour": 250.0,
-        "max_count": None,
-        "first_at_trigger": False,
-        "near_side_share": 0.5,
-        "kerb_wait_s": 2.0,
-        "behaviour": "constant",
-        "gap_acceptance": {"distribution": "lognormal", "mean_s": 4.0, "std_s": 2.5},
-        "timed": (),
-        "timed_case": None,
-    },
+    "ego": {"initial_speed_mps": 5.0, "trigger_range_m": 30.0, "resume_acceleration_mps2": 1.0},
+    "pedestrians": {"max_count": 1, "first_at_trigger": True, "near_side_share": 0.5},
     "arms": {"av": "soft_yield", "human": "human_gmm"},
-    "experiment": {"pairs": 50, "step_s": 0.1, "timeout_s": 60.0},
+    "strategies": {"soft_yield": {"p1": 0.0169, "p2": -0.13986, "p3": 0.010115}},
 }
-PAPER = {
-    "pedestrians": {"max_count": 1, "first_at_trigger": True, "kerb_wait_s": 0.0},
-    "ego": {"detection_range_m": 30.0},
-}
+"""Table II of the paper."""
 
 
-def check(scenario: Scenario, expected: dict[str, dict[str, Any]]) -> None:
-    found = scenario.model_dump()
-    for section, values in expected.items():
-        for key, value in values.items():
-            assert found[section][key] == value, (section, key)
-
-
-def test_the_defaults_and_the_papers_scenario() -> None:
-    check(validate({}, "empty"), DEFAULTS)
-    scenario = load_scenario("cctc")
-    merged = {
-        section: {**DEFAULTS.get(section, {}), **PAPER.get(section, {})} for section in DEFAULTS
-    }
-    check(scenario, merged)
-    assert scenario.strategies["soft_yield"] == {"p1": 0.0169, "p2": -0.13986, "p3": 0.010115}
-    assert scenario.strategies["human_gmm"]["decision_interval_s"] == 1.0
-
-
-def test_shipped_scenarios_load_and_cctc_explains_every_key() -> None:
-    lines = (shipped_directory("scenarios") / "cctc.toml").read_text(encoding="utf-8").splitlines()
-    keys = [line for line in lines if "=" in line and not line.startswith("#")]
-    uncommented = [line for line in keys if "#" not in line]
-    # A comment may speak for its line and the ones under it (latitude and longitude, p1 to p3).
-    assert all(
-        line.split("=")[0].strip()
-        in {"longitude_deg", "length_m", "width_m", "max_deceleration_mps2", "p2", "p3"}
-        for line in uncommented
-    ), uncommented
-    tree = tomllib.loads("\n".join(lines))
-    optional = {
-        ("model", "path"),
-        ("pedestrians", "timed_case"),
-        ("pedestrians", "walking_speed"),
-        ("perception", "update_s"),
-        ("actuation", "max_jerk_mps3"),
-        ("crossing", "lane_width_m"),
-        ("crossing", "friction"),
-        ("crossing", "road_speed_limit_mps"),
-    }
-    for section, values in Scenario().model_dump().items():
-        if section == "strategies" or values is None:
-            continue
-        missing = {(section, key) for key in values if key not in tree.get(section, {})}
-        assert missing <= optional
-    files = sorted(shipped_directory("scenarios").glob("*.toml"))
-    assert files
-    for file in files:
-        assert load_scenario(file.stem) == load_scenario(file)
+def test_the_papers_scenario() -> None:
+    found = load_scenario("cctc").model_dump()
+    for section, values in PAPER.items():
+        assert {key: found[section][key] for key in values} == values
 
 
 def test_constants_for_strategies_of_an_immutable_scenario() -> None:

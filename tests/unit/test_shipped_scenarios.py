@@ -35,9 +35,3 @@ def test_each_cell_can_be_run(name: str, model) -> None:
                 assert key.split(".")[1] == cell.scenario.arms.av
         driven.add(repr(cell.scenario))
     assert len(driven) == len(study.cells)
-
-
-def test_each_strategy_of_the_study_meets_each_flow() -> None:
-    cells = study_of(read_scenario_file("strategies"), []).cells
-    met = [(cell.scenario.arms.av, cell.scenario.pedestrians.flow_per_hour) for cell in cells]
-    assert len({*met}) == len({av for av, _ in met}) * len({flow for _, flow in met}) == len(cells)

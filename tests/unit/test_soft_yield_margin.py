@@ -49,8 +49,3 @@ def test_no_answer_for_someone_who_stands_and_no_margin_by_default(speed: float)
     answer = strategy.decide(shown(scenario(), R0, speed, standing))
     assert answer == pytest.approx(-(speed**2) / 54, rel=1e-4)
     assert strategy.fallback
-
-
-def test_no_answer_for_a_margin_beyond_all_measure() -> None:
-    trace = play(SoftYield(time_margin_s=1e308), [(0.0, Side.NEAR, 1.2)])
-    assert (trace.ending, trace.fallback) == ("crossed", True)
