@@ -80,7 +80,7 @@ def test_the_flow_and_the_types_are_those_asked_for_and_no_headway_is_too_short(
         ([CAR, TRUCK | {"lenght_m": 12.0}], {}, ["traffic.types.1.lenght_m", "length_m"]),
         ([CAR, {"name": "bus"}], {}, ["traffic.types.1.share", "is missing"]),
         ([CAR, TRUCK | {"width_m": 4.6}], {}, ["traffic.types.1.width_m", "4.6 m is too wide"]),
-        ([CAR, TRUCK], {"flow_per_hour": 1700.0}, ["traffic.flow_per_hour", "a mean headway"]),
+        ([CAR, TRUCK], {"flow_per_hour": 1700.0}, ["traffic.flow_per_hour", "below 1520"]),
     ],
 )
 def test_what_is_said_of_mistakes(
