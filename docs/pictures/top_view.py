@@ -1,4 +1,4 @@
-"""Draws an exported scenario from above, from its two files alone (docs/export.md)."""
+"""Draws an exported scenario from above, from its two files alone (docs/report.md)."""
 
 import cmath
 from pathlib import Path

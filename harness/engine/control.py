@@ -1,6 +1,6 @@
 """An encounter in SUMO: the ego's speed and the pedestrians' positions in, the ego's state out.
 
-docs/sumo.md explains the choices and has the
+docs/simulations.md explains the choices and has the
 measurements behind them.
 """
 

@@ -1,6 +1,6 @@
 """An encounter's SUMO: scenario in, running session out.
 
-docs/sumo.md explains the choices and has the measurements behind them.
+docs/simulations.md explains the choices and has the measurements behind them.
 """
 
 import os

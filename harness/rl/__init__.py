@@ -2,7 +2,7 @@
 
 ``gymnasium.make("harness.rl:harness/Crosswalk-v0", scenario="cctc_flow")`` makes it.  The same seed
 and pair give the same pedestrians as in the harness.  A trained policy drives in the harness as a
-strategy that gets the same observation vector (``harness.strategies.vector``, docs/rl.md).
+strategy that gets the same observation vector (``harness.strategies.vector``, docs/python.md).
 """
 
 from gymnasium.envs.registration import register

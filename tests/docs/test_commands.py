@@ -51,7 +51,7 @@ NOT_HERE = {
 """What is not run, by a word it begins with or holds, and why."""
 
 
-LONG_PAGES = {"study", "rl", "traffic", "risk", "av_engineer", "traffic_engineer"}
+LONG_PAGES = {"index", "python", "report", "risk", "simulations"}
 """Pages whose commands take long: `make test-all`."""
 
 LONG = {

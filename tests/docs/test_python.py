@@ -22,7 +22,7 @@ PAGES = [page for page in sorted((ROOT / "docs").glob("*.md")) if script_of(page
 
 
 def test_pages_have_python() -> None:
-    assert {page.stem for page in PAGES} >= {"python", "report", "rl", "strategies"}
+    assert {page.stem for page in PAGES} >= {"python", "report", "strategies"}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

@@ -4,7 +4,7 @@ The geometry is worked out here: the ego is the rectangle from its bumper back o
 the pedestrian a disc of radius 0.25 m, both at constant velocity.  The distance from a point on
 a straight path to a convex set is a convex function of time, so its minimum is found by
 narrowing an interval and the first contact by bisection, without any of the harness's formulas.
-SUMO's own verdict never says more (docs/sumo.md has its rule).
+SUMO's own verdict never says more (docs/simulations.md has its rule).
 """
 
 from collections import Counter

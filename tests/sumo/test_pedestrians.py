@@ -48,7 +48,7 @@ class Watched:
 SITE = read_site(Place(shipped_directory("networks") / "cctc" / "cctc.net.xml"))
 
 KERB_BAND_M = 0.011
-"""Within a centimetre of a kerb SUMO moves a person by up to 11 mm (docs/sumo.md)."""
+"""Within a centimetre of a kerb SUMO moves a person by up to 11 mm (docs/simulations.md)."""
 
 WALKERS = [(0.0, Side.NEAR, 1.2), (0.234, Side.FAR, 0.9)]
 WALKERS += [(1.05, Side.NEAR, 1.61), (3.0, Side.FAR, 1.337)]
