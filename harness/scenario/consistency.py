@@ -4,18 +4,15 @@ Every function raises ``InputError`` at the dotted key to change; ``validate`` s
 option gave it.
 """
 
+import math
+from collections.abc import Sequence
+
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, Side
-from harness.core.errors import InputError
+from harness.core.errors import InputError, unknown_name
 from harness.scenario.people import PedestriansSection
-from harness.scenario.people_consistency import (
-    check_obstacles,
-    check_pedestrians,
-    check_quarters,
-    check_sum,
-)
-from harness.scenario.scenario import Scenario
+from harness.scenario.scenario import Scenario, path_of
 from harness.scenario.sections import ROUNDING_M, Section
-from harness.scenario.traffic import TrafficSection, by_quarter
+from harness.scenario.traffic import QUARTER_S, TrafficSection, by_quarter
 
 SUMO_DRIVER = "sumo_driver"
 """The strategy that leaves the driving to SUMO."""
@@ -33,6 +30,9 @@ _OF_A_CONFIGURATION = {
 _NEED_A_TRIGGER = ("drawn", "first_at_trigger", "timed", "timed_case", "warm_up_s")
 """Keys of ``[pedestrians]`` that need an encounter."""
 
+MAX_BEFORE_KERB_M = 8.0
+"""Greatest distance from a timed pedestrian's start to their kerb; a footpath is 10 m long."""
+
 
 def check_consistency(scenario: Scenario) -> None:
     """Refuse a scenario whose keys do not fit together, although each single key was accepted."""
@@ -44,7 +44,7 @@ def check_consistency(scenario: Scenario) -> None:
             raise InputError(f"pedestrians.{key}", problem, "none")
     if scenario.simulation is not None:
         _check_simulation(scenario)
-        check_pedestrians(scenario)
+        _check_pedestrians(scenario)
         return
     if (crossing.latitude_deg is None) is not (crossing.longitude_deg is None):
         missing = "latitude_deg" if crossing.latitude_deg is None else "longitude_deg"
@@ -56,7 +56,7 @@ def check_consistency(scenario: Scenario) -> None:
         problem = f"{ego.trigger_range_m:g} m is on or too close to the crosswalk"
         allowed = f"at least crossing.width_m / 2 + 1.5 = {nearest:g} m"
         raise InputError("ego.trigger_range_m", problem, allowed)
-    check_pedestrians(scenario)
+    _check_pedestrians(scenario)
     if abs(step_s * 1000 - round(step_s * 1000)) > 1e-9:
         allowed = "whole milliseconds, SUMO's resolution"
         raise InputError("experiment.step_s", f"{step_s!r} s", allowed)
@@ -64,7 +64,7 @@ def check_consistency(scenario: Scenario) -> None:
     check_perception(scenario)
     if scenario.traffic is not None:
         _check_traffic(scenario, scenario.traffic)
-    check_obstacles(scenario)
+    _check_obstacles(scenario)
     _check_grade(scenario)
     # Every episode would time out, and the worst case of μ would be below its value.
     free_pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
@@ -157,7 +157,7 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection) -> None:
         why = f"{traffic.tau_s:g} s: vehicles would collide with each other"
         raise InputError("traffic.tau_s", why, f"at least experiment.step_s = {step_s:g} s")
     if traffic.types:
-        check_sum("traffic.types", traffic.shares)
+        _check_sum("traffic.types", traffic.shares)
         names = [kind.name for kind in traffic.types]
         for number, name in enumerate(names):
             if name in names[:number]:
@@ -175,7 +175,7 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection) -> None:
 
 
 def _check_flow(flow: float | tuple[float, ...], lanes: int, scenario: Scenario, key: str) -> None:
-    check_quarters(flow, scenario, key)
+    _check_quarters(flow, scenario, key)
     flow_per_hour, most = max(by_quarter(flow)), lanes * 3600.0 / scenario.least_headway_s()
     if flow_per_hour >= most and flow_per_hour > 0:
         problem = f"{flow_per_hour:g} vehicles per hour on {lanes} lanes"
@@ -202,3 +202,114 @@ def _check_simulation(scenario: Scenario) -> None:
     if begin_s is not None and end_s is not None and end_s <= begin_s:
         allowed = f"after simulation.begin = {begin_s:g} s"
         raise InputError("simulation.end", f"{end_s:g} s", allowed)
+
+
+def _check_pedestrians(scenario: Scenario) -> None:
+    """Refuse keys of ``[pedestrians]`` that do not fit together or to the rest of the scenario."""
+    pedestrians = scenario.pedestrians
+    _check_quarters(pedestrians.flow_per_hour, scenario, "pedestrians.flow_per_hour")
+    _check_sum("pedestrians.group_size", pedestrians.group_size)
+    if len(pedestrians.group_size) > 1 and pedestrians.drawn:
+        problem = "is not supported with pedestrians.drawn, whose pedestrians come one by one"
+        raise InputError("pedestrians.group_size", problem, "none")
+    classes = [kind.share for kind in pedestrians.walking_classes]
+    _check_sum("pedestrians.walking_speed.classes", classes, at_most=True)
+    if pedestrians.drawn and scenario.experiment.pairs > len(pedestrians.drawn):
+        problem = f"has the pedestrians of {len(pedestrians.drawn)} pairs"
+        allowed = f"at least experiment.pairs = {scenario.experiment.pairs} entries"
+        raise InputError("pedestrians.drawn", problem, allowed)
+    _check_case(pedestrians.timed_case, scenario, "pedestrians.timed_case")
+    for number in range(len(pedestrians.timed)):
+        _check_timed(number, scenario)
+
+
+def _check_sum(key: str, shares: Sequence[float], *, at_most: bool = False) -> None:
+    """Refuse shares that do not sum to 1, or with ``at_most`` to more than 1."""
+    total = math.fsum(shares)
+    if total > 1 + 1e-9 or (total < 1 - 1e-9 and not at_most):
+        allowed = f"shares that sum to {'at most ' * at_most}1"
+        raise InputError(key, f"the shares sum to {total:.10g}", allowed)
+
+
+def _check_quarters(flow: float | tuple[float, ...], scenario: Scenario, key: str) -> None:
+    """Refuse a list of flows that does not have a value for each quarter of an hour."""
+    whole, duration_s = "experiment.timeout_s", scenario.experiment.timeout_s
+    if scenario.traffic is not None:
+        whole, duration_s = "traffic.duration_s", scenario.traffic.duration_s
+    quarters = math.ceil(duration_s / QUARTER_S - 1e-9)
+    if isinstance(flow, tuple) and len(flow) != quarters:
+        allowed = f"{quarters}, one for each quarter of an hour of {whole}"
+        raise InputError(key, f"{len(flow)} values", allowed)
+
+
+def _check_case(case: str | None, scenario: Scenario, key: str) -> None:
+    names = [timed.name for timed in scenario.pedestrians.timed]
+    if case is not None and case not in names:
+        raise unknown_name(key, "case", case, names)
+
+
+def _check_timed(number: int, scenario: Scenario) -> None:
+    """Refuse a pedestrian who would start beyond the footpath, in the car or before the trigger."""
+    ego, timed, key = (
+        scenario.ego,
+        scenario.pedestrians.timed[number],
+        f"pedestrians.timed.{number}",
+    )
+    to_kerb_m = scenario.crosswalk().to_lane_m(Side(timed.side))
+    nearest, farthest = ego.width_m / 2 + PEDESTRIAN_RADIUS_M, to_kerb_m + MAX_BEFORE_KERB_M
+    if not nearest < timed.start_lateral_m <= farthest:
+        problem = f"{timed.start_lateral_m:g} m is in the car's path or beyond the footpath"
+        allowed = f"above {nearest:g} m and at most {farthest:g} m"
+        raise InputError(f"{key}.start_lateral_m", problem, allowed)
+    start_s = path_of(timed, scenario)[0].time_s
+    if start_s < 0:
+        # Each metre of trigger range adds 1/v0 of time.
+        needed = ego.trigger_range_m - start_s * ego.initial_speed_mps
+        problem = f"they would have to start {-start_s:.3g} s before the trigger"
+        allowed = f"ego.trigger_range_m of at least {needed:.4g} m, or a faster walk"
+        raise InputError(f"{key}.speed_mps", problem, allowed)
+
+
+def _check_obstacles(scenario: Scenario) -> None:
+    """Refuse an obstacle in the path of a vehicle or of pedestrians, or with an unknown case."""
+    crossing = scenario.crosswalk()
+    starts_m = {side: [0.0] for side in Side}
+    for timed in scenario.pedestrians.timed:
+        side = Side(timed.side)
+        starts_m[side].append(timed.start_lateral_m - crossing.to_lane_m(side))
+    walked = (
+        -max(starts_m[Side.NEAR]) - PEDESTRIAN_RADIUS_M,
+        crossing.length_m + max(starts_m[Side.FAR]) + PEDESTRIAN_RADIUS_M,
+    )
+    for number, obstacle in enumerate(scenario.crossing.obstacles):
+        key = f"crossing.obstacles.{number}"
+        _check_case(obstacle.case, scenario, f"{key}.case")
+        for low, high in _driven(scenario):
+            if _overlap(obstacle.y_bounds_m, (low, high)):
+                whose = "the ego's" if scenario.traffic is None else "the vehicles'"
+                allowed = f"y below {low:g} m or above {high:g} m"
+                raise InputError(f"{key}.y_m", f"stands in {whose} path", allowed)
+        beside = (-PEDESTRIAN_RADIUS_M, PEDESTRIAN_RADIUS_M)
+        if _overlap(obstacle.x_bounds_m, beside) and _overlap(obstacle.y_bounds_m, walked):
+            allowed = f"x below {beside[0]:g} m or above {beside[1]:g} m"
+            raise InputError(f"{key}.x_m", "a pedestrian would touch it", allowed)
+
+
+def _driven(scenario: Scenario) -> list[tuple[float, float]]:
+    """The strips in which vehicles drive: the ego's, or with ``[traffic]`` those of all lanes."""
+    crossing, traffic = scenario.crosswalk(), scenario.traffic
+    half_m, centres_m = scenario.ego.width_m / 2, [crossing.lane_centre_m]
+    if traffic is not None:
+        half_m = max(vehicle.width_m for vehicle in scenario.vehicles()) / 2
+        centres_m = [
+            crossing.length_m - lane.lane_centre_m if oncoming else lane.lane_centre_m
+            for oncoming in (False, True)
+            if traffic.has_vehicles(oncoming=oncoming)
+            for lane in scenario.crosswalk_from_lanes(oncoming=oncoming)
+        ]
+    return [(centre - half_m, centre + half_m) for centre in centres_m]
+
+
+def _overlap(interval: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Whether two intervals share more than an end point."""
+    return interval[0] < other[1] - ROUNDING_M and other[0] < interval[1] - ROUNDING_M

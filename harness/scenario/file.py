@@ -5,7 +5,9 @@ defaults.  Users name a key by its dotted path (``pedestrians.flow_per_hour``).
 """
 
 import copy
+import math
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +21,16 @@ from harness.core.files import read_file, shipped_directory
 from harness.scenario.consistency import check_consistency
 from harness.scenario.scenario import Scenario
 from harness.scenario.sections import ConflictsSection
-from harness.scenario.units import in_si
+
+UNITS = {
+    "m/s": (1.0, 1.0),
+    "km/h": (1000.0, 3600.0),
+    "mph": (1609.344, 3600.0),
+    "ft/s": (0.3048, 1.0),
+}
+"""Units of speed as (metres, seconds); they are exact by definition."""
+
+_SPEED = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S+)\s*")
 
 
 class Setting(NamedTuple):
@@ -151,7 +162,7 @@ def validate(
         key_sources: name of the source of every key that is not from the file (``--set``).
     """
     try:
-        whole = in_si(dict(tree))
+        whole = _in_si(dict(tree))
         people = whole.get("pedestrians", {})
         if whole.get("simulation") is not None and isinstance(people, dict):
             # SUMO's people come; the harness's do if a flow is given.
@@ -240,3 +251,28 @@ def set_thresholds(settings: Sequence[Setting], source: str) -> ConflictsSection
             raise unknown_name(where, "conflict threshold", setting.key, thresholds)
         apply_setting(tree, setting)
     return validate(tree, source, {each.key: each.source for each in settings}).conflicts
+
+
+def _in_si(value: Any, key: str = "") -> Any:
+    """A tree of keys and values in which every speed with a unit is a number in m/s.
+
+    Args:
+        value: the tree, or a value in it.
+        key: the dotted key of ``value``.
+
+    Raises:
+        InputError: the text of a key that ends in ``_mps`` is not a speed.
+    """
+    if isinstance(value, dict | list):
+        named = value.items() if isinstance(value, dict) else enumerate(value)
+        parts = {name: _in_si(part, f"{key}.{name}".lstrip(".")) for name, part in named}
+        return parts if isinstance(value, dict) else [*parts.values()]
+    if not (isinstance(value, str) and key.endswith("_mps")):
+        return value
+    written = _SPEED.fullmatch(value)
+    if written is not None and written[2] in UNITS:
+        metres, seconds = UNITS[written[2]]
+        if math.isfinite(speed := float(written[1]) * metres / seconds):
+            return speed
+    allowed = f"a number in m/s, or text with a unit: {', '.join(UNITS)}"
+    raise InputError(key, f"{shortened(value)} is not accepted", allowed)
