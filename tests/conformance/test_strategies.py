@@ -52,17 +52,6 @@ class NeedsSomebody(Steady):
         return 0.0 * seen.pedestrians[0].lateral_m
 
 
-class NeedsOne(Steady):
-    def decide(self, seen):
-        (_,) = seen.pedestrians or (None,)
-        return 0.0
-
-
-class NeedsThemAhead(Steady):
-    def decide(self, seen):
-        return 0.0 * math.sqrt(min([p.lateral_m for p in seen.pedestrians], default=0.0))
-
-
 class DividesByTheirSpeed(Steady):
     def decide(self, seen):
         return 0.0 * max([1 / p.speed_mps for p in seen.pedestrians], default=0.0)
@@ -119,8 +108,6 @@ class Hangs(Steady):
 
 BROKEN = {
     NeedsSomebody: "plays every scene to its end",
-    NeedsOne: "plays every scene to its end",
-    NeedsThemAhead: "plays every scene to its end",
     DividesByTheirSpeed: "plays every scene to its end",
     NeedsTenths: "plays every scene to its end",
     Infinite: "answers with a finite number",
