@@ -103,7 +103,7 @@ def time_advantage(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
         # Without movement they walk away from the nearer kerb.
         direction = np.sign(y[-1] - y[0]) or (1.0 if y[0] < crossing.length_m / 2 else -1.0)
         lateral = (crossing.lane_centre_m - y) * direction
-        at = np.searchsorted(times, walker["time_s"].to_numpy())
+        at = np.searchsorted(times, walker["time_s"].to_numpy()).clip(max=len(times) - 1)
         ahead = (distance[at] > 0) & (lateral > 0) & (speed[at] > 0) & (walking > 0)
         at = at[ahead]
         advantage = np.abs(distance[at] / speed[at] - lateral[ahead] / walking[ahead])
@@ -175,6 +175,7 @@ def _arm(
     arm: Arm, record: Row, rows: pd.DataFrame, people: pd.DataFrame, crossing: Crossing
 ) -> JsonObject:
     """One arm of a pair."""
+    rows = rows.sort_values("time_s", kind="stable")
     times = rows["time_s"].unique()
     kept = times[:: max(1, math.ceil(len(times) / MOST_STATES))]
     rows = rows[rows["time_s"].isin([*kept, *times[-1:]])]

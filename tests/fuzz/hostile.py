@@ -143,7 +143,8 @@ def _parquet(content: bytes) -> st.SearchStrategy[bytes]:
 
     def one_value(number: int, row: int, value: Any) -> pa.Table:
         values = good.column(number).to_pylist()
-        values[row % len(values)] = value
+        if values:
+            values[row % len(values)] = value
         return replaced(number, lambda column: pa.array(values, type=column.type))
 
     def change(what: int, number: int, row: int, value: Any, to: pa.DataType) -> bytes:
@@ -155,7 +156,7 @@ def _parquet(content: bytes) -> st.SearchStrategy[bytes]:
             lambda: one_value(number, row, value),
             lambda: good.append_column(good.column_names[number], good.column(number)),
             lambda: good.drop_columns([good.column_names[number]]),
-            lambda: good.slice(row % good.num_rows),
+            lambda: good.slice(row % max(1, good.num_rows)),
             lambda: pa.concat_tables([good, good]),
             lambda: good.take(list(reversed(range(good.num_rows)))),
         ]
