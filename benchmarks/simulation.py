@@ -119,7 +119,7 @@ def arm_s(setup: Setup) -> tuple[float, int]:
         outcome = run_arm(setup, model, 0, Arm.AV, Path(folder))
         if outcome.reason is not None:
             raise RuntimeError(outcome.reason)
-        return used_s() - begin_s, len(outcome.passages.get("vehicle", ()))
+        return used_s() - begin_s, len(outcome.tables["passages"].get("vehicle", ()))
 
 
 def alone_s(setup: Setup) -> float:

@@ -1,11 +1,11 @@
 """Finds the vehicles that come near a chosen crosswalk, and what lies ahead of them."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 
 from harness.core.encounter import Arm
 from harness.engine.session import Session
-from harness.simulation.cars import Car, Passage
+from harness.simulation.cars import Car, Link, Passage
 from harness.simulation.setup import Setup
 
 _SIGHT_M = 200.0
@@ -40,43 +40,19 @@ class Approaches:
             name: sorted({_edge(each.from_lane) for each in setup.town.connections(name)})
             for name in setup.crosswalks
         }
-        self._on_edge: dict[str, Sequence[str]] = dict.fromkeys(self._watched(), ())
-        self._new: list[str] = []
+        ends = [edge for edges in self.before.values() for edge in edges]
+        watched = setup.zones.upstream(ends, self._reach_m)
+        self._on_edge: dict[str, Sequence[str]] = dict.fromkeys(watched, ())
 
-    def _watched(self) -> Iterable[str]:
-        """The edges from which a vehicle may reach a chosen crosswalk within the reach."""
-        town = self._setup.town
-        away_m = {edge: 0.0 for edges in self.before.values() for edge in edges}
-        todo = [*away_m]
-        while todo:
-            edge = todo.pop()
-            lengths_m = (town.lane(each).length_m for each in town.lanes(edge))
-            through_m = away_m[edge] + min(lengths_m, default=0.0)
-            if through_m > self._reach_m:
-                continue
-            for before in town.before(edge):
-                if through_m < away_m.get(before, math.inf):
-                    away_m[before] = through_m
-                    todo.append(before)
-        return sorted(away_m)
+    def found(self, step: int) -> Iterator[str]:
+        """The vehicles that have come onto watched edges since the last look."""
+        for edge, before in self._on_edge.items() if step % self._every == 0 else ():
+            names = self._session.vehicles_on(edge)
+            if names != before:
+                self._on_edge[edge] = names
+                yield from set(names).difference(before)
 
-    def departed(self, name: str) -> None:
-        """Note a vehicle that has departed, which may be near at once."""
-        if _edge(self._vehicles.lane(name)) in self._on_edge:
-            self._new.append(name)
-
-    def found(self, step: int) -> Sequence[str]:
-        """The vehicles that have come onto watched edges."""
-        new, self._new = self._new, []
-        if step % self._every == 0:
-            for edge, before in self._on_edge.items():
-                names = self._session.vehicles_on(edge)
-                if names != before:
-                    self._on_edge[edge] = names
-                    new += set(names).difference(before)
-        return new
-
-    def car(self, name: str, type_id: str, automated: bool, driver: Arm) -> Car:
+    def car(self, name: str, automated: bool, driver: Arm) -> Car:
         """A vehicle that has been found."""
         vehicles = self._vehicles
         vehicle = self._setup.vehicle(
@@ -87,8 +63,7 @@ class Approaches:
             driver,
         )
         factor, most_mps = vehicles.speed_factor(name), vehicles.max_speed_mps(name)
-        late = not vehicle.obeys_at_once
-        return Car(name, type_id, automated, vehicle, factor, most_mps, late)
+        return Car(name, vehicles.type(name), automated, vehicle, factor, most_mps)
 
     def steps_until_near(self, car: Car) -> int:
         """The number of steps after which a planned vehicle may be near; 0 if it is."""
@@ -102,31 +77,47 @@ class Approaches:
         """
         if car.odometer_m < car.replan_m:
             return None
-        lane = self._vehicles.lane(car.name)
+        lane, zones, body = self._vehicles.lane(car.name), self._setup.zones, car.vehicle
         if lane.startswith(":"):
             ends_m = (link.end_m for link in car.links if link.end_m > car.odometer_m)
             car.replan_m = next(ends_m, -math.inf)
         if lane == car.lane or lane.startswith(":") or not lane:
             return None
-        car.lane, zones, town = lane, self._setup.zones, self._setup.town
-        begin_m = car.odometer_m - self._vehicles.lane_position_m(car.name)
-        limits, links = zones.ahead(self._lanes(car.name, lane), self._reach_m)
-        car.limits = [(begin_m + at_m, car.limit_mps(limit)) for at_m, limit in limits]
-        car.least_mps = min(limit for _, limit in car.limits)
-        car.links = [link.moved(begin_m) for link in links]
-        # From a single lane a vehicle comes onto another one at its end only.
-        alone = len(town.lanes(_edge(lane))) == 1
-        car.replan_m = begin_m + town.lane(lane).length_m if alone else -math.inf
-        return [
-            Passage(car, crosswalk, link.connection, *found, link.begin_m, car.vehicle)
+        car.lane = lane
+        self._look_ahead(car, car.odometer_m - self._vehicles.lane_position_m(car.name))
+        found = [
+            (link, crosswalk, zones.at(link.connection, crosswalk, body.length_m, body.width_m))
             for link in car.links
             for crosswalk in zones.crosswalks(link.connection)
-            if (
-                found := zones.at(
-                    link.connection, crosswalk, car.vehicle.length_m, car.vehicle.width_m
-                )
-            )
         ]
+        return [
+            Passage(car, crosswalk, link.connection, *zone, link.begin_m, body)
+            for link, crosswalk, zone in found
+            if zone is not None
+        ]
+
+    def _look_ahead(self, car: Car, at_m: float) -> None:
+        """Find the limits and connections ahead of a vehicle whose lane began at ``at_m``."""
+        town, zones, last = self._setup.town, self._setup.zones, ""
+        car.limits, car.links = [], []
+        until_m = at_m + town.lane(car.lane).length_m
+        # From a single lane a vehicle comes onto another one at its end only.
+        alone = len(town.lanes(_edge(car.lane))) == 1
+        car.replan_m = until_m if alone else -math.inf
+        for name in self._lanes(car.name, car.lane):
+            lanes: tuple[str, ...] = (name,)
+            if last:
+                way = next((each for each in town.ahead(last) if each.to_lane == name), None)
+                if way is None or at_m > until_m + self._reach_m:
+                    break
+                inside_m = sum(town.lane(each).length_m for each in way.via)
+                car.links.append(Link(at_m, at_m + inside_m, way, zones.yields(way)))
+                lanes = (*way.via, name)
+            for each in lanes:
+                car.limits.append((at_m, car.limit_mps(town.lane(each).limit_mps)))
+                at_m += town.lane(each).length_m
+            last = name
+        car.least_mps = min(limit for _, limit in car.limits)
 
     def _lanes(self, name: str, lane: str) -> Sequence[str]:
         """The lanes that a vehicle will follow, its own first."""

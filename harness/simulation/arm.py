@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from harness.core.encounter import Arm
@@ -27,13 +27,7 @@ SAMPLE_S = 1.0
 STROLL_S = 0.5
 """Time between two looks at people while no vehicle is within R0."""
 
-NOT_AN_AV = "it is no AV"
-SUMO_IS_REFERENCE = "SUMO drives in this arm"
-ON_IT = "it came onto the road on the crosswalk"
-LEFT = "it went another way"
 ENDED = "the simulation ended"
-ARRIVED = "it arrived on its way"
-TELEPORTED = "SUMO teleported it"
 
 
 @dataclass(slots=True)
@@ -43,25 +37,17 @@ class Log:
     Attributes:
         passages: over the chosen crosswalks, those before the counted time too.
         people: everybody at each chosen crosswalk.
-        kinds: vType, vClass and whether it is an AV, of every vehicle that departed.
+        automated: whether it is an AV, of every vehicle that departed.
         queues: by crosswalk, the number of queued vehicles at every counted second.
-        collisions: (collider, victim, lane, position) of vehicles with each other, each pair once.
-        person_collisions: number of vehicles' collisions with people by crosswalk or edge.
-        teleports, emergency_stops: their numbers in the counted time.
-        conditionings, clamped: uses of the interaction model, and those outside its data.
+        counts: SUMO's events in the counted time, and the uses of the interaction model.
         end_s: when the simulation ended.
     """
 
     passages: list[Passage] = field(default_factory=list)
     people: dict[str, list[Walked]] = field(default_factory=dict)
-    kinds: dict[str, tuple[str, str, bool]] = field(default_factory=dict)
+    automated: dict[str, bool] = field(default_factory=dict)
     queues: dict[str, list[int]] = field(default_factory=dict)
-    collisions: list[tuple[str, str, str, float]] = field(default_factory=list)
-    person_collisions: Counter[str] = field(default_factory=Counter)
-    teleports: int = 0
-    emergency_stops: int = 0
-    conditionings: int = 0
-    clamped: int = 0
+    counts: Counter[str] = field(default_factory=Counter)
     end_s: float = 0.0
 
 
@@ -126,7 +112,7 @@ class ArmOfPair:
         for car in [*self._near.values()]:
             self._drop(car, ENDED)
         log.end_s, use = session.time_s, self._speeds.model_use.counts
-        log.conditionings, log.clamped = use.uses, use.clamped
+        log.counts.update(conditionings=use.uses, clamped=use.clamped)
         log.people = {name: each.walked(self._begin_s) for name, each in self.people.items()}
         log.passages.sort(key=lambda each: (each.time_s[0], each.car.name, each.crosswalk.id))
         return log
@@ -171,39 +157,39 @@ class ArmOfPair:
 
     def _events(self, time_s: float) -> None:
         """Count the vehicles that departed, collided, were teleported, or have left."""
-        session, log, setup, vehicles = self.session, self.log, self.setup, self._vehicles
-        counts = setup.counts(time_s)
+        session, setup, vehicles = self.session, self.setup, self._vehicles
         for name in session.departed():
-            kind = vehicles.type(name), vehicles.vehicle_class(name)
-            automated = is_automated(self._seed, name, {*kind}, setup.av_share, setup.av_types)
-            log.kinds[name] = (*kind, automated)
-            self.approaches.departed(name)
+            kinds = {vehicles.type(name), vehicles.vehicle_class(name)}
+            self.log.automated[name] = is_automated(
+                self._seed, name, kinds, setup.av_share, setup.av_types
+            )
+        teleported, events = session.teleported(), Counter[str]()
+        events["teleports"] = len(teleported)
+        events["emergency_stops"] = len(session.emergency_stops())
         for hit in session.collisions():
             # SUMO reports a collision at several steps; it counts at the first.
-            key = (hit.collider, hit.victim)
-            if key not in self._hits:
-                self._hits.add(key)
-                self._hit(hit, counts)
-        teleported = session.teleported()
-        if counts:
-            log.teleports += len(teleported)
-            log.emergency_stops += len(session.emergency_stops())
-        for names, why in ((session.arrived(), ARRIVED), (teleported, TELEPORTED)):
+            if (hit.collider, hit.victim) not in self._hits:
+                self._hits.add((hit.collider, hit.victim))
+                events.update(self._kinds_of(hit))
+        if setup.counts(time_s):
+            self.log.counts += events
+        for names, why in (
+            (session.arrived(), "it arrived on its way"),
+            (teleported, "SUMO teleported it"),
+        ):
             for name in names:
                 if name in self._cars:
-                    self._drop(self._cars[name], why, exists=why == TELEPORTED)
+                    self._drop(self._cars[name], why, exists=names is teleported)
 
-    def _hit(self, hit: Collision, counts: bool) -> None:
+    def _kinds_of(self, hit: Collision) -> Sequence[str]:
+        """What a collision counts as; a passage notes that SUMO saw one with a person."""
         # Vehicles and people may have the same ids: whoever is on a crosswalk walks.
-        places = [name for name, people in self.people.items() if hit.victim in people.names()]
-        if hit.victim in self.log.kinds and not places:
-            if counts:
-                self.log.collisions.append((hit.collider, hit.victim, hit.lane, hit.pos))
-            return
+        places = {name for name, people in self.people.items() if hit.victim in people.names()}
         for passage in self._near[hit.collider].passages if hit.collider in self._near else ():
             passage.collided |= passage.crosswalk.id in places
-        if counts:
-            self.log.person_collisions[places[0] if places else hit.lane.rpartition("_")[0]] += 1
+        if places or hit.victim not in self.log.automated:
+            return ["person_collisions"]
+        return ["vehicle_collisions", *["overlaps"] * hit.lane.startswith(":")]
 
     # Vehicles
 
@@ -222,14 +208,12 @@ class ArmOfPair:
 
     def _look(self, time_s: float) -> None:
         """Find the vehicles that came onto watched edges, or may have come near by now."""
-        due, found = self._due.pop(self._steps, []), self.approaches.found(self._steps)
-        for name in found:
-            if name not in self._near and name in self.log.kinds:
-                car = self._cars.get(name)
-                if car is None:
-                    type_id, _, automated = self.log.kinds[name]
-                    driver = self._driver(automated)
-                    car = self._cars[name] = self.approaches.car(name, type_id, automated, driver)
+        due = self._due.pop(self._steps, [])
+        for name in {*self.session.departed(), *self.approaches.found(self._steps)}:
+            if name not in self._cars and name in self.log.automated:
+                automated = self.log.automated[name]
+                car = self.approaches.car(name, automated, self._driver(automated))
+                self._cars[name] = car
                 due.append(car)
         for car in due:
             if self._cars.get(car.name) is car and car.name not in self._near:
@@ -289,7 +273,7 @@ class ArmOfPair:
                 if same.connection is not passage.connection and passage.first_m > car.odometer_m:
                     passage.move_to(same)
             elif passage.first_m > car.odometer_m:
-                self._end(passage, LEFT)
+                self._end(passage, "it went another way")
         car.passages += [each for each in coming if each.last_m > car.odometer_m]
         car.passages.sort(key=lambda each: each.first_m)
 
@@ -308,13 +292,13 @@ class ArmOfPair:
             passage.trace_offset_s = min(2 * over_m / (car.speed_mps + root), step_s)
         driver = self._driver(car.automated)
         if not (car.automated or setup.own_people):
-            passage.not_driven = NOT_AN_AV
+            passage.not_driven = "it is no AV"
         elif x_m >= -passage.crossing.width_m / 2:
-            passage.not_driven = ON_IT
+            passage.not_driven = "it came onto the road on the crosswalk"
         else:
             passage.strategy = setup.strategy(driver, self._pair, car.name, self._model)
             if passage.strategy is None:
-                passage.not_driven = SUMO_IS_REFERENCE
+                passage.not_driven = "SUMO drives in this arm"
             else:
                 passage.driver = setup.scenario.arms.driver(driver)
                 self.people[passage.crosswalk.id].note(time_s)

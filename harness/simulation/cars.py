@@ -7,10 +7,10 @@ one axis.
 import math
 from array import array
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from harness.core.actuation import Actuator
 from harness.core.encounter import Crossing, Strategy, Vehicle
-from harness.simulation.zones import Link
 from harness.site.town import Connection, Crosswalk
 from harness.site.zone import Zone
 from harness.strategies.perception.updates import Updates, Views
@@ -23,6 +23,15 @@ PASSED = "passed"
 
 _SAME_M = 15.0
 """The stop lines of a vehicle's lanes at one junction are this near to each other."""
+
+
+class Link(NamedTuple):
+    """A connection ahead, by the odometer; ``yields``: SUMO keeps the right of way."""
+
+    begin_m: float
+    end_m: float
+    connection: Connection
+    yields: bool
 
 
 @dataclass(slots=True, eq=False)
@@ -44,7 +53,7 @@ class Car:
         least_mps: the lowest of the limits.
         links: the connections ahead, by the odometer.
         mode: the speed mode while a strategy drives, else None.
-        sent_mps, asked_mps: the last command to SUMO, and the one of this step.
+        asked_mps: the command that SUMO has; None: it drives.
         limited_by: what decided the command (``LIMITS``).
         held_by: what made SUMO drive slower than commanded; None: nothing.
         actuator: what passes commands on, if the vehicle obeys late.
@@ -56,7 +65,7 @@ class Car:
     vehicle: Vehicle
     speed_factor: float
     max_mps: float
-    late: bool = False
+    late: bool = field(init=False)
     lane: str = ""
     next_m: float = -math.inf
     replan_m: float = -math.inf
@@ -69,11 +78,14 @@ class Car:
     least_mps: float = math.inf
     links: list[Link] = field(default_factory=list)
     mode: int | None = None
-    sent_mps: float | None = None
     asked_mps: float | None = None
     limited_by: int = STRATEGY
     held_by: int | None = None
     actuator: Actuator | None = None
+
+    def __post_init__(self) -> None:
+        """Note whether it obeys late, which is asked at every step."""
+        self.late = not self.vehicle.obeys_at_once
 
     def limit_mps(self, lane_mps: float) -> float:
         """The vehicle's own limit on a lane with this speed limit."""

@@ -9,11 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 
 from harness.core.actuation import CUT_MPS, Actuator
-from harness.core.encounter import (
-    EgoView,
-    Observation,
-    quick_tuple,
-)
+from harness.core.encounter import EgoView, Observation, quick_tuple
 from harness.core.errors import StrategyError
 from harness.encounter.deciding import ROUNDING_M, limited, strategy_raised
 from harness.engine.session import Session
@@ -25,8 +21,6 @@ SPEED_MODE_FREE = 23
 """SUMO keeps leaders, limits and red lights; the vehicle has the right of way among vehicles."""
 SPEED_MODE_YIELDING = 31
 """SUMO's own driver's mode: it also yields where its connection has to."""
-
-LEFT_TO_SUMO = "its strategy left it to SUMO"
 
 _LOWER_MPS = 1e-3
 """SUMO's speed is lower than the commanded one if it differs by more than this."""
@@ -86,7 +80,7 @@ class Control:
         """Give a vehicle back to SUMO."""
         if self.driven.pop(car.name, None) is None:
             return
-        car.mode = car.sent_mps = car.asked_mps = car.actuator = None
+        car.mode = car.asked_mps = car.actuator = None
         if exists:
             self._vehicles.set_speed(car.name, -1.0)
             self._vehicles.set_speed_mode(car.name, SPEED_MODE_YIELDING)
@@ -106,17 +100,19 @@ class Control:
                 continue
             target_mps = wish_mps = max(0.0, car.speed_mps + lowest * self._step_s)
             if car.late:
-                target_mps = self._late(car, lowest)
+                if car.actuator is None:
+                    gain = car.acceleration_mps2
+                    car.actuator = Actuator(car.vehicle, self._step_s, car.speed_mps, gain)
+                target_mps = max(0.0, car.actuator.speed_after(lowest, car.speed_mps))
             car.limited_by = STRATEGY if abs(target_mps - wish_mps) <= CUT_MPS else ACTUATOR
             if target_mps > car.least_mps:
                 cap_mps = self._cap_mps(car)
                 if cap_mps < target_mps - CUT_MPS:
                     car.limited_by = LANE
                 target_mps = min(target_mps, cap_mps)
-            car.asked_mps = target_mps
             # SUMO keeps a command until the next one.
-            if car.sent_mps != target_mps:
-                car.sent_mps = target_mps
+            if car.asked_mps != target_mps:
+                car.asked_mps = target_mps
                 self._vehicles.set_speed(car.name, target_mps)
 
     def check(self, car: Car, before_mps: float) -> None:
@@ -139,10 +135,10 @@ class Control:
         """Let SUMO drive a vehicle whose strategies say so."""
         for passage in car.passages:
             if passage.strategy is not None:
-                passage.not_driven = LEFT_TO_SUMO
-        if car.sent_mps is not None:
+                passage.not_driven = "its strategy left it to SUMO"
+        if car.asked_mps is not None:
             self._vehicles.set_speed(car.name, -1.0)
-        car.sent_mps = car.asked_mps = None
+        car.asked_mps = None
 
     def _decision(self, passage: Passage, now_s: float) -> float | None:
         """The acceleration that a strategy commands; None leaves the vehicle to SUMO."""
@@ -170,13 +166,6 @@ class Control:
             return limited(answer, vehicle, time_s)
         except StrategyError as error:
             raise _named(passage, now_s, error) from None
-
-    def _late(self, car: Car, wanted_mps2: float) -> float:
-        """The speed at the step's end of a vehicle that obeys late."""
-        if car.actuator is None:
-            gain = car.acceleration_mps2
-            car.actuator = Actuator(car.vehicle, self._step_s, car.speed_mps, gain)
-        return max(0.0, car.actuator.speed_after(wanted_mps2, car.speed_mps))
 
     def _cap_mps(self, car: Car) -> float:
         """The highest speed at the step's end that lanes and curves allow."""

@@ -184,7 +184,7 @@ class OwnPeople:
         for walker in self.crowd.came:
             walk = moved(walker.walk, -begin_s)
             done_s = cleared_s(walk, self._rules.crossing)
-            if done_s is not None and done_s > end_s:
-                done_s = None
+            until_s = math.inf if done_s is None else done_s
             let_go = self.crowd.let_go.get(walker.index)
-            yield Walked(self.name_of(walker.index), True, walk, done_s, let_go)
+            done_s = done_s if until_s <= end_s else None
+            yield Walked(self.name_of(walker.index), True, walk, done_s, until_s, let_go)

@@ -16,9 +16,7 @@ import shapely
 from harness.core.encounter import (
     PEDESTRIAN_RADIUS_M,
     Contact,
-    Crossing,
     Ending,
-    FloatArray,
     StepMotion,
     Trace,
     Walk,
@@ -27,7 +25,6 @@ from harness.measures import EpisodeRecord, crossing_time, measure
 from harness.measures.contacts import Strike
 from harness.measures.efficiency import beyond
 from harness.measures.ego import ego_state
-from harness.measures.motion.walking import states_at
 from harness.simulation.cars import LIMITS, Passage
 from harness.simulation.walked import Axis, Walked, moved
 from harness.simulation.zones import Zones
@@ -63,7 +60,10 @@ def passages(
         motion: how vehicles move between two states.
     """
     kept = [each for each in vehicles if len(each.xs_m) > 1]
-    spans = {name: np.array([_span(each) for each in of]) for name, of in people.items()}
+    spans = {
+        name: np.array([(each.walk.arrival.arrival_s, each.until_s) for each in of])
+        for name, of in people.items()
+    }
     traces, strikes, ids = [], [], []
     for each in kept:
         name = each.crosswalk.id
@@ -128,14 +128,6 @@ def _row(
         "fallback": passage.fallback,
         **values,
     }
-
-
-def _span(person: Walked) -> tuple[float, float]:
-    """From when until when a person counts."""
-    end_s = person.cleared_s
-    if end_s is None:
-        end_s = math.inf if person.time_s is None else float(person.time_s[-1])
-    return person.walk.arrival.arrival_s, end_s
 
 
 def _trace(
@@ -214,7 +206,7 @@ def strike_of(
     bodies = shapely.polygons(path.outline(s, vehicle.length_m, vehicle.width_m))
     first: Strike | None = None
     for number, each in enumerate(walkers):
-        places = places_of(each, passage.time_s[0] + time_s, axis)
+        places = each.places(passage.time_s[0] + time_s, axis)
         off_m = np.full(len(time_s), np.inf)
         on = np.isfinite(places[:, 0])
         off_m[on] = shapely.distance(bodies[on], shapely.points(places[on])) - PEDESTRIAN_RADIUS_M
@@ -231,25 +223,6 @@ def strike_of(
             where = Contact.FRONT if ahead else Contact.SIDE
             first = Strike(hit_s, number, where, max(0.0, ego_state(trace, hit_s)[1]))
     return first
-
-
-def places_of(person: Walked, time_s: FloatArray, axis: Axis) -> FloatArray:
-    """Where a person is between the kerbs at some times, shape (n, 2); NaN at other times."""
-    start_s, end_s = person.walk.start_s, person.cleared_s
-    assert start_s is not None
-    places = np.full((len(time_s), 2), np.nan)
-    on = (time_s >= start_s) & (time_s <= (math.inf if end_s is None else end_s))
-    if person.time_s is not None and person.places is not None:
-        on &= time_s <= person.time_s[-1]
-        columns = [np.interp(time_s[on], person.time_s, of) for of in person.places.T]
-        places[on] = np.stack(columns, axis=-1)
-    elif on.any():
-        # The harness's people keep to the axis.
-        _, along_m, _, _ = states_at(
-            person.walk, Crossing(axis.length_m, 1.0, 0.0, 1.0), time_s[on]
-        )
-        places[on] = [axis.point(min(max(at_m, 0.0), axis.length_m)) for at_m in along_m.tolist()]
-    return places
 
 
 def _records(traces: Sequence[Trace], strikes: Sequence[Strike | None]) -> list[EpisodeRecord]:

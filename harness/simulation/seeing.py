@@ -4,9 +4,9 @@ Everything is in the network's coordinates, where a vehicle is a rectangle behin
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, PedestrianView
+from harness.core.encounter import Arm, PedestrianView
 from harness.engine.session import Session
 from harness.scenario import Scenario
 from harness.simulation.cars import Passage
@@ -16,6 +16,9 @@ from harness.strategies.perception.occlusion import Point, Rectangle, is_hidden,
 from harness.strategies.perception.sensor import eye_behind, sensor_of
 from harness.strategies.perception.track import track_from
 from harness.strategies.perception.updates import Updates, Views
+
+_LONGEST_M = 30.0
+"""No vehicle whose front is this much further away than a person hides them."""
 
 
 class Sight:
@@ -39,10 +42,9 @@ class Sight:
         people: Mapping[str, PeopleAt],
     ) -> None:
         self._sensors = {driver: sensor_of(scenario, driver) for driver in Arm}
-        self._pair, self._people = pair, people
-        self._session, self._vehicles = session, session.vehicles
+        self._pair, self._people, self._session = pair, people, session
         self._read_s = -math.inf
-        self._fronts: dict[str, Point] = {}
+        self._outlines: dict[str, tuple[Point, Rectangle]] = {}
 
     def begin(self, passage: Passage, driver: Arm) -> None:
         """Begin the updates of a vehicle's sensor when its strategy takes over."""
@@ -51,12 +53,11 @@ class Sight:
             return
         crosswalk = passage.crosswalk.id
         people, keys = self._people[crosswalk], (number_of(passage.car.name), number_of(crosswalk))
-        passage.shown = []
+        passage.shown, passage.hides = [], sensor.vehicles_hide
         passage.updates = Updates(
             sensor,
             lambda index: track_from(sensor, self._pair, keys, number_of(people.id_of(index))),
         )
-        passage.hides = sensor.vehicles_hide
 
     def shown(self, passage: Passage, near: bool) -> Views:
         """The people that a vehicle's driver sees; ``near``: within its detection range."""
@@ -68,40 +69,33 @@ class Sight:
         return shown
 
     def _look(self, passage: Passage, near: bool) -> Iterable[tuple[PedestrianView, bool]]:
-        people = self._people[passage.crosswalk.id]
+        people, car = self._people[passage.crosswalk.id], passage.car
         views = people.views(passage.zone)
         if not near or not passage.hides or not views:
             return ((view, near) for view in views)
-        (x_m, y_m), heading = self._pose(passage.car.name)
-        back_m = eye_behind(passage.car.vehicle.length_m)
+        if self._read_s != self._session.time_s:
+            self._read_s = self._session.time_s
+            # Vehicles that park beside a road are among them.
+            self._outlines = {name: self._outline(name) for name in self._session.vehicles.ids()}
+        (x_m, y_m), rectangle = self._outlines[car.name]
+        back_m, heading = eye_behind(car.vehicle.length_m), rectangle.heading_rad
         eye = x_m - back_m * math.cos(heading), y_m - back_m * math.sin(heading)
         places = people.places()
-        hiding = [*self._outlines_among([eye, *places], passage.car.name)]
+        reach_m = max(math.dist(eye, place) for place in places) + _LONGEST_M
+        hiding = [
+            other
+            for name, (front, other) in self._outlines.items()
+            if name != car.name and math.dist(eye, front) < reach_m
+        ]
         return (
             (view, not is_hidden(eye, place, hiding))
             for view, place in zip(views, places, strict=True)
         )
 
-    def _outlines_among(self, points: Sequence[Point], but: str) -> Iterator[Rectangle]:
-        """The outlines of the other vehicles that may reach between some points."""
-        if self._read_s != self._session.time_s:
-            # Vehicles that park beside a road are among them.
-            self._read_s = self._session.time_s
-            vehicles = self._vehicles
-            self._fronts = {name: vehicles.position(name) for name in vehicles.ids()}
-        (west, east), (south, north) = (
-            (min(values), max(values)) for values in zip(*points, strict=True)
-        )
-        for name, (x_m, y_m) in self._fronts.items():
-            size = self._vehicles.length_m(name), self._vehicles.width_m(name)
-            # No point of a vehicle is further from its front.
-            reach_m = sum(size) + PEDESTRIAN_RADIUS_M
-            within = west - reach_m <= x_m <= east + reach_m
-            if within and south - reach_m <= y_m <= north + reach_m and name != but:
-                yield outline(*self._pose(name), *size)
-
-    def _pose(self, name: str) -> tuple[Point, float]:
-        """The front bumper of a vehicle and its direction, counterclockwise from the x axis."""
+    def _outline(self, name: str) -> tuple[Point, Rectangle]:
+        """The front bumper of a vehicle, and its rectangle."""
+        vehicles = self._session.vehicles
+        front = vehicles.position(name)
         # SUMO's angles are clockwise from north.
-        heading = math.radians(90.0 - self._vehicles.angle_deg(name))
-        return self._vehicles.position(name), heading
+        heading = math.radians(90.0 - vehicles.angle_deg(name))
+        return front, outline(front, heading, vehicles.length_m(name), vehicles.width_m(name))

@@ -13,7 +13,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from harness.core.encounter import Arrival, FloatArray, Leg, Side, Walk
+from harness.core.encounter import Arrival, Crossing, FloatArray, Leg, Side, Walk
+from harness.measures.motion.walking import states_at
 from harness.site.town import Crosswalk
 
 WAITING_M = 1.0
@@ -53,11 +54,11 @@ class Axis:
                 best_m, place = away_m, (from_m + inside_m, off.imag)
         return place
 
-    def point(self, along_m: float) -> tuple[float, float]:
-        """x and y of a place on the axis."""
+    def point(self, along_m: float, left_m: float = 0.0) -> tuple[float, float]:
+        """x and y of a place on the axis, or to its left."""
         pieces = (piece for piece in self._pieces if along_m <= piece[2] + piece[3])
         start, ahead, _, from_m = next(pieces, self._pieces[-1])
-        at = start + (along_m - from_m) * ahead
+        at = start + (along_m - from_m + left_m * 1j) * ahead
         return at.real, at.imag
 
 
@@ -71,19 +72,28 @@ class Walked:
         walk: in the axis's frame, where y = 0 is the axis's beginning, ``near`` the kerb there, and
             x the way to the axis's left; its times are SUMO's.
         cleared_s: when they reached the other kerb; None if they did not.
+        until_s: when they reached it, or were last seen; infinite if they are there at the end.
         let_go: whether they went before the first vehicle that kept them waiting; None if none did,
             or if SUMO decided.
-        time_s, places: where SUMO had them, shapes (n,) and (n, 2); None for the harness's people,
-            who keep to the axis.
     """
 
     id: str
     own: bool
     walk: Walk
     cleared_s: float | None
+    until_s: float
     let_go: bool | None = None
-    time_s: FloatArray | None = None
-    places: FloatArray | None = None
+
+    def places(self, time_s: FloatArray, axis: Axis) -> FloatArray:
+        """Where they are between the kerbs at some times, shape (n, 2); NaN at other times."""
+        assert self.walk.start_s is not None
+        found = np.full((len(time_s), 2), np.nan)
+        on = (time_s >= self.walk.start_s) & (time_s <= self.until_s)
+        if on.any():
+            road = Crossing(axis.length_m, 1.0, 0.0, 1.0)
+            left_m, along_m, *_ = states_at(self.walk, road, time_s[on])
+            found[on] = [*map(axis.point, along_m.tolist(), left_m.tolist())]
+        return found
 
 
 @dataclass(slots=True, eq=False)
@@ -127,7 +137,7 @@ def walked_of(person: Seen, axis: Axis, rounding_m: float = 0.0) -> Walked | Non
             return None
         # There is no quantile; NaN distinguishes them from timed pedestrians.
         waiting = Walk(Arrival(person.index, waits_s, side, math.nan))
-        return Walked(person.id, False, waiting, None, None, time_s, places)
+        return Walked(person.id, False, waiting, None, float(time_s[-1]))
     if rounding_m:
         # In seconds this long, the distance from a straight line is that at the same time.
         even = shapely.LineString(points * [_LONG, 1.0]).simplify(2 * rounding_m)
@@ -141,21 +151,19 @@ def walked_of(person: Seen, axis: Axis, rounding_m: float = 0.0) -> Walked | Non
         legs=_legs(points, np.interp(points[:, 0], time_s, left_m), near, length_m),
     )
     cleared_s = end_s if to_m >= length_m - KERB_M else None
-    return Walked(person.id, False, walk, cleared_s, None, time_s, places)
+    until_s = float(time_s[-1]) if cleared_s is None else cleared_s
+    return Walked(person.id, False, walk, cleared_s, until_s)
 
 
 def _waits_from(
     time_s: FloatArray, ahead_m: FloatArray, places: FloatArray, first: int
 ) -> float | None:
     """When they began to stand within 1 m of the kerb, before record ``first``; None if never."""
-    waits = None
-    moved_m = np.hypot(*np.diff(places, axis=0).T)
-    for number in range(first - 1, 0, -1):
-        if ahead_m[number] < -WAITING_M:
-            break
-        if moved_m[number - 1] < STANDING_MPS * (time_s[number] - time_s[number - 1]):
-            waits = float(time_s[number - 1])
-    return waits
+    away = np.flatnonzero(ahead_m[:first] < -WAITING_M)
+    since = int(away[-1]) if len(away) else 0
+    moved_m = np.hypot(*np.diff(places[since:first], axis=0).T)
+    stands = np.flatnonzero(moved_m < STANDING_MPS * np.diff(time_s[since:first]))
+    return float(time_s[since + stands[0]]) if len(stands) else None
 
 
 def _from_kerb_to_kerb(

@@ -27,11 +27,8 @@ from harness.simulation.opening import (
     opened_traffic,
 )
 from harness.simulation.pairing import Outcome, run_arm
-from harness.simulation.passages import Columns
 from harness.simulation.setup import Setup
 from harness.studies.tasks import EpisodeId, Rows, Task, Tell
-
-_TABLES = ("passages", "vehicles", "people", "crosswalks")
 
 REPLAYED = {"fcd-output": "fcd.xml.gz"}
 """Outputs of a replay besides those of the configuration."""
@@ -153,10 +150,8 @@ def _tables(cell: Cell, outcomes: Sequence[Outcome]) -> Tables:
     """The rows of a cell's pair."""
     tables: dict[str, list[pa.Table]] = {}
     for outcome in outcomes:
-        columns: dict[str, Columns] = {"arms": {"reason": [outcome.reason]}}
-        if outcome.reason is None:
-            columns["arms"] |= {name: [value] for name, value in outcome.counts.items()}
-            columns |= {name: getattr(outcome, name) for name in _TABLES}
+        columns = dict(outcome.tables)
+        columns["arms"] = {**columns.get("arms", {}), "reason": [outcome.reason]}
         rows = simulation_rows(cell.number, outcome.pair, outcome.arm, columns)
         for name, table in rows.items():
             tables.setdefault(name, []).append(table)

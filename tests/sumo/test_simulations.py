@@ -16,7 +16,7 @@ from harness.model.interaction import load_model
 from harness.scenario import validate
 from harness.simulation.files import CONFIG_FILE, TRIPS_FILE
 from harness.simulation.opening import opened
-from harness.simulation.pairing import Outcome, run_arm
+from harness.simulation.pairing import run_arm
 from harness.simulation.setup import Setup
 from harness.simulation.walked import Axis
 from harness.site.town import Town
@@ -46,13 +46,13 @@ def setup_at(
     return opened(validate(tree, "test"))
 
 
-def run(setup: Setup, folder: Path, arm: Arm = Arm.AV, **more: Any) -> Outcome:
-    """Run one arm, which succeeds."""
+def run(setup: Setup, folder: Path, arm: Arm = Arm.AV, **more: Any) -> dict[str, pd.DataFrame]:
+    """The tables of one arm, which succeeds."""
     close_engine()
     model = load_model(setup.scenario.model.name, setup.scenario.model.path)
     outcome = run_arm(setup, model, 0, arm, folder, **more)
     assert outcome.reason is None, outcome.traceback or outcome.reason
-    return outcome
+    return {name: pd.DataFrame(columns) for name, columns in outcome.tables.items()}
 
 
 def trips(file: Path) -> list[dict[str, str]]:
@@ -70,11 +70,11 @@ def test_nobody_driven_is_sumo_untouched(tmp_path: Path) -> None:
     call(tmp_path, sumo_program(), "-c", config, "--tripinfo-output", str(plain))
     ours = trips(tmp_path / "arm" / TRIPS_FILE)
     assert ours == trips(plain)
-    rows = pd.DataFrame(outcome.vehicles)
+    rows = outcome["vehicles"]
     assert rows["vehicle"].tolist() == [trip["id"] for trip in ours]
     lost = [float(trip["timeLoss"]) + float(trip["departDelay"]) for trip in ours]
     assert rows["time_loss_s"].tolist() == pytest.approx(lost)
-    passed = pd.DataFrame(outcome.passages)
+    passed = outcome["passages"]
     assert not passed["driven"].any()
     assert passed["not_driven_because"].notna().all()
 
@@ -86,12 +86,12 @@ def test_everybody_driven(tmp_path: Path) -> None:
     """
     setup = setup_at(grid(tmp_path / "town", END_S), simulation={"begin": 50.0})
     outcome = run(setup, tmp_path / "arm")
-    passed = pd.DataFrame(outcome.passages)
+    passed = outcome["passages"]
     assert len(passed) > 300
     assert passed["driven"].mean() >= 0.97
     assert set(passed["manoeuvre"]) == {"straight", "left", "right"}
     assert (passed["trigger_s"] >= 50.0).all()
-    assert outcome.collisions == ()
+    assert outcome["arms"]["vehicle_collisions"].item() == 0
     shares = [name for name in map(str, passed) if name.startswith("share_")]
     assert np.allclose(passed[shares].sum(axis=1), 1.0)
     done = passed[passed["ended"] == "passed"]
@@ -100,7 +100,7 @@ def test_everybody_driven(tmp_path: Path) -> None:
     assert early.empty, early[["vehicle", "connection", "trigger_s", "rear_s", "delay_s"]]
     missed = passed[passed["sumo_contact"] & passed["contact"].isna()]
     assert (missed["min_gap_m"] < 0.6).all()
-    everybody = pd.DataFrame(outcome.people)
+    everybody = outcome["people"]
     assert (everybody["wait_s"] >= 0.0).all()
     assert not everybody["own"].any()
 
@@ -109,22 +109,20 @@ def test_both_arms_have_the_same_avs(tmp_path: Path) -> None:
     config = grid(tmp_path / "town", END_S)
     setup = setup_at(config, crosswalks=3, simulation={"av_share": 0.4})
     arms = [run(setup, tmp_path / arm, arm) for arm in Arm]
-    av, human = (pd.DataFrame(each.vehicles).set_index("vehicle")["automated"] for each in arms)
+    av, human = (each["vehicles"].set_index("vehicle")["automated"] for each in arms)
     both = av.index.intersection(human.index)
     assert (av[both] == human[both]).all()
     assert 0.25 < av.mean() < 0.55
-    passed = pd.DataFrame(arms[0].passages)
+    passed = arms[0]["passages"]
     assert (passed["driven"] == passed["automated"]).all()
-    assert not pd.DataFrame(arms[1].passages)["driven"].any()
+    assert not arms[1]["passages"]["driven"].any()
 
 
 def test_a_passage_begun_before_the_counted_time(tmp_path: Path) -> None:
     """The counted passages are those of a whole run whose front passed R0 from then on."""
     config = grid(tmp_path / "town", END_S)
     whole, part = (
-        pd.DataFrame(
-            run(setup_at(config, simulation={"begin": begin_s}), tmp_path / str(begin_s)).passages
-        )
+        run(setup_at(config, simulation={"begin": begin_s}), tmp_path / str(begin_s))["passages"]
         for begin_s in (0.0, 100.0)
     )
     later = whole[whole["trigger_s"] >= 100.0].reset_index(drop=True)
@@ -145,7 +143,7 @@ def test_people_of_the_harness(tmp_path: Path) -> None:
         config, crosswalks=1, human="gap_yield", simulation={"av_share": 0.5}, pedestrians=people
     )
     outcome = run(setup, tmp_path / "arm", outputs=frozenset({"fcd"}))
-    passed, everybody = pd.DataFrame(outcome.passages), pd.DataFrame(outcome.people)
+    passed, everybody = outcome["passages"], outcome["people"]
     assert passed["driven"].all()
     assert set(passed["driver"]) == {"gap_yield"}
     own = everybody[everybody["own"]].set_index("person")
@@ -189,7 +187,7 @@ def test_nobody_is_hit_whom_a_stop_could_have_spared(strategy: str, tmp_path: Pa
     config = grid(tmp_path / "town", 2 * END_S)
     people = {**PEOPLE, "flow_per_hour": 500.0}
     setup = setup_at(config, strategy, 7, "gap_yield", pedestrians=people)
-    passed = pd.DataFrame(run(setup, tmp_path / strategy).passages)
+    passed = run(setup, tmp_path / strategy)["passages"]
     assert passed["manoeuvre"].value_counts()[["straight", "left", "right"]].min() > 40
     hit = passed["contact_person"].str.startswith("own", na=False)
     moving = passed[hit & (passed["contact"] == "front") & (passed["contact_speed_mps"] > 0.0)]

@@ -83,7 +83,7 @@ def test_contacts_are_the_encounters(
         CAR, each.crossing, STEP_S, x_m, speeds, (moved(walk, 50.0),), Ending.TIMED_OUT, None,
         None, False,
     )  # fmt: skip
-    person = Walked("p", True, walk, cleared_s)
+    person = Walked("p", True, walk, cleared_s, cleared_s)
     strike = strike_of(trace, each, path, [person])
     exact = measure([trace])[0]
     if exact.contact_time_s is None or strike is None:
