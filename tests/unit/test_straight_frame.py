@@ -2,16 +2,19 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings, strategies as some
+from scipy.optimize import brentq
 
 from harness.core.encounter import Arrival, Ending, Leg, Side, Trace, Vehicle, Walk
 from harness.measures import measure
-from harness.simulation.cars import Car, Passage
-from harness.simulation.passages import free_pass_s, strike_of
+from harness.simulation.cars import PASSED, Car, Passage
+from harness.simulation.passages import free_pass_s, passages, strike_of
 from harness.simulation.walked import Axis, Walked, moved
 from harness.site.path import Path, PathLane
 from harness.site.town import Connection, Crosswalk
@@ -97,6 +100,45 @@ def test_contacts_are_the_encounters(
         assert strike.time_s == pytest.approx(exact.contact_time_s, abs=STEP_S / 4)
         assert measure([trace], [strike])[0].contact_time_s == strike.time_s
         assert measure([trace], [None])[0].contact is None
+
+
+def test_the_rear_of_a_turning_body() -> None:
+    """The rear leaves a crosswalk before a turn when its inner corner does, by plane geometry.
+
+    The front is on a circle of radius r, the place a body's length before it on the straight road,
+    and the rear left corner at F − L u − w/2 n, u the chord's direction and n its normal.
+    """
+    radius_m, angle = 6.0, np.linspace(0.0, math.pi / 2, 400)
+    arc = radius_m * np.column_stack((np.sin(angle), 1 - np.cos(angle)))
+    lanes = [
+        PathLane("a_0", [(-60, 0), (0, 0)], 60.0, 10.0),
+        PathLane(":J_0_0", [*map(tuple, arc.tolist())], radius_m * math.pi / 2, 10.0),
+        PathLane("b_0", [(6, 6), (6, 66)], 60.0, 10.0),
+    ]
+    path, axis = Path.along(lanes), shapely.LineString([(-3, -4), (-3, 4)])
+    walked = replace(crosswalk(), axis=axis, area=axis.buffer(2.0, cap_style="flat"))
+
+    def corner_m(s: float) -> float:
+        """How far the rear left corner is beyond the crosswalk's edge at x = −1."""
+        front = np.array([math.sin(s / radius_m), 1 - math.cos(s / radius_m)]) * radius_m
+        chord = front - [s - CAR.length_m, 0.0]
+        ahead = chord / np.hypot(*chord)
+        return float(front[0] - CAR.length_m * ahead[0] - CAR.width_m / 2 * ahead[1] + 1.0)
+
+    zone = zone_of(path, walked, CAR.length_m, CAR.width_m, STEP_S)
+    assert zone is not None
+    car = Car("car", "type", automated=True, vehicle=CAR, speed_factor=1.0, max_mps=50.0)
+    each = Passage(car, walked, CONNECTION, zone, zone.crossing, 100.0, CAR)
+    each.begin(30.0)
+    for number in range(50):
+        # From R0 before the axis at x = −3, at 10 m/s.
+        car.odometer_m, car.speed_mps = 100.0 - 33.0 + number * 10.0 * STEP_S, 10.0
+        each.note(20.0 + number * STEP_S)
+    each.ended = PASSED
+    zones: Any = SimpleNamespace(path=lambda _: path)
+    found = passages([each], {walked.id: []}, zones, STEP_S, "euler")
+    leaves_m = brentq(corner_m, 2.0, CAR.length_m)
+    assert found["rear_s"] == [pytest.approx(20.0 + (33.0 + leaves_m) / 10.0, abs=1e-3)]
 
 
 def test_free_passage_at_one_limit() -> None:
