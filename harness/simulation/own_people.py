@@ -4,6 +4,7 @@ In SUMO they are from kerb to kerb only; who waits is known to the harness alone
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 
 from harness.core.encounter import Crossing, Side
@@ -118,16 +119,13 @@ class OwnPeople:
 
     def _see(self) -> None:
         """Look at the vehicles that come."""
+        coming = defaultdict[str, list[Passage]](list)
+        for car in self._cars.values():
+            for each in car.passages:
+                if each.crosswalk.id == self._crosswalk:
+                    coming[each.connection.id].append(each)
         for name, lane in self._lanes.items():
-            lane.coming = sorted(
-                (
-                    each
-                    for car in self._cars.values()
-                    for each in car.passages
-                    if each.crosswalk.id == self._crosswalk and each.connection.id == name
-                ),
-                key=lambda each: -each.x_m,
-            )
+            lane.coming = sorted(coming[name], key=lambda each: -each.x_m)
 
     def begin_step(self) -> None:
         """Let those who wait decide on the vehicles' states at the step's beginning."""
