@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.core.encounter import Arm
+from harness.core.encounter import Arm, StepMotion
 from harness.core.errors import EngineError, StrategyError
 from harness.engine.session import Module, Session
 from harness.model.interaction import InteractionModel
@@ -92,7 +92,7 @@ def run_arm(
 def _tables(setup: Setup, log: Log, trips: Path, step_s: float) -> dict[str, Columns]:
     """The tables of an arm whose simulation has ended."""
     counted = [each for each in log.passages if setup.counts(each.time_s[0] - each.trace_offset_s)]
-    motion = "ballistic" if setup.config.ballistic else "euler"
+    motion: StepMotion = "ballistic" if setup.config.ballistic else "euler"
     passed = passages(counted, log.people, setup.zones, step_s, motion)
     fronts_s: defaultdict[str, list[float]] = defaultdict(list)
     for name, front_s in zip(passed.get("crosswalk", ()), passed.get("front_s", ()), strict=True):
