@@ -22,7 +22,6 @@ def run(
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
     workers: options.WorkersOption = None,
-    over_model: Annotated[bool, Option(help="Over the model's refits: what its fit adds.")] = False,
     traces: Annotated[bool, Option("--traces", help="Keep every time step.")] = False,
     engine: options.EngineOption = "sumo",
     dask: options.DaskOption = None,
@@ -43,13 +42,6 @@ def run(
         changes = settings_of(settings, pairs, seed)
         file = read_scenario_file(scenario, changes)
         variations = [parse_variation(text) for text in vary or []]
-        if over_model:
-            from harness.model.interaction import refits_beside
-
-            model = file.scenario().model
-            variations += refits_beside(model.name, model.path).items()
-            others = [each for each in changes if each.key not in ("model.name", "model.path")]
-            file = read_scenario_file(scenario, others)
         study = study_of(file, variations)
         if vary and file.sweep is not None:
             say(f"note: --vary replaces the [sweep] of {file.source}")

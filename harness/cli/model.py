@@ -45,9 +45,8 @@ def fit(
     bounds: options.BoundsOption = None,
     starts: Annotated[int, Option(min=1, help="Random starts of each fit.")] = 3,
     folds: options.FoldsOption = 5,
-    seed: Annotated[int, Option(min=0, help="Seed of starts, folds and refits.")] = 1,
+    seed: Annotated[int, Option(min=0, help="Seed of starts and folds.")] = 1,
     near: Annotated[str, Option(help="State R,v: the card tells the data near it.")] = "30,5",
-    refits: options.RefitsOption = 0,
     name: Annotated[str | None, Option(help="The model's name; default: that of its file.")] = None,
     workers: options.WorkersOption = None,
     full: options.FullOption = False,
@@ -63,9 +62,9 @@ def fit(
     number = workers or default_workers()
     how = settings_of(components, choose, starts, folds, seed, near)
     with progress_bar(quiet or as_json, "fits") as advance, unwinding():
-        made = name or out.stem, _command(), how, weigh, bounds or (), refits, number, advance
-        result, written = fit_model(rows, out, *made)
-    show(result, full, quiet, as_json, written)
+        made = name or out.stem, _command(), how, weigh, bounds or (), number, advance
+        result = fit_model(rows, out, *made)
+    show(result, full, quiet, as_json, [out])
 
 
 def model(

@@ -63,9 +63,6 @@ WeighOption = Annotated[
 ]
 _BOUNDS = "Bounds of a variable, e.g. vehicle_speed_mps=0.3:14 or inverse_range_per_m=1/80:0.5."
 BoundsOption = Annotated[list[str] | None, Option(help=_BOUNDS, metavar="NAME=LOW:HIGH")]
-RefitsOption = Annotated[
-    int, Option(min=0, help="Fits to resampled vehicles, beside the model: NAME.refit-1.json …")
-]
 
 WriteOption = Annotated[Path | None, Option(help="A new scenario file.", metavar="SCENARIO.toml")]
 EdgeOption = Annotated[list[str] | None, Option(help="A crosswalk to write. Repeatable.")]

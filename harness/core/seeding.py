@@ -48,7 +48,6 @@ _RESAMPLINGS = {
     "comparison": 6,
     "validation": 7,
     "risk": 8,
-    "refits": 10,
 }
 
 
@@ -98,7 +97,6 @@ def resampling(root_seed: int, purpose: str) -> np.random.Generator:
 
     Args:
         root_seed: the experiment's seed, ≥ 0.
-        purpose: the bootstrap of a summary, comparison or validation, the points of a risk, the
-            or the vehicles of refits.
+        purpose: the bootstrap of a summary, comparison or validation, or the points of a risk.
     """
     return np.random.default_rng((root_seed, _RESAMPLINGS[purpose]))

@@ -11,7 +11,6 @@ from harness.results.catalogue import ENTRY_OF, Entry, entries_of
 from harness.results.finding import Finding, Findings, Form, Plain
 from harness.results.findings import CellFindings, on_first_screen, worst_cases
 from harness.results.notes import FIRST, Note, notes_of
-from harness.results.over_model import over_model
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
 from harness.results.tables import RunKind
 from harness.scenario.place import name_of, place_in_words, short_names
@@ -73,7 +72,6 @@ def run_result(
         text = f"The run is not finished: {done:,} of {planned:,} pairs are done; "
         text += f"{resume_command(folder)} continues it."
         notes.append(Note("unfinished", FIRST, "unfinished", text))
-    models, said = over_model(cells)
     one = len(cells) == 1
     which = name_of(cells[0].varied) if one else f"{len(cells)} cells"
     screen = _rows("", on_first_screen(cells[0]), cells[0], paper) if one else _sweep(cells)
@@ -85,8 +83,8 @@ def run_result(
         scope=scope_of(cells, facts),
         about=place_in_words(scenarios),
         screen=screen,
-        full=(*models, *every[:_MOST_TABLES]),
-        notes=notes_of(cells, [*notes, *said]),
+        full=every[:_MOST_TABLES],
+        notes=notes_of(cells, notes),
         closing=(f"All measures: harness show {path} --full. Page: harness report {path}",),
         facts={"name": name, "folder": str(folder), "finished": finished, **facts},
         records=[record for cell in cells for record in records_of(cell, arms=True)],

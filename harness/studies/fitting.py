@@ -1,4 +1,4 @@
-"""Fits the interaction model: a fit and a held-out score for every K, the chosen K, and refits.
+"""Fits the interaction model: a fit and a held-out score for every K, and the chosen K.
 
 Each fit has a seed of its own and one thread, so results do not depend on the number of processes.
 """
@@ -22,8 +22,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from harness.core.encounter import FloatArray
-from harness.core.errors import HarnessError, InputError, refused_at
-from harness.core.seeding import resampling
+from harness.core.errors import HarnessError, InputError
 from harness.model.interaction import (
     DRIVING_GIVEN,
     PEDESTRIAN_SPEED,
@@ -58,7 +57,7 @@ class Settings(NamedTuple):
         choose: the criterion that chooses among several K.
         starts: number of k-means++ starts of each fit.  The best start is kept.
         folds: number of folds of vehicles for the held-out scores; 0 or 1 means no scores.
-        seed: the seed of the starts, the folds and the refits.
+        seed: the seed of the starts and the folds.
         near: (R in m, v in m/s) at the trigger of the scenario that will use the model.
     """
 
@@ -149,7 +148,7 @@ class Fitted(NamedTuple):
 
 
 _Key = tuple[int, int]
-"""K, and the number of a fold or refit."""
+"""K, and the number of a fold; −1 is all vehicles."""
 
 _Job = tuple[FloatArray, tuple[int, ...]]
 """The rows' weights, and the key of the starts' seed."""
@@ -203,49 +202,6 @@ def fit(
         candidates.append(Candidate(k, found, scores))
     chosen, criterion = _choose(candidates, settings, warnings)
     return Fitted(candidates, chosen, criterion, folds, warnings)
-
-
-def drawn_vehicles(sample: Sample, count: int, seed: int) -> np.ndarray:
-    """Vehicles that refits draw with replacement, (count, V − 1) of V; the first stay the same.
-
-    With V − 1 draws the variance between refits estimates the variance of the fit without bias
-    where the fit is linear in the vehicles (McCarthy and Snowden 1985).
-
-    Raises:
-        InputError: the rows do not identify three vehicles.
-    """
-    if count and sample.vehicles < 3:
-        problem = "needs rows that identify at least three vehicles, which are resampled"
-        raise InputError("--refits", problem, "rows with source, clip and vehicle")
-    size = count, max(sample.vehicles - 1, 0)
-    return resampling(seed, "refits").integers(0, sample.vehicles or 1, size)
-
-
-def refits(
-    sample: Sample,
-    components: int,
-    drawn: np.ndarray,
-    settings: Settings,
-    executor: Executor | None = None,
-    progress: Progress = lambda _done, _planned: None,
-) -> Iterator[TruncatedGaussianMixture]:
-    """Yield a fit of K components for each draw of vehicles, in their order.
-
-    A vehicle that is drawn m times has m times the weight.
-
-    Raises:
-        InputError: a refit is refused.
-        HarnessError: a worker died.
-    """
-    jobs = {}
-    for number, vehicles in enumerate(drawn, 1):
-        times = np.bincount(vehicles, minlength=sample.vehicles)
-        weights = sample.weights * times[sample.vehicle]
-        jobs[components, number] = weights, (components, 0, number)
-    answers = _carried_out(sample, settings, jobs, executor, progress)
-    for key in jobs:
-        with refused_at(f"refit {key[1]}:"):
-            yield _accepted(answers[key])[0].mixture
 
 
 class _Processes(ProcessPoolExecutor):

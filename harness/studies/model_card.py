@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -38,10 +37,8 @@ from harness.studies.fitting import (
     Progress,
     Settings,
     by_rule,
-    drawn_vehicles,
     fit,
     processes,
-    refits as made_again,
     relative_gain,
 )
 
@@ -203,43 +200,31 @@ def fit_model(
     settings: Settings,
     weigh: str,
     bounds: Sequence[str],
-    refits: int,
     workers: int,
     progress: Progress,
-) -> tuple[Result, list[Path]]:
-    """Fit a model to a file of rows and write it, and its refits beside it.
+) -> Result:
+    """Fit a model to a file of rows and write it.
 
     Args:
         rows: the file of rows.
-        out: the file of the model; refits are ``out.refit-1.json`` and so on.
+        out: the file of the model.
         name: its name.
         command: the exact command, for its card.
         settings: see ``Settings``.
         weigh, bounds: see ``make_sample`` and ``box_of``.
-        refits: number of refits.
         workers: number of processes.
         progress: called with the numbers of finished and planned fits.
 
     Returns:
-        What it shows, and the written files.
+        What it shows.
     """
     file = read_rows(rows)
     sample = make_sample(file.rows, weigh, *box_of(bounds))
-    drawn = drawn_vehicles(sample, refits, settings.seed)
     with processes(workers) as executor:
         fitted = fit(sample, settings, executor, progress)
         made = fitted.chosen.fit.mixture
         model = write_model(out, made, name, card(sample, settings, fitted, file, command))
-        for old in out.parent.glob(f"{escape(out.stem)}.refit-*.json"):
-            old.unlink()  # of another fit
-        again = made_again(sample, fitted.chosen.components, drawn, settings, executor, progress)
-        written = [out]
-        for number, mixture in enumerate(again, 1):
-            written.append(out.with_name(f"{out.stem}.refit-{number}.json"))
-            about = {"refit": number, "of": model.sha256, "command": command}
-            write_model(written[-1], mixture, f"{name}.refit-{number}", about)
-    closing = [f"Model: {out}", *[f"Refits: {written[-1]} and before"] * (refits > 0)]
-    return model_result("fit", model, str(out), closing), written
+    return model_result("fit", model, str(out), [f"Model: {out}"])
 
 
 def model_result(
@@ -253,7 +238,7 @@ def model_result(
     title = f"{model.name}: K = {model.mixture.weights.size}, sha256 {model.sha256[:16]}"
     facts: dict[str, Plain] = {"name": model.name, "sha256": model.sha256}
     marginals, of = _marginals(model), model.provenance
-    if "candidates" not in of:  # a refit, or by another program
+    if "candidates" not in of:  # by another program
         said = tuple(f"{key}: {value}" for key, value in of.items())
         return Result(command, title, "", "", marginals, (), (), tuple(closing), said, facts)
     try:

@@ -114,8 +114,6 @@ def test_what_the_files_do_not_say_is_said(harness):
         ("fit mine.csv --out m.json --bounds vehicle_speed_mps=2:1", ["--bounds", "lower < upper"]),
         ("fit mine.csv --out m.json --bounds vehicle_speed_mps=1/0:2",
          ["--bounds", "lower < upper"]),
-        ("fit mine.csv --out m.json --refits 5 --weigh row --components 1 --folds 0",
-         ["--refits", "three vehicles"]),
         ("fit mine.csv --out m.json --near 30", ["--near", "R,v"]),
         ("fit mine.csv --out m.json --components 200", ["--components"]),
         ("model dut-k11", ["dut-k11", "did you mean"]),
@@ -179,20 +177,6 @@ def test_fit_gives_one_number_of_components_and_prints_progress_apart(harness):
     assert "Within 5 m and 1 m/s of (30 m, 5 m/s)" in out
     assert "fits" in err
     assert "fits" not in out
-
-
-def test_refits_are_models_beside_the_model_and_replace_those_before(harness, rows):
-    fit = ("fit", rows.with_name("named.csv"), "--components", 1, "--folds", 0, "--starts", 1)
-    made_up().assign(source="s").to_csv(rows.with_name("named.csv"), index=False)
-    for count in (3, 2):
-        assert harness(*fit, "--refits", count, "--out", "m.json", "--quiet")[0] == 0
-        found = sorted(path.name for path in rows.parent.glob("m.refit-*.json"))
-        assert found == [f"m.refit-{number}.json" for number in range(1, count + 1)]
-    refit, model = (read_model(rows.with_name(f"m{end}.json")) for end in (".refit-1", ""))
-    assert refit.provenance["of"] == model.sha256
-    assert (refit.mixture.lower == model.mixture.lower).all()
-    assert not np.allclose(refit.mixture.locations, model.mixture.locations)
-    assert harness("model", "m.refit-1.json")[0] == 0
 
 
 def test_model_shows_the_moments_and_quantiles_of_each_variable(model_file):

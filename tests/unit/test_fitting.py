@@ -12,11 +12,9 @@ from harness.studies.fitting import (
     Settings,
     by_held_out,
     by_rule,
-    drawn_vehicles,
     fit,
     log_scores,
     processes,
-    refits,
     relative_gain,
     vehicle_folds,
 )
@@ -287,44 +285,3 @@ def test_vehicles_of_one_track_are_one():
     assert (sample.vehicles, sample.named_vehicles, len(set(sample.row))) == (3, 4, 80)
     assert sample.vehicle.tolist() == [0] * 20 + [1] * 20 + [0] * 20 + [2] * 20
     assert sample.tracks == ["a", "b", "c"]
-
-
-def test_refits_resample_vehicles_and_keep_the_first() -> None:
-    """One vehicle has all the fast walkers: drawn m times it has m times the weight, or none."""
-    rows = made_up()
-    odd = (rows["vehicle"] == "v3").to_numpy()
-    rows.loc[odd, "pedestrian_speed_mps"] = 2.5 + 0.01 * np.arange(odd.sum())
-    sample, settings = make_sample(rows), Settings((1,), starts=1, seed=2)
-    drawn = drawn_vehicles(sample, 12, settings.seed)
-    assert drawn.shape == (12, 11)
-    made = [*refits(sample, 1, drawn, settings)]
-    means = np.array([mixture.mean()[2] for mixture in made])
-    rest, own = (sample.data[of, 2].mean() for of in (~odd, odd))
-    # Vehicles have equal weights, so m of 11 draws have m of 11 parts of the weight.
-    times = 11 * (means - rest) / (own - rest)
-    np.testing.assert_allclose(times, (drawn == sample.vehicle[odd][0]).sum(axis=1), atol=0.25)
-    with processes(2) as executor:
-        again = [*refits(sample, 1, drawn_vehicles(sample, 3, settings.seed), settings, executor)]
-    for one, other in zip(made, again, strict=False):
-        np.testing.assert_array_equal(one.locations, other.locations)
-    unnamed = make_sample(rows.drop(columns=["vehicle"]), weigh="row")
-    refuses("at least three vehicles", lambda: drawn_vehicles(unnamed, 2, 1))
-
-
-def test_the_spread_of_refits_is_that_of_fits_to_other_vehicles() -> None:
-    """By simulation: 1.3 m/s differs by 0.1 between vehicles, and by 0.02 within one.
-
-    The mean of 12 vehicles has a standard deviation of 0.1/√12.  Refits to resampled rows would
-    have one of 0.1/√240, a fifth of that.
-    """
-    rng, ratios = np.random.default_rng(4), []
-    settings = Settings((1,), starts=1, seed=2)
-    for _ in range(8):
-        rows = made_up(seed=int(rng.integers(1_000)))
-        own = dict(zip(rows["vehicle"].unique(), rng.normal(1.3, 0.1, 12), strict=True))
-        rows["pedestrian_speed_mps"] = rows["vehicle"].map(own) + rng.normal(0, 0.02, 240)
-        sample = make_sample(rows)
-        made = refits(sample, 1, drawn_vehicles(sample, 10, 2), settings)
-        ratios.append(np.var([mixture.mean()[2] for mixture in made], ddof=1) / (0.1**2 / 12))
-    # A mean of 8 ratios, each of χ² with about 9 and 11 degrees of freedom: 1 ± 0.22.
-    assert 0.4 < np.mean(ratios) < 1.8

@@ -1,6 +1,6 @@
 """Model files in; the fitted distribution of walking and driving speeds at an encounter out."""
 
-from harness.model.interaction.file import load_model, read_model, refits_beside, write_model
+from harness.model.interaction.file import load_model, read_model, write_model
 from harness.model.interaction.model import (
     DRIVING_GIVEN,
     INVERSE_RANGE,
@@ -27,6 +27,5 @@ __all__ = [
     "check_support",
     "load_model",
     "read_model",
-    "refits_beside",
     "write_model",
 ]

@@ -1,6 +1,5 @@
 """Reads and writes model files: JSON with a fitted mixture and its card (see docs/files.md)."""
 
-import glob
 import hashlib
 import json
 from collections.abc import Mapping
@@ -58,30 +57,12 @@ def load_model(name: str, path: str | None = None) -> InteractionModel:
     else:
         shipped = {file.stem: file for file in SHIPPED.glob("*.json")}
         if name not in shipped:
-            # The refits of dut are dut.refit-1 and so on.
-            names = ", ".join(sorted(each for each in shipped if ".refit-" not in each))
+            names = ", ".join(sorted(shipped))
             allowed = f"{names}; a file: model.path, in Python load_model(name, path)"
             nearest = nearest_name(name, shipped)
             raise InputError("model.name", f"unknown model {name!r}", allowed, nearest)
         file = shipped[name]
     return read_model(file)
-
-
-def refits_beside(name: str, path: str | None = None) -> dict[str, list[str]]:
-    """The refits that lie beside a model, as values of a scenario's key; see ``load_model``.
-
-    Raises:
-        InputError: there are none.
-    """
-    file = SHIPPED / f"{name}.json" if path is None else Path(path)
-    found = file.parent.glob(f"{glob.escape(file.stem)}.refit-*.json")
-    refits = sorted(found, key=lambda each: (len(each.name), each.name))
-    if not refits:
-        problem = f"{file.name} has no refits beside it"
-        raise InputError("--over-model", problem, "`harness fit --refits 20` makes them")
-    if path is None:
-        return {"model.name": [each.stem for each in refits]}
-    return {"model.path": [str(each.absolute()) for each in refits]}
 
 
 def read_model(path: Path) -> InteractionModel:
