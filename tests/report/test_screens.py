@@ -96,13 +96,6 @@ def test_a_table_of_any_content_fits_and_loses_nothing(
 
 
 @settings(deadline=None)
-@given(tables())
-def test_what_fits_has_every_interval(table: Table) -> None:
-    text = screen_text(result(table), 1_000)
-    assert all(text_of(cell) in text for row in table.rows for cell in row)
-
-
-@settings(deadline=None)
 @given(shown(), st.integers(40, 200))
 def test_a_bound_of_0_events_is_on_every_screen(number: Shown, width: int) -> None:
     """1 − 0.05^(1/n), which Clopper and Pearson (1934) is without events."""
@@ -193,15 +186,6 @@ def test_three_notes_the_worst_first_and_the_others_by_their_labels() -> None:
     assert "17 more with --full: label 3" in long
     assert "And a second" in screen_text(result(PAPER, "First sentence. And a second."), 80, True)
     assert "more with" not in screen_text(result(PAPER, *notes[:3]), 80)
-
-
-def test_what_is_equal_in_all_rows_stands_below() -> None:
-    same = ((Column("kappa", "crashes"), PAPER.rows[0][1]), (Column("x", "nothing"), None))
-    table = Table("", PAPER.columns, PAPER.rows, same, "Two numbers in a cell: AV / reference.")
-    lines = screen_text(result(table), 100).splitlines()
-    assert "The same in all rows: crashes 9 (8 … 10)." in lines
-    assert "Two numbers in a cell: AV / reference." in lines
-    assert lines[-1] == "Page: harness report RUN"
 
 
 @pytest.mark.parametrize("width", [80, 100, 120])

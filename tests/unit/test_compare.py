@@ -47,22 +47,6 @@ def result(run: MadeRun) -> Result:
     return compare(run)
 
 
-def test_rows_are_named_by_the_strategies_and_the_keys_that_they_share(result: Result) -> None:
-    names = [
-        (row["pedestrians.flow_per_hour"], row["a"], row["b"])
-        for row in result.to_dict()["records"]
-    ]
-    three = ("soft_yield", "hard_yield", "constant_speed")
-    pairs = [(three[0], three[1]), (three[0], three[2]), (three[1], three[2])]
-    assert names == [(flow, *pair) for flow in (50.0, 250.0) for pair in pairs]
-    assert [column.key for column in result.screen.columns][:3] == [
-        *("pedestrians.flow_per_hour", "a", "b")
-    ]
-    assert "against human_gmm" in result.title
-    assert "40 pairs each" in result.scope
-    assert "v0 5 m/s" in result.about
-
-
 def test_differences_by_hand(result: Result) -> None:
     rows = list(result.records)
     value = {key: [row[key].value for row in rows] for key in DIFFERENCES}
@@ -145,25 +129,6 @@ def test_a_difference_depends_on_neither_the_other_rows_nor_the_run() -> None:
     (between,) = compare(*apart).records
     for key in DIFFERENCES:
         assert alone[key] == among[key] == between[key]
-    times = np.array(
-        [
-            [drawn(cell.scenario, pair)[0] for pair in range(60)]
-            for cell in (run_of(study({}, f"arms.av={both}"), drawn, 1).study.cells)
-        ]
-    )
-    references = np.array([noisy(pair, 1, 20.0) for pair in range(60)])
-    found = alone["time_ratio_difference"]
-    assert found.value == pytest.approx((times[0] - times[1]).sum() / references.sum())
-    assert alone["mu_difference"].value == pytest.approx(
-        ((times[0] - times[1]) / references).mean()
-    )
-    assert alone["delay_difference_s"].value == pytest.approx((times[0] - times[1]).mean())
-    assert (found.n, found.reliable) == (60, False)
-    assert found.reason == "unreliable below 500 pairs that differ (has 60)"
-    # What both share cancels: the interval is that of two noises of 0.8 s.
-    width = 2 * 1.96 * 0.8 * math.sqrt(2 / 60)
-    delay = alone["delay_difference_s"]
-    assert delay.high - delay.low == pytest.approx(width, rel=0.35)
 
 
 def test_differences_are_those_of_scipy_on_the_tables() -> None:

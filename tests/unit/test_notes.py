@@ -6,27 +6,23 @@ from typing import NamedTuple
 import pytest
 from hypothesis import given, strategies as st
 
-from harness.results import notes
 from harness.results.catalogue import ENTRIES
 from harness.results.estimators import EQUAL, zero_bound
 from harness.results.finding import Finding, Form
-from harness.results.findings import CellFindings, cell_findings, on_first_screen
-from harness.results.notes import RULES, Note, Rule, Said, notes_of
+from harness.results.findings import CellFindings, on_first_screen
+from harness.results.notes import RULES, Note, notes_of
 from harness.results.result import Result, Shown, Style, Versus
-from harness.results.screens import scope_of
 from harness.scenario import Scenario, load_scenario
 from harness.scenario.sections import ActuationSection, PerceptionSection
-from harness.strategies.references import not_validated, opposite
+from harness.strategies.references import opposite
 from harness.studies.compare import compare
 from tests.cells import (
     FAILED,
-    FREE_S,
     HUMAN_S,
     NOBODY,
     TIMED,
     Fate,
     cell_of,
-    episodes,
     noisy,
     notes_by_key,
     result_of,
@@ -185,13 +181,6 @@ def test_few_pairs_are_said_to_be_few_if_they_are_all_equal(
     assert "few_pairs" not in notes_by_key(cell_of([(8.0, HUMAN_S)] * 4_000))
 
 
-def test_the_worst_case_can_have_too_few_pairs(tell: Callable[..., Told]) -> None:
-    told = tell(lambda pair: (noisy(pair), "timed_out") if pair < 25 else usual(pair))
-    assert told.cell["time_ratio_worst"].reliable is False
-    assert told.shows(told.cell["time_ratio_worst"])
-    assert "ratio of times" in told.notes["few_pairs"]
-
-
 def test_every_interval_of_the_first_screen_that_is_unreliable_or_missing_has_its_reason(
     tell: Callable[..., Told],
 ) -> None:
@@ -210,25 +199,7 @@ def test_every_interval_of_the_first_screen_that_is_unreliable_or_missing_has_it
                 assert name in told.notes[where], key
 
 
-def test_few_informative_pairs_among_many() -> None:
-    """Three of 1,200 pairs met someone: a low flow makes no reliable interval."""
-    nobody = {**NOBODY, "pass_time_s": FREE_S}
-    cell = cell_of([(noisy(pair), noisy(pair, 1)) for pair in range(3)] + [(nobody, nobody)] * 1197)
-    assert (cell["mu"].n, cell["mu"].reliable) == (3, False)
-    assert "(fewest: 3)" in notes_by_key(cell)["few_pairs"].text
-    calm = cell_of([usual(pair) for pair in range(4_000)])
-    assert "few_pairs" not in notes_by_key(calm)
-
-
 FELL = {"pass_time_s": 12.0, "fallback": True}
-
-
-def test_who_drove_instead_and_in_what_share(tell: Callable[..., Told]) -> None:
-    told = tell(some(FELL))
-    words = "hard_yield drove in 3 of 40 AV passages (7.5 % of those that met someone)"
-    assert words in told.notes["fallback"]
-    assert "reference" not in told.notes["fallback"]
-    assert (told.cell["fallbacks"].value, told.cell["fallbacks_human"].value) == (3, 0)
 
 
 def test_who_drove_instead_of_the_reference(tell: Callable[..., Told]) -> None:
@@ -259,21 +230,6 @@ def test_a_reference_that_was_not_validated_in_such_scenes(tell: Callable[..., T
     words = tell(usual).notes["not_validated"]
     assert "human_gmm was not validated against real drivers in such scenes" in words
     assert "its order of passing was right for 68 %" in words
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"arms.human": "tests.planner:Planner"}, "tests.planner:Planner was not validated"),
-        ({"strategies.human_gmm.speed": "sampled"}, "human_gmm with these settings was not"),
-        ({}, "human_gmm was not validated"),
-        ({"pedestrians.flow_per_hour": 1_500.0, "pedestrians.max_count": None}, None),
-        ({"pedestrians.flow_per_hour": 500.0, "pedestrians.max_count": None}, "human_gmm was not"),
-    ],
-)
-def test_which_references_were_validated(changes: dict[str, object], said: str | None) -> None:
-    text = not_validated(load_scenario("cctc", changes))
-    assert text is None if said is None else text.startswith(said)
 
 
 @pytest.mark.parametrize("pairs", [20, 50, 200, 1_000])
@@ -355,20 +311,6 @@ CALM = {"correlation_s", "occlusion", "vehicles_hide", "human"}
 """Fields that are no error by themselves."""
 
 
-@pytest.mark.parametrize(
-    ("pairs", "words"),
-    [((1, 1), "1 pair each"), ((3, 3), "3 pairs each"), ((1, 3), "1 to 3 pairs")],
-)
-def test_the_pairs_of_a_sweep(pairs: tuple[int, int], words: str) -> None:
-    both = study({}, "pedestrians.flow_per_hour=100,250").cells
-    cells = [
-        cell_findings(cell, episodes([usual(pair) for pair in range(count)], cell.scenario), 0.95)
-        for cell, count in zip(both, pairs, strict=True)
-    ]
-    scope = scope_of(cells, {"seed": 1})
-    assert scope.startswith(f"{words}, seed") or scope.startswith(f"{words} (")
-
-
 @pytest.mark.parametrize("human", [False, True])
 @pytest.mark.parametrize(
     ("section", "key"),
@@ -388,14 +330,6 @@ def test_errors_of_perception_and_actuation_are_told(
     who = "AV and reference" if human else "AV"
     assert f"{section} of {who}: {key} {value:g}" in about
     assert "AV:" not in tell(usual, 3).result.about
-
-
-def test_equal_in_every_pair_so_no_interval(tell: Callable[..., Told]) -> None:
-    told = tell(lambda _: (8.0, HUMAN_S), 30)
-    mu = told.cell["mu"]
-    assert (mu.value, mu.low, mu.n, mu.reason) == (pytest.approx(0.8), None, 0, EQUAL)
-    words = "The same in every pair, so without an interval: time to cross (AV and human_gmm), "
-    assert f"{words}ratio of times, μ" in told.notes["equal"]
 
 
 def test_all_episodes_are_the_same_one() -> None:
@@ -439,16 +373,6 @@ def test_a_note_of_a_sweep_is_about_its_worst_cell_and_counts_the_others() -> No
     (alike,) = [note for note in notes_of(cells[:1] * 2) if note.key == "failures"]
     assert alike.text.startswith("1 of 20")
     assert alike.short.endswith("(likewise in 1 more cell).")
-
-
-def test_a_rule_is_a_note_everywhere(tell: Callable[..., Told], monkeypatch) -> None:
-    def say(cell: CellFindings) -> Said | None:
-        return Said("It took 8 s.") if cell["time_s"].value == 8 else None
-
-    monkeypatch.setattr(notes, "RULES", (Rule("eight", "eight", say), *RULES))
-    told = tell(lambda _: (8.0, HUMAN_S), 4)
-    assert "It took 8 s." in told.notes["eight"]
-    assert "It took 8 s." in str(told.result.to_dict()["notes"])
 
 
 def test_cells_of_a_note_cannot_be_mixed_up() -> None:

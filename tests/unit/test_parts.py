@@ -21,7 +21,6 @@ from harness.results.tables import (
     EPISODES,
     FINDINGS,
     PEDESTRIANS,
-    TABLES,
     DamagedPartError,
     done_parts,
     part_name,
@@ -58,14 +57,6 @@ def write(folder: Path, first: int, of: list[dict[str, Any]], digest: str = "thi
     tables = {"episodes": EPISODES.of(of), "pedestrians": PEDESTRIANS.of([])}
     write_part(folder, 2, first, tables, digest)
     return folder / "episodes" / part_name(2, first)
-
-
-def test_every_column_is_declared_with_its_meaning() -> None:
-    for table in TABLES.values():
-        names = [column.name for column in table.columns]
-        assert len({*names}) == len(names)
-        assert all(column.meaning for column in table.columns)
-        assert names[:2] == ["cell", "pair"]
 
 
 @settings(max_examples=25, deadline=None)

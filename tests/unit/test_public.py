@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import get_type_hints
 
 import click
-import mypy.api
 import pytest
 import typer
 from typer.main import get_command
@@ -59,30 +58,6 @@ def test_the_type_of_a_measure_says_whether_it_may_be_undefined() -> None:
     for entry in MEASURES:
         undefined = entry.undefined_when != "never"
         assert hints[entry.column] == (entry.kind | None if undefined else entry.kind)
-
-
-@pytest.mark.slow
-def test_type_checkers_see_the_types_of_measures(tmp_path: Path) -> None:
-    script = """
-from harness import Arm, PairOutcome, Result, Run, ScenarioFile, worst
-
-def read(one: PairOutcome, file: ScenarioFile, run: Run, arm: Arm) -> list[Result]:
-    pet_s: float | None = one.av.record.pet_s
-    stops: int = one.av.record.stops
-    avoidable: bool | None = one.av.record.avoidable
-    print(pet_s, stops, avoidable, file.name)
-    return [worst(run, arm="human"), worst(run, arm=arm)]
-
-def wrong(one: PairOutcome) -> float:
-    print(one.av.record.pett_s)
-    return one.av.record.pet_s
-"""
-    (tmp_path / "script.py").write_text(script, encoding="utf-8")
-    out, _, code = mypy.api.run(["--no-error-summary", str(tmp_path / "script.py")])
-    assert code == 1
-    first, second = out.splitlines()
-    assert 'has no attribute "pett_s"' in first
-    assert 'got "float | None", expected "float"' in second
 
 
 def test_importing_it_imports_nothing_heavy() -> None:
@@ -147,15 +122,3 @@ def test_examples(module: str) -> None:
     found = doctest.testmod(importlib.import_module(module), optionflags=doctest.ELLIPSIS)
     assert found.attempted > 0
     assert found.failed == 0
-
-
-def test_an_unknown_model_is_refused_with_the_call_that_loads_a_file() -> None:
-    with pytest.raises(harness.InputError) as caught:
-        harness.load_model("m1.json")
-    assert str(caught.value) == (
-        "model.name: unknown model 'm1.json'; allowed: dut, dut-k10; a file: model.path, in Python "
-        "load_model(name, path)"
-    )
-    shipped = Path(harness.__file__).parent / "model" / "shipped" / "dut-k10.json"
-    # The paper's K.
-    assert harness.load_model("any name", str(shipped)).mixture.weights.size == 10

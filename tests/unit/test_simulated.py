@@ -26,7 +26,7 @@ from harness.results.notes import notes_of
 from harness.results.run import Run, load_run
 from harness.results.screens import run_result
 from harness.results.student import ALONE, ONE, clustered_share, t_mean, t_ratio_difference
-from harness.results.tables import DamagedPartError, done_parts, part_name, read_cell, write_part
+from harness.results.tables import done_parts, part_name, read_cell, write_part
 from harness.scenario import Setting, read_scenario_file, study_of
 from harness.simulation.arm import ENDED
 from harness.studies.compare import compare
@@ -356,13 +356,6 @@ def test_the_worst_passages_are_those_of_a_driver_that_ended(
     found = worst(load_run(run.path), "delay_s", arm=arm_of, driver=driver)
     assert [record["vehicle"] for record in found.records] == vehicles
     assert found.closing == (f"harness replay {run.path} --pair 0 --arm {arm_of} --gui",)
-
-
-def test_a_part_of_which_a_table_is_gone_is_damaged(tmp_path: Path) -> None:
-    run = written(tmp_path / "run", 1.0, pairs=2)
-    (run.path / "people" / part_name(0, 1)).write_bytes(b"")
-    with pytest.raises(DamagedPartError, match="harness resume"):
-        load_run(run.path)
 
 
 def test_cells_are_compared_by_their_avs_over_pairs(tmp_path: Path) -> None:

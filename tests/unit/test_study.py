@@ -77,20 +77,6 @@ def test_vary_replaces_the_table_of_the_file(tmp_path: Path) -> None:
     assert done.stderr.splitlines() == ["note: --vary replaces the [sweep] of mine.toml"]
 
 
-def test_table_and_option_give_the_same_cells(tmp_path: Path) -> None:
-    table = """
-        [sweep]
-        pedestrians.flow_per_hour = [50, 100]
-        arms.av = ["soft_yield", "hard_yield"]
-        ego.initial_speed_mps = [4.0, 4.5, 5]
-        """
-    from_table = study(tmp_path, table)
-    options = ("arms.av=soft_yield,hard_yield", "ego.initial_speed_mps=4.0,4.5,5")
-    from_options = study(tmp_path, "", "pedestrians.flow_per_hour=50,100", *options)
-    assert from_table.cells == from_options.cells
-    assert len(from_table.cells) == 2 * 2 * 3
-
-
 def test_cells_that_are_no_grid(tmp_path: Path) -> None:
     found = study(
         tmp_path,
@@ -188,11 +174,3 @@ def test_parameters_of_a_strategy_that_drives_nowhere_are_refused(tmp_path: Path
     path = tmp_path / "mine.toml"
     path.write_text("[strategies.hard_yield]\nyield_to_waiting = true\n")
     assert with_settings(path).cells
-
-
-def test_a_wrong_value_of_a_strategy_is_reported_at_its_setting() -> None:
-    key = 'strategies."my_module:Mine".margin_s'
-    refused = refusal_of(lambda: with_settings("cctc", f"{key}=nan"))
-    assert (refused.where, refused.problem) == (f"--set {key}", "nan is not accepted")
-    refused = refusal_of(lambda: with_settings("cctc", "strategies.gap_yield.critical_gap_s=inf"))
-    assert refused.where == "--set strategies.gap_yield.critical_gap_s"
