@@ -41,7 +41,9 @@ _EVENT = "crashed, or a measure below or above a limit: 'min_ttc_s<0.5', 'contac
 EventOption = Annotated[str, Option(help=_EVENT)]
 ResultPageOption = Annotated[Path | None, Option(help="A file for the page.", metavar="PAGE")]
 FiguresOption = Annotated[Path | None, Option(help="Folder for the figures, PNG and PDF.")]
-TableOption = Annotated[Path | None, Option(help="Write the rows to a new CSV file.")]
+TableOption = Annotated[
+    Path | None, Option(help="Write the rows to a CSV file, in place of an existing one.")
+]
 NewFolderOption = Annotated[Path | None, Option(help="A new folder for the files.")]
 
 DataArgument = Annotated[list[Path], Argument(metavar="DATA…", help="Recorded trajectories.")]
@@ -66,7 +68,6 @@ BoundsOption = Annotated[list[str] | None, Option(help=_BOUNDS, metavar="NAME=LO
 
 WriteOption = Annotated[Path | None, Option(help="A new scenario file.", metavar="SCENARIO.toml")]
 EdgeOption = Annotated[list[str] | None, Option(help="A crosswalk to write. Repeatable.")]
-
 
 GuiOption = Annotated[bool, Option("--gui", help="Show it in sumo-gui, one arm after the other.")]
 DebugOption = Annotated[bool, Option("--debug", help="Here, so that breakpoint() works in decide.")]

@@ -114,7 +114,6 @@ REFUSED = [
     ("show mine", "manifest.json"),
     ("show .", "is not a run folder"),
     ("compare nowhere", "nowhere", "is not a run folder"),
-    ("compare nowhere --out file", "--out file", "exists already"),
     ("strategies --set ego.lane=0", "--set"),
 ]
 
