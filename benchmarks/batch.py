@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -80,9 +80,8 @@ def timed(study: Study, workers: int) -> Cost:
     own, children = cpu_s(resource.RUSAGE_SELF), cpu_s(resource.RUSAGE_CHILDREN)
     begin = time.perf_counter()
 
-    def note(done: int, _planned: int, waits_for: str) -> None:
-        if not waits_for:
-            finished.append((time.perf_counter() - begin, done))
+    def note(done: int, _planned: int) -> None:
+        finished.append((time.perf_counter() - begin, done))
 
     with tempfile.TemporaryDirectory() as folder:
         run(study, workers=workers, out=Path(folder) / "run", progress=note)
@@ -131,11 +130,6 @@ def peak_mb(scenario: str, pairs: int) -> tuple[float, float]:
     return parent, worker
 
 
-def median(costs: Iterable[Cost], value: Callable[[Cost], float]) -> float:
-    """Over the rounds."""
-    return statistics.median(map(value, costs))
-
-
 def ratio(above: list[Cost], below: list[Cost], value: Callable[[Cost], float]) -> float:
     """Median of the ratios within each round."""
     rounds = zip(above, below, strict=True)
@@ -169,16 +163,11 @@ def table_of(title: str, found: dict[str, list[Cost]]) -> Table:
         table.add_column(heading)
     for name, costs in found.items():
         middle = Cost(
-            costs[0].pairs,
-            *(
-                median(costs, value)
-                for value in (
-                    lambda cost: cost.whole_s,
-                    lambda cost: cost.parent_cpu_s,
-                    lambda cost: cost.workers_cpu_s,
-                )
-            ),
-            sorted(costs, key=lambda cost: cost.steady)[len(costs) // 2].finished,
+            pairs=costs[0].pairs,
+            whole_s=statistics.median(cost.whole_s for cost in costs),
+            parent_cpu_s=statistics.median(cost.parent_cpu_s for cost in costs),
+            workers_cpu_s=statistics.median(cost.workers_cpu_s for cost in costs),
+            finished=sorted(costs, key=lambda cost: cost.steady)[len(costs) // 2].finished,
         )
         table.add_row(name, *(shown(middle) for shown in columns.values()))
     return table

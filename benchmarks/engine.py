@@ -155,7 +155,7 @@ class Bare:
 def used_s() -> float:
     """Processor time of this process and of the SUMO processes it has started, so far."""
     children = [process.cpu_times() for process in psutil.Process().children()]
-    return time.process_time() + sum(times.user + times.system for times in children)
+    return time.process_time() + sum((times.user + times.system for times in children), 0.0)
 
 
 @contextmanager
@@ -204,7 +204,7 @@ def beside_restarts(turns: int) -> tuple[list[Cost], list[Cost]]:
             return engines[-1]
 
         arm = HarnessArm(AV, fresh)
-        begin, steps = used_s(), []
+        begin, steps = used_s(), list[int]()
         for _ in range(TURN):
             engines.pop().close()
             arm.forget_engine()
@@ -233,7 +233,7 @@ def whole_run_us(few: int, many: int) -> float:
             episodes = pq.read_table(Path(folder) / "run" / "episodes")
             steps.append(sum(episodes["steps"].to_pylist()))
         times.append(end.ru_utime + end.ru_stime - begin.ru_utime - begin.ru_stime)
-    return (times[1] - times[0]) / (steps[1] - steps[0]) * 1e6
+    return float((times[1] - times[0]) / (steps[1] - steps[0]) * 1e6)
 
 
 def spread(values: Sequence[float]) -> str:

@@ -7,6 +7,7 @@ sampling in them, and nothing of ``harness.results.estimators``.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 
 import numpy as np
 import pyarrow as pa
@@ -96,10 +97,9 @@ def simulated(
     found: dict[str, pa.Table] = {}
     human = None
     for name, settings in cells.items():
-        reference = {} if human is None else {"arms.human": "constant_speed"}
+        reference: dict[str, object] = {} if human is None else {"arms.human": "constant_speed"}
         scenario = scenario_of({**settings, **reference}, seed)
-        engine = plain_engine(scenario)
-        outcomes = PairRunner(scenario, model, lambda engine=engine: engine).run(range(pairs))
+        outcomes = PairRunner(scenario, model, partial(plain_engine, scenario)).run(range(pairs))
         table = episode_rows(0, [*outcomes])
         if human is None:
             human = table.take(np.arange(1, 2 * pairs, 2))
@@ -141,7 +141,7 @@ def _always(speed_mps: float) -> Callable[..., float]:
 
 def columns_of(episodes: pa.Table) -> tuple[Columns, Columns]:
     """Of the AV's and the human's rows: pass times, ending, and what conflicts go by."""
-    names = ("pass_time_s", "pass_time_ignoring_contact_s", "pedestrian_delay_s")
+    names = ["pass_time_s", "pass_time_ignoring_contact_s", "pedestrian_delay_s"]
     names += ("min_ttc_s", "min_time_advantage_s", "pet_s", "max_drac_mps2")
     found = []
     for first in (0, 1):

@@ -52,8 +52,15 @@ def first_failure(copy: Path, tests: list[str], limit_s: float = LIMIT_S) -> tup
     """Pytest's exit code, and the line of the first failure."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-rfE", "--tb=no", "-m", "not slow"]
     environment = {**os.environ, "PYTHONPATH": str(copy), "CI": "1"}
-    words = {"cwd": copy, "env": environment, "capture_output": True, "text": True}
-    result = subprocess.run([*command, *tests], timeout=limit_s, check=False, **words)
+    result = subprocess.run(
+        [*command, *tests],
+        cwd=copy,
+        env=environment,
+        timeout=limit_s,
+        check=False,
+        capture_output=True,
+        text=True,
+    )
     lines = [line for line in result.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
     return result.returncode, lines[0] if lines else result.stdout[-300:]
 

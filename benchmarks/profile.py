@@ -108,8 +108,8 @@ def main() -> None:
                 workers[part_of(stack, PARTS)] += samples
         steps = sum(pq.read_table(folder / "run" / "episodes")["steps"].to_pylist())
     floors.append(bare(100, 120).per_step_us)
-    for samples in (workers, command):
-        samples.pop("waiting", None)
+    for shares in (workers, command):
+        shares.pop("waiting", None)
     console = Console(width=100)
     title = f"{options.scenario}, {options.pairs} pairs, {steps} steps: the workers"
     console.print(shares_of(title, workers))

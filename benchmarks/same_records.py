@@ -14,6 +14,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -38,7 +39,8 @@ def run(checkout: Path, scenario: str, pairs: int, workers: int, out: Path) -> N
 
 def cell_words(cells: pd.DataFrame) -> dict[int, str]:
     """The varied keys of each cell as text, by the number of the cell."""
-    varied = cells.set_index("cell").to_dict("index")
+    rows: list[dict[str, Any]] = json.loads(cells.to_json(orient="records"))
+    varied = {row.pop("cell"): row for row in rows}
     return {
         number: json.dumps({key: keys[key] for key in sorted(keys) if pd.notna(keys[key])})
         for number, keys in varied.items()
@@ -69,7 +71,7 @@ def same(one: object, other: object) -> bool:
         return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
     if isinstance(one, float | int) and isinstance(other, float | int):
         return bool(np.isclose(one, other, rtol=0, atol=TOLERANCE, equal_nan=True))
-    return (pd.isna(one) and pd.isna(other)) or one == other
+    return one == other or all(np.ravel(pd.isna([one, other])))
 
 
 def different(old: pd.Series, new: pd.Series) -> int:

@@ -256,8 +256,8 @@ def table_of(title: str, found: Soak) -> Table:
     ):
         first, second = found.per_pair(value)
         table.add_row(what, f"{first:.3f}", f"{second:.3f}", f"{second / first:.3f}", "", "")
-    row = ("", "", f"{found.slowing():.3f}", "", "")
-    table.add_row("processor time, the machine's pace taken out", *row)
+    pace = "processor time, the machine's pace taken out"
+    table.add_row(pace, "", "", f"{found.slowing():.3f}", "", "")
     for name in found.halves()[0][0].states:
         for what, value in VALUES.items():
             first, second = found.middle(name, value)
