@@ -4,7 +4,6 @@ import importlib
 import operator
 import pkgutil
 import sys
-from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 
@@ -28,23 +27,10 @@ def load_own(name: str, where: str) -> StrategyFactory:
         InputError: the module or class does not exist, the module cannot be imported, or the class
             is not a strategy.
     """
-    if is_of_this_process(name):
-        # The notebook's cell may have been run again, so the class is not cached.
-        return _load(name, where)
     here = str(Path.cwd())
     if here not in sys.path:
         # `python -m harness` adds the working directory; the console script does not.
         sys.path.insert(0, here)
-    return load_once(name, where)
-
-
-@lru_cache
-def load_once(name: str, where: str) -> StrategyFactory:
-    """The class that a name stands for, imported once per process."""
-    return _load(name, where)
-
-
-def _load(name: str, where: str) -> StrategyFactory:
     module_name, _, path = name.partition(":")
     parts = [*module_name.split("."), *path.split(".")]
     if not all(part.isidentifier() for part in parts):
@@ -60,15 +46,15 @@ def _load(name: str, where: str) -> StrategyFactory:
 
 
 def _import(name: str, where: str) -> ModuleType:
-    # Python caches the contents of folders; a new module would not be found.
-    importlib.invalidate_caches()
+    if name not in sys.modules:
+        # Python caches the contents of folders; a new module would not be found.
+        importlib.invalidate_caches()
     try:
         return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name is not None and f"{name}.".startswith(f"{error.name}."):
-            raise _unknown_module(error.name, where) from None
-        raise InputError(where, f"{name!r} cannot be imported: {in_one_line(error)}") from None
     except (Exception, SystemExit) as error:
+        missing = error.name if isinstance(error, ModuleNotFoundError) else None
+        if missing is not None and f"{name}.".startswith(f"{missing}."):
+            raise _unknown_module(missing, where) from None
         raise InputError(where, f"{name!r} cannot be imported: {in_one_line(error)}") from None
 
 

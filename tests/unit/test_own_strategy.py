@@ -12,7 +12,6 @@ from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
 from harness.encounter.arms import check_arms
 from harness.scenario import Scenario, load_scenario, read_scenario_file, study_of, validate
-from harness.strategies import own
 from harness.studies.checks import RULES
 from tests.batches import here
 from tests.scenes import on_plain, refusal_of
@@ -90,7 +89,6 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Write]:
     for name, module in tuple(sys.modules.items()):
         if str(tmp_path) in str(getattr(module, "__spec__", None)):
             del sys.modules[name]
-    own.load_once.cache_clear()
 
 
 def scene(name: str, parameters: dict[str, object] | None = None, seed: int = 1) -> Scenario:
