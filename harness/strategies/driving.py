@@ -1,6 +1,7 @@
 """Manoeuvres that several strategies use; they are exact on the simulation's time grid."""
 
 import math
+from typing import NamedTuple
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation, PedestrianView, Vehicle
 
@@ -66,6 +67,31 @@ def full_braking_distance(speed_mps: float, deceleration_mps2: float, step_s: fl
     return (speed_mps**2 - last**2) / (2 * deceleration_mps2) + last * step_s / 2
 
 
+def full_braking(observation: Observation) -> float:
+    """Acceleration of the hardest braking in m/s², which ends where the ego stands."""
+    ego, limit = observation.ego, observation.vehicle.max_deceleration_mps2
+    return -min(limit, ego.speed_mps / observation.step_s)
+
+
+def stop_at(observation: Observation, range_m: float) -> float | None:
+    """Acceleration of the constant deceleration that stops the ego at a range.
+
+    None if the range is behind it or the vehicle's maximum is not enough.
+    """
+    limit, speed = observation.vehicle.max_deceleration_mps2, observation.ego.speed_mps
+    distance = observation.ego.range_m - range_m
+    if distance > 0 and speed**2 <= 2 * limit * distance:
+        return max(-limit, stop_after(distance, speed, observation.step_s))
+    return None
+
+
+def can_stop_before_disc(observation: Observation) -> bool:
+    """Whether full braking stops the ego before a pedestrian on the centre line."""
+    ego, limit = observation.ego, observation.vehicle.max_deceleration_mps2
+    needed = full_braking_distance(ego.speed_mps, limit, observation.step_s)
+    return needed < ego.range_m - PEDESTRIAN_RADIUS_M
+
+
 def clearing_time(pedestrian: PedestrianView) -> float:
     """t_L, the time until the pedestrian reaches the far kerb; infinite if they stand."""
     if pedestrian.speed_mps <= 0:
@@ -93,6 +119,24 @@ def time_in_path(pedestrian: PedestrianView, half_path_m: float) -> tuple[float,
     return (0.0 if to_centre <= half_path_m else math.inf), math.inf
 
 
+class InPath(NamedTuple):
+    """When a pedestrian enters and leaves the ego's path, in s from now."""
+
+    index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
+    enters_s: float
+    leaves_s: float
+
+
+def times_in_path(observation: Observation, spare_m: float) -> list[InPath]:
+    """When those who walk or are on the crossing are in the path, with space on both sides."""
+    half = half_path(observation.vehicle) + spare_m
+    return [
+        InPath(pedestrian.index, *time_in_path(pedestrian, half))
+        for pedestrian in observation.pedestrians
+        if pedestrian.on_crossing or pedestrian.speed_mps > 0
+    ]
+
+
 def lane_free_in(observation: Observation, pedestrian: PedestrianView) -> float:
     """Time in s until the whole disc of a pedestrian has left the ego's lane.
 
@@ -118,6 +162,25 @@ def speeding_up(
     reached = max(speed_mps, min(top, math.sqrt(speed_mps**2 + 2 * gain * distance_m)))
     left = distance_m - (reached**2 - speed_mps**2) / (2 * gain)
     return (reached - speed_mps) / gain + left / max(top, speed_mps), reached
+
+
+def time_over_line(
+    observation: Observation, spare_m: float, acceleration_mps2: float | None = None
+) -> tuple[float, float]:
+    """When the ego covers the centre line, from ``spare_m`` before to behind it, if it drives on.
+
+    Args:
+        observation: what the strategy sees.
+        spare_m: the distance that counts as covered before its front and behind its rear.
+        acceleration_mps2: its acceleration up to v0; None: a0.
+    """
+    ego = observation.ego
+    ahead = max(0.0, ego.range_m - spare_m)
+    behind = ego.range_m + spare_m + observation.vehicle.length_m
+    return (
+        speeding_up(observation, ahead, ego.speed_mps, acceleration_mps2)[0],
+        speeding_up(observation, behind, ego.speed_mps, acceleration_mps2)[0],
+    )
 
 
 def stop_at_line(observation: Observation) -> float:

@@ -2,7 +2,7 @@
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation, PedestrianView
 from harness.scenario.sections import Positive
-from harness.strategies.driving import ROUNDING, half_path, resume, time_in_path
+from harness.strategies.driving import ROUNDING, full_braking, half_path, resume, time_in_path
 
 
 class EmergencyBrake:
@@ -46,7 +46,7 @@ class EmergencyBrake:
                     threats.add(pedestrian.index)
         self._braking_for = threats
         if threats:
-            return -min(vehicle.max_deceleration_mps2, ego.speed_mps / observation.step_s)
+            return full_braking(observation)
         return resume(observation)
 
 

@@ -10,12 +10,13 @@ from harness.strategies.driving import (
     ROUNDING,
     anybody_waits,
     can_stop_at_line,
-    full_braking_distance,
+    can_stop_before_disc,
+    full_braking,
     half_path,
     lane_free_in,
     resume,
     speeding_up,
-    stop_after,
+    stop_at,
     stop_at_line,
     time_in_path,
 )
@@ -140,23 +141,19 @@ def _arrival_speed(observation: Observation, until_s: float) -> float:
 
 def _yield(observation: Observation, until_s: float, go: float) -> float:
     """The acceleration for reaching the near edge in ``until_s`` or for a stop, else ``go``."""
-    ego, step = observation.ego, observation.step_s
-    limit = observation.vehicle.max_deceleration_mps2
-    to_edge = _to_edge(observation)
+    ego, to_edge = observation.ego, _to_edge(observation)
     if ego.speed_mps <= ROUNDING:
         # The ego stands; a stop may leave 1e-17 m/s, which must not count as rolling.
         return 0.0
     if 2 * to_edge / until_s - ego.speed_mps >= ROLLING_MPS:
         rolling = 2 * (to_edge - ego.speed_mps * until_s) / until_s**2
-        if rolling >= -limit:
+        if rolling >= -observation.vehicle.max_deceleration_mps2:
             return rolling
-    for stand_at in (observation.crossing.stop_line_m, CLEARANCE_M):
-        distance = ego.range_m - stand_at
-        if distance > 0 and ego.speed_mps**2 <= 2 * limit * distance:
-            return max(-limit, stop_after(distance, ego.speed_mps, step))
-    needed = full_braking_distance(ego.speed_mps, limit, step)
-    can_stop = needed < ego.range_m - PEDESTRIAN_RADIUS_M
-    return -min(limit, ego.speed_mps / step) if can_stop else go
+    for range_m in (observation.crossing.stop_line_m, CLEARANCE_M):
+        wanted = stop_at(observation, range_m)
+        if wanted is not None:
+            return wanted
+    return full_braking(observation) if can_stop_before_disc(observation) else go
 
 
 def _within_stopping(observation: Observation, wanted: float) -> float:

@@ -1,12 +1,13 @@
 """Hard-Yield: a strategy that stops before the crosswalk and waits until it is clear."""
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation
+from harness.core.encounter import Observation
 from harness.strategies.driving import (
     anybody_waits,
     can_stop_at_line,
-    full_braking_distance,
+    can_stop_before_disc,
+    full_braking,
     resume,
-    stop_after,
+    stop_at,
 )
 
 
@@ -35,18 +36,10 @@ class HardYield:
         if not occupied or ego.range_m <= 0:
             self._braking_at_maximum = False
             return resume(observation)
-        limit, step = observation.vehicle.max_deceleration_mps2, observation.step_s
-        distance = ego.range_m - observation.crossing.stop_line_m
         # Once it brakes at the maximum, it does so until the crossing is clear.
-        if (
-            not self._braking_at_maximum
-            and distance > 0
-            and ego.speed_mps**2 <= 2 * limit * distance
-        ):
-            return stop_after(distance, ego.speed_mps, step)
-        room = ego.range_m - PEDESTRIAN_RADIUS_M
         if not self._braking_at_maximum:
-            self._braking_at_maximum = full_braking_distance(ego.speed_mps, limit, step) < room
-        if self._braking_at_maximum:
-            return -min(limit, ego.speed_mps / step)
-        return resume(observation)
+            wanted = stop_at(observation, observation.crossing.stop_line_m)
+            if wanted is not None:
+                return wanted
+            self._braking_at_maximum = can_stop_before_disc(observation)
+        return full_braking(observation) if self._braking_at_maximum else resume(observation)

@@ -1,16 +1,14 @@
 """The second reference: a driver fitted to recorded encounters."""
 
-from typing import NamedTuple
-
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation
 from harness.strategies.driving import (
     ROUNDING,
+    InPath,
     full_braking_distance,
-    half_path,
     resume,
-    speeding_up,
     stop_after,
-    time_in_path,
+    time_over_line,
+    times_in_path,
     towards,
 )
 
@@ -75,14 +73,14 @@ class HumanRecorded:
         ego, vehicle, step = observation.ego, observation.vehicle, observation.step_s
         limit, room = vehicle.max_deceleration_mps2, ego.range_m - _LINE_M
         pulling = min(PULLING_AWAY_MPS2, vehicle.max_acceleration_mps2)
-        people = _people(observation)
+        people = times_in_path(observation, SPARE_M)
         if full_braking_distance(ego.speed_mps, limit, step) > room + ROUNDING:
             first = people and ego.range_m > -vehicle.length_m
             return towards(observation, vehicle.initial_speed_mps, pulling if first else None)
         counting = [
             person for person in people if person.leaves_s > 0 and person.enters_s <= HORIZON_S
         ]
-        arrives, leaves = _over_their_line(observation, pulling)
+        arrives, leaves = time_over_line(observation, _LINE_M, pulling)
         yields = self._yields(observation, counting, arrives)
         go = resume(observation)
         if counting:
@@ -99,7 +97,7 @@ class HumanRecorded:
             return go
         return min(go, max(-limit, stop_after(room, ego.speed_mps, step)))
 
-    def _yields(self, observation: Observation, counting: "list[_Person]", arrives: float) -> bool:
+    def _yields(self, observation: Observation, counting: list[InPath], arrives: float) -> bool:
         """Whether a relevant pedestrian has been in the way for at least the reaction time."""
         since = {
             person.index: self._since.get(person.index, observation.time_s)
@@ -109,31 +107,3 @@ class HumanRecorded:
         self._since = since
         # 1e-9 s: sums of steps differ in their last bits.
         return any(observation.time_s - at >= REACTION_TIME_S - 1e-9 for at in since.values())
-
-
-class _Person(NamedTuple):
-    """When a pedestrian enters and leaves the ego's path, in s from now."""
-
-    index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
-    enters_s: float
-    leaves_s: float
-
-
-def _people(observation: Observation) -> list[_Person]:
-    half = half_path(observation.vehicle) + SPARE_M
-    return [
-        _Person(pedestrian.index, *time_in_path(pedestrian, half))
-        for pedestrian in observation.pedestrians
-        if pedestrian.on_crossing or pedestrian.speed_mps > 0
-    ]
-
-
-def _over_their_line(observation: Observation, pulling_mps2: float) -> tuple[float, float]:
-    """When it starts and when it stops covering their line, plus 0.3 m, if it goes first."""
-    ego = observation.ego
-    ahead, behind = ego.range_m - _LINE_M, ego.range_m + _LINE_M
-    behind += observation.vehicle.length_m
-    return (
-        speeding_up(observation, max(0.0, ahead), ego.speed_mps, pulling_mps2)[0],
-        speeding_up(observation, behind, ego.speed_mps, pulling_mps2)[0],
-    )

@@ -12,16 +12,18 @@ from harness.strategies.driving import (
     CLEARANCE_M,
     COMFORTABLE_MPS2,
     ROUNDING,
+    InPath,
     anybody_waits,
     can_stop_at_line,
-    full_braking_distance,
-    half_path,
+    can_stop_before_disc,
+    full_braking,
     lane_free_in,
     resume,
     speeding_up,
-    stop_after,
+    stop_at,
     stop_at_line,
-    time_in_path,
+    time_over_line,
+    times_in_path,
 )
 
 MEAN_YIELD_RATE = 0.74
@@ -141,41 +143,25 @@ def _somebody_to_yield_to(observation: Observation) -> bool:
     )
 
 
-def _people_met(observation: Observation) -> list[tuple[float, float]]:
-    """When each pedestrian whom it would meet enters and leaves its path, in s from now."""
-    arrives, clears = _over_their_line(observation)
-    half = half_path(observation.vehicle) + CLEARANCE_M - PEDESTRIAN_RADIUS_M
-    met = []
-    for pedestrian in observation.pedestrians:
-        if pedestrian.on_crossing or pedestrian.speed_mps > 0:
-            enters, leaves = time_in_path(pedestrian, half)
-            if leaves >= max(0.0, arrives) and enters <= clears:
-                met.append((enters, leaves))
-    return met
+def _people_met(observation: Observation) -> list[InPath]:
+    """The pedestrians whom it would meet if it drove on."""
+    arrives, clears = time_over_line(observation, CLEARANCE_M)
+    return [
+        person
+        for person in times_in_path(observation, CLEARANCE_M - PEDESTRIAN_RADIUS_M)
+        if person.leaves_s >= max(0.0, arrives) and person.enters_s <= clears
+    ]
 
 
-def _over_their_line(observation: Observation) -> tuple[float, float]:
-    """When it starts and when it stops covering the centre line, plus 0.1 m, if it drives on."""
-    ego = observation.ego
-    ahead = max(0.0, ego.range_m - CLEARANCE_M)
-    behind = ego.range_m + observation.vehicle.length_m + CLEARANCE_M
-    return (
-        speeding_up(observation, ahead, ego.speed_mps)[0],
-        speeding_up(observation, behind, ego.speed_mps)[0],
-    )
-
-
-def _avoid(observation: Observation, met: list[tuple[float, float]], go: float) -> float:
+def _avoid(observation: Observation, met: list[InPath], go: float) -> float:
     """Stop before the disc; if that is too late, brake for those in front or drive on."""
-    ego, step = observation.ego, observation.step_s
-    limit = observation.vehicle.max_deceleration_mps2
-    hardest = -min(limit, ego.speed_mps / step)
-    room = ego.range_m - CLEARANCE_M
-    if room > 0 and ego.speed_mps**2 <= 2 * limit * room:
-        return max(hardest, stop_after(room, ego.speed_mps, step))
+    ego, limit = observation.ego, observation.vehicle.max_deceleration_mps2
+    wanted = stop_at(observation, CLEARANCE_M)
+    if wanted is not None:
+        return wanted
+    if can_stop_before_disc(observation):
+        return full_braking(observation)
     to_disc = ego.range_m - PEDESTRIAN_RADIUS_M
-    if full_braking_distance(ego.speed_mps, limit, step) < to_disc:
-        return hardest
     reached = (ego.speed_mps - math.sqrt(max(0.0, ego.speed_mps**2 - 2 * limit * to_disc))) / limit
-    in_front = any(enters <= reached for enters, _ in met)
-    return hardest if in_front else go
+    in_front = any(person.enters_s <= reached for person in met)
+    return full_braking(observation) if in_front else go
