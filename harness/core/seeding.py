@@ -85,9 +85,9 @@ class GivenFirst(np.random.Generator):
     def random(self, size: Any = None, *args: Any, **kwargs: Any) -> Any:
         """As NumPy's, but for the given draws, which come first."""
         drawn = super().random(size, *args, **kwargs)
-        if size is None and self._given:
-            return self._given.pop(0)
-        for place in range(min(len(self._given), np.size(drawn))):
+        if not isinstance(drawn, np.ndarray):
+            return self._given.pop(0) if self._given else drawn
+        for place in range(min(len(self._given), drawn.size)):
             drawn.flat[place] = self._given.pop(0)
         return drawn
 
