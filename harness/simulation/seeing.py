@@ -14,8 +14,7 @@ from harness.simulation.people import PeopleAt
 from harness.simulation.shares import number_of
 from harness.strategies.perception.occlusion import Point, Rectangle, is_hidden, outline
 from harness.strategies.perception.sensor import eye_behind, sensor_of
-from harness.strategies.perception.track import track_from
-from harness.strategies.perception.updates import Updates, Views
+from harness.strategies.perception.updates import Updates, Views, track_from
 
 _LONGEST_M = 30.0
 """No vehicle whose front is this much further away than a person hides them."""

@@ -18,8 +18,7 @@ from harness.scenario.file import Setting
 from harness.strategies.perception.occlusion import Rectangle, is_hidden, outline
 from harness.strategies.perception.perception import Perception
 from harness.strategies.perception.sensor import Sensor, sensor_of
-from harness.strategies.perception.track import Track, updates_until_found
-from harness.strategies.perception.updates import Updates
+from harness.strategies.perception.updates import Track, Updates, updates_until_found
 from tests.scenes import Recorder, episode, on_plain, outcome_of, refusal_of, scenario
 
 FAR_AWAY = {"x_m": -900.0, "y_m": -50.0, "length_m": 1.0, "width_m": 1.0}

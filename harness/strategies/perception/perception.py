@@ -7,8 +7,7 @@ from harness.core.encounter import Arrival, PedestrianView
 from harness.core.seeding import Given
 from harness.strategies.perception.occlusion import is_hidden
 from harness.strategies.perception.sensor import ROUNDING_M, Sensor
-from harness.strategies.perception.track import Track
-from harness.strategies.perception.updates import Updates, Views
+from harness.strategies.perception.updates import Track, Updates, Views
 
 
 class Perception:

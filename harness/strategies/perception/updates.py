@@ -1,16 +1,141 @@
-"""The true pedestrians at a sensor's updates in, the ones that a driver sees at each step out."""
+"""The updates of a sensor: the true pedestrians in; those whom it detects, with its errors, out."""
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterable
+from types import MappingProxyType
+
+import numpy as np
+from scipy.special import ndtri
 
 from harness.core.encounter import PedestrianView
+from harness.core.seeding import Given, GivenFirst, Purpose, stream
 from harness.strategies.perception.sensor import Sensor
-from harness.strategies.perception.track import Track
 
 Views = tuple[PedestrianView, ...]
 
 Look = Callable[[], Iterable[tuple[PedestrianView, bool]]]
 """Returns everybody at the crosswalk, and whether they are in range and in sight."""
+
+
+def updates_until_found(quantile: float, detection_probability: float) -> float:
+    """Number of updates until a pedestrian in sight is detected: geometric, by its inverse CDF.
+
+    N = ⌈ln(1 − u)/ln(1 − p)⌉, at least 1, so that P(N = n) = p (1 − p)^(n − 1).
+
+    Args:
+        quantile: u in [0, 1); a larger one means a later detection.
+        detection_probability: p in [0, 1], the probability at each update.
+
+    Returns:
+        A whole number ≥ 1; infinite for p = 0.
+
+    Example:
+        >>> updates_until_found(0.5, 0.9), updates_until_found(0.95, 0.9)
+        (1, 2)
+    """
+    if detection_probability >= 1:
+        return 1
+    if detection_probability <= 0:
+        return math.inf
+    return max(1, math.ceil(math.log1p(-quantile) / math.log1p(-detection_probability)))
+
+
+class Track:
+    """A sensor's track of one pedestrian; ``update`` is called at every update after they arrive.
+
+    Args:
+        sensor: the sensor, with its probabilities and errors.
+        pair: index of the pair, which keys the streams.
+        index: index of the pedestrian, which keys the streams too.
+        quantile: quantile of the time to the first detection; None if detection is certain.
+        given: uniforms of the first errors and of the wait after the first loss, by pedestrian.
+        vehicle: numbers ≥ 0 that key the streams of a vehicle among several; see ``track_from``.
+    """
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        pair: int,
+        index: int,
+        quantile: float | None,
+        given: Given = MappingProxyType({}),
+        vehicle: tuple[int, ...] = (),
+    ) -> None:
+        self._sensor, self._key = sensor, (pair, *vehicle, index)
+        self._wait_given = given.get("redetection", ())[index : index + 1]
+        section = self._section = sensor.section
+        self._wait = updates_until_found(quantile or 0.0, section.detection_probability)
+        self._found = False
+        self._again: np.random.Generator | None = None
+        self._dropout = self._stream("dropout") if section.dropout_probability > 0 else None
+        erring = section.position_sd_m > 0 or section.speed_sd_mps > 0
+        self._noise = self._stream("perception_error") if erring else None
+        # In standard deviations; the process is stationary from the first update on.
+        self._errors = np.zeros(2) if self._noise is None else self._noise.standard_normal(2)
+        first = given.get("perception_error", ())[2 * index : 2 * index + 2]
+        if erring and first:
+            self._errors = ndtri(np.array(first))
+
+    def update(self, in_sight: bool) -> bool:
+        """Whether the driver sees the pedestrian after one more update.
+
+        The sensor detects them at the N-th update in sight (``updates_until_found``).  It keeps the
+        track until an update drops it or they are out of sight; then it must detect them again.
+        """
+        # There is one draw for each update in any case, so that strategies share the draws.
+        drawn = 1.0 if self._dropout is None else self._dropout.random()
+        if self._found:
+            if in_sight and drawn >= self._section.dropout_probability:
+                return True
+            self._found, self._wait = False, self._wait_again()
+            return False
+        if in_sight:
+            self._wait -= 1
+            self._found = self._wait <= 0
+        return self._found
+
+    def next_errors(self) -> tuple[float, float]:
+        """The errors of this update: of the position along the walk in m and of the speed in m/s.
+
+        They are first-order autoregressive, e' = φ e + √(1 − φ²) σ n: an Ornstein-Uhlenbeck process
+        at the times of the updates, with variance σ² and correlation φ^k after k updates.
+        """
+        if self._noise is None:
+            return 0.0, 0.0
+        place, speed = self._errors.tolist()
+        kept = self._sensor.correlation
+        fresh = self._noise.standard_normal(2)
+        self._errors = kept * self._errors + math.sqrt(1 - kept**2) * fresh
+        return place * self._section.position_sd_m, speed * self._section.speed_sd_mps
+
+    def _wait_again(self) -> float:
+        probability = self._section.detection_probability
+        if probability >= 1:
+            return 1
+        if self._again is None:
+            self._again = GivenFirst(self._stream("redetection").bit_generator, self._wait_given)
+        return updates_until_found(self._again.random(), probability)
+
+    def _stream(self, purpose: Purpose) -> np.random.Generator:
+        return stream(self._sensor.seed, purpose, *self._key)
+
+
+def track_from(sensor: Sensor, pair: int, vehicle: tuple[int, ...], index: int) -> Track:
+    """The track of a pedestrian by the sensor of one vehicle among several.
+
+    Every draw, also that of the first detection, is from a stream of this vehicle and pedestrian.
+
+    Args:
+        sensor: the sensor.
+        pair: index of the pair.
+        vehicle: numbers ≥ 0 of the vehicle and of whatever else keys the streams of its sensor.
+        index: number of the pedestrian, ≥ 0.
+    """
+    quantile = None
+    if sensor.section.detection_probability < 1:
+        quantile = stream(sensor.seed, "detection", pair, *vehicle, index).random()
+    return Track(sensor, pair, index, quantile, vehicle=vehicle)
 
 
 class Updates:
