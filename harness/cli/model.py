@@ -43,7 +43,7 @@ def fit(
     choose: options.ChooseOption = "held-out",
     weigh: options.WeighOption = "encounter",
     bounds: options.BoundsOption = None,
-    starts: Annotated[int, Option(min=1, help="Random starts of each fit.")] = 3,
+    starts: Annotated[int, Option(min=1, help="Random starts of each fit.")] = 5,
     folds: options.FoldsOption = 5,
     seed: Annotated[int, Option(min=0, help="Seed of starts and folds.")] = 1,
     near: Annotated[str, Option(help="State R,v: the card tells the data near it.")] = "30,5",

@@ -63,7 +63,7 @@ class Settings(NamedTuple):
 
     components: tuple[int, ...]
     choose: Choice = "held-out"
-    starts: int = 3
+    starts: int = 5
     folds: int = 5
     seed: int = 1
     near: tuple[float, float] = (30.0, 5.0)

@@ -5,11 +5,10 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from harness.core.errors import InputError
-from harness.model.mixture.climbing import climb
-from harness.model.mixture.coordinates import Coordinates
 from harness.model.mixture.distribution import TruncatedGaussianMixture
-from harness.model.mixture.em import Parameters, Problem
 from harness.model.mixture.fitting import fit_mixture
+from harness.model.mixture.likelihood import Coordinates, Likelihood
+from harness.model.mixture.normals import Normals, clustered_normals
 
 INF = np.inf
 
@@ -37,39 +36,27 @@ def fitted(rows):
     return fit_mixture(rows, 3, truth().lower, truth().upper, seed=1, n_init=1, tol=1e-9)
 
 
-def test_without_bounds_one_step_equals_scikit_learn(rows):
+def test_without_bounds_it_ends_where_scikit_learn_ends(rows):
     mixtures = pytest.importorskip("sklearn.mixture")
-    rng = np.random.default_rng(2)
     standard = (rows - rows.mean(axis=0)) / rows.std(axis=0)
-    means, weights = standard[rng.integers(0, len(rows), 3)], np.array([0.2, 0.3, 0.5])
-    scales = np.repeat(np.eye(4)[None], 3, axis=0) * 0.7
     other = mixtures.GaussianMixture(
-        3,
-        reg_covar=0.0,
-        max_iter=1,
-        tol=0.0,
-        weights_init=weights,
-        means_init=means,
-        precisions_init=np.linalg.inv(scales),
-    )
-    with pytest.warns(Warning, match="did not converge|converge"):
-        other.fit(standard)
+        3, reg_covar=0.0, tol=1e-10, n_init=10, max_iter=5000, random_state=1
+    ).fit(standard)
     free = np.full(4, INF)
-    problem = Problem(standard, np.ones(len(rows)), -free, free, 1.0, 0.0)
-    at = problem.evaluate(Parameters(weights, means, scales))
-    step = problem.step(at)
-    np.testing.assert_allclose(step.weights, other.weights_, atol=1e-10)
-    np.testing.assert_allclose(step.locations, other.means_, atol=1e-10)
-    np.testing.assert_allclose(step.scales, other.covariances_, atol=1e-10)
+    found = fit_mixture(standard, 3, -free, free, seed=1, scale_floor=0.0)
+    assert found.log_likelihood >= other.score(standard) * len(rows) - 1e-4
+    likelihood = Likelihood(standard, np.ones(len(rows)), -free, free, 1.0, 0.0)
+    at = likelihood.at(Normals(other.weights_, other.means_, other.covariances_))
+    assert at.log_likelihood == pytest.approx(other.score(standard) * len(rows), rel=1e-10)
+    assert Coordinates(likelihood, at).gradient_norm(at) / len(rows) < 1e-4
 
 
 def test_penalised_likelihood_ends_at_the_reported_one(rows, fitted):
     assert fitted.converged
-    assert fitted.log_likelihoods.size == fitted.n_iter + 1
     plain = fitted.mixture.logpdf(rows).sum()
     assert fitted.log_likelihood == pytest.approx(plain, rel=1e-10)
     penalised = plain + np.log(fitted.mixture.masses).sum()
-    assert fitted.log_likelihoods[-1] == pytest.approx(penalised, rel=1e-10)
+    assert fitted.penalised == pytest.approx(penalised, rel=1e-10)
     # p = 2 + 12 + 30 for three components in four variables.
     assert fitted.bic == pytest.approx(-2.0 * plain + 44 * np.log(1500), rel=1e-10)
 
@@ -77,46 +64,21 @@ def test_penalised_likelihood_ends_at_the_reported_one(rows, fitted):
 def test_gradient_the_steps_follow_is_the_slope_of_the_density(rows):
     """Away from the optimum and the reference, against differences of log f and log α."""
     box = truth()
-    problem = Problem(rows, np.ones(len(rows)), box.lower, box.upper, 1.0, 1e-4)
-    at = problem.evaluate(Parameters(box.weights, box.locations, box.scale_matrices))
-    coordinates = Coordinates(problem, at)
+    likelihood = Likelihood(rows, np.ones(len(rows)), box.lower, box.upper, 1.0, 1e-4)
+    at = likelihood.at(Normals(box.weights, box.locations, box.scale_matrices))
+    coordinates = Coordinates(likelihood, at)
     z = np.random.default_rng(4).normal(size=coordinates.size)
 
     def objective(z):
-        moved = coordinates.parameters(z)
-        mixture = TruncatedGaussianMixture(
-            moved.weights, moved.locations, moved.scales, box.lower, box.upper
-        )
+        mixture = TruncatedGaussianMixture(*coordinates.normals(z), box.lower, box.upper)
         return mixture.logpdf(rows).sum() + np.log(mixture.masses).sum()
 
-    gradient = coordinates.gradient(z, problem.evaluate(coordinates.parameters(z)))
+    gradient = coordinates.gradient(z, likelihood.at(coordinates.normals(z)))
     for i, step in enumerate(1e-5 * np.eye(z.size)):
         slope = (objective(z + step) - objective(z - step)) / 2e-5
         assert gradient[i] == pytest.approx(slope, abs=2e-4 * np.abs(gradient).max()), i
-    np.testing.assert_allclose(
-        coordinates.parameters(np.zeros(z.size)).scales, box.scale_matrices, atol=1e-9
-    )
-
-
-def test_a_climb_that_can_take_no_step_has_not_converged(rows, monkeypatch):
-    """Steps that are refused, and a line search that fails, away from any maximum."""
-    from scipy import optimize
-
-    box = truth()
-    problem = Problem(rows, np.ones(len(rows)), box.lower, box.upper, 1.0, 1e-4)
-    first = Parameters(box.weights, box.locations + 0.1, box.scale_matrices)
-    monkeypatch.setattr(Problem, "evaluate", once_a_step(Problem.evaluate))
-    monkeypatch.setattr(optimize, "minimize", lambda *_, **__: None)
-    stuck = climb(problem, first, 1e-7, 1000)
-    assert stuck.trace.size == 1
-    assert not stuck.converged
-    assert stuck.gradient_norm > 1e-3
-
-
-def once_a_step(evaluate):
-    """Every evaluation after the first is refused."""
-    left = [1]
-    return lambda self, at: evaluate(self, at) if left and left.pop() else None
+    zero = np.zeros(z.size)
+    np.testing.assert_allclose(coordinates.normals(zero).scales, box.scale_matrices, atol=1e-9)
 
 
 def test_the_end_of_every_fit_has_next_to_no_gradient(rows):
@@ -133,28 +95,16 @@ def test_a_scale_at_its_floor_that_would_grow_is_no_maximum():
     """Rows of unit spread, one component as flat as is allowed: d log f/d log s = (z² − 1)/2."""
     x = np.random.default_rng(3).normal(size=(200, 1))
     free, floor = np.array([INF]), 1e-2
-    problem = Problem(x, np.ones(200), -free, free, 0.0, floor)
-    flat = Parameters(np.ones(1), np.zeros((1, 1)), np.full((1, 1, 1), floor))
-    at = problem.evaluate(flat)
+    likelihood = Likelihood(x, np.ones(200), -free, free, 0.0, floor)
+    at = likelihood.at(Normals(np.ones(1), np.zeros((1, 1)), np.full((1, 1, 1), floor)))
     wanted = ((x**2 / floor - 1.0) / 2.0).sum() / np.sqrt(200)
-    assert Coordinates(problem, at).gradient_norm(at) == pytest.approx(wanted, rel=1e-9)
+    assert Coordinates(likelihood, at).gradient_norm(at) == pytest.approx(wanted, rel=1e-9)
 
 
 def test_weights_count_as_repeated_rows(rows):
     box = truth()
     chosen = rows[:400]
     counts = np.random.default_rng(0).integers(0, 4, 400)
-    problems = [
-        Problem(r, w, box.lower, box.upper, 1.0, 1e-4)
-        for r, w in (
-            (chosen, counts.astype(float)),
-            (np.repeat(chosen, counts, axis=0), np.ones(counts.sum())),
-        )
-    ]
-    start = Parameters(box.weights, box.locations, box.scale_matrices)
-    one, two = (problem.evaluate(start) for problem in problems)
-    assert one.objective == pytest.approx(two.objective, rel=1e-12)
-    np.testing.assert_allclose(one.covariances, two.covariances, atol=1e-10)
     found = fit_mixture(chosen, 1, box.lower, box.upper, seed=1, sample_weight=counts, n_init=1)
     plain = counts @ found.mixture.logpdf(chosen)
     assert found.bic == pytest.approx(-2.0 * plain + 14 * np.log(counts.sum()), rel=1e-10)
@@ -182,7 +132,7 @@ def test_one_truncated_variable_against_direct_maximisation():
         options={"xatol": 1e-9, "fatol": 1e-10, "maxiter": 4000},
     )
     found = fit_mixture(x[:, None], 1, [0.0], [4.0], seed=1, n_init=1, tol=1e-10)
-    assert found.log_likelihoods[-1] == pytest.approx(-best.fun, abs=1e-6)
+    assert found.penalised == pytest.approx(-best.fun, abs=1e-6)
     assert found.mixture.locations[0, 0] == pytest.approx(best.x[0], abs=2e-3)
 
 
@@ -210,12 +160,19 @@ def test_bad_rows_are_refused(gap, k, text):
     assert "\n" not in str(caught.value)
 
 
-def test_at_the_maximum_a_step_of_em_stays_where_it_is(rows, fitted):
-    """There the rows have the moments of the truncated components: docstring of `Problem.step`."""
-    found = fitted.mixture
-    problem = Problem(rows, np.ones(len(rows)), found.lower, found.upper, 1.0, 0.0)
-    at = Parameters(found.weights, found.locations, found.scale_matrices)
-    step = problem.step(problem.evaluate(at))
-    np.testing.assert_allclose(step.weights, at.weights, atol=1e-5)
-    np.testing.assert_allclose(step.locations, at.locations, atol=1e-5)
-    np.testing.assert_allclose(step.scales, at.scales, atol=1e-5)
+def test_clusters_have_the_moments_of_their_points():
+    """Two groups far apart, one of points that count twice; a component for which there is none."""
+    rng = np.random.default_rng(5)
+    groups = rng.normal(size=(400, 2)), rng.normal(size=(200, 2)) * [0.1, 3.0] + [60.0, 0.0]
+    weights = np.repeat([1.0, 2.0], [400, 200])
+    found = clustered_normals(np.concatenate(groups), weights, 2, rng)
+    for group, k in zip(groups, np.argsort(found.locations[:, 0]), strict=True):
+        assert found.weights[k] == pytest.approx(0.5)
+        np.testing.assert_allclose(found.locations[k], group.mean(axis=0), atol=1e-9)
+        # The prior, a tenth of all variances (about 900 and 5), weighs as one point in n + 1.
+        n, prior = len(group), np.array([90.0, 0.5])
+        scatter = (n * np.cov(group.T, bias=True) + np.diag(prior)) / (n + 1)
+        np.testing.assert_allclose(found.scales[k], scatter, rtol=0.02, atol=0.005)
+    same = clustered_normals(np.zeros((5, 1)), np.ones(5), 2, rng)
+    assert sorted(same.weights) == [0.0, 1.0]
+    assert (same.scales > 0.0).all()

@@ -2,20 +2,27 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from harness.core.errors import InputError
-from harness.model.mixture.climbing import Climb, climb, start
 from harness.model.mixture.distribution import TruncatedGaussianMixture
-from harness.model.mixture.em import Problem
+from harness.model.mixture.likelihood import Coordinates, Evaluation, Likelihood
+from harness.model.mixture.normals import Normals, clustered_normals
 
 Array = NDArray[np.float64]
 
 _WHERE = "fit"
 # Columns are collinear if an eigenvalue of their correlation matrix is below this.
 _COLLINEAR = 1e-10
+# Each start gives every component this share of an equal weight.
+_EQUAL = 0.1
+# The climbs from all starts end at this gradient; only the best one goes on.
+_LOOSE_TOL = 1e-4
+# Quasi-Newton steps before the first new reference of the coordinates.
+_FIRST_STEPS = 30
 
 
 @dataclass(frozen=True)
@@ -26,10 +33,9 @@ class FitResult:
         mixture: the truncated mixture, in the units of the data.
         converged: whether `gradient_norm` is below `tol`.
         gradient_norm: largest component of the final gradient of the penalised log-likelihood, per
-            unit of weight, in the scaled parameters of `Coordinates`.
-        n_iter: number of steps from the best start.
-        log_likelihoods: (n_iter + 1,) penalised log-likelihood after each step, in the units of the
-            data; it never decreases.
+            unit of weight, in `Coordinates`.
+        n_iter: number of steps of the last climb.
+        penalised: final penalised log-likelihood, in the units of the data.
         log_likelihood: final weighted log-likelihood without the penalty.
         bic: −2 log_likelihood + p log n with p = K − 1 + K d + K d (d + 1)/2; n is the sum of the
             weights.
@@ -39,7 +45,7 @@ class FitResult:
     converged: bool
     gradient_norm: float
     n_iter: int
-    log_likelihoods: Array
+    penalised: float
     log_likelihood: float
     bic: float
 
@@ -59,7 +65,7 @@ def fit_mixture(
     scale_floor: float = 1e-4,
     names: Sequence[str] | None = None,
 ) -> FitResult:
-    """Maximum penalised likelihood: EM for truncated Gaussians (Lee and Scott 2012), then BFGS.
+    """The truncated Gaussian mixture of maximum penalised likelihood, by BFGS.
 
     The fit maximises Σ w_i log f(x_i) + λ Σ log α_k, where α_k is the mass of component k inside
     the box. Without the penalty a location could diverge, with a mass that tends to 0. Scale
@@ -75,8 +81,9 @@ def fit_mixture(
         seed: seed of the starts; an integer or a SeedSequence.
         sample_weight: (n,) ≥ 0; by default 1. The sum counts as the number of rows.
         tol: the fit stops when `gradient_norm` is below this.
-        n_init: number of k-means++ starts; the one with the highest penalised likelihood is used.
-        max_iter: maximum number of steps from each start.
+        n_init: number of starts from clusters. All climb until their gradient is below 1e-4; the
+            one with the highest penalised likelihood goes on.
+        max_iter: maximum number of steps of each climb.
         mass_penalty: λ ≥ 0.
         scale_floor: smallest eigenvalue, ≥ 0.
         names: names of the columns, for messages.
@@ -106,61 +113,83 @@ def fit_mixture(
         centre, spread = _standards(rows, weights, labels)
         rows = (rows - centre) / spread
         bounds = (low - centre) / spread, (high - centre) / spread
-        problem = Problem(rows, weights, *bounds, mass_penalty, scale_floor)
-        best = _highest(problem, rows, n_components, root, n_init, tol, max_iter)
-    return _result(best, centre, spread, low, high, problem.total)
-
-
-def _highest(
-    problem: Problem,
-    rows: Array,
-    n_components: int,
-    root: np.random.SeedSequence,
-    n_init: int,
-    tol: float,
-    max_iter: int,
-) -> Climb:
-    """The climb with the highest penalised likelihood."""
-    best: Climb | None = None
-    # ``SeedSequence.spawn`` would change the caller's sequence, so a second fit would differ.
-    for i in range(n_init):
-        child = np.random.SeedSequence(root.entropy, spawn_key=(*root.spawn_key, i))
-        first = start(rows, problem.weights, n_components, np.random.default_rng(child))
-        climbed = climb(problem, first, tol, max_iter)
-        if climbed is not None and (best is None or climbed.best.objective > best.best.objective):
-            best = climbed
+        likelihood = Likelihood(rows, weights, *bounds, mass_penalty, scale_floor)
+        best: Climb | None = None
+        # ``SeedSequence.spawn`` would change the caller's sequence, so a second fit would differ.
+        for i in range(n_init):
+            child = np.random.SeedSequence(root.entropy, spawn_key=(*root.spawn_key, i))
+            rng = np.random.default_rng(child)
+            first = clustered_normals(rows, weights, n_components, rng)
+            mixed = (first.weights + _EQUAL / n_components) / (1.0 + _EQUAL)
+            first = first._replace(weights=mixed)
+            begun = climb(likelihood, first, max(tol, _LOOSE_TOL), max_iter)
+            if begun and (best is None or begun.end.objective > best.end.objective):
+                best = begun
+        if best is not None:
+            best = climb(likelihood, best.end.normals, tol, max_iter)
     if best is None:
         raise InputError(_WHERE, "no start has a finite likelihood", "fewer components")
-    return best
-
-
-def _result(
-    climbed: Climb, centre: Array, spread: Array, lower: Array, upper: Array, total: float
-) -> FitResult:
-    """The result of a climb in the units of the data."""
-    standardised = climbed.best.parameters
-    count, dimension = standardised.locations.shape
+    count, dimension = best.end.normals.locations.shape
     mixture = TruncatedGaussianMixture(
-        standardised.weights,
-        centre + spread * standardised.locations,
-        standardised.scales * spread[:, None] * spread,
-        lower,
-        upper,
+        best.end.normals.weights,
+        centre + spread * best.end.normals.locations,
+        best.end.normals.scales * spread[:, None] * spread,
+        low,
+        high,
     )
-    units = total * float(np.log(spread).sum())
-    log_likelihood = climbed.best.log_likelihood - units
+    units = likelihood.total * float(np.log(spread).sum())
     parameters = count - 1 + count * dimension + count * dimension * (dimension + 1) // 2
-    trace = climbed.trace - units
-    trace.setflags(write=False)
+    log_likelihood = best.end.log_likelihood - units
     return FitResult(
         mixture=mixture,
-        converged=climbed.converged,
-        gradient_norm=climbed.gradient_norm,
-        n_iter=trace.size - 1,
-        log_likelihoods=trace,
+        converged=best.gradient_norm < tol,
+        gradient_norm=best.gradient_norm,
+        n_iter=best.steps,
+        penalised=best.end.objective - units,
         log_likelihood=log_likelihood,
-        bic=-2.0 * log_likelihood + parameters * float(np.log(total)),
+        bic=-2.0 * log_likelihood + parameters * float(np.log(likelihood.total)),
     )
+
+
+class Climb(NamedTuple):
+    """The end of a climb, the gradient there per unit of weight, and the number of steps."""
+
+    end: Evaluation
+    gradient_norm: float
+    steps: int
+
+
+def climb(likelihood: Likelihood, first: Normals, tol: float, max_iter: int) -> Climb | None:
+    """Climb by BFGS until the gradient is nearly 0; None if the start has no finite likelihood.
+
+    The coordinates get a new reference whenever BFGS ends. Near the maximum its line search may
+    fail for rounding; then a step along the gradient is taken, unless the gradient doubles.
+    """
+    # Imported here, because episodes load this package without fitting.
+    from scipy import optimize
+
+    at, steps, more, least = likelihood.at(first), 0, _FIRST_STEPS, np.inf
+    while at is not None:
+        coordinates = Coordinates(likelihood, at)
+        norm = coordinates.gradient_norm(at) / likelihood.total
+        if norm < tol or norm > 2.0 * least or steps >= max_iter:
+            return Climb(at, norm, steps)
+
+        def below(z: Array, coordinates: Coordinates = coordinates) -> tuple[float, Array]:
+            here = likelihood.at(coordinates.normals(z))
+            if here is None:
+                return np.inf, np.zeros_like(z)
+            return -here.objective, -coordinates.gradient(z, here)
+
+        z = np.zeros(coordinates.size)
+        options = {"gtol": tol * likelihood.total, "maxiter": min(more, max_iter - steps)}
+        found = optimize.minimize(below, z, jac=True, method="BFGS", options=options)
+        z, least = found.x, np.inf
+        if not found.nit:
+            z, least = coordinates.gradient(z, at), norm
+        at = likelihood.at(coordinates.normals(z))
+        steps, more = steps + max(found.nit, 1), max_iter
+    return None
 
 
 def _standards(rows: Array, weights: Array, labels: list[str]) -> tuple[Array, Array]:

@@ -1,0 +1,66 @@
+"""Takes weighted points and returns normal distributions around their clusters."""
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.cluster.vq import kmeans2, vq
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 10
+_MOST_POINTS = 20_000
+# A component's scatter is shrunk to this share of the variances of all points, which weighs as much
+# as one point.
+_PRIOR = 0.1
+_NARROWEST = 1e-5
+
+
+class Normals(NamedTuple):
+    """A mixture: weights (K,), locations (K, d) and scale matrices (K, d, d)."""
+
+    weights: Array
+    locations: Array
+    scales: Array
+
+
+def clustered_normals(
+    points: Array, weights: Array, count: int, rng: np.random.Generator
+) -> Normals:
+    """One normal distribution for each cluster of weighted points.
+
+    The clusters are those of k-means from k-means++ centres (Arthur and Vassilvitskii 2007), for
+    points drawn by their weights, in units of the points' spread. A component has the mean and
+    covariance of its cluster. The covariance is shrunk more if a cluster has few effective points,
+    (Σw)²/Σw².
+
+    Args:
+        points: (n, d), n ≥ 1.
+        weights: (n,) > 0.
+        count: K ≥ 1. The weight of a component without points is 0.
+        rng: generator for the draws and the first centres.
+    """
+    share = weights / weights.sum()
+    variances = share @ (points - share @ points) ** 2 + _NARROWEST
+    units = np.sqrt(variances)
+    drawn = rng.choice(len(points), min(len(points), _MOST_POINTS), p=share)
+    with warnings.catch_warnings(), np.errstate(invalid="ignore"):
+        # There may be fewer distinct points than clusters.
+        warnings.simplefilter("ignore", UserWarning)
+        centres, _ = kmeans2(points[drawn] / units, count, _ROUNDS, minit="++", rng=rng)
+    cluster, _ = vq(points / units, centres)
+    sizes, locations, scales = np.zeros(count), centres * units, np.empty((count, *2 * units.shape))
+    prior = _PRIOR * np.diag(variances)
+    for k in range(count):
+        own, weight = points[cluster == k], share[cluster == k]
+        effective = 0.0
+        scatter = np.zeros_like(prior)
+        if len(own):
+            sizes[k] = weight.sum()
+            effective = sizes[k] ** 2 / (weight @ weight)
+            locations[k] = weight @ own / sizes[k]
+            away = own - locations[k]
+            scatter = (away.T * weight) @ away / sizes[k]
+        scales[k] = (effective * scatter + prior) / (effective + 1.0)
+    return Normals(sizes, locations, scales + _NARROWEST * np.eye(units.size))
