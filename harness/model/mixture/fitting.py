@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -175,21 +176,29 @@ def climb(likelihood: Likelihood, first: Normals, tol: float, max_iter: int) -> 
         if norm < tol or norm > 2.0 * least or steps >= max_iter:
             return Climb(at, norm, steps)
 
-        def below(z: Array, coordinates: Coordinates = coordinates) -> tuple[float, Array]:
-            here = likelihood.at(coordinates.normals(z))
-            if here is None:
-                return np.inf, np.zeros_like(z)
-            return -here.objective, -coordinates.gradient(z, here)
-
+        below = partial(_below, likelihood, coordinates)
         z = np.zeros(coordinates.size)
-        options = {"gtol": tol * likelihood.total, "maxiter": min(more, max_iter - steps)}
-        found = optimize.minimize(below, z, jac=True, method="BFGS", options=options)
+        found = optimize.minimize(
+            below,
+            z,
+            jac=True,
+            method="BFGS",
+            options={"gtol": tol * likelihood.total, "maxiter": min(more, max_iter - steps)},
+        )
         z, least = found.x, np.inf
         if not found.nit:
             z, least = coordinates.gradient(z, at), norm
         at = likelihood.at(coordinates.normals(z))
         steps, more = steps + max(found.nit, 1), max_iter
     return None
+
+
+def _below(likelihood: Likelihood, coordinates: Coordinates, z: Array) -> tuple[float, Array]:
+    """Minus the objective and its gradient at z; infinite where it cannot be computed."""
+    here = likelihood.at(coordinates.normals(z))
+    if here is None:
+        return np.inf, np.zeros_like(z)
+    return -here.objective, -coordinates.gradient(z, here)
 
 
 def _standards(rows: Array, weights: Array, labels: list[str]) -> tuple[Array, Array]:

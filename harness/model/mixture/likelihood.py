@@ -88,7 +88,7 @@ class Likelihood:
         masses, *inner = moments(normals.locations, normals.scales, self.lower, self.upper)
         if not (masses > _SMALLEST_MASS).all():
             return None
-        precisions = np.linalg.inv(normals.scales)
+        precisions: Array = np.linalg.inv(normals.scales).astype(np.float64)
         log_likelihood, sums = self._expectation(self._coefficients(normals, precisions, masses))
         objective = log_likelihood + self.mass_penalty * float(np.log(masses).sum())
         if not np.isfinite(objective):
