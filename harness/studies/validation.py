@@ -31,7 +31,7 @@ from harness.model.sample import LABELS, independent_vehicles, make_sample, row_
 from harness.model.trajectories import ExtractionRules, extract, read_clips
 from harness.model.trajectories.counting import Tally
 from harness.model.trajectories.extraction import VEHICLE_KEY
-from harness.model.trajectories.fingerprints import fingerprint, fingerprints_of
+from harness.model.trajectories.tracks import fingerprint, fingerprints_of
 from harness.results import estimators
 from harness.results.estimators import CONFIDENCE, Sampling
 from harness.results.finding import Finding, Form, Plain

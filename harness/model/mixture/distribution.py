@@ -9,8 +9,7 @@ from scipy.linalg import solve_triangular
 
 from harness.core.errors import InputError
 from harness.model.mixture import truncation
-from harness.model.mixture.components import Components
-from harness.model.mixture.conditional import Conditional
+from harness.model.mixture.conditional import Components, Conditional
 
 Array = NDArray[np.float64]
 

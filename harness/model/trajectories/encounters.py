@@ -10,7 +10,6 @@ import pandas as pd
 from harness.core.encounter import FloatArray
 from harness.model.trajectories.counting import Tally
 from harness.model.trajectories.extraction_rules import ROW_COLUMNS, ExtractionRules
-from harness.model.trajectories.fingerprints import fingerprint
 from harness.model.trajectories.paths import (
     TravelPath,
     arc_of_records,
@@ -18,7 +17,7 @@ from harness.model.trajectories.paths import (
     first_crossing,
     travel_m,
 )
-from harness.model.trajectories.tracks import Clip, Track, VehicleTrack
+from harness.model.trajectories.tracks import Clip, Track, VehicleTrack, fingerprint
 
 # Spacing of corners, and length of the chord that gives a direction. They are longer than the
 # recording jitter (about 2 cm in drone video) and shorter than turns of cars or pedestrians.

@@ -49,8 +49,7 @@ from harness.model.trajectories.extraction_rules import (
     Positive,
     with_times,
 )
-from harness.model.trajectories.fingerprints import fingerprint
-from harness.model.trajectories.tracks import Track
+from harness.model.trajectories.tracks import Track, fingerprint
 
 COLUMNS: Mapping[str, tuple[str, float]] = {
     "device": ("Device", 1.0), "trip": ("Trip", 1.0), "obstacle": ("ObstacleId", 1.0),
