@@ -1,7 +1,7 @@
 """The shipped models against the data they say they were fitted on.
 
-The DUT set is no part of the project; where it lies beside the repository the models are
-fitted again by the commands of their cards and must come out as the same densities.
+The DUT set is no part of the project; where it lies beside the repository the models must be nearly
+at maxima of the likelihood, and a fit with the same K must find no lower one.
 """
 
 import shlex
@@ -84,7 +84,7 @@ def test_walking_speeds_at_the_papers_state_are_those_of_people(name):
 
 
 SHORT_OF_ITS_MAXIMUM = {"dut": 0.0038, "dut-k10": 0.2975}
-"""Of the penalised log-likelihood, in nats over 486 encounters: docs/model.md says so."""
+"""Of the penalised log-likelihood, in nats over 486 encounters."""
 
 
 def penalised(mixture, sample):
