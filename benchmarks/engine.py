@@ -25,13 +25,12 @@ from rich.table import Table
 
 from harness.core.encounter import Arm, Trace
 from harness.encounter.pairing import CHUNK_PAIRS, PairRunner
-from harness.engine.network import place_of
 from harness.engine.protocol import Engine
 from harness.engine.shared import open_engine
+from harness.engine.sources import APPROACH_M
 from harness.measures import measure
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario, Setting, load_scenario
-from harness.site import read_site
 
 TURN = CHUNK_PAIRS
 """Episodes of a turn: measured together, as in a run."""
@@ -118,20 +117,17 @@ class Bare:
     """libsumo stepping one vehicle and one walking person, no call in between."""
 
     def __init__(self) -> None:
-        site = read_site(place_of(load_scenario("cctc")))
-        self._near, self._far = site.footpaths
-        self._position = repr(site.ego.departure(30.0).position_m)
+        self._position = repr(APPROACH_M - 30.0)
         self._number = 0
 
     def turn(self, steps: Sequence[int]) -> Cost:
         """Episodes of so many steps, in the simulation that is open in this process."""
-        near, far = self._near, self._far
         begin = used_s()
         for count in steps:
             self._number += 1
             person, ego = f"person-{self._number}", f"vehicle-{self._number}"
-            libsumo.person.add(person, near.edge, near.inside_m)
-            libsumo.person.appendWalkingStage(person, [near.edge, far.edge], far.inside_m)
+            libsumo.person.add(person, "near", 1.0)
+            libsumo.person.appendWalkingStage(person, ["near", "far"], 1.0)
             libsumo.simulationStep()
             libsumo.vehicle.add(
                 ego,

@@ -3,11 +3,17 @@
 from pathlib import Path
 
 from harness.core.files import shipped_directory
-from harness.engine.network import plain_sources
+from harness.engine.sources import plain_sources
 from harness.scenario import Scenario, load_scenario
 from harness.scenario.sections import CrossingSection
+from harness.site.road_frame import RoadFrame
 
 NETWORKS = shipped_directory("networks")
+
+
+def frame_of(crossing: CrossingSection) -> RoadFrame:
+    """The road frame of a crosswalk."""
+    return RoadFrame.of(crossing.bearing_deg, crossing.length_m)
 
 
 def shipped_nets() -> dict[str, Path]:

@@ -27,7 +27,7 @@ def network(
     from harness.engine.network import build_network
 
     with unwinding():
-        net = build_network(crossing, out, file.name).net
+        net = build_network(crossing, out, file.name)
     show_rows("network", [{"file": str(net)}], True, as_json)
 
 

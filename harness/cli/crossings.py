@@ -1,8 +1,6 @@
 """The command ``crossings``."""
 
-import os
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated
 
 from typer import Argument, Option
@@ -31,7 +29,7 @@ def crossings(
     with most vehicles and people come first. --write simulates nothing: strategies drive in your
     configuration, at the crosswalks of --edge.
     """
-    from harness.engine.starting import scratch_prefix
+    from harness.engine.installation import scratch_folder
     from harness.simulation.listing import crossings_of, is_configuration, scenario_text
 
     if (write is None) != (not edge):
@@ -44,10 +42,9 @@ def crossings(
             _write_new(write, scenario_text(file, edge or [], _seen_from(file, write.parent)))
         show_rows("crossings", [{"scenario": str(write)}], not as_json, as_json)
         return
-    prefix = scratch_prefix(os.getpid())
     with (
         unwinding(),
-        TemporaryDirectory(prefix=prefix) as scratch,
+        scratch_folder() as scratch,
         progress_bar(as_json, "simulated s") as tell,
     ):
         rows = crossings_of(file, Path(scratch), lambda now_s, end_s: tell(now_s, end_s))

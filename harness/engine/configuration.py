@@ -6,18 +6,15 @@ errors are as in SUMO.
 
 import gzip
 import os
-import shutil
-import subprocess
-import sysconfig
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from urllib.parse import unquote
 
 from harness.core.errors import EngineError, InputError, one_line
+from harness.engine.installation import run_program, scratch_folder
 
 LONGEST_STEP_S = 1.0
 """SUMO's default, and the longest step at which strategies drive."""
@@ -27,9 +24,6 @@ SHORTER_STEP_S = 0.1
 
 _VEHICLES = ("vehicle", "trip", "flow")
 _PEOPLE = ("person", "personFlow")
-
-_READING_S = 120
-_SCRATCH = f"crosswalk-harness-{os.getpid()}-"
 
 
 @dataclass(frozen=True)
@@ -155,31 +149,14 @@ def read_config(path: Path, step_s: float | None = None) -> SumoConfig:
     return config
 
 
-def sumo_program() -> str:
-    """The program ``sumo`` of this Python's environment, also if the PATH does not have it.
-
-    Raises:
-        EngineError: there is none.
-    """
-    places = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", "")])
-    program = shutil.which("sumo", path=places)
-    if program is None:
-        raise EngineError("sumo: not found; install eclipse-sumo")
-    return program
-
-
 def _options_of(path: Path) -> dict[str, str]:
-    with TemporaryDirectory(prefix=_SCRATCH) as folder:
+    with scratch_folder() as folder:
         saved = Path(folder) / "saved.sumocfg"
-        command = [sumo_program(), "-c", str(path), "--save-configuration", str(saved)]
+        arguments = ["-c", str(path), "--save-configuration", str(saved)]
         try:
-            done = subprocess.run(
-                command, cwd=folder, capture_output=True, text=True, timeout=_READING_S, check=False
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            raise EngineError(f"sumo did not read {path}: {error}") from None
-        if done.returncode or not saved.is_file():
-            raise InputError(str(path), f"SUMO refuses it ({first_error(done.stderr)})")
+            run_program("sumo", arguments, Path(folder))
+        except EngineError as error:
+            raise InputError(str(path), str(error)) from None
         options = {
             element.tag: element.attrib["value"]
             for section in ET.parse(saved).getroot()
@@ -197,24 +174,13 @@ def _absolute(option: str, value: str, folder: Path) -> str:
     return ",".join(path and os.path.normpath(folder / path) for path in paths)
 
 
-def first_error(text: str) -> str:
-    """The first error in SUMO's messages, on one line."""
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    errors = [line.removeprefix("Error:").strip() for line in lines if line.startswith("Error:")]
-    return one_line((errors or lines or ["no message"])[0])
-
-
 @cache
 def option_kinds() -> Mapping[str, tuple[str, str]]:
     """Section (``output``, …) and type (``FILE``, ``BOOL``, …) of every option of ``sumo``."""
-    with TemporaryDirectory(prefix=_SCRATCH) as folder:
+    with scratch_folder() as folder:
         template = Path(folder) / "template.xml"
-        command = [sumo_program(), "--save-template", str(template)]
-        try:
-            subprocess.run(command, cwd=folder, capture_output=True, timeout=_READING_S, check=True)
-            root = ET.parse(template).getroot()
-        except (OSError, subprocess.SubprocessError, ET.ParseError) as error:
-            raise EngineError(f"sumo did not list its options: {error}") from None
+        run_program("sumo", ["--save-template", str(template)], Path(folder))
+        root = ET.parse(template).getroot()
     return {each.tag: (section.tag, each.get("type", "")) for section in root for each in section}
 
 

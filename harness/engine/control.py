@@ -10,11 +10,13 @@ from contextlib import contextmanager
 
 from harness.core.encounter import Arrival
 from harness.core.errors import EngineError
-from harness.engine.network import place_of
 from harness.engine.people import HeldPeople
 from harness.engine.session import Session
+from harness.engine.sources import APPROACH_M
 from harness.scenario import Scenario
-from harness.site import read_site
+from harness.site.road_frame import RoadFrame
+
+EGO_EDGES = ("approach", "exit")
 
 SPEED_MODE_EXTERNAL = 32
 """SUMO neither brakes for pedestrians nor limits accelerations; only the strategy drives."""
@@ -42,7 +44,8 @@ class SumoEngine:
     """
 
     def __init__(self, session: Session, scenario: Scenario) -> None:
-        self._site = site = read_site(place_of(scenario))
+        crossing = scenario.crossing
+        self._frame = RoadFrame.of(crossing.bearing_deg, crossing.length_m)
         self._session, self._api, self._lost = session, session.api, session.lost
         self.closed = self.automated = False
         self._advance, self._get_speed = session.advance, session.vehicles.speed_mps
@@ -51,22 +54,26 @@ class SumoEngine:
             session.vehicles.odometer_m,
         )
         vehicle, self._step_s = scenario.vehicle(), scenario.experiment.step_s
-        departure = site.ego.departure(vehicle.trigger_range_m)
+        # The least R0 is the lane's end, but for the rounding of its length.
+        position_m = min(
+            APPROACH_M - vehicle.trigger_range_m, self._api.lane.getLength("approach_0")
+        )
         self._departing = {
             "depart": "now",
-            "departLane": str(departure.lane),
-            "departPos": repr(departure.position_m),
+            # In SUMO a strip at the kerb is a lane.
+            "departLane": str(scenario.ego.lane + (crossing.kerb_strip_m > 0)),
+            "departPos": repr(position_m),
             "departSpeed": repr(vehicle.initial_speed_mps),
         }
         self._start_x_m = -vehicle.trigger_range_m
-        self._collisions_from_m = -scenario.crossing.width_m / 2 - COLLISION_REACH_M
+        self._collisions_from_m = -crossing.width_m / 2 - COLLISION_REACH_M
         self._episode = 0
         self._ego = ""
         self._set_mps: float | None = None
         """The speed that was last set."""
-        self.people = HeldPeople(session, site, scenario.crossing.length_m)
-        self._api.route.add("drive", departure.edges)
-        self._limit_speed(departure.edges, scenario.speed_limit_mps)
+        self.people = HeldPeople(session, self._frame, crossing.length_m)
+        self._api.route.add("drive", EGO_EDGES)
+        self._limit_speed(EGO_EDGES, scenario.speed_limit_mps)
 
     def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
         """See ``Engine.begin``."""

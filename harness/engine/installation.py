@@ -1,10 +1,20 @@
-"""Checks that SUMO's packages are installed in the version that this package needs."""
+"""SUMO's packages and programs: checked, found and run; and folders for what they read."""
 
+import os
+import shutil
+import subprocess
+from collections.abc import Sequence
 from importlib import metadata
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Literal
 
-from harness.core.errors import InputError
+from harness.core.errors import EngineError, InputError, one_line
+
+Program = Literal["sumo", "sumo-gui", "netconvert"]
 
 _PACKAGES = ("libsumo", "eclipse-sumo", "sumolib", "traci")
+_LIMIT_S = 600.0
 
 
 def check_packages() -> None:
@@ -28,3 +38,56 @@ def check_packages() -> None:
             raise InputError(name, "is not installed", allowed) from None
         if installed != version:
             raise InputError(name, f"version {installed} is installed", allowed)
+
+
+def program(name: Program) -> str:
+    """The path of a program of the package eclipse-sumo, also if the PATH has another one.
+
+    Raises:
+        EngineError: there is none.
+    """
+    try:
+        import sumo
+    except ImportError:
+        raise EngineError(f"{name}: not found; install eclipse-sumo") from None
+    folder = Path(sumo.SUMO_HOME, "bin")
+    found = shutil.which(name, path=str(folder))
+    if found is None:
+        again = "pip install --force-reinstall eclipse-sumo"
+        raise EngineError(f"{name}: there is no {folder / name}; {again}")
+    return found
+
+
+def scratch_folder() -> TemporaryDirectory[str]:
+    """A new temporary folder; its name says which process to remove it after."""
+    return TemporaryDirectory(prefix=f"crosswalk-harness-{os.getpid()}-")
+
+
+def run_program(name: Program, arguments: Sequence[str], folder: Path | None = None) -> None:
+    """Run a program to its end in a process of its own, maybe with another working directory.
+
+    Raises:
+        EngineError: the program is missing, failed or crashed; repeats its first error.
+    """
+    command = [program(name), *arguments]
+    home = Path(command[0]).parents[1]
+    # Without PROJ_DATA netconvert looks for proj.db at its path on the machine that built it.
+    places = {"SUMO_HOME": str(home), "PROJ_DATA": str(home / "data" / "proj")}
+    try:
+        done = subprocess.run(
+            command,
+            cwd=folder,
+            env={**os.environ, **places},
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=_LIMIT_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise EngineError(f"{name}: {one_line(str(error))}") from None
+    if done.returncode:
+        lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+        errors = [line.removeprefix("Error:").strip() for line in lines if line[:6] == "Error:"]
+        how = f"exit code {done.returncode}" if done.returncode > 0 else "it crashed"
+        raise EngineError(f"{name}: {one_line((errors or lines or [how])[0])}")

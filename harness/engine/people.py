@@ -5,10 +5,13 @@ from collections.abc import Sequence
 
 from harness.core.encounter import Arrival, Side
 from harness.engine.session import KEEP_ROUTE, MATCH_THRESHOLD_M, NO_ANGLE, Session
-from harness.site import Site
+from harness.site.road_frame import RoadFrame
 
 WALKER = "walker"
 """The SUMO type of pedestrians."""
+
+_BESIDE_M = 1.0
+"""Distance from the end of a footpath at the crosswalk at which pedestrians are inserted."""
 
 
 class HeldPeople:
@@ -20,16 +23,18 @@ class HeldPeople:
 
     Args:
         session: the simulation.
-        site: the crosswalk.
+        frame: the road frame.
         length_m: from kerb to kerb.
     """
 
-    def __init__(self, session: Session, site: Site, length_m: float) -> None:
+    def __init__(self, session: Session, frame: RoadFrame, length_m: float) -> None:
         self._person, self._move = session.api.person, session.move
-        self._footpaths = {side: site.footpath(side) for side in Side}
-        self._to_network = site.frame.to_network
+        # Both footpaths lead from the near side to the far side.
+        near_m = session.api.lane.getLength("near_0") - _BESIDE_M
+        self._places = {Side.NEAR: ("near", near_m), Side.FAR: ("far", _BESIDE_M)}
+        self._to_network = frame.to_network
         # Network coordinates of (0, y) are origin + y · across.
-        self._line = (*self._to_network(0.0, 0.0), site.frame.across_x, site.frame.across_y)
+        self._line = (*self._to_network(0.0, 0.0), -frame.along_y, frame.along_x)
         self._kerb_m = {Side.NEAR: 0.0, Side.FAR: length_m}
         self.ids: dict[int, str] = {}
         """SUMO's ids of the pedestrians in the simulation, by index."""
@@ -70,9 +75,9 @@ class HeldPeople:
     def _add(self, index: int, side: Side) -> None:
         """Insert a pedestrian on the footpath of their side, with a route to the other side."""
         name = f"pedestrian-{self._run}-{index}"
-        origin, goal = self._footpaths[side], self._footpaths[side.other]
-        self._person.add(name, origin.edge, origin.inside_m, typeID=WALKER)
-        self._person.appendWalkingStage(name, [origin.edge, goal.edge], goal.inside_m)
+        (origin, from_m), (goal, to_m) = self._places[side], self._places[side.other]
+        self._person.add(name, origin, from_m, typeID=WALKER)
+        self._person.appendWalkingStage(name, [origin, goal], to_m)
         self.ids[index] = name
 
     def remove(self, index: int) -> None:

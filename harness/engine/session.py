@@ -2,8 +2,6 @@
 
 import contextlib
 import io
-import os
-import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module, metadata
@@ -11,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol, TypeVar, get_type_hints
 
 from harness.core.errors import EngineError, one_line
-from harness.engine.configuration import first_error, sumo_program
+from harness.engine.installation import program, run_program
 
 Module = Literal["libsumo", "traci", "gui"]
 """Where SUMO runs: in this process, in another one, or in another one with a window."""
@@ -233,8 +231,6 @@ class Session:
 
 def _started(module: Module, command: Sequence[str]) -> Any:
     """The module that SUMO's functions are in, once SUMO runs."""
-    import sumo
-
     api = import_module("libsumo" if module == "libsumo" else "traci")
     if module == "libsumo":
         # The module path may lead to another SUMO, e.g. that of SUMO_HOME/tools.
@@ -243,13 +239,10 @@ def _started(module: Module, command: Sequence[str]) -> Any:
             raise EngineError(f"{api.__file__} is {version}, not {wanted}: see PYTHONPATH")
         if api.isLoaded():
             raise EngineError("only one SUMO simulation can run in a process; close the first")
-        program = "sumo"
-    else:
-        program = os.path.join(sumo.SUMO_HOME, "bin", "sumo-gui" if module == "gui" else "sumo")  # noqa: PTH118
     try:
         # traci prints its retries on stdout, which is for results only.
         with contextlib.redirect_stdout(io.StringIO()):
-            api.start([program, *command])
+            api.start([program("sumo-gui" if module == "gui" else "sumo"), *command])
     except (api.TraCIException, api.FatalTraCIError, OSError) as error:
         # A simulation that failed counts as loaded.
         with contextlib.suppress(api.TraCIException, api.FatalTraCIError):
@@ -261,9 +254,8 @@ def _started(module: Module, command: Sequence[str]) -> Any:
 
 def _first_error(command: Sequence[str]) -> str | None:
     """The first error of SUMO with these options; libsumo only prints it."""
-    again = [sumo_program(), *command, "--begin", "0", "--end", "0"]
     try:
-        done = subprocess.run(again, capture_output=True, text=True, timeout=60, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    return first_error(done.stderr) if done.returncode else None
+        run_program("sumo", [*command, "--begin", "0", "--end", "0"])
+    except EngineError as error:
+        return str(error)
+    return None

@@ -3,12 +3,11 @@
 docs/simulations.md explains the choices and has the measurements behind them.
 """
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from xml.sax.saxutils import quoteattr
 
+from harness.engine.installation import scratch_folder
 from harness.engine.network import network_of
 from harness.engine.session import Module, Session
 from harness.scenario import Scenario
@@ -33,11 +32,6 @@ AV_COLOUR = {"color": "0,114,178"}
 """Colour of AVs in sumo-gui (blue of Okabe and Ito)."""
 
 
-def scratch_prefix(process: int) -> str:
-    """The prefix of the names of a process's temporary folders."""
-    return f"crosswalk-harness-{process}-"
-
-
 def session_of(
     scenario: Scenario,
     options: Mapping[str, str] | None = None,
@@ -57,7 +51,7 @@ def session_of(
     """
     given = {"net-file": str(network_of(scenario))}
     given |= {"step-length": f"{scenario.experiment.step_s:.3f}", **_OPTIONS, **(options or {})}
-    with TemporaryDirectory(prefix=scratch_prefix(os.getpid())) as folder:
+    with scratch_folder() as folder:
         config = Path(folder, "encounter.sumocfg")
         config.write_text('<configuration><no-step-log value="true"/></configuration>')
         for option, text in {"additional-files": _types(scenario), **(files or {})}.items():

@@ -44,7 +44,7 @@ class Window(SumoEngine):
         super().__init__(session_of(scenario, options, files, "gui"), scenario)
         self.automated = arm is Arm.AV
         reach_m = 0.7 * scenario.ego.trigger_range_m + _AROUND_M
-        middle = self._site.frame.to_network(0.0, scenario.crossing.length_m / 2)
+        middle = self._frame.to_network(0.0, scenario.crossing.length_m / 2)
         self._session.look(*middle, reach_m)
 
     def step(self, speed_mps: float, pedestrians: Sequence[tuple[int, float]]) -> float:

@@ -28,7 +28,7 @@ from harness.results.findings import CellFindings
 from harness.results.result import Result, Shown
 from harness.results.run import Run
 from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
-from harness.site.road_network import read_network
+from harness.site.town import Town
 from harness.strategies.references import is_the_papers
 from harness.strategies.registry import aggressiveness_of
 
@@ -295,10 +295,10 @@ def _roads(run: Run) -> "list[ArrayLike]":
     if simulation is None:
         return []
     try:
-        net = read_network(read_config(Path(simulation.file), simulation.step_s).net).net
+        net = read_config(Path(simulation.file), simulation.step_s).net
+        return [*Town.read(net).roads]
     except HarnessError:
         return []
-    return [edge.getShape() for edge in net.getEdges(withInternal=False)]
 
 
 def _traces(scene: Scene) -> "Mapping[str, ShownPair]":

@@ -2,24 +2,19 @@
 
 import hashlib
 import math
-import os
-import subprocess
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from harness.core.errors import EngineError, InputError, nearest_name
 from harness.encounter.arms import asks_model
 from harness.engine.configuration import (
     SumoConfig,
-    first_error,
     people_come,
     read_config,
-    sumo_program,
     types_that_come,
 )
-from harness.engine.starting import scratch_prefix
+from harness.engine.installation import run_program, scratch_folder
 from harness.model.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
 from harness.scenario.consistency import check_perception
@@ -124,13 +119,13 @@ def check_demand(config: SumoConfig) -> None:
     Raises:
         InputError: SUMO does not begin with all routes loaded.
     """
-    with TemporaryDirectory(prefix=scratch_prefix(os.getpid())) as scratch:
+    with scratch_folder() as scratch:
         now = {"route-steps": "0", "end": f"{config.begin_s + config.step_s:.3f}"}
         path = write_config(config, Kept(Path(scratch), frozenset()), config.seed, None, now)
-        command = [sumo_program(), "-c", str(path)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise InputError(str(config.path), f"SUMO refuses it ({first_error(done.stderr)})")
+        try:
+            run_program("sumo", ["-c", str(path)])
+        except EngineError as error:
+            raise InputError(str(config.path), str(error)) from None
 
 
 def digests(config: SumoConfig) -> Mapping[str, str]:

@@ -1,17 +1,21 @@
 """Every crosswalk of a SUMO network, and the connections of lanes whose vehicles pass it."""
 
-from collections.abc import Iterator, Mapping
+import gzip
+import math
+import xml.etree.ElementTree as ET
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path as FilePath
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, NamedTuple
+from xml.sax import SAXException
 
 import shapely
 
-from harness.core.errors import InputError, reading
+from harness.core.errors import InputError
 from harness.site.path import Path, PathLane
-from harness.site.road_network import allows, read_network
 
 if TYPE_CHECKING:
     from sumolib.net import Net
@@ -38,6 +42,16 @@ _INSIDE_M = 2.0
 
 _NEAR_M = 6.0
 """A body touches only crosswalks that are this near to its front's line."""
+
+_MOST = 1e9
+"""Upper limit of every length, width, speed and coordinate of a network."""
+
+# sumolib does not check that attributes and references exist.
+_DAMAGED = (
+    *(ET.ParseError, SAXException, EOFError, zlib.error),
+    *(AttributeError, LookupError, TypeError, ValueError),
+)
+"""What is raised for a file that is cut off, or is no network."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,14 +136,30 @@ class Town:
         Raises:
             InputError: the file cannot be read, or is not a SUMO network.
         """
-        network = read_network(net)
-        edges = network.crossings.values()
-        # sumolib does not check that references exist.
-        with reading(net):
+        # This import takes a third of a second, which a scenario without a town does not need.
+        import sumolib.net
+
+        try:
+            left_hand = _keeps_left(net)
+            # With lxml, sumolib leaves out what the crossings cross.
+            network = sumolib.net.readNet(
+                net, withPedestrianConnections=True, withFoes=True, lxml=False, maxcache=0
+            )
+            _check(network)
+            edges = [edge for edge in network.getEdges() if edge.getFunction() == "crossing"]
             nodes = {edge.getToNode() for edge in edges}
-            passing = {node.getID(): tuple(_passing(network.net, node)) for node in nodes}
-            found = {edge.getID(): _crosswalk(edge, passing, network.left_hand) for edge in edges}
-        return cls(MappingProxyType(found), network.net, passing)
+            passing = {node.getID(): tuple(_passing(network, node)) for node in nodes}
+            found = {edge.getID(): _crosswalk(edge, passing, left_hand) for edge in edges}
+        except OSError as error:
+            raise InputError(str(net), f"cannot be read ({error.strerror or error})") from None
+        except _DAMAGED as error:
+            raise InputError(str(net), f"is not a complete SUMO network ({error})") from None
+        return cls(MappingProxyType(found), network, passing)
+
+    @property
+    def roads(self) -> Sequence[Sequence[tuple[float, float]]]:
+        """The shapes of all edges outside junctions."""
+        return [edge.getShape() for edge in self._net.getEdges(withInternal=False)]
 
     def connections(self, crosswalk: str, near_m: float = _NEAR_M) -> tuple[Connection, ...]:
         """The connections for vehicles whose line leads over a crosswalk, or near to it.
@@ -217,7 +247,7 @@ class Town:
             roads = [
                 (lane.getLength(), lane.getEdge().getID(), at_end)
                 for lane, at_end in beside
-                if not lane.getEdge().isSpecial() and allows(lane, "pedestrian")
+                if not lane.getEdge().isSpecial() and _allows_people(lane)
             ]
             if roads:
                 length_m, edge, at_end = max(roads)
@@ -229,6 +259,30 @@ class Town:
             ways += [(lane, *way) for lane in sorted(further, key=lambda each: each.getID())]
         allowed = "a lane for pedestrians at each end (netconvert --sidewalks.guess adds them)"
         raise InputError(crosswalk, "no footpath leads to an end of it", allowed)
+
+
+def _keeps_left(net: FilePath) -> bool:
+    """Whether traffic keeps left, which sumolib does not read."""
+    with net.open("rb") as file:
+        packed = file.read(2) == b"\x1f\x8b"
+    with gzip.open(net) if packed else net.open("rb") as file:
+        root = next(ET.iterparse(file, ("start",)))[1]
+    if root.tag != "net":
+        raise ValueError(f"its first element is <{root.tag[:40]}>, not <net>")
+    return root.get("lefthand") in ("true", "1")
+
+
+def _check(net: "Net") -> None:
+    """Refuse edges without two junctions, and lanes whose shape or size is not valid."""
+    for edge in net.getEdges():
+        if edge.getFromNode() is None or edge.getToNode() is None:
+            raise ValueError(f"edge {edge.getID()} does not join two junctions")
+        for lane in edge.getLanes():
+            line = lane.getShape()
+            numbers = [lane.getLength(), lane.getWidth(), lane.getSpeed()]
+            numbers += [coordinate for point in line for coordinate in point]
+            if len(line) < 2 or not max(map(abs, numbers)) < _MOST or any(map(math.isnan, numbers)):
+                raise ValueError(f"lane {lane.getID()} has an invalid shape or size")
 
 
 class _Passing(NamedTuple):
@@ -308,6 +362,10 @@ def _via(net: "Net", link: "Link") -> list["Lane"]:
 def _classes(lane: "Lane") -> set[str]:
     """The classes of vehicles that may use a lane; sumolib treats "all" as a class of its own."""
     return set(lane.getPermissions()) - _ON_FOOT
+
+
+def _allows_people(lane: "Lane") -> bool:
+    return not {"all", "pedestrian"}.isdisjoint(lane.getPermissions())
 
 
 def _for_vehicles(link: "Link") -> bool:

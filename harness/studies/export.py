@@ -22,14 +22,14 @@ from harness.core.errors import InputError
 from harness.core.files import cannot_write, write_file
 from harness.engine.configuration import read_config
 from harness.engine.fcd import Record, records
-from harness.engine.network import network_of, opendrive, place_of
+from harness.engine.network import network_of, opendrive
 from harness.engine.session import Session
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.results.run import Run
 from harness.results.tables import TABLES_OF, Row, Tables, read_cell
 from harness.scenario import Scenario
 from harness.simulation.files import CONFIG_FILE
-from harness.site import RoadFrame, read_site
+from harness.site.road_frame import RoadFrame
 from harness.studies.replay import RECORDS, refuse_in_use, replayed, stored_tasks
 from harness.studies.simulations import REPLAYED
 from harness.studies.tasks import Task
@@ -198,7 +198,8 @@ def _encounter(title: str, tables: Tables, scenario: Scenario, free: bool) -> Sc
     rows = rows.filter(pc.equal(rows["object"], "ego"))
     names = ("time_s", "x_m", "y_m", "speed_mps")
     time_s, x_m, y_m, speed_mps = (rows[name].to_numpy() for name in names)
-    frame, end_s = read_site(place_of(scenario)).frame, float(time_s[-1])
+    crossing, end_s = scenario.crossing, float(time_s[-1])
+    frame = RoadFrame.of(crossing.bearing_deg, crossing.length_m)
     heading = np.full(len(time_s), math.atan2(frame.along_y, frame.along_x))
     states = np.column_stack((time_s, *frame.to_network(x_m, y_m), heading, speed_mps))
     limits = vehicle.max_acceleration_mps2, vehicle.max_deceleration_mps2
@@ -241,7 +242,7 @@ def _people(
             time_s = np.array([start_s, *steps[between], until_s])
             motion = [*states_at(walk, crossing, time_s)[:3]]
         x, y = frame.to_network(motion[0], motion[1])
-        across = math.atan2(way * frame.across_y, way * frame.across_x)
+        across = math.atan2(way * frame.along_x, -way * frame.along_y)
         states = np.column_stack((time_s, x, y, _headings(x, y, across), motion[2]))
         appears_s = min(max(0.0, came.arrival_s), float(time_s[0]))
         leaves_s = until_s if until_s == cleared else None
@@ -258,13 +259,11 @@ def _headings(x: FloatArray, y: FloatArray, standing: float) -> FloatArray:
 
 
 def _obstacles(scenario: Scenario, frame: RoadFrame) -> Iterator[Mover]:
-    # At an oblique crosswalk a rectangle of the road frame is a parallelogram on the ground.
-    slant = abs(frame.along_x * frame.across_y - frame.along_y * frame.across_x)
     heading = math.atan2(frame.along_y, frame.along_x)
     for number, box in enumerate(scenario.obstacles()):
         states = np.array([[0.0, *frame.to_network(box.x_m, box.y_m), heading, 0.0]])
         name = f"obstacle-{number}"
-        yield Mover(name, "obstacle", box.length_m, box.width_m * slant, states)
+        yield Mover(name, "obstacle", box.length_m, box.width_m, states)
 
 
 def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) -> Scene:

@@ -1,20 +1,18 @@
 """Simulates a pair of a task's cells, both arms, in the one SUMO of this process."""
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import MappingProxyType
 
 import pyarrow as pa
 
 from harness.core.encounter import Arm
 from harness.encounter.arms import arm_key, check_arms
+from harness.engine.installation import scratch_folder
 from harness.engine.session import Module
 from harness.engine.shared import close_engine
-from harness.engine.starting import scratch_prefix
 from harness.model.interaction import InteractionModel, load_model
 from harness.results.rows import simulation_rows
 from harness.results.tables import Row, Tables
@@ -130,7 +128,7 @@ def _opened(scenario: Scenario, pair: int, folder: Path) -> Setup:
 @contextmanager
 def _folders(task: Task, scenario: Scenario, cell: int) -> Iterator[tuple[Path, Path]]:
     """The folders of a pair's demand and of its arms: in the run's folder if they are kept."""
-    with TemporaryDirectory(prefix=scratch_prefix(os.getpid())) as scratch:
+    with scratch_folder() as scratch:
         kept = (
             scratch if task.folder is None else task.folder / FILES / f"{cell:04d}-{task.first:08d}"
         )

@@ -13,11 +13,9 @@ import pytest
 import shapely
 
 from harness.core.encounter import Arm
-from harness.engine.network import place_of
 from harness.results.run import load_run
 from harness.scenario import Scenario, study_of
 from harness.scenario.file import ScenarioFile
-from harness.site import read_site
 from harness.site.town import Town
 from harness.studies.run import run
 from tests import towns
@@ -32,6 +30,7 @@ from tests.exported import (
     places,
     read,
 )
+from tests.sites import frame_of
 
 
 def ran(tree: dict[str, object], folder: Path, *, traces: bool = True) -> Path:
@@ -54,7 +53,7 @@ def stored(run: Path, pair: int, arm: Arm = Arm.AV) -> dict[str, pd.DataFrame]:
 
 def assert_as_stored(back: Read, scenario: Scenario, rows: dict[str, pd.DataFrame]) -> int:
     """Every stored state is in the file, within 1 cm and 1 ms; returns how many people are."""
-    frame = read_site(place_of(scenario)).frame
+    frame = frame_of(scenario.crossing)
     moved = {name: front(back) if name == "ego" else back.states[name][:, :3] for name in rows}
     for name, states in rows.items():
         t, x, y = (states[key].to_numpy() for key in ("time_s", "x_m", "y_m"))
@@ -110,7 +109,7 @@ def test_people_are_there_from_their_arrival_to_the_other_kerb(flow: Path, tmp_p
 def test_a_free_ego_starts_at_r0_and_everybody_waits_for_it(flow: Path, tmp_path: Path) -> None:
     path = exported(flow, tmp_path / "free", "--pair", 1, "--ego", "free")
     back, scenario = read(path), load_run(flow).scenario_of(0)
-    ego, frame = scenario.vehicle(), read_site(place_of(scenario)).frame
+    ego, frame = scenario.vehicle(), frame_of(scenario.crossing)
     assert len(back.states["ego"]) == 1
     lane_m = scenario.crosswalk().lane_centre_m
     start = frame.to_network(-ego.trigger_range_m, lane_m)

@@ -9,12 +9,11 @@ import pytest
 from harness.core.encounter import Arm
 from harness.encounter.pairing import PairRunner
 from harness.engine.control import SumoEngine
-from harness.engine.network import network_of
-from harness.engine.network.build import CACHE_VARIABLE
+from harness.engine.network import CACHE_VARIABLE
 from harness.engine.starting import session_of
 from harness.scenario import Scenario, validate
-from harness.site import Place, read_site
 from tests.scenes import on_plain
+from tests.sites import frame_of
 from tests.sumo.test_engines_agree import assert_same_episode
 
 
@@ -49,18 +48,18 @@ def random_scenario(seed: int) -> Scenario:
     return validate(tree, "random")
 
 
-def check_lanes(scenario: Scenario, net: Path) -> None:
+def check_lanes(scenario: Scenario) -> None:
     """Every lane of the network lies where ``[crossing]`` says, from kerb to kerb."""
     crossing = scenario.crossing
-    site = read_site(Place(net, lane=scenario.ego.lane))
+    frame = frame_of(crossing)
     for edge, count, mirrored in (
         ("approach", crossing.lanes, False),
         ("oncoming_exit", crossing.oncoming_lanes, True),
     ):
-        first = site.ego.lane - scenario.ego.lane
+        first = int(crossing.kerb_strip_m > 0)
         for lane in range(count):
             name = f"{edge}_{first + lane}"
-            ys = [site.frame.to_road(*point)[1] for point in libsumo.lane.getShape(name)]
+            ys = [frame.to_road(*point)[1] for point in libsumo.lane.getShape(name)]
             # By hand: lanes side by side from the kerb, one-way ones in the middle of the road.
             width = crossing.lane_width_m or crossing.length_m / (
                 crossing.lanes + crossing.oncoming_lanes
@@ -75,13 +74,12 @@ def check_lanes(scenario: Scenario, net: Path) -> None:
 def compare(seed: int, model) -> int:
     """One random road in SUMO and on the plain engine; returns how many people were met."""
     scenario = random_scenario(seed)
-    net = network_of(scenario)
     engine = SumoEngine(session_of(scenario), scenario)
     met = 0
     try:
-        check_lanes(scenario, net)
+        check_lanes(scenario)
         limit = scenario.crossing.road_speed_limit_mps or scenario.ego.initial_speed_mps
-        index = read_site(Place(net, lane=scenario.ego.lane)).ego.lane
+        index = scenario.ego.lane + (scenario.crossing.kerb_strip_m > 0)
         for name in (f"approach_{index}", f"exit_{index}"):
             assert libsumo.lane.getMaxSpeed(name) == limit
         plain = on_plain(scenario, model)

@@ -16,14 +16,15 @@ import pytest
 
 from harness.core.encounter import Ending
 from harness.core.errors import EngineError, InputError
-from harness.engine.network import build, build_network, network_of, sources
+from harness.engine import network, sources
+from harness.engine.network import CACHE_VARIABLE, build_network, network_of
 from harness.scenario import Scenario, load_scenario
 from harness.scenario.sections import CrossingSection
-from harness.site import Place, read_site, road_network
+from harness.site.town import Town
 from harness.strategies.constant_speed import ConstantSpeed
 from tests.conftest import MakeEngine
 from tests.scenes import play, refuses, scenario
-from tests.sites import NETWORKS, geometries
+from tests.sites import NETWORKS, frame_of, geometries
 
 
 def site(*numbers: float) -> CrossingSection:
@@ -52,7 +53,7 @@ FLATTENING = 1 / 298.257223563
 def nets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("nets")
     return {
-        name: build_network(geometry, folder / str(number), "site").net
+        name: build_network(geometry, folder / str(number), "site")
         for number, (name, geometry) in enumerate(GEOMETRIES.items())
     }
 
@@ -105,7 +106,7 @@ def test_the_centre_is_at_the_coordinates_and_metres_and_north_are_true(
     case: tuple[CrossingSection, Path],
 ) -> None:
     geometry, net = case
-    to_network = read_site(Place(net)).frame.to_network
+    to_network = frame_of(geometry).to_network
     # The nodes are metres east and north of the centre.
     assert to_network(0.0, geometry.length_m / 2) == pytest.approx((0.0, 0.0), abs=1e-6)
     with simulation(net):
@@ -122,19 +123,25 @@ def test_the_centre_is_at_the_coordinates_and_metres_and_north_are_true(
     assert math.hypot(*ground_m(*walk)) == pytest.approx(geometry.length_m, rel=1e-6)
 
 
+def near_to(*points: tuple[float, float]) -> tuple[object, ...]:
+    return tuple(pytest.approx(point, abs=2e-6) for point in points)
+
+
 def test_crossing_spans_kerb_to_kerb(case: tuple[CrossingSection, Path]) -> None:
     """The near kerb is half a length to the right of the ego's direction, lanes lie between."""
     geometry, net = case
-    site, length = read_site(Place(net)), geometry.length_m
+    length, town = geometry.length_m, Town.read(net)
+    (crosswalk,) = town.crosswalks.values()
+    ends = crosswalk.axis.coords
     bearing = math.radians(geometry.bearing_deg)
     near = (math.cos(bearing) * length / 2, -math.sin(bearing) * length / 2)
-    assert site.frame.to_network(0.0, 0.0) == pytest.approx(near, abs=2e-6)
-    far = (-near[0], -near[1])
-    assert site.frame.to_network(0.0, length) == pytest.approx(far, abs=2e-6)
-    assert (site.length_m, site.width_m) == pytest.approx((length, geometry.width_m), abs=2e-6)
-    centres = [way.centre_m for way in site.ways]
-    assert centres == pytest.approx([length / 4, length * 3 / 4], abs=2e-6)
-    assert [way.width_m for way in site.ways] == pytest.approx([length / 2] * 2)
+    far, to_road = (-near[0], -near[1]), frame_of(geometry).to_road
+    assert (ends[0], ends[-1]) in (near_to(near, far), near_to(far, near))
+    assert crosswalk.width_m == pytest.approx(geometry.width_m, abs=2e-6)
+    for name, centre in (("approach_0", length / 4), ("oncoming_approach_0", length * 3 / 4)):
+        ys = [to_road(*point)[1] for point in town.lane(name).shape]
+        assert ys == pytest.approx([centre] * 2, abs=2e-6)
+        assert town.lane_width_m(name) == pytest.approx(length / 2)
 
 
 def test_crosswalk_is_unsignalized_and_vehicles_yield(nets: dict[str, Path]) -> None:
@@ -151,13 +158,12 @@ def test_drive_is_exact(
     case: tuple[CrossingSection, Path], range_m: float, speed_mps: float
 ) -> None:
     geometry, net = case
-    site = read_site(Place(net))
-    acceleration, step = 0.3, 0.1
+    acceleration, step, to_network = 0.3, 0.1, frame_of(geometry).to_network
     lanes = set()
     with simulation(net):
-        departure = site.ego.departure(range_m)
-        start = {"departPos": repr(departure.position_m), "departSpeed": repr(speed_mps)}
-        libsumo.route.add("drive", departure.edges)
+        # The approach begins 300 m before the crosswalk's centre line.
+        start = {"departPos": repr(300.0 - range_m), "departSpeed": repr(speed_mps)}
+        libsumo.route.add("drive", ("approach", "exit"))
         libsumo.vehicle.add("ego", "drive", **start)
         libsumo.vehicle.setSpeedMode("ego", 32)
         libsumo.simulationStep()
@@ -168,7 +174,7 @@ def test_drive_is_exact(
             time = steps * step
             driven = speed_mps * time + acceleration * time**2 / 2
             place = libsumo.vehicle.getPosition("ego")
-            expected = site.frame.to_network(driven - range_m, geometry.length_m / 4)
+            expected = to_network(driven - range_m, geometry.length_m / 4)
             assert place == pytest.approx(expected, abs=1e-6, rel=0)
             assert libsumo.vehicle.getDistance("ego") == pytest.approx(driven, abs=1e-9, rel=0)
             lanes.add(libsumo.vehicle.getRoadID("ego"))
@@ -184,33 +190,32 @@ def test_drive_is_exact(
 @pytest.mark.parametrize("near_side", [True, False])
 def test_walk_is_straight_and_exact(case: tuple[CrossingSection, Path], near_side: bool) -> None:
     geometry, net = case
-    site = read_site(Place(net))
-    first, last = site.footpaths[:: 1 if near_side else -1]
-    edges = []
+    edges, frame = [], frame_of(geometry)
+    first, last = ("near", "far") if near_side else ("far", "near")
     with simulation(net):
-        libsumo.person.add("walker", first.edge, first.inside_m)
-        libsumo.person.appendWalkingStage("walker", [first.edge, last.edge], last.inside_m)
+        libsumo.person.add("walker", first, 1.0)
+        libsumo.person.appendWalkingStage("walker", [first, last], 1.0)
         libsumo.simulationStep()
         # 0.13 m per step, kerbs included: 1.3 m/s.
         for step in range(int(geometry.length_m / 0.13) + 1):
             y = 0.13 * step if near_side else geometry.length_m - 0.13 * step
-            x_net, y_net = site.frame.to_network(0.0, y)
+            x_net, y_net = frame.to_network(0.0, y)
             libsumo.person.moveToXY("walker", "", x_net, y_net, keepRoute=2, matchThreshold=1)
             libsumo.simulationStep()
             place = libsumo.person.getPosition("walker")
             if 0.01 <= y <= geometry.length_m - 0.01:
-                assert site.frame.to_road(*place) == pytest.approx((0.0, y), abs=1e-6, rel=0)
+                assert frame.to_road(*place) == pytest.approx((0.0, y), abs=1e-6, rel=0)
                 edges.append(libsumo.person.getRoadID("walker"))
     assert len(edges) >= geometry.length_m / 0.13 - 2
     assert set(edges) == {":crosswalk_c0"}
 
 
 def test_mapping_and_its_inverse_and_ranges_off_the_approach() -> None:
-    site = read_site(Place(SHIPPED / "cctc.net.xml"))
+    frame = frame_of(CCTC)
     for point in ((0.0, 0.0), (-30.0, 2.25), (117.3, -4.0)):
-        assert site.frame.to_road(*site.frame.to_network(*point)) == pytest.approx(point, abs=1e-12)
+        assert frame.to_road(*frame.to_network(*point)) == pytest.approx(point, abs=1e-12)
     # Bearing 316.5°: 100 m along are 100·sin east and 100·cos north of the start.
-    here, there = site.frame.to_network(0.0, 4.5), site.frame.to_network(100.0, 4.5)
+    here, there = frame.to_network(0.0, 4.5), frame.to_network(100.0, 4.5)
     angle = math.radians(316.5)
     assert there[0] - here[0] == pytest.approx(100 * math.sin(angle), abs=1e-5)
     assert there[1] - here[1] == pytest.approx(100 * math.cos(angle), abs=1e-5)
@@ -222,44 +227,34 @@ def test_bad_names_and_files_are_refused(tmp_path: Path) -> None:
     refuses("cannot be written", lambda: build_network(CCTC, tmp_path / "file", "site"))
     (tmp_path / "cut").write_text((SHIPPED / "cctc.net.xml").read_text()[:3000])
     for name, words in (
-        ("file", "not a network of a scenario"),
-        ("missing", "does not exist"),
-        ("cut", "is incomplete"),
+        ("missing", "cannot be read"),
+        ("cut", "is not a complete SUMO network"),
     ):
         with pytest.raises(InputError, match=words):
-            read_site(Place(tmp_path / name))
+            Town.read(tmp_path / name)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ('to="far"', 'to="nowhere"', r"^netconvert: .*nowhere"),
-        # Off their axis, the footpaths pull the crosswalk 2 m along the road, away from the node.
-        (' spreadType="center"', "", "netconvert: "),
-    ],
-)
-def test_a_network_that_netconvert_does_not_build_as_asked_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, old: str, new: str, words: str
+def test_a_network_that_netconvert_does_not_build_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    edges = sources._TEMPLATES["edg.xml"].replace(old, new)
+    edges = sources._TEMPLATES["edg.xml"].replace('to="far"', 'to="nowhere"')
     monkeypatch.setitem(sources._TEMPLATES, "edg.xml", edges)
-    with pytest.raises(EngineError, match=words) as caught:
+    with pytest.raises(EngineError, match=r"^netconvert: .*nowhere") as caught:
         build_network(CCTC, tmp_path, "site")
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_other_geometries_are_built_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
     geometry = CrossingSection(bearing_deg=10.0)
     net = network_of(Scenario(crossing=geometry))
     assert net.is_relative_to(tmp_path)
-    assert read_site(Place(net)).bearing_deg == pytest.approx(10.0, abs=1e-5)
     with monkeypatch.context() as patch:
-        patch.setattr(build, "build_network", lambda *_: pytest.fail("built twice"))
+        patch.setattr(network, "build_network", lambda *_: pytest.fail("built twice"))
         assert network_of(Scenario(crossing=geometry)) == net
     assert network_of(Scenario(crossing=CrossingSection(bearing_deg=11.0))) != net
-    monkeypatch.setattr(build, "_netconvert_version", lambda: "another")
+    monkeypatch.setattr(network.metadata, "version", lambda _: "another")
     assert network_of(Scenario(crossing=geometry)) != net
 
 
@@ -269,12 +264,10 @@ def test_an_ego_starts_at_the_nearest_range_there_is(sumo: MakeEngine) -> None:
     assert play(ConstantSpeed(), [], scene, sumo(scene)).ending is Ending.CROSSED
 
 
-def test_a_packed_network_is_read_alike_and_none_that_is_too_large(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    text, packed = (SHIPPED / "cctc.net.xml").read_bytes(), tmp_path / "packed.net.xml.gz"
-    packed.write_bytes(gzip.compress(text))
-    assert read_site(Place(packed)) == read_site(Place(SHIPPED / "cctc.net.xml"))
-    monkeypatch.setattr(road_network, "_MOST_BYTES", len(text) // 2)
-    with pytest.raises(InputError, match="MB unpacked; allowed: a part of it"):
-        read_site(Place(packed))
+def test_a_packed_network_is_read_alike(tmp_path: Path) -> None:
+    net = SHIPPED / "cctc.net.xml"
+    (tmp_path / "packed.net.xml.gz").write_bytes(gzip.compress(net.read_bytes()))
+    (one,), (other,) = (
+        Town.read(each).crosswalks.values() for each in (net, tmp_path / "packed.net.xml.gz")
+    )
+    assert (one.id, one.axis, one.roads) == (other.id, other.axis, other.roads)

@@ -5,16 +5,15 @@ import numpy as np
 import pytest
 
 from harness.core.encounter import Side
-from harness.core.files import shipped_directory
 from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.loop import run_episode
 from harness.engine.control import SumoEngine
 from harness.measures import measure
-from harness.site import Place, read_site
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.hard_yield import HardYield
 from tests.scenes import play, scenario
+from tests.sites import frame_of
 
 
 class Watched:
@@ -41,11 +40,11 @@ class Watched:
         positions = {}
         for index, name in self._engine.people.ids.items():
             if name in libsumo.person.getIDList():
-                positions[index] = SITE.frame.to_road(*libsumo.person.getPosition(name))
+                positions[index] = FRAME.to_road(*libsumo.person.getPosition(name))
         self.seen.append(positions)
 
 
-SITE = read_site(Place(shipped_directory("networks") / "cctc" / "cctc.net.xml"))
+FRAME = frame_of(scenario().crossing)
 
 KERB_BAND_M = 0.011
 """Within a centimetre of a kerb SUMO moves a person by up to 11 mm (docs/simulations.md)."""
@@ -89,7 +88,7 @@ def test_waiting_pedestrians_stand_still_until_the_vehicle_has_gone(sumo) -> Non
 def test_engine_starts_exactly_at_the_trigger(sumo) -> None:
     engine = sumo(scenario())
     assert engine.begin(()) == (-30.0, 5.0)
-    ego = SITE.frame.to_road(*libsumo.vehicle.getPosition(engine._ego))
+    ego = FRAME.to_road(*libsumo.vehicle.getPosition(engine._ego))
     np.testing.assert_allclose(ego, (-30.0, 2.25), atol=1e-6)
     engine.end()
 

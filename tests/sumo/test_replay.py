@@ -10,7 +10,6 @@ import pytest
 
 from harness.core.encounter import Arm
 from harness.results.run import Run
-from harness.site import Place, read_site
 from harness.studies.replay import replay
 from harness.studies.run import run as simulate
 from tests.batches import (
@@ -22,6 +21,7 @@ from tests.batches import (
     one_process,
     options_of,
 )
+from tests.sites import frame_of
 
 FLOW_PER_HOUR = "pedestrians.flow_per_hour"
 # Replay starts a SUMO of its own, and only one can run in a process.
@@ -63,7 +63,7 @@ def busiest(run: Run, cell: int) -> int:
 def test_fcd_agrees_with_the_trace(run: Run, arm: Arm) -> None:
     pair = busiest(run, 1)
     folder = outputs(run, pair, arm, 1)
-    site = read_site(Place(folder / "site.net.xml"))
+    frame = frame_of(run.scenario_of(1).crossing)
     seen: dict[tuple[str, int], tuple[float, float, float]] = {}
     for step in ET.parse(folder / "fcd.xml").getroot():
         # SUMO inserts the ego in its second step: its clock is one step ahead.
@@ -78,7 +78,7 @@ def test_fcd_agrees_with_the_trace(run: Run, arm: Arm) -> None:
                 assert item.attrib["type"] == ("av" if arm is Arm.AV else "ego")
             name = "ego" if item.tag == "vehicle" else f"pedestrian-{index}"
             speed = float(item.attrib["speed"])
-            seen[name, number] = (*site.frame.to_road(x, y), speed)
+            seen[name, number] = (*frame.to_road(x, y), speed)
     rows = stored(run, "traces", pair, arm.value, 1)
     compared = {"ego": 0, "pedestrian": 0}
     for row in rows:

@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from harness.core.encounter import Arm, Side
-from harness.engine.configuration import read_config, sumo_program
+from harness.engine.configuration import read_config
+from harness.engine.installation import program
 from harness.engine.shared import close_engine
 from harness.model.interaction import load_model
 from harness.scenario import validate
@@ -67,7 +68,7 @@ def test_nobody_driven_is_sumo_untouched(tmp_path: Path) -> None:
     )
     plain = tmp_path / "plain.xml"
     config = str(tmp_path / "arm" / CONFIG_FILE)
-    call(tmp_path, sumo_program(), "-c", config, "--tripinfo-output", str(plain))
+    call(tmp_path, program("sumo"), "-c", config, "--tripinfo-output", str(plain))
     ours = trips(tmp_path / "arm" / TRIPS_FILE)
     assert ours == trips(plain)
     rows = outcome["vehicles"]
