@@ -29,7 +29,7 @@ from harness.core.encounter import Arm
 from harness.engine.shared import close_engine
 from harness.model.interaction import load_model
 from harness.scenario import validate
-from harness.simulation.files import Kept, write_config
+from harness.simulation.files import write_config
 from harness.simulation.opening import opened
 from harness.simulation.pairing import run_arm
 from harness.simulation.setup import Setup
@@ -125,8 +125,7 @@ def arm_s(setup: Setup) -> tuple[float, int]:
 def alone_s(setup: Setup) -> float:
     """The processor time of `sumo` with an arm's configuration."""
     with tempfile.TemporaryDirectory() as folder:
-        kept = Kept(Path(folder), frozenset())
-        path = write_config(setup.config, kept, setup.seed(0), setup.step_s)
+        path = write_config(setup.config, Path(folder), setup.seed(0))
         begin_s = used_s()
         call(Path(sumo.SUMO_HOME) / "bin/sumo", "-c", path)
         return used_s() - begin_s

@@ -7,7 +7,7 @@ from typer import Argument, Option
 
 from harness.cli import options
 from harness.cli.interruption import unwinding
-from harness.cli.output import progress_bar, say, show_rows
+from harness.cli.output import say, show_rows
 from harness.core.errors import InputError
 
 _NO_CROSSWALK = (
@@ -42,12 +42,8 @@ def crossings(
             _write_new(write, scenario_text(file, edge or [], _seen_from(file, write.parent)))
         show_rows("crossings", [{"scenario": str(write)}], not as_json, as_json)
         return
-    with (
-        unwinding(),
-        scratch_folder() as scratch,
-        progress_bar(as_json, "simulated s") as tell,
-    ):
-        rows = crossings_of(file, Path(scratch), lambda now_s, end_s: tell(now_s, end_s))
+    with unwinding(), scratch_folder() as scratch:
+        rows = crossings_of(file, Path(scratch))
     if not rows:
         say(_NO_CROSSWALK)
     usable = [row for row in rows if row["not usable"] is None]

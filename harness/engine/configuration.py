@@ -16,11 +16,8 @@ from urllib.parse import unquote
 from harness.core.errors import EngineError, InputError, one_line
 from harness.engine.installation import run_program, scratch_folder
 
-LONGEST_STEP_S = 1.0
+_LONGEST_STEP_S = 1.0
 """SUMO's default, and the longest step at which strategies drive."""
-
-SHORTER_STEP_S = 0.1
-"""The step that a scenario file gets if the configuration's step is too long."""
 
 _VEHICLES = ("vehicle", "trip", "flow")
 _PEOPLE = ("person", "personFlow")
@@ -122,7 +119,7 @@ def read_config(path: Path, step_s: float | None = None) -> SumoConfig:
 
     Args:
         path: the configuration's file (.sumocfg).
-        step_s: a shorter step for both arms; None keeps the configuration's.
+        step_s: another step; None keeps the configuration's.
 
     Raises:
         InputError: SUMO refuses the configuration, one of its files is missing, no vehicle comes,
@@ -130,13 +127,14 @@ def read_config(path: Path, step_s: float | None = None) -> SumoConfig:
     """
     if not path.is_file():
         raise InputError(str(path), "no such configuration", "a SUMO configuration (.sumocfg)")
-    config = SumoConfig(path, _options_of(path.absolute()))
+    step = {} if step_s is None else {"step-length": f"{step_s:.3f}"}
+    config = SumoConfig(path, _options_of(path.absolute()) | step)
     for option, (is_refused, problem, allowed) in _REFUSED.items():
         value = config.options.get(option)
         if value and is_refused(value):
             raise InputError(f"{path}: {option} = {value}", problem, allowed)
-    if step_s is None and config.step_s > LONGEST_STEP_S + 1e-9:
-        allowed = f"at most {LONGEST_STEP_S:g} s, or simulation.step_s = {SHORTER_STEP_S:g}"
+    if config.step_s > _LONGEST_STEP_S + 1e-9:
+        allowed = f"at most {_LONGEST_STEP_S:g} s, or a shorter simulation.step_s"
         raise InputError(f"{path}: step-length", f"{config.step_s:g} s", allowed)
     if not config.files("net-file"):
         raise InputError(f"{path}: net-file", "is not given", "a SUMO network")
@@ -216,48 +214,13 @@ def elements_of(*files: Path) -> Iterator[ET.Element]:
             raise InputError(str(file), f"cannot be read as XML ({one_line(str(error))})") from None
 
 
-_BY_MODE = {
-    "car": "DEFAULT_VEHTYPE",
-    "bicycle": "DEFAULT_BIKETYPE",
-    "taxi": "DEFAULT_TAXITYPE",
-}
-"""SUMO's type of the vehicle that a person's trip brings along."""
-
-_DEFAULTS = {
-    "DEFAULT_VEHTYPE": "passenger",
-    "DEFAULT_BIKETYPE": "bicycle",
-    "DEFAULT_TAXITYPE": "taxi",
-    "DEFAULT_RAILTYPE": "rail",
-}
-
-
-def types_that_come(config: SumoConfig) -> Iterator[tuple[str, str]]:
-    """Type and class of every vehicle and flow in the files, one after another.
-
-    Vehicles that people bring along count too.  A type that no file defines has the class
-    ``passenger``.
+def defined_types(config: SumoConfig) -> Iterator[str]:
+    """The names and classes of vehicle types: SUMO's default, then those that files define.
 
     Raises:
         InputError: a file cannot be read as XML.
     """
-    # By the name of a vType or of a distribution: its types, each with its class.
-    types = {name: {(name, vehicle_class)} for name, vehicle_class in _DEFAULTS.items()}
-    distribution: str | None = None
+    yield from ("passenger", "DEFAULT_VEHTYPE")
     for element in elements_of(*config.demand):
-        tag, name, names = element.tag, element.get("id", ""), list[str]()
-        if tag == "vTypeDistribution":
-            distribution = name
-            listed = element.get("vTypes", "").split()
-            types[name] = {of for each in listed for of in types.get(each, {(each, "passenger")})}
-        elif tag == "vType":
-            types[name] = {(name, element.get("vClass", "passenger"))}
-            if distribution is not None:
-                types[distribution] |= types[name]
-        elif tag in _VEHICLES:
-            distribution, names = None, [element.get("type", "DEFAULT_VEHTYPE")]
-        elif tag == "personTrip":
-            modes = element.get("modes", "").split()
-            own = element.get("vTypes", "").split()
-            names = own or [_BY_MODE[mode] for mode in modes if mode in _BY_MODE]
-        for each in names:
-            yield from types.get(each, {(each, "passenger")})
+        if element.tag == "vType":
+            yield from (element.get("id", ""), element.get("vClass", "passenger"))

@@ -14,7 +14,6 @@ from harness.core.errors import EngineError, InputError, one_line
 Program = Literal["sumo", "sumo-gui", "netconvert"]
 
 _PACKAGES = ("libsumo", "eclipse-sumo", "sumolib", "traci")
-_LIMIT_S = 600.0
 
 
 def check_packages() -> None:
@@ -81,10 +80,9 @@ def run_program(name: Program, arguments: Sequence[str], folder: Path | None = N
             capture_output=True,
             text=True,
             errors="replace",
-            timeout=_LIMIT_S,
             check=False,
         )
-    except (OSError, subprocess.TimeoutExpired) as error:
+    except OSError as error:
         raise EngineError(f"{name}: {one_line(str(error))}") from None
     if done.returncode:
         lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]

@@ -279,9 +279,6 @@ class SimulationSection(Section):
     """Time in s from which trips and passages count; if not given, the simulation's begin."""
     end: Positive | None = None
     """Time in s until which trips and passages count; if not given, the simulation's end."""
-    outputs: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    """Outputs of the configuration to keep in the run folder, for example ``tripinfo``, ``fcd``,
-    ``detectors``, or ``all``."""
     step_s: Annotated[float, Field(ge=0.001, le=1)] | None = None
     """Step of both arms; if not given, the configuration's, which is then at most 1 s."""
 

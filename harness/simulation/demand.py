@@ -20,6 +20,7 @@ from harness.engine.configuration import SumoConfig
 from harness.engine.network import network_of
 from harness.scenario import Scenario
 from harness.scenario.traffic import QUARTER_S, TrafficSection, by_quarter
+from harness.simulation.files import write_options, write_xml
 
 NET_FILE, ROUTES_FILE, CONFIG_FILE = "road.net.xml", "vehicles.rou.xml", "traffic.sumocfg"
 
@@ -89,7 +90,7 @@ def write_demand(scenario: Scenario, pair: int, seed: int, folder: Path) -> Sumo
     net = network_of(scenario).read_text(encoding="utf-8")
     limited = re.sub(r'speed="100(\.0+)?"', f'speed="{scenario.speed_limit_mps!r}"', net)
     (folder / NET_FILE).write_text(limited, encoding="utf-8")
-    _write(folder / ROUTES_FILE, _routes(scenario, pair))
+    write_xml(folder / ROUTES_FILE, _routes(scenario, pair))
     options = {
         "net-file": NET_FILE,
         "route-files": ROUTES_FILE,
@@ -99,17 +100,9 @@ def write_demand(scenario: Scenario, pair: int, seed: int, folder: Path) -> Sumo
         "seed": str(seed),
         **_OPTIONS,
     }
-    root = ET.Element("configuration")
-    for name, value in options.items():
-        ET.SubElement(root, name, value=value)
-    _write(folder / CONFIG_FILE, root)
+    path = write_options(folder / CONFIG_FILE, options)
     files = {key: str(folder.absolute() / options[key]) for key in ("net-file", "route-files")}
-    return SumoConfig(folder / CONFIG_FILE, {**options, **files})
-
-
-def _write(path: Path, root: ET.Element) -> None:
-    ET.indent(root)
-    ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+    return SumoConfig(path, {**options, **files})
 
 
 def _routes(scenario: Scenario, pair: int) -> ET.Element:

@@ -10,12 +10,12 @@ import gzip
 import os
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from harness.core.errors import InputError, one_line, unknown_name
+from harness.core.errors import InputError, one_line
 from harness.engine.configuration import SumoConfig, option_kinds
 
 CONFIG_FILE = "simulation.sumocfg"
@@ -65,78 +65,61 @@ _SSM_FILE = "device.ssm.file"
 
 
 @dataclass(frozen=True)
-class Kept:
-    """The outputs of a scenario that are written, and their folder.
+class Folder:
+    """The folder of an arm.
 
     Attributes:
-        folder: the arm's own folder.
-        names: the outputs that are kept: names of SUMO's options without ``-output`` (``fcd``,
-            ``tripinfo`` …), ``detectors`` for outputs of additional files, ``devices`` for device
-            parameters; ``all`` for all outputs.
+        path: the folder.
+        home: the folder of the configuration that is run.
+        keeps: whether the outputs of that configuration are written, into the arm's folder.
     """
 
-    folder: Path
-    names: frozenset[str]
+    path: Path
+    home: Path
+    keeps: bool
 
-    def path(self, name: str, written: Path, home: Path) -> str:
+    def output(self, written: Path) -> str:
         """The path that replaces the path ``written`` of an output.
 
         It is relative to the arm's folder, so that this may be moved: SUMO resolves it from the
         configuration or the copied file that names it, which lie in that folder.
-
-        Args:
-            name: name of the output.
-            written: an absolute path.
-            home: the configuration's folder.
         """
-        return inside(written, home) if self.names & {"all", name} else NOWHERE
+        return self.name(written) if self.keeps else NOWHERE
+
+    def name(self, file: Path) -> str:
+        """A file's path from the configuration's folder, joined by underscores.
+
+        Example:
+            >>> Folder(Path("arm"), Path("town"), True).name(Path("town/out/fcd.xml"))
+            'out_fcd.xml'
+            >>> Folder(Path("arm"), Path("town"), True).name(Path("fcd.xml"))
+            'up_fcd.xml'
+        """
+        parts = Path(os.path.relpath(file, self.home)).parts
+        return "_".join("up" if part == ".." else part for part in parts)
 
 
-def inside(written: Path, home: Path) -> str:
-    """A file name for a path: the path relative to ``home``, joined by underscores.
-
-    Example:
-        >>> inside(Path("town/out/fcd.xml"), Path("town"))
-        'out_fcd.xml'
-        >>> inside(Path("fcd.xml"), Path("town"))
-        'up_fcd.xml'
-    """
-    parts = Path(os.path.relpath(written, home)).parts
-    return "_".join("up" if part == ".." else part for part in parts)
+def _writes(option: str) -> bool:
+    """Whether an option makes SUMO write a file."""
+    if "input-file" in option or option.endswith(".prefix"):
+        return False
+    kind = option_kinds().get(option)
+    named = option.endswith(("-output", ".output")) or option in _PARAMETERS
+    return named or kind in (("output", "FILE"), ("report", "FILE"))
 
 
-def output_options(config: SumoConfig) -> dict[str, str]:
-    """The options of a configuration that make SUMO write a file, each with the file's path."""
-    kinds, named = option_kinds(), {}
-    for name, value in config.options.items():
-        writes = kinds.get(name) in (("output", "FILE"), ("report", "FILE"))
-        writes |= name.endswith(("-output", ".output")) or name in _PARAMETERS
-        if writes and "input-file" not in name and not name.endswith(".prefix") and value:
-            named[name] = value
-    return named
-
-
-def short_name(option: str) -> str:
-    """The name by which ``simulation.outputs`` keeps the output of an option."""
-    if option.startswith("device."):
-        return "devices"
-    return option.removesuffix("-output").removesuffix("-dump")
-
-
-def _options(config: SumoConfig, kept: Kept) -> dict[str, str]:
+def _options(config: SumoConfig, folder: Folder) -> dict[str, str]:
     """A configuration's options, with other outputs and with copies of files that name some."""
-    written, home = output_options(config), config.path.absolute().parent
-    options = {}
+    options = {_SSM_FILE: folder.output(folder.home / "ssm.xml")}
     for name, value in config.options.items():
-        if name in written:
-            path = kept.path(short_name(name), home / value, home)
+        if _writes(name):
+            path = folder.output(folder.home / value) if value else NOWHERE
             if path != NOWHERE:
                 options[name] = path
         elif name in _FILES and value:
-            options[name] = ",".join(copied(file, kept, home) for file in config.files(name))
+            options[name] = ",".join(_copied(file, folder) for file in config.files(name))
         elif not _is_dropped(name):
             options[name] = value
-    options.setdefault(_SSM_FILE, kept.path("devices", home / "ssm.xml", home))
     return options
 
 
@@ -152,13 +135,8 @@ def _is_dropped(option: str) -> bool:
     return option.startswith(prefixes) or option_kinds().get(option, ("",))[0] == "gui_only"
 
 
-def copied(file: Path, kept: Kept, home: Path) -> str:
+def _copied(file: Path, folder: Folder) -> str:
     """The path of a file of the scenario, or the name of its copy if it names an output.
-
-    Args:
-        file: the file.
-        kept: where the copy lies, and which of its outputs are written.
-        home: the configuration's folder.
 
     Raises:
         InputError: the file cannot be read as XML.
@@ -171,51 +149,40 @@ def copied(file: Path, kept: Kept, home: Path) -> str:
         tree = ET.ElementTree(ET.fromstring(content))
     except (OSError, EOFError, ET.ParseError) as error:
         raise InputError(str(file), f"cannot be read as XML ({one_line(str(error))})") from None
-    if not sum(_redirect(element, file.parent, kept, home) for element in tree.iter()):
+    if not sum(_redirect(element, file.parent, folder) for element in tree.iter()):
         return str(file)
-    kept.folder.mkdir(parents=True, exist_ok=True)
-    name = inside(file, home).removesuffix(".gz")
-    tree.write(kept.folder / name, encoding="utf-8", xml_declaration=True)
+    folder.path.mkdir(parents=True, exist_ok=True)
+    name = folder.name(file).removesuffix(".gz")
+    tree.write(folder.path / name, encoding="utf-8", xml_declaration=True)
     return name
 
 
-def _redirect(element: ET.Element, folder: Path, kept: Kept, home: Path) -> bool:
+def _redirect(element: ET.Element, beside: Path, folder: Folder) -> bool:
     """Replace the paths of an element; whether SUMO would have written to one of them."""
-    tag, key, kind = element.tag, element.get("key", ""), "detectors"
+    tag, key = element.tag, element.get("key", "")
     writes, changed = _WRITES.get(tag, ""), False
     if tag == "param" and key in _PARAMETERS:
-        writes, kind = "value", "devices" if key.startswith("device.") else kind
+        writes = "value"
     for attribute in filter(element.get, (writes, _READS.get(tag, ""))):
-        path = Path(os.path.normpath(folder / element.get(attribute, "")))
+        path = Path(os.path.normpath(beside / element.get(attribute, "")))
         new = str(path)
         if attribute == writes:
             from_working_folder = attribute == "output" or key == "device.toc.file"
-            new = NOWHERE if from_working_folder else kept.path(kind, path, home)
+            new = NOWHERE if from_working_folder else folder.output(path)
         elif tag == "include":
-            new = copied(path, kept, home)
+            new = _copied(path, folder)
         changed |= attribute == writes or new != str(path)
         element.set(attribute, new)
     return changed
 
 
-def check_outputs(config: SumoConfig, names: Iterable[str], where: str) -> None:
-    """Refuse names of outputs that a configuration does not write.
-
-    Raises:
-        InputError: an output is unknown; the message lists the configuration's outputs.
-    """
-    known = {"all", "detectors", "devices", "tripinfo", *map(short_name, output_options(config))}
-    for name in names:
-        if name not in known:
-            raise unknown_name(where, f"output of {config.path}", name, known)
-
-
 def write_config(
     config: SumoConfig,
-    kept: Kept,
+    arm: Path,
     seed: int,
-    step_s: float | None,
     more: Mapping[str, str] = MappingProxyType({}),
+    *,
+    keeps: bool = False,
 ) -> Path:
     """Write the configuration of one arm into its folder.
 
@@ -223,10 +190,10 @@ def write_config(
 
     Args:
         config: the configuration that is run.
-        kept: the arm's folder, and the outputs that are written there.
+        arm: the arm's folder.
         seed: seed of SUMO's random numbers.
-        step_s: length of a step; None keeps the configuration's.
-        more: further options.
+        more: further options; an additional file comes after those of the configuration.
+        keeps: whether the configuration's own outputs are written, into the folder.
 
     Returns:
         The path of the file.
@@ -234,15 +201,27 @@ def write_config(
     Raises:
         InputError: a file of the configuration cannot be read.
     """
-    kept.folder.mkdir(parents=True, exist_ok=True)
-    step = {} if step_s is None else {"step-length": f"{step_s:.3f}"}
-    ours = {**_ALWAYS, "seed": str(seed), "tripinfo-output": TRIPS_FILE, **step}
+    arm.mkdir(parents=True, exist_ok=True)
+    ours = {**_ALWAYS, "seed": str(seed), "tripinfo-output": TRIPS_FILE}
+    options = _options(config, Folder(arm, config.path.absolute().parent, keeps))
+    files = filter(None, [each.get("additional-files") for each in (options, more)])
+    if together := ",".join(files):
+        ours["additional-files"] = together
+    return write_options(arm.absolute() / CONFIG_FILE, {**options, **more, **ours})
+
+
+def write_options(path: Path, options: Mapping[str, str]) -> Path:
+    """Write a configuration with these options; its path."""
     root = ET.Element("configuration")
-    for name, value in sorted((_options(config, kept) | ours | dict(more)).items()):
+    for name, value in sorted(options.items()):
         # In paths SUMO decodes "%20".
         is_path = option_kinds().get(name, ("", ""))[1] == "FILE"
         ET.SubElement(root, name, value=value.replace("%", "%25") if is_path else value)
-    ET.indent(root)
-    path = kept.folder.absolute() / CONFIG_FILE
-    ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+    write_xml(path, root)
     return path
+
+
+def write_xml(path: Path, root: ET.Element) -> None:
+    """Write an element with its content into a file, indented."""
+    ET.indent(root)
+    ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)

@@ -6,13 +6,13 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 
-from harness.core.errors import EngineError, InputError, nearest_name
+from harness.core.errors import EngineError, InputError, unknown_name
 from harness.encounter.arms import asks_model
 from harness.engine.configuration import (
     SumoConfig,
+    defined_types,
     people_come,
     read_config,
-    types_that_come,
 )
 from harness.engine.installation import run_program, scratch_folder
 from harness.model.interaction import InteractionModel, check_support
@@ -20,17 +20,14 @@ from harness.scenario import Scenario
 from harness.scenario.consistency import check_perception
 from harness.scenario.sections import EgoSection, SimulationSection
 from harness.simulation import demand
-from harness.simulation.files import Kept, check_outputs, write_config
-from harness.simulation.listing import chosen
+from harness.simulation.files import write_config
 from harness.simulation.setup import CROSSWALK, Setup
 from harness.simulation.shares import sumo_seed
 from harness.simulation.zones import Zones
-from harness.site.town import Town
+from harness.site.town import Crosswalk, Town
 
 _BASE_SEED = 23423
 """SUMO's default seed, of ``[traffic]``."""
-_MOST_NAMES = 20
-"""Greatest number of names that an error lists."""
 _CAR_DECEL_MPS2 = EgoSection().max_deceleration_mps2
 _FASTEST_MPS = 60.0
 """No road allows more, as for ``ego.initial_speed_mps``."""
@@ -61,6 +58,23 @@ def opened_traffic(scenario: Scenario, pair: int, folder: Path) -> Setup:
     )
 
 
+def town_of(file: Path, step_s: float | None = None) -> tuple[SumoConfig, Town]:
+    """A SUMO configuration and its network.
+
+    Args:
+        file: the configuration.
+        step_s: another step; None keeps the configuration's.
+
+    Raises:
+        InputError: it is refused.
+    """
+    try:
+        config = read_config(file, step_s)
+    except EngineError as error:
+        raise InputError(str(file), str(error)) from None
+    return config, _town(config.net, _digest(config.net))
+
+
 def opened(scenario: Scenario) -> Setup:
     """The simulation of a scenario with ``[simulation]``.
 
@@ -68,33 +82,25 @@ def opened(scenario: Scenario) -> Setup:
         InputError: the configuration, a crosswalk, or a key that does not fit it is refused.
     """
     simulation = scenario.known_simulation
-    path, crosswalks = Path(simulation.file), tuple(dict.fromkeys(simulation.crossings))
-    try:
-        config = read_config(path, simulation.step_s)
-        step_s = config.step_s if simulation.step_s is None else simulation.step_s
-        town = _town(config.net, _digest(config.net))
-    except EngineError as error:
-        raise InputError(str(path), str(error)) from None
-    experiment = scenario.experiment.model_copy(update={"step_s": step_s})
+    config, town = town_of(Path(simulation.file), simulation.step_s)
+    crosswalks = tuple(dict.fromkeys(simulation.crossings))
+    experiment = scenario.experiment.model_copy(update={"step_s": config.step_s})
     scenario = scenario.model_copy(update={"experiment": experiment})
     check_perception(scenario)
     _check_people(scenario, config)
     _check_types(simulation.av_types, config)
     for name in crosswalks:
         _check_crosswalk(name, town, scenario.ego.trigger_range_m)
-    check_outputs(config, simulation.outputs, "simulation.outputs")
     begin_s, end_s = _counted_s(simulation, config)
     return Setup(
         scenario=scenario,
         config=config,
-        zones=_zones(town, step_s, crosswalks),
+        zones=_zones(town, config.step_s, crosswalks),
         crosswalks=crosswalks,
         av_share=simulation.av_share,
         av_types=frozenset(simulation.av_types),
         begin_s=begin_s,
         end_s=end_s,
-        step_s=simulation.step_s,
-        outputs=frozenset(simulation.outputs),
     )
 
 
@@ -121,7 +127,7 @@ def check_demand(config: SumoConfig) -> None:
     """
     with scratch_folder() as scratch:
         now = {"route-steps": "0", "end": f"{config.begin_s + config.step_s:.3f}"}
-        path = write_config(config, Kept(Path(scratch), frozenset()), config.seed, None, now)
+        path = write_config(config, Path(scratch), config.seed, now)
         try:
             run_program("sumo", ["-c", str(path)])
         except EngineError as error:
@@ -141,6 +147,21 @@ def _limits_mps(town: Town, crosswalk: str) -> Iterable[float]:
     """The speed limits of the lanes before a crosswalk."""
     links = town.connections(crosswalk)
     return sorted({town.lane(each.from_lane).limit_mps for each in links})
+
+
+def chosen(town: Town, name: str, where: str) -> Crosswalk:
+    """The crosswalk that an option or a key names.
+
+    Raises:
+        InputError: it is not there, or not usable.
+    """
+    crosswalk = town.crosswalks.get(name)
+    if crosswalk is None:
+        raise unknown_name(where, "crosswalk", name, town.crosswalks)
+    if crosswalk.refused is not None:
+        allowed = "a crosswalk that `harness crossings` lists as usable"
+        raise InputError(where, f"{name}: {crosswalk.refused}", allowed)
+    return crosswalk
 
 
 def _check_crosswalk(name: str, town: Town, range_m: float) -> None:
@@ -181,16 +202,11 @@ def _counted_s(simulation: SimulationSection, config: SumoConfig) -> tuple[float
 
 
 def _check_types(names: Iterable[str], config: SumoConfig) -> None:
-    """Refuse a name that is neither the class nor the type of a vehicle that comes."""
-    missing, types, classes = set(names), set[str](), set[str]()
-    for type_id, vehicle_class in types_that_come(config):
-        types.add(type_id)
-        classes.add(vehicle_class)
-        missing -= {type_id, vehicle_class}
+    """Refuse a name that is neither the class nor the id of a vehicle type."""
+    missing, known = set(names), set[str]()
+    for name in defined_types(config):
+        known.add(name)
+        missing.discard(name)
         if not missing:
             return
-    name = min(missing)
-    listed = sorted(classes) + sorted(types - classes)[:_MOST_NAMES]
-    allowed = f"a class or a type that comes: {', '.join(listed) or 'there is none'}"
-    near = nearest_name(name, classes | types)
-    raise InputError("simulation.av_types", f"no vehicle of {name!r} comes", allowed, near)
+    raise unknown_name("simulation.av_types", "vehicle type or class", min(missing), known)

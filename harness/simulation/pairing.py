@@ -16,7 +16,7 @@ from harness.core.errors import EngineError, StrategyError
 from harness.engine.session import Module, Session
 from harness.model.interaction import InteractionModel
 from harness.simulation.arm import ArmOfPair, Log
-from harness.simulation.files import TRIPS_FILE, Kept, write_config
+from harness.simulation.files import TRIPS_FILE, write_config
 from harness.simulation.passages import Columns, columns_of, passages
 from harness.simulation.setup import Setup
 
@@ -49,7 +49,7 @@ def run_arm(
     pair: int,
     arm: Arm,
     folder: Path,
-    outputs: frozenset[str] | None = None,
+    keeps: bool = False,
     module: Module = "libsumo",
     more: Mapping[str, str] = MappingProxyType({}),
     begins: Callable[[Sized | None], None] = lambda _steps: None,
@@ -62,7 +62,7 @@ def run_arm(
         pair: index of the pair.
         arm: which arm.
         folder: the arm's folder, where its configuration and outputs lie.
-        outputs: the outputs that are kept (``Kept``); None: those of the setup.
+        keeps: whether the configuration's own outputs are written there.
         module: where SUMO runs.
         more: further options of SUMO.
         begins: receives what grows with every step when the first step is about to begin, and None
@@ -70,8 +70,7 @@ def run_arm(
     """
     session: Session | None = None
     try:
-        kept = Kept(folder, setup.outputs if outputs is None else outputs)
-        config = write_config(setup.config, kept, setup.seed(pair), setup.step_s, more)
+        config = write_config(setup.config, folder, setup.seed(pair), more, keeps=keeps)
         session = Session(config, module=module)
         running = ArmOfPair(setup, session, pair, arm, model)
         begins(running)

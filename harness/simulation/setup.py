@@ -30,8 +30,6 @@ class Setup:
         crosswalks: ids of the chosen crosswalks.
         av_share, av_types: the share of AVs among vehicles of these vTypes and vClasses.
         begin_s, end_s: the counted time; the end may be infinite.
-        step_s: a step other than the configuration's.
-        outputs: the outputs of the configuration that are kept.
     """
 
     scenario: Scenario
@@ -42,8 +40,6 @@ class Setup:
     av_types: frozenset[str]
     begin_s: float
     end_s: float
-    step_s: float | None = None
-    outputs: frozenset[str] = frozenset()
 
     @property
     def town(self) -> Town:

@@ -26,7 +26,7 @@ from harness.results.simulated import which
 from harness.results.tables import PASSAGES, Row
 from harness.scenario.sections import ConflictsSection
 from harness.simulation.cars import PASSED, Car, Passage
-from harness.simulation.listing import chosen
+from harness.simulation.opening import chosen
 from harness.simulation.passages import passages
 from harness.simulation.walked import Axis, Seen, Walked, walked_of
 from harness.simulation.zones import Zones
@@ -69,7 +69,7 @@ def conflicts(
     """
     town, where = Town.read(net), ", ".join(map(str, files))
     usable = [name for name, each in town.crosswalks.items() if each.refused is None]
-    names = [chosen(town, name).id for name in edges] or usable
+    names = [chosen(town, name, "--edge").id for name in edges] or usable
     walked = {*names}.union(*map(town.areas, names))
     vehicles, walkers, step_s = _read_ways(files, walked)
     zones = Zones(town, step_s, names)

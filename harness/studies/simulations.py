@@ -1,7 +1,6 @@
 """Simulates a pair of a task's cells, both arms, in the one SUMO of this process."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
@@ -80,7 +79,8 @@ def run_task(
     for cell in task.cells:
         scenario = cell.scenario
         outcomes = []
-        with _folders(task, scenario, cell.number) as (demand, arms):
+        with scratch_folder() as scratch:
+            demand, arms = _folders(task, cell.number, Path(scratch))
             found: Setup | None = None
             for arm in task.arms:
                 episode, key = EpisodeId(cell.number, pair, arm), _arm_key(scenario, arm)
@@ -98,7 +98,7 @@ def run_task(
                         pair,
                         arm,
                         arms / (arm if task.outputs is None else ""),
-                        None if task.outputs is None else frozenset(["all"]),
+                        task.outputs is not None,
                         module,
                         {**more, **({} if task.outputs is None else REPLAYED)},
                         partial(tell, episode),
@@ -125,16 +125,13 @@ def _opened(scenario: Scenario, pair: int, folder: Path) -> Setup:
     return opened(scenario) if scenario.traffic is None else opened_traffic(scenario, pair, folder)
 
 
-@contextmanager
-def _folders(task: Task, scenario: Scenario, cell: int) -> Iterator[tuple[Path, Path]]:
-    """The folders of a pair's demand and of its arms: in the run's folder if they are kept."""
-    with scratch_folder() as scratch:
-        kept = (
-            scratch if task.folder is None else task.folder / FILES / f"{cell:04d}-{task.first:08d}"
-        )
-        outputs = scenario.traffic is None and scenario.known_simulation.outputs
-        arms = task.outputs or (kept if outputs else scratch)
-        yield Path(task.outputs or kept), Path(arms)
+def _folders(task: Task, cell: int, scratch: Path) -> tuple[Path, Path]:
+    """The folders of a pair's demand and of its arms: the run's keeps the demand, a replay both."""
+    if task.outputs is not None:
+        return task.outputs, task.outputs
+    if task.folder is None:
+        return scratch, scratch
+    return task.folder / FILES / f"{cell:04d}-{task.first:08d}", scratch
 
 
 def _arm_key(scenario: Scenario, arm: Arm) -> str | None:

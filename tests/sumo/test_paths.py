@@ -269,13 +269,6 @@ def test_a_path_begins_upstream_where_one_lane_leads_on(junctions: Path) -> None
     )
 
 
-def test_a_network_that_is_none(tmp_path: Path) -> None:
-    file = tmp_path / "net.net.xml"
-    file.write_text("<net><location/></net")
-    with pytest.raises(InputError, match=r"net\.net\.xml: is not a SUMO network"):
-        Town.read(file)
-
-
 def test_one_session_in_a_process(tmp_path: Path) -> None:
     config = grid(tmp_path, 10)
     session = Session(config, QUIET)

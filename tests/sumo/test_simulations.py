@@ -143,7 +143,7 @@ def test_people_of_the_harness(tmp_path: Path) -> None:
     setup = setup_at(
         config, crosswalks=1, human="gap_yield", simulation={"av_share": 0.5}, pedestrians=people
     )
-    outcome = run(setup, tmp_path / "arm", outputs=frozenset({"fcd"}))
+    outcome = run(setup, tmp_path / "arm", keeps=True)
     passed, everybody = outcome["passages"], outcome["people"]
     assert passed["driven"].all()
     assert set(passed["driver"]) == {"gap_yield"}
