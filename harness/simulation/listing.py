@@ -24,7 +24,7 @@ _CAR_M = (5.0, 1.8)
 _TEMPLATE = Path(__file__).with_name("scenario.template.toml")
 _MANOEUVRES = ("straight", "left", "right", "turn")
 
-_COUNTED = {"vehicles": "", "people": "walk"}
+_COUNTED = {"vehicles": "none", "people": "walk"}
 """Who is counted, by the value of ``detectPersons`` of SUMO's ``laneData``."""
 
 Row = dict[str, str | float | None]

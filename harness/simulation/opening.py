@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 
-from harness.core.errors import EngineError, InputError, unknown_name
+from harness.core.errors import EngineError, InputError, nearest_name, unknown_name
 from harness.encounter.arms import asks_model
 from harness.engine.configuration import (
     SumoConfig,
@@ -155,11 +155,12 @@ def chosen(town: Town, name: str, where: str) -> Crosswalk:
     Raises:
         InputError: it is not there, or not usable.
     """
+    allowed = "a crosswalk that `harness crossings` lists as usable"
     crosswalk = town.crosswalks.get(name)
     if crosswalk is None:
-        raise unknown_name(where, "crosswalk", name, town.crosswalks)
+        near = nearest_name(name, town.crosswalks)
+        raise InputError(where, f"unknown crosswalk {name!r}", allowed, near)
     if crosswalk.refused is not None:
-        allowed = "a crosswalk that `harness crossings` lists as usable"
         raise InputError(where, f"{name}: {crosswalk.refused}", allowed)
     return crosswalk
 
