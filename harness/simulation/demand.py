@@ -36,7 +36,6 @@ _SATURATED = 0.9
 """In a saturated lane a vehicle is due after this share of the least headway: one always waits."""
 _STANDS_NEARER_M = {"IDM": 0.4}
 """SUMO's IDM stops this much nearer than its minGap (at 1.61 m for a minGap of 2 m)."""
-_BLOCK = 64
 
 _OPTIONS = {
     "step-method.ballistic": "true",
@@ -207,7 +206,7 @@ def _times(
         headways = _headways(scenario, _kinds(traffic, experiment.seed, pair, key))
     begin_s, last_s = -traffic.warm_up_s, traffic.duration_s
     time_s, earliest = begin_s, 0
-    for uniform in _uniforms(stream(experiment.seed, "vehicle_arrival", pair, *key)):
+    for uniform in iter(stream(experiment.seed, "vehicle_arrival", pair, *key).random, None):
         left = -math.log1p(-uniform)
         while True:
             flow = per_s[min(max(0, math.floor(time_s / QUARTER_S)), len(per_s) - 1)]
@@ -237,7 +236,7 @@ def _kinds(traffic: TrafficSection, seed: int, pair: int, key: tuple[int, int]) 
         return repeat(0)
     ends = np.cumsum(traffic.shares)
     ends[-1] = 1.0  # the shares sum to 1 up to rounding
-    units = _uniforms(stream(seed, "vehicle_type", pair, *key))
+    units = iter(stream(seed, "vehicle_type", pair, *key).random, None)
     return (int(np.searchsorted(ends, unit, side="right")) for unit in units)
 
 
@@ -246,8 +245,3 @@ def _headways(scenario: Scenario, kinds: Iterator[int]) -> Iterator[float]:
     vehicles = scenario.vehicles()
     table = [[scenario.headway_s(leader, other) for other in vehicles] for leader in vehicles]
     return (table[leader][follower] for leader, follower in pairwise(kinds))
-
-
-def _uniforms(generator: np.random.Generator) -> Iterator[float]:
-    while True:
-        yield from generator.random(_BLOCK).tolist()
