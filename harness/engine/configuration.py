@@ -182,6 +182,23 @@ def option_kinds() -> Mapping[str, tuple[str, str]]:
     return {each.tag: (section.tag, each.get("type", "")) for section in root for each in section}
 
 
+def write_options(path: Path, options: Mapping[str, str]) -> Path:
+    """Write a configuration with these options; its path."""
+    root = ET.Element("configuration")
+    for name, value in sorted(options.items()):
+        # In paths SUMO decodes "%20".
+        is_path = option_kinds().get(name, ("", ""))[1] == "FILE"
+        ET.SubElement(root, name, value=value.replace("%", "%25") if is_path else value)
+    write_xml(path, root)
+    return path
+
+
+def write_xml(path: Path, root: ET.Element) -> None:
+    """Write an element with its content into a file, indented."""
+    ET.indent(root)
+    ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
 def people_come(config: SumoConfig) -> bool:
     """Whether the route files or additional files of a configuration have people."""
     return any(element.tag in _PEOPLE for element in elements_of(*config.demand))

@@ -42,12 +42,9 @@ class Vehicles:
     acceleration_mps2: Annotated[Callable[[str], float], "getAcceleration"]
     position: Annotated[Callable[[str], tuple[float, float]], "getPosition"]
     angle_deg: Annotated[Callable[[str], float], "getAngle"]
-    allowed_speed_mps: Annotated[Callable[[str], float], "getAllowedSpeed"]
     speed_factor: Annotated[Callable[[str], float], "getSpeedFactor"]
     max_speed_mps: Annotated[Callable[[str], float], "getMaxSpeed"]
     leader: Annotated[Callable[[str, float], tuple[str, float] | None], "getLeader"]
-    route: Annotated[Callable[[str], Sequence[str]], "getRoute"]
-    route_index: Annotated[Callable[[str], int], "getRouteIndex"]
     best_lanes: Annotated[
         Callable[[str], Sequence[tuple[str, float, float, int, bool, Sequence[str]]]],
         "getBestLanes",
@@ -58,11 +55,9 @@ class Vehicles:
     width_m: Annotated[Callable[[str], float], "getWidth"]
     acceleration_limit_mps2: Annotated[Callable[[str], float], "getAccel"]
     deceleration_limit_mps2: Annotated[Callable[[str], float], "getDecel"]
-    emergency_deceleration_mps2: Annotated[Callable[[str], float], "getEmergencyDecel"]
     set_speed: Annotated[Callable[[str, float], object], "setSpeed"]
     set_speed_mode: Annotated[Callable[[str, int], object], "setSpeedMode"]
     set_parameter: Annotated[Callable[[str, str, str], object], "setParameter"]
-    set_colour: Annotated[Callable[[str, tuple[int, int, int]], object], "setColor"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +65,9 @@ class People:
     """SUMO's functions for people; most take a person's id; each has SUMO's name for it."""
 
     ids: Annotated[Callable[[], Sequence[str]], "getIDList"]
-    edge: Annotated[Callable[[str], str], "getRoadID"]
     next_edge: Annotated[Callable[[str], str], "getNextEdge"]
-    lane_position_m: Annotated[Callable[[str], float], "getLanePosition"]
     position: Annotated[Callable[[str], tuple[float, float]], "getPosition"]
     speed_mps: Annotated[Callable[[str], float], "getSpeed"]
-    type: Annotated[Callable[[str], str], "getTypeID"]
-    set_speed: Annotated[Callable[[str, float], object], "setSpeed"]
     walk: Annotated[Callable[[str, Sequence[str], float], object], "appendWalkingStage"]
     remove: Annotated[Callable[[str], object], "remove"]
 

@@ -3,10 +3,11 @@
 docs/simulations.md explains the choices and has the measurements behind them.
 """
 
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
+from harness.core.encounter import Vehicle
 from harness.engine.installation import scratch_folder
 from harness.engine.network import network_of
 from harness.engine.session import Module, Session
@@ -28,7 +29,7 @@ _OPTIONS = {
 
 _WALKER = {"vClass": "pedestrian", "speedDev": 0, "sigma": 0}
 
-AV_COLOUR = {"color": "0,114,178"}
+_AV_COLOUR = {"color": "0,114,178"}
 """Colour of AVs in sumo-gui (blue of Okabe and Ito)."""
 
 
@@ -61,29 +62,33 @@ def session_of(
         return Session(config, given, module)
 
 
-def _types(scenario: Scenario) -> str:
-    """SUMO's types of vehicles and pedestrians; no attribute is random.
+def vehicle_type(vehicle: Vehicle, limit_mps: float) -> dict[str, object]:
+    """A vehicle's attributes in SUMO; none is random.
 
-    The type of an AV differs only in name and colour.
+    Args:
+        vehicle: the vehicle.
+        limit_mps: the road's speed limit; SUMO accepts a vehicle that is faster.
     """
-    vehicle, v0 = scenario.vehicle(), scenario.ego.initial_speed_mps
-    ego = {
+    return {
         "vClass": "passenger",
         "length": vehicle.length_m,
         "width": vehicle.width_m,
         "accel": vehicle.max_acceleration_mps2,
         "decel": vehicle.max_deceleration_mps2,
         "emergencyDecel": vehicle.max_deceleration_mps2,
-        "minGap": 0,
-        "maxSpeed": 100,
-        # SUMO accepts a vehicle that is faster than the road's limit.
-        "speedFactor": max(1.0, v0 / scenario.speed_limit_mps * (1 + 1e-9)),
+        "speedFactor": max(1.0, vehicle.initial_speed_mps / limit_mps * (1 + 1e-9)),
         "speedDev": 0,
         "sigma": 0,
     }
-    types = {"walker": _WALKER, "ego": ego, "av": ego | AV_COLOUR}
-    elements = "".join(
-        f"<vType {' '.join(f'{name}={quoteattr(str(value))}' for name, value in type_.items())}/>"
-        for type_ in ({"id": name, **attributes} for name, attributes in types.items())
-    )
-    return f"<additional>{elements}</additional>\n"
+
+
+def _types(scenario: Scenario) -> str:
+    """SUMO's types; that of an AV differs only in name and colour."""
+    ego = vehicle_type(scenario.vehicle(), scenario.speed_limit_mps)
+    ego |= {"minGap": 0, "maxSpeed": 100}
+    types = {"walker": _WALKER, "ego": ego, "av": ego | _AV_COLOUR}
+    root = ET.Element("additional")
+    for name, attributes in types.items():
+        values = {key: str(value) for key, value in attributes.items()}
+        ET.SubElement(root, "vType", {"id": name, **values})
+    return ET.tostring(root, "unicode")

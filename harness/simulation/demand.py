@@ -16,11 +16,11 @@ import numpy as np
 
 from harness.core.encounter import Vehicle
 from harness.core.seeding import stream
-from harness.engine.configuration import SumoConfig
+from harness.engine.configuration import SumoConfig, write_options, write_xml
 from harness.engine.network import network_of
+from harness.engine.starting import vehicle_type
 from harness.scenario import Scenario
 from harness.scenario.traffic import QUARTER_S, TrafficSection, by_quarter
-from harness.simulation.files import write_options, write_xml
 
 NET_FILE, ROUTES_FILE, CONFIG_FILE = "road.net.xml", "vehicles.rou.xml", "traffic.sumocfg"
 
@@ -137,20 +137,13 @@ def type_names(traffic: TrafficSection, *, automated: bool = False) -> list[str]
 
 
 def _type(vehicle: Vehicle, scenario: Scenario) -> Mapping[str, object]:
-    """A type's attributes in SUMO; none is random."""
-    traffic, v0, limit = scenario.known_traffic, vehicle.initial_speed_mps, scenario.speed_limit_mps
+    """A type's attributes in SUMO."""
+    traffic = scenario.known_traffic
     return {
-        "vClass": "passenger",
-        "length": vehicle.length_m,
-        "width": vehicle.width_m,
+        **vehicle_type(vehicle, scenario.speed_limit_mps),
         # SUMO lowers commands to it too, so it is the strategies' limit as well.
         "accel": vehicle.resume_acceleration_mps2,
-        "decel": vehicle.max_deceleration_mps2,
-        "emergencyDecel": vehicle.max_deceleration_mps2,
-        "maxSpeed": v0,
-        "speedFactor": max(1.0, v0 / limit),
-        "speedDev": 0,
-        "sigma": 0,
+        "maxSpeed": vehicle.initial_speed_mps,
         "carFollowModel": traffic.following,
         "tau": traffic.tau_s,
         "minGap": traffic.min_gap_m + _STANDS_NEARER_M.get(traffic.following, 0.0),

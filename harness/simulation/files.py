@@ -1,11 +1,10 @@
 """The configuration that an arm runs: the user's, with its outputs in the arm's folder."""
 
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from harness.engine.configuration import SumoConfig, option_kinds
+from harness.engine.configuration import SumoConfig, option_kinds, write_options
 
 CONFIG_FILE = "simulation.sumocfg"
 TRIPS_FILE = "tripinfo.xml"
@@ -69,20 +68,3 @@ def write_config(
     if together := ",".join(files):
         ours["additional-files"] = together
     return write_options(arm.absolute() / CONFIG_FILE, {**options, **more, **ours})
-
-
-def write_options(path: Path, options: Mapping[str, str]) -> Path:
-    """Write a configuration with these options; its path."""
-    root = ET.Element("configuration")
-    for name, value in sorted(options.items()):
-        # In paths SUMO decodes "%20".
-        is_path = option_kinds().get(name, ("", ""))[1] == "FILE"
-        ET.SubElement(root, name, value=value.replace("%", "%25") if is_path else value)
-    write_xml(path, root)
-    return path
-
-
-def write_xml(path: Path, root: ET.Element) -> None:
-    """Write an element with its content into a file, indented."""
-    ET.indent(root)
-    ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from harness.core.errors import EngineError, InputError
-from harness.engine.configuration import SumoConfig, people_come
+from harness.engine.configuration import SumoConfig, people_come, write_xml
 from harness.engine.installation import run_program
 from harness.scenario.sections import EgoSection
-from harness.simulation.files import write_config, write_xml
+from harness.simulation.files import write_config
 from harness.simulation.opening import chosen, town_of
 from harness.site.town import Crosswalk, Town
 from harness.site.zone import zone_of
