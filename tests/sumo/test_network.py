@@ -210,17 +210,6 @@ def test_walk_is_straight_and_exact(case: tuple[CrossingSection, Path], near_sid
     assert set(edges) == {":crosswalk_c0"}
 
 
-def test_mapping_and_its_inverse_and_ranges_off_the_approach() -> None:
-    frame = frame_of(CCTC)
-    for point in ((0.0, 0.0), (-30.0, 2.25), (117.3, -4.0)):
-        assert frame.to_road(*frame.to_network(*point)) == pytest.approx(point, abs=1e-12)
-    # Bearing 316.5°: 100 m along are 100·sin east and 100·cos north of the start.
-    here, there = frame.to_network(0.0, 4.5), frame.to_network(100.0, 4.5)
-    angle = math.radians(316.5)
-    assert there[0] - here[0] == pytest.approx(100 * math.sin(angle), abs=1e-5)
-    assert there[1] - here[1] == pytest.approx(100 * math.cos(angle), abs=1e-5)
-
-
 def test_bad_names_and_files_are_refused(tmp_path: Path) -> None:
     refuses("network name", lambda: build_network(CCTC, tmp_path, "../site"))
     (tmp_path / "file").write_text('<net version="1.20"/>')

@@ -15,7 +15,7 @@ from harness.engine.installation import program
 from harness.engine.shared import close_engine
 from harness.model.interaction import load_model
 from harness.scenario import validate
-from harness.simulation.files import CONFIG_FILE, TRIPS_FILE
+from harness.simulation.files import CONFIG_FILE, TRIPS_FILE, write_config
 from harness.simulation.opening import opened
 from harness.simulation.pairing import run_arm
 from harness.simulation.setup import Setup
@@ -66,9 +66,10 @@ def test_nobody_driven_is_sumo_untouched(tmp_path: Path) -> None:
     outcome = run(
         setup_at(grid(tmp_path / "town", END_S), simulation={"av_share": 0.0}), tmp_path / "arm"
     )
-    plain = tmp_path / "plain.xml"
+    # The configuration leads all outputs into its own folder.
+    plain = tmp_path / "arm" / "plain.xml"
     config = str(tmp_path / "arm" / CONFIG_FILE)
-    call(tmp_path, program("sumo"), "-c", config, "--tripinfo-output", str(plain))
+    call(tmp_path, program("sumo"), "-c", config, "--tripinfo-output", plain.name)
     ours = trips(tmp_path / "arm" / TRIPS_FILE)
     assert ours == trips(plain)
     rows = outcome["vehicles"]
@@ -78,6 +79,29 @@ def test_nobody_driven_is_sumo_untouched(tmp_path: Path) -> None:
     passed = outcome["passages"]
     assert not passed["driven"].any()
     assert passed["not_driven_because"].notna().all()
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_outputs_are_in_the_arms_folder_and_nothing_is_beside_the_users_files(
+    tmp_path: Path, keeps: bool
+) -> None:
+    town, arm = tmp_path / "town", tmp_path / "arm"
+    options = {"fcd-output": "out/fcd.xml", "device.ssm.probability": "1"}
+    config = grid(town, 20, **options, **{"additional-files": "more/detectors.add.xml"})
+    for folder in ("out", "more"):
+        (town / folder).mkdir()
+    (town / "more" / "detectors.add.xml").write_text(
+        f"""<additional><edgeData id="edges" file="../out/edges.xml"/>
+        <laneData id="lanes" file="{town}/lanes.xml"/></additional>"""
+    )
+    before = {path: path.read_bytes() for path in town.rglob("*.*")}
+    call(
+        tmp_path, program("sumo"), "-c", str(write_config(read_config(config), arm, 1, keeps=keeps))
+    )
+    assert {path: path.read_bytes() for path in town.rglob("*.*")} == before
+    written = {path.name for path in arm.iterdir() if not path.name.startswith("ssm")}
+    always = {CONFIG_FILE, TRIPS_FILE, "edges.xml", "lanes.xml"}
+    assert written == (always | {"fcd.xml"} if keeps else always)
 
 
 def test_everybody_driven(tmp_path: Path) -> None:

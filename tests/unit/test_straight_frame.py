@@ -50,16 +50,6 @@ def passage(path: Path) -> Passage:
     return Passage(car, crosswalk(), CONNECTION, zone, zone.crossing, 100.0, CAR)
 
 
-def test_a_straight_road_is_the_encounters() -> None:
-    """The zone of a straight road is the encounter's crossing: width, place and lane."""
-    zone = passage(straight()).zone
-    assert zone.across_m == pytest.approx(4.0, abs=1e-5)
-    assert zone.centre_m == pytest.approx(4.0, abs=1e-5)
-    crossing = zone.crossing
-    assert (crossing.length_m, crossing.lane_centre_m) == pytest.approx((8.0, 3.0), abs=1e-5)
-    assert crossing.lane_width_m == pytest.approx(1.8, abs=1e-5)
-
-
 @settings(deadline=None, max_examples=150)
 @given(
     some.floats(1.0, 14.0),
