@@ -99,7 +99,7 @@ class ArmOfPair:
             time_s = session.step()
             self._steps += 1
             self._events(time_s)
-            self._read(time_s)
+            self._read()
             for own in self._owns:
                 own.end_step()
             for car in [*self._near.values()]:
@@ -114,7 +114,7 @@ class ArmOfPair:
         log.end_s, use = session.time_s, self._speeds.model_use.counts
         log.counts.update(conditionings=use.uses, clamped=use.clamped)
         log.people = {name: each.walked(self._begin_s) for name, each in self.people.items()}
-        log.passages.sort(key=lambda each: (each.time_s[0], each.car.name, each.crosswalk.id))
+        log.passages.sort(key=lambda each: (each.begin_s, each.car.name, each.crosswalk.id))
         return log
 
     def __len__(self) -> int:
@@ -149,7 +149,7 @@ class ArmOfPair:
         names: Iterable[str] = self.people
         if self._steps % max(1, round(STROLL_S / self.session.step_s)):
             cars = self._near.values()
-            names = {each.crosswalk.id for car in cars for each in car.passages if each.time_s}
+            names = {each.crosswalk.id for car in cars for each in car.passages if each.begun}
         for name in names:
             self.people[name].note(time_s)
 
@@ -193,18 +193,16 @@ class ArmOfPair:
 
     # Vehicles
 
-    def _read(self, time_s: float) -> None:
+    def _read(self) -> None:
         """Read the states, at the step's end, of all vehicles near a chosen crosswalk."""
         odometer, speed = self._vehicles.odometer_m, self._vehicles.speed_mps
         step_s, check = self.session.step_s, self.control.check
         for name, car in self._near.items():
-            before_mps, car.odometer_m, car.speed_mps = car.speed_mps, odometer(name), speed(name)
+            before_mps = car.speed_mps
+            car.note(odometer(name), speed(name))
             car.acceleration_mps2 = (car.speed_mps - before_mps) / step_s
             if car.asked_mps is not None:
                 check(car, before_mps)
-            for passage in car.passages:
-                if passage.time_s:
-                    passage.note(time_s)
 
     def _look(self, time_s: float) -> None:
         """Find the vehicles that came onto watched edges, or may have come near by now."""
@@ -234,7 +232,7 @@ class ArmOfPair:
             self._due[self._steps + steps].append(car)
             return
         self._near[car.name] = car
-        car.speed_mps = self._vehicles.speed_mps(car.name)
+        car.note(car.odometer_m, self._vehicles.speed_mps(car.name))
         car.acceleration_mps2 = self._vehicles.acceleration_mps2(car.name)
         self._go_on(car, time_s)
 
@@ -284,7 +282,7 @@ class ArmOfPair:
         x_m = car.odometer_m - passage.centre_m
         over_m = max(0.0, x_m + range_m)
         within = over_m <= (car.speed_mps + car.vehicle.max_deceleration_mps2 * step_s) * step_s
-        passage.begin(range_m if within else max(-x_m, 0.1))
+        passage.begin(time_s, range_m if within else max(-x_m, 0.1))
         if over_m > ROUNDING_M and within:
             # Time since R0, from over = v t − a t²/2.
             gain = car.acceleration_mps2 if setup.config.ballistic else 0.0
@@ -303,16 +301,13 @@ class ArmOfPair:
                 passage.driver = setup.scenario.arms.driver(driver)
                 self.people[passage.crosswalk.id].note(time_s)
                 self.sight.begin(passage, driver)
-        passage.note(time_s)
         car.changed = True
         self.log.passages.append(passage)
 
     def _end(self, passage: Passage, why: str) -> None:
-        passage.ended, passage.car.changed = why, True
+        passage.end(why)
+        passage.car.changed = True
         passage.car.passages.remove(passage)
-        if passage.strategy is not None:
-            passage.fallback = bool(getattr(passage.strategy, "fallback", False))
-            passage.strategy = None
 
     def _drop(self, car: Car, why: str, *, exists: bool = True) -> None:
         """Leave a vehicle alone."""

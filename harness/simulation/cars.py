@@ -6,11 +6,14 @@ one axis.
 
 import math
 from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from harness.core.actuation import Actuator
-from harness.core.encounter import Crossing, Strategy, Vehicle
+from harness.core.encounter import Crossing, FloatArray, Strategy, Vehicle
 from harness.site.town import Connection, Crosswalk
 from harness.site.zone import Zone
 from harness.strategies.perception.updates import Updates, Views
@@ -54,7 +57,9 @@ class Car:
         links: the connections ahead, by the odometer.
         mode: the speed mode while a strategy drives, else None.
         asked_mps: the command that SUMO has; None: it drives.
-        limited_by: what decided the command (``LIMITS``).
+        odometers_m, speeds_mps: its states at the ends of all steps since it came near.
+        limited: the number of driven steps by what limited them (``LIMITS``).
+        limited_by: what decided the command.
         held_by: what made SUMO drive slower than commanded; None: nothing.
         actuator: what passes commands on, if the vehicle obeys late.
     """
@@ -79,6 +84,10 @@ class Car:
     links: list[Link] = field(default_factory=list)
     mode: int | None = None
     asked_mps: float | None = None
+    # Unlike lists, arrays take no time of the garbage collector.
+    odometers_m: "array[float]" = field(default_factory=lambda: array("d"))
+    speeds_mps: "array[float]" = field(default_factory=lambda: array("d"))
+    limited: list[int] = field(default_factory=lambda: [0] * len(LIMITS))
     limited_by: int = STRATEGY
     held_by: int | None = None
     actuator: Actuator | None = None
@@ -86,6 +95,12 @@ class Car:
     def __post_init__(self) -> None:
         """Note whether it obeys late, which is asked at every step."""
         self.late = not self.vehicle.obeys_at_once
+
+    def note(self, odometer_m: float, speed_mps: float) -> None:
+        """Note the state at the end of a step."""
+        self.odometer_m, self.speed_mps = odometer_m, speed_mps
+        self.odometers_m.append(odometer_m)
+        self.speeds_mps.append(speed_mps)
 
     def limit_mps(self, lane_mps: float) -> float:
         """The vehicle's own limit on a lane with this speed limit."""
@@ -106,9 +121,11 @@ class Passage:
         driver: who drives, or ``sumo``.
         strategy: the strategy that drives, until the passage has ended.
         not_driven: why no strategy drives it, or None.
-        time_s, xs_m, speeds_mps: its states in the straight frame, at every step from R0 on.
+        begun, begin_s, first: whether it has passed R0; the time of its first state, and its place
+            among those of the car.
+        xs_m, speeds_mps: once it has ended, its states in the straight frame at every step.
         trace_offset_s: time from R0 until the first of them.
-        limited: number of driven steps by what limited them (``LIMITS``).
+        limited: number of driven steps by what limited them (``LIMITS``), once it has ended.
         ended: how it ended; None while it goes on.
         fallback, collided: whether its strategy fell back, and whether SUMO saw a collision.
         updates, shown: the driver's sensor and what it showed at each step; None: the truth.
@@ -125,12 +142,13 @@ class Passage:
     driver: str = "sumo"
     strategy: Strategy | None = None
     not_driven: str | None = None
-    # Unlike lists, arrays take no time of the garbage collector.
-    time_s: "array[float]" = field(default_factory=lambda: array("d"))
-    xs_m: "array[float]" = field(default_factory=lambda: array("d"))
-    speeds_mps: "array[float]" = field(default_factory=lambda: array("d"))
+    begun: bool = False
+    begin_s: float = math.nan
+    first: int = 0
+    xs_m: FloatArray = field(default_factory=lambda: np.empty(0))
+    speeds_mps: FloatArray = field(default_factory=lambda: np.empty(0))
     trace_offset_s: float = 0.0
-    limited: list[int] = field(default_factory=lambda: [0] * len(LIMITS))
+    limited: Sequence[int] = (0,) * len(LIMITS)
     ended: str | None = None
     fallback: bool = False
     collided: bool = False
@@ -160,11 +178,6 @@ class Passage:
         return self.last_m - self.first_m - self.crosswalk.width_m / 2
 
     @property
-    def begun(self) -> bool:
-        """Whether it has passed R0."""
-        return bool(self.time_s)
-
-    @property
     def passed(self) -> bool:
         """Whether its rear has left."""
         return self.ended == PASSED
@@ -183,9 +196,10 @@ class Passage:
         """Whether it leads over the same crosswalk at the same time."""
         return self.crosswalk is other.crosswalk and abs(self.stop_m - other.stop_m) < _SAME_M
 
-    def begin(self, range_m: float) -> None:
-        """Begin with R0 = ``range_m``, at the limit before the junction."""
-        zone = self.zone
+    def begin(self, time_s: float, range_m: float) -> None:
+        """Begin with the last state and R0 = ``range_m``, at the limit before the junction."""
+        zone, self.begun, self.begin_s = self.zone, True, time_s
+        self.first, self.limited = len(self.car.speeds_mps) - 1, tuple(self.car.limited)
         self.vehicle = replace(
             self.car.vehicle,
             initial_speed_mps=max(self.car.limit_mps(zone.limit_mps), 0.1),
@@ -194,16 +208,19 @@ class Passage:
             trigger_range_m=range_m,
         )
 
-    def note(self, time_s: float) -> None:
-        """Note the state at the end of a step."""
-        self.time_s.append(time_s)
-        self.xs_m.append(self.car.odometer_m - self.centre_m)
-        self.speeds_mps.append(self.car.speed_mps)
+    def end(self, why: str) -> None:
+        """End with the car's last state."""
+        car, self.ended = self.car, why
+        self.xs_m = np.array(car.odometers_m[self.first :]) - self.centre_m
+        self.speeds_mps = np.array(car.speeds_mps[self.first :])
+        steps = (now - before for now, before in zip(car.limited, self.limited, strict=True))
+        self.limited = [each * (self.strategy is not None) for each in steps]
+        if self.strategy is not None:
+            self.fallback = bool(getattr(self.strategy, "fallback", False))
+            self.strategy = None
 
     def move_to(self, other: "Passage") -> None:
         """Go on, and be measured, on the connection of a lane to which the vehicle changed."""
-        before_m = self.centre_m
         self.connection, self.zone, self.crossing = other.connection, other.zone, other.crossing
         self.stop_m = other.stop_m
         self.__post_init__()
-        self.xs_m = array("d", (x_m + before_m - self.centre_m for x_m in self.xs_m))

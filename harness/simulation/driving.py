@@ -127,9 +127,7 @@ class Control:
             limited_by = car.held_by
         else:
             car.held_by = None
-        for passage in car.passages:
-            if passage.strategy is not None:
-                passage.limited[limited_by] += 1
+        car.limited[limited_by] += 1
 
     def _leave(self, car: Car) -> None:
         """Let SUMO drive a vehicle whose strategies say so."""
@@ -145,13 +143,13 @@ class Control:
         car, vehicle, strategy = passage.car, passage.vehicle, passage.strategy
         assert strategy is not None
         range_m = passage.centre_m - car.odometer_m
-        time_s = (len(passage.xs_m) - 1) * self._step_s
+        time_s = (len(car.speeds_mps) - 1 - passage.first) * self._step_s
         near = -self._detection_m <= range_m <= self._detection_m
         seen: Views = ()
         if passage.updates is not None:
             seen = self._shown(passage, near)
         elif near:
-            seen = self._people[passage.crosswalk.id].views(passage.zone)
+            seen = self._people[passage.crosswalk.id].views(passage)
         ego = quick_tuple(EgoView, (range_m, car.speed_mps, car.acceleration_mps2))
         observation = quick_tuple(
             Observation, (time_s, self._step_s, ego, vehicle, passage.crossing, seen)

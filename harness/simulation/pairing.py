@@ -90,7 +90,7 @@ def run_arm(
 
 def _tables(setup: Setup, log: Log, trips: Path, step_s: float) -> dict[str, Columns]:
     """The tables of an arm whose simulation has ended."""
-    counted = [each for each in log.passages if setup.counts(each.time_s[0] - each.trace_offset_s)]
+    counted = [each for each in log.passages if setup.counts(each.begin_s - each.trace_offset_s)]
     motion: StepMotion = "ballistic" if setup.config.ballistic else "euler"
     passed = passages(counted, log.people, setup.zones, step_s, motion)
     fronts_s: defaultdict[str, list[float]] = defaultdict(list)

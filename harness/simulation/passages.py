@@ -68,7 +68,8 @@ def passages(
     for each in kept:
         name = each.crosswalk.id
         begins, ends = spans[name].reshape(-1, 2).T
-        there = np.flatnonzero((begins < each.time_s[-1]) & (ends > each.time_s[0]))
+        end_s = each.begin_s + (len(each.xs_m) - 1) * step_s
+        there = np.flatnonzero((begins < end_s) & (ends > each.begin_s))
         here = [people[name][i] for i in there.tolist()]
         trace, walkers = _trace(each, here, step_s, motion)
         ids.append({person.walk.arrival.index: person.id for person in here})
@@ -93,7 +94,7 @@ def _row(
     names: Mapping[int, str],
     free_s: float,
 ) -> Mapping[str, object]:
-    car, begin_s = passage.car, passage.time_s[0]
+    car, begin_s = passage.car, passage.begin_s
     driven = sum(passage.limited)
     front_s = crossing_time(trace, -trace.crossing.width_m / 2)
     rear_s = record.pass_time_ignoring_contact_s
@@ -134,13 +135,13 @@ def _trace(
     passage: Passage, people: Sequence[Walked], step_s: float, motion: StepMotion
 ) -> tuple[Trace, list[Walked]]:
     """The trace of a passage, and those of the people in it who stepped off."""
-    begin_s, zone = passage.time_s[0], passage.zone
+    begin_s, zone = passage.begin_s, passage.zone
     base = Trace(
         vehicle=passage.vehicle,
         crossing=passage.crossing,
         step_s=step_s,
-        x_m=np.array(passage.xs_m),
-        speed_mps=np.array(passage.speeds_mps),
+        x_m=passage.xs_m,
+        speed_mps=passage.speeds_mps,
         walks=(),
         ending=Ending.CROSSED if passage.passed else Ending.TIMED_OUT,
         reason=None,
@@ -206,7 +207,7 @@ def strike_of(
     bodies = shapely.polygons(path.outline(s, vehicle.length_m, vehicle.width_m))
     first: Strike | None = None
     for number, each in enumerate(walkers):
-        places = each.places(passage.time_s[0] + time_s, axis)
+        places = each.places(passage.begin_s + time_s, axis)
         off_m = np.full(len(time_s), np.inf)
         on = np.isfinite(places[:, 0])
         off_m[on] = shapely.distance(bodies[on], shapely.points(places[on])) - PEDESTRIAN_RADIUS_M

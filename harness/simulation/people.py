@@ -3,12 +3,12 @@
 import math
 from collections.abc import Sequence
 
-from harness.core.encounter import PedestrianView, Side
+from harness.core.encounter import PedestrianView, Side, quick_tuple
 from harness.engine.session import Session
+from harness.simulation.cars import Passage
 from harness.simulation.own_people import OWN_CROSSES, OwnPeople
 from harness.simulation.walked import STANDING_MPS, WAITING_M, Axis, Seen, Walked, walked_of
 from harness.site.town import Crosswalk
-from harness.site.zone import Zone
 
 
 class PeopleAt:
@@ -84,7 +84,7 @@ class PeopleAt:
         assert self.own is not None
         return self.own.name_of(index)
 
-    def views(self, zone: Zone) -> tuple[PedestrianView, ...]:
+    def views(self, passage: Passage) -> tuple[PedestrianView, ...]:
         """Everybody as the driver of a vehicle with that zone would see them."""
         if self._now is None:
             self._now = [*map(self._view, self._here.values())]
@@ -93,10 +93,10 @@ class PeopleAt:
             self._views.clear()
         if not self._now:
             return ()
-        seen = self._views.get(id(zone))
-        if seen is None:
-            seen = self._views[id(zone)] = tuple(_turned(view, zone) for view in self._now)
-        return seen
+        key = id(passage.zone)
+        if key not in self._views:
+            self._views[key] = tuple(_turned(view, passage) for view in self._now)
+        return self._views[key]
 
     def places(self) -> list[tuple[float, float]]:
         """x and y of everybody, in the order of ``views``."""
@@ -136,8 +136,8 @@ class PeopleAt:
         return own + [each for each in (walked_of(one, self.axis) for one in self._came) if each]
 
 
-def _turned(view: PedestrianView, zone: Zone) -> PedestrianView:
-    """A view in the axis's frame, as the driver of a vehicle with that zone sees it."""
-    side = view.side.other if zone.reverse else view.side
-    to_lane_m = zone.crossing.to_lane_m(side) - (zone.crosswalk_m - view.remaining_m)
-    return view._replace(side=side, lateral_m=to_lane_m)
+def _turned(view: PedestrianView, passage: Passage) -> PedestrianView:
+    """A view in the axis's frame, as the driver of a passage sees it."""
+    side, crossing = view.side.other if passage.zone.reverse else view.side, passage.crossing
+    to_lane_m = crossing.to_lane_m(side) - (crossing.length_m - view.remaining_m)
+    return quick_tuple(PedestrianView, (view.index, side, to_lane_m, *view[3:]))

@@ -69,7 +69,7 @@ class Sight:
 
     def _look(self, passage: Passage, near: bool) -> Iterable[tuple[PedestrianView, bool]]:
         people, car = self._people[passage.crosswalk.id], passage.car
-        views = people.views(passage.zone)
+        views = people.views(passage)
         if not near or not passage.hides or not views:
             return ((view, near) for view in views)
         if self._read_s != self._session.time_s:

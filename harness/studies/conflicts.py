@@ -126,7 +126,7 @@ def _motion(found: Sequence[Passage], step_s: float) -> StepMotion | None:
         return best
     for each in found:
         driven_mps = np.diff(each.xs_m) / step_s
-        each.speeds_mps = array("d", [*each.speeds_mps[:1], *driven_mps.tolist()])
+        each.speeds_mps = np.concatenate((each.speeds_mps[:1], driven_mps))
     return None
 
 
@@ -286,9 +286,10 @@ class _Drives:
                 passage.ended = PASSED if end <= last else _CUT_OFF
                 begin_s = np.interp(begin_m, at_m, states[:, 0])
                 passage.trace_offset_s = float(states[min(first, last), 0] - begin_s)
-                passage.begin(min(max(passage.centre_m - float(at_m[0]), 0.1), _RANGE_M))
-                for time_s, car.odometer_m, car.speed_mps in states[first : end + 1].tolist():
-                    passage.note(time_s)
+                way_m = min(max(passage.centre_m - float(at_m[0]), 0.1), _RANGE_M)
+                passage.begin(float(states[min(first, last), 0]), way_m)
+                passage.xs_m = at_m[first : end + 1] - passage.centre_m
+                passage.speeds_mps = states[first : end + 1, 2].copy()
                 yield passage
 
 

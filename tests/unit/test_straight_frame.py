@@ -67,7 +67,7 @@ def test_contacts_are_the_encounters(
     number = np.arange(80)
     speeds = np.maximum(speed + gain * STEP_S * number, 0.0)
     x_m = -15.0 + np.concatenate([[0.0], np.cumsum((speeds[1:] + speeds[:-1]) / 2 * STEP_S)])
-    each.time_s.extend((50.0 + number * STEP_S).tolist())
+    each.begin_s = 50.0
     near = side is Side.NEAR
     leg = Leg(50.0 + start_s, 0.0, 0.0 if near else 8.0, 0.0, walking if near else -walking, 0.0)
     cleared_s = 50.0 + start_s + 8.0 / walking
@@ -119,12 +119,12 @@ def test_the_rear_of_a_turning_body() -> None:
     assert zone is not None
     car = Car("car", "type", automated=True, vehicle=CAR, speed_factor=1.0, max_mps=50.0)
     each = Passage(car, walked, CONNECTION, zone, zone.crossing, 100.0, CAR)
-    each.begin(30.0)
-    for number in range(50):
-        # From R0 before the axis at x = −3, at 10 m/s.
-        car.odometer_m, car.speed_mps = 100.0 - 33.0 + number * 10.0 * STEP_S, 10.0
-        each.note(20.0 + number * STEP_S)
-    each.ended = PASSED
+    # From R0 before the axis at x = −3, at 10 m/s.
+    car.note(100.0 - 33.0, 10.0)
+    each.begin(20.0, 30.0)
+    for number in range(1, 50):
+        car.note(100.0 - 33.0 + number * 10.0 * STEP_S, 10.0)
+    each.end(PASSED)
     zones: Any = SimpleNamespace(path=lambda _: path)
     found = passages([each], {walked.id: []}, zones, STEP_S, "euler")
     leaves_m = brentq(corner_m, 2.0, CAR.length_m)
