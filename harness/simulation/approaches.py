@@ -1,6 +1,5 @@
 """Finds the vehicles that come near a chosen crosswalk, and what lies ahead of them."""
 
-import math
 from collections.abc import Iterator, Sequence
 
 from harness.core.encounter import Arm
@@ -71,19 +70,16 @@ class Approaches:
         return 0 if left_m <= 0.0 else 1 + int(left_m / (_MOST_MPS * self._step_s))
 
     def coming(self, car: Car) -> list[Passage] | None:
-        """The passages ahead of a vehicle; None if it is still on its lane, or in a junction.
+        """The passages ahead of a vehicle; None if it is on the same lane, or in a junction.
 
         Its limits and connections ahead are those from now on.
         """
-        if car.odometer_m < car.replan_m:
-            return None
         lane, zones, body = self._vehicles.lane(car.name), self._setup.zones, car.vehicle
-        if lane.startswith(":"):
-            ends_m = (link.end_m for link in car.links if link.end_m > car.odometer_m)
-            car.replan_m = next(ends_m, -math.inf)
-        if lane == car.lane or lane.startswith(":") or not lane:
+        if lane == car.lane:
             return None
         car.lane = lane
+        if lane.startswith(":") or not lane:
+            return None
         self._look_ahead(car, car.odometer_m - self._vehicles.lane_position_m(car.name))
         found = [
             (link, crosswalk, zones.at(link.connection, crosswalk, body.length_m, body.width_m))
@@ -101,9 +97,6 @@ class Approaches:
         town, zones, last = self._setup.town, self._setup.zones, ""
         car.limits, car.links = [], []
         until_m = at_m + town.lane(car.lane).length_m
-        # From a single lane a vehicle comes onto another one at its end only.
-        alone = len(town.lanes(_edge(car.lane))) == 1
-        car.replan_m = until_m if alone else -math.inf
         for name in self._lanes(car.name, car.lane):
             lanes: tuple[str, ...] = (name,)
             if last:

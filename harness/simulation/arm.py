@@ -89,7 +89,7 @@ class ArmOfPair:
             EngineError: SUMO's simulation broke off.
             StrategyError: a strategy failed.
         """
-        session, setup, log = self.session, self.setup, self.log
+        session, setup, log, lane = self.session, self.setup, self.log, self._vehicles.lane
         end_s, empties = setup.config.end_s, setup.scenario.traffic is not None
         sample = max(1, round(SAMPLE_S / session.step_s))
         while session.goes_on(end_s):
@@ -102,8 +102,8 @@ class ArmOfPair:
             self._read()
             for own in self._owns:
                 own.end_step()
-            for car in [*self._near.values()]:
-                if car.odometer_m >= car.next_m:
+            for name, car in [*self._near.items()]:
+                if car.odometer_m >= car.next_m or lane(name) != car.lane:
                     self._go_on(car, time_s)
             self._look(time_s)
             self._note_people(time_s)
@@ -256,7 +256,6 @@ class ArmOfPair:
             each.last_m - ROUNDING_M if each.begun else each.centre_m - range_m
             for each in car.passages
         )
-        car.next_m = min(car.next_m, car.replan_m)
 
     def _replan(self, car: Car) -> None:
         """Find the crosswalks ahead of a vehicle, if it has come onto another lane."""

@@ -47,8 +47,8 @@ class Car:
         vehicle: its constants; v0 and R0 are those of each passage.
         late: whether it obeys late.
         speed_factor, max_mps: its own factor of speed limits, and its type's largest speed.
-        lane: the last lane that it was planned from.
-        next_m, replan_m: the odometer from which passages begin or end, or its lane may change.
+        lane: the lane that it was last seen on.
+        next_m: the odometer from which a passage begins or ends.
         odometer_m, speed_mps, acceleration_mps2: its state at the end of the last step.
         passages: its passages that have not ended, in order.
         changed: whether they, or what lies ahead, have changed.
@@ -73,7 +73,6 @@ class Car:
     late: bool = field(init=False)
     lane: str = ""
     next_m: float = -math.inf
-    replan_m: float = -math.inf
     odometer_m: float = 0.0
     speed_mps: float = 0.0
     acceleration_mps2: float = 0.0
