@@ -44,7 +44,10 @@ class Approaches:
         self._on_edge: dict[str, Sequence[str]] = dict.fromkeys(watched, ())
 
     def found(self, step: int) -> Iterator[str]:
-        """The vehicles that have come onto watched edges since the last look."""
+        """The vehicles that departed on watched edges, or came onto them since the last look."""
+        for name in self._session.departed():
+            if _edge(self._vehicles.lane(name)) in self._on_edge:
+                yield name
         for edge, before in self._on_edge.items() if step % self._every == 0 else ():
             names = self._session.vehicles_on(edge)
             if names != before:

@@ -163,16 +163,16 @@ class ArmOfPair:
             self.log.automated[name] = is_automated(
                 self._seed, name, kinds, setup.av_share, setup.av_types
             )
-        teleported, events = session.teleported(), Counter[str]()
-        events["teleports"] = len(teleported)
-        events["emergency_stops"] = len(session.emergency_stops())
+        teleported = session.teleported()
+        events = ["teleports"] * len(teleported)
+        events += ["emergency_stops"] * len(session.emergency_stops())
         for hit in session.collisions():
             # SUMO reports a collision at several steps; it counts at the first.
             if (hit.collider, hit.victim) not in self._hits:
                 self._hits.add((hit.collider, hit.victim))
-                events.update(self._kinds_of(hit))
-        if setup.counts(time_s):
-            self.log.counts += events
+                events += self._kinds_of(hit)
+        if events and setup.counts(time_s):
+            self.log.counts.update(events)
         for names, why in (
             (session.arrived(), "it arrived on its way"),
             (teleported, "SUMO teleported it"),
@@ -207,7 +207,7 @@ class ArmOfPair:
     def _look(self, time_s: float) -> None:
         """Find the vehicles that came onto watched edges, or may have come near by now."""
         due = self._due.pop(self._steps, [])
-        for name in {*self.session.departed(), *self.approaches.found(self._steps)}:
+        for name in self.approaches.found(self._steps):
             if name not in self._cars and name in self.log.automated:
                 automated = self.log.automated[name]
                 car = self.approaches.car(name, automated, self._driver(automated))
