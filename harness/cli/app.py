@@ -21,7 +21,6 @@ COMMANDS: Mapping[str, str] = {
         "cli.folders": "show report compare worst replay export",
         "cli.about": "network strategies doctor",
         "cli.crossings": "crossings",
-        "cli.conflicts": "conflicts",
         "cli.model": "extract fit model",
         "cli.validation": "validate",
     }.items()

@@ -16,11 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from harness.core.documents import check_form, parse_toml, shortened
-from harness.core.errors import InputError, nearest_name, unknown_name
+from harness.core.errors import InputError, nearest_name
 from harness.core.files import read_file, shipped_directory
 from harness.scenario.consistency import check_consistency
 from harness.scenario.scenario import Scenario
-from harness.scenario.sections import ConflictsSection
 
 UNITS = {
     "m/s": (1.0, 1.0),
@@ -235,22 +234,6 @@ def as_plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: as_plain(part) for key, part in value.items()}
     return value
-
-
-def set_thresholds(settings: Sequence[Setting], source: str) -> ConflictsSection:
-    """The conflict thresholds with some of them set (``conflicts.…``).
-
-    Raises:
-        InputError: a setting is not a threshold, or its value is not allowed.
-    """
-    thresholds = [f"conflicts.{name}" for name in ConflictsSection.model_fields]
-    tree: dict[str, Any] = {}
-    for setting in settings:
-        if setting.key not in thresholds:
-            where = f"{setting.source} {setting.key}"
-            raise unknown_name(where, "conflict threshold", setting.key, thresholds)
-        apply_setting(tree, setting)
-    return validate(tree, source, {each.key: each.source for each in settings}).conflicts
 
 
 def _in_si(value: Any, key: str = "") -> Any:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from harness.core.encounter import Arrival, Crossing, FloatArray, Leg, Side, Walk
@@ -23,7 +22,6 @@ STANDING_MPS = 0.1
 """SUMO's threshold for waiting."""
 KERB_M = 0.02
 """A person nearer to a kerb than this is at it: SUMO may hold people 1 cm away from a kerb."""
-_LONG = 1e6
 
 
 class Axis:
@@ -117,13 +115,12 @@ class Seen:
     on: list[bool] = field(default_factory=list)
 
 
-def walked_of(person: Seen, axis: Axis, rounding_m: float = 0.0) -> Walked | None:
+def walked_of(person: Seen, axis: Axis) -> Walked | None:
     """The way of one of SUMO's people; None for those who only passed beside the kerb.
 
     Args:
         person: where they were at each step.
         axis: the crosswalk's.
-        rounding_m: the largest error of a place: a walk that is even within it is even.
     """
     time_s, places = np.array(person.time_s), np.column_stack((person.x, person.y))
     along_m, left_m = np.array([axis.foot(*at) for at in places.tolist()]).T
@@ -138,10 +135,6 @@ def walked_of(person: Seen, axis: Axis, rounding_m: float = 0.0) -> Walked | Non
         # There is no quantile; NaN distinguishes them from timed pedestrians.
         waiting = Walk(Arrival(person.index, waits_s, side, math.nan))
         return Walked(person.id, False, waiting, None, float(time_s[-1]))
-    if rounding_m:
-        # In seconds this long, the distance from a straight line is that at the same time.
-        even = shapely.LineString(points * [_LONG, 1.0]).simplify(2 * rounding_m)
-        points = np.array(even.coords) / [_LONG, 1.0]
     (start_s, from_m), (end_s, to_m) = points[0].tolist(), points[-1].tolist()
     came_s = start_s if waits_s is None else min(waits_s, start_s)
     walk = Walk(

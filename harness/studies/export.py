@@ -4,13 +4,15 @@ Coordinates are those of the SUMO network.  A vehicle's place is the middle of i
 pedestrian's the centre.  Times count from the ego's first state within R0.
 """
 
+import gzip
 import math
+import xml.etree.ElementTree as ET
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import Any, Literal
 
 import jinja2
 import numpy as np
@@ -20,8 +22,7 @@ import pyarrow.compute as pc
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Arrival, FloatArray, Leg, Side, Walk
 from harness.core.errors import InputError
 from harness.core.files import cannot_write, write_file
-from harness.engine.configuration import read_config
-from harness.engine.fcd import Record, records
+from harness.engine.configuration import read_config, seconds
 from harness.engine.network import network_of, opendrive
 from harness.engine.session import Session
 from harness.measures.motion.walking import cleared_s, states_at
@@ -276,8 +277,8 @@ def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) ->
     config, (fcd,) = read_config(outputs / CONFIG_FILE), REPLAYED.values()
     begin_s, rear_s = chosen[0]["trigger_s"], chosen[0]["rear_s"]
     last_s = math.inf if rear_s is None else rear_s + config.step_s
-    found: dict[str, list[Record]] = defaultdict(list)
-    for written_s, record in records(outputs / fcd):
+    found: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
+    for written_s, record in _records(outputs / fcd):
         # SUMO writes a state under the time at which its step began.
         time_s = written_s + config.step_s
         if time_s >= last_s - _ROUNDING_S:
@@ -295,6 +296,16 @@ def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) ->
     return Scene(f"{title}, {vehicle} over {crosswalk}", config.net, movers, end_s - since_s)
 
 
+def _records(fcd: Path) -> Iterator[tuple[float, Mapping[str, str]]]:
+    """Time and attributes of everybody at each step of SUMO's FCD output."""
+    with gzip.open(fcd) as file:
+        for _, element in ET.iterparse(file):
+            if element.tag == "timestep":
+                time_s = seconds(element.attrib["time"])
+                yield from ((time_s, each.attrib) for each in element)
+                element.clear()
+
+
 def _sizes(config: Path) -> Mapping[str, Sequence[float]]:
     """Length, width and what a vehicle can do, by its type; SUMO reads all of them."""
     session = Session(config, {"route-steps": "0"})
@@ -305,7 +316,9 @@ def _sizes(config: Path) -> Mapping[str, Sequence[float]]:
         session.close()
 
 
-def _seen(name: str, rows: Sequence[Record], sizes: Mapping[str, Sequence[float]]) -> Mover:
+def _seen(
+    name: str, rows: Sequence[Mapping[str, Any]], sizes: Mapping[str, Sequence[float]]
+) -> Mover:
     """Somebody in SUMO's output, by SUMO's time."""
     keys = ("time", "x", "y", "angle", "speed")
     states = np.array([[float(row[key]) for key in keys] for row in rows])
