@@ -1,7 +1,6 @@
-"""Commands about the installation and its parts: ``network``, ``strategies``, ``doctor``."""
+"""Commands about the installation and its parts: ``network``, ``strategies``."""
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated
 
 from typer import Exit, Option
@@ -10,7 +9,7 @@ from harness.cli import options
 from harness.cli.interruption import unwinding
 from harness.cli.options import settings_of
 from harness.cli.output import show_rows
-from harness.core.errors import HarnessError, InputError
+from harness.core.errors import InputError
 
 
 def network(
@@ -67,20 +66,3 @@ def strategies(
     show_rows("strategies", rows, quiet, as_json, title=title, closing=closing)
     if any(each.problem for each in verdicts):
         raise Exit(1)
-
-
-def doctor(as_json: options.JsonOption = False) -> None:
-    """Check this installation: a network is built, and a pair runs in SUMO."""
-    from harness.core.versions import versions_of_runs
-    from harness.engine.network import build_network
-    from harness.scenario import load_scenario
-    from harness.studies.evaluate import evaluate
-
-    with unwinding(), TemporaryDirectory() as folder:
-        build_network(load_scenario("cctc").crossing, Path(folder), "doctor")
-        # The pair runs in a process of its own, because a broken library may kill it.
-        failure = evaluate("cctc", [{}], 1, workers=1)["failure"][0]
-    if isinstance(failure, str):
-        raise HarnessError(f"a pair of cctc does not run in SUMO: {failure}")
-    rows = [{"package": name, "version": of} for name, of in versions_of_runs().items()]
-    show_rows("doctor", rows, False, as_json, title="A network is built, and a pair runs in SUMO.")

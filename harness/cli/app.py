@@ -19,7 +19,7 @@ COMMANDS: Mapping[str, str] = {
     for module, commands in {
         "cli.encounters": "run sweep resume risk",
         "cli.folders": "show report compare worst replay export",
-        "cli.about": "network strategies doctor",
+        "cli.about": "network strategies",
         "cli.crossings": "crossings",
         "cli.model": "extract fit model",
         "cli.validation": "validate",

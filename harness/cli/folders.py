@@ -186,29 +186,22 @@ def _range_of(text: str) -> range:
 
 def export(
     run_folder: options.RunArgument,
-    csv: Annotated[bool, Option("--csv", help="Write every table as CSV.")] = False,
-    pair: Annotated[int | None, Option("--pair", help="Number of the pair.")] = None,
-    out: options.NewFolderOption = None,
+    pair: Annotated[int, Option(help="Number of the pair.")],
+    out: Annotated[Path, Option(help="A new folder for the files.")],
     cell: options.CellOption = 0,
     arm: options.ArmOption = "av",
     passage: options.PassageOption = None,
     ego: options.EgoOption = "recorded",
     as_json: options.JsonOption = False,
 ) -> None:
-    """Write every table as CSV, or an arm of a pair as OpenSCENARIO with its road as OpenDRIVE."""
+    """Write an arm of a pair as OpenSCENARIO with its road as OpenDRIVE."""
+    from harness.core.encounter import Arm
     from harness.results.run import load_run
+    from harness.studies.export import export as write
 
-    if (pair, out).count(None) != 2 * csv:
-        raise InputError("export", "writes one of two formats", "--csv, or --pair with --out")
-    run, differences = load_run(run_folder), tuple[str, ...]()
+    run = load_run(run_folder)
     with unwinding():
-        if pair is None or out is None:
-            files = run.write_csv()
-        else:
-            from harness.core.encounter import Arm
-            from harness.studies.export import export as write
-
-            files, differences = write(run, cell, pair, Arm(arm), out, passage, ego == "free")
+        files, differences = write(run, cell, pair, Arm(arm), out, passage, ego == "free")
     for difference in differences:
         say(one_line(f"harness: pair {pair} differs from its record: {difference}"))
     show_rows("export", [{"file": str(path)} for path in files], True, as_json)

@@ -15,13 +15,12 @@ import pyarrow.compute as pc
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, resume_command, unknown_name
-from harness.core.files import cannot_write, whole_file
 from harness.results.catalogue import entries_of
 from harness.results.findings import CellFindings, cell_findings
 from harness.results.folder import read_findings, read_manifest
 from harness.results.result import Result
 from harness.results.screens import run_result
-from harness.results.tables import EVENTS, TABLES, TABLES_OF, TRACES, RunKind, kind_of, read_cell
+from harness.results.tables import EVENTS, TABLES, TABLES_OF, RunKind, kind_of, read_cell
 from harness.scenario import Scenario, Study, study_from
 
 if TYPE_CHECKING:
@@ -141,30 +140,6 @@ class Run:
             finished=self.finished,
             facts=facts,
         )
-
-    def write_csv(self) -> list[Path]:
-        """Write every table as ``RUN/csv/<table>.csv``, without the legs of walks.
-
-        Raises:
-            HarnessError: the files cannot be written.
-        """
-        from pyarrow import csv
-
-        kept = (each.name for each in TABLES_OF[self.kind] if each is not TRACES)
-        names = (*kept, *["traces"] * self.manifest["traces"])
-        tables = {name: self._table(name) for name in names}
-        if (people := tables.get("pedestrians")) is not None:
-            tables["pedestrians"] = people.drop_columns("legs")
-            tables["pairs"] = pa.Table.from_pandas(self.pairs, preserve_index=False)
-        folder = self.path / "csv"
-        try:
-            folder.mkdir(exist_ok=True)
-            for name, table in tables.items():
-                with whole_file(folder / f"{name}.csv") as file:
-                    csv.write_csv(table, file)
-        except OSError as error:
-            raise cannot_write(folder, error) from None
-        return [folder / f"{name}.csv" for name in tables]
 
     def _table(self, name: str) -> pa.Table:
         """A table of all cells."""

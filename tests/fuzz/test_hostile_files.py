@@ -42,7 +42,7 @@ KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
     "model": (10_000, ("model {file}", "run cctc --set model.path={file} --out out")),
     "run": (
         10_000,
-        (f"compare {RUN}", f"export {RUN} --csv", f"resume {RUN}"),
+        (f"compare {RUN}", f"show {RUN} --full", f"resume {RUN}"),
     ),
     "run, shown": (400, (f"report {RUN} --out out/page.html", f"replay {RUN} {ONE}")),
     "model, shown": (200, ("model {file} --figures out",)),
@@ -197,7 +197,7 @@ def test_what_is_accepted_runs_to_its_end(folder: Path, chosen: list[tuple[str, 
     settings = [word for key, value in chosen for word in ("--set", f"{key}={value}")]
     short = ["--set", "experiment.timeout_s=20", "--pairs", "2", "--out", "out"]
     if done_or_refused("run", "cctc_flow", *short, *settings):
-        assert done_or_refused("export", "out", "--csv")
+        assert done_or_refused("show", "out", "--full")
     shutil.rmtree(folder / "out", ignore_errors=True)
 
 

@@ -97,8 +97,8 @@ REFUSED = [
     ("run cctc --pairs 1 --out mine", "--out", "already holds a run"),
     # A bad scenario does not even make the folder.
     ("run cctc --set arms.av=nobody --out new/one", "nobody"),
-    ("export . --csv", "is not a run folder"),
-    ("export mine --csv", "manifest.json", "format version None"),
+    ("worst .", "is not a run folder"),
+    ("worst mine", "manifest.json", "format version None"),
     ("network cctc --out file/net-of-mine", "file/net-of-mine"),
     # The command line itself.
     ("rum cctc", "rum"),

@@ -220,9 +220,8 @@ def test_a_passage_of_a_simulation(town: Path, tmp_path: Path, kind: str) -> Non
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--out new", "--pair with --out"),
-        ("--pair 1", "--pair with --out"),
-        ("--pair 1 --out new --csv", "--pair with --out"),
+        ("--out new", "--pair"),
+        ("--pair 1", "--out"),
         ("--pair 9 --out new", "0 to 2"),
         ("--pair 1 --cell 4 --out new", "0 to 0"),
         ("--pair 1 --passage 3 a --out new", "--passage: is of simulations"),

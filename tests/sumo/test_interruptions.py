@@ -59,7 +59,6 @@ RUN += options_of(QUICK)
 SWEEP = ["sweep", *RUN[1:], "--vary", "ego.length_m=4,5"]
 COMMANDS: dict[str, list[object]] = {
     "report": ["report", "RUN", "--figures", "out"],
-    "export": ["export", "RUN", "--csv"],
     "extract": ["extract", MADE_UP / "vci_made_up", "--format", "vci", "--out", "out.parquet"],
     "model": ["model", "dut", "--figures", "out"],
 }
@@ -143,7 +142,7 @@ def test_while_a_run_writes_any_file(
 # All files are written by one function: `export` is the command of every day.
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=() if name == "export" else pytest.mark.slow) for name in COMMANDS],
+    [pytest.param(name, marks=() if name == "extract" else pytest.mark.slow) for name in COMMANDS],
 )
 def test_while_another_command_writes_a_file(tmp_path: Path, whole: Path, name: str) -> None:
     command = [whole / "run" if word == "RUN" else word for word in COMMANDS[name]]

@@ -234,18 +234,13 @@ def test_a_full_disk_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     same_rows(resume(tmp_path / "run", workers=0), whole)
 
 
-def test_a_run_without_a_finished_pair_is_shown_in_one_line_and_exported(tmp_path: Path) -> None:
+def test_a_run_without_a_finished_pair_is_shown_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         run("cctc", settings=QUICK, pairs=25, out=tmp_path / "run", executor=Stopping(0))
     for command in ("show", "report"):
         done = shell(command, tmp_path / "run")
         assert (done.returncode, done.stdout) == (2, "")
         assert re.fullmatch("harness: .*no pair is finished yet.*harness resume .*\n", done.stderr)
-    done = shell("export", tmp_path / "run", "--csv")
-    assert (done.returncode, done.stderr) == (0, "")
-    for name in ("episodes", "pedestrians", "pairs"):
-        (head,) = (tmp_path / "run" / "csv" / f"{name}.csv").read_text().splitlines()
-        assert head.startswith('"cell","pair",')
 
 
 def test_a_run_that_lacks_a_part_is_not_compared(tmp_path: Path) -> None:
@@ -286,7 +281,6 @@ def cut(folder: Path) -> None:
         ("show", edited, "digest differs"),
         ("worst", cut, "is damaged .*harness resume"),
         ("worst", lacking, "episodes are missing: cell 0, pair 0; .*harness resume"),
-        ("export --csv", lacking, "episodes are missing: cell 0, pair 0; .*harness resume"),
         ("show", recounted, "digest differs.*delete it; `harness resume"),
         ("resume", recounted, "digest differs.*delete it; `harness resume"),
         ("resume", lambda folder: (folder / "manifest.json").write_text("{"), "is damaged"),

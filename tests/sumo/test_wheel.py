@@ -86,7 +86,6 @@ def test_what_the_wheel_holds(wheel: Path) -> None:
 def test_it_runs_from_another_folder(installed: Path, tmp_path: Path) -> None:
     where = run(installed / "python", "-c", "import harness; print(harness.__file__)", cwd=tmp_path)
     assert Path(where.strip()).is_relative_to(installed.parent)
-    assert "FAILED" not in run(installed / "harness", "doctor", cwd=tmp_path)
     printed = run(installed / "harness", "run", "cctc", "--pairs", 2, "--json", cwd=tmp_path)
     document = json.loads(printed)
     assert (tmp_path / document["facts"]["folder"] / "findings.json").is_file()
@@ -128,9 +127,6 @@ def test_an_empty_environment_of_every_python(wheel: Path, tmp_path: Path, versi
     if subprocess.run(probe, capture_output=True, check=False).returncode:
         pytest.skip("no package index can be reached")
     run(*pip, "install", *constraints, wheel, cwd=tmp_path, timeout_s=MINUTES_S)
-    seen = run(fresh / "harness", "doctor", cwd=tmp_path)
-    assert "FAILED" not in seen
-    assert f"python   {version}." in seen
     command = ("run", "cctc", "--pairs", "2", "--traces", "--quiet", "--out")
     run(fresh / "harness", *command, tmp_path / "there", cwd=tmp_path)
     run(sys.executable, "-m", "harness", *command, tmp_path / "here", cwd=CHECKOUT)

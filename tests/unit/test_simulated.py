@@ -320,7 +320,6 @@ def test_a_folder_has_what_was_written(tmp_path: Path) -> None:
         (of.findings, of.by_crosswalk) for of in run.cells
     ]
     assert len(again.table("passages")) == 2 * 6 * 2 * 120
-    assert {path.stem for path in again.write_csv()} >= {"arms", "passages", "people", "vehicles"}
     assert again.summary["crosswalk"].isna().sum() == 2
     with pytest.raises(InputError, match="arms"):
         again.rows("episodes", 0)
