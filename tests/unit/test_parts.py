@@ -126,6 +126,12 @@ def test_values_that_no_part_has_are_refused(tmp_path: Path, what: str) -> None:
     assert not isinstance(raised.value, DamagedPartError)
 
 
+def test_a_part_of_another_run_is_refused(tmp_path: Path) -> None:
+    write(tmp_path, 0, rows(0, 3), digest="another run")
+    with pytest.raises(InputError, match="belongs to another run"):
+        read_cell(tmp_path, "episodes", 2, MANIFEST)
+
+
 def test_people_of_other_pairs_are_refused(tmp_path: Path) -> None:
     """A copy of another part under this name would count its people twice."""
     people = [
