@@ -16,10 +16,10 @@ from pathlib import Path
 import pytest
 
 CHECKOUT = Path(__file__).parents[2]
-CODE = {"harness": 22_500, "tests": 16_500, "benchmarks": 1_700, "docs": 600, "examples": 201}
-ROOMS = {"simulation": 2_290, "results": 2_165, "report": 1_490, "cli": 815, "studies": 4_660}
+CODE = {"harness": 20_000, "tests": 15_500, "benchmarks": 1_700, "docs": 600, "examples": 201}
+ROOMS = {"simulation": 2_025, "results": 2_090, "report": 1_490, "cli": 715, "studies": 4_130}
 RUNNING = "tasks encounters children workers run replay watch evaluate candidates compare worst"
-MODULES, DOORS, PAGES, WEB = 220, 16, 3_500, 700
+MODULES, DOORS, PAGES, WEB = 205, 14, 2_815, 700
 IMPORTED, PASSED = 110, 15
 LINE, IGNORED, UNCOVERED, COVERED = 100, 5, 2, 96
 # The data's way, from below: a room imports its own level and those before it, never a later one.
