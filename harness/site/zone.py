@@ -33,8 +33,9 @@ class Zone:
     Attributes:
         first_m: s of the front at which the body first touches the crosswalk.
         centre_m: s at which it first touches the crosswalk's centre line, on which people walk: a
-            corner of an oblique body is there before the middle of its front.  The straight frame's
-            x is s − ``centre_m``.
+            corner of an oblique body is there before the middle of its front.  It is set so early
+            that ``body_m`` is at least the vehicle's length or half the way from ``first_m`` to
+            ``last_m``.  The straight frame's x is s − ``centre_m``.
         last_m: s of the front at which the body last touches the crosswalk.
         from_m, to_m: the interval of y that the body covers on its way.
         crosswalk_m: the crosswalk's length from kerb to kerb.
@@ -113,6 +114,8 @@ def zone_of(
     last_m = _border(touches, grid[min(hits[-1] + 1, len(grid) - 1)], grid[hits[-1]])
     # A grazing body may not come to the centre line.
     centre_m = begins(reaches) if reaches(grid).any() else (first_m + last_m) / 2
+    # Otherwise a straight road's vehicle would have no length where one turns round on it.
+    centre_m = min(centre_m, (first_m + last_m - min(length_m, (last_m - first_m) / 2)) / 2)
     s = np.concatenate([[first_m], grid[hits], [last_m]])
     from_m, to_m = _covered(path.outline(s, length_m, width_m), crosswalk)
     if reverse := _begins_far(path, centre_m, crosswalk):

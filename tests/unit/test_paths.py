@@ -236,6 +236,23 @@ def test_positions_on_lanes_and_on_the_path(road: Path, share: float) -> None:
         assert (s < 0.0) == (n == 0 and s != 0.0)
 
 
+@given(radius=st.floats(1.5, 4.0), at_m=st.floats(0.5, 6.0), length=st.floats(2.0, 12.0))
+@settings(max_examples=40, deadline=None)
+def test_a_vehicle_that_turns_round_has_a_length(radius: float, at_m: float, length: float) -> None:
+    """The straight frame begins and ends at the first and last touch, with a body in between."""
+    half = arc(radius, 180.0)
+    road = path([(-60.0, 0.0), (0.0, 0.0)], half, [half[-1], (-60.0, 2 * radius)])
+    zone = zone_of(road, walk(complex(at_m, -3), complex(at_m, 3 + 2 * radius)), length, 1.8)
+    if zone is None:
+        return
+    way_m = zone.last_m - zone.first_m
+    assert zone.body_m >= min(length, way_m / 2) - 1e-6
+    assert zone.first_m < zone.centre_m < zone.last_m
+    if zone.across_m > 0.01:
+        assert zone.centre_m - zone.across_m / 2 == pytest.approx(zone.first_m)
+    assert zone.centre_m + zone.across_m / 2 + zone.body_m == pytest.approx(zone.last_m)
+
+
 def test_a_crosswalk_that_is_touched_twice_or_hardly() -> None:
     there_and_back = path(
         [(-60.0, 0.0), (0.0, 0.0)], [(0, 0), (12, 0), (12, 6), (0, 6)], [(0.0, 6.0), (-60.0, 6.0)]
