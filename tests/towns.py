@@ -21,7 +21,7 @@ COLLISIONS = {
 }
 """Every touch counts, and nobody is taken off the road for it."""
 
-_WALKABLE = ("--sidewalks.guess", "--crossings.guess", "--no-turnarounds")
+_WALKABLE = ("--sidewalks.guess", "--crossings.guess")
 
 
 def call(folder: Path, program: str, *arguments: str) -> None:
@@ -69,7 +69,8 @@ def _built_once(build: Callable[..., Path]) -> Callable[..., Path]:
 def grid(folder: Path, end_s: int = 300, **options: str) -> Path:
     """Four by four junctions with people on every sidewalk; a light at two junctions."""
     arguments = ("--grid", "--grid.number", "4", "--grid.length", "100", "--tls.set", "C2,D1")
-    call(folder, "netgenerate", *arguments, *_WALKABLE, "-j", "priority", "-o", "net.net.xml")
+    arguments = (*arguments, *_WALKABLE, "--no-turnarounds", "-j", "priority")
+    call(folder, "netgenerate", *arguments, "-o", "net.net.xml")
     return with_demand(folder, end_s, 1.0, 0.8, **options)
 
 
@@ -119,7 +120,7 @@ def town(folder: Path, seed: int, end_s: int = 300, kind: str = "", **options: s
         edges.write(folder / "plain.edg.xml")
         crossings.write(folder / "plain.con.xml")
         files = ("-n", "plain.nod.xml", "-e", "plain.edg.xml", "-x", "plain.con.xml")
-        call(folder, "netconvert", *files, "--no-turnarounds", "-o", "net.net.xml")
+        call(folder, "netconvert", *files, "-o", "net.net.xml")
     additional = {"additional-files": "lorries.add.xml", **options}
     config = with_demand(folder, end_s, 1.0, 2.0, **additional)
     lorry = '<vType id="lorry" vClass="truck" length="12" width="2.5"/>'
