@@ -50,20 +50,3 @@ def priority_capacity_per_s(
     """
     rate = pedestrians_per_s
     return rate * math.exp(-rate * block_s) * sum(math.exp(-rate * d) for d in commit_after_s)
-
-
-def plain_priority_capacity_per_s(
-    pedestrians_per_s: float, block_s: float, start_up_s: float, saturation_headway_s: float
-) -> float:
-    """Capacity with d_k = t_0 + k h_s, k = 0, 1, 2 …: λ e^{−λ(τ + t_0)}/(1 − e^{−λ h_s}).
-
-    Without pedestrians it is 1/h_s.  See ``priority_capacity_per_s``.
-
-    >>> round(3600 * plain_priority_capacity_per_s(0.1, 6.0, 0.0, 2.0))
-    1090
-    """
-    rate = pedestrians_per_s
-    if rate == 0:
-        return 1 / saturation_headway_s
-    through = rate * math.exp(-rate * (block_s + start_up_s))
-    return through / -math.expm1(-rate * saturation_headway_s)

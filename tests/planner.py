@@ -2,7 +2,6 @@
 
 from harness.core.encounter import Observation
 
-NAME = "tests.planner:Planner"
 GRID_M = 0.005
 
 

@@ -9,13 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from harness.encounter.pairing import PairRunner
 from harness.engine.network import CACHE_VARIABLE, build_network, network_of
 from harness.engine.sources import plain_sources
-from harness.scenario import Setting, load_scenario
-from tests.scenes import on_plain
 from tests.sites import NETWORKS, geometries, shipped_nets, shipped_scenarios
-from tests.sumo.test_engines_agree import assert_same_episode
 
 NETS = shipped_nets()
 CROSSWALKS = geometries()
@@ -51,19 +47,3 @@ def test_is_what_its_sources_give(name: str, tmp_path: Path) -> None:
     values = [[float(value) for value in number.findall(text)] for text in (built, shipped)]
     assert values[0] == pytest.approx(values[1], abs=2e-9, rel=0)
     assert {path.name for path in net.parent.iterdir()} == {p.name for p in tmp_path.iterdir()}
-
-
-@every_site
-def test_sumo_plays_there_what_the_plain_engine_plays(name: str, sumo, model) -> None:
-    crosswalk = [
-        Setting(f"crossing.{key}", value) for key, value in CROSSWALKS[name].model_dump().items()
-    ]
-    people = [Setting("pedestrians.flow_per_hour", 900.0), Setting("experiment.timeout_s", 60.0)]
-    scenario = load_scenario("cctc_flow", [*crosswalk, *people])
-    plain = on_plain(scenario, model)
-    in_sumo = PairRunner(scenario, model, lambda: sumo(scenario))
-    met = 0
-    for one, other in zip(in_sumo.run(range(4)), plain.run(range(4)), strict=True):
-        assert_same_episode(one, other, (name, one.pair, one.arm))
-        met += one.record.pedestrians
-    assert met > 4

@@ -64,9 +64,3 @@ def test_the_site_and_the_readme_lead_to_every_page() -> None:
         assert made[2:-1] in GENERATED
     named = {(ROOT / link.partition("#")[0]).resolve() for link in links(README)}
     assert {*PAGES} <= named
-
-
-def test_a_broken_link_is_found(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text("# A heading, and more\n[a](#a-heading-and-more) [b](#nowhere) [c](no.md)\n")
-    assert broken(page) == ["#nowhere", "no.md"]

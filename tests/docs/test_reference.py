@@ -30,10 +30,3 @@ def test_every_key_says_what_it_is(section: type) -> None:
 )
 def test_nothing_is_taken_for_html(page: Callable[[], str]) -> None:
     assert "<" not in re.sub("`[^`]*`", "", page())
-
-
-@pytest.mark.parametrize(
-    ("name", "unit"), [("mean_mps", "m/s"), ("person_delay_h", "h"), ("kappa", "")]
-)
-def test_units(name: str, unit: str) -> None:
-    assert reference.unit_of(name) == unit

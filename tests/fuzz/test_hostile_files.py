@@ -226,12 +226,3 @@ def test_unusual_files_are_refused(folder: Path, name: str) -> None:
     (folder / name).write_bytes(UNUSUAL[name])
     assert not done_or_refused(*command[Path(name).suffix].format(name).split())
     (folder / name).unlink()
-
-
-@pytest.mark.parametrize("name", ["/dev/zero", ".", "x" * 5_000, "nul\0l"])
-def test_what_is_no_regular_file_is_refused(folder: Path, name: str) -> None:
-    for command in ("run", "report", "compare", "model"):
-        assert not done_or_refused(*command.split(), name)
-    assert not done_or_refused("fit", name, "--out", "model.json")
-    assert not done_or_refused("run", "cctc", "--set", f"model.path={name}")
-    assert sorted(path.name for path in folder.glob("runs")) == []

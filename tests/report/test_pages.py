@@ -7,12 +7,7 @@ from pathlib import Path
 import pytest
 
 from harness.core.encounter import Observation
-from harness.core.errors import HarnessError
-from harness.report import style
-from harness.report.figures import draw_limit, draw_over
 from harness.report.page import write_page
-from harness.report.svg import VARIABLES, inline_svg
-from harness.results.finding import Finding
 from harness.results.run import Run
 from harness.studies.allowed import allowed_in
 from harness.studies.candidates import groups_of
@@ -133,24 +128,3 @@ def test_what_a_run_is_called_and_fails_with_stays_text(tmp_path: Path) -> None:
     assert {"img", "b"}.isdisjoint(tag for tag, _ in page.tags)
     assert page.text.count('document.title = "owned"') >= 4
     assert f"cell 0, pair 1, av: the strategy raised RuntimeError: {HOSTILE[:40]}" in page.text
-
-
-def test_a_page_that_cannot_be_written_is_one_line(single: Run, tmp_path: Path) -> None:
-    with pytest.raises(HarnessError, match=str(tmp_path)):
-        write_page(single, single.result(), tmp_path)
-    (tmp_path / "file").touch()
-    with pytest.raises(HarnessError, match="file"):
-        write_page(single, single.result(), tmp_path / "page.html", tmp_path / "file" / "figures")
-
-
-def test_every_colour_of_a_figure_is_one_of_the_pages() -> None:
-    with style.styled():
-        figure, (above, below) = style.new_figure(2)
-        points = [(x, Finding(0.1 * x, 0.0, 0.3, 50)) for x in (1.0, 2.0, 40.0)]
-        draw_over(above, {f"line {n}": points for n in range(6)}, "x", "y", level=(1.0, "one"))
-        draw_limit(below, points, "x", "κ", 0.2, allowed=[True, True, False])
-        svg = inline_svg(figure, "f", "title", "words")
-    assert {*re.findall(r"#[0-9a-f]{6}\b", svg)} <= {"#000000"}
-    assert {f"var({name})" for name in VARIABLES.values()} - {*re.findall(r"var\([a-z-]+\)", svg)}
-    assert above.get_xscale() == "log"
-    assert "allowed" in below.get_legend_handles_labels()[1]

@@ -3,7 +3,6 @@
 Skipped where there is none; `.ci/run` installs it.
 """
 
-import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -242,23 +241,6 @@ def test_keys_step_jump_and_change_the_episode(page: Any) -> None:
     assert page.locator("#player-speed").input_value() != "1"
 
 
-def test_both_arms_show_the_same_moment(page: Any) -> None:
-    """An arm that has ended keeps its last state while the other goes on."""
-    ends = page.evaluate(
-        """() => JSON.parse(document.getElementById("player-data").textContent).episodes[0].arms
-        .map((arm) => arm.ego.t[arm.ego.t.length - 1])"""
-    )
-    first = "av" if ends[0] < ends[1] else "human"
-    other = "human" if first == "av" else "av"
-    scrub(page, min(ends))
-    before = drawn(page, first)["x"], drawn(page, other)["x"]
-    page.locator("#player-time").focus()
-    page.keyboard.press("End")
-    assert shown_time(page) == pytest.approx(max(ends))
-    assert drawn(page, first)["x"] == pytest.approx(before[0])
-    assert drawn(page, other)["x"] > before[1]
-
-
 def test_the_table_sorts_by_mouse_and_by_key(opened_sweep: Opened) -> None:
     """Numbers by their value, undefined ones last; one column at a time."""
     page = opened_sweep.page
@@ -279,75 +261,3 @@ def test_the_table_sorts_by_mouse_and_by_key(opened_sweep: Opened) -> None:
     flows.locator("button").click()
     assert head.get_attribute("aria-sort") is None
     assert [float(value) for value in page.evaluate(values, "flow")] == [300, 300, 900, 900]
-
-
-CONTRAST = """() => {
-  const parse = (text) => {
-    const numbers = text.match(/[\\d.]+/g).map(Number);
-    return { rgb: numbers.slice(0, 3), alpha: numbers.length > 3 ? numbers[3] : 1 };
-  };
-  const channel = (value) => { value /= 255;
-    return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4; };
-  const light = ([r, g, b]) => 0.2126 * channel(r) + 0.7152 * channel(g) + 0.0722 * channel(b);
-  const ground = (element) => {
-    for (let e = element; e; e = e.parentElement) {
-      const colour = parse(getComputedStyle(e).backgroundColor);
-      if (colour.alpha === 1) return colour.rgb;
-    }
-    return [255, 255, 255];
-  };
-  const found = [];
-  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-  while (walker.nextNode()) {
-    const element = walker.currentNode.parentElement;
-    const words = walker.currentNode.textContent.trim();
-    if (!words || element.closest("script, style, noscript, title, desc")) continue;
-    if (!element.getClientRects().length) continue;
-    const style = getComputedStyle(element);
-    const inside = element instanceof SVGElement;
-    const [a, b] = [light(parse(inside ? style.fill : style.color).rgb), light(ground(element))];
-    const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
-    found.push([ratio, words.slice(0, 40)]);
-  }
-  return found;
-}"""
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_text_has_contrast_and_lines_of_figures_stand_out(
-    all_opened: tuple[Opened, ...], opened: Opened, scheme: str
-) -> None:
-    """3 : 1 against the ground for every colour a figure's lines may have."""
-    for one in all_opened:
-        one.page.emulate_media(color_scheme=scheme)
-        found = one.page.evaluate(CONTRAST)
-        assert len(found) > 150
-        assert [entry for entry in found if entry[0] < 4.5] == []
-    names = ["--blue", "--vermillion", "--green", "--purple", "--orange", "--ink", "--muted"]
-    colours = opened.page.evaluate(
-        """names => names.map((name) => { const probe = document.createElement("i");
-        probe.style.color = `var(${name})`; document.body.append(probe);
-        const found = getComputedStyle(probe).color; probe.remove(); return found; })""",
-        ["--card", *names],
-    )
-    card, *lines = map(luminance, colours)
-    for name, line in zip(names, lines, strict=True):
-        bright, dark = max(card, line), min(card, line)
-        assert (bright + 0.05) / (dark + 0.05) >= 3, name
-
-
-def luminance(colour: str) -> float:
-    """Relative luminance of ``rgb(r, g, b)`` (WCAG 2)."""
-    parts = [int(part) / 255 for part in re.findall(r"\d+", colour)]
-    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-
-@pytest.mark.parametrize("width", [400, 1_000, 1_600])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_nothing_overflows(all_opened: tuple[Opened, ...], width: int, scheme: str) -> None:
-    for one in all_opened:
-        one.page.set_viewport_size({"width": width, "height": 900})
-        one.page.emulate_media(color_scheme=scheme)
-        wide = one.page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
-        assert wide[0] <= wide[1]

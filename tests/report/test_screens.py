@@ -4,10 +4,10 @@ import re
 from collections import Counter
 
 import pytest
-from hypothesis import example, given, settings, strategies as st
+from hypothesis import given, settings, strategies as st
 
 from harness.report.screen import MOST_NOTES, screen_text
-from harness.report.words import DASH, interval_text, text_of, value_text
+from harness.report.words import DASH, text_of
 from harness.results.estimators import clopper_pearson
 from harness.results.finding import Finding, Form
 from harness.results.notes import Note
@@ -106,29 +106,6 @@ def test_a_bound_of_0_events_is_on_every_screen(number: Shown, width: int) -> No
     assert f"below {100 * (1 - 0.05 ** (1 / n)):.1f} %" in re.sub(r"\s+", " ", text)
 
 
-@given(st.integers(1, 10**7), st.sampled_from([0.95, 0.99, 1 - 0.05 / 7]))
-@example(10**7, 0.95)
-def test_the_bound_of_0_events_never_becomes_0(n: int, confidence: float) -> None:
-    high = clopper_pearson(0, n, confidence)[1]
-    text = interval_text(Shown(Finding(0.0, 0.0, high, n, 0), Style(Form.EVENTS, 1)), confidence)
-    written = float(text.removeprefix("below ").removesuffix(" %"))
-    assert written == pytest.approx(100 * (1 - 0.05 ** (1 / n)), rel=0.05, abs=0.05 * (n < 100))
-    assert written > 0
-
-
-@given(shown())
-def test_ends_have_the_values_decimals_and_a_star_is_unreliable(number: Shown) -> None:
-    value, ends = value_text(number), interval_text(number)
-    assert value.endswith("*") == (number.finding.reliable is False)
-    assert (value == DASH) == (number.finding.value is None)
-    assert "-" not in value + ends
-    if ends and number.style.form is not Form.EVENTS and "e" not in value + ends:
-        decimals = {
-            len(part.partition(".")[2]) for part in re.findall(r"[\d.,]+", f"{value} {ends}")
-        }
-        assert len(decimals) == 1 or number.finding.value == 0
-
-
 @pytest.mark.parametrize(
     ("number", "style", "text"),
     [
@@ -159,16 +136,6 @@ PAPER = Table(
         for d, name in enumerate(["time to cross, s", "delay, s", "spread of that ratio"])
     ),
 )
-
-
-def test_the_comparison_keeps_its_interval_longest() -> None:
-    """However narrow the screen; without such a column the first ones keep theirs."""
-    intervals = [screen_text(result(PAPER), width).count("…") for width in (60, 75, 100, 120)]
-    assert intervals == sorted(intervals)
-    assert "3.00 (2.50 … 3.50)" in screen_text(result(PAPER), 66)
-    assert "9.00 (8.50" not in screen_text(result(PAPER), 66)
-    columns = tuple(column._replace(interval=False) for column in PAPER.columns)
-    assert "9 (8 … 10)" in screen_text(result(Table("", columns, PAPER.rows[:1])), 50)
 
 
 def test_three_notes_the_worst_first_and_the_others_by_their_labels() -> None:

@@ -54,19 +54,6 @@ def test_every_reading_is_uniform(drawn, given):
     assert kstest(u, "uniform").pvalue > 0.001
 
 
-@GIVEN
-def test_densities_integrate_to_one(drawn, given):
-    mixture, _ = drawn
-    # Gauss–Legendre on short panels.
-    edges = np.linspace(mixture.lower[2], mixture.upper[2], 41)
-    nodes, weights = np.polynomial.legendre.leggauss(12)
-    half = np.diff(edges)[:, None] / 2
-    x = (edges[:-1, None] + half * (1 + nodes)).ravel()
-    density = mixture.conditional(2, given).pdf(x, [[0.05, 4.0, 0.3][: len(given)]])
-    assert (density >= 0).all()
-    assert ((half * weights).ravel() @ density) == pytest.approx(1.0, abs=1e-5)
-
-
 DRAWS = """
 import hashlib
 import numpy as np

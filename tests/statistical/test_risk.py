@@ -1,7 +1,7 @@
 """The interval of a risk holds the truth as often as it says, where the truth is known."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -9,22 +9,14 @@ from scipy import stats
 
 from benchmarks.risk import (
     CHUNK,
-    DETECTION_PROBABILITY,
-    LOOKS,
-    TRUTH,
     UNHINDERED,
-    blind_quantiles,
     estimate,
-    looks,
-    runner_of,
-    scenario_of,
 )
-from harness.core.encounter import Arm, Ending, FloatArray
-from harness.core.seeding import Given
+from harness.core.encounter import Arm, Ending
 from harness.model.interaction import load_model
 from harness.scenario import load_scenario
-from harness.studies.risk_draws import Episode, Outcome, Run
-from harness.studies.risk_space import Space, parse_event, space_of
+from harness.studies.risk_draws import Episode, Outcome
+from harness.studies.risk_space import Space, space_of
 from tests.risks import CROWD, FLAT, crowd, fault, found, gain, half_space, holds, is_true, union
 from tests.scenes import on_plain
 
@@ -56,110 +48,7 @@ def test_what_is_said_holds_where_the_learning_misses_a_fault(share: float) -> N
     assert sum(holds(numbers, truth) for numbers in said) < 0.95 * 40
 
 
-BINS = 100
-"""Of the quantiles of the walking speed."""
-
-FAULTY = Space(("side", "quantile", "detection", "av_strategy", "av_strategy"))
-
 _SIDES = (0.25, 0.75)
-
-
-class Tables:
-    """Scores of Hard-Yield (side, look, bin, grading), and of one that never brakes.
-
-    An episode of the cases of ``benchmarks.risk`` with a rare fault is a function of side, quantile
-    of the walking speed, look of the first detection and whether the fault strikes.  Simulated once
-    for each side, look and bin of quantiles, its scores are looked up: many risks in a minute.  The
-    truth is a sum over the table.
-    """
-
-    def __init__(self) -> None:
-        bins = ((np.arange(BINS) + 0.5) / BINS).tolist()
-        chances = looks()
-        self.seen = _scores(
-            "missed",
-            [
-                {"side": [side], "quantile": [quantile], "detection": [detection]}
-                for side in _SIDES
-                for detection, _ in chances
-                for quantile in bins
-            ],
-        ).reshape(2, LOOKS, BINS, -1)
-        self.dead = _scores(
-            "dead-3",
-            [
-                {"side": [side], "quantile": [quantile], "av_strategy": [1e-9]}
-                for side in _SIDES
-                for quantile in bins
-            ],
-        ).reshape(2, BINS, -1)
-        self._chance = np.array([chance for _, chance in chances])
-
-    def dying(self, share: float) -> tuple[Run, float]:
-        """Hard-Yield that is dead in a share of all episodes: episodes, and κ."""
-        limit = stats.norm.ppf(share)
-        missed, dead = self._missed(), float((self.dead[..., 0] <= 0).mean())
-        return self._run(lambda z: z[:, 3] < limit), share * dead + (1 - share) * missed
-
-    def blind(self) -> tuple[Run, float]:
-        """Hard-Yield that does not see far-side walkers of 1.1 m/s: episodes, and κ."""
-        low, high = blind_quantiles()
-        place = int(BINS * (low + high) / 2)
-        hit = float(self.dead[1, place, 0] <= 0)
-        seen = float(self._chance @ (self.seen[1, :, place, 0] <= 0))
-        kappa = self._missed() + 0.5 * (high - low) * (hit - seen)
-        ends = stats.norm.ppf(low), stats.norm.ppf(high)
-        return self._run(
-            lambda z: (z[:, 0] > 0) & (z[:, 1] >= ends[0]) & (z[:, 1] <= ends[1])
-        ), kappa
-
-    def _missed(self) -> float:
-        return float(self._chance @ (self.seen[..., 0] <= 0).mean(axis=(0, 2)))
-
-    def _run(self, struck: Callable[[FloatArray], np.ndarray]) -> Run:
-        def run(episodes: Sequence[Episode]) -> list[Outcome]:
-            if not episodes:
-                return []
-            z = np.array([each.fixed for each in episodes])
-            side = (z[:, 0] > 0).astype(int)
-            place = np.minimum((BINS * stats.norm.cdf(z[:, 1])).astype(int), BINS - 1)
-            # 1 − u = Φ(−z), without rounding.
-            wait = np.ceil(np.log(stats.norm.cdf(-z[:, 2])) / np.log1p(-DETECTION_PROBABILITY))
-            look = np.clip(wait, 1, LOOKS).astype(int) - 1
-            dead, seen = self.dead[side, place], self.seen[side, look, place]
-            scores = np.where(struck(z)[:, None], dead, seen).tolist()
-            return [Outcome(each[0] <= 0, scores=tuple(each)) for each in scores]
-
-        return run
-
-
-def _scores(case: str, people: list[Given]) -> FloatArray:
-    """Scores of a case's episodes, shape (n, gradings)."""
-    runner, event = runner_of(scenario_of(case, 0)), parse_event("crashed")
-    pairs = [(0, given) for given in people]
-    return np.array(
-        [
-            event.scores(outcome.record)
-            for at in range(0, len(pairs), CHUNK)
-            for outcome in runner.run_arm_given(Arm.AV, pairs[at : at + CHUNK], lambda _: None)
-        ]
-    )
-
-
-@pytest.fixture(scope="module")
-def tables() -> Tables:
-    return Tables()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["dead-3", "dead-4", "blind"])
-def test_what_is_said_of_faulty_strategies_holds(tables: Tables, name: str) -> None:
-    """A strategy that is dead in a share of its own draws, and one blind to some walkers."""
-    shares = {"dead-3": 1e-3, "dead-4": 1e-4}
-    run, truth = tables.dying(shares[name]) if name in shares else tables.blind()
-    # By quadrature and products alone (benchmarks.risk); the table's bins are a hundredth wide.
-    assert truth == pytest.approx(TRUTH[name], rel=0.01)
-    assert sum(is_true(found(run, FAULTY, seed), truth) for seed in range(20)) >= 19
 
 
 def test_the_interval_covers_the_kappa_of_constant_speed() -> None:

@@ -96,14 +96,6 @@ def joint(model: InteractionModel) -> Joint:
     return Joint(model.mixture)
 
 
-def test_the_long_way_round_is_a_density(joint: Joint) -> None:
-    # Its mass over the box, by plain Monte Carlo: 1 within four standard errors.
-    rng = np.random.default_rng(0)
-    points = rng.uniform(joint.lower, joint.upper, size=(200_000, 4))
-    values = joint.density(*points.T) * np.prod(joint.upper - joint.lower)
-    assert abs(values.mean() - 1) < 4 * values.std() / np.sqrt(len(values))
-
-
 def test_walking_speeds_at_the_trigger(model: InteractionModel, joint: Joint) -> None:
     # The quantiles the paper's experiment plans, pushed through f(v_p | 1/30, 5).
     scenario = load_scenario("cctc")

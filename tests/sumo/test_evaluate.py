@@ -1,6 +1,5 @@
 """Candidates on the same people: the numbers of their runs, with kept references and workers."""
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -42,16 +41,6 @@ def test_the_reference_is_driven_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [len(each) for each in arms] == [1, 1, 1]
     evaluate("cctc_flow", [{}], 4, settings={"experiment.seed": 5}, engine="plain", workers=0)
     assert len(arms) == 5
-
-
-@pytest.mark.slow
-def test_a_later_call_is_quick() -> None:
-    times = []
-    for _ in range(15):
-        begin = time.perf_counter()
-        evaluate("cctc_flow", [{GAP: 1.0}], 20, settings=SETTINGS)
-        times.append(time.perf_counter() - begin)
-    assert min(times[1:]) <= 0.05
 
 
 @pytest.mark.parametrize(

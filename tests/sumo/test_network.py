@@ -14,16 +14,13 @@ from pathlib import Path
 import libsumo
 import pytest
 
-from harness.core.encounter import Ending
 from harness.core.errors import EngineError, InputError
 from harness.engine import network, sources
 from harness.engine.network import CACHE_VARIABLE, build_network, network_of
 from harness.scenario import Scenario, load_scenario
 from harness.scenario.sections import CrossingSection
 from harness.site.town import Town
-from harness.strategies.constant_speed import ConstantSpeed
-from tests.conftest import MakeEngine
-from tests.scenes import play, refuses, scenario
+from tests.scenes import refuses
 from tests.sites import NETWORKS, frame_of, geometries
 
 
@@ -152,64 +149,6 @@ def test_crosswalk_is_unsignalized_and_vehicles_yield(nets: dict[str, Path]) -> 
     assert [(link.get("to"), link.get("state")) for link in links] == [("exit", "m")]
 
 
-@pytest.mark.usefixtures("no_simulation")
-@pytest.mark.parametrize(("range_m", "speed_mps"), [(30.0, 5.0), (210.0, 20.0), (300.0, 13.9)])
-def test_drive_is_exact(
-    case: tuple[CrossingSection, Path], range_m: float, speed_mps: float
-) -> None:
-    geometry, net = case
-    acceleration, step, to_network = 0.3, 0.1, frame_of(geometry).to_network
-    lanes = set()
-    with simulation(net):
-        # The approach begins 300 m before the crosswalk's centre line.
-        start = {"departPos": repr(300.0 - range_m), "departSpeed": repr(speed_mps)}
-        libsumo.route.add("drive", ("approach", "exit"))
-        libsumo.vehicle.add("ego", "drive", **start)
-        libsumo.vehicle.setSpeedMode("ego", 32)
-        libsumo.simulationStep()
-        steps = 0
-        driven = 0.0
-        while driven < range_m + 60.0:
-            # Uniform acceleration from the insertion: d = v0·t + a·t²/2.
-            time = steps * step
-            driven = speed_mps * time + acceleration * time**2 / 2
-            place = libsumo.vehicle.getPosition("ego")
-            expected = to_network(driven - range_m, geometry.length_m / 4)
-            assert place == pytest.approx(expected, abs=1e-6, rel=0)
-            assert libsumo.vehicle.getDistance("ego") == pytest.approx(driven, abs=1e-9, rel=0)
-            lanes.add(libsumo.vehicle.getRoadID("ego"))
-            steps += 1
-            libsumo.vehicle.setSpeed("ego", speed_mps + acceleration * steps * step)
-            libsumo.simulationStep()
-    junction = lanes - {"approach", "exit"}  # its lanes are numbered by bearing
-    assert len(junction) == 1 < len(lanes) - 1
-    assert junction.pop().startswith(":crosswalk_")
-
-
-@pytest.mark.usefixtures("no_simulation")
-@pytest.mark.parametrize("near_side", [True, False])
-def test_walk_is_straight_and_exact(case: tuple[CrossingSection, Path], near_side: bool) -> None:
-    geometry, net = case
-    edges, frame = [], frame_of(geometry)
-    first, last = ("near", "far") if near_side else ("far", "near")
-    with simulation(net):
-        libsumo.person.add("walker", first, 1.0)
-        libsumo.person.appendWalkingStage("walker", [first, last], 1.0)
-        libsumo.simulationStep()
-        # 0.13 m per step, kerbs included: 1.3 m/s.
-        for step in range(int(geometry.length_m / 0.13) + 1):
-            y = 0.13 * step if near_side else geometry.length_m - 0.13 * step
-            x_net, y_net = frame.to_network(0.0, y)
-            libsumo.person.moveToXY("walker", "", x_net, y_net, keepRoute=2, matchThreshold=1)
-            libsumo.simulationStep()
-            place = libsumo.person.getPosition("walker")
-            if 0.01 <= y <= geometry.length_m - 0.01:
-                assert frame.to_road(*place) == pytest.approx((0.0, y), abs=1e-6, rel=0)
-                edges.append(libsumo.person.getRoadID("walker"))
-    assert len(edges) >= geometry.length_m / 0.13 - 2
-    assert set(edges) == {":crosswalk_c0"}
-
-
 def test_bad_names_and_files_are_refused(tmp_path: Path) -> None:
     refuses("network name", lambda: build_network(CCTC, tmp_path, "../site"))
     (tmp_path / "file").write_text('<net version="1.20"/>')
@@ -245,12 +184,6 @@ def test_other_geometries_are_built_once(tmp_path: Path, monkeypatch: pytest.Mon
     assert network_of(Scenario(crossing=CrossingSection(bearing_deg=11.0))) != net
     monkeypatch.setattr(network.metadata, "version", lambda _: "another")
     assert network_of(Scenario(crossing=geometry)) != net
-
-
-def test_an_ego_starts_at_the_nearest_range_there_is(sumo: MakeEngine) -> None:
-    # width / 2 + 1.5 m, which no file has to the last digit.
-    scene = scenario(ego={"trigger_range_m": 3.5})
-    assert play(ConstantSpeed(), [], scene, sumo(scene)).ending is Ending.CROSSED
 
 
 def test_a_packed_network_is_read_alike(tmp_path: Path) -> None:

@@ -88,16 +88,6 @@ def test_a_debugger_stops_in_decide_and_goes_on(
         assert said.getvalue().count("30.0") == 2
 
 
-def test_what_a_debugger_shows_is_a_line_and_an_exception_has_its_traceback() -> None:
-    found = harness.run_pair("cctc", 2, settings={"arms.av": "hard_yield"}, engine="plain")
-    assert {*found.traces["arm"]} == {"av", "human"}
-    assert repr(found) == "<PairOutcome 2: av crossed, human crossed>"
-    with as_main() as names:
-        run_cell("class Bad:\n    def decide(self, observation):\n        return 1 / 0\n", names)
-        failed = harness.run_pair("cctc", settings={"arms.av": names["Bad"]}, engine="plain")
-    assert "ZeroDivisionError" in str(failed.av.trace.traceback)
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -8,57 +8,17 @@ import sys
 import sysconfig
 from pathlib import Path
 
-import pyarrow.parquet as pq
 import pytest
 
 from harness.core.errors import InputError
 from harness.studies.run import resume, run
-from tests.batches import CHECKOUT, QUICK, here, options_of, printed, shell
-
-MODULE = """
-class Mine:
-    def __init__(self, rng, *, until_s: float):
-        self.fails, self.until_s = rng.random() < 0.2, until_s
-
-    def decide(self, observation):
-        if self.fails and observation.time_s > self.until_s:
-            raise ArithmeticError("on purpose")
-        print("loud")
-        return -0.1
-"""
+from tests.batches import CHECKOUT, QUICK, here, printed, shell
 
 
 def harness(*arguments: object, cwd: Path) -> "subprocess.CompletedProcess[str]":
     command = [str(Path(sysconfig.get_path("scripts")) / "harness"), *map(str, arguments)]
     env = {**os.environ, "PYTHONPATH": str(CHECKOUT)}
     return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, timeout=300)
-
-
-@pytest.mark.slow
-def test_from_the_console_script_in_two_workers(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(MODULE, encoding="utf-8")
-    changes = {**QUICK, "arms.av": "mine:Mine", "experiment.pairs": 110}
-    own = ("--set", 'strategies."mine:Mine".until_s=0.35')
-    done = harness(
-        *("run", "cctc", "--out", "run", "--workers", 2, *options_of(changes), *own, "--json"),
-        cwd=tmp_path,
-    )
-    assert done.returncode == 1, done.stderr
-    # What a strategy prints is no result.
-    assert json.loads(done.stdout)["command"] == "run"
-    assert "loud\n" in done.stderr
-    assert "Traceback" not in done.stderr
-    episodes = pq.read_table(tmp_path / "run" / "episodes").to_pylist()
-    failed = [(row["pair"], row["arm"]) for row in episodes if row["ending"] == "engine_failed"]
-    assert 5 < len(failed) < 50
-    assert {arm for _, arm in failed} == {"av"}
-    assert {row["strategy"] for row in episodes} == {"mine:Mine", "constant_speed"}
-    lines = (tmp_path / "run" / "log.jsonl").read_text(encoding="utf-8").splitlines()
-    events = [event for event in map(json.loads, lines) if event["event"] == "episode failed"]
-    assert sorted((event["pair"], event["arm"]) for event in events) == sorted(failed)
-    for event in events:
-        assert event["traceback"].splitlines()[-1] == "ArithmeticError: on purpose"
-        assert str(tmp_path / "mine.py") in event["traceback"]
 
 
 def test_the_template_runs_as_its_page_says(tmp_path: Path) -> None:

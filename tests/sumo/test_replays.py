@@ -9,7 +9,6 @@ from harness.core.encounter import Arm
 from harness.core.errors import InputError
 from harness.results.run import Run
 from harness.results.tables import read_cell
-from harness.studies.one_pair import run_pair
 from harness.studies.replay import replay
 from harness.studies.run import run
 from harness.studies.shown import chosen_pairs, shown_pairs
@@ -54,13 +53,6 @@ def test_a_difference_from_the_record_is_named_after_what_has_changed(
     (other,) = replay(stored, 0, range(1), [Arm.AV], Path("other"))
     assert other.differences[0].endswith("Brakes has been edited since the run")
     assert any("episodes.max_deceleration_mps2" in line for line in other.differences)
-
-
-def test_one_pair_has_the_records_of_the_run(stored: Run) -> None:
-    pair = run_pair("cctc_flow", 5)
-    rows = stored.episodes[stored.episodes["pair"] == 5].set_index("arm")
-    assert pair.av.record.delay_s == rows.loc["av", "delay_s"]
-    assert pair.human.record.pass_time_s == rows.loc["human", "pass_time_s"]
 
 
 @pytest.mark.parametrize("kept", [False, True])

@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 import sysconfig
@@ -10,16 +9,9 @@ import venv
 import zipfile
 from pathlib import Path
 
-import pyarrow.parquet as pq
 import pytest
 
 CHECKOUT = Path(__file__).parents[2]
-
-
-PYTHONS = ("3.11", "3.12", "3.13")
-"""Every version that ``pyproject.toml`` names."""
-
-MINUTES_S = 1200.0
 
 
 def run(*command: object, cwd: Path, timeout_s: float = 300.0) -> str:
@@ -91,47 +83,3 @@ def test_it_runs_from_another_folder(installed: Path, tmp_path: Path) -> None:
     assert (tmp_path / document["facts"]["folder"] / "findings.json").is_file()
     (record,) = document["records"]
     assert (record["pairs"]["value"], record["failed"]["value"]) == (2, 0)
-
-
-def interpreter(version: str) -> Path | None:
-    """A Python of a version on this machine: on the path, or one of pyenv's."""
-    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
-    places = [shutil.which(f"python{version}"), *pyenv.glob(f"versions/{version}.*/bin/python")]
-    script = "import sys; print('%d.%d' % sys.version_info[:2])"
-    for place in filter(None, places):
-        # A shim of pyenv's is there for versions that are not.
-        told = subprocess.run([place, "-c", script], capture_output=True, text=True, check=False)
-        if told.stdout.strip() == version:
-            return Path(place)
-    return None
-
-
-def test_every_python_is_named() -> None:
-    text = (CHECKOUT / "pyproject.toml").read_text(encoding="utf-8")
-    named = text.split("Programming Language :: Python :: ")[2:]
-    assert tuple(part.partition('"')[0] for part in named) == PYTHONS
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("version", PYTHONS)
-def test_an_empty_environment_of_every_python(wheel: Path, tmp_path: Path, version: str) -> None:
-    """Installed as a user does it, from a package index; the numbers are those of this Python."""
-    python = interpreter(version)
-    if python is None:
-        pytest.skip(f"no Python {version} on this machine")
-    run(python, "-m", "venv", tmp_path / "fresh", cwd=tmp_path)
-    fresh = tmp_path / "fresh" / "bin"
-    pip = (fresh / "python", "-m", "pip", "--disable-pip-version-check", "--quiet")
-    constraints = ("--constraint", CHECKOUT / "constraints.txt")
-    probe = [*pip, "download", "--no-deps", *constraints, "--dest", tmp_path / "probe", "filelock"]
-    if subprocess.run(probe, capture_output=True, check=False).returncode:
-        pytest.skip("no package index can be reached")
-    run(*pip, "install", *constraints, wheel, cwd=tmp_path, timeout_s=MINUTES_S)
-    command = ("run", "cctc", "--pairs", "2", "--traces", "--quiet", "--out")
-    run(fresh / "harness", *command, tmp_path / "there", cwd=tmp_path)
-    run(sys.executable, "-m", "harness", *command, tmp_path / "here", cwd=CHECKOUT)
-    for name in ("episodes", "pedestrians", "traces"):
-        tables = [pq.read_table(tmp_path / side / name) for side in ("there", "here")]
-        assert tables[0].equals(tables[1]), name
-    both = [(tmp_path / side / "summary.csv").read_bytes() for side in ("there", "here")]
-    assert both[0] == both[1]

@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
-from harness.core.actuation import Actuator, CarState, response
+from harness.core.actuation import Actuator
 from harness.core.encounter import Arm, Side, Trace, Vehicle
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.loop import run_episode
@@ -40,34 +40,6 @@ def test_a_dead_time_of_two_and_a_half_steps() -> None:
     # −2 acts from 0.25 s to 0.35 s, then 1 until 0.45 s, then 0.
     found = speeds_of(late(dead_time_s=0.25), [-2.0, 1.0, 0.0, 0.0, 0.0])
     assert found == pytest.approx([5.0, 5.0, 4.9, 4.85, 4.9], abs=1e-12)
-
-
-def test_the_jerk_is_cut_first_and_then_the_lag_goes_on() -> None:
-    # |c − a| falls from 4 to J lag = 2 within 0.2 s; then it decays with the time constant 0.2 s.
-    vehicle = late(lag_s=0.2, jerk=10.0)
-    at_s = 0.2 + 0.15
-    speed, acceleration = response(CarState(5.0, 0.0), -4.0, at_s, vehicle)
-    decay = math.exp(-0.15 / 0.2)
-    assert speed == pytest.approx(5 - 10 * 0.2**2 / 2 - 4 * 0.15 + 2 * 0.2 * (1 - decay), abs=1e-12)
-    assert acceleration == pytest.approx(-4 + 2 * decay, abs=1e-12)
-    ramp = response(CarState(5.0, 0.0), -4.0, 1.0, late(jerk=10.0))  # no lag: a ramp of 0.4 s
-    assert ramp == pytest.approx((5 - 10 * 0.4**2 / 2 - 4 * 0.6, -4.0), abs=1e-12)
-
-
-def test_a_car_that_stands_has_no_acceleration_and_starts_from_none() -> None:
-    vehicle = late(lag_s=0.2)
-    assert response(CarState(0.3, -2.0), -4.0, 1.0, vehicle) == (0.0, 0.0)
-    away = 0.5 - 0.2 * (1 - math.exp(-0.5 / 0.2))
-    assert response(CarState(0.0, -4.0), 1.0, 0.5, vehicle).speed_mps == pytest.approx(away)
-    # Told to drive while it still brakes: it stands within the time, and then starts.
-
-    def braking(time_s: float) -> float:
-        return 0.05 + 2 * time_s - 5 * 0.2 * (1 - math.exp(-time_s / 0.2))
-
-    stands_s = brentq(braking, 0.0, 0.1, xtol=1e-15)
-    rest_s = 0.5 - stands_s
-    expected = 2 * (rest_s - 0.2 * (1 - math.exp(-rest_s / 0.2)))
-    assert response(CarState(0.05, -3.0), 2.0, 0.5, vehicle).speed_mps == pytest.approx(expected)
 
 
 def test_the_lag_goes_on_from_the_acceleration_that_sumo_left() -> None:

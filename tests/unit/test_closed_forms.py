@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pytest
 
 from harness.measures.queues import level_of_service
 from tests import closed_forms as forms
@@ -28,24 +27,3 @@ def test_gap_wait_is_what_waiting_people_find() -> None:
     waits = np.where(lag >= gap, 0.0, cars[first_free[nxt]] - arrivals)
     error = waits.std() / math.sqrt(len(waits)) * 2  # neighbours share gaps
     assert abs(waits.mean() - forms.gap_wait_s(flow, gap)) < 3 * error
-
-
-def test_plain_capacity_is_the_sum_and_the_limit() -> None:
-    lam, block, first, headway = 0.1, 6.0, 1.0, 2.0
-    steps = [first + k * headway for k in range(2000)]
-    exact = forms.priority_capacity_per_s(lam, block, steps)
-    plain = forms.plain_priority_capacity_per_s(lam, block, first, headway)
-    assert plain == pytest.approx(exact, rel=1e-12)
-    nobody = forms.plain_priority_capacity_per_s(0.0, block, first, headway)
-    assert forms.plain_priority_capacity_per_s(1e-9, block, first, headway) == pytest.approx(nobody)
-
-
-def test_capacity_is_what_a_queue_gets_through() -> None:
-    """A queue before people who each block for 6 s; a vehicle goes 2 s after the one before."""
-    rng, lam, block, headway = np.random.default_rng(7), 0.1, 6.0, 2.0
-    people = np.cumsum(rng.exponential(1 / lam, 200_000))
-    free_s = np.maximum(np.diff(people) - block, 0.0)
-    through = np.ceil(free_s / headway)  # one at the very beginning of the free time
-    seen = through.sum() / people[-1]
-    wanted = forms.plain_priority_capacity_per_s(lam, block, 0.0, headway)
-    assert seen == pytest.approx(wanted, rel=0.01)

@@ -11,7 +11,7 @@ from scipy import stats
 from harness.core.errors import InputError
 from harness.results.estimators import EQUAL, FEW
 from harness.results.finding import Finding
-from harness.results.result import Result, Versus
+from harness.results.result import Result
 from harness.scenario import Scenario
 from harness.studies.allowed import allowed_in
 from harness.studies.candidates import groups_of
@@ -83,36 +83,6 @@ def test_crashes_by_hand_and_holm_over_the_table(result: Result) -> None:
     said = {note.key: note.text for note in result.notes}["more_crashes"]
     more = "flow_per_hour 50, constant_speed crashes, times out or fails more often than soft_yield"
     assert said.startswith(more)
-
-
-def test_more_crashes_come_after_failures_nothing_tested_and_few_pairs() -> None:
-    def fates(scenario: Scenario, pair: int) -> Pair:
-        bold = scenario.arms.av == "constant_speed"
-        return FAILED if pair < 2 else "crashed" if bold else 8.0, HUMAN_S
-
-    made = compare(run_of(study({}, "arms.av=soft_yield,constant_speed"), fates, 40))
-    keys = [note.key for note in made.notes]
-    assert keys[:2] == ["failures", "few_pairs"]
-    assert "more_crashes" in keys
-
-
-def test_each_row_has_its_cells_own_numbers(run: MadeRun, result: Result) -> None:
-    keys = [column.key for column in result.screen.columns]
-    for row, record in zip(result.screen.rows, result.records, strict=True):
-        flow, *names = row[:3]
-        own = [
-            next(
-                cell
-                for cell in run.cells
-                if (cell.scenario.arms.av, cell.scenario.pedestrians.flow_per_hour) == (name, flow)
-            )
-            for name in names
-        ]
-        for key in ("time_ratio", "kappa", "time_ratio_worst", "kappa_worst"):
-            versus = row[keys.index(key)]
-            assert isinstance(versus, Versus)
-            assert [each.finding for each in versus] == [cell[key] for cell in own]
-        assert [record["kappa_a"], record["kappa_b"]] == [cell["kappa"] for cell in own]
 
 
 def drawn(scenario: Scenario, pair: int) -> Pair:
@@ -356,14 +326,3 @@ def test_time_outs_and_failures_are_not_allowed() -> None:
     tau = [noisy(pair, 9, 5.0) / (10 if pair < 2_400 else 8) for pair in range(400, 2_500)]
     assert (found.mu[0].value, found.mu[0].n) == (pytest.approx(np.mean(tau)), 2_100)
     assert found.verdicts == ("denied", "denied")
-
-
-def test_verdicts_stand_on_the_screen_and_in_json() -> None:
-    """Five pairs decide nothing about μ: all values are undecided, or denied by crashes."""
-    swept = run_of(study({}, P1), bolder, 5)
-    (judged,) = allowed_in(groups_of([swept]), 1.0, 0.05, 0.95)
-    result = compare(swept, mu0=1.0, kappa0=0.05)
-    (said,) = result.closing
-    for row in judged.rows:
-        assert f"{row.value:g} {row.verdict}" in said
-    assert judged.values in result.to_dict()["facts"].values()

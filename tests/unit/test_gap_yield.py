@@ -14,7 +14,7 @@ from harness.core.encounter import Side
 from harness.measures import measure
 from harness.measures.ego import crossing_time
 from harness.strategies.gap_yield import GapYield
-from tests.scenes import on_plain, play, scenario
+from tests.scenes import play, scenario
 
 STEP, EDGE_M, LIMIT = 0.1, 2.0, 4.5
 REAR_CLEAR_M = 5.25
@@ -157,26 +157,3 @@ def test_yielding_to_one_may_put_another_in_its_way(critical_gap: float, stops: 
     wanted = -25 / 54 if stops else 2 * (28 - 5 * 4.75 / 0.6) / (4.75 / 0.6) ** 2
     assert (trace.speed_mps[1] - 5) / STEP == pytest.approx(wanted, rel=1e-4)
     assert measure([trace])[0].contact is None
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("changes", [
-    {"pedestrians": {"flow_per_hour": 3000.0}},
-    {"pedestrians": {"flow_per_hour": 600.0}, "ego": {"initial_speed_mps": 13.9,
-     "trigger_range_m": 100.0}, "experiment": {"step_s": 0.5}, "model": {"extrapolate": True}},
-])  # fmt: skip
-def test_no_crash_in_flows_without_the_rule_at_the_kerb(changes, model) -> None:
-
-    scene = scenario(
-        **{
-            "arms": {"av": "gap_yield", "human": "constant_speed"},
-            **changes,
-            "experiment": {"timeout_s": 300.0, **changes.get("experiment", {})},
-        }
-    )
-    runner = on_plain(scene, model)
-    endings = [o.record.ending for o in runner.run(range(400)) if o.strategy == "gap_yield"]
-    assert len(endings) == 400
-    assert set(endings) <= {"crossed", "timed_out"}
-    # At 3,000 per hour somebody nearly always walks.
-    assert endings.count("timed_out") <= 4

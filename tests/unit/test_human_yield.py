@@ -78,19 +78,6 @@ def test_the_way_of_the_reaction_counts(reaction: float, stops: bool) -> None:
         np.testing.assert_allclose(np.diff(trace.speed_mps)[45:63] / STEP, -25 / 9, atol=1e-9)
 
 
-@pytest.mark.parametrize("people", [
-    [(0.0, Side.NEAR, 1.0)],  # seen long before it has to brake
-    [(0.0, Side.NEAR, 1.0), (7.5, Side.FAR, 1.0)],  # the second comes while it stands
-])  # fmt: skip
-def test_only_a_driver_who_begins_to_brake_reacts_late(people) -> None:
-    scene = scenario(pedestrians=WAITS)
-    speeds = [
-        play(driver(yields=True, reaction_time_s=reaction), people, scene).speed_mps
-        for reaction in (0.0, 1.0)
-    ]
-    np.testing.assert_array_equal(*speeds)
-
-
 @pytest.mark.parametrize("yields", [True, False])
 @pytest.mark.parametrize(
     ("reaction", "first", "deceleration", "contact"),
@@ -143,15 +130,6 @@ def test_whoever_is_in_its_path_is_braked_for(yields, arrival, first, decelerati
     # Held but for what the time grid takes, 1/(4 n (n − 1)).
     assert -np.diff(trace.speed_mps)[first] / STEP == pytest.approx(deceleration, rel=0.01)
     assert measure([trace])[0].contact is None
-
-
-def test_one_that_does_not_yield_passes_who_waits_and_who_is_far() -> None:
-    waits = play(driver(yields=False), [(0.0, Side.NEAR, 1.0)], scenario(pedestrians=WAITS))
-    assert braking_steps(waits) == []
-    # 5.5 m to the path with 0.1 m to spare, at 0.7 m/s 7.86 s; its rear is gone after 7.07 s.
-    far = [(0.0, Side.FAR, 0.7)]
-    assert braking_steps(play(driver(yields=False), far)) == []
-    assert braking_steps(play(driver(yields=True), far))[0] == 45
 
 
 @pytest.mark.parametrize("make", [

@@ -1,27 +1,11 @@
 """Options of a run are checked before it begins, and NumPy's numbers are numbers."""
 
 import json
-from typing import Any
 
 import numpy as np
-import pytest
 
 from harness.core.errors import InterruptedRunError
 from harness.scenario import load_scenario, read_scenario_file, study_of
-from harness.studies.run import run
-from tests.scenes import refuses
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"engine": "plan"}, "unknown engine 'plan'"),
-        ({"workers": -1}, "workers: -1 is not accepted; allowed: a whole number, 0 or more"),
-        ({"workers": 1.5}, "workers: 1.5"),
-    ],
-)
-def test_what_is_refused(given: dict[str, Any], said: str) -> None:
-    refuses(said, lambda: run("cctc", **given))
 
 
 def test_numbers_and_arrays_of_numpy_are_numbers() -> None:

@@ -1,7 +1,6 @@
 """A user's own strategy: found by its name, checked like the built-in ones, faults reported."""
 
 import importlib
-import json
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,7 +11,6 @@ from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
 from harness.encounter.arms import check_arms
 from harness.scenario import Scenario, load_scenario, read_scenario_file, study_of, validate
-from harness.studies.checks import RULES
 from tests.batches import here
 from tests.scenes import on_plain, refusal_of
 
@@ -226,18 +224,3 @@ def checked(name: str, *options: str) -> tuple[int, list[str]]:
     done = here("strategies", "--check", name, *options)
     assert "Traceback" not in done.stderr
     return done.returncode, (done.stdout + done.stderr).splitlines()
-
-
-def test_checked_from_the_shell(write: Write) -> None:
-    write("mine_k", MODULE)
-    needed = ("--set", 'strategies."mine_k:Demanding".needed=0.35')
-    for name, *settings, kept in (("Steady", {"yes"}), ("Demanding", *needed, {"no", "-"})):
-        found, lines = checked(f"mine_k:{name}", "--json", *settings)
-        records = json.loads("\n".join(lines))["records"]
-        assert (found, len(records)) == (kept != {"yes"}, len(RULES))
-        assert {record["kept"] for record in records} == kept
-    assert "It is given the model" in " ".join(checked("mine_k:Demanding", *needed)[1])
-    for name, said in (("Demandin", "did you mean 'Demanding'?"), ("Demanding", "is missing")):
-        code, lines = checked(f"mine_k:{name}")
-        assert (code, len(lines)) == (2, 1)
-        assert said in lines[0]

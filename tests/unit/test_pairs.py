@@ -106,20 +106,6 @@ def test_a_pair_first_last_alone_or_in_another_process(in_order) -> None:
     assert elsewhere == {pair: in_order[pair] for pair in (41, 2)}
 
 
-def test_sweeps_share_their_randomness(model) -> None:
-    # Another strategy, another flow: the same people by index, at stretched times.
-    one = validate(FLOW, "test")
-    other = validate(
-        {**FLOW, "pedestrians": {"flow_per_hour": 450.0}, "arms": {"av": "hard_yield"}}, "test"
-    )
-    for pair in range(20):
-        first, second = planned_arrivals(one, pair), planned_arrivals(other, pair)
-        for a, b in zip(first, second, strict=False):
-            assert (a.side, a.quantile) == (b.side, b.quantile)
-            assert b.arrival_s == 2 * a.arrival_s
-    assert next(iter(on_plain(other, model).run([0]))).strategy == "hard_yield"
-
-
 def yielding(av: str, human: str, driver: Arm, model: InteractionModel) -> np.ndarray:
     """Whether a driver who is ``human_yield`` is one who yields (0.74 are), in each pair."""
     scenario = validate({"arms": {"av": av, "human": human}, "experiment": {"seed": 3}}, "test")

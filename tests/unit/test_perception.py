@@ -177,43 +177,6 @@ def test_a_disc_is_hidden_when_the_whole_of_it_is(centre, hidden) -> None:
     assert is_hidden((0.0, 0.0), centre, [WALL]) is hidden
 
 
-def test_occlusion_against_rays() -> None:
-    """Each disc is hidden exactly where no ray to it is free, by marching many rays."""
-    rng = np.random.default_rng(8)
-    for _ in range(300):
-        eye = (0.0, 0.0)
-        boxes = []
-        for _box in range(rng.integers(1, 4)):
-            x, y = rng.uniform(-8, 8, 2)
-            box = Rectangle(x, x + rng.uniform(0.3, 4), y, y + rng.uniform(0.3, 4))
-            if not (box[0] <= 0.05 and box[1] >= -0.05 and box[2] <= 0.05 and box[3] >= -0.05):
-                boxes.append(box)
-        centre = tuple(rng.uniform(-12, 12, 2))
-        nearest = [
-            math.hypot(
-                max(b[0] - centre[0], 0, centre[0] - b[1]),
-                max(b[2] - centre[1], 0, centre[1] - b[3]),
-            )
-            for b in boxes
-        ]
-        if any(gap < 0.25 for gap in nearest) or math.hypot(*centre) < 0.3:
-            continue
-        assert is_hidden(eye, centre, boxes) == _no_ray_reaches(centre, boxes)
-
-
-def _no_ray_reaches(centre: tuple[float, float], boxes: list[Rectangle]) -> bool:
-    distance = math.hypot(*centre)
-    half = math.asin(0.25 / distance)
-    for angle in np.linspace(-half, half, 401)[1:-1] + math.atan2(centre[1], centre[0]):
-        way = distance * math.cos(angle - math.atan2(centre[1], centre[0]))
-        along = np.linspace(0, way, 800)
-        x, y = along * math.cos(angle), along * math.sin(angle)
-        blocked = [((b[0] < x) & (x < b[1]) & (b[2] < y) & (y < b[3])).any() for b in boxes]
-        if not any(blocked):
-            return False
-    return True
-
-
 @pytest.mark.parametrize("speed", [2.7778, 10.0, 16.6667])
 def test_when_the_child_behind_parked_cars_becomes_visible(speed: float) -> None:
     # Seen from the eye, d before the child's line and at y = 2.25, the smaller car ends at its
@@ -375,11 +338,3 @@ def test_outlines_hide_the_same_from_any_direction(heading: float) -> None:
     assert 50 < sum(verdicts) < 250
     # Whoever stands inside another vehicle, after a crash, sees past it.
     assert not is_hidden(turned(0, 0), turned(9, 0), [outline(turned(1, 0), heading, 4.5, 1.8)])
-
-
-def test_obstacles_beside_all_ways_are_taken() -> None:
-    # It ends 0.25 m before the centre line, and 1 nm beside the ego's path.
-    touching = {"x_m": -2.25, "y_m": 0.45, "length_m": 4.0, "width_m": 1.8}
-    assert scenario(crossing={"obstacles": [touching]}).obstacles()
-    beyond = {"x_m": 0.0, "y_m": -5.0, "length_m": 4.0, "width_m": 1.8}
-    assert scenario(crossing={"obstacles": [beyond]}).obstacles()

@@ -12,16 +12,12 @@ import numpy as np
 import pytest
 
 from examples import driver
-from examples.my_strategy import MyStrategy
 from harness.core.encounter import Arm, Ending, Trace
-from harness.encounter.cell_constants import constants_of
-from harness.encounter.loop import run_episode
-from harness.engine.plain import PlainEngine
 from harness.scenario import load_scenario
 from harness.strategies import program
 from harness.strategies.registry import find_strategy, source_digests
 from harness.strategies.vector import observation_vector
-from tests.scenes import Recorder, on_plain, refusal_of, scenario
+from tests.scenes import on_plain, refusal_of
 
 EXAMPLES = Path(driver.__file__).parent
 
@@ -114,17 +110,6 @@ def test_the_example_in_python_drives_as_it_does_inside(model) -> None:
     assert not same(outside, traces("exec:./driver.py --comfortable 0.5", model))
     # One process each for all episodes.
     assert len(program._programs) == 2
-
-
-@pytest.mark.parametrize("example", [Inside, MyStrategy])
-def test_an_example_does_not_overshoot_v0_in_a_vehicle_that_obeys_late(example) -> None:
-    scene = scenario(actuation={"dead_time_s": 0.4, "lag_s": 0.3})
-    decide = example().decide
-    braked = Recorder(lambda seen: -2.0 if seen.time_s < 0.95 else decide(seen))
-    engine, rules = PlainEngine(scene.vehicle(), 0.1), constants_of(scene, Arm.AV)
-    trace = run_episode(engine, braked, (), lambda *_: 1.2, rules)
-    assert trace.speed_mps.min() < 3.5
-    assert 4.9 < trace.speed_mps[20:].max() < 5.01
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")

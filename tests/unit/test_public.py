@@ -3,21 +3,16 @@
 import ast
 import doctest
 import importlib
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from typing import get_type_hints
 
 import click
 import pytest
-import typer
 from typer.main import get_command
 
 import harness
 from harness.cli.app import application
-from harness.cli.output import print_line
-from harness.core.files import shipped_directory
 from harness.measures import MEASURES, EpisodeRecord
 
 ROOT = Path(harness.__file__).parents[1]
@@ -55,14 +50,6 @@ def test_the_type_of_a_measure_says_whether_it_may_be_undefined() -> None:
         assert hints[entry.column] == (entry.kind | None if undefined else entry.kind)
 
 
-def test_importing_it_imports_nothing_heavy() -> None:
-    script = "import sys, harness; print([n for n in ('numpy', 'pandas') if n in sys.modules])"
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
-    )
-    assert done.stdout.strip() == "[]"
-
-
 def commands(group: click.Group, prefix: str = "") -> dict[str, click.Command]:
     """Every command by its full name."""
     found: dict[str, click.Command] = {}
@@ -86,22 +73,6 @@ def silent(command: click.Command) -> list[str]:
 def test_every_command_and_option_says_what_it_does(name: str) -> None:
     assert (ALL[name].help or "").strip().endswith(".")
     assert silent(ALL[name]) == []
-
-
-def test_this_file_would_notice() -> None:
-    mute = typer.Typer()
-
-    @mute.command()
-    def command(word: str) -> None:
-        print_line(word)
-
-    assert silent(get_command(mute)) == ["word"]
-
-
-def test_the_help_of_run_names_every_shipped_scenario() -> None:
-    (words,) = (getattr(of, "help", "") for of in ALL["run"].params if of.name == "scenario")
-    for file in shipped_directory("scenarios").glob("*.toml"):
-        assert file.stem in words
 
 
 HARNESS = Path(__file__).parents[2] / "harness"

@@ -196,28 +196,6 @@ def test_it_is_pickled_between_episodes():
     assert pickle.loads(pickle.dumps(env)).reset()[1] == env.reset()[1]
 
 
-def test_a_picture_shows_the_ego_and_everybody_where_they_are():
-    assert environment(render_mode=None).unwrapped.render() is None
-    env = environment({**BUSY, "pedestrians.flow_per_hour": 2000.0}, render_mode="rgb_array")
-    assert env.metadata["render_fps"] == 10
-    env.reset(seed=1)
-    for _ in range(40):
-        env.step(np.zeros(1))
-    episode = env.unwrapped._episode
-    picture = env.render()
-    assert (picture.dtype, picture.shape[2]) == (np.uint8, 3)
-    # 0.1 m to the pixel; x from 35 m before the crosswalk, y from 2 m beyond the far kerb.
-    rows, columns = np.nonzero((picture == (0, 0x72, 0xB2)).all(axis=2))
-    assert (columns.max() + 1) * 0.1 - 35.0 == pytest.approx(episode.x_m[-1], abs=0.11)
-    assert np.ptp(columns) * 0.1 == pytest.approx(5.0, abs=0.11)
-    assert 11.0 - rows.mean() * 0.1 == pytest.approx(2.25, abs=0.11)
-    people = (picture == (0xB7, 0x7F, 0)).all(axis=2)
-    walking = [y for _, y in episode.places if 0.5 < y < 8.5]
-    assert len(walking) > 1
-    for y in walking:
-        assert people[round((11.0 - y) / 0.1), 350]
-
-
 def test_training_by_cross_entropy_improves(capsys):
     """The mean over a generation rises: weights drawn at random crash, and a crash costs 100."""
     from examples.train_policy import train

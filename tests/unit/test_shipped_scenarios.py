@@ -17,11 +17,6 @@ def cells_of(name: str) -> Study:
     return study_of(read_scenario_file(name))
 
 
-@pytest.mark.parametrize("name", CELLS)
-def test_cells_of_what_the_docs_describe(name: str) -> None:
-    assert len(cells_of(name).cells) == CELLS[name]
-
-
 @pytest.mark.parametrize("name", SHIPPED)
 def test_each_cell_can_be_run(name: str, model) -> None:
     study = cells_of(name)

@@ -14,13 +14,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy import stats
 
-from harness.core.encounter import Arm, Arrival, Side, Walk
+from harness.core.encounter import Arrival, Side, Walk
 from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.threshold import Threat, blocking, effective_time_s
-from harness.scenario import Scenario, load_scenario, validate
+from harness.scenario import Scenario, validate
 from harness.scenario.people import ThresholdSection
-from harness.studies.risk_space import space_of
-from tests.scenes import Recorder, episode, on_plain
+from tests.scenes import Recorder, episode
 
 LOG_THETA, LOG_LATENCY = stats.norm(1.430, 0.405), stats.norm(0.0166, 0.604)
 WEIGHTS = ThresholdSection()
@@ -160,23 +159,3 @@ def test_planned_thresholds_are_as_distributed_and_change_nothing_else() -> None
     assert stats.kstest(np.log(latency), LOG_LATENCY.cdf).pvalue > 1e-3
     for one, other in ((theta, latency), (theta, quantile), (latency, quantile)):
         assert stats.spearmanr(one, other).pvalue > 1e-3
-
-
-def test_a_risk_samples_thresholds_and_latencies(model) -> None:
-    changes = {"pedestrians.behaviour": "threshold", "arms.av": "constant_speed"}
-    scenario = load_scenario("cctc", changes)
-    space = space_of(scenario, Arm.AV)
-    assert space.fixed == ("side", "quantile", "threshold", "latency")
-    z = np.array([1.0, -0.2, -1.5, 0.7])
-    given = space.given(z, np.empty((0, 1)), 9)
-    cases = [(9, given)]
-    (outcome,) = on_plain(scenario, model).run_arm_given(Arm.AV, cases, [].append)
-    arrival = outcome.trace.walks[0].arrival
-    assert arrival.threshold_s == pytest.approx(math.exp(1.430 - 1.5 * 0.405))
-    assert arrival.latency_s == pytest.approx(math.exp(0.0166 + 0.7 * 0.604))
-    critical = {"pedestrians.drawn": [{"episode": 9, **given}], "experiment.pairs": 1}
-    again = on_plain(load_scenario("cctc", {**changes, **critical}), model).run_arm(0, Arm.AV)
-    assert again.trace.walks == outcome.trace.walks
-    assert again.record == outcome.record
-    flow = space_of(load_scenario("cctc_flow", {"pedestrians.behaviour": "threshold"}), Arm.AV)
-    assert flow.marks == ("side", "quantile", "threshold", "latency")

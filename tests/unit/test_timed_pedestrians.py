@@ -164,21 +164,3 @@ def accelerating(start_s: float, gain: float, pieces: int | None) -> Trace:
         ]
     walk = Walk(Arrival(0, start_s, Side.NEAR, None), start_s, 1.0, 30.0, 5.0, tuple(legs))
     return replace(drive([0.0] * 74), walks=(walk,))
-
-
-def test_even_acceleration_is_the_limit_of_many_steady_legs() -> None:
-    # The car is over the line from 5.95 to 7.05 s; their disc reaches its side, y = 1.1 m, after
-    # sqrt(2 · 1.1/1) s.
-    (record,) = measure([accelerating(5.0, 1.0, None)])
-    assert record.contact is Contact.SIDE
-    assert record.contact_time_s == pytest.approx(5.0 + math.sqrt(2.2), abs=1e-9)
-    cases = [(start, gain) for start in (4.6, 5.0, 5.3, 5.6) for gain in (0.6, 1.0, 2.0)]
-    exact = measure([accelerating(*case, None) for case in cases])
-    steady = measure([accelerating(*case, 90) for case in cases])
-    for one, other in zip(exact, steady, strict=True):
-        expected = (other.ending, other.contact, other.avoidable)
-        assert (one.ending, one.contact, one.avoidable) == expected
-        # min_ttc_s is over states, of which many legs have more.
-        for name in ("contact_time_s", "min_gap_m", "pet_s"):
-            assert getattr(one, name) == pytest.approx(getattr(other, name), abs=0.03), name
-    assert {record.avoidable for record in exact} == {True, False, None}
