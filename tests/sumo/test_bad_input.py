@@ -6,17 +6,13 @@ calls; a few in a process of their own, to see what a user sees.
 
 import json
 from collections.abc import Callable
-from concurrent.futures import Future
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-import harness
-from harness.core.errors import InterruptedRunError
 from harness.model.interaction.file import SHIPPED
-from harness.studies.workers import InProcess
 from tests.batches import here, refusal, shell
 
 Refuse = Callable[..., str]
@@ -46,28 +42,16 @@ def says(line: str, *parts: str) -> None:
         assert part in line, line
 
 
-PEOPLE = "run cctc --set pedestrians"
-PARAMETER, REPLAY = "run cctc --pairs 2 --set strategies", "replay run --pair 0"
-LONG, NINES = "x" * 300, "9" * 400
-"""A name longer than a file's may be, and a number beyond any."""
+REPLAY = "replay run --pair 0"
+LONG = "x" * 300
+"""A name longer than a file's may be."""
 
 TWO_OF_THREE = ("--gui --debug", "--gui --out x", "--debug --out x")
 
 REFUSED = [
-    # Keys and values of a scenario.
+    # Keys and values of a scenario: tests/unit/test_bad_scenarios.py has them all.
     ("run cctc --set pedestrians.flow=3", "pedestrians.flow", "unknown key", "flow_per_hour"),
     ("run mine.toml", "mine.toml", "ego.speed_mps", "unknown key"),
-    (f"{PEOPLE}.flow_per_hour=many", "pedestrians.flow_per_hour", "'many'", "number"),
-    (
-        "run cctc --set pedestrians.near_side_share=1.5",
-        "near_side_share",
-        "1.5",
-        "than or equal to 1",
-    ),
-    ("run cctc --set ego.initial_speed_mps=-3", "ego.initial_speed_mps", "-3", "greater than 0"),
-    ("run cctc --set ego.trigger_range_m=2", "ego.trigger_range_m", "2 m", "3.5 m"),
-    ("run cctc --set experiment.step_s=0.00015", "experiment.step_s", "0.00015", "0.001"),
-    ("run cctc --set experiment.timeout_s=inf", "experiment.timeout_s", "inf", "finite"),
     # Options are named as the user wrote them.
     ("run cctc --pairs 0", "--pairs", "0"),
     ("run none.toml", "none.toml", "No such file"),
@@ -75,17 +59,6 @@ REFUSED = [
     ("run .", "not a regular file"),
     (f"run {LONG}", "xxx"),
     ("run broken.toml", "broken.toml", "not a TOML file"),
-    # Strategies and their parameters.
-    ("run cctc --set arms.av=soft_yeild", "arms.av", "'soft_yeild'", "did you mean 'soft_yield'"),
-    (
-        *("run cctc --set strategies.nobody.x=1", "--set strategies.nobody.x"),
-        *("drives in no cell", "soft_yield or human_gmm"),
-    ),
-    (f"{PARAMETER}.soft_yield.p4=1", "strategies.soft_yield.p4", "unknown key"),
-    (f"{PARAMETER}.soft_yield.p1=fast", "strategies.soft_yield.p1", "'fast'", "number"),
-    (f"{PARAMETER}.constant_speed.gap=1", "strategies.constant_speed.gap", "drives in no"),
-    (f"{PARAMETER}.human_gmm.reading=both", "'both'", "'marginal'", "given_time_advantage"),
-    (f"{PARAMETER}.human_gmm.decision_interval_s=0.25", "decision_interval_s", "0.25"),
     # Files and folders.
     ("run cctc --set model.path=none.json", "none.json", "cannot be read"),
     ("run cctc --set model.path=.", "cannot be read"),
@@ -188,29 +161,6 @@ def test_broken_model(refused: Refuse, tmp_path: Path, change: Change | bytes, p
     (tmp_path / "model.json").write_bytes(change)
     line = refused("run", "cctc", "--pairs", 2, "--set", "model.path=model.json")
     says(line, "model.json", part)
-
-
-class Stopping(InProcess):
-    """Carries out one task and then stops, as by Ctrl-C."""
-
-    tasks = 0
-
-    def submit(self, function: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
-        self.tasks += 1
-        if self.tasks > 1:
-            raise KeyboardInterrupt
-        return super().submit(function, *arguments, **options)
-
-
-def test_a_run_that_was_broken_off(refused: Refuse, tmp_path: Path) -> None:
-    arms = {"arms.av": ["constant_speed", "hard_yield"]}
-    with pytest.raises(InterruptedRunError, match="harness resume"):
-        harness.run("cctc", pairs=3, vary=arms, out=tmp_path / "broken off", executor=Stopping())
-    before = sorted(tmp_path.rglob("*"))
-    for command in (["compare", "broken off"], ["worst", "broken off"]):
-        says(refused(*command), "broken off", "is not finished", "harness resume 'broken off'")
-        assert sorted(tmp_path.rglob("*")) == before
-    says(refused("show", "broken off"), "no pair is finished yet", "harness resume 'broken off'")
 
 
 def test_alone_it_says_its_help_and_its_version() -> None:

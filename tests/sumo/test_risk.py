@@ -2,20 +2,13 @@
 
 import json
 import shutil
-import signal
-import subprocess
-import time
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 import harness
-from harness.core.errors import InputError, InterruptedRunError
-from harness.scenario import read_scenario_file, study_of
-from harness.studies.risk import read_risk, resume, risk
-from harness.studies.workers import InProcess
-from tests.batches import HARNESS, here, printed, refusal
+from tests.batches import here, printed, refusal
 
 UNHINDERED = ("risk", "cctc", "--set", "arms.av=constant_speed", "--target-cv", 0.3)
 
@@ -25,12 +18,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("risk") / "whole"
     assert printed(*UNHINDERED, "--out", out, "--quiet") == f"{out}\n"
     return out
-
-
-def files_of(folder: Path) -> dict[str, bytes]:
-    """What must be the same: the rows and the findings."""
-    paths = [*folder.glob("draws/*"), folder / "findings.json", *folder.glob("events/episodes/*")]
-    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
 
 def test_the_interval_holds_the_quadrature_and_its_events_crash_again(finished: Path) -> None:
@@ -61,35 +48,10 @@ def test_its_page_has_the_estimate_and_plays_its_events(finished: Path, tmp_path
         assert "is a risk estimate" in refusal(*command, *["--gui"] * (command[0] == "replay"))
 
 
-class Interrupting(InProcess):
-    """Is interrupted at a task."""
-
-    def __init__(self, at: int) -> None:
-        self._left = at
-
-    def submit(self, *arguments, **options):  # type: ignore[no-untyped-def]
-        self._left -= 1
-        if not self._left:
-            raise KeyboardInterrupt
-        return super().submit(*arguments, **options)
-
-
-def test_the_same_rows_after_interruptions_and_in_processes(finished: Path, tmp_path: Path) -> None:
-    study, again = (
-        study_of(read_scenario_file("cctc", {"arms.av": "constant_speed"})),
-        tmp_path / "r",
-    )
-    with pytest.raises(InterruptedRunError, match="harness resume"):
-        risk(study, executor=Interrupting(7), target_cv=0.3, out=again)
-    with pytest.raises(InputError, match="is not finished; allowed: harness resume"):
-        read_risk(again)
-    assert "is not finished" in refusal("show", again)
-    with pytest.raises(InterruptedRunError, match="harness resume"):
-        resume(again, executor=Interrupting(23))
-    next(iter(again.glob("draws/*"))).write_bytes(b"damaged")
-    resume(again, workers=2)
-    assert files_of(again) == files_of(finished)
-    # A finished one is only shown; one that was edited is refused.
+def test_a_finished_one_is_only_shown_and_an_edited_one_is_refused(
+    finished: Path, tmp_path: Path
+) -> None:
+    again = Path(shutil.copytree(finished, tmp_path / "again"))
     assert printed("resume", again, "--quiet") == f"{again}\n"
     (again / "findings.json").write_text("{}")
     assert "findings.json: is damaged" in refusal("resume", again)
@@ -145,24 +107,3 @@ def test_draws_that_are_not_sampled_are_said(tmp_path: Path) -> None:
 def test_bad_input_is_one_line(arguments: list[str], words: str, tmp_path: Path) -> None:
     assert words in refusal("risk", *arguments, "--out", tmp_path / "risk")
     assert not (tmp_path / "risk").exists()
-
-
-@pytest.mark.slow
-def test_a_weighted_risk_that_is_killed_is_continued_with_the_same_rows(tmp_path: Path) -> None:
-    settings = ["arms.av=hard_yield", "perception.detection_probability=0.17"]
-    words = ["risk", "cctc", *(word for of in settings for word in ("--set", of))]
-    killed, whole = tmp_path / "killed", tmp_path / "whole"
-    command = [*HARNESS, *words, "--target-cv", "0.5", "--out", str(killed), "--workers", "2"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    while not [*killed.glob("draws/0005-*")]:  # in the second round of learning
-        assert process.poll() is None
-        time.sleep(0.1)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    printed("resume", killed, "--quiet")
-    assert here(*words, "--target-cv", 0.5, "--out", whole).returncode == 0
-    assert files_of(killed) == files_of(whole)
-    # `python -m benchmarks.risk quadrature`.
-    found = read_risk(killed).records[0]["probability"]
-    assert found.low <= 9.154e-6 <= found.high
-    shutil.rmtree(killed)

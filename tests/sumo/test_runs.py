@@ -20,7 +20,6 @@ from harness.encounter.pairing import PairRunner
 from harness.results.run import Run, load_run
 from harness.studies.evaluate import evaluate
 from harness.studies.run import resume, run
-from harness.studies.workers import InProcess
 from tests.batches import shell
 from tests.faulty import NAME as FAULTY_NAME, struck
 
@@ -178,19 +177,6 @@ class Moody:
         return -self._brake_mps2 if observation.time_s < 2 else 0.0
 
 
-class Stopping(InProcess):
-    """Stops, as Ctrl-C does, when it is given its n-th task."""
-
-    def __init__(self, tasks: int) -> None:
-        self.left = tasks
-
-    def submit(self, function: Any, /, *arguments: Any, **options: Any) -> Any:
-        self.left -= 1
-        if self.left < 0:
-            raise KeyboardInterrupt
-        return super().submit(function, *arguments, **options)
-
-
 def test_damaged_and_missing_parts_are_simulated_again(tmp_path: Path) -> None:
     whole = run("cctc", settings=QUICK, pairs=25, out=tmp_path / "whole", workers=0)
     part = tmp_path / "whole" / "episodes" / "0000-00000005.parquet"
@@ -232,15 +218,6 @@ def test_a_full_disk_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert re.fullmatch(r"harness: .*File too large.*harness resume .*\n", done.stderr)
     assert not list((tmp_path / "run").rglob("*.partial"))
     same_rows(resume(tmp_path / "run", workers=0), whole)
-
-
-def test_a_run_without_a_finished_pair_is_shown_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt):
-        run("cctc", settings=QUICK, pairs=25, out=tmp_path / "run", executor=Stopping(0))
-    for command in ("show", "report"):
-        done = shell(command, tmp_path / "run")
-        assert (done.returncode, done.stdout) == (2, "")
-        assert re.fullmatch("harness: .*no pair is finished yet.*harness resume .*\n", done.stderr)
 
 
 def test_a_run_that_lacks_a_part_is_not_compared(tmp_path: Path) -> None:
@@ -314,15 +291,6 @@ def test_what_is_refused_writes_no_manifest(
     with pytest.raises(InputError, match=line):
         run(scenario, pairs=1, out=tmp_path / "run", **options)
     assert not (tmp_path / "run" / "manifest.json").exists()
-
-
-@pytest.mark.parametrize("tasks", range(5))
-def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path, tasks: int) -> None:
-    whole = run("cctc", settings=QUICK, pairs=25, out=tmp_path / "whole", workers=0)
-    with pytest.raises(KeyboardInterrupt, match="harness resume"):
-        run("cctc", settings=QUICK, pairs=25, out=tmp_path / "run", executor=Stopping(tasks))
-    assert not load_run(tmp_path / "run").finished
-    same_rows(resume(tmp_path / "run", workers=0), whole)
 
 
 class Counting(ThreadPoolExecutor):

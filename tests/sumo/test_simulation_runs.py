@@ -3,27 +3,24 @@
 import gzip
 import json
 import math
-import random
+import shutil
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import psutil
 import pytest
 
 from harness.core.errors import InputError
 from harness.core.seeding import stream
 from harness.results.run import Run
 from harness.scenario import load_scenario
-from harness.simulation.demand import CONFIG_FILE, vehicles_due, write_demand
+from harness.simulation.demand import CONFIG_FILE, vehicles_due
 from harness.simulation.shares import number_of
 from harness.studies.run import resume, run
 from tests import faulty, towns
-from tests.batches import content, here, printed, shell, start, wait_for
-from tests.sumo.test_dask import started_cluster
+from tests.batches import content, here, printed
+from tests.scenes import refuses
 
 TABLES = ("arms", "passages", "vehicles", "people", "crosswalks")
 
@@ -63,35 +60,34 @@ def own(folder: Path, config: str, crossing: str, *more: str) -> Path:
     return path
 
 
-def rows(found: Run, name: str) -> list[dict[str, Any]]:
-    return found.rows(name, 0).to_pylist()
+def rows(found: Run, name: str, cell: int = 0, **of: Any) -> list[dict[str, Any]]:
+    """The rows of a table whose columns have these values; those of any cell look like cell 0's."""
+    every = [{**row, "cell": 0} for row in found.rows(name, cell).to_pylist()]
+    return [row for row in every if all(row[key] == value for key, value in of.items())]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Three pairs in this process."""
+    folder = tmp_path_factory.mktemp("whole")
+    return run(hour(folder), pairs=3, out=folder / "run", workers=0)
 
 
 def test_the_written_file_of_a_pair_gives_the_same_passages_as_a_file_of_her_own(
-    tmp_path: Path,
+    whole: Run, tmp_path: Path
 ) -> None:
-    one = run(hour(tmp_path), pairs=1, out=tmp_path / "traffic", workers=0)
-    (config,) = (tmp_path / "traffic").rglob(CONFIG_FILE)
+    """And runs in plain SUMO without a warning."""
+    config = min(whole.path.rglob(CONFIG_FILE))
     people = "[ego]\ntrigger_range_m = 30.0\n[pedestrians]\nflow_per_hour = 200.0\n"
-    file = own(
-        tmp_path,
-        str(config),
-        ":crosswalk_c0",
-        'av_types = ["car"]\nbegin = 60.0\nend = 300.0',
-        f'{people}behaviour = "threshold"',
-    )
-    two = run(file, pairs=1, out=tmp_path / "own", workers=0)
-    assert len(rows(one, "passages")) > 60
-    assert len(rows(one, "people")) > 10
+    counted = 'av_types = ["car"]\nbegin = 60.0\nend = 300.0'
+    file = own(tmp_path, str(config), ":crosswalk_c0", counted, f'{people}behaviour = "threshold"')
+    again = run(file, pairs=1, out=tmp_path / "own", workers=0)
+    assert len(rows(again, "passages")) > 60
+    assert len(rows(again, "people")) > 10
     for name in TABLES[1:]:
-        assert rows(one, name) == rows(two, name)
-
-
-def test_the_written_file_runs_in_plain_sumo_without_a_warning(tmp_path: Path) -> None:
-    scenario = load_scenario(hour(tmp_path))
-    config = write_demand(scenario, 0, 5, tmp_path / "pair")
+        assert rows(whole, name, pair=0) == rows(again, name)
     trips = tmp_path / "trips.xml"
-    command = [str(Path(sys.executable).parent / "sumo"), "-c", str(config.path)]
+    command = [str(Path(sys.executable).parent / "sumo"), "-c", str(config)]
     done = subprocess.run(
         [*command, "--tripinfo-output", str(trips), "--no-step-log"],
         capture_output=True,
@@ -99,23 +95,13 @@ def test_the_written_file_runs_in_plain_sumo_without_a_warning(tmp_path: Path) -
         check=True,
     )
     assert not done.stderr
-    assert trips.read_text().count("<tripinfo ") == len([*vehicles_due(scenario, 0)])
+    due = [*vehicles_due(load_scenario(hour(tmp_path)), 0)]
+    assert trips.read_text().count("<tripinfo ") == len(due)
 
 
-def test_the_same_rows_with_any_number_of_workers(tmp_path: Path) -> None:
-    found = [
-        run(hour(tmp_path), pairs=3, out=tmp_path / str(workers), workers=workers)
-        for workers in (0, 1, 2)
-    ]
-    for name in TABLES:
-        one, *others = (rows(each, name) for each in found)
-        assert one
-        assert all(other == one for other in others)
-    written = [
-        {path.name: path.read_bytes() for path in sorted(each.path.rglob("*.rou.xml"))}
-        for each in found
-    ]
-    assert written[0] == written[1] == written[2]
+def test_the_same_rows_and_files_in_two_workers(whole: Run, tmp_path: Path) -> None:
+    other = run(hour(tmp_path), pairs=3, out=tmp_path / "run", workers=2)
+    assert content(other.path) == content(whole.path)
 
 
 def test_vehicles_are_drawn_from_streams_that_no_share_or_arm_changes(tmp_path: Path) -> None:
@@ -131,67 +117,28 @@ def test_vehicles_are_drawn_from_streams_that_no_share_or_arm_changes(tmp_path: 
     assert first.depart_s - 0.1 < wait_s <= first.depart_s + 1e-9
 
 
-def test_a_greater_share_only_adds_avs(tmp_path: Path) -> None:
-    shares = ["traffic.av_share", [0.0, 0.3, 1.0]]
-    found = run(
-        hour(tmp_path), vary={shares[0]: shares[1]}, pairs=1, out=tmp_path / "run", workers=0
-    )
-    avs = [
-        {row["vehicle"] for row in found.rows("vehicles", cell).to_pylist() if row["automated"]}
-        for cell in range(3)
-    ]
-    everybody = {row["vehicle"] for row in rows(found, "vehicles")}
-    assert not avs[0]
-    assert avs[0] < avs[1] < avs[2] == everybody
-
-
-def test_cells_that_differ_in_the_av_share_the_reference(tmp_path: Path) -> None:
-    drivers = {"arms.av": ["gap_yield", "hard_yield"]}
+def test_cells_that_differ_in_the_av_share_the_reference(whole: Run, tmp_path: Path) -> None:
+    drivers = {"arms.av": ["hard_yield", "gap_yield"]}
     found = run(hour(tmp_path), vary=drivers, pairs=1, out=tmp_path / "run", workers=0)
     for name in TABLES:
-        one, two = (
-            [
-                {**row, "cell": 0}
-                for row in found.rows(name, cell).to_pylist()
-                if row["arm"] == "human"
-            ]
-            for cell in (0, 1)
-        )
-        assert one == two
-    alone = run(
-        hour(tmp_path), settings={"arms.av": "hard_yield"}, pairs=1, out=tmp_path / "b", workers=0
-    )
-    for name in TABLES:
-        of_cell = [{**row, "cell": 0} for row in found.rows(name, 1).to_pylist()]
-        assert of_cell == rows(alone, name)
+        assert rows(found, name, 0, arm="human") == rows(found, name, 1, arm="human")
+        assert rows(found, name, 1) == rows(whole, name, pair=0)
+    assert rows(found, "passages", 0, arm="av") != rows(found, "passages", 1, arm="av")
 
 
 FAILED_AT = "forward-0-9"
 """A vehicle of pair 1, in the counted time."""
 
 
-@pytest.mark.parametrize(
-    ("fault", "reason"),
-    [
-        ("raises", "on purpose"),
-        ("nan", "nan"),
-        ("aborts", "died"),
-        ("hangs", "no answer within"),
-    ],
-)
+@pytest.mark.parametrize(("fault", "reason"), [("raises", "on purpose"), ("aborts", "died")])
 def test_a_failure_costs_its_arm_alone(tmp_path: Path, fault: str, reason: str) -> None:
     drawn = stream(1, "av_strategy", 1, number_of(FAILED_AT)).random()
-    settings = {
-        "arms.av": faulty.NAME,
-        f'strategies."{faulty.NAME}".{fault}': float(drawn),
-        "experiment.decide_limit_s": 1.0,
-    }
+    settings = {"arms.av": faulty.NAME, f'strategies."{faulty.NAME}".{fault}': float(drawn)}
     found = run(hour(tmp_path), settings=settings, pairs=2, out=tmp_path / "run", workers=1)
     arms = rows(found, "arms")
     assert [row["reason"] is None for row in arms] == [True, True, False, True]
     assert reason in arms[2]["reason"]
-    if fault in ("raises", "nan"):
-        assert FAILED_AT in arms[2]["reason"]
+    assert fault == "aborts" or FAILED_AT in arms[2]["reason"]
     assert found.failures == ((0, 1, "av", arms[2]["reason"]),)
     numbers = {key: value for key, value in arms[2].items() if key not in ("cell", "pair", "arm")}
     assert {key for key, value in numbers.items() if value is not None} == {"reason"}
@@ -200,70 +147,14 @@ def test_a_failure_costs_its_arm_alone(tmp_path: Path, fault: str, reason: str) 
         assert there == {(0, "av"), (0, "human"), (1, "human")}
 
 
-@pytest.mark.parametrize("tasks", range(3))
-def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path, tasks: int) -> None:
-    whole = run(hour(tmp_path), pairs=3, out=tmp_path / "whole", workers=0)
-
-    def strike(done: int, _planned: int) -> None:
-        if done > tasks:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run(hour(tmp_path), pairs=3, out=tmp_path / "run", workers=0, progress=strike)
+def test_a_pair_without_its_last_table_is_simulated_again(whole: Run, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(whole.path, tmp_path / "run"))
+    (folder / "arms" / "0000-00000001.parquet").unlink()
+    (folder / "passages" / "0000-00000002.parquet").write_bytes(b"cut off")
     begun: list[int] = []
-    found = resume(tmp_path / "run", workers=0, progress=lambda done, _: begun.append(done))
-    assert len(begun) == 2 - tasks
-    for name in TABLES:
-        assert rows(found, name) == rows(whole, name)
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A scenario and its uninterrupted run."""
-    folder = tmp_path_factory.mktemp("whole")
-    run(hour(folder), pairs=4, out=folder / "run", workers=0)
-    return folder / "hour.toml", folder / "run"
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_killed_run_leaves_no_child_and_is_resumed_to_the_same_bytes(
-    whole: tuple[Path, Path], tmp_path: Path, seed: int
-) -> None:
-    """The moment is drawn over the time that a run of two workers takes."""
-    file, out = whole[0], tmp_path / "run"
-    running = start("run", file, "--pairs", 4, "--workers", 2, "--out", out, "-q")
-    wait_for((out / "manifest.json").exists, "the manifest")
-    children = psutil.Process(running.pid).children(recursive=True)
-    time.sleep(random.Random(seed).uniform(0.0, 4.0))
-    children += (
-        psutil.Process(running.pid).children(recursive=True) if running.poll() is None else []
-    )
-    running.kill()
-    running.communicate()
-    _, left = psutil.wait_procs(children, timeout=20.0)
-    assert not left
-    assert shell("resume", out, "--workers", 2, "-q").returncode == 0
-    assert content(out) == content(whole[1])
-
-
-def test_a_cluster_gives_the_same_rows(whole: tuple[Path, Path], tmp_path: Path) -> None:
-    pytest.importorskip("distributed", reason="the extra `cluster` is missing")
-    with started_cluster(tmp_path) as (address, _):
-        out = tmp_path / "run"
-        done = shell("run", whole[0], "--pairs", 4, "--dask", address, "--out", out, "-q")
-        assert done.returncode == 0, done.stderr
-    assert content(out) == content(whole[1])
-
-
-def test_a_pair_without_its_last_table_is_simulated_again(tmp_path: Path) -> None:
-    found = run(hour(tmp_path), pairs=3, out=tmp_path / "run", workers=0)
-    before = {name: rows(found, name) for name in TABLES}
-    (found.path / "arms" / "0000-00000001.parquet").unlink()
-    (found.path / "passages" / "0000-00000002.parquet").write_bytes(b"cut off")
-    begun: list[int] = []
-    again = resume(found.path, workers=0, progress=lambda done, _: begun.append(done))
+    resume(folder, workers=0, progress=lambda done, _: begun.append(done))
     assert begun == [2, 3]
-    assert {name: rows(again, name) for name in TABLES} == before
+    assert content(folder) == content(whole.path)
 
 
 def test_a_run_is_not_resumed_with_other_files(tmp_path: Path) -> None:
@@ -282,70 +173,34 @@ def _stop(*_: int) -> None:
 
 
 USABLE = ":B1_c0"
-
-
-HOSTILE: dict[str, Callable[[Path, Path], object]] = {}
-
-
-def hostile(spoil: Callable[[Path, Path], object]) -> Callable[[Path, Path], object]:
-    HOSTILE[spoil.__name__] = spoil
-    return spoil
-
-
-@hostile
-def cut_off_network(folder: Path, _config: Path) -> str:
-    net = folder / "net.net.xml"
-    net.write_bytes(net.read_bytes()[:20_000])
-    return "net.net.xml|town.sumocfg"
-
-
-@hostile
-def route_to_nowhere(folder: Path, _config: Path) -> str:
-    trips = folder / "vehicles.trips.xml"
-
-    nowhere = '<trip id="x" depart="80" from="A0A1" to="no"/></routes>'
-    trips.write_text(trips.read_text().replace("</routes>", nowhere))
-    return "town.sumocfg: .*edge 'no'"
-
-
-@hostile
-def random_seeds(_folder: Path, config: Path) -> None:
-    option(config, '<random value="true"/>')
-
-
-@hostile
-def a_step_of_a_second(_folder: Path, config: Path) -> None:
-    """Euler's steps of a second, as SUMO has them by default."""
-    text = config.read_text()
-    config.write_text(text.replace('step-length value="0.1"', 'step-length value="1"'))
-
-
-@hostile
-def teleports(_folder: Path, config: Path) -> None:
-    text = config.read_text()
-    config.write_text(
-        text.replace('collision.action value="warn"', 'collision.action value="teleport"')
-    )
-
-
-def option(config: Path, text: str) -> None:
-    config.write_text(config.read_text().replace("</configuration>", f"{text}</configuration>"))
+NOWHERE = '<trip id="x" depart="80" from="A0A1" to="no"/></routes>'
+HOSTILE = {
+    "a network that is cut off": ("net.net.xml", "", "", "net.net.xml|town.sumocfg"),
+    "a route to nowhere": ("vehicles.trips.xml", "</routes>", NOWHERE, "town.sumocfg: .*edge 'no'"),
+    "random seeds": ("", "</configuration>", '<random value="true"/></configuration>', ""),
+    # As SUMO has them by default.
+    "Euler's steps of a second": ("", 'step-length value="0.1"', 'step-length value="1"', ""),
+    "teleports": ("", 'action value="warn"', 'action value="teleport"', ""),
+}
+"""The file, or else the configuration; what is put in whose place; how it is refused, if it is."""
 
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_a_hostile_configuration_is_refused_in_one_line_or_works(tmp_path: Path, name: str) -> None:
     config = towns.grid(tmp_path, end_s=90)
-    refused = HOSTILE[name](tmp_path, config)
+    spoilt, find, replace, refused = HOSTILE[name]
+    path = tmp_path / spoilt if spoilt else config
+    text = path.read_text()
+    assert find in text
+    path.write_text(text.replace(find, replace) if find else text[:20_000])
     file = own(tmp_path, config.name, USABLE)
-    if refused is None:
-        found = [run(file, pairs=1, out=tmp_path / str(n), workers=0) for n in range(2)]
-        assert rows(found[0], "arms")[0]["reason"] is None
-        assert rows(found[0], "passages") == rows(found[1], "passages") != []
+    if refused:
+        refuses(refused, lambda: run(file, pairs=1, out=tmp_path / "run", workers=0))
+        assert not (tmp_path / "run").exists()
         return
-    with pytest.raises(InputError, match=str(refused)) as caught:
-        run(file, pairs=1, out=tmp_path / "run", workers=0)
-    assert "\n" not in str(caught.value)
-    assert not (tmp_path / "run").exists()
+    found = [run(file, pairs=1, out=tmp_path / str(n), workers=0) for n in range(2)]
+    assert rows(found[0], "arms")[0]["reason"] is None
+    assert rows(found[0], "passages") == rows(found[1], "passages") != []
 
 
 @pytest.fixture(scope="module")
@@ -412,9 +267,8 @@ def test_a_written_scenario_runs_and_its_worst_passage_is_replayed(
 def test_what_does_not_fit_is_refused_before_anything_is_written(
     town: Path, tmp_path: Path, settings: dict[str, Any], line: str
 ) -> None:
-    with pytest.raises(InputError, match=line) as caught:
-        run(town / "town.toml", settings=settings, pairs=1, out=tmp_path / "run", workers=0)
-    assert "\n" not in str(caught.value)
+    options: dict[str, Any] = {"settings": settings, "pairs": 1, "out": tmp_path / "run"}
+    refuses(line, lambda: run(town / "town.toml", workers=0, **options))
     assert not (tmp_path / "run").exists()
 
 

@@ -6,7 +6,6 @@ user's own, found by its module.
 
 import json
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -20,7 +19,7 @@ import pyarrow as pa
 import pytest
 
 from harness.results.run import Run
-from harness.studies.run import resume, run
+from harness.studies.run import run
 from harness.studies.workers import workers_for
 from tests.faulty import NAME, struck
 
@@ -147,44 +146,6 @@ def test_no_process_outlives_its_parent(tmp_path: Path, fault: str, number: int)
     assert alive == []
     if number == signal.SIGINT:
         assert "harness resume" in errors.splitlines()[-1]
-
-
-def content(folder: Path) -> dict[str, bytes]:
-    """The parts and findings of a run."""
-    files = [*folder.rglob("*.parquet"), folder / "findings.json", folder / "summary.csv"]
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
-
-
-OFTEN = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(10, 30)]
-
-
-@pytest.mark.parametrize("seed", [1, 2, *OFTEN])
-def test_parts_are_the_same_after_a_kill_and_resume(tmp_path: Path, seed: int) -> None:
-    """At any moment, the command is killed or interrupted, or one of its children is killed."""
-    settings = {**CHANGES, "experiment.decide_limit_s": 100.0}
-    run("cctc", settings=settings, pairs=400, out=tmp_path / "whole")
-    dice, folder = random.Random(seed), tmp_path / "run"
-    running = started(folder, {}, 400)
-    children = children_of(running, dice.uniform(0.0, 3.0))
-    number = dice.choice([signal.SIGKILL, signal.SIGINT])
-    victim = dice.choice([running.pid, *(child.pid for child in children)])
-    if running.poll() is None:
-        os.kill(victim, number if victim == running.pid else signal.SIGKILL)
-    running.communicate(timeout=120)
-    _, alive = psutil.wait_procs(children, timeout=10)
-    assert alive == []
-    if (folder / "manifest.json").is_file():
-        parts = {path: path.stat().st_mtime_ns for path in folder.glob("episodes/*.parquet")}
-        resumed = resume(folder)
-        assert resumed.failures == ()
-        assert parts.items() <= {path: path.stat().st_mtime_ns for path in parts}.items()
-        assert not [*folder.rglob("*.partial")]
-    else:
-        run("cctc", settings=settings, pairs=400, out=folder)
-    log = (folder / "log.jsonl").read_text(encoding="utf-8")
-    assert "given up" not in log
-    assert ("tried again" in log) <= (victim != running.pid)
-    assert content(folder) == content(tmp_path / "whole")
 
 
 @pytest.mark.parametrize(

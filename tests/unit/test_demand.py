@@ -11,7 +11,6 @@ import pytest
 from scipy import stats
 
 from harness.core.encounter import Arm, Arrival, Side
-from harness.core.errors import InputError
 from harness.encounter.arrivals import already_walking, planned_arrivals
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.scenario import Scenario, validate
@@ -218,25 +217,3 @@ def test_what_has_one_flow_or_single_arrivals_refuses_the_others() -> None:
     for people, key in (({"flow_per_hour": [250.0, 90.0]}, "flow_per_hour: is not supported"),
                         ({"group_size": SIZES}, "group_size: is not supported")):  # fmt: skip
         refuses(f"pedestrians.{key}", lambda of=people: space_of(scene(1800, **of), Arm.AV))
-
-
-@pytest.mark.parametrize(
-    ("people", "words"),
-    [
-        ({"flow_per_hour": [1.0, 2.0]}, "flow_per_hour: 2 values; allowed: 1, one for each"),
-        ({"flow_per_hour": []}, "flow_per_hour: .. is not accepted"),
-        ({"flow_per_hour": [-1.0]}, "flow_per_hour.0: -1.0 is not accepted"),
-        ({"group_size": []}, "group_size: .. is not accepted"),
-        ({"group_size": [0.5, 0.4]}, "group_size: the shares sum to 0.9; allowed: shares that sum"),
-        ({"group_size": [0.0]}, "the shares sum to 0"),
-        ({"behaviour": "sumo"}, "behaviour: 'sumo' is not accepted"),
-        ({"group_size": SIZES, "drawn": [{"episode": 0}] * 50}, "with pedestrians.drawn"),
-        ({"walking_speed": {"classes": CLASSES}}, "walking_speed.mean_mps"),
-        ({"walking_speed": {"mean_mps": 1.4, "classes": CLASSES * 3}}, "the shares sum to 1.2"),
-        ({"walking_class": 1}, "unknown key"),
-    ],
-)
-def test_what_is_said_of_mistakes(people: dict[str, object], words: str) -> None:
-    with pytest.raises(InputError, match=words) as caught:
-        scene(60.0, **people)
-    assert len(str(caught.value).splitlines()) == 1

@@ -13,13 +13,13 @@ from harness.encounter.arrivals import planned_arrivals
 from harness.measures import measure
 from harness.model.interaction import load_model
 from harness.results.rows import trace_rows
-from harness.scenario import Scenario, load_scenario, validate
+from harness.scenario import Scenario, load_scenario
 from harness.scenario.file import Setting
 from harness.strategies.perception.occlusion import Rectangle, is_hidden, outline
 from harness.strategies.perception.perception import Perception
 from harness.strategies.perception.sensor import Sensor, sensor_of
 from harness.strategies.perception.updates import Track, Updates, updates_until_found
-from tests.scenes import Recorder, episode, on_plain, outcome_of, refusal_of, scenario
+from tests.scenes import Recorder, episode, on_plain, outcome_of, scenario
 
 FAR_AWAY = {"x_m": -900.0, "y_m": -50.0, "length_m": 1.0, "width_m": 1.0}
 """An obstacle that hides nobody, but lets everything go through the sensor."""
@@ -285,37 +285,6 @@ def test_what_was_shown_is_kept_in_the_traces() -> None:
         assert rows["y_m"][i] == pytest.approx(time_s - 0.5, abs=1e-9)
         assert (rows["x_m"][i], rows["speed_mps"][i]) == (0.0, 1.0)
     assert all(b > a for a, b in pairwise(times))
-
-
-@pytest.mark.parametrize(
-    ("crossing", "perception", "where"),
-    [
-        ({}, {"latency_s": 0.25}, "perception.latency_s"),
-        ({}, {"update_s": 0.05}, "perception.update_s"),
-        ({}, {"detection_probability": 1.5}, "perception.detection_probability"),
-        # The ego drives in y = 1.35 … 3.15.
-        ({"y_m": 0.5}, {}, "crossing.obstacles.0.y_m"),
-        ({"x_m": -2.2}, {}, "crossing.obstacles.0.x_m"),
-        ({"case": "CPNCO-50"}, {}, "crossing.obstacles.0.case"),
-        ({"lenght_m": 1.0}, {}, "crossing.obstacles.0.lenght_m"),
-    ],
-)
-def test_refused(crossing: dict[str, object], perception: dict[str, object], where: str) -> None:
-    obstacle = {"x_m": -4.0, "y_m": -1.0, "length_m": 4.2, "width_m": 1.8, **crossing}
-    tree = {"perception": perception, "crossing": {"obstacles": [obstacle]}}
-    assert refusal_of(lambda: validate(tree, "my.toml")).where == f"my.toml: {where}"
-
-
-@pytest.mark.parametrize(("y_m", "accepted"), [(0.4, True), (2.0, False), (6.0, False)])
-def test_with_traffic_obstacles_stand_beside_all_lanes(y_m: float, *, accepted: bool) -> None:
-    """Two lanes of 4.5 m: cars of 1.8 m drive in y = 1.35 … 3.15 and 5.85 … 7.65."""
-    hedge = {"x_m": -5.0, "y_m": y_m, "length_m": 4.0, "width_m": 1.8}
-    tree = {"crossing": {"obstacles": [hedge]}, "traffic": {}}
-    if accepted:
-        assert validate(tree, "my.toml").obstacles()
-    else:
-        where = refusal_of(lambda: validate(tree, "my.toml"), "vehicles' path").where
-        assert where == "my.toml: crossing.obstacles.0.y_m"
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.7, math.pi / 2, -2.4])

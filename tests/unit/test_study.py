@@ -10,7 +10,7 @@ from harness.scenario import Study, read_scenario_file, study_from, study_of
 from harness.scenario.file import parse_setting
 from harness.scenario.variation import parse_variation
 from tests.batches import here
-from tests.scenes import refusal_of, refuses
+from tests.scenes import refuses
 
 
 def study(tmp_path: Path, text: str, *vary: str) -> Study:
@@ -44,11 +44,6 @@ def test_values_of_an_option(text: str, values: list[object]) -> None:
     assert key == "a.b"
     assert parsed == values
     assert [type(value) for value in parsed] == [type(value) for value in values]
-
-
-@pytest.mark.parametrize("text", ["a.b", "a.b=", "=1,2", "  = 3"])
-def test_refused_options(text: str) -> None:
-    refuses("--vary", lambda: parse_variation(text))
 
 
 def test_the_last_key_changes_fastest(tmp_path: Path) -> None:
@@ -107,32 +102,6 @@ def test_studies_come_back_from_a_manifest_and_cells_reach_a_worker(tmp_path) ->
         assert pickle.loads(pickle.dumps(cell)) == cell
 
 
-@pytest.mark.parametrize(
-    ("text", "vary", "words"),
-    [
-        ("", ["pedestrians.flow_per_hours=1,2"], ["flow_per_hours", "'flow_per_hour'"]),
-        ("", ["pedestrian.flow_per_hour=1,2"], ["pedestrian", "'pedestrians'"]),
-        ("", ["ego.length_m=5", "ego.length_m=6"], ["ego.length_m", "twice"]),
-        ("", ["ego.length_m=-5,5"], ["ego.length_m", "-5"]),
-        ("", ["ego.length_m=5,4,5.0"], ["cells 0 and 2 are the same", "ego.length_m=5.0"]),
-        ("", ["experiment.pairs=10,20"], ["experiment.pairs", "cannot vary", "--pairs"]),
-        ("", ["arms=1,2"], ["arms"]),
-        ("", ["ego.length_m.x=1"], ["ego.length_m"]),
-        ("", ["ego..x=1"], ["ego..x", "dotted"]),
-        ("[sweep]\narms.av = 'soft_yield'", [], ["arms.av", "list"]),
-        ("[sweep]\narms.av = []", [], ["arms.av", "no values"]),
-        ("[sweep]", [], ["nothing to vary"]),
-        ("sweep = 3", [], ["sweep", "table"]),
-        ("[sweep]\ncells = 3", [], ["sweep.cells"]),
-        ("[sweep]\ncells = []", [], ["sweep.cells", "[]", "1 to"]),
-        ("[[sweep.cells]]\nego.lenght_m = 5.0", [], ["lenght_m", "'length_m'"]),
-        ("[sweep]\narms.av = ['hard_yield']\n[[sweep.cells]]\nego.length_m = 5.0", [], ["arms"]),
-    ],
-)
-def test_refused_sweeps_name_the_key(tmp_path: Path, text: str, vary, words: list[str]) -> None:
-    refusal_of(lambda: study(tmp_path, text, *vary), *words)
-
-
 def with_settings(name: str | Path, *settings: str, vary: tuple[str, ...] = ()) -> Study:
     file = read_scenario_file(name, [parse_setting(text) for text in settings])
     return study_of(file, [parse_variation(text) for text in vary])
@@ -156,17 +125,10 @@ def test_a_key_that_is_set_leaves_the_grid(name, settings, cells) -> None:
         if setting.key == "arms.av":
             assert {cell.scenario.arms.av for cell in found.cells} == {setting.value}
     assert study_from(document_of(found), "manifest.json") == found
-    words = "sweep arms.av.*cannot be combined with --set arms.av"
-    refuses(words, lambda: with_settings("aggressiveness", "arms.av=hard_yield"))
 
 
 def test_parameters_of_a_strategy_that_drives_nowhere_are_refused(tmp_path: Path) -> None:
     hand = "strategies.hard_yield.yield_to_waiting=true"
-    words = "hard_yield drives in no cell; allowed: a parameter of"
-    refuses(words, lambda: with_settings("cctc", hand))
-    vary = ("strategies.gap_yeild.critical_gap_s=1,2",)
-    words = r"--vary .*: gap_yeild drives in no cell"
-    refuses(words, lambda: with_settings("cctc", "arms.av=gap_yield", vary=vary))
     file = read_scenario_file("cctc", {"strategies.gap_yield.critical_gap_s": 1.0})
     refuses(r"settings strategies\.gap_yield\.critical", lambda: study_of(file))
     # It drives in one cell of several, or the file itself gives it parameters.

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.core.errors import InputError
 from harness.scenario import Scenario, validate
 from harness.simulation.demand import Due, vehicles_due
 
@@ -68,26 +67,3 @@ def test_the_flow_and_the_types_are_those_asked_for_and_no_headway_is_too_short(
         for leader, follower in pairwise(vehicles):
             least_s = scenario.headway_s(types[leader.kind], types[follower.kind])
             assert follower.depart_s - leader.depart_s >= least_s - 1e-9
-
-
-@pytest.mark.parametrize(
-    ("types", "traffic", "parts"),
-    [
-        ([CAR], {}, ["traffic.types", "sum to 0.75", "1"]),
-        ([CAR, TRUCK | {"name": "car"}], {}, ["traffic.types.1.name", "'car'", "twice"]),
-        ([CAR, TRUCK | {"name": "long truck"}], {}, ["traffic.types.1.name", "'long truck'"]),
-        ([CAR, TRUCK | {"length_m": 40.0}], {}, ["traffic.types.1.length_m", "40"]),
-        ([CAR, TRUCK | {"lenght_m": 12.0}], {}, ["traffic.types.1.lenght_m", "length_m"]),
-        ([CAR, {"name": "bus"}], {}, ["traffic.types.1.share", "is missing"]),
-        ([CAR, TRUCK | {"width_m": 4.6}], {}, ["traffic.types.1.width_m", "4.6 m is too wide"]),
-        ([CAR, TRUCK], {"flow_per_hour": 1700.0}, ["traffic.flow_per_hour", "below 1520"]),
-    ],
-)
-def test_what_is_said_of_mistakes(
-    types: list[dict[str, Any]], traffic: dict[str, Any], parts: list[str]
-) -> None:
-    with pytest.raises(InputError) as refused:
-        scenario_of(*types, **traffic)
-    assert "\n" not in str(refused.value)
-    for part in parts:
-        assert part in str(refused.value)

@@ -1,0 +1,216 @@
+"""What is said of mistakes in a scenario: one line with the place, the value and what is allowed.
+
+A case is a shipped scenario with settings as of ``--set``, and what the line must have.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from harness.core.errors import InputError
+from harness.encounter.arms import check_arms
+from harness.model.interaction import InteractionModel
+from harness.scenario import load_scenario, read_scenario_file, study_of
+from harness.scenario.file import parse_setting
+from harness.scenario.variation import parse_variation
+from tests.scenes import refusal_of
+
+
+def table(**values: Any) -> str:
+    """An inline table of TOML, without a space."""
+    return "{" + ",".join(f"{key}={value!r}" for key, value in values.items()) + "}"
+
+
+def obstacle(**changes: Any) -> str:
+    """A car beside the path of the ego, which drives in y = 1.35 … 3.15 m, with changes."""
+    car = {"x_m": -4.0, "y_m": -1.0, "length_m": 4.2, "width_m": 1.8, **changes}
+    return f"crossing.obstacles=[{table(**car)}]"
+
+
+def timed(**changes: Any) -> str:
+    """Euro NCAP's CPNA-25 before a car of 10 m/s, with changes."""
+    walker = {"side": "near", "start_lateral_m": 4.0, "acceleration_distance_m": 1.0}
+    walker |= {"speed_mps": 1.3889, "impact_share": 0.25, **changes}
+    ego = "ego.initial_speed_mps=10 ego.trigger_range_m=70"
+    return f"cctc_flow {ego} pedestrians.flow_per_hour=0 pedestrians.timed=[{table(**walker)}]"
+
+
+def mix(second: str = "", **more: Any) -> str:
+    """Cars, and a truck with changes or another second type."""
+    truck = {"name": "truck", "share": 0.25, "length_m": 16.5, "width_m": 2.55, **more}
+    truck |= {"max_deceleration_mps2": 3.0, "resume_acceleration_mps2": 0.5}
+    return f"traffic traffic.types=[{table(name='car', share=0.75)},{second or table(**truck)}]"
+
+
+CLASSES = f"[{table(share=0.5, mean_mps=1.0)},{table(share=0.6, mean_mps=1.2)}]"
+PEOPLE = "cctc_flow pedestrians"
+SPEED = "cctc ego.initial_speed_mps"
+
+BAD_SETTINGS = [
+    # Keys that are none, and tables that are no tables.
+    ("cctc ego.lenght_m=4", "--set ego.lenght_m | unknown key | did you mean 'length_m'"),
+    ("cctc egos.length_m=4", "unknown key 'egos' | did you mean 'ego'"),
+    ("cctc ego.speed=4", "unknown key 'speed' | did you mean 'initial_speed_mps'"),
+    ("cctc arms.robot=x", "arms.robot | unknown key | av, human"),
+    (f"{PEOPLE}.gap_acceptance.mean=3", "gap_acceptance.mean | 'mean_s'"),
+    (f"{PEOPLE}.walking_class=1", "unknown key"),
+    ("cctc ego=4", "--set ego | 4 | allowed: a table"),
+    ("cctc strategies.soft_yield=3", "strategies.soft_yield | 3 | allowed: a table"),
+    ("cctc ego.length_m.x=4", "--set ego.length_m.x | not a table"),
+    ("cctc ego..length_m=4", "--set ego..length_m | not a dotted key"),
+    # Values of another type or outside their range.
+    ("cctc ego.length_m=long", "--set ego.length_m | 'long' | number, in m"),
+    ("cctc ego.length_m='4'", "ego.length_m | '4' | number, in m"),
+    ("cctc ego.length_m=true", "ego.length_m | True | number"),
+    ("cctc ego.length_m=nan", "ego.length_m | nan | finite"),
+    ("cctc arms.av=3", "arms.av | 3 | text"),
+    (f"{PEOPLE}.timed=4", "pedestrians.timed | 4 | allowed: an array"),
+    (f"{PEOPLE}.first_at_trigger=1", "1 | allowed: true or false"),
+    (f"{PEOPLE}.max_count=1.5", "pedestrians.max_count | 1.5 | whole number"),
+    (f"{PEOPLE}.behaviour=fast", "pedestrians.behaviour | 'fast' | reactive"),
+    (f"{PEOPLE}.near_side_share=1.5", "near_side_share | 1.5 | less than or equal to 1"),
+    (f"{SPEED}=0", "ego.initial_speed_mps | 0 | greater than 0"),
+    (f"{SPEED}='50knots'", "--set ego.initial_speed_mps | m/s, km/h, mph, ft/s"),
+    (f"{SPEED}='50'", "--set ego.initial_speed_mps | m/s, km/h, mph, ft/s"),
+    (f"{SPEED}='km/h'", "--set ego.initial_speed_mps | m/s, km/h, mph, ft/s"),
+    (f"{SPEED}='nankm/h'", "--set ego.initial_speed_mps | m/s, km/h, mph, ft/s"),
+    # Values that do not fit others.
+    ("cctc ego.trigger_range_m=1e6", "ego.trigger_range_m | 1000000.0 | less than"),
+    ("cctc ego.trigger_range_m=3.4", "ego.trigger_range_m | 3.4 m | at least | 3.5 m"),
+    ("cctc ego.width_m=5.0", "ego.width_m | 5 m | at most 4 m"),
+    ("cctc experiment.step_s=0.0333", "experiment.step_s | 0.0333 | whole milliseconds"),
+    ("cctc experiment.timeout_s=0.05", "experiment.timeout_s | 0.05 | 0.1"),
+    ("cctc experiment.timeout_s=inf", "experiment.timeout_s | inf | finite"),
+    ("cctc crossing.lanes=2 crossing.lane_width_m=3.5", "crossing.lane_width_m | = 3 m"),
+    ("cctc crossing.lanes=2 ego.lane=2", "ego.lane | crossing.lanes = 2"),
+    ("cctc crossing.lanes=3 crossing.oncoming_lanes=3", "ego.width_m | at most 1 m"),
+    ("cctc crossing.lanes=0", "crossing.lanes | 1"),
+    ("cctc crossing.grade=-0.2 crossing.friction=0.1", "crossing.grade | with -0.2 | not brake"),
+    ("cctc crossing.grade=0.4", "crossing.grade | not drive on"),
+    # What is seen, and what hides it; with traffic cars drive in y = 5.85 … 7.65 m too.
+    ("cctc perception.latency_s=0.25", "perception.latency_s"),
+    ("cctc perception.update_s=0.05", "perception.update_s"),
+    ("cctc perception.detection_probability=1.5", "perception.detection_probability"),
+    (f"cctc {obstacle(y_m=0.5)}", "--set crossing.obstacles.0.y_m | ego's path"),
+    (f"cctc {obstacle(x_m=-2.2)}", "--set crossing.obstacles.0.x_m"),
+    (f"cctc {obstacle(case='CPNA')}", "crossing.obstacles.0.case | unknown case 'CPNA'"),
+    (f"cctc {obstacle(lenght_m=1.0)}", "crossing.obstacles.0.lenght_m"),
+    (f"traffic {obstacle(y_m=6.0)}", "crossing.obstacles.0.y_m | vehicles' path"),
+    # People.
+    (timed(start_lateral_m=1.15), "timed.0.start_lateral_m | 1.15 m | path"),
+    (timed(start_lateral_m=10.3), "timed.0.start_lateral_m | 10.25 m"),
+    (timed(impact_share=1.1), "timed.0.impact_share | 1.1 | less than or equal to 1"),
+    (timed(side="left"), "timed.0.side | 'left' | near"),
+    (timed(walking_speed=1), "unknown key 'walking_speed' | speed_mps"),
+    # 3.55 m at 0.4 m/s, 1 m of it from rest, take 11.375 s; the car is there in 6.975 s.
+    (timed(speed_mps=0.4), "timed.0.speed_mps | 4.4 s before the trigger | 114 m"),
+    (f"{PEOPLE}.flow_per_hour=[]", "flow_per_hour | [] | a longer array"),
+    (f"{PEOPLE}.flow_per_hour=[-1.0]", "flow_per_hour.0: -1.0 is not accepted"),
+    (f"{PEOPLE}.flow_per_hour=[1,2] experiment.timeout_s=60", "2 values; allowed: 1, one for each"),
+    (f"{PEOPLE}.group_size=[0.5,0.4]", "the shares sum to 0.9; allowed: shares that sum"),
+    (f"{PEOPLE}.group_size=[0.0]", "the shares sum to 0"),
+    (f"{PEOPLE}.group_size=[1] pedestrians.drawn=[{table(episode=0)}]", "pedestrians.drawn"),
+    (f"{PEOPLE}.walking_speed.classes={CLASSES}", "walking_speed.mean_mps"),
+    (
+        f"{PEOPLE}.walking_speed.mean_mps=1.4 pedestrians.walking_speed.classes={CLASSES}",
+        "the shares sum to 1.1",
+    ),
+    # Vehicles of a simulation.
+    (mix(share=0.3), "traffic.types | sum to 1.05 | 1"),
+    (mix(name="car"), "traffic.types.1.name | 'car' | twice"),
+    (mix(name="long-truck?"), "traffic.types.1.name | 'long-truck?'"),
+    (mix(length_m=40.0), "traffic.types.1.length_m | 40"),
+    (mix(lenght_m=12.0), "traffic.types.1.lenght_m | length_m"),
+    (mix("{name='bus'}"), "traffic.types.1.share | is missing"),
+    (mix(width_m=4.6), "traffic.types.1.width_m | 4.6 m is too wide"),
+    (f"{mix()} traffic.flow_per_hour=1700", "traffic.flow_per_hour | below 1"),
+    # Strategies and their parameters.
+    ("cctc arms.av=soft_yeild", "arms.av | 'soft_yeild' | did you mean 'soft_yield'"),
+    ("cctc strategies.soft_yield.p4=1", "strategies.soft_yield.p4 | unknown key"),
+    ("cctc strategies.soft_yield.p1=fast", "strategies.soft_yield.p1 | 'fast' | number"),
+    ("cctc strategies.human_gmm.reading=both", "'both' | 'marginal' | given_time_advantage"),
+    ("cctc strategies.human_gmm.decision_interval_s=0.25", "decision_interval_s | 0.25 | whole st"),
+    ("cctc strategies.human_gmm.decision_interval_s=0", "decision_interval_s | whole steps"),
+    (
+        "cctc arms.human=human_yield strategies.human_yield.yield_rate=1.1",
+        "strategies.human_yield.yield_rate | less than or equal to 1",
+    ),
+    (
+        "cctc arms.av=emergency_brake strategies.emergency_brake.ttc_threshold_s=0",
+        "strategies.emergency_brake.ttc_threshold_s | greater than 0",
+    ),
+    ("cctc strategies.hard_yield.x=1", "--set strategies.hard_yield.x | drives in no cell"),
+    # Sweeps.
+    ("cctc --vary=ego.lenght_m=1,2", "lenght_m | 'length_m'"),
+    ("cctc --vary=ego.length_m=5 --vary=ego.length_m=6", "ego.length_m | twice"),
+    ("cctc --vary=ego.length_m=5,4,5.0", "cells 0 and 2 are the same | ego.length_m=5.0"),
+    ("cctc --vary=experiment.pairs=10,20", "experiment.pairs | cannot vary | --pairs"),
+    ("cctc --vary=arms=1,2", "arms"),
+    ("cctc --vary=ego..x=1", "ego..x | dotted"),
+    ("cctc --vary=a.b=", "--vary"),
+    ("cctc --vary==1,2", "--vary"),
+    (
+        "cctc arms.av=gap_yield --vary=strategies.gap_yeild.critical_gap_s=1,2",
+        "--vary | gap_yeild drives in no cell",
+    ),
+    ("aggressiveness arms.av=hard_yield", "sweep arms.av | cannot be combined with --set arms.av"),
+]
+
+
+@pytest.mark.parametrize(("words", "said"), BAD_SETTINGS, ids=lambda text: text[:70])
+def test_bad_settings(model: InteractionModel, words: str, said: str) -> None:
+    name, *texts = words.split()
+    vary = [text.removeprefix("--vary=") for text in texts if text.startswith("--vary=")]
+
+    def use() -> None:
+        settings = [parse_setting(text) for text in texts if not text.startswith("--vary=")]
+        file = read_scenario_file(name, settings)
+        for cell in study_of(file, [parse_variation(text) for text in vary]).cells:
+            check_arms(cell.scenario, model)
+
+    refusal_of(use, *said.split(" | "))
+
+
+@pytest.mark.parametrize("text", ["ego.length_m", "=3", "", " = 3"])
+def test_settings_that_are_none(text: str) -> None:
+    refusal_of(lambda: parse_setting(text), "not of the form key=value")
+
+
+BAD_FILES = [
+    ("[ego\n", "not a TOML file"),
+    ("[ego]\nlenght_m = 4", "ego.lenght_m | unknown key | 'length_m'"),
+    ("[egos]\n", "egos | unknown key | did you mean 'ego'"),
+    ("[sweep]\narms.av = 'soft_yield'", "arms.av | list"),
+    ("[sweep]\narms.av = []", "arms.av | no values"),
+    ("[sweep]", "nothing to vary"),
+    ("sweep = 3", "sweep | table"),
+    ("[sweep]\ncells = 3", "sweep.cells"),
+    ("[sweep]\ncells = []", "sweep.cells | [] | 1 to"),
+    ("[[sweep.cells]]\nego.lenght_m = 5.0", "lenght_m | 'length_m'"),
+    ("[sweep]\narms.av = ['hard_yield']\n[[sweep.cells]]\nego.length_m = 5.0", "arms"),
+]
+
+
+@pytest.mark.parametrize(("text", "said"), BAD_FILES)
+def test_bad_files(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    refusal_of(lambda: study_of(read_scenario_file(path)), *said.split(" | "))
+
+
+def test_what_is_no_file(tmp_path: Path) -> None:
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    for path, says in (
+        (binary, "not a TOML file"),
+        (tmp_path, "not a regular file"),
+        (tmp_path / "none.toml", "No such file"),
+        ("cctx", "did you mean 'cctc'"),
+    ):
+        refusal_of(lambda path=path: load_scenario(path), says, str(path))
+
+
+def test_where_a_mistake_of_a_dictionary_is() -> None:
+    with pytest.raises(InputError, match=r"^settings ego.initial_speed_mps: 'fast'"):
+        load_scenario("cctc", {"ego.initial_speed_mps": "fast"})
