@@ -4,25 +4,16 @@ What is broken lies in a folder that comes first on the module path.
 """
 
 import os
-import shutil
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from harness.core.errors import InputError
 from harness.engine import installation
-from tests.batches import CHECKOUT, QUICK, here, options_of, printed, shell
+from tests.batches import CHECKOUT, QUICK, options_of, shell
 
 RUN = ["run", "cctc", "--pairs", 2, "--workers", 1, "-q", *options_of(QUICK)]
-
-
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("finished") / "run"
-    printed(*RUN, "--traces", "--out", folder)
-    return folder
 
 
 def broken(folder: Path, module: str, source: str) -> dict[str, str]:
@@ -102,48 +93,3 @@ def test_packages_of_another_version_are_refused(
     with pytest.raises(InputError, match=f"eclipse-sumo: {reason}") as caught:
         installation.check_packages()
     assert "pip install eclipse-sumo==1.28.0" in str(caught.value)
-
-
-def mount(folder: Path, *options: str) -> bool:
-    """Mount a file system in memory, if this process may."""
-    command = ["mount", "-t", "tmpfs", *options, "tmpfs", str(folder)]
-    try:
-        return subprocess.run(command, capture_output=True, check=False).returncode == 0
-    except OSError:
-        return False
-
-
-@pytest.fixture(params=[pytest.param("read-only", marks=pytest.mark.slow), "full"])
-def disk(request: pytest.FixtureRequest, tmp_path: Path, finished: Path) -> Iterator[Path]:
-    """A small file system with a finished run on it, which takes no more."""
-    place = tmp_path / "disk"
-    place.mkdir()
-    if not mount(place, "-o", "size=400k"):
-        pytest.skip("no right to mount a file system")
-    try:
-        shutil.copytree(finished, place / "run")
-        if request.param == "read-only":
-            assert mount(place, "-o", "remount,ro")
-        else:
-            with pytest.raises(OSError, match="No space"):
-                (place / "rest").write_bytes(bytes(1_000_000))
-        yield place
-    finally:
-        subprocess.run(["umount", str(place)], check=False)
-
-
-def test_a_disk_that_takes_no_more(disk: Path, finished: Path) -> None:
-    full = (disk / "rest").exists()
-    why = "No space left on device" if full else "Read-only file system"
-    before = sorted(disk.rglob("*"))
-    for words in (
-        ["report", disk / "run"],
-        ["report", finished, "--out", disk / "page.html"],
-        ["report", finished, "--out", disk.parent / "page.html", "--figures", disk / "figures"],
-        [*RUN, "--out", disk / "again"],
-    ):
-        one_line(here(*words), 1 if full else 2, why, str(disk))
-    # Folders take no space here; no file is left, whole or in part.
-    assert sorted(path for path in disk.rglob("*") if path.is_file()) == [
-        path for path in before if path.is_file()
-    ]

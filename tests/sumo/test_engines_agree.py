@@ -51,6 +51,9 @@ def random_scene(rng: np.random.Generator, seed: int, people: People) -> Scenari
     tree = {"ego": ego, "pedestrians": pedestrians, "arms": arms, "model": {"extrapolate": True}}
     tree["strategies"] = {"human_gmm": human}
     tree["experiment"] = {"seed": seed, "timeout_s": 40.0, "step_s": step_s}
+    if seed % 4 == 0:
+        tree["actuation"] = {"dead_time_s": 0.25, "lag_s": 0.3, "max_jerk_mps3": 9.0, "human": True}
+        tree["crossing"] = {"grade": -0.05, "friction": 0.4}
     return validate(tree, "test")
 
 
@@ -107,6 +110,8 @@ def compare(
             assert_same_episode(one, other, where)
             seen[one.strategy] += 1
             seen[one.record.ending] += 1
+            seen["seen by SUMO"] += bool(one.trace.sumo_collision)
+            seen["SUMO alone"] += bool(one.trace.sumo_collision) and one.record.contact is None
             seen["met several"] += one.record.pedestrians > 1
             seen["set off late"] += any(
                 walk.start_s and walk.start_s > walk.arrival.arrival_s + 1
@@ -123,12 +128,16 @@ def test_a_few_hundred_random_episodes(sumo, model) -> None:
     assert seen["crossed"] > 100
     assert seen["crashed"] >= 5
     assert seen["met several"] > 50
+    # SUMO looks once or twice a step, and at a car on the junction alone: it misses some contacts.
+    # People may still be where they were a step ago when it looks.
+    assert 0 < seen["seen by SUMO"] < seen["crashed"]
+    assert seen["SUMO alone"] <= 1
 
 
 def test_pedestrians_who_decide_by_thresholds(sumo, model) -> None:
     wary = {"behaviour": "threshold", "threshold": {"factor": 2.0}}
     seen = compare(3 * len(STRATEGIES), pairs=4, sumo=sumo, model=model, seed=9, people=wary)
-    assert seen["set off late"] > 10
+    assert seen["set off late"] > 3
 
 
 @pytest.mark.slow

@@ -225,9 +225,7 @@ OFTEN = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("name", "seed"), [("longer", 1), ("simulation", 0), ("risk", 3), *OFTEN]
-)
+@pytest.mark.parametrize(("name", "seed"), [("longer", 1), ("simulation", 0), ("risk", 3), *OFTEN])
 def test_by_killing_any_process_at_any_moment(
     folder: Path, whole: Callable[[str], dict[str, bytes]], name: str, seed: int
 ) -> None:
