@@ -4,7 +4,6 @@ The DUT set is no part of the project; where it lies beside the repository the m
 at maxima of the likelihood, and a fit with the same K must find no lower one.
 """
 
-import shlex
 from pathlib import Path
 
 import numpy as np
@@ -28,41 +27,10 @@ needs_dut = pytest.mark.skipif(
 NAMES = ("dut", "dut-k10")
 
 
-def option(command: str, name: str) -> str:
-    """The value that follows an option in a command of the card."""
-    words = shlex.split(command)
-    return words[words.index(name) + 1]
-
-
 def test_scenarios_use_the_default_model():
     assert Scenario().model.name == "dut"
     for file in shipped_directory("scenarios").glob("*.toml"):
         assert load_scenario(file).model.name == "dut", file
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_card_names_commands_and_what_it_rests_on(name):
-    model = load_model(name)
-    card = model.provenance
-    extraction, fit = card["commands"]
-    assert extraction == (
-        "harness extract ../shared/data/dut --format vci --out runs/dut-rows.parquet"
-    )
-    assert fit.startswith("harness fit runs/dut-rows.parquet ")
-    assert option(fit, "--out") == f"harness/models/{name}.json"
-    assert option(fit, "--weigh") == card["weigh"] == "encounter"
-    assert card["components"] == model.mixture.weights.size
-    # The data page: 532 pairs from 35 vehicles, about 16 % of the rows outside the box, 7 or 8
-    # vehicles near (30 m, 5 m/s).
-    assert card["rows"] / card["rows_read"] == pytest.approx(0.84, abs=0.02)
-    assert 450 <= card["encounters"] <= 532
-    assert 30 <= card["vehicles"] <= 35
-    assert card["near_state"]["vehicles"] in (7, 8)
-    assert any("vehicles" in warning for warning in card["warnings"])
-
-
-def test_the_papers_number_of_components_stands_beside_it():
-    assert load_model("dut-k10").mixture.weights.size == 10
 
 
 def test_default_number_of_components_has_the_highest_held_out_score():

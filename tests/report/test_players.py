@@ -214,33 +214,6 @@ def test_positions_on_the_screen_are_the_trace(page: Any, single: Run) -> None:
                 assert speed == pytest.approx(ego.loc[at, "speed_mps"], abs=6e-4)
 
 
-def test_keys_step_jump_and_change_the_episode(page: Any) -> None:
-    page.locator("#player-play").focus()
-    page.keyboard.press("ArrowRight")
-    page.keyboard.press("ArrowRight")
-    assert shown_time(page) == pytest.approx(0.2)
-    page.keyboard.press("Shift+ArrowRight")
-    assert shown_time(page) == pytest.approx(1.2)
-    page.keyboard.press("ArrowLeft")
-    assert shown_time(page) == pytest.approx(1.1)
-    page.keyboard.press("End")
-    assert shown_time(page) == float(page.locator("#player-time").get_attribute("max"))
-    page.keyboard.press("Home")
-    assert shown_time(page) == 0
-    before = shown_pair(page)
-    page.keyboard.press("n")
-    assert page.locator("#player").get_attribute("data-shown") == "1"
-    assert shown_pair(page) != before
-    page.keyboard.press("p")
-    assert shown_pair(page) == before
-    page.keyboard.press(" ")
-    wait_until(page, lambda: shown_time(page) > 0)
-    page.keyboard.press(" ")
-    assert page.locator("#player").get_attribute("data-playing") == "false"
-    page.keyboard.press("-")
-    assert page.locator("#player-speed").input_value() != "1"
-
-
 def test_the_table_sorts_by_mouse_and_by_key(opened_sweep: Opened) -> None:
     """Numbers by their value, undefined ones last; one column at a time."""
     page = opened_sweep.page

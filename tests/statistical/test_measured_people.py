@@ -17,7 +17,6 @@ import csv
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -165,31 +164,6 @@ def test_gaps_accepted_and_quartiles_of_setting_off(behaviour, gaps_off, quartil
                 at = starts[math.ceil(share / 100 * TRIALS) - 1]
                 errors.append(abs(at - float(cell[f"start_q{share}_s"])))
     assert np.mean(errors) == pytest.approx(quartiles_off_s, abs=6e-3)
-    for cell, share in zip(STEADY, shares, strict=True):
-        if (expected := by_closed_form(cell, behaviour)) is not None:
-            assert abs(share - expected) < 4 * math.sqrt(expected * (1 - expected) / TRIALS)
-
-
-def by_closed_form(cell: Cell, behaviour: str) -> float | None:
-    """The share that accepts a gap, from the published parameters.
-
-    The gap ends at the near edge of the crosswalk, 0.5 m before the line.  ``gap_acceptance``:
-    ln g ~ N(ln 4 − σ²/2, σ²), σ² = ln(1 + (2.5/4)²).  ``threshold``: they set off before the car
-    if θ < τ_eff and l is below the gap, or if they decide in its last 0.373 s (the step 0.3 s
-    before it) and l is shorter.
-    """
-    speed_mps, gap_s = speed_and_gap(cell)
-    edge_s = 0.5 / speed_mps
-    if behaviour == "gap_acceptance":
-        sigma = math.sqrt(math.log(1 + (2.5 / 4) ** 2))
-        return NormalDist(math.log(4) - sigma**2 / 2, sigma).cdf(math.log(gap_s - edge_s))
-    if behaviour == "threshold":
-        latencies = NormalDist(0.0166, 0.604)
-        judged_s = gap_s + 0.252 * (gap_s * speed_mps / CAR_MPS - gap_s)
-        decide = NormalDist(1.430, 0.405).cdf(math.log(judged_s))
-        early, late = (latencies.cdf(math.log(until - edge_s)) for until in (gap_s, 0.3))
-        return decide * early + (1 - decide) * late
-    return None
 
 
 def pedestrian_first(trace: Trace) -> bool:

@@ -64,25 +64,6 @@ def test_waits_are_the_integral_over_the_blocked_times(tmp_path: Path) -> None:
     assert abs(float(np.mean(waits)) - expected) < 3 * error
 
 
-def test_waits_at_low_flow_are_adams(tmp_path: Path) -> None:
-    """(e^{vt} − vt − 1)/v before drivers who ignore people: 120 vehicles per hour in two lanes.
-
-    t is the kerb wait and (width + length)/speed, and half a step, since who waits goes at the next
-    step's beginning.  That headways of a lane are at least 1.9 s makes less than 1 % here.
-    """
-    found = hours(
-        tmp_path,
-        {"flow_per_hour": 60.0, "oncoming_per_hour": 60.0, "duration_s": 6 * 3600.0},
-        pedestrians={"flow_per_hour": 1500.0, "kerb_wait_s": 2.0},
-    )
-    arrivals, waits = waits_of(found)
-    parts = np.array([waits[arrivals // 600.0 == part].mean() for part in range(36)])
-    expected = gap_wait_s(120 / 3600, 2.0 + (4.0 + 5.0) / 8.0 + STEP_S / 2)
-    error = float(parts.std(ddof=1)) / math.sqrt(len(parts))
-    assert error < 0.12 * expected
-    assert abs(float(parts.mean()) - expected) < 3 * error
-
-
 def test_delay_of_a_lone_vehicle_under_absolute_priority(tmp_path: Path) -> None:
     """(e^{λτ} − λτ − 1)/λ where speeding up takes no time: all accelerations are 20 m/s².
 

@@ -101,48 +101,6 @@ def test_a_difference_depends_on_neither_the_other_rows_nor_the_run() -> None:
         assert alone[key] == among[key] == between[key]
 
 
-def test_differences_are_those_of_scipy_on_the_tables() -> None:
-    """Exact sign flips, BCa, McNemar's binomial and Holm's step-down, from the rows alone."""
-    names = ("soft_yield", "hard_yield", "gap_yield")
-
-    def fates(scenario: Scenario, pair: int) -> Pair:
-        number = names.index(scenario.arms.av)
-        crashes = pair % 11 < 2 * number
-        return "crashed" if crashes else noisy(pair, number, 9.0 + number), noisy(pair, 9, 20.0)
-
-    made = run_of(study({}, f"arms.av={','.join(names)}"), fates, 16)
-    crashed, delays = [], []
-    for cell in made.cells:
-        rows = made.rows("episodes", cell.number).to_pandas().query("arm == 'av'")
-        crashed.append((rows["ending"] == "crashed").to_numpy())
-        delays.append(rows["delay_s"].to_numpy(dtype=float))
-    ps: dict[str, list[float]] = {"delay_difference_s": [], "kappa_difference": []}
-    records = list(compare(made).records)
-    for record, (a, b) in zip(records, [(0, 1), (0, 2), (1, 2)], strict=True):
-        both = ~np.isnan(delays[a] - delays[b])
-        differences = (delays[a] - delays[b])[both]
-        flips = stats.permutation_test(
-            (differences,), np.sum, permutation_type="samples", n_resamples=np.inf
-        )
-        only_a, only_b = (int(np.sum(x & ~y)) for x, y in
-                          ((crashed[a], crashed[b]), (crashed[b], crashed[a])))  # fmt: skip
-        ps["delay_difference_s"].append(float(flips.pvalue))
-        ps["kappa_difference"].append(stats.binomtest(only_a, only_a + only_b, 0.5).pvalue)
-        assert record["delay_difference_s"].value == pytest.approx(differences.mean())
-        interval = stats.bootstrap(
-            (differences,), np.mean, method="BCa", n_resamples=20_000, rng=np.random.default_rng(1)
-        ).confidence_interval
-        ends = record["delay_difference_s"].low, record["delay_difference_s"].high
-        assert ends == pytest.approx([*interval], abs=0.05 * (interval.high - interval.low))
-        assert record["kappa_difference"].value == pytest.approx((only_a - only_b) / 16)
-    for key, of in ps.items():
-        assert [record[key].p for record in records] == pytest.approx(of)
-        order = np.argsort(of, kind="stable")
-        steps = np.maximum.accumulate(np.minimum(1, np.array(of)[order] * (3, 2, 1)))
-        adjusted = [records[row][f"{key}_p_holm"] for row in order]
-        assert adjusted == pytest.approx(steps)
-
-
 @pytest.mark.parametrize(("pairs", "reliable"), [(499, False), (500, True)])
 def test_from_500_pairs_that_differ_on_an_interval_is_reliable(pairs: int, reliable: bool) -> None:
     made = compare(run_of(study({}, "arms.av=soft_yield,hard_yield"), drawn, pairs))

@@ -7,12 +7,10 @@ is 1.1 to 3.4 m from there.  It is at R = 30 − 5 t until it brakes at 4.5 m/s�
 import numpy as np
 import pytest
 
-from harness.core.encounter import Observation, PedestrianView, Side
+from harness.core.encounter import Side
 from harness.measures import measure
-from harness.measures.motion.contact import time_to_collision
-from harness.strategies.driving import half_path
-from harness.strategies.emergency_brake import EmergencyBrake, _time_to_collision
-from tests.scenes import braking_steps, play, scenario, shown
+from harness.strategies.emergency_brake import EmergencyBrake
+from tests.scenes import braking_steps, play
 
 STEP = 0.1
 
@@ -76,36 +74,3 @@ def test_only_for_whom_it_would_hit(side: Side, speed: float, brakes: bool) -> N
     assert (first_braking(trace) is not None) is brakes
     # Without braking the geometry says the same.
     assert (hit.contact is not None) is brakes
-
-
-def view(lateral: float, speed: float, side: Side = Side.NEAR) -> PedestrianView:
-    return PedestrianView(0, side, lateral, lateral + 6.75, speed, on_crossing=True)
-
-
-def seen(range_m: float, speed: float, *people: PedestrianView) -> Observation:
-    return shown(scenario(), range_m, speed, *people)
-
-
-def test_ttc_against_the_measure_of_rectangle_and_disc() -> None:
-    # harness.measures.motion.contact has the exact rounded rectangle, worked out in another way.
-    rng = np.random.default_rng(3)
-    scene = scenario()
-    vehicle, half = scene.vehicle(), half_path(scene.vehicle())
-    courses = flat = 0
-    for _ in range(3000):
-        range_m, speed = rng.uniform(-4.0, 25.0), rng.uniform(0.5, 15.0)
-        lateral, walking = rng.uniform(-2.2, 2.2), rng.uniform(0.3, 3.0)
-        walker = view(lateral, walking)
-        ours = _time_to_collision(seen(range_m, speed, walker), walker, half)
-        body = (vehicle.length_m, 2.25 - 0.9, 2.25 + 0.9)
-        columns = (np.array([v]) for v in (range_m, 2.25 - lateral, -speed, walking))
-        exact = float(time_to_collision(*columns, body)[0])
-        # The full corner is met no later than the rounded one.
-        assert ours <= exact + 1e-9
-        if np.isfinite(exact):
-            courses += 1
-            # Later by the way through the corner's square at most, 0.25 m · √2.
-            assert exact - ours <= 0.25 * np.sqrt(2) / np.hypot(speed, walking) + 1e-9
-            flat += exact - ours < 1e-9
-    assert courses > 500
-    assert flat > 0.7 * courses

@@ -96,22 +96,6 @@ def test_bad_values_name_the_column_and_the_number_of_rows(change, words):
     refusal_of(lambda: make_sample(rows), *words)
 
 
-@pytest.mark.parametrize(
-    ("change", "components", "words"),
-    [
-        ({"vehicle_speed_mps": 4.0}, (1,), ["vehicle_speed_mps", "constant", "40 rows"]),
-        ({"pedestrian_speed_mps": "0.5 v"}, (1,), ["pedestrian_speed_mps", "collinear", "40 rows"]),
-        ({}, (1, 41), ["40 rows", "41 components"]),
-    ],
-)
-def test_rows_without_information_are_refused(change, components, words):
-    rows = made_up(40)
-    for column, value in change.items():
-        rows[column] = 0.4 + 0.1 * rows["vehicle_speed_mps"] if value == "0.5 v" else value
-    settings = Settings(components, choose="bic", folds=0)
-    refusal_of(lambda: fit(make_sample(rows), settings), *words)
-
-
 def test_rows_without_identifiers_count_one_each_and_have_no_held_out_score():
     rows = made_up(40).drop(columns=["source", "clip", "vehicle", "pedestrian"])
     sample = make_sample(rows, weigh="row")

@@ -12,7 +12,6 @@ import pytest
 from scipy import stats
 
 from harness.core.encounter import (
-    Arm,
     Ending,
     Side,
 )
@@ -22,7 +21,7 @@ from harness.measures.ego import crossing_time
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_yield import HumanYield
-from tests.scenes import braking_steps, on_plain, play, scenario
+from tests.scenes import braking_steps, play, scenario
 
 STEP = 0.1
 WAITS = {"kerb_wait_s": 100.0}
@@ -149,25 +148,3 @@ def test_never_waits_for_each_other(make, limit: float) -> None:
         assert measure([trace])[0].contact is None
         # It crosses when everybody has, or without having stood.
         assert {walk.start_s is None for walk in trace.walks} != {True} or trace.speed_mps.min() > 0
-
-
-@pytest.mark.parametrize(
-    ("rate", "changes"),
-    [
-        (0.74, {}),
-        (0.0, {"pedestrians": {"flow_per_hour": 2000.0, "kerb_wait_s": 2.0}}),
-        (0.74, {"ego": {"initial_speed_mps": 13.9, "trigger_range_m": 80.0},
-                "model": {"extrapolate": True}}),
-    ],
-)  # fmt: skip
-def test_no_crash_that_it_could_have_avoided_in_flows(rate: float, changes, model) -> None:
-    scene = scenario(
-        arms={"av": "human_yield", "human": "constant_speed"},
-        strategies={"human_yield": {"yield_rate": rate}},
-        experiment={"timeout_s": 300.0},
-        **{"pedestrians": {"flow_per_hour": 1000.0, "kerb_wait_s": 2.0}, **changes},
-    )
-    runner = on_plain(scene, model)
-    records = [o.record for o in runner.run(range(80)) if o.arm is Arm.AV]
-    assert [record.ending for record in records] == ["crossed"] * 80
-    assert sum(record.pedestrians for record in records) > 150

@@ -8,7 +8,7 @@ from harness.core.errors import InputError
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.fitting import fit_mixture
 from harness.model.mixture.likelihood import Coordinates, Likelihood
-from harness.model.mixture.normals import Normals, clustered_normals
+from harness.model.mixture.normals import Normals
 
 INF = np.inf
 
@@ -158,21 +158,3 @@ def test_bad_rows_are_refused(gap, k, text):
     with pytest.raises(InputError, match=text) as caught:
         fit_mixture(x, k, [0] * 3, [2] * 3, seed=1, names=["range", "speed", "gap"])
     assert "\n" not in str(caught.value)
-
-
-def test_clusters_have_the_moments_of_their_points():
-    """Two groups far apart, one of points that count twice; a component for which there is none."""
-    rng = np.random.default_rng(5)
-    groups = rng.normal(size=(400, 2)), rng.normal(size=(200, 2)) * [0.1, 3.0] + [60.0, 0.0]
-    weights = np.repeat([1.0, 2.0], [400, 200])
-    found = clustered_normals(np.concatenate(groups), weights, 2, rng)
-    for group, k in zip(groups, np.argsort(found.locations[:, 0]), strict=True):
-        assert found.weights[k] == pytest.approx(0.5)
-        np.testing.assert_allclose(found.locations[k], group.mean(axis=0), atol=1e-9)
-        # The prior, a tenth of all variances (about 900 and 5), weighs as one point in n + 1.
-        n, prior = len(group), np.array([90.0, 0.5])
-        scatter = (n * np.cov(group.T, bias=True) + np.diag(prior)) / (n + 1)
-        np.testing.assert_allclose(found.scales[k], scatter, rtol=0.02, atol=0.005)
-    same = clustered_normals(np.zeros((5, 1)), np.ones(5), 2, rng)
-    assert sorted(same.weights) == [0.0, 1.0]
-    assert (same.scales > 0.0).all()

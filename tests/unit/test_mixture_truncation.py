@@ -71,38 +71,6 @@ def test_two_sided_boxes_by_quadrature(dimension, condition, nodes):
         np.testing.assert_allclose(got[2][0], covariance, atol=1e-7)
 
 
-@pytest.mark.parametrize("seed", [7, 8, 9])
-def test_four_variables_at_condition_100_by_conditioning(seed):
-    """Outer two variables by quadrature, inner two by the moments of two variables tested above."""
-    rng = np.random.default_rng(seed)
-    matrix = random_matrix(rng, 4, 100)
-    lower, upper = np.array([-0.4, -0.3, -0.5, -0.2]), np.array([0.5, 0.4, 0.3, 0.6])
-    z, w = np.polynomial.legendre.leggauss(120)
-    x = [0.5 * (lower[i] + upper[i] + (upper[i] - lower[i]) * z) for i in (0, 1)]
-    points = np.stack(np.meshgrid(*x, indexing="ij"), axis=-1).reshape(-1, 2)
-    weights = np.outer(w, w).ravel() * 0.25 * np.prod(upper[:2] - lower[:2])
-    front, back = matrix[:2, :2], matrix[2:, :2]
-    slope = back @ np.linalg.inv(front)
-    rest = matrix[2:, 2:] - slope @ back.T
-    quadratic = np.einsum("ni,ij,nj->n", points, np.linalg.inv(front), points)
-    density = np.exp(-0.5 * quadratic) / np.sqrt(np.linalg.det(2.0 * np.pi * front))
-    inside, means, covariances = truncation.moments(
-        points @ slope.T, np.repeat(rest[None], len(points), axis=0), lower[2:], upper[2:]
-    )
-    # Where next to nothing is inside, the weight is 0 and the moments are noise.
-    share = np.nan_to_num(weights * density * inside)
-    seen = share > 1e-14
-    total, share = share.sum(), share[seen] / share.sum()
-    values = np.concatenate((points[seen], means[seen]), axis=1)
-    mean = share @ values
-    covariance = (values - mean).T @ ((values - mean) * share[:, None])
-    covariance[2:, 2:] += np.einsum("n,nij->ij", share, covariances[seen])
-    got = truncation.moments(np.zeros((1, 4)), matrix[None], lower, upper)
-    assert got[0][0] == pytest.approx(total, abs=1e-9)
-    np.testing.assert_allclose(got[1][0], mean, atol=1e-7)
-    np.testing.assert_allclose(got[2][0], covariance, atol=1e-7)
-
-
 def test_infinite_bounds_change_nothing_and_small_masses_keep_digits():
     matrix = random_matrix(np.random.default_rng(1), 4, 50)[None]
     location = np.array([[1.0, -2.0, 3.0, 0.0]])

@@ -28,7 +28,7 @@ from harness.results.tables import (
     write_part,
 )
 from harness.scenario import Cell, Scenario, Study, load_scenario
-from harness.studies.tasks import part_pairs, tasks_of
+from harness.studies.tasks import part_pairs
 
 
 def manifest(pairs: int, size: int = 3) -> dict[str, Any]:
@@ -165,56 +165,11 @@ def study_of_cells(**changes: Any) -> tuple[Study, Any]:
     return Study("made up", base, tuple(cells)), base
 
 
-@pytest.mark.parametrize(
-    ("section", "value", "together"),
-    [
-        ("arms", {"av": "hard_yield"}, True),
-        ("perception", {"latency_s": 0.3}, True),
-        ("actuation", {"dead_time_s": 0.3}, True),
-        ("conflicts", {"pet_s": 2.0}, True),
-        ("pedestrians", {"flow_per_hour": 300.0}, False),
-        ("ego", {"length_m": 4.0}, False),
-        ("experiment", {"seed": 2}, False),
-    ],
-)
-def test_cells_share_tasks_if_they_differ_in_their_drivers_alone(
-    model: InteractionModel, section: str, value: dict[str, Any], together: bool
-) -> None:
-    _, base = study_of_cells()
-    study, _ = study_of_cells(**{section: getattr(base, section).model_copy(update=value)})
-    manifest = {"pairs_per_part": 10, "traces": False, "engine": "sumo"}
-    manifest["simulated_with"] = {"strategies": {}}
-    tasks = tasks_of(study, [model, model], manifest)
-    assert {len(task.cells) for task in tasks} == {2 if together else 1}
-    planned = [(cell.number, pair) for t in tasks for cell in t.cells for pair in t.pairs]
-    assert sorted(planned) == [(cell, pair) for cell in (0, 1) for pair in range(40)]
-
-
 def manifest_in(folder: Path, model: InteractionModel) -> dict[str, Any]:
     study, _ = study_of_cells()
     made = folders.manifest_of(study, [model, model], traces=False, engine="sumo", pairs_per_part=5)
     folders.write_manifest(folder, made)
     return made
-
-
-def test_a_manifest_is_read_as_written_and_refused_once_edited(
-    tmp_path: Path, model: InteractionModel
-) -> None:
-    with pytest.raises(InputError, match="not a run folder"):
-        folders.read_manifest(tmp_path)
-    made = manifest_in(tmp_path, model)
-    assert folders.read_manifest(tmp_path) == json.loads(json.dumps(made))
-    for change, line in (
-        ({"seed": 77}, "digest differs"),
-        ({"scenario": {}}, "digest differs"),
-        ({"schema": 4}, "format version 4"),
-    ):
-        folders.write_manifest(tmp_path, {**made, **change})
-        with pytest.raises(InputError, match=line):
-            folders.read_manifest(tmp_path)
-    (tmp_path / folders.MANIFEST).write_text("[1")
-    with pytest.raises(InputError, match="is damaged"):
-        folders.read_manifest(tmp_path)
 
 
 def test_a_resumed_run_needs_its_versions_strategies_and_model() -> None:

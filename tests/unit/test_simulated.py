@@ -9,7 +9,6 @@ from hypothesis import given, settings, strategies as st
 from scipy import stats
 
 from harness.core.encounter import Arm
-from harness.core.errors import InputError
 from harness.measures.queues import growth
 from harness.report.page import write_page
 from harness.report.screen import screen_text
@@ -24,9 +23,8 @@ from harness.results.folder import (
 )
 from harness.results.notes import notes_of
 from harness.results.run import Run, load_run
-from harness.results.screens import run_result
 from harness.results.student import ALONE, ONE, clustered_share, t_mean, t_ratio_difference
-from harness.results.tables import done_parts, part_name, read_cell, write_part
+from harness.results.tables import write_part
 from harness.scenario import Setting, read_scenario_file, study_of
 from harness.simulation.arm import ENDED
 from harness.studies.compare import compare
@@ -272,24 +270,6 @@ def test_passages_that_no_strategy_drove_are_named_with_the_reason(counted: Cell
     assert "did not drive 2 of 6 passages: 2 it came late" in text
 
 
-@pytest.mark.parametrize("width", [100, 120])
-@pytest.mark.parametrize("pairs", [1, 3, 6])
-def test_a_screen_has_19_lines_with_the_numbers_asked_for(pairs: int, width: int) -> None:
-    of = several({"vehicle_collisions": 1, "sumo_people": 9})[:pairs]
-    cell = findings_of(*of, *[(AV, failed())] * (pairs > 1))
-    facts = {"seed": 1, "confidence": 0.95}
-    result = run_result("town", Path("town"), [cell], planned=pairs, finished=True, facts=facts)
-    text = screen_text(result, width)
-    assert len(text.splitlines()) <= 19, text
-    words = ("AVs' delay", "other vehicles' delay", "people's wait", "queue", "PET below 1.5 s")
-    words = (*words, "contacts", "0 of", "below", "steps by the strategy", "difference")
-    assert [each for each in words if each not in text] == []
-    full = screen_text(result, width, full=True)
-    assert [name for name in cell.by_crosswalk if full.count(f", {name}\n") != 1] == []
-    assert "time loss of AVs" in full
-    assert [record.get("crosswalk") for record in result.records] == [None, *cell.by_crosswalk]
-
-
 def written(folder: Path, *shares: float, pairs: int = 6, of: Pairs | None = None) -> Run:
     """A run in a folder; of ordinary pairs a greater share is slower by as many seconds."""
     changes = {"experiment.pairs": pairs, "arms.av": "gap_yield"}
@@ -307,26 +287,6 @@ def written(folder: Path, *shares: float, pairs: int = 6, of: Pairs | None = Non
             tables = tables_of([both], cell.number, pair)
             write_part(folder, cell.number, pair, tables, str(manifest["digest"]))
     return load_run(folder)
-
-
-def test_a_folder_has_what_was_written(tmp_path: Path) -> None:
-    run = written(tmp_path / "run", 0.5, 1.0)
-    assert not run.finished
-    assert done_parts(run.path) == {(cell, pair) for cell in (0, 1) for pair in range(6)}
-    write_findings(run.path, run.manifest, run.cells)
-    again = load_run(run.path)
-    assert again.finished
-    assert [(of.findings, of.by_crosswalk) for of in again.cells] == [
-        (of.findings, of.by_crosswalk) for of in run.cells
-    ]
-    assert len(again.table("passages")) == 2 * 6 * 2 * 120
-    assert again.summary["crosswalk"].isna().sum() == 2
-    with pytest.raises(InputError, match="arms"):
-        again.rows("episodes", 0)
-    # What is lost is simulated again; what comes after it does not count before.
-    (run.path / "findings.json").unlink()
-    (run.path / "arms" / part_name(0, 2)).unlink()
-    assert len(read_cell(run.path, "people", 0, run.manifest)) == 2 * 2 * 80
 
 
 @pytest.mark.parametrize(

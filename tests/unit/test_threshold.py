@@ -105,17 +105,6 @@ def test_who_decides_on_arrival_sets_off_at_once() -> None:
     assert waits.start_s == pytest.approx(1.1 + 0.5)
 
 
-def test_kerb_wait_depends_on_the_behaviour_unless_it_is_given() -> None:
-    waits = {
-        behaviour: validate({"pedestrians": {"behaviour": behaviour}}, "test").pedestrians
-        for behaviour in ("constant", "gap_acceptance", "reactive", "threshold")
-    }
-    assert [people.kerb_wait_s for people in waits.values()] == [2.0, 2.0, 2.0, 0.0]
-    assert scene(kerb_wait_s=1.5).pedestrians.kerb_wait_s == 1.5
-    again = validate(scene().model_dump(mode="json"), "test")
-    assert again.pedestrians.kerb_wait_s == 0.0
-
-
 PLAN = st.lists(st.sampled_from([-3.0, -1.0, -0.5, 0.0, 0.0, 1.0]), min_size=20, max_size=60)
 
 
