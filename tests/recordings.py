@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.core.encounter import Arrival, Leg, Side, Vehicle
+from harness.core.encounter import Arrival, Crossing, Leg, Side, Vehicle
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.loop import run_episode
 from harness.engine.plain import PlainEngine
@@ -14,7 +14,6 @@ from harness.scenario import Setting
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
-from harness.studies.recorded_passages import crossing_about
 from harness.studies.validation import validate
 
 RATE_HZ = 10.0
@@ -35,7 +34,7 @@ class Person:
 
 
 def crossing_of(people):
-    return crossing_about(max(4.0, float(np.ptp([person.x_m for person in people]))))
+    return Crossing(9.0, max(4.0, float(np.ptp([person.x_m for person in people]))), 4.5, 9.0)
 
 
 def driven(strategy, people, speed_mps):
@@ -84,9 +83,7 @@ def write_set(folder, strategy, *, mirrored=False, shift_frames=0, turn=0.0):
     return folder
 
 
-def held(folder: Path, drivers=tuple(DRIVERS), folds=0, **settings) -> Result:
+def held(folder: Path, drivers=tuple(DRIVERS), **settings) -> Result:
     """The validation of some drivers; settings with a dot are keys of a scenario."""
     options = {"frame_rate_hz": RATE_HZ, "vehicle_length_m": LENGTH_M, **settings}
-    return validate(
-        [folder], "vci", list(drivers), [Setting(*one) for one in options.items()], folds
-    )
+    return validate([folder], "vci", list(drivers), [Setting(*one) for one in options.items()])

@@ -19,10 +19,8 @@ COMMANDS: Mapping[str, str] = {
     for module, commands in {
         "cli.encounters": "run sweep resume risk",
         "cli.folders": "show report compare worst replay export",
-        "cli.about": "network strategies",
-        "cli.crossings": "crossings",
-        "cli.model": "extract fit model",
-        "cli.validation": "validate",
+        "cli.about": "network crossings strategies",
+        "cli.model": "extract fit model validate",
     }.items()
     for command in commands.split()
 }

@@ -1,4 +1,4 @@
-"""The commands about the interaction model: ``extract``, ``fit``, ``model``."""
+"""The commands about recordings and models of them: ``extract, fit, model, validate``."""
 
 import os
 import shlex
@@ -88,6 +88,29 @@ def model(
         with unwinding():
             written = write_model_page(loaded, result, rows, out, figures)
     show(result, full, quiet, as_json, written or [loaded.name])
+
+
+def validate(
+    data: options.DataArgument,
+    format_: options.FormatOption,
+    drivers: options.DriversOption,
+    out: options.ResultPageOption = None,
+    settings: options.SetOption = None,
+    full: options.FullOption = False,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
+) -> None:
+    """Compare drivers with recordings: each drives in place of the recorded driver."""
+    from harness.studies.validation import validate as validated
+
+    with progress_bar(quiet or as_json, "drivers") as advance:
+        names = drivers.split(",")
+        result = validated(data, format_, names, options.settings_of(settings), advance)
+    if out is not None:
+        from harness.report.page import write_result
+
+        write_result(result, out)
+    show(result, full, quiet, as_json, [str(record["driver"]) for record in result.records])
 
 
 def _command() -> str:

@@ -263,7 +263,7 @@ def _carried_out(
 ) -> dict[_Key, _Scored | InputError]:
     """The fits of jobs, or why they are refused."""
     progress(0, len(jobs))
-    calls = {key: partial(_run, sample, settings, *job) for key, job in jobs.items()}
+    calls = {key: partial(fit_weighted, sample, settings, *job) for key, job in jobs.items()}
     results: Iterable[tuple[_Key, Callable[[], _Scored]]] = calls.items()
     if executor is not None:
         waiting = {executor.submit(call): key for key, call in calls.items()}
@@ -286,8 +286,16 @@ def _accepted(answer: _Scored | InputError) -> _Scored:
     return answer
 
 
-def _run(sample: Sample, settings: Settings, weights: FloatArray, key: tuple[int, ...]) -> _Scored:
-    """Fit the rows of weight above 0, and score those of weight 0."""
+def fit_weighted(
+    sample: Sample, settings: Settings, weights: FloatArray, key: tuple[int, ...]
+) -> tuple[FitResult, Mapping[str, HeldOut]]:
+    """Fit the rows of weight above 0, and score those of weight 0.
+
+    Args:
+        sample, settings: see ``fit``.
+        weights: (n,) the rows' weights.
+        key: K, and the rest of the key of the starts' seed.
+    """
     used = weights > 0
     found = fit_mixture(
         sample.data[used],
@@ -341,7 +349,7 @@ def _check(sample: Sample, settings: Settings, folds: int) -> None:
     most, rows = max(settings.components), len(sample.data)
     if rows < most:
         raise InputError("rows", f"{rows} rows for {most} components", "at least one row each")
-    _run(sample, settings._replace(starts=1), sample.weights, (1, 0))
+    fit_weighted(sample, settings._replace(starts=1), sample.weights, (1, 0))
     if len(settings.components) > 1:
         if settings.choose == "held-out" and not folds:
             by_held_out({})

@@ -7,22 +7,25 @@ people cross it; the kerbs are 4.5 m beside it, as on the paper's crosswalk of 9
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
+import shapely
+from shapely.ops import substring
 
 from harness.core.encounter import Arrival, Crossing, FloatArray, Leg, Side, Vehicle
 from harness.model.trajectories import Clip, ExtractionRules
 from harness.model.trajectories.encounters import (
     VEHICLE_CHORD_M,
     Mover,
-    angle_deg,
     car_of,
-    directions,
+    crossing_of,
     spans_gap,
     walker_of,
 )
-from harness.model.trajectories.paths import TravelPath, first_crossing, thinned
+from harness.model.trajectories.paths import TravelPath, thinned
 
 START_RANGE_M, LEAST_RANGE_M = 30.0, 6.0
 """A passage begins at the first record within the first distance of x = 0; it is left out if the
@@ -86,11 +89,6 @@ class RecordedPassage(NamedTuple):
         return [person for person in self.people if person.passing_s > 0]
 
 
-def crossing_about(width_m: float) -> Crossing:
-    """A crosswalk of this width whose kerbs are 4.5 m from the vehicle's path."""
-    return Crossing(2 * KERB_M, width_m, KERB_M, 2 * KERB_M)
-
-
 def find_passages(
     clips: Iterable[Clip], limits: Vehicle, step_s: float, rules: ExtractionRules
 ) -> tuple[list[RecordedPassage], Counter[str]]:
@@ -110,20 +108,18 @@ def find_passages(
         Passages in the order of the clips; and the number of vehicles and groups without one, by
         the first reason that applies.
     """
-    used, left_out = [], Counter[str]()
+    found: list[RecordedPassage | str] = []
     for clip in clips:
         movers = [walker_of(track, rules) for track in clip.pedestrians.values()]
         walkers = [mover for mover in movers if mover is not None]
         for key, track in clip.vehicles.items():
-            if (car := car_of(track, rules)) is None:
-                left_out["parked vehicle"] += 1
+            car = car_of(track, rules)
+            if car is None:
+                found.append("parked vehicle")
                 continue
-            for found in _Record(clip, key, car, limits, step_s, rules).passages(walkers):
-                if isinstance(found, str):
-                    left_out[found] += 1
-                else:
-                    used.append(found)
-    return used, left_out
+            found += _Record(clip, key, car, limits, step_s, rules).passages(walkers)
+    left_out = Counter(each for each in found if isinstance(each, str))
+    return [each for each in found if not isinstance(each, str)], left_out
 
 
 class _Crosser(NamedTuple):
@@ -153,48 +149,43 @@ class _Record:
         if not ahead:
             yield "record begins too near" if crossers else "nobody crosses"
             return
-        arcs = np.array([crosser.arc_m for crosser in ahead])
-        ordered = np.sort(arcs)
-        begins = ordered[1:][np.diff(ordered) > GROUP_GAP_M]
-        groups = np.searchsorted(begins, arcs, side="right")
-        for number in range(len(begins) + 1):
-            yield self._passage([ahead[place] for place in np.flatnonzero(groups == number)])
+        ahead.sort(key=attrgetter("arc_m"))
+        begins = np.flatnonzero(np.diff([each.arc_m for each in ahead]) > GROUP_GAP_M) + 1
+        for first, last in pairwise([0, *begins, len(ahead)]):
+            yield self._passage(ahead[first:last])
 
     def _crosser(self, walker: Mover) -> _Crosser | None:
         own, others = self.car.track.time_s, walker.track.time_s
-        crossing = first_crossing(self.car.path, walker.path)
-        if others[0] > own[-1] or others[-1] < own[0] or crossing is None:
+        crossing = crossing_of(self.car, walker, self.rules)
+        if others[0] > own[-1] or others[-1] < own[0] or isinstance(crossing, str):
             return None
-        driving, walking = directions(self.car, walker, crossing)
-        if not self.rules.min_angle_deg <= angle_deg(driving, walking) <= self.rules.max_angle_deg:
-            return None
+        on_car_m, driving, walking, _ = crossing
         leftward = bool(driving[0] * walking[1] - driving[1] * walking[0] > 0)
         side = Side.NEAR if leftward != self.clip.y_down else Side.FAR
-        return _Crosser(walker, crossing[0], side)
+        return _Crosser(walker, on_car_m, side)
 
     def _passage(self, group: Sequence[_Crosser]) -> RecordedPassage | str:
         track, arcs = self.clip.vehicles[self.key], np.array([each.arc_m for each in group])
         origin_m = float(np.median(arcs))
-        crossing = crossing_about(max(LEAST_WIDTH_M, round(float(np.ptp(arcs)), 9)))
-        x_m = _rounded(self.car.arc_m + track.front_offset_m - origin_m)
+        width_m = max(LEAST_WIDTH_M, round(float(np.ptp(arcs)), 9))
+        crossing = Crossing(2 * KERB_M, width_m, KERB_M, 2 * KERB_M)
+        # Rounded, so that results do not depend on the last bits.
+        x_m = np.round(self.car.arc_m + track.front_offset_m - origin_m, 9)
         first = int(np.argmax(x_m >= -START_RANGE_M - _ROUNDING_M))
         start_s, range_m = float(track.time_s[first]), -float(x_m[first])
-        time_s, passed_m = _rounded(track.time_s - start_s), crossing.width_m / 2 + track.length_m
+        time_s = np.round(track.time_s - start_s, 9)
         if range_m < LEAST_RANGE_M:
             return "record begins too near"
-        if x_m.max() < 0:
-            return "pass not recorded"
-        states = self._states(time_s[first:], x_m[first:], passed_m)
+        states = self._states(time_s[first:], x_m[first:], width_m / 2 + track.length_m)
         if isinstance(states, str):
             return states
         until_s = (len(states) - 1) * self.step_s + BEYOND_S + self.step_s
         found = [self._person(crosser, origin_m, start_s, until_s) for crosser in group]
-        people = [person for person in found if person is not None]
+        people = sorted(filter(None, found), key=lambda person: person.arrival.arrival_s)
         if any(person.gap for person in people):
             return "gap in a record"
         if not any(person.passing_s > 0 for person in people):
             return "nobody left at the start"
-        people.sort(key=lambda person: person.arrival.arrival_s)
         near = max(2, int(np.count_nonzero(time_s[first:] <= _KEPT_S + 1e-9)))
         begun = slice(first, first + near)
         speed = np.polyfit(time_s[begun], x_m[begun], min(2, near - 1))[-2]
@@ -211,10 +202,7 @@ class _Record:
             start_mps,
             crossing,
             states,
-            tuple(
-                person._replace(arrival=person.arrival._replace(index=index))
-                for index, person in enumerate(people)
-            ),
+            tuple(people),
         )
 
     def _states(self, time_s: FloatArray, x_m: FloatArray, passed_m: float) -> FloatArray | str:
@@ -223,22 +211,19 @@ class _Record:
         A record that ends before goes on at its last speed.
         """
         x_m = np.maximum.accumulate(x_m)
-        end = int(np.searchsorted(x_m, passed_m))
-        last_s = time_s[[min(end, len(x_m) - 1)]]
+        last_s = time_s[[min(int(np.searchsorted(x_m, passed_m)), len(x_m) - 1)]]
         if spans_gap(time_s, time_s[:1], last_s, self.rules.max_gap_s)[0]:
             return "gap in a record"
-        if end == len(x_m):
-            missing = passed_m - x_m[-1]
-            since = int(np.searchsorted(time_s, time_s[-1] - _KEPT_S - 1e-9))
-            speed = (x_m[-1] - x_m[since]) / (time_s[-1] - time_s[since])
+        missing_m = passed_m - x_m[-1]
+        if missing_m > 0:
+            speed = _velocity(time_s, x_m, -1)
             too_slow = speed < self.rules.min_vehicle_speed_mps
-            if too_slow or missing > self.rules.vehicle_extension_m:
+            if x_m[-1] < 0 or too_slow or missing_m > self.rules.vehicle_extension_m:
                 return "pass not recorded"
-            time_s = np.append(time_s, time_s[-1] + missing / speed + self.step_s)
-            x_m = np.append(x_m, x_m[-1] + missing + speed * self.step_s)
+            time_s = np.append(time_s, time_s[-1] + missing_m / speed + self.step_s)
+            x_m = np.append(x_m, passed_m + speed * self.step_s)
         steps = int(np.ceil(float(np.interp(passed_m, x_m, time_s)) / self.step_s - 1e-9))
-        states: FloatArray = np.interp(np.arange(steps + 1) * self.step_s, time_s, x_m)
-        return states
+        return np.asarray(np.interp(np.arange(steps + 1) * self.step_s, time_s, x_m))
 
     def _person(
         self, crosser: _Crosser, origin_m: float, start_s: float, until_s: float
@@ -256,48 +241,47 @@ class _Record:
         kept = np.append(kept[: max(1, len(kept) - 1)], len(track.time_s) - 1)
         along, left = _straightened(self.car.path, origin_m, track.position_m[kept])
         flip = -1 if self.clip.y_down else 1
-        places = np.column_stack([_rounded(along - origin_m), _rounded(KERB_M + flip * left)])
-        times = _rounded(track.time_s[kept] - start_s)
-        last_s = float(times[-1])
+        places = np.column_stack([along - origin_m, KERB_M + flip * left]).round(9)
+        times = np.round(track.time_s[kept] - start_s, 9)
         times, places = _extended(times, places, until_s)
-        x, y = places.T
+        at_s = np.concatenate([[0.0], times[(times > 0) & (times < until_s)], [until_s]])
+        x, y = (np.interp(at_s, times, of) for of in places.T)
         progress = y if crosser.side is Side.NEAR else 2 * KERB_M - y
-        begin_s = _reached_s(times, progress, -_FOOTPATH_M, 0.0)
-        gone_s = _reached_s(times, progress, 2 * KERB_M, 0.0)
-        if begin_s >= (end_s := min(gone_s, until_s)):
+        levels = (-_FOOTPATH_M, KERB_M, 2 * KERB_M)
+        begin_s, passed_s, gone_s = (_reached_s(at_s, progress, level) for level in levels)
+        end_s = min(gone_s, until_s)
+        if begin_s >= end_s:
             return None
-        inner = times[(times > begin_s + 1e-9) & (times < end_s - 1e-9)]
+        inner = at_s[(at_s > begin_s + 1e-9) & (at_s < end_s - 1e-9)]
         at = np.concatenate([[begin_s], inner, [end_s]])
-        xs, ys, step = np.interp(at, times, x), np.interp(at, times, y), np.diff(at)
+        xs, ys, step = np.interp(at, at_s, x), np.interp(at, at_s, y), np.diff(at)
         # A leg has no end, so the last leg also leads over the kerb.
         columns = (at[:-1], xs[:-1], ys[:-1], np.diff(xs) / step, np.diff(ys) / step, 0.0 * step)
         path = tuple(Leg(*row) for row in np.column_stack(columns).tolist())
-        seen = np.array([begin_s, min(gone_s, last_s)]) + start_s
-        passed_s = _reached_s(times, progress, KERB_M)
+        seen = np.array([begin_s + start_s, min(gone_s + start_s, track.time_s[-1])])
         return Person(
             Arrival(0, begin_s, crosser.side, None, path=path),
             -np.inf if passed_s <= 0 else passed_s,
-            float(np.interp(passed_s, times, x)) if np.isfinite(passed_s) else 0.0,
+            float(np.interp(passed_s, at_s, x)) if np.isfinite(passed_s) else 0.0,
             bool(spans_gap(track.time_s, seen[:1], seen[1:], self.rules.max_gap_s)[0]),
         )
+
+
+def _velocity(time_s: FloatArray, values: FloatArray, end: int) -> FloatArray:
+    """The mean velocity over the first (``end`` 0) or last (−1) ``_KEPT_S`` of a record."""
+    near = np.flatnonzero(np.abs(time_s - time_s[end]) <= _KEPT_S + 1e-9)
+    other = max(near[-1], 1) if end == 0 else min(near[0], len(time_s) - 2)
+    return np.asarray((values[other] - values[end]) / (time_s[other] - time_s[end]))
 
 
 def _extended(
     time_s: FloatArray, places_m: FloatArray, until_s: float
 ) -> tuple[FloatArray, FloatArray]:
-    """A walk from 0 or before until ``until_s``, with its first and last mean velocity."""
-    end = max(1, int(np.searchsorted(time_s, time_s[0] + _KEPT_S + 1e-9)) - 1)
-    begin = min(int(np.searchsorted(time_s, time_s[-1] - _KEPT_S - 1e-9)), len(time_s) - 2)
-    times, places = [time_s], [places_m]
-    if time_s[0] > 0:
-        velocity = (places_m[end] - places_m[0]) / (time_s[end] - time_s[0])
-        times.insert(0, np.zeros(1))
-        places.insert(0, places_m[:1] - velocity * time_s[0])
-    if time_s[-1] < until_s:
-        velocity = (places_m[-1] - places_m[begin]) / (time_s[-1] - time_s[begin])
-        times.append(np.array([until_s]))
-        places.append(places_m[-1:] + velocity * (until_s - time_s[-1]))
-    return np.concatenate(times), np.concatenate(places)
+    """A walk from before 0 until after ``until_s``, with its first and last mean velocity."""
+    before_s, after_s = min(0.0, time_s[0]) - 1.0, max(until_s, time_s[-1]) + 1.0
+    first = places_m[0] + _velocity(time_s, places_m, 0) * (before_s - time_s[0])
+    last = places_m[-1] + _velocity(time_s, places_m, -1) * (after_s - time_s[-1])
+    return np.concatenate([[before_s], time_s, [after_s]]), np.vstack([first, places_m, last])
 
 
 def _straightened(
@@ -307,46 +291,29 @@ def _straightened(
 
     Only the part near x = 0 counts, extended straight, because the path may return to the place.
     """
-    half_m, arcs = VEHICLE_CHORD_M / 2, path.arc_m
-    first, last = max(0.0, origin_m - _REACH_M), min(float(arcs[-1]), origin_m + _REACH_M)
-    arcs = np.unique([first, *arcs[np.abs(arcs - origin_m) < _REACH_M], last])
-    # A corner very close to an end would give a piece without a direction.
-    arcs = arcs[np.append(True, np.diff(arcs) > 1e-6)]
-    points = np.array([path.at(arc) for arc in arcs.tolist()])
+    half_m = VEHICLE_CHORD_M / 2
+    first, last = max(0.0, origin_m - _REACH_M), min(float(path.arc_m[-1]), origin_m + _REACH_M)
+    points = np.array(substring(shapely.LineString(path.points), first, last).coords)
     before = points[0] - _STRAIGHT_M * path.direction(first + half_m, half_m)
     beyond = points[-1] + _STRAIGHT_M * path.direction(last - half_m, half_m)
     points = np.vstack([before, points, beyond])
+    line, at = shapely.LineString(points), shapely.points(position_m)
+    along_m = shapely.line_locate_point(line, at)
     pieces = np.diff(points, axis=0)
-    lengths = np.hypot(*pieces.T)
-    away = position_m[:, None, :] - points[None, :-1]
-    share = np.clip((away * pieces).sum(axis=2) / lengths**2, 0.0, 1.0)
-    squared = ((away - share[:, :, None] * pieces) ** 2).sum(axis=2)
-    row, nearest = np.arange(len(position_m)), squared.argmin(axis=1)
-    ahead, aside = pieces[nearest], away[row, nearest]
+    ends_m = np.cumsum(np.hypot(*pieces.T))
+    piece = np.searchsorted(ends_m[:-1], along_m)
+    ahead, aside = pieces[piece], position_m - points[piece]
     left = ahead[:, 0] * aside[:, 1] - ahead[:, 1] * aside[:, 0]
-    arc_m = arcs[0] - _STRAIGHT_M + np.cumsum(lengths) - lengths
-    along = arc_m[nearest] + share[row, nearest] * lengths[nearest]
-    return along, np.copysign(np.sqrt(squared[row, nearest]), left)
+    return first - _STRAIGHT_M + along_m, np.copysign(shapely.distance(line, at), left)
 
 
-def _reached_s(
-    time_s: FloatArray, progress_m: FloatArray, level_m: float, since_s: float = -np.inf
-) -> float:
-    """The first time from ``since_s`` on with this progress; infinite if never."""
-    if since_s > time_s[0]:
-        later, here = time_s > since_s, np.interp(since_s, time_s, progress_m)
-        time_s, progress_m = np.append(since_s, time_s[later]), np.append(here, progress_m[later])
+def _reached_s(time_s: FloatArray, progress_m: FloatArray, level_m: float) -> float:
+    """The first time with this progress; infinite if never."""
     past = np.flatnonzero(progress_m >= level_m)
     if len(past) == 0:
         return float("inf")
     about = slice(max(0, int(past[0]) - 1), int(past[0]) + 1)
     return float(np.interp(level_m, progress_m[about], time_s[about]))
-
-
-def _rounded(values: FloatArray) -> FloatArray:
-    """Values rounded to 1e-9, so that results do not depend on the last bits."""
-    result: FloatArray = np.round(values, 9)
-    return result
 
 
 def _free_speed(time_s: FloatArray, x_m: FloatArray) -> float:

@@ -26,7 +26,7 @@ SHORTER = {
     "run": ["--pairs", "20", "--workers", "1", "--quiet"],
     "sweep": ["--pairs", "2", "--workers", "1", "--quiet"],
     "fit": ["--components", "1..2", "--starts", "1", "--folds", "2", "--workers", "1"],
-    "validate": ["--drivers", "constant_speed", "--folds", "0"],
+    "validate": ["--drivers", "constant_speed"],
     "people": ["--trials", "20", "--hours", "0"],
     "examples.train_policy": ["--generations", "1", "--episodes", "2"],
 }

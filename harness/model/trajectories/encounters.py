@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -96,16 +97,11 @@ def _pair_rows(
     if len(times) == 0:
         tally.drop("pairs", "no_common_time")
         return None
-    crossing = first_crossing(car.path, walker.path)
-    if crossing is None:
-        tally.drop("pairs", "paths_do_not_cross")
+    crossing = crossing_of(car, walker, rules)
+    if isinstance(crossing, str):
+        tally.drop("pairs", crossing)
         return None
-    on_car = crossing[0]
-    driving, walking = directions(car, walker, crossing)
-    angle = angle_deg(driving, walking)
-    if not rules.min_angle_deg <= angle <= rules.max_angle_deg:
-        tally.drop("pairs", "crossing_angle")
-        return None
+    on_car, driving, walking, angle = crossing
     range_m = on_car - car.arc_m - vehicle.front_offset_m
     # L is the distance from the line of the vehicle's path at the conflict point, positive on
     # the side the pedestrian comes from.
@@ -123,13 +119,26 @@ def _pair_rows(
     }
 
 
-def directions(
-    car: Mover, walker: Mover, crossing: tuple[float, float]
-) -> tuple[FloatArray, FloatArray]:
-    """(2,) unit directions of driving and of walking where the two paths cross."""
-    on_car, on_walker = crossing
-    driving = car.path.direction(on_car, VEHICLE_CHORD_M / 2)
-    return driving, walker.path.direction(on_walker, PEDESTRIAN_CHORD_M / 2)
+class CrossingPaths(NamedTuple):
+    """Where two paths cross: the path length on the vehicle's, the unit directions, the angle."""
+
+    on_car_m: float
+    driving: FloatArray
+    walking: FloatArray
+    crossing_deg: float
+
+
+def crossing_of(car: Mover, walker: Mover, rules: ExtractionRules) -> CrossingPaths | str:
+    """The first crossing along the vehicle's path, or why it makes no pair."""
+    crossing = first_crossing(car.path, walker.path)
+    if crossing is None:
+        return "paths_do_not_cross"
+    driving = car.path.direction(crossing[0], VEHICLE_CHORD_M / 2)
+    walking = walker.path.direction(crossing[1], PEDESTRIAN_CHORD_M / 2)
+    angle = angle_deg(driving, walking)
+    if not rules.min_angle_deg <= angle <= rules.max_angle_deg:
+        return "crossing_angle"
+    return CrossingPaths(crossing[0], driving, walking, angle)
 
 
 def angle_deg(driving: FloatArray, walking: FloatArray) -> float:
