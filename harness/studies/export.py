@@ -277,7 +277,7 @@ def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) ->
     config, (fcd,) = read_config(outputs / CONFIG_FILE), REPLAYED.values()
     begin_s, rear_s = chosen[0]["trigger_s"], chosen[0]["rear_s"]
     last_s = math.inf if rear_s is None else rear_s + config.step_s
-    found: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
+    found: dict[tuple[bool, str], list[Mapping[str, Any]]] = defaultdict(list)
     for written_s, record in _records(outputs / fcd):
         # SUMO writes a state under the time at which its step began.
         time_s = written_s + config.step_s
@@ -285,11 +285,11 @@ def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) ->
             break
         # Who rides in a vehicle is no pedestrian.
         if time_s > begin_s - _ROUNDING_S and not record.get("vehicle"):
-            found[record["id"]].append({**record, "time": time_s})
+            # A vehicle, which is on a lane, and a person may have the same id.
+            found["lane" in record, record["id"]].append({**record, "time": time_s})
     sizes = _sizes(config.path)
-    ego, *others = (
-        _seen(name, found[name], sizes) for name in sorted(found, key=lambda of: of != vehicle)
-    )
+    names = sorted(found, key=lambda of: of != (True, vehicle))
+    ego, *others = (_seen(name, found[drives, name], sizes) for drives, name in names)
     since_s, end_s = ego.states[0, 0], ego.states[-1, 0]
     near = [each for each in others if _distance_m(each, ego) < _NEAR_M]
     movers = [_between(each, since_s, end_s) for each in (replace(ego, name="ego"), *near)]
@@ -324,7 +324,7 @@ def _seen(
     states = np.array([[float(row[key]) for key in keys] for row in rows])
     states[:, 3] = np.radians(90.0 - states[:, 3])
     if "lane" not in rows[0]:
-        return Mover(name, "pedestrian", _PERSON_M, _PERSON_M, states)
+        return Mover(f"pedestrian-{name}", "pedestrian", _PERSON_M, _PERSON_M, states)
     # The copy of a type for a single vehicle is named type@vehicle.
     length_m, width_m, *limits = sizes[rows[0]["type"].partition("@")[0]]
     return Mover(name, "vehicle", length_m, width_m, states, limits_mps2=limits)

@@ -61,16 +61,6 @@ def test_nothing_is_written_beside_the_scenario(town: Path) -> None:
         assert (town / path.name).read_text() == kept
 
 
-def test_the_readme_has_the_same_commands() -> None:
-    lines = (ROOT / "README.md").read_text("utf-8").splitlines()
-    tour = [
-        shlex.split(line, comments=True) for line in lines if "town" in line and "harness" in line
-    ]
-    page = commands("Your own SUMO scenario")
-    assert len(tour) >= 3
-    assert [words for words in tour if words not in page] == []
-
-
 def test_the_example_is_what_its_script_makes(tmp_path: Path) -> None:
     made = tmp_path / "made"
     made.mkdir()

@@ -10,7 +10,6 @@ import pytest
 
 import harness
 from harness.core.encounter import Ending
-from harness.core.errors import InputError
 from tests.notebooks import as_main, run_cell, run_notebook
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "compare_strategies.ipynb"
@@ -86,19 +85,6 @@ def test_a_debugger_stops_in_decide_and_goes_on(
         run = harness.run("cctc", settings=settings, engine="plain", out=out)
         assert run.failures == ()
         assert said.getvalue().count("30.0") == 2
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("cctc", -1), "pair: -1; allowed: 0 or more"),
-        (("traffic", 0), "a scenario of encounters"),
-        (("cctcc", 0), "did you mean 'cctc"),
-    ],
-)
-def test_refused(arguments: tuple[str, int], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        harness.run_pair(*arguments)
 
 
 def test_the_example_notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

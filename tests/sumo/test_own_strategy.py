@@ -12,7 +12,7 @@ import pytest
 
 from harness.core.errors import InputError
 from harness.studies.run import resume, run
-from tests.batches import CHECKOUT, QUICK, here, printed, shell
+from tests.batches import CHECKOUT, QUICK, printed, shell
 
 
 def harness(*arguments: object, cwd: Path) -> "subprocess.CompletedProcess[str]":
@@ -23,8 +23,8 @@ def harness(*arguments: object, cwd: Path) -> "subprocess.CompletedProcess[str]"
 
 def test_the_template_runs_as_its_page_says(tmp_path: Path) -> None:
     shutil.copy(CHECKOUT / "examples" / "my_strategy.py", tmp_path)
-    setting = "arms.av=my_strategy:MyStrategy"
-    done = here("run", "cctc", "--pairs", 3, "--out", "run", "-q", "--set", setting, cwd=tmp_path)
+    own = ("--set", "arms.av=my_strategy:MyStrategy", "--out", "run", "--quiet")
+    done = harness("run", "cctc", "--pairs", 3, *own, cwd=tmp_path)
     assert (done.returncode, done.stdout.strip()) == (0, "run"), done.stderr
     printed("replay", "run", "--pair", 1, "--out", "again", cwd=tmp_path)
 

@@ -64,20 +64,3 @@ def test_the_record_is_the_stored_one_and_pictures_show_ego_and_people(
 def test_without_a_display_it_says_so(stored: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     refuses("Xvfb", lambda: watch(stored, 0, range(1), [Arm.AV]))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        ({"pairs": range(3, 5)}, "--pair"),
-        ({"cell": 1}, "--cell"),
-        ({"screenshots": Path(__file__)}, "--screenshots"),
-    ],
-)
-def test_bad_input_is_refused(stored: Run, arguments: dict, told: str) -> None:
-    refuses(
-        told,
-        lambda: watch(
-            **{"run": stored, "cell": 0, "pairs": range(1), "arms": [Arm.AV]} | arguments
-        ),
-    )

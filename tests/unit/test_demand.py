@@ -198,21 +198,6 @@ def test_classes_leave_all_others_as_they_were(model) -> None:
                    if a.walking_class == 0)  # fmt: skip
 
 
-def test_a_risk_samples_the_class_and_meets_it_again() -> None:
-    people = {"flow_per_hour": 900.0, "walking_speed": SPEEDS}
-    of = scene(60.0, **people)
-    space = space_of(of, Arm.AV)
-    assert space.marks == ("side", "quantile", "walking_class")
-    given = space.given(np.empty(0), space.crowd(np.random.default_rng(3)), 7)
-    assert len(given["walking_class"]) == len(given["side"]) > 0
-    drawn = {key: [*values] for key, values in given.items()}
-    tree = {"pedestrians": {**people, "drawn": [{"episode": 7, **drawn}]}}
-    again = validate({**tree, "experiment": {"pairs": 1}}, "test")
-    assert planned_arrivals(again, 0) == planned_arrivals(of, 7, given)
-    for uniform, arrival in zip(given["walking_class"], planned_arrivals(again, 0), strict=False):
-        assert arrival.walking_class == (0 if uniform < 0.1 else 1 if uniform < 0.4 else None)
-
-
 def test_what_has_one_flow_or_single_arrivals_refuses_the_others() -> None:
     for people, key in (({"flow_per_hour": [250.0, 90.0]}, "flow_per_hour: is not supported"),
                         ({"group_size": SIZES}, "group_size: is not supported")):  # fmt: skip

@@ -13,7 +13,6 @@ import pytest
 
 from harness.core.encounter import Arrival, Ending, Leg, Side, Walk
 from harness.measures import EpisodeRecord, crossing_time, measure
-from harness.measures.ego import motion_within
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.soft_yield import SoftYield
@@ -38,19 +37,6 @@ def test_pass_time_at_constant_speed(step: float) -> None:
     assert result.pass_time_s == pytest.approx(37 / 5, abs=1e-12)
     assert result.delay_s == pytest.approx(0.0, abs=1e-12)
     assert result.ending == "crossed"
-
-
-def test_the_recorded_motion_has_a_piece_for_every_step_it_touches() -> None:
-    # 5 m/s at x = −30 m; 1, 1, −2 and 0 m/s² for 0.1 s each, from the middle of the first step on.
-    pieces = [*motion_within(drive([1.0, 1.0, -2.0, 0.0, 0.0]), 0.05, 0.35)]
-    begin_s = [0.05, 0.1, 0.2, 0.3]
-    speeds = [5.05, 5.1, 5.2, 5.0]
-    x_m = [5 * 0.05 + 0.05**2 / 2, 0.505, 0.505 + 0.515, 0.505 + 0.515 + 0.51]
-    accelerations = [1.0, 1.0, -2.0, 0.0]
-    assert [time for time, _ in pieces] == pytest.approx(begin_s)
-    assert [motion.place_m + 30 for _, motion in pieces] == pytest.approx(x_m)
-    assert [motion.speed_mps for _, motion in pieces] == pytest.approx(speeds)
-    assert [motion.acceleration_mps2 for _, motion in pieces] == pytest.approx(accelerations)
 
 
 def test_times_of_acceleration_of_a_place_and_of_a_time_out() -> None:

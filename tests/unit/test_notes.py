@@ -375,23 +375,6 @@ def test_a_note_of_a_sweep_is_about_its_worst_cell_and_counts_the_others() -> No
     assert alike.short.endswith("(likewise in 1 more cell).")
 
 
-def test_cells_of_a_note_cannot_be_mixed_up() -> None:
-    """In a run they are its cells' numbers; in a comparison of two runs both have a cell 0."""
-    vary = "arms.av=gap_yield,soft_yield"
-    both = study({}, vary)
-    runs = [
-        run_of(both, lambda _, pair: some(FAILED)(pair), 40, name=f"runs/{name}")
-        for name in ("first", "second")
-    ]
-    (note,) = [note for note in runs[0].result().notes if note.key == "failures"]
-    assert note.cells == (0, 1)
-    result = compare(*runs)
-    (note,) = [note for note in result.notes if note.key == "failures"]
-    assert len({*note.cells}) == len(note.cells) == 4
-    named = {record[side] for record in result.records for side in ("a", "b")}
-    assert {*note.cells} == named
-
-
 def test_json_and_csv_hide_nothing_that_the_screen_says(tell: Callable[..., Told]) -> None:
     told = tell(some(FAILED), actuation__dead_time_s=0.3)
     document = told.result.to_dict()

@@ -10,6 +10,7 @@ import pytest
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
 from harness.encounter.arms import check_arms
+from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, load_scenario, read_scenario_file, study_of, validate
 from tests.batches import here
 from tests.scenes import on_plain, refusal_of
@@ -101,10 +102,6 @@ def scene(name: str, parameters: dict[str, object] | None = None, seed: int = 1)
     )
 
 
-def refusal(scenario: Scenario, model) -> str:
-    return str(refusal_of(lambda: check_arms(scenario, model)))
-
-
 def test_modules_in_the_working_directory_and_annotations_for_type_checkers(write, model) -> None:
     name = write("mine_a", MODULE)
     check_arms(scene(f"{name}:Steady", {"gap_s": 2}), model)
@@ -116,72 +113,50 @@ def test_modules_in_the_working_directory_and_annotations_for_type_checkers(writ
     check_arms(scene("mine_f:Steady", {"side": [1]}), model)
 
 
-@pytest.mark.parametrize(
-    ("strategy", "says"),
-    [
-        ("mine_b:Stedy", "arms.av: 'mine_b' has no 'Stedy'; allowed: Anything, Demanding, Fickle, "
-         "Steady; did you mean 'Steady'?"),
-        ("mine_c:Steady", "arms.av: there is no module 'mine_c'"),
-        ("mine_c:Steady", "did you mean 'mine_b'?"),
-        ("mine_b", "did you mean 'mine_b:Class'?"),
-        ("pack_b.min:Steady", "there is no module 'pack_b.min'"),
-        ("pack_b.min:Steady", "did you mean 'pack_b.mine'?"),
-        ("mine_b:NoStrategy", "'mine_b:NoStrategy' is not a strategy; allowed: a class"),
-        ("mine_b:function", "is not a strategy"),
-        ("mine_b:", "is not a strategy's name; allowed: package.module:Class"),
-        ("a b:c", "is not a strategy's name"),
-        ("sotf_yield", "or your own as package.module:Class"),
-        ("sotf_yield", "did you mean 'soft_yield'?"),
-    ],
-)  # fmt: skip
-def test_a_name_that_is_none(write: Write, model, strategy: str, says: str) -> None:
+BAD_NAMES = {
+    "mine_b:Stedy": "arms.av: 'mine_b' has no 'Stedy'; allowed: Anything, Demanding, Fickle, "
+    "Steady; did you mean 'Steady'?",
+    "mine_c:Steady": "arms.av: there is no module 'mine_c'; | did you mean 'mine_b'?",
+    "mine_b": "did you mean 'mine_b:Class'?",
+    "pack_b.min:Steady": "there is no module 'pack_b.min' | did you mean 'pack_b.mine'?",
+    "mine_b:NoStrategy": "'mine_b:NoStrategy' is not a strategy; allowed: a class",
+    "mine_b:function": "is not a strategy",
+    "mine_b:": "is not a strategy's name; allowed: package.module:Class",
+    "a b:c": "is not a strategy's name",
+    "sotf_yield": "or your own as package.module:Class | did you mean 'soft_yield'?",
+}
+BAD_MODULES = {
+    "x = 1\ny = 1 / 0\n": "ZeroDivisionError: division by zero (broken.py:2)",
+    "\n\ndef f(:\n": "SyntaxError: invalid syntax (broken.py:3)",
+    "import no_such\n": "ModuleNotFoundError: No module named 'no_such' (broken.py:1)",
+    "import sys\nsys.exit('done')\n": "SystemExit: done (broken.py:2)",
+}
+BAD_PARAMETERS: list[tuple[str, dict[str, object] | None, str]] = [
+    ("Steady", {"gap": 1.0}, ".gap: unknown key 'gap' | did you mean 'gap_s'?"),
+    ("Steady", {"gap_s": "x"}, ".gap_s: 'x' is not accepted; allowed: a number"),
+    ("Steady", {"side": 1}, ".side: 1 is not accepted"),
+    ("Steady", {"gap_s": -1.0}, ".gap_s: -1.0 s; allowed: 0 or more"),
+    ("Steady", {"gap_s": 99.0}, "cannot be made: LookupError: no such gap (mine_b.py:"),
+    ("Demanding", None, ".needed: is missing"),
+    ("Demanding", {"needed": 1.0, "model": 1}, ".model: unknown key"),
+    ("Anything", {"rng": 1}, "multiple values for keyword argument 'rng'"),
+]
+
+
+def test_what_is_no_strategy_of_a_user(write: Write, model: InteractionModel) -> None:
+    """Names, modules that cannot be imported, and parameters that the signature does not have."""
     write("mine_b", MODULE)
     write("pack_b.mine", MODULE)
-    assert says in refusal(scene(strategy), model)
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("x = 1\ny = 1 / 0\n", "ZeroDivisionError: division by zero (broken.py:2)"),
-        ("\n\ndef f(:\n", "SyntaxError: invalid syntax (broken.py:3)"),
-        (
-            "import surely_not_installed\n",
-            "ModuleNotFoundError: No module named 'surely_not_installed' (broken.py:1)",
-        ),
-        ("import sys\nsys.exit('done')\n", "SystemExit: done (broken.py:2)"),
-    ],
-)
-def test_a_module_that_cannot_be_imported(write: Write, model, text: str, says: str) -> None:
-    write("broken", text)
-    line = refusal(scene("broken:Mine"), model)
-    assert line == f"arms.av: 'broken' cannot be imported: {says}"
-
-
-@pytest.mark.parametrize(
-    ("strategy", "parameters", "says"),
-    [
-        ("Steady", {"gap": 1.0}, "\"mine_d:Steady\".gap: unknown key 'gap'"),
-        ("Steady", {"gap": 1.0}, "did you mean 'gap_s'?"),
-        (
-            "Steady",
-            {"gap_s": "x"},
-            "\"mine_d:Steady\".gap_s: 'x' is not accepted; allowed: a number",
-        ),
-        ("Steady", {"side": 1}, '"mine_d:Steady".side: 1 is not accepted'),
-        ("Steady", {"gap_s": -1.0}, '"mine_d:Steady".gap_s: -1.0 s; allowed: 0 or more'),
-        ("Steady", {"gap_s": 99.0}, "cannot be made: LookupError: no such gap (mine_d.py:"),
-        ("Demanding", {}, '"mine_d:Demanding".needed: is missing'),
-        ("Demanding", None, '"mine_d:Demanding".needed: is missing'),
-        ("Demanding", {"needed": 1.0, "model": 1}, ".model: unknown key"),
-        ("Anything", {"rng": 1}, "multiple values for keyword argument 'rng'"),
-    ],
-)
-def test_parameters_are_held_against_the_signature(
-    write: Write, model, strategy: str, parameters: dict[str, object], says: str
-) -> None:
-    write("mine_d", MODULE)
-    assert says in refusal(scene(f"mine_d:{strategy}", parameters), model)
+    cases = [(scene(name), said) for name, said in BAD_NAMES.items()]
+    for name, parameters, said in BAD_PARAMETERS:
+        cases.append((scene(f"mine_b:{name}", parameters), said))
+    for of, said in cases:
+        refusal_of(lambda of=of: check_arms(of, model), *said.split(" | "))
+    for text, said in BAD_MODULES.items():
+        write("broken", text)
+        importlib.invalidate_caches()
+        line = f"arms.av: 'broken' cannot be imported: {said}"
+        assert str(refusal_of(lambda: check_arms(scene("broken:Mine"), model))) == line
 
 
 def test_an_error_ends_its_episode_with_its_own_traceback(write: Write, model) -> None:

@@ -148,17 +148,6 @@ def test_free_passage_through_a_curve() -> None:
     assert free_pass_s(each, path) == pytest.approx(before_s + 8 / 5 + after_s, abs=1e-3)
 
 
-def test_a_walk_from_the_other_kerb() -> None:
-    leg = Leg(3.0, 0.0, 1.0, 0.0, 1.5, 0.0)
-    walk = Walk(Arrival(0, 2.0, Side.NEAR, 0.5), 3.0, 1.5, legs=(leg,))
-    turned = moved(walk, 1.0, 8.0)
-    assert turned.arrival.side is Side.FAR
-    assert turned.arrival.arrival_s == 1.0
-    assert turned.legs == (Leg(2.0, 0.0, 7.0, 0.0, -1.5, 0.0),)
-    assert moved(turned, -1.0, 8.0) == walk
-    assert moved(replace(walk, legs=None), 1.0).start_s == 2.0
-
-
 @given(some.floats(0, 12))
 def test_a_bent_axis(along_m: float) -> None:
     """A place's point has that place, also on a bent crosswalk."""

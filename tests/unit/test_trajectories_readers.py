@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.model.trajectories import FORMATS, extract, read_clips
-from harness.model.trajectories.counting import Tally
+from harness.model.trajectories import extract, read_clips
 from tests.scenes import refuses
 
 DATA = Path(__file__).parents[1] / "data"
@@ -29,12 +28,6 @@ def clip(tmp_path):
 
 def filtered(folder, kind):
     return folder / "trajectories_filtered" / f"{STEM}_traj_{kind}_filtered.csv"
-
-
-def change(path, edit):
-    """Rewrite a csv file's lines."""
-    lines = path.read_text().splitlines()
-    path.write_text("\n".join(edit(lines)) + "\n")
 
 
 def rows_of(folder, **options):
@@ -88,37 +81,10 @@ def test_vci_clip_without_pedestrians_is_skipped_with_its_reason(clip):
     assert_same_rows(found)
 
 
-@pytest.mark.parametrize(
-    ("cell", "reason"),
-    [("nan", "missing_value"), ("", "missing_value"), ("inf", "missing_value"),
-     ("fast", "not_a_number"), ("1e200", "out_of_scale")],
-)  # fmt: skip
-def test_vci_unusable_cell_drops_its_record_only(clip, cell, reason):
-    def edit(lines):
-        fields = lines[41].split(",")  # pedestrian 0 at frame 10; the track is straight
-        fields[3] = cell
-        return [*lines[:41], ",".join(fields), *lines[42:]]
-
-    change(filtered(clip, "ped"), edit)
-    found = rows_of(clip)
-    assert found.counts.dropped["records"][reason] == 1
-    assert sum(found.counts.dropped["records"].values()) == 1
-    number = list(found.rows.select_dtypes("float").columns)
-    np.testing.assert_allclose(found.rows[number], rows_of(MADE_UP).rows[number], atol=1e-9)
-
-
 @pytest.mark.parametrize("text", ["", "many", "0", "-3", "nan"])
 def test_vci_bad_ratio_is_refused(clip, text):
     (clip / "ratios" / f"{STEM}_ratio_pixel2meter.txt").write_text(text)
     refuses("pixels per metre", lambda: rows_of(clip))
-
-
-def test_formats_and_reasons_are_complete():
-    for known in FORMATS.values():
-        assert (known.clips is None) != (known.rows is None)
-        known.options()  # defaults are valid
-    with pytest.raises(KeyError):
-        Tally().drop("records", "because")
 
 
 def test_mobileye_leaves_out_buses_of_the_other_way_and_short_sequences():
