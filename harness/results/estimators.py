@@ -56,12 +56,7 @@ def mean(values: FloatArray, sampling: Sampling) -> Finding:
         Undefined without a value.  There is no interval if all values are equal.
     """
     values = values[~np.isnan(values)]
-    n = len(values)
-    if n == 0:
-        return Finding(None, n=0)
-    value = float(np.mean(values))
-    left_out = value - (values - value) / (n - 1) if n > 1 else values
-    return _resampled(value, values, sampling, lambda drawn: values.take(drawn).mean(-1), left_out)
+    return _of_means(values[None], lambda means: means[0], values, sampling)
 
 
 def coefficient_of_variation(values: FloatArray, sampling: Sampling) -> Finding:
@@ -70,21 +65,17 @@ def coefficient_of_variation(values: FloatArray, sampling: Sampling) -> Finding:
     Undefined for fewer than two values.
     """
     values = values[~np.isnan(values)]
-    n = len(values)
-    if n < 2:
+    if len(values) < 2:
         return Finding(None, n=0)
-    value = float(np.std(values) / np.mean(values))
+    centre = np.mean(values)
 
-    def of(drawn: np.ndarray) -> FloatArray:
-        sample = values.take(drawn)
-        found: FloatArray = np.std(sample, axis=-1) / np.mean(sample, axis=-1)
+    def of(means: FloatArray) -> FloatArray:
+        variance = np.maximum(means[1] - means[0] ** 2, 0.0)
+        found: FloatArray = np.sqrt(variance) / (centre + means[0])
         return found
 
-    deviation = values - np.mean(values)
-    # The variance without value i, from Σd² of all values: it needs no n × n table.
-    variance = (np.sum(deviation**2) - deviation**2) / (n - 1) - (deviation / (n - 1)) ** 2
-    left_out = np.sqrt(np.maximum(variance, 0.0)) / (np.mean(values) - deviation / (n - 1))
-    return _resampled(value, values, sampling, of, left_out)
+    deviations = values - centre  # whose squares lose no digits
+    return _of_means(np.array([deviations, deviations**2]), of, values, sampling)
 
 
 def ratio(numerators: FloatArray, denominators: FloatArray, sampling: Sampling) -> Finding:
@@ -101,20 +92,15 @@ def ratio(numerators: FloatArray, denominators: FloatArray, sampling: Sampling) 
     """
     known = ~(np.isnan(numerators) | np.isnan(denominators))
     above, below = numerators[known], denominators[known]
-    total = float(np.sum(below))
-    if total == 0:
+    if not (total := float(np.sum(below))):
         return Finding(None, n=0)
-    value, rest = float(np.sum(above)) / total, total - below
-    if (counting := np.count_nonzero(below)) < 2:  # its residuals are 0, as if all were equal
-        return Finding(value, n=int(counting), reason=FEW if sampling.rng else None)
-
-    def of(drawn: np.ndarray) -> FloatArray:
-        found: FloatArray = above.take(drawn).sum(-1) / below.take(drawn).sum(-1)
-        return found
-
-    with np.errstate(divide="ignore", invalid="ignore"):
-        left_out = (np.sum(above) - above) / rest
-    return _resampled(value, above - value * below, sampling, of, left_out)
+    value, counting = float(np.sum(above)) / total, int(np.count_nonzero(below))
+    if counting < 2:  # its residuals are 0, as if all were equal
+        return Finding(value, n=counting, reason=FEW if sampling.rng else None)
+    residuals = above - value * below
+    return _of_means(
+        np.array([above, below]), lambda means: means[0] / means[1], residuals, sampling
+    )
 
 
 def root_mean_square(values: FloatArray, steps: FloatArray, sampling: Sampling) -> Finding:
@@ -188,23 +174,23 @@ def zero_bound(high: float, confidence: float = CONFIDENCE) -> float:
     return float(1 - (1 - high) ** (np.log(1 - CONFIDENCE) / np.log((1 - confidence) / 2)))
 
 
-def mean_difference(a: FloatArray, b: FloatArray, sampling: Sampling) -> Finding:
+def difference(
+    a: FloatArray, b: FloatArray, sampling: Sampling, over: FloatArray | None = None
+) -> Finding:
     """The mean of a − b over the pairs in which both are defined, with the sign-flip test's p.
 
-    The interval is extended to 0 if the test does not reject at 1 − confidence: a bootstrap's
-    interval excludes 0 whenever few pairs differ and all of them in one direction.
+    With ``over`` it is Σ(a − b) / Σ over, of the pairs in which all are defined.  ``n`` is the
+    number of pairs that differ.  The interval is extended to 0 if the test does not reject at
+    1 − confidence: a bootstrap's interval excludes 0 whenever few pairs differ and all of them in
+    one direction.
     """
-    differences = _without_rounding(a - b)
-    return _tested(mean(differences, sampling), differences, sampling.confidence)
-
-
-def ratio_difference(
-    a: FloatArray, b: FloatArray, reference: FloatArray, sampling: Sampling
-) -> Finding:
-    """Σ(a − b) / Σ reference over the pairs in which all are defined; see ``mean_difference``."""
-    differences = _without_rounding(a - b)
-    differences = np.where(np.isnan(reference), np.nan, differences)
-    return _tested(ratio(differences, reference, sampling), differences, sampling.confidence)
+    over = np.ones(len(a)) if over is None else over
+    differences = np.where(np.abs(a - b) < _ROUNDING, 0.0, a - b)
+    found, known = ratio(differences, over, sampling), differences[~np.isnan(differences + over)]
+    p, low, high = sign_flip_p(known), found.low, found.high
+    if low is not None and high is not None and p >= 1 - sampling.confidence:
+        low, high = min(low, 0.0), max(high, 0.0)
+    return replace(found, low=low, high=high, n=int(np.count_nonzero(known)), p=p)
 
 
 def share_difference(a: np.ndarray, b: np.ndarray, ran_a: np.ndarray, ran_b: np.ndarray) -> Finding:
@@ -267,47 +253,41 @@ def informative(values: FloatArray) -> int:
     return len(values) - (most if most > 1 else 0)
 
 
-def _without_rounding(difference: FloatArray) -> FloatArray:
-    return np.where(np.abs(difference) < _ROUNDING, 0.0, difference)
-
-
-def _tested(estimate: Finding, differences: FloatArray, confidence: float) -> Finding:
-    known = differences[~np.isnan(differences)]
-    p, low, high = sign_flip_p(known), estimate.low, estimate.high
-    if low is not None and high is not None and p >= 1 - confidence:
-        low, high = min(low, 0.0), max(high, 0.0)
-    differing = int(np.count_nonzero(known))
-    reliable, reason = estimate.reliable, estimate.reason
-    return Finding(estimate.value, low, high, differing, reliable=reliable, reason=reason, p=p)
-
-
-def _resampled(
-    value: float,
-    values: FloatArray,
+def _of_means(
+    columns: FloatArray,
+    of: Callable[[FloatArray], FloatArray],
+    residuals: FloatArray,
     sampling: Sampling,
-    of: Callable[[np.ndarray], FloatArray],
-    left_out: FloatArray,
 ) -> Finding:
-    """An estimate with its BCa interval (Efron 1987).
+    """A function of means over pairs, with its BCa interval (Efron 1987).
 
     Args:
-        value: the estimate.
-        values: the n values, or residuals, by which pairs inform it.
+        columns: what has these means, shape (k, n).
+        of: the estimate from means of shape (k,), or several from (k, some).
+        residuals: the values by which pairs inform it, shape (n,).
         sampling: see ``Sampling``.
-        of: the estimate of each resample, from indices of shape (some, n).
-        left_out: the estimate without each pair, shape (n,).
     """
-    n, informing = len(values), informative(values)
+    n, informing = len(residuals), informative(residuals)
+    if n == 0:
+        return Finding(None, n=0)
+    means = np.mean(columns, axis=-1)
+    value = float(of(means))
     if n > 1 and informing == 0:
         return Finding(value, n=0, reason=EQUAL)
     without = Finding(value, n=informing, reason=FEW)
     if sampling.rng is None:
         return Finding(value, n=informing)
-    if n < 2 or not np.isfinite(left_out).all():
+    if n < 2:
         return without
     with np.errstate(divide="ignore", invalid="ignore"):
-        resampled = np.concatenate([of(drawn) for drawn in _draws(n, sampling)])
-    if not np.isfinite(resampled).all():
+        left_out = of((n * means[:, None] - columns) / (n - 1))
+        resampled = np.concatenate(
+            [
+                of(np.array([column.take(drawn).mean(-1) for column in columns]))
+                for drawn in _draws(n, sampling)
+            ]
+        )
+    if not (np.isfinite(left_out).all() and np.isfinite(resampled).all()):
         return without
     # Sums of the same values in another order differ only in their last bits.
     same = _ROUNDING * np.ptp(resampled)

@@ -51,15 +51,15 @@ class Difference(NamedTuple):
 
 def _time_ratio(a: Sample, b: Sample, sampling: Sampling) -> Finding:
     (a_s, reference_s), (b_s, _) = a.arms("counted_time_s"), b.arms("counted_time_s")
-    return estimators.ratio_difference(a_s, b_s, reference_s, sampling)
+    return estimators.difference(a_s, b_s, sampling, reference_s)
 
 
 def _mu(a: Sample, b: Sample, sampling: Sampling) -> Finding:
-    return estimators.mean_difference(a.pairs("tau"), b.pairs("tau"), sampling)
+    return estimators.difference(a.pairs("tau"), b.pairs("tau"), sampling)
 
 
 def _mean(a: Sample, b: Sample, sampling: Sampling, column: str) -> Finding:
-    return estimators.mean_difference(a.arms(column)[AV], b.arms(column)[AV], sampling)
+    return estimators.difference(a.arms(column)[AV], b.arms(column)[AV], sampling)
 
 
 def _share(a: Sample, b: Sample, _sampling: Sampling, column: str, ran: str) -> Finding:

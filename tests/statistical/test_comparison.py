@@ -12,8 +12,8 @@ from harness.results.catalogue import ENTRIES
 from harness.results.estimators import (
     Sampling,
     clopper_pearson,
+    difference,
     holm,
-    ratio_difference,
     share_difference,
     sign_flip_p,
 )
@@ -97,7 +97,7 @@ def told_apart(times: np.ndarray, missed: np.ndarray, rng: np.random.Generator) 
     if min(adjusted[len(both) :]) < 0.05:
         return True
     found = (
-        ratio_difference(times[a], times[b], times[0], Sampling(rng))
+        difference(times[a], times[b], Sampling(rng), times[0])
         for p, (a, b) in zip(adjusted, both, strict=False)
         if p < 0.05
     )
