@@ -18,8 +18,8 @@ from harness.encounter.pairing import PairRunner
 from harness.engine.plain import PlainEngine
 from harness.model.interaction import load_model
 from harness.results import estimators
-from harness.results.columns import Sample
-from harness.results.estimators import CONFIDENCE, Sampling
+from harness.results.columns import AV, Sample
+from harness.results.estimators import CONFIDENCE
 from harness.results.finding import Finding
 from harness.results.findings import cell_findings
 from harness.results.rows import episode_rows
@@ -69,21 +69,23 @@ def chosen_pairs(episodes: pa.Table, chosen: np.ndarray) -> pa.Table:
 
 def of_a_cell(cells: Cells, scenario: Scenario) -> Iterator[Named]:
     """Every finding of a cell."""
-    yield from cell_findings(Cell(0, {}, scenario), cells[0], CONFIDENCE).findings.items()
+    yield from cell_findings(
+        Cell(0, {}, scenario), {"episodes": cells[0]}, CONFIDENCE
+    ).findings.items()
 
 
 def of_differences(cells: Cells, scenario: Scenario) -> Iterator[Named]:
     """What a comparison of two cells gives an interval."""
     first, second = (Sample(of, scenario, CONFIDENCE) for of in cells)
     for each in DIFFERENCES:
-        yield f"A − B: {each.key}", each.of(first, second, first.sampling)
+        yield f"A − B: {each.key}", each.of(first, second, first.samplings[AV])
 
 
 def of_a_sweep(cells: Cells, scenario: Scenario) -> Iterator[Named]:
     """The upper bound of μ at one of ``SWEPT`` values; it should hold in 1 − 0.05/16."""
     sample = Sample(cells[0], scenario, CONFIDENCE)
-    sampling = Sampling(sample.sampling.rng, 1 - (1 - CONFIDENCE) / SWEPT)
-    mu = estimators.mean(sample.pairs("tau_all"), sampling)
+    sampling = sample.samplings[AV]._replace(confidence=1 - (1 - CONFIDENCE) / SWEPT)
+    mu = estimators.mean(sample["tau_all"], sampling)
     yield "mu_bound", Finding(mu.value, None if mu.low is None else -np.inf, mu.high, mu.n)
 
 

@@ -81,7 +81,7 @@ def study(changes: Mapping[str, object], *vary: str, name: str = "cctc") -> Stud
 def cell_of(pairs: Sequence[tuple[Fate, Fate]], **changes: object) -> CellFindings:
     """The findings of a cell of ``cctc``; a double underscore in a change stands for the dot."""
     (cell,) = study({key.replace("__", "."): value for key, value in changes.items()}).cells
-    return cell_findings(cell, episodes(pairs, cell.scenario), 0.95)
+    return cell_findings(cell, {"episodes": episodes(pairs, cell.scenario)}, 0.95)
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def run_of(
         return episodes(made, cell.scenario, cell.number)
 
     tables = {cell.number: rows(cell) for cell in of.cells}
-    cells = tuple(cell_findings(cell, tables[cell.number], 0.95) for cell in of.cells)
+    cells = tuple(cell_findings(cell, {"episodes": tables[cell.number]}, 0.95) for cell in of.cells)
     manifest = {"confidence": 0.95, "engine": "libsumo"}
     manifest["seed"] = of.base.experiment.seed
     return MadeRun(Path(name), manifest, of, finished, cells, tables=tables)

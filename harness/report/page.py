@@ -221,8 +221,8 @@ def _facts(run: Run, result: Result) -> Iterator[tuple[str, str]]:
     yield "simulated with", ", ".join(f"{name} {of}" for name, of in made["versions"].items())
     for name, digest in made["strategies"].items():
         yield f"strategy {name}", f"sha256 {digest[:16]}…"
-    for model in run.manifest["simulated_with"]["models"]:
-        yield "interaction model", f"{model['name']}, sha256 {model['sha256'][:16]}…"
+    for name, digest in made["models"].items():
+        yield "interaction model", f"{name}, sha256 {digest[:16]}…"
     if knowing := run.manifest["know_the_model"]:
         yield "given the interaction model", ", ".join(knowing)
     yield "traces", "kept" if run.manifest["traces"] else "not kept"

@@ -7,20 +7,24 @@ CSV and the reference in the documentation follow.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from harness.results import estimators, student
 from harness.results.columns import AV, REFERENCE, Sample
+from harness.results.estimators import Sampling
 from harness.results.finding import Finding, Form
 from harness.results.simulated import SimulationSample
 from harness.results.tables import ENCOUNTERS, LIMITED_BY, SIMULATIONS, RunKind
 
 AnySample = Sample | SimulationSample
 
-Estimate = Callable[["Entry", Any, int | None], Finding]
-"""Computes an entry of a cell: of an arm (0 is the AV's, 1 the reference's), or of its pairs."""
+Estimate = Callable[..., Finding]
+"""Computes an entry from its column, its weight if it has one, and a ``Sampling``.
+
+The arrays have shape (n,), of an arm or of the pairs; or (2, n), of both arms for their difference.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +36,8 @@ class Entry:
         heading: its name on screens, without its unit.  It may hold a threshold of ``[conflicts]``
             in braces, see ``title``.
         meaning: for the reference in the documentation.
-        column: the column of ``episodes``, of ``ARM_COLUMNS`` or, if ``of`` is "pair", of
-            ``PAIR_COLUMNS`` (``results.columns``); of simulations see ``SimulationSample.arms``.
-        estimate: how the column becomes a number.
+        column: a column of ``Sample`` or ``SimulationSample``.
+        estimate: how the column becomes a number; None: a risk computes it from its draws.
         of: "arms", "av", "pair", or "both": each arm and the paired difference.
         weight: a second column: denominators of a ratio, trials of a share, steps.
         met: whether only pairs count in which someone stepped off, in either arm.
@@ -54,7 +57,7 @@ class Entry:
     heading: str
     meaning: str
     column: str
-    estimate: Estimate
+    estimate: Estimate | None
     of: Literal["arms", "av", "pair", "both"] = "arms"
     weight: str = ""
     met: bool = False
@@ -77,6 +80,11 @@ class Entry:
         number = {"arms": 2, "both": 3}.get(self.of, 1)
         return (self.key, f"{self.key}_human", f"{self.key}_difference")[:number]
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The column, and the weight if it has one."""
+        return (self.column, self.weight) if self.weight else (self.column,)
+
     def title(self, thresholds: Mapping[str, float]) -> str:
         """The heading with the thresholds of conflicts, and its unit.
 
@@ -85,102 +93,79 @@ class Entry:
         """
         return self.heading.format(**thresholds) + (self.unit and f", {self.unit}")
 
-    def findings(self, sample: AnySample | Mapping[str, Finding]) -> dict[str, Finding]:
+    def findings(self, sample: AnySample) -> dict[str, Finding]:
         """The entry's findings of a cell by key."""
         arms = (None,) if self.of == "pair" else (AV, REFERENCE, None)[: len(self.keys)]
-        found = (self.estimate(self, sample, arm) for arm in arms)
-        return dict(zip(self.keys, map(self._judged, found), strict=True))
+        found = (self._estimated(sample, arm) for arm in arms)
+        return dict(zip(self.keys, map(self.judged, found), strict=True))
 
-    def values(self, sample: AnySample, arm: int | None, name: str = "") -> np.ndarray:
-        """The entry's column, or another one, of an arm or of the pairs that count."""
-        name = name or self.column
-        values = sample.pairs(name) if arm is None else sample.arms(name)[arm]
-        return values[sample.pairs("met_someone")] if self.met else values
+    def _estimated(self, sample: AnySample, arm: int | None) -> Finding:
+        values = [sample[name] for name in self.columns]
+        if arm is not None:
+            values = [np.broadcast_to(each, (2, sample.n))[arm] for each in values]
+        if self.met:
+            values = [each[..., sample["met_someone"]] for each in values]
+        assert self.estimate is not None
+        return self.estimate(*values, sample.samplings[arm or AV])
 
-    def _judged(self, finding: Finding) -> Finding:
+    def judged(self, finding: Finding) -> Finding:
         """The finding with the reason why it is undefined, or its interval unreliable."""
         if finding.value is None:
             return replace(finding, reason=self.undefined or finding.reason)
-        n, least = finding.n or 0, self.reliable_from
-        if finding.low is None or finding.events is not None or n >= least:
+        if finding.events is not None:
             return finding
-        few = f"unreliable below {least:,} informative pairs (has {n:,})"
-        return replace(finding, reliable=False, reason=few)
+        return finding.reliable_above(self.reliable_from, "informative pairs")
 
 
-def _mean(entry: Entry, sample: Sample, arm: int | None) -> Finding:
-    return estimators.mean(entry.values(sample, arm), sample.sampling)
-
-
-def _average(entry: Entry, sample: Sample, arm: int | None) -> Finding:
-    """Σ column / Σ weight over the episodes whose weight is above 0, without an interval."""
-    values, weights = (entry.values(sample, arm, name) for name in (entry.column, entry.weight))
+def _average(values: np.ndarray, weights: np.ndarray, _: Sampling) -> Finding:
+    """Σ values / Σ weights over the episodes whose weight is above 0, without an interval."""
     counting = weights > 0
     whole = float(np.sum(weights[counting]))
     return Finding(float(np.sum(values[counting])) / whole if whole else None)
 
 
-def _cv(entry: Entry, sample: Sample, arm: int | None) -> Finding:
-    return estimators.coefficient_of_variation(entry.values(sample, arm), sample.sampling)
+def _arms_ratio(times_s: np.ndarray, sampling: Sampling) -> Finding:
+    av_s, human_s = times_s
+    return estimators.ratio(av_s, human_s, sampling)
 
 
-def _ratio(entry: Entry, sample: Sample, arm: int | None) -> Finding:
-    above, below = (entry.values(sample, arm, name) for name in (entry.column, entry.weight))
-    return estimators.ratio(above, below, sample.sampling)
+def _p95(values: np.ndarray, ran: np.ndarray, sampling: Sampling) -> Finding:
+    return estimators.quantile(values[ran], 0.95, sampling.confidence)
 
 
-def _arms_ratio(entry: Entry, sample: Sample, _arm: int | None) -> Finding:
-    return estimators.ratio(*sample.arms(entry.column), sample.sampling)
+def _largest(values: np.ndarray, _: Sampling) -> Finding:
+    return estimators.quantile(values, 1.0, confidence=0.0)
 
 
-def _share(entry: Entry, sample: Sample, arm: int | None) -> Finding:
-    marked, trials = (entry.values(sample, arm, name) for name in (entry.column, entry.weight))
-    again, confidence = sample.repeated[arm or 0], sample.sampling.confidence
-    return estimators.share(marked, trials, confidence, repeated=again)
+def _count(values: np.ndarray, _: Sampling) -> Finding:
+    return Finding(int(np.nansum(values)))
 
 
-def _rms(entry: Entry, sample: Sample, arm: int | None) -> Finding:
-    values, steps = (entry.values(sample, arm, name) for name in (entry.column, "steps"))
-    return estimators.root_mean_square(values, steps, sample.sampling)
+def _t_mean(values: np.ndarray, sampling: Sampling) -> Finding:
+    """The mean of an arm's values, none of which is negative, or of the arms' differences."""
+    if values.ndim == 1:
+        return student.t_mean(values, sampling.confidence, least=0.0)
+    return student.t_mean(np.subtract(*values), sampling.confidence)
 
 
-def _p95(entry: Entry, sample: Sample, arm: int | None) -> Finding:
-    ran = entry.values(sample, arm, "ran")
-    return estimators.quantile(entry.values(sample, arm)[ran], 0.95, sample.sampling.confidence)
+def _t_share(events: np.ndarray, trials: np.ndarray, sampling: Sampling) -> Finding:
+    """An arm's share of events among trials, or the difference of the arms' shares."""
+    if events.ndim == 1:
+        return student.clustered_share(events, trials, sampling.confidence)
+    av, human = zip(events, trials, strict=True)
+    return student.t_ratio_difference(av, human, sampling.confidence)
 
 
-def _largest(entry: Entry, sample: Sample, arm: int | None) -> Finding:
-    return estimators.largest(entry.values(sample, arm))
-
-
-def _count(entry: Entry, sample: AnySample, arm: int | None) -> Finding:
-    return Finding(int(np.nansum(entry.values(sample, arm))))
-
-
-def _simulated(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
-    (av, human), confidence = sample.arms(entry.column), sample.sampling.confidence
-    if entry.weight:
-        of_av, of_human = sample.arms(entry.weight)
-        if arm is None:
-            return student.t_ratio_difference((av, of_av), (human, of_human), confidence)
-        return student.clustered_share((av, human)[arm], (of_av, of_human)[arm], confidence)
-    if arm is None:
-        return student.t_mean(av - human, confidence)
-    return student.t_mean((av, human)[arm], confidence, least=0.0)
-
-
-def _not_driven(entry: Entry, sample: SimulationSample, arm: int | None) -> Finding:
-    return replace(_count(entry, sample, arm), reason=sample.why_not_driven())
-
-
-_HOURS = partial(Entry, estimate=_simulated, of="both", unit="s", digits=1, kinds=SIMULATIONS,
+_HOURS = partial(Entry, estimate=_t_mean, of="both", unit="s", digits=1, kinds=SIMULATIONS,
                  undefined="there is none of these")  # fmt: skip
-_PASSAGES = partial(_HOURS, weight="count passages reached", unit="", form=Form.SHARE)
+_PASSAGES = partial(_HOURS, estimate=_t_share, weight="count passages reached", unit="",
+                    form=Form.SHARE)  # fmt: skip
 _REACHED = "Only vehicles that reached a crosswalk or touched somebody count."
-_MEAN = partial(Entry, estimate=_mean, reliable_from=1_000)
-_SHARE = partial(Entry, estimate=_share, weight="ran", form=Form.SHARE,
+_MEAN = partial(Entry, estimate=estimators.mean, reliable_from=1_000)
+_SHARE = partial(Entry, estimate=estimators.share, weight="ran", form=Form.SHARE,
                  undefined="every episode failed")  # fmt: skip
 _COUNT = partial(Entry, estimate=_count, form=Form.COUNT, digits=0)
+_rms = estimators.root_mean_square
 _MET = "Only pairs in which someone stepped off count."
 _HUMAN_CRASHED = "A reference driver who crashed counts as driving on."
 _WORST = ("Over all pairs: an AV that crashed, failed or timed out counts with `timeout_s`, a "
@@ -191,8 +176,7 @@ _NO_AV_TAU = "there is no pair in which the AV crossed and the reference passed"
 _NOT_CROSSED, _NOBODY = "no episode crossed", "nobody was met"
 _BOTH = (*ENCOUNTERS, *SIMULATIONS)
 _NO_EVENT = "no draw of the estimate ended in the event"
-_RISK = partial(Entry, column="", of="pair", kinds=("risk",), digits=0,
-                estimate=lambda entry, told, _arm: told.get(entry.key, Finding(None)))  # fmt: skip
+_RISK = partial(Entry, column="", estimate=None, of="pair", kinds=("risk",), digits=0)
 _TOTAL = partial(_COUNT, kinds=SIMULATIONS)
 
 # fmt: off
@@ -209,8 +193,8 @@ ENTRIES: tuple[Entry, ...] = (
           "crossed; τ is the AV's time over the reference's.", "tau", of="pair", digits=3,
           undefined=_NO_TAU, screen=True, paper="0.7044"),
     Entry("cv", "c_v, spread of that ratio", "c_v, the coefficient of variation of τ: its "
-          "population standard deviation over μ.", "tau", _cv, of="pair", form=Form.SHARE,
-          digits=0, reliable_from=4_000, screen=True, paper="4.54 %",
+          "population standard deviation over μ.", "tau", estimators.coefficient_of_variation,
+          of="pair", form=Form.SHARE, digits=0, reliable_from=4_000, screen=True, paper="4.54 %",
           undefined="fewer than two pairs in which both vehicles crossed"),
     _SHARE("kappa", "crashes", "κ, the share of the episodes that did not fail in which the "
            "vehicle crashed.", "crashed", form=Form.EVENTS, digits=1, screen=True, paper="0"),
@@ -223,7 +207,7 @@ ENTRIES: tuple[Entry, ...] = (
           f"pairs in which the AV crossed. {_HUMAN_CRASHED}", "delay_difference_s", of="pair",
           unit="s", digits=1, beside="delay_s", undefined=_NO_AV_TAU, screen=True),
     Entry("pedestrian_wait_s", "people's wait", "Mean wait at the kerb: the sum of all waits over "
-          "the number of people who arrived, up to the record's end.", "waited_s", _ratio,
+          "the number of people who arrived, up to the record's end.", "waited_s", estimators.ratio,
           unit="s", weight="arrivals", digits=1, reliable_from=200, undefined="nobody arrived",
           screen=True),
     _SHARE("conflict_pet", "PET below {pet_s:g} s", "Share of episodes with a post-encroachment "
@@ -259,13 +243,13 @@ ENTRIES: tuple[Entry, ...] = (
           _largest, unit="m/s", undefined="every episode failed"),
     Entry("acceleration_rms_mps2", "acceleration, root mean square, pairs that met someone",
           f"Over all steps of the episodes that did not fail. {_MET}", "rms_acceleration_mps2",
-          _rms, met=True, unit="m/s²", reliable_from=200, undefined=_NOBODY),
+          _rms, weight="steps", met=True, unit="m/s²", reliable_from=200, undefined=_NOBODY),
     Entry("max_deceleration_p95_mps2", "hardest braking, 95 % quantile, pairs that met someone",
           f"Of the largest value of each episode that did not fail. {_MET}",
-          "max_deceleration_mps2", _p95, met=True, unit="m/s²", undefined=_NOBODY),
+          "max_deceleration_mps2", _p95, weight="ran", met=True, unit="m/s²", undefined=_NOBODY),
     Entry("jerk_rms_mps3", "jerk, root mean square, pairs that met someone",
-          "As the acceleration's.", "rms_jerk_mps3", _rms, met=True, unit="m/s³",
-          reliable_from=1000, undefined=_NOBODY),
+          "As the acceleration's.", "rms_jerk_mps3", _rms, weight="steps", met=True,
+          unit="m/s³", reliable_from=1000, undefined=_NOBODY),
     _COUNT("pairs", "pairs", "Number of pairs.", "every", of="pair", kinds=_BOTH),
     _COUNT("met_someone", "pairs that met someone", "Pairs in which someone stepped off, in "
            "either episode.", "met_someone", of="pair"),
@@ -312,7 +296,7 @@ ENTRIES: tuple[Entry, ...] = (
     _PASSAGES("driven", "AVs' passages driven", "By a strategy.", "count passages av_driven",
               weight="count passages av"),
     _TOTAL("not_driven", "AVs' passages not driven", "In the AV's arm, with the reasons.",
-           "count passages av_left", estimate=_not_driven, of="av"),
+           "count passages av_left", of="av"),
     _PASSAGES("conflicts_ttc", "TTC below {ttc_s:g} s", "As PET.", "count passages ttc"),
     _PASSAGES("conflicts_drac", "DRAC above {drac_mps2:g} m/s²", "As PET.", "count passages drac"),
     _HOURS("people_los", "level of service, people", "Of the HCM (2010, exhibit 19-2), by "
@@ -327,7 +311,7 @@ ENTRIES: tuple[Entry, ...] = (
            network=True),
     _TOTAL("growth", "growth of the vehicles on the network", "From the second third of the time "
            "to the last, as a share of the vehicles due in a third: those not served.", "growth",
-           estimate=_mean, form=Form.SHARE, digits=1, network=True,
+           estimate=estimators.mean, form=Form.SHARE, digits=1, network=True,
            undefined="trips are longer than a third of the counted time"),
     *(_TOTAL(key, words, f"`{column}`.", column, network=column.partition(" ")[2][0] != "p")
       for key, words, column in (

@@ -39,10 +39,17 @@ REPEATED = "all episodes are the same one, so the share has no interval"
 
 
 class Sampling(NamedTuple):
-    """How intervals are made: the generator of resamples (None: no intervals), the confidence."""
+    """How intervals are made.
+
+    Attributes:
+        rng: the generator of resamples; None: there are no bootstrap intervals.
+        confidence: two-sided confidence; 0: there are no intervals.
+        repeated: whether all trials of a share repeat the same one; they are no sample then.
+    """
 
     rng: np.random.Generator | None
     confidence: float = CONFIDENCE
+    repeated: bool = False
 
 
 def mean(values: FloatArray, sampling: Sampling) -> Finding:
@@ -110,16 +117,13 @@ def root_mean_square(values: FloatArray, steps: FloatArray, sampling: Sampling) 
     return replace(square, value=value, low=low, high=high)
 
 
-def share(
-    marked: np.ndarray, trials: np.ndarray, confidence: float, *, repeated: bool = False
-) -> Finding:
+def share(marked: np.ndarray, trials: np.ndarray, sampling: Sampling) -> Finding:
     """The share of marked trials with its exact interval.
 
     Args:
         marked: shape (n,), bool.
         trials: which entries are trials, the same shape.
-        confidence: two-sided confidence of the interval.
-        repeated: whether all trials repeat the same one; they are no sample then.
+        sampling: see ``Sampling``.
 
     Returns:
         Undefined without a trial.
@@ -127,9 +131,11 @@ def share(
     n, events = int(np.count_nonzero(trials)), int(np.count_nonzero(marked & trials))
     if n == 0:
         return Finding(None, n=0, events=0)
-    if repeated or not confidence:
-        return Finding(events / n, None, None, n, events, reason=REPEATED if repeated else None)
-    return Finding(events / n, *clopper_pearson(events, n, confidence), n, events, reliable=True)
+    if sampling.repeated or not sampling.confidence:
+        reason = REPEATED if sampling.repeated else None
+        return Finding(events / n, n=n, events=events, reason=reason)
+    low, high = clopper_pearson(events, n, sampling.confidence)
+    return Finding(events / n, low, high, n, events, reliable=True)
 
 
 def quantile(values: FloatArray, level: float, confidence: float) -> Finding:
@@ -149,12 +155,6 @@ def quantile(values: FloatArray, level: float, confidence: float) -> Finding:
     if not confidence or not len(above) or not len(below):
         return Finding(value, reason=FEW_BEYOND if confidence else None)
     return Finding(value, float(ordered[below[-1]]), float(ordered[above[0]]), reliable=True)
-
-
-def largest(values: FloatArray) -> Finding:
-    """The largest defined value, without an interval."""
-    known = values[~np.isnan(values)]
-    return Finding(float(known.max())) if len(known) else Finding(None)
 
 
 def clopper_pearson(events: float, trials: float, confidence: float) -> tuple[float, float]:

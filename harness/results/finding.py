@@ -2,11 +2,8 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
-from typing import Any
-
-from pydantic import TypeAdapter
 
 Plain = float | int | str | bool | None
 """A value of a table, of JSON, and of a scenario's key."""
@@ -57,6 +54,18 @@ class Finding:
                 object.__setattr__(self, name, None)
             object.__setattr__(self, "reason", "it is no finite number")
 
+    def reliable_above(self, least: int, of: str) -> "Finding":
+        """The finding, unreliable and with that reason if its interval has fewer than ``least``.
+
+        >>> Finding(1.0, 0.9, 1.1, 40, reliable=True).reliable_above(200, "pairs").reason
+        'unreliable below 200 pairs (has 40)'
+        """
+        n = self.n or 0
+        if self.low is None or n >= least:
+            return self
+        few = f"unreliable below {least:,} {of} (has {n:,})"
+        return replace(self, reliable=False, reason=few)
+
     @property
     def count(self) -> int:
         """A count, or the events of a share; 0 if it is undefined."""
@@ -71,17 +80,5 @@ Findings = Mapping[str, Finding]
 
 def finding_to_dict(finding: Finding) -> dict[str, Plain]:
     """A finding for JSON; fields that are None are left out, except ``value``."""
-    fields = asdict(finding)
-    return {name: value for name, value in fields.items() if name == "value" or value is not None}
-
-
-def finding_from_dict(document: Mapping[str, Any]) -> Finding:
-    """The inverse of ``finding_to_dict``.
-
-    Raises:
-        ValueError: a field is missing, unknown, or of another type.
-    """
-    return _STORED.validate_python(document)
-
-
-_STORED = TypeAdapter(Finding)
+    named = {field.name: getattr(finding, field.name) for field in fields(finding)}
+    return {name: value for name, value in named.items() if name == "value" or value is not None}

@@ -1,10 +1,7 @@
 """The findings of a cell, from its episodes or simulations."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from types import MappingProxyType
-
-import pyarrow as pa
+from dataclasses import dataclass, field, replace
 
 from harness.results.catalogue import AnySample, Entry, entries_of
 from harness.results.columns import Sample
@@ -77,28 +74,32 @@ def on_first_screen(cell: CellFindings) -> list[Entry]:
     ]
 
 
-def cell_findings(cell: Cell, rows: pa.Table | Tables, confidence: float) -> CellFindings:
+def cell_findings(cell: Cell, tables: Tables, confidence: float) -> CellFindings:
     """The findings of a cell.
 
     Args:
         cell: the cell.
-        rows: its rows by pair, the AV's first, with at least one pair: those of ``episodes``, alone
-            or by that name, or all tables of simulations.
+        tables: its rows by pair, the AV's first, with at least one pair: see ``sample_of``.
         confidence: two-sided confidence of each interval; 0: no intervals.
     """
+    entries, sample = (
+        entries_of(kind_of(cell.scenario)),
+        sample_of(tables, cell.scenario, confidence),
+    )
 
-    def found(sample: AnySample, network: bool = True) -> Findings:
-        entries = (
-            each for each in entries_of(kind_of(cell.scenario)) if network or not each.network
-        )
-        return MappingProxyType(
-            {k: v for entry in entries for k, v in entry.findings(sample).items()}
-        )
+    def found(sample: AnySample, entries: Sequence[Entry]) -> dict[str, Finding]:
+        return {key: of for entry in entries for key, of in entry.findings(sample).items()}
 
-    if isinstance(rows, pa.Table) or "episodes" in rows:
-        episodes = rows if isinstance(rows, pa.Table) else rows["episodes"]
-        one = found(Sample(episodes, cell.scenario, confidence))
-        return CellFindings(cell.number, cell.varied, cell.scenario, one)
-    sample = SimulationSample(rows, cell.scenario, confidence)
-    each = {name: found(sample.at(name), network=False) for name in sample.crosswalks}
-    return CellFindings(cell.number, cell.varied, cell.scenario, found(sample), each)
+    whole, places = found(sample, entries), dict[str, Findings]()
+    if isinstance(sample, SimulationSample):
+        whole["not_driven"] = replace(whole["not_driven"], reason=sample.why_not_driven())
+        by_crosswalk = [entry for entry in entries if not entry.network]
+        places = {name: found(sample.at(name), by_crosswalk) for name in sample.crosswalks}
+    return CellFindings(cell.number, cell.varied, cell.scenario, whole, places)
+
+
+def sample_of(tables: Tables, scenario: Scenario, confidence: float) -> AnySample:
+    """The columns of a cell from its rows: of encounters from ``episodes`` alone."""
+    if "episodes" in tables:
+        return Sample(tables["episodes"], scenario, confidence)
+    return SimulationSample(tables, scenario, confidence)

@@ -17,16 +17,16 @@ from harness.core.files import cannot_write, read_file, write_csv, write_file
 from harness.core.versions import versions_of_runs
 from harness.model.interaction import InteractionModel
 from harness.results.estimators import CONFIDENCE
-from harness.results.finding import finding_from_dict, finding_to_dict
+from harness.results.finding import Finding, finding_to_dict
 from harness.results.findings import CellFindings
 from harness.results.result import flat
 from harness.results.screens import records_of
-from harness.results.tables import FINDINGS, TABLES_OF, kind_of
+from harness.results.tables import FINDINGS, kind_of
 from harness.scenario import Cell, EngineName, Study
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
 
-SCHEMA = 5
+SCHEMA = 6
 """Version of the folder's format."""
 
 MANIFEST, SUMMARY, LOG = "manifest.json", "summary.csv", "log.jsonl"
@@ -143,7 +143,7 @@ def manifest_of(
         "simulated_with": simulated_with(study.driven, models, files),
         **more,
     }
-    return {**document, "digest": _digest(document)}
+    return _sealed(document)
 
 
 def write_manifest(folder: Path, document: JsonObject) -> None:
@@ -157,29 +157,28 @@ def simulated_with(
     files: Mapping[str, str] = MappingProxyType({}),
 ) -> JsonObject:
     """The versions, the user's strategies and files, and the models on which results depend."""
-    entries = {model.name: {"name": model.name, "sha256": model.sha256} for model in models}
     return {
         "versions": versions_of_runs(),
         "strategies": source_digests(drivers),
-        "models": [*entries.values()],
+        "models": {model.name: model.sha256 for model in models},
         "files": dict(files),
     }
 
 
+_CHANGES = {
+    "strategies": "the strategy {} has been edited since the run",
+    "files": "{} has changed since the run",
+    "models": "the interaction model {} has changed since the run",
+    "versions": "the run was simulated with {} {}, this is {}",
+}
+
+
 def changes(then: JsonObject, now: JsonObject) -> Iterator[str]:
     """What has changed since a run, in words, from two results of ``simulated_with``."""
-    for name, digest in now["strategies"].items():
-        if then["strategies"].get(name) != digest:
-            yield f"the strategy {name} has been edited since the run"
-    for name, digest in now["files"].items():
-        if then["files"].get(name) != digest:
-            yield f"{name} has changed since the run"
-    for model in now["models"]:
-        if model not in then["models"]:
-            yield f"the interaction model {model['name']} has changed since the run"
-    for name, version in now["versions"].items():
-        if (before := then["versions"].get(name)) != version:
-            yield f"the run was simulated with {name} {before}, this is {version}"
+    for kind, words in _CHANGES.items():
+        for name, value in now[kind].items():
+            if (before := then[kind].get(name)) != value:
+                yield words.format(name, before, value)
 
 
 def refuse_other_versions(then: JsonObject, now: JsonObject) -> None:
@@ -202,13 +201,10 @@ def read_manifest(folder: Path) -> JsonObject:
     path = folder / MANIFEST
     if not path.is_file():
         raise InputError(str(folder), "is not a run folder", f"a folder with {MANIFEST}")
-    document = _read(path)
-    if document.get("schema") != SCHEMA or document.get("kind") not in TABLES_OF:
+    document = _read(path, f"as the run wrote it, of version {SCHEMA}: run its scenario again")
+    if document.get("schema") != SCHEMA:
         advice = f"version {SCHEMA}: run its scenario again"
         raise InputError(str(path), f"format version {document.get('schema')!r}", advice)
-    if _digest(document) != document.get("digest"):
-        problem = "was changed after the run: its digest differs"
-        raise InputError(str(path), problem, "the manifest as the run wrote it")
     return document
 
 
@@ -234,10 +230,8 @@ def write_findings(folder: Path, manifest: JsonObject, cells: Sequence[CellFindi
         }
         for cell in cells
     }
-    document = {"run": manifest["digest"], "cells": written}
-    content = _json({**document, "digest": _digest(document)})
     write_csv(folder / SUMMARY, rows)
-    write_file(folder / FINDINGS, content)
+    write_file(folder / FINDINGS, _json(_sealed({"run": manifest["digest"], "cells": written})))
 
 
 def read_findings(
@@ -251,38 +245,37 @@ def read_findings(
     path = folder / FINDINGS
     if not path.is_file():
         return None
-    found = []
-    try:
-        document = parse_json(read_file(path))
-        if (document["run"], document["digest"]) != (manifest["digest"], _digest(document)):
-            raise ValueError("it was edited or is another run's: its digest differs")
-        for cell in cells:
-            own = {
-                name: {key: finding_from_dict(of) for key, of in each.items()}
-                for name, each in document["cells"][str(cell.number)].items()
-            }
-            found.append(CellFindings(cell.number, cell.varied, cell.scenario, own.pop(""), own))
-    except (KeyError, TypeError, ValueError) as error:
-        allowed = f"delete it; `{resume_command(folder)}` computes it again"
-        raise InputError(str(path), f"is damaged ({one_line(str(error))[:99]})", allowed) from None
+    advice = f"delete it; `{resume_command(folder)}` computes it again"
+    document, found = _read(path, advice), []
+    if document.get("run") != manifest["digest"]:
+        raise InputError(str(path), "belongs to another run", advice)
+    for cell in cells:
+        own = {
+            name: {key: Finding(**of) for key, of in each.items()}
+            for name, each in document["cells"][str(cell.number)].items()
+        }
+        found.append(CellFindings(cell.number, cell.varied, cell.scenario, own.pop(""), own))
     return tuple(found)
 
 
-def _read(path: Path) -> JsonObject:
+def _sealed(document: JsonObject) -> JsonObject:
+    """A document with the digest of its content."""
+    return {**document, "digest": hashlib.sha256(_json(document)).hexdigest()}
+
+
+def _read(path: Path, allowed: str) -> JsonObject:
+    """A document that was written with its digest."""
     try:
-        document = parse_json(read_file(path))
+        document: JsonObject = parse_json(read_file(path))
         if not isinstance(document, dict):
-            raise ValueError("not an object")
+            raise ValueError("it is no object")
+        if document != _sealed({key: document[key] for key in document if key != "digest"}):
+            raise ValueError("it was edited: its digest differs")
     except ValueError as error:
-        raise InputError(str(path), f"is damaged ({error})") from None
+        raise InputError(str(path), f"is damaged ({one_line(str(error))[:99]})", allowed) from None
     return document
 
 
-def _digest(document: Mapping[str, Any]) -> str:
-    rest = {key: value for key, value in document.items() if key != "digest"}
-    return hashlib.sha256(_json(rest)).hexdigest()
-
-
-def _json(document: Mapping[str, Any]) -> bytes:
+def _json(document: JsonObject) -> bytes:
     text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
     return f"{text}\n".encode()

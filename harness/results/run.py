@@ -20,7 +20,7 @@ from harness.results.findings import CellFindings, cell_findings
 from harness.results.folder import read_findings, read_manifest
 from harness.results.result import Result
 from harness.results.screens import run_result
-from harness.results.tables import EVENTS, TABLES, TABLES_OF, RunKind, kind_of, read_cell
+from harness.results.tables import COUNTED, EVENTS, TABLES, TABLES_OF, RunKind, kind_of, read_cell
 from harness.scenario import Scenario, Study, study_from
 
 if TYPE_CHECKING:
@@ -159,21 +159,19 @@ def load_run(path: Path | str) -> Run:
         allowed = f"{path / EVENTS}, the run of its events, or `harness show {path}`"
         raise InputError(str(path), "is a risk estimate", allowed)
     study = study_from(manifest, str(path / "manifest.json"))
-    stored = read_findings(path, manifest, study.cells)
+    stored = found = read_findings(path, manifest, study.cells)
     keys = {key for entry in entries_of(kind_of(study.base)) for key in entry.keys}
-    if stored and all(cell.findings.keys() == keys for cell in stored):
-        return Run(path, manifest, study, True, stored)
-    # The run is unfinished, or the catalogue has other numbers than it had.
-    return Run(path, manifest, study, stored is not None, computed(path, manifest, study))
+    if found is None or any(cell.findings.keys() != keys for cell in found):
+        # The run is unfinished, or the catalogue has other numbers than it had.
+        found = computed(path, manifest, study)
+    return Run(path, manifest, study, stored is not None, found)
 
 
 def computed(path: Path, manifest: Mapping[str, Any], study: Study) -> tuple[CellFindings, ...]:
     """The findings of every cell that has a pair, from the tables."""
-    found, kind = [], kind_of(study.base)
+    found, names = [], COUNTED[manifest["kind"]]
     for cell in study.cells:
-        # Of encounters the rows of episodes suffice.
-        names = [of.name for of in TABLES_OF[kind]][: 1 if kind == "encounters" else None]
-        rows = {name: read_cell(path, name, cell.number, manifest) for name in names}
-        if len(rows[names[0]]):
-            found.append(cell_findings(cell, rows, manifest["confidence"]))
+        tables = {name: read_cell(path, name, cell.number, manifest) for name in names}
+        if len(tables[names[0]]):
+            found.append(cell_findings(cell, tables, manifest["confidence"]))
     return tuple(found)

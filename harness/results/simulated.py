@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from functools import cached_property
 
 import numpy as np
 import pyarrow as pa
@@ -10,7 +9,7 @@ import pyarrow.compute as pc
 
 from harness.core.encounter import Arm, FloatArray
 from harness.measures.queues import growth
-from harness.results.columns import AV, REFERENCE, BothArms
+from harness.results.columns import AV
 from harness.results.estimators import Sampling
 from harness.results.tables import LIMITED_BY, Tables
 from harness.scenario import Scenario
@@ -42,10 +41,14 @@ def which(name: str, limits: ConflictsSection) -> pc.Expression:
     # fmt: on
 
 
-class SimulationSample:
+class SimulationSample(dict[str, np.ndarray]):
     """The simulations of one cell, over all chosen crosswalks or over one of them.
 
-    A pair in which an arm failed counts in no column but ``every`` and ``failed``.
+    A column is of both arms, shape (2, n) with the AV's first, or of the pairs, shape (n,); it is
+    made when it is asked for.  Its name is a key of ``COLUMNS``, or says how it is found: ``mean``,
+    ``max``, ``sum``, ``count`` or ``count_distinct``, then ``TABLE.COLUMN``, or the table alone if
+    rows are counted, and at most one name of ``which``, for example ``mean passages.delay_s av``.
+    Means and maxima are NaN where no row counts, and all but ``failed`` where an arm failed.
 
     Args:
         tables: the tables of the cell by pair, from pair 0 on, the AV's first.
@@ -57,8 +60,9 @@ class SimulationSample:
     def __init__(
         self, tables: Tables, scenario: Scenario, confidence: float, crosswalk: str | None = None
     ) -> None:
-        self.scenario, self.sampling, self._all = scenario, Sampling(None, confidence), tables
-        self.n = len(tables["arms"]) // 2
+        super().__init__()
+        self.scenario, self.n, self._all = scenario, len(tables["arms"]) // 2, tables
+        self.samplings = (Sampling(None, confidence), Sampling(None, confidence))
         failed = tables["arms"].filter(_OF("reason").is_valid())["pair"]
         counts = ~_OF("pair").isin(failed.combine_chunks())
         here = counts if crosswalk is None else counts & (_OF("crosswalk") == crosswalk)
@@ -70,36 +74,23 @@ class SimulationSample:
             rows = self.tables["passages"]
             decided = pc.multiply(rows["steps"], rows[f"share_{name}"])
             self.tables["passages"] = rows.append_column(name, decided)
-        self._arms: dict[str, BothArms] = {}
 
     def at(self, crosswalk: str) -> "SimulationSample":
         """The same simulations at one crosswalk."""
-        return SimulationSample(self._all, self.scenario, self.sampling.confidence, crosswalk)
+        return SimulationSample(self._all, self.scenario, self.samplings[AV].confidence, crosswalk)
 
-    @cached_property
+    @property
     def crosswalks(self) -> tuple[str, ...]:
         """The sample's crosswalks, in the table's order."""
         return tuple(self.tables["crosswalks"]["crosswalk"].unique().to_pylist())
 
-    def arms(self, name: str) -> BothArms:
-        """A column of both arms: a key of ``COLUMNS``, or what such a one stands for.
-
-        That is ``mean``, ``max``, ``sum``, ``count`` or ``count_distinct``, then ``TABLE.COLUMN``,
-        or the table alone if rows are counted, and at most one name of ``which``, for example
-        ``mean passages.delay_s av``.  Means and maxima are NaN where no row counts.
-        """
-        if name not in self._arms:
-            own = COLUMNS.get(name, name)
-            values = self._found(own) if isinstance(own, str) else own(self)
-            if name not in ("every", "failed"):
-                failed = np.logical_or(*self.arms("failed"))
-                values = np.where(failed[:, None], np.nan, values)
-            self._arms[name] = values[:, AV], values[:, REFERENCE]
-        return self._arms[name]
-
-    def pairs(self, name: str) -> np.ndarray:
-        """A column that is the same in both arms."""
-        return self.arms(name)[AV]
+    def __missing__(self, name: str) -> np.ndarray:
+        own = COLUMNS.get(name, name)
+        values = self._found(own) if isinstance(own, str) else own(self)
+        if name not in ("every", "failed"):
+            values = np.where(self["failed"].any(axis=0), np.nan, values)
+        self[name] = values
+        return values
 
     def _found(self, name: str) -> FloatArray:
         how, place, rows, *_ = [*name.split(), "all", "all"]
@@ -107,35 +98,35 @@ class SimulationSample:
         column = column or "pair"
         kept = self.tables[table].filter(which(rows, self.scenario.conflicts))
         found = kept.group_by(["pair", "arm"]).aggregate([(column, how)])
-        values = np.full((self.n, 2), np.nan if how in ("mean", "max") else 0.0)
+        values = np.full((2, self.n), np.nan if how in ("mean", "max") else 0.0)
         arm = pc.equal(found["arm"], Arm.HUMAN.value).to_numpy().astype(int)
-        values[found["pair"].to_numpy(), arm] = found[f"{column}_{how}"].cast(pa.float64())
+        values[arm, found["pair"].to_numpy()] = found[f"{column}_{how}"].cast(pa.float64())
         return values
 
     def growth(self) -> FloatArray:
         """By what share of the vehicles due in a third the network fills; see ``queues.growth``."""
-        found = np.full((self.n, 2), np.nan)
+        found = np.full((2, self.n), np.nan)
         for number, arm in enumerate(self.tables["arms"].to_pylist()):
             own = (_OF("pair") == arm["pair"]) & (_OF("arm") == arm["arm"])
             rows, begin_s = self.tables["vehicles"].filter(own), arm["begin_s"]
             if begin_s is not None:
                 due_s, left_s = (rows[name].to_numpy() for name in ("due_s", "arrival_s"))
                 filled = growth(due_s, left_s, begin_s, begin_s + arm["counted_s"])
-                found[number // 2, number % 2] = (
+                found[number % 2, number // 2] = (
                     np.nan if filled is None else 3 * filled / len(rows)
                 )
         return found
 
     def why_not_driven(self) -> str | None:
         """Why no strategy drove AVs in the AV's arm, with the numbers of passages, in words."""
-        left = (_OF("arm") == Arm.AV.value) & _OF("automated") & ~_OF("driven")
+        left = which("av_left", self.scenario.conflicts) & (_OF("arm") == Arm.AV.value)
         whys = self.tables["passages"].filter(left)["not_driven_because"].to_pylist()
         found = Counter(why or "for no known reason" for why in whys)
         return "; ".join(f"{count:,} {why}" for why, count in found.most_common()) or None
 
 
-COLUMNS: Mapping[str, str | Callable[[SimulationSample], FloatArray]] = {
-    "every": lambda sample: np.ones((sample.n, 2)),
+COLUMNS: Mapping[str, str | Callable[[SimulationSample], np.ndarray]] = {
+    "every": lambda sample: np.ones(sample.n),
     "failed": "count arms failed",
     "met": "count passages av_met",
     "fell_back": "count passages fell_back",
@@ -143,10 +134,7 @@ COLUMNS: Mapping[str, str | Callable[[SimulationSample], FloatArray]] = {
     "clamped": "sum arms.clamped",
     "growth": SimulationSample.growth,
     "throughput_per_hour": lambda sample: (
-        3600
-        * np.transpose(
-            np.divide(sample.arms("count passages passed"), sample.arms("sum arms.counted_s"))
-        )
+        3600 * sample["count passages passed"] / sample["sum arms.counted_s"]
     ),
 }
-"""Columns with a name of their own, shape (n, 2)."""
+"""Columns with a name of their own."""

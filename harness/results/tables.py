@@ -298,6 +298,12 @@ TABLES_OF: Mapping[RunKind, tuple[Table, ...]] = {
 }
 """The tables of each kind of run, that which is written last first; `traces` may be left out."""
 
+COUNTED: Mapping[RunKind, tuple[str, ...]] = {
+    "encounters": ("episodes",),
+    "simulations": tuple(table.name for table in TABLES_OF["simulations"]),
+}
+"""The tables from which the findings of a run are computed."""
+
 TABLES: Mapping[str, Table] = {each.name: each for of in TABLES_OF.values() for each in of}
 
 

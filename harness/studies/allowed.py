@@ -7,14 +7,12 @@ bounds that hold together, each one-sided at 1 − level / 2m (Bonferroni), and 
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from harness.core.errors import InputError
 from harness.core.seeding import resampling
 from harness.results import estimators
 from harness.results.columns import AV
-from harness.results.estimators import Sampling
 from harness.results.finding import Finding, Form
 from harness.results.result import Column, Shown, Style, Table
 from harness.scenario.place import name_of
@@ -98,14 +96,12 @@ def _judged(
 ) -> tuple[Judged, ...]:
     level, rows = 1 - (1 - confidence) / len(swept), []
     for each in swept:
-        sample: Any = each.sample(each.cell["pairs"].count)
+        sample = each.sample(each.cell["pairs"].count)
         rng = resampling(each.cell.scenario.experiment.seed, "comparison")
-        mu = estimators.mean(sample.pairs("tau_all"), Sampling(rng, level))
-        missed, tried = sample.arms("missed")[AV], sample.arms("tried")[AV]
-        kappa = estimators.share(missed, tried, level, repeated=sample.repeated[AV])
-        if mu.low is not None and (mu.n or 0) < RELIABLE_FROM:
-            few = f"unreliable below {RELIABLE_FROM:,} informative pairs (has {mu.n:,})"
-            mu = replace(mu, reliable=False, reason=few)
+        sampling = sample.samplings[AV]._replace(rng=rng, confidence=level)
+        mu = estimators.mean(sample["tau_all"], sampling)
+        mu = mu.reliable_above(RELIABLE_FROM, "informative pairs")
+        kappa = estimators.share(sample["missed"][AV], sample["tried"][AV], sampling)
         verdict = _verdict((mu, kappa), limits)
         rows.append(Judged(float(each.cell.varied[key] or 0), mu, kappa, verdict))
     return tuple(sorted(rows, key=lambda row: row.value))

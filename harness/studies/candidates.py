@@ -10,13 +10,11 @@ import pyarrow.compute as pc
 
 from harness.core.encounter import Arm
 from harness.results.catalogue import AnySample
-from harness.results.columns import Sample
 from harness.results.finding import Plain
-from harness.results.findings import CellFindings
+from harness.results.findings import CellFindings, sample_of
 from harness.results.run import Run
 from harness.results.screens import driver_of
-from harness.results.simulated import SimulationSample
-from harness.results.tables import TABLES_OF
+from harness.results.tables import COUNTED
 from harness.scenario import Scenario
 from harness.scenario.place import name_of
 from harness.scenario.study import as_written
@@ -56,12 +54,9 @@ class Candidate:
     def sample(self, pairs: int) -> AnySample:
         """The columns of its first pairs, without intervals of its own."""
         number, scenario = self.cell.number, self.cell.scenario
-        if self.run.kind == "encounters":
-            return Sample(self.run.rows("episodes", number).slice(0, 2 * pairs), scenario, 0.0)
-        names = [table.name for table in TABLES_OF["simulations"]]
-        tables = {name: self.run.rows(name, number) for name in names}
+        tables = {name: self.run.rows(name, number) for name in COUNTED[self.run.kind]}
         first = {name: rows.filter(pc.less(rows["pair"], pairs)) for name, rows in tables.items()}
-        return SimulationSample(first, scenario, 0.0)
+        return sample_of(first, scenario, 0.0)
 
 
 def groups_of(runs: Sequence[Run]) -> list[list[Candidate]]:

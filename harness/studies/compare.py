@@ -12,7 +12,7 @@ from harness.core.errors import InputError, resume_command
 from harness.core.seeding import resampling
 from harness.results import estimators
 from harness.results.catalogue import ENTRY_OF, Entry
-from harness.results.columns import AV, REFERENCE, BothArms, Sample
+from harness.results.columns import AV, REFERENCE, Sample
 from harness.results.estimators import EQUAL, FEW, Sampling
 from harness.results.finding import Finding, Form, Plain
 from harness.results.findings import worst_cases
@@ -50,20 +50,20 @@ class Difference(NamedTuple):
 
 
 def _time_ratio(a: Sample, b: Sample, sampling: Sampling) -> Finding:
-    (a_s, reference_s), (b_s, _) = a.arms("counted_time_s"), b.arms("counted_time_s")
+    (a_s, reference_s), (b_s, _) = a["counted_time_s"], b["counted_time_s"]
     return estimators.difference(a_s, b_s, sampling, reference_s)
 
 
 def _mu(a: Sample, b: Sample, sampling: Sampling) -> Finding:
-    return estimators.difference(a.pairs("tau"), b.pairs("tau"), sampling)
+    return estimators.difference(a["tau"], b["tau"], sampling)
 
 
 def _mean(a: Sample, b: Sample, sampling: Sampling, column: str) -> Finding:
-    return estimators.difference(a.arms(column)[AV], b.arms(column)[AV], sampling)
+    return estimators.difference(a[column][AV], b[column][AV], sampling)
 
 
 def _share(a: Sample, b: Sample, _sampling: Sampling, column: str, ran: str) -> Finding:
-    marked, trials = ([each.arms(name)[AV] for each in (a, b)] for name in (column, ran))
+    marked, trials = ([each[name][AV] for each in (a, b)] for name in (column, ran))
     return estimators.share_difference(*marked, *trials)
 
 
@@ -84,22 +84,13 @@ DIFFERENCES = (
 """What is compared; a test of each has one family (Holm) over all rows of the table."""
 
 
-class _AvArms(NamedTuple):
-    """The AVs' arms of two samples, in the place of both arms of one."""
-
-    a: SimulationSample
-    b: SimulationSample
-    sampling: Sampling
-
-    def arms(self, name: str) -> BothArms:
-        return self.a.arms(name)[AV], self.b.arms(name)[AV]
-
-
 def _of_simulations(entry: Entry) -> Difference:
     """The difference of an entry between the AVs' arms of two cells, with its t test."""
 
     def of(a: SimulationSample, b: SimulationSample, sampling: Sampling) -> Finding:
-        return entry.estimate(entry, _AvArms(a, b, sampling), None)
+        assert entry.estimate is not None
+        both = (np.array([a[name][AV], b[name][AV]]) for name in entry.columns)
+        return entry.estimate(*both, sampling)
 
     form = Form.SHARE if entry.form is Form.EVENTS else entry.form
     heading = f"{entry.heading}{entry.unit and f', {entry.unit}'}"
@@ -238,7 +229,7 @@ def _refuse_other_people(group: Sequence[Candidate]) -> None:
     for other in (each for each in others if each.origin != first.origin):
         pairs = _common(first, other)
         a, b = (
-            [each.sample(pairs).arms(name)[REFERENCE] for name in _KINDS[each.run.kind].reference]
+            [each.sample(pairs)[name][REFERENCE] for name in _KINDS[each.run.kind].reference]
             for each in (first, other)
         )
         same = np.isclose(a, b, rtol=_SAME, atol=_SAME, equal_nan=True).all(axis=0)
@@ -274,10 +265,7 @@ def _differences(a: Candidate, b: Candidate, confidence: float) -> dict[str, Fin
         finding = of.of(*samples, Sampling(resampling(seed, "comparison"), confidence))
         if finding.value is None:
             finding = replace(finding, reason="no pair counts in both")
-        elif finding.low is not None and (finding.n or 0) < of.reliable_from:
-            few = f"unreliable below {of.reliable_from:,} pairs that differ (has {finding.n:,})"
-            finding = replace(finding, reliable=False, reason=few)
-        found[of.key] = finding
+        found[of.key] = finding.reliable_above(of.reliable_from, "pairs that differ")
     return found
 
 

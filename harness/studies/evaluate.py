@@ -100,7 +100,9 @@ def evaluate(
     frame = []
     for given, task, human, av in zip(candidates, tasks, humans, driven, strict=True):
         rows = pa.concat_tables([av, human]).take(order).combine_chunks()
-        found = cell_findings(task.cells[0], rows, CONFIDENCE if intervals else 0.0).findings
+        found = cell_findings(
+            task.cells[0], {"episodes": rows}, CONFIDENCE if intervals else 0.0
+        ).findings
         values = flat(found) if intervals else {key: each.value for key, each in found.items()}
         known: dict[str, Any] = {k: math.nan if of is None else of for k, of in values.items()}
         failed = rows.filter(pc.equal(rows["ending"], Ending.ENGINE_FAILED.value)).to_pylist()

@@ -243,7 +243,7 @@ def _carry_out(
         rounds = risk_draws.rounds_of(draw, space, rng, asked["target_cv"], MOST_DRAWS)
     _run_events(path, study, manifest, rounds[-1], executor)
     told = findings_of(rounds)
-    found = {key: v for entry in entries_of("risk") for key, v in entry.findings(told).items()}
+    found = {of.key: of.judged(told.get(of.key, Finding(None))) for of in entries_of("risk")}
     folders.write_findings(path, manifest, [CellFindings(0, {}, scenario, found)])
     folder.note("finished")
 

@@ -105,7 +105,7 @@ def intervals(seed: int) -> Iterator[Named]:
     cells = {name: known_truth.chosen_pairs(of, planned) for name, of in nodes().items()}
     for name in SUMMARISED:
         scenario = known_truth.scenario_of(CELLS[name], seed)
-        found = cell_findings(Cell(0, {}, scenario), cells[name], CONFIDENCE).findings
+        found = cell_findings(Cell(0, {}, scenario), {"episodes": cells[name]}, CONFIDENCE).findings
         for key, of in found.items():
             again = name != SUMMARISED[0] and "human" in key
             if f"{name}: {key}" in truth() and not again:

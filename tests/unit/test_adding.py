@@ -16,9 +16,9 @@ ADDED = {
     "harness/results/catalogue.py": (
         "ENTRIES: tuple[Entry, ...] = (\n",
         """
-    Entry("gap_m", "smallest gap", "Mean of the smallest gaps.", "min_gap_m", _mean,
+    Entry("gap_m", "smallest gap", "Mean of the smallest gaps.", "min_gap_m", estimators.mean,
           unit="m", screen=True),
-    Entry("halved_s", "half of the time", "Mean of the halves.", "halved_time_s", _mean,
+    Entry("halved_s", "half of the time", "Mean of the halves.", "halved_time_s", estimators.mean,
           unit="s", digits=4, screen=True),
 """,
     ),

@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 from scipy import stats
 
 from harness.results import estimators as of
-from harness.results.finding import Finding, finding_from_dict, finding_to_dict
+from harness.results.finding import Finding, finding_to_dict
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -113,7 +113,7 @@ def test_an_interval_of_a_mean_lies_within_the_values(values: list[float]) -> No
         assert found.reason in (of.EQUAL, of.FEW)
     else:
         assert min(values) - 1e-9 <= found.low <= found.high <= max(values) + 1e-9
-    assert finding_from_dict(finding_to_dict(found)) == found
+    assert Finding(**finding_to_dict(found)) == found
 
 
 def test_pairs_that_met_nobody_tell_nothing() -> None:
@@ -157,7 +157,7 @@ def test_root_mean_square_over_steps_by_hand() -> None:
 @pytest.mark.parametrize(("events", "n"), [(0, 50), (1, 50), (7, 50), (50, 50), (3, 3)])
 def test_clopper_pearson_by_beta_quantiles(events: int, n: int) -> None:
     marked, trials = np.arange(n + 5) < events, np.arange(n + 5) < n
-    found = of.share(marked, trials, 0.95)
+    found = of.share(marked, trials, at())
     assert (found.value, found.events, found.n, found.reliable) == (events / n, events, n, True)
     low = stats.beta.ppf(0.025, events, n - events + 1) if events else 0.0
     high = stats.beta.ppf(0.975, events + 1, n - events) if events < n else 1.0
@@ -166,16 +166,16 @@ def test_clopper_pearson_by_beta_quantiles(events: int, n: int) -> None:
 
 def test_shares_without_an_interval() -> None:
     none, every = np.zeros(5, dtype=bool), np.ones(5, dtype=bool)
-    assert of.share(every, none, 0.95) == Finding(None, n=0, events=0)
-    again = of.share(none, every, 0.95, repeated=True)
+    assert of.share(every, none, at()) == Finding(None, n=0, events=0)
+    again = of.share(none, every, at()._replace(repeated=True))
     assert again == Finding(0.0, n=5, events=0, reason=of.REPEATED)
-    assert of.share(none, every, 0.0) == Finding(0.0, n=5, events=0)
+    assert of.share(none, every, at(0.0)) == Finding(0.0, n=5, events=0)
 
 
 @given(st.integers(1, 5_000), st.sampled_from([0.9, 0.95, 0.975, 1 - 0.05 / 6]))
 def test_the_bound_at_no_event_is_one_sided_at_any_confidence(n: int, confidence: float) -> None:
     """(1 − p)^n = 0.05: n trials without an event have that probability at the bound."""
-    found = of.share(np.zeros(n, dtype=bool), np.ones(n, dtype=bool), confidence)
+    found = of.share(np.zeros(n, dtype=bool), np.ones(n, dtype=bool), at(confidence))
     assert found.high == pytest.approx(1 - ((1 - confidence) / 2) ** (1 / n), rel=1e-9)
     assert of.zero_bound(found.high, confidence) == pytest.approx(1 - 0.05 ** (1 / n), rel=1e-9)
 

@@ -67,7 +67,8 @@ def test_the_issues_case_says_how_often_the_model_was_asked_outside(model) -> No
             assert record.clamped_range_excess_m >= max(r for r, _ in outside) - 60.0 - 1e-9
         else:
             assert outcome.arm is Arm.HUMAN or record.clamped_speed_excess_mps is None
-    found = cell_findings(Cell(0, {}, scene), episode_rows(0, outcomes), 0.0)
+    tables = {"episodes": episode_rows(0, outcomes)}
+    found = cell_findings(Cell(0, {}, scene), tables, 0.0)
     assert float(found["clamped_share"].value) > 0.5
 
 

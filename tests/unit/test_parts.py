@@ -176,7 +176,7 @@ def test_a_resumed_run_needs_its_versions_strategies_and_model() -> None:
     then = {
         "versions": {"sumo": "1"},
         "strategies": {"own:A": "x"},
-        "models": [{"name": "dut"}],
+        "models": {"dut": "1"},
         "files": {"town.net.xml": "1"},
     }
     folders.refuse_other_versions(then, then)
@@ -184,7 +184,7 @@ def test_a_resumed_run_needs_its_versions_strategies_and_model() -> None:
         ("simulated with sumo 1, this is 2", {**then, "versions": {"sumo": "2"}}),
         ("own:A has been edited", {**then, "strategies": {"own:A": "y"}}),
         ("town.net.xml has changed", {**then, "files": {"town.net.xml": "2"}}),
-        ("model other has changed", {**then, "models": [{"name": "other"}]}),
+        ("model other has changed", {**then, "models": {"other": "1"}}),
     ):
         with pytest.raises(InputError, match=part):
             folders.refuse_other_versions(then, now)
