@@ -152,8 +152,8 @@ def pair_density(
     """The model's joint density of two variables at the cells' centres, shape (c, c)."""
     across, up = pair
     x, y = (0.5 * (edges[1:] + edges[:-1]) for edges in _edges(pair, view))
-    marginal = mixture.conditional(across, ()).pdf(x, np.empty((1, 0)))
-    given = mixture.conditional(up, (across,))
+    marginal = Conditional(mixture, across, ()).pdf(x, np.empty((1, 0)))
+    given = Conditional(mixture, up, (across,))
     rows = given.pdf(np.tile(y, x.size), np.repeat(x, y.size)[:, None])
     return marginal[:, None] * rows.reshape(x.size, y.size)
 
@@ -161,7 +161,7 @@ def pair_density(
 def usual_view(mixture: TruncatedGaussianMixture) -> FloatArray:
     """Each variable's range from its lower bound to its 99.7 % quantile, (4, 2)."""
     nothing = np.empty((1, 0))
-    high = [mixture.conditional(i, ()).ppf([0.997], nothing)[0] for i in range(4)]
+    high = [Conditional(mixture, i, ()).ppf([0.997], nothing)[0] for i in range(4)]
     return np.column_stack((mixture.lower, high))
 
 
@@ -173,7 +173,7 @@ def _draw_speeds(
     conditions: Sequence[tuple[float, ...]],
 ) -> Conditional:
     """Draw a line for each condition; the legend names their differences, the title the rest."""
-    conditional = model.mixture.conditional(variable, given)
+    conditional = Conditional(model.mixture, variable, given)
     speeds = np.linspace(conditional.lower, conditional.upper, 500)
     names = [_SYMBOLS[each] for each in given]
     texts = [[f"{name} = {of:.3g} {unit}" for (name, unit), of in zip(names, each, strict=True)]

@@ -29,6 +29,7 @@ from harness.model.interaction import (
     VEHICLE_SPEED,
     WALKING_GIVEN,
 )
+from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.fitting import FitResult, fit_mixture
 from harness.model.sample import LABELS, Sample
@@ -320,7 +321,7 @@ def fit_weighted(
 def log_scores(mixture: TruncatedGaussianMixture, data: FloatArray, target: str) -> FloatArray:
     """The log density, by a name of ``TARGETS``, of rows (n, 4): (n,), in nats."""
     variable, given = TARGETS[target]
-    return mixture.conditional(variable, given).logpdf(data[:, variable], data[:, list(given)])
+    return Conditional(mixture, variable, given).logpdf(data[:, variable], data[:, list(given)])
 
 
 def vehicle_folds(vehicle: np.ndarray, weights: FloatArray, folds: int, seed: int) -> np.ndarray:

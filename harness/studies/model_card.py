@@ -17,6 +17,7 @@ from harness.model.interaction import (
     InteractionModel,
     write_model,
 )
+from harness.model.mixture.conditional import Conditional
 from harness.model.sample import (
     RowFile,
     Sample,
@@ -337,7 +338,7 @@ def _marginals(model: InteractionModel) -> Table:
         mean, spread = mixture.mean(), np.sqrt(np.diag(mixture.covariance()))
     rows: list[tuple[Entered, ...]] = []
     for i, name in enumerate(VARIABLES):
-        quantiles = mixture.conditional(i, ()).ppf(np.array(_QUANTILES), np.empty((1, 0)))
+        quantiles = Conditional(mixture, i, ()).ppf(np.array(_QUANTILES), np.empty((1, 0)))
         numbers = (mixture.lower[i], mixture.upper[i], mean[i], spread[i], *quantiles)
         rows.append((name, *(Shown(Finding(float(of)), Style(digits=3)) for of in numbers)))
     headings = ("variable", "low", "high", "mean", "sd", *(f"{100 * q:g} %" for q in _QUANTILES))

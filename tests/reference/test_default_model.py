@@ -75,10 +75,10 @@ def test_climbing_on_from_it_ends_at_nearly_the_same_density(name, sample):
     spread = np.sqrt(share @ (sample.data - centre) ** 2)
     box = (shipped.lower - centre) / spread, (shipped.upper - centre) / spread
     standard = (sample.data - centre) / spread
-    likelihood = Likelihood(standard, sample.weights, *box, 1.0, 1e-4)
+    likelihood = Likelihood(standard, sample.weights, *box)
     scales = shipped.scale_matrices / np.outer(spread, spread)
     first = Normals(shipped.weights, (shipped.locations - centre) / spread, scales)
-    end = climb(likelihood, first, 1e-7, 1000)
+    (end,) = climb(likelihood, first, 1e-7, 1000)
     assert end.gradient_norm < 1e-7
     units = sample.weights.sum() * np.log(spread).sum()
     gained = end.end.objective - units - penalised(shipped, sample)

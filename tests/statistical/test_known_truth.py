@@ -20,6 +20,7 @@ from benchmarks.known_truth import CELLS, COMPARED
 from harness.core.encounter import FloatArray, Side
 from harness.encounter import pairing
 from harness.encounter.arrivals import planned_arrivals
+from harness.model.mixture.conditional import Conditional
 from harness.results.estimators import CONFIDENCE, clopper_pearson
 from harness.results.finding import Finding
 from harness.results.findings import cell_findings
@@ -58,7 +59,7 @@ def test_crash_rate_of_the_truth_is_what_geometry_says(model) -> None:
         (lambda s: 5.85 - 35 * s - reach(s), lambda s: 30 * s - 7.65 - reach(s)),
     )
     bounds = 5.0 * np.array([brentq(edge, 0.0, 1.0) for side in hit for edge in side])
-    cdf = model.mixture.conditional(2, (0, 1)).cdf(bounds, [[1 / 30.0, 5.0]])
+    cdf = Conditional(model.mixture, 2, (0, 1)).cdf(bounds, [[1 / 30.0, 5.0]])
     kappa = (cdf[1] - cdf[0] + cdf[3] - cdf[2]) / 2
     truth = known_truth.truth_of_cell(nodes()["constant"])
     # Each of the four ends is within half a node.

@@ -13,6 +13,7 @@ import pytest
 from scipy.stats import kstest
 
 from harness.model.interaction import InteractionModel
+from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 
 ROWS = 4_000
@@ -50,7 +51,7 @@ GIVEN = pytest.mark.parametrize("given", [(0, 1), (0, 1, 3)], ids=["marginal", "
 @GIVEN
 def test_every_reading_is_uniform(drawn, given):
     mixture, rows = drawn
-    u = mixture.conditional(2, given).cdf(rows[:, 2], rows[:, given])
+    u = Conditional(mixture, 2, given).cdf(rows[:, 2], rows[:, given])
     assert kstest(u, "uniform").pvalue > 0.001
 
 
@@ -58,10 +59,12 @@ DRAWS = """
 import hashlib
 import numpy as np
 from harness.model.interaction import load_model
+from harness.model.mixture.conditional import Conditional
 model, rng = load_model("dut-k10"), np.random.default_rng(7)
 rows = model.mixture.sample(2_000, rng)
-conditional = model.mixture.conditional(2, (0, 1, 3))
-found = [rows, conditional.sample(rows[:, [0, 1, 3]], rng), conditional.mode(rows[:, [0, 1, 3]])]
+conditional = Conditional(model.mixture, 2, (0, 1, 3))
+y = rows[:, [0, 1, 3]]
+found = [rows, conditional.ppf(rng.random(2_000), y), conditional.mode(y)]
 states = zip(rng.random(500).tolist(), 1 / rows[:500, 0], rows[:500, 1])
 found.append(np.array([model.walking_speed(*state) for state in states]))
 print(hashlib.sha256(b"".join(part.tobytes() for part in found)).hexdigest())
@@ -71,12 +74,14 @@ print(hashlib.sha256(b"".join(part.tobytes() for part in found)).hexdigest())
 FITS = """
 import hashlib
 import numpy as np
+from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.fitting import fit_mixture
 from tests.unit.test_mixture_fitting import truth
 box = truth()
 rows = box.sample(6_000, np.random.default_rng(1))
 fit = fit_mixture(rows, 10, box.lower, box.upper, seed=1, n_init=1, max_iter=25).mixture
-found = [rows, box.conditional(2, [0, 1]).sample(rows[:, [0, 1]], np.random.default_rng(2))]
+u = np.random.default_rng(2).random(len(rows))
+found = [rows, Conditional(box, 2, [0, 1]).ppf(u, rows[:, [0, 1]])]
 found += [fit.weights, fit.locations, fit.scale_matrices]
 print(hashlib.sha256(b"".join(part.tobytes() for part in found)).hexdigest())
 """

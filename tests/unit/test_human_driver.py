@@ -16,6 +16,7 @@ from harness.core.encounter import (
 )
 from harness.encounter.arms import make_strategy
 from harness.model.interaction import InteractionModel
+from harness.model.mixture.conditional import Conditional
 from harness.strategies.human_gmm import HumanDriver
 from tests.scenes import play, scenario
 from tests.statistical.test_walking_speeds import Joint
@@ -138,7 +139,7 @@ def test_sampled_speeds_follow_the_density_and_the_pair(model) -> None:
     np.testing.assert_array_equal(first, decisions())
     assert len(set(first)) > 1000
     drawn = first[(first < V0 - 2.5 - 1e-9)] + 2.5  # below the cap
-    conditional = model.mixture.conditional(1, (0, 2))
+    conditional = Conditional(model.mixture, 1, (0, 2))
     y = np.repeat([[1 / 25, 1.2]], len(drawn), axis=0)
     u = conditional.cdf(drawn, y)
     top = conditional.cdf(np.array([V0]), y[:1])[0]

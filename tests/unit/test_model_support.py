@@ -10,6 +10,7 @@ from harness.encounter.arms import check_arms
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.measures import Outcome
 from harness.model.interaction import ModelUseCounter
+from harness.model.mixture.conditional import Conditional
 from harness.results.findings import cell_findings
 from harness.results.rows import episode_rows
 from harness.scenario import Cell, Scenario
@@ -104,7 +105,7 @@ def test_walking_speeds_without_a_look_at_the_car(model) -> None:
         np.testing.assert_allclose(speeds(scene, model, quantiles, *state), wanted, atol=1e-12)
     scene = scenario(model={"pedestrian_reading": "unconditional"})
     quantiles = np.linspace(0.05, 0.95, 7)
-    wanted = model.mixture.conditional(2, ()).ppf(quantiles, np.empty((7, 0)))
+    wanted = Conditional(model.mixture, 2, ()).ppf(quantiles, np.empty((7, 0)))
     for state in ((30.0, 5.0), (80.0, 13.9)):
         np.testing.assert_allclose(speeds(scene, model, quantiles, *state), wanted, rtol=1e-12)
     # Given the car they walk at another speed.

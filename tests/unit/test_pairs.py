@@ -13,6 +13,7 @@ from harness.encounter.arms import arm_key, make_strategy
 from harness.encounter.arrivals import planned_arrivals
 from harness.measures import Outcome
 from harness.model.interaction import InteractionModel, load_model
+from harness.model.mixture.conditional import Conditional
 from harness.scenario import Scenario, validate
 from harness.strategies.human_yield import HumanYield
 from tests.scenes import on_plain
@@ -69,7 +70,7 @@ def test_both_arms_meet_the_same_pedestrians(model) -> None:
 def test_walking_speeds_come_from_each_arms_own_state(model) -> None:
     # The same quantile of f(v_p | 1/R, v) at what was seen: the CDF there gives it back.
     scenario = validate(FLOW, "test")
-    conditional = model.mixture.conditional(2, (0, 1))
+    conditional = Conditional(model.mixture, 2, (0, 1))
     differing = checked = 0
     for av, human in arms(scenario, model, 20):
         speeds: dict[int, list[float]] = {}

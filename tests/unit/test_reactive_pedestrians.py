@@ -7,6 +7,7 @@ import pytest
 
 from harness.core.encounter import Arrival, Ending, Side, Walk
 from harness.measures import measure
+from harness.model.mixture.conditional import Conditional
 from harness.results.rows import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, validate
 from tests.scenes import Recorder, episode, on_plain, outcome_of
@@ -111,7 +112,7 @@ FLOW = {"flow_per_hour": 900.0, "kerb_wait_s": 2.0}
 
 def test_every_look_is_his_quantile_given_what_he_sees(model) -> None:
     scenario = scene(pedestrians=FLOW, experiment={"seed": 4})
-    conditional = model.mixture.conditional(2, (0, 1))
+    conditional = Conditional(model.mixture, 2, (0, 1))
     checked = stopped = 0
     for outcome in on_plain(scenario, model).run(range(12)):
         trace = outcome.trace

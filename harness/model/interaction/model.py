@@ -104,7 +104,7 @@ class InteractionModel:
     def _conditional(self, target: int, *given: int) -> Conditional:
         key = (target, *given)
         if key not in self._conditionals:
-            self._conditionals[key] = self.mixture.conditional(target, given)
+            self._conditionals[key] = Conditional(self.mixture, target, given)
         return self._conditionals[key]
 
     def _clamped(self, conditional: Conditional, values: Sequence[float]) -> FloatArray:

@@ -1,26 +1,21 @@
 """Takes a truncated mixture and returns the distribution of one variable given others."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from itertools import count
-from math import inf, isfinite
-from typing import NamedTuple
+from collections.abc import Sequence
+from math import exp
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr
 
 from harness.core.errors import InputError
-from harness.model.mixture.boxes import box_probability, interval
-from harness.model.mixture.modes import Normal, highest_point
-from harness.model.mixture.tabulated import TabulatedDensity, panel_edges
+from harness.model.mixture.boxes import box_probability
+from harness.model.mixture.distribution import TruncatedGaussianMixture
+from harness.model.mixture.tabulated import TabulatedDensity
 
 Array = NDArray[np.float64]
 
-# An infinite bound of the target is replaced by this many spreads beyond every component.
-_BEYOND = 12.0
-# A smaller total probability has too few digits. The second limit is for integrated variables.
-_SMALLEST_TOTAL = (1e-200, 1e-7)
+# A smaller total probability has too few digits.
+_SMALLEST_TOTAL = 1e-7
 _LOWEST = 1e-300
 # The mode is searched on finer and finer grids around the highest node of a table. Nodes are at
 # most a fifth of the narrowest component's spread apart.
@@ -28,95 +23,15 @@ _LOOKS = np.linspace(-1.0, 1.0, 33)
 _NARROWING = 0.2 * 16.0 ** -np.arange(4)
 # Number of cached tables, for states that repeat, such as the state at the trigger.
 _KEPT = 64
+# A component whose peak is below e^-25 of another's moves a mode by less than 1e-9. One below e^-7
+# adds at most a thousandth to another peak, so no ascent starts from it.
+_NO_PART, _LOW = 25.0, 7.0
+_MOST_STEPS = 60
+# In spreads: a shorter step is the last one, because Newton's method converges quadratically.
+_LAST_STEP = 1e-5
 
-
-@dataclass(frozen=True, eq=False)
-class Components:
-    """K normal distributions of d variables, each truncated to the same box; arrays read-only.
-
-    Attributes:
-        weights: π_k of the truncated components, (K,).
-        locations, scale_matrices: before truncation, (K, d) and (K, d, d).
-        lower, upper: bounds of the box, (d,).
-        masses: α_k, the probability that the untruncated component lies in the box, (K,).
-    """
-
-    weights: Array
-    locations: Array
-    scale_matrices: Array
-    lower: Array
-    upper: Array
-    masses: Array
-
-
-class Given(NamedTuple):
-    """The components at n given points.
-
-    Attributes:
-        log_weights: log of π_k N_k(y)/α_k minus its maximum over the components, (K, n).
-        means: means of the target and of the integrated variables, (K, 1 + r, n).
-    """
-
-    log_weights: Array
-    means: Array
-
-
-class Regression:
-    """Each untruncated component's distribution given some variables: the paper's (a1) and (a2).
-
-    Args:
-        components: components of the joint distribution.
-        target: index of the target variable.
-        given: indices of the g known variables, in the order of y's columns.
-        rest: indices of the r other variables.
-
-    Attributes:
-        matrix, offset: (K (g + 1 + r), g) and (K (g + 1 + r),).  ``matrix @ y + offset`` has
-            g + 1 + r numbers for each component.  The sum of squares of the first g is minus the
-            exponent of N_k(y).  The others are the means of the target and of the rest.
-        log_constant: log of the factor before that exponential, (K,), up to a common constant.
-        covariances: covariances of the target and the rest given y, (K, 1 + r, 1 + r).
-        spread: standard deviation of the target given y, (K,).
-        rest_slopes: slopes of the rest on the target given y, (K, r).
-        rest_covariances: covariances of the rest given y and the target, (K, r, r).
-    """
-
-    def __init__(
-        self, components: Components, target: int, given: Sequence[int], rest: Sequence[int]
-    ) -> None:
-        known = len(given)
-        order = [*given, target, *rest]
-        ordered = components.scale_matrices[:, order][:, :, order]
-        factors = np.asarray(np.linalg.cholesky(ordered), dtype=np.float64)
-        centre = components.locations[:, order]
-        # The inverse is triangular except for rounding.
-        whitening = np.tril(np.linalg.inv(factors[:, :known, :known]))
-        # With L the factor of the given block, S21 S11^-1 = L21 L11^-1.
-        slopes = factors[:, known:, :known] @ whitening
-        rows = np.concatenate((whitening * np.sqrt(0.5), slopes), axis=1)
-        offset = np.concatenate((np.zeros_like(centre[:, :known]), centre[:, known:]), axis=1)
-        offset = offset - np.einsum("krg,kg->kr", rows, centre[:, :known])
-        self.known, self._shape = known, rows.shape[:2]
-        self.matrix, self.offset = rows.reshape(offset.size, known), offset.ravel()
-        diagonal = np.diagonal(factors[:, :known, :known], axis1=1, axis2=2)
-        self.log_constant = np.log(components.weights / components.masses)
-        self.log_constant -= np.log(diagonal).sum(axis=1)
-        tail = factors[:, known:, known:]
-        last = tail[:, 1:, 1:]
-        covariances: Array = tail @ np.swapaxes(tail, 1, 2)
-        rest_covariances: Array = last @ np.swapaxes(last, 1, 2)
-        self.covariances = covariances
-        self.spread = np.ascontiguousarray(tail[:, 0, 0])
-        self.rest_slopes = tail[:, 1:, 0] / self.spread[:, None]
-        self.rest_covariances = rest_covariances
-
-    def at(self, y: Array) -> Given:
-        """The components given y (n, g)."""
-        # The last bits of a matrix product may depend on the number of threads; einsum's do not.
-        rows = np.einsum("rg,ng->rn", self.matrix, y) + self.offset[:, None]
-        parts = rows.reshape(*self._shape, -1)
-        log_weights = self.log_constant[:, None] - (parts[:, : self.known] ** 2).sum(axis=1)
-        return Given(log_weights - log_weights.max(axis=0), parts[:, self.known :])
+Normal = tuple[float, float, float, float]
+"""log h, mean, 1/s² and s of the density h · exp(−(x − mean)²/(2 s²))."""
 
 
 class Conditional:
@@ -132,39 +47,69 @@ class Conditional:
     other points of the batch, to the last bit.
 
     Args:
-        components: components of the joint distribution.
+        mixture: the joint distribution, with finite bounds.
         target: index of the target variable.
-        given: indices of the known variables, in the order of y's columns; may be empty.
+        given: indices of the g known variables, in the order of y's columns; may be empty. The r
+            variables that are neither are integrated out.
     """
 
-    def __init__(self, components: Components, target: int, given: Sequence[int]) -> None:
-        rest = [i for i in range(components.lower.size) if i != target and i not in given]
-        self.target, self.given = target, tuple(given)
-        self.lower, self.upper = float(components.lower[target]), float(components.upper[target])
-        self._rest_lower, self._rest_upper = components.lower[rest], components.upper[rest]
-        self._regression = Regression(components, target, given, rest)
+    def __init__(
+        self, mixture: TruncatedGaussianMixture, target: int, given: Sequence[int]
+    ) -> None:
+        if not np.isfinite([mixture.lower, mixture.upper]).all():
+            raise InputError("conditional", "the mixture has an infinite bound", "finite bounds")
+        rest = [i for i in range(mixture.lower.size) if i != target and i not in given]
+        self.given = tuple(given)
+        self.lower, self.upper = float(mixture.lower[target]), float(mixture.upper[target])
+        self._rest_lower, self._rest_upper = mixture.lower[rest], mixture.upper[rest]
+        known, order = len(given), [*given, target, *rest]
+        ordered = mixture.scale_matrices[:, order][:, :, order]
+        factors: Array = np.asarray(np.linalg.cholesky(ordered), dtype=np.float64)
+        centre = mixture.locations[:, order]
+        # The inverse is triangular except for rounding.
+        whitening = np.tril(np.linalg.inv(factors[:, :known, :known]))
+        # With L the factor of the given block, S21 S11^-1 = L21 L11^-1.
+        slopes = factors[:, known:, :known] @ whitening
+        # ``matrix @ y + offset`` has g + 1 + r numbers for each component. The sum of squares of
+        # the first g is minus the exponent of N_k(y). The others are the means of the target and
+        # of the rest.
+        rows = np.concatenate((whitening * np.sqrt(0.5), slopes), axis=1)
+        offset = np.concatenate((np.zeros_like(centre[:, :known]), centre[:, known:]), axis=1)
+        offset = offset - np.einsum("krg,kg->kr", rows, centre[:, :known])
+        self._shape = rows.shape[:2]
+        self._matrix, self._offset = rows.reshape(offset.size, known), offset.ravel()
+        diagonal = np.diagonal(factors[:, :known, :known], axis1=1, axis2=2)
+        # The log of the factor before that exponential, up to a common constant.
+        self._log_constant = np.log(mixture.weights / mixture.masses)
+        self._log_constant -= np.log(diagonal).sum(axis=1)
+        # Given y: covariances of target and rest. Given the target too: those of the rest.
+        tail, last = factors[:, known:, known:], factors[:, known + 1 :, known + 1 :]
+        self._covariances: Array = tail @ np.swapaxes(tail, 1, 2)
+        self._rest_covariances: Array = last @ np.swapaxes(last, 1, 2)
+        spread = np.ascontiguousarray(tail[:, 0, 0])
+        self._spread, self._rest_slopes = spread, tail[:, 1:, 0] / spread[:, None]
         # The narrowest part of the density is a component given all other variables.
-        precisions = np.linalg.inv(components.scale_matrices)[:, target, target]
+        precisions = np.linalg.inv(mixture.scale_matrices)[:, target, target]
         self._narrowest = float(precisions.max() ** -0.5)
-        spread = self._regression.spread
-        self._log_units = np.log(spread * np.sqrt(2.0 * np.pi))[:, None]
-        heights = self._regression.log_constant - np.log(spread)
+        heights = self._log_constant - np.log(spread)
         self._heights = np.stack((heights, spread**-2.0, spread), axis=1).tolist()
-        self._edges: Array | None = None
-        if isfinite(self.lower) and isfinite(self.upper):
-            self._edges = panel_edges(self.lower, self.upper, self._narrowest)
         self._tables: dict[tuple[float, ...], TabulatedDensity] = {}
 
     def logpdf(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Log density at x (n,) given y (n, g), (n,); −inf outside the bounds."""
         values, points = self._aligned(x, y)
         inside = (values >= self.lower) & (values <= self.upper)
-        given = self._regression.at(points)
-        logs = self._log_unnormalised(values, given)
-        total, weak = self._total(given)
-        with np.errstate(divide="ignore"):
-            log_total = np.log(total)
-        for i in weak:
+        log_weights, means = self._at(points)
+        logs = self._log_unnormalised(values, log_weights, means)
+        total = np.zeros(values.size)
+        if self.given:  # otherwise one table serves all points
+            centre = np.moveaxis(means, 2, 1)
+            lower = np.append(self.lower, self._rest_lower) - centre
+            upper = np.append(self.upper, self._rest_upper) - centre
+            boxes = _boxes(self._covariances, lower, upper)
+            total = (np.exp(log_weights) * boxes).sum(axis=0)
+        log_total = np.log(np.maximum(total, _LOWEST))
+        for i in np.flatnonzero(~(total > _SMALLEST_TOTAL)):
             log_total[i] = self._table(points[i]).log_total
         return np.where(inside, logs - log_total, -np.inf)
 
@@ -175,17 +120,8 @@ class Conditional:
 
     def cdf(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Distribution function at x (n,) given y (n, g), (n,) in [0, 1]."""
-        values, points = self._aligned(x, y)
-        given = self._regression.at(points)
-        total, weak = self._total(given)
-        result = np.empty(values.size)
-        if weak.size < values.size:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                result = self._mass(given, np.maximum(values, self.lower)) / total
-        for i in weak:
-            result[i] = self._table(points[i]).cdf(float(values[i]))
-        result = np.clip(result, 0.0, 1.0)
-        return np.where(values <= self.lower, 0.0, np.where(values >= self.upper, 1.0, result))
+        pairs = zip(*self._aligned(x, y), strict=True)
+        return np.array([self._table(point).cdf(float(value)) for value, point in pairs])
 
     def ppf(self, u: ArrayLike, y: ArrayLike) -> Array:
         """Inverse of `cdf`: x (n,) inside the bounds with cdf(x, y) = u to 1e-9.
@@ -209,39 +145,29 @@ class Conditional:
 
     def mode(self, y: ArrayLike) -> Array:
         """Position (n,) of the highest density given y (n, g); it may lie on a bound."""
-        return np.array([self.mode_at(point) for point in self._points(y)])
+        return np.array([self.mode_at(point) for point in _finite(y)])
 
     def mode_at(self, y: Array) -> float:
         """`mode` given one y (g,) of finite numbers."""
         if not self._rest_lower.size:
-            normals = self._normals(y)
-            return highest_point(
-                normals, *self._bounds((normal[1], normal[3]) for normal in normals)
-            )
-        given = self._regression.at(y[None])
+            return _highest_point(self._normals(y), self.lower, self.upper)
+        given = self._at(y[None])
         x = self._table(y).highest
         for reach in _NARROWING * self._narrowest:
             grid = np.clip(x + reach * _LOOKS, self.lower, self.upper)
-            x = float(grid[self._log_unnormalised(grid, given).argmax()])
+            x = float(grid[self._log_unnormalised(grid, *given).argmax()])
         return x
 
     def _normals(self, y: Array) -> list[Normal]:
         """The components given y, as normal densities of the target."""
-        numbers = (self._regression.matrix @ y + self._regression.offset).tolist()
-        step = len(self.given) + 1
+        numbers = (self._matrix @ y + self._offset).tolist()
+        step, known = self._shape[1], len(self.given)
         return [
-            (
-                constant - sum([z * z for z in numbers[at : at + step - 1]]),
-                numbers[at + step - 1],
-                *width,
+            (height - sum([z * z for z in numbers[at : at + known]]), numbers[at + known], *width)
+            for at, (height, *width) in zip(
+                range(0, len(numbers), step), self._heights, strict=True
             )
-            for at, (constant, *width) in zip(count(0, step), self._heights, strict=False)
         ]
-
-    def sample(self, y: ArrayLike, rng: np.random.Generator) -> Array:
-        """One draw (n,) per row of y (n, g), from one uniform each."""
-        points = self._points(y)
-        return self.ppf(rng.random(points.shape[0]), points)
 
     def _table(self, y: Array) -> TabulatedDensity:
         """The tabulated density given one y (g,)."""
@@ -249,80 +175,65 @@ class Conditional:
         if key not in self._tables:
             if len(self._tables) >= _KEPT:
                 self._tables.clear()
-            given = self._regression.at(y[None])
-            edges = self._edges
-            if edges is None:
-                normals = zip(given.means[:, 0, 0], self._regression.spread, strict=True)
-                edges = panel_edges(*self._bounds(normals), self._narrowest)
-            self._tables[key] = TabulatedDensity(lambda x: self._log_unnormalised(x, given), edges)
+            given = self._at(y[None])
+            self._tables[key] = TabulatedDensity(
+                lambda x: self._log_unnormalised(x, *given), self.lower, self.upper, self._narrowest
+            )
         return self._tables[key]
 
-    def _bounds(self, normals: Iterable[tuple[float, float]]) -> tuple[float, float]:
-        """Finite bounds for components with these means and spreads."""
-        lower, upper = self.lower, self.upper
-        if lower == -inf:
-            lower = min(mean - _BEYOND * spread for mean, spread in normals)
-        if upper == inf:
-            upper = max(mean + _BEYOND * spread for mean, spread in normals)
-        return lower, upper
+    def _at(self, y: Array) -> tuple[Array, Array]:
+        """The untruncated components given y (n, g).
 
-    def _log_unnormalised(self, x: Array, given: Given) -> Array:
+        Returns:
+            Log of π_k N_k(y)/α_k less the largest, (K, n); means of target and rest, (K, 1 + r, n).
+        """
+        # The last bits of a matrix product may depend on the number of threads; einsum's do not.
+        rows = np.einsum("rg,ng->rn", self._matrix, y) + self._offset[:, None]
+        parts = rows.reshape(*self._shape, -1)
+        known = len(self.given)
+        log_weights = self._log_constant[:, None] - (parts[:, :known] ** 2).sum(axis=1)
+        return log_weights - log_weights.max(axis=0), parts[:, known:]
+
+    def _log_unnormalised(self, x: Array, log_weights: Array, means: Array) -> Array:
         """Log density up to a constant at x (n,), for n given points or for one."""
-        regression = self._regression
-        away = x - given.means[:, 0]
-        z = away / regression.spread[:, None]
-        logs = given.log_weights - self._log_units - 0.5 * z * z
+        away = x - means[:, 0]
+        spread = self._spread[:, None]
+        z = away / spread
+        logs = log_weights - np.log(spread * np.sqrt(2.0 * np.pi)) - 0.5 * z * z
         if self._rest_lower.size:
-            centre = given.means[:, 1:] + regression.rest_slopes[:, :, None] * away[:, None]
-            logs += self._log_inside(np.swapaxes(centre, 1, 2))
+            centre = np.moveaxis(means[:, 1:] + self._rest_slopes[:, :, None] * away[:, None], 2, 1)
+            logs += self._log_inside(self._rest_lower - centre, self._rest_upper - centre)
         largest = logs.max(axis=0)
         result: Array = largest + np.log(np.exp(logs - largest).sum(axis=0))
         return result
 
-    def _log_inside(self, centre: Array) -> Array:
-        """Log probability (K, n) that the other variables, centred at (K, n, r), are in bounds."""
-        covariances = self._regression.rest_covariances
-        lower, upper = self._rest_lower - centre, self._rest_upper - centre
-        if centre.shape[2] == 1:
-            spread = np.sqrt(covariances[:, :, 0])
-            return _log_interval(lower[:, :, 0] / spread, upper[:, :, 0] / spread)
-        inside = _boxes(covariances, lower, upper)
-        log_inside: Array = np.log(np.maximum(inside, _LOWEST))
-        return log_inside
-
-    def _total(self, given: Given) -> tuple[Array, NDArray[np.intp]]:
-        """Integral over the target's bounds, (n,), and the points that need a table instead.
-
-        A point needs a table if the integral has too few digits, or if no variable is given.
-        """
-        if not self.given:
-            points = np.arange(given.means.shape[2])
-            return np.ones(points.size), points
-        total = self._mass(given, np.full(given.means.shape[2], self.upper))
-        smallest = _SMALLEST_TOTAL[self._rest_lower.size > 0]
-        return total, np.flatnonzero(~(total > smallest))
-
-    def _mass(self, given: Given, x: Array) -> Array:
-        """Integral of the density from the target's lower bound to x (n,)."""
-        centre = np.swapaxes(given.means, 1, 2)
-        lower, upper = np.empty_like(centre), np.empty_like(centre)
-        lower[..., 0], upper[..., 0] = self.lower, x
-        lower[..., 1:], upper[..., 1:] = self._rest_lower, self._rest_upper
-        inside = _boxes(self._regression.covariances, lower - centre, upper - centre)
-        mass: Array = (np.exp(given.log_weights) * inside).sum(axis=0)
-        return mass
-
-    def _points(self, y: ArrayLike) -> Array:
-        points = np.asarray(y, dtype=np.float64)
-        if not np.isfinite(points).all():
-            raise InputError("conditional", "y has values that are not finite", "finite numbers")
-        return points
+    def _log_inside(self, lower: Array, upper: Array) -> Array:
+        """Log probability (K, n) that the other variables are in bounds (K, n, r) about them."""
+        if lower.shape[2] > 1:
+            log_inside: Array = np.log(
+                np.maximum(_boxes(self._rest_covariances, lower, upper), _LOWEST)
+            )
+            return log_inside
+        # log(Φ(b) − Φ(a)), finite even if the interval is far from 0.
+        spread = np.sqrt(self._rest_covariances[:, :, 0])
+        a, b = lower[:, :, 0] / spread, upper[:, :, 0] / spread
+        flip = a > -b
+        outer: Array = log_ndtr(np.where(flip, -a, b))
+        inner: Array = log_ndtr(np.where(flip, -b, a))
+        return outer + np.log(-np.expm1(inner - outer))
 
     def _aligned(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         """x (n,) and y (n, g); a single row or value is repeated to fit the other."""
-        values, points = np.atleast_1d(np.asarray(x, dtype=np.float64)), self._points(y)
+        values, points = np.atleast_1d(np.asarray(x, dtype=np.float64)), _finite(y)
         size = max(values.size, len(points)) if values.size and len(points) else 0
         return np.broadcast_to(values, size), np.broadcast_to(points, (size, points.shape[1]))
+
+
+def _finite(y: ArrayLike) -> Array:
+    points = np.asarray(y, dtype=np.float64)
+    if not np.isfinite(points).all():
+        raise InputError("conditional", "y has values that are not finite", "finite numbers")
+    return points
 
 
 def _boxes(covariances: Array, lower: Array, upper: Array) -> Array:
@@ -333,13 +244,61 @@ def _boxes(covariances: Array, lower: Array, upper: Array) -> Array:
     return box_probability(every, lower.reshape(flat), upper.reshape(flat)).reshape(shape[:2])
 
 
-def _log_interval(a: Array, b: Array) -> Array:
-    """log(Φ(b) − Φ(a)) for a < b; finite even if the interval is far from 0."""
-    inside = interval(a, b)
-    if inside.min() > _LOWEST:
-        log_inside: Array = np.log(inside)
-        return log_inside
-    flip = a > -b
-    a, b = np.where(flip, -b, a), np.where(flip, -a, b)
-    outer: Array = log_ndtr(b)
-    return outer + np.log(-np.expm1(log_ndtr(a) - outer))
+def _highest_point(normals: Sequence[Normal], lower: float, upper: float) -> float:
+    """Position of the global maximum on [lower, upper] of a sum of normals.
+
+    An ascent starts from every mean, clipped to the interval, because in one dimension these
+    ascents reach all peaks of a mixture of normals (Carreira-Perpiñán 2000). The numbers are
+    Python's floats, because with a few components arrays would mostly add overhead.
+    """
+    starts = [min(max(mean, lower), upper) for _, mean, _, _ in normals]
+    peaks = [
+        log_height - 0.5 * precision * (x - mean) ** 2
+        for (log_height, mean, precision, _), x in zip(normals, starts, strict=True)
+    ]
+    highest = max(peaks)
+    some = [
+        (log_height - highest, *normal)
+        for (log_height, *normal), peak in zip(normals, peaks, strict=True)
+        if peak > highest - _NO_PART
+    ]
+    ends = [
+        _climbed(some, x, normal[3], lower, upper)
+        for normal, x, peak in zip(normals, starts, peaks, strict=True)
+        if peak > highest - _LOW
+    ]
+    return max(ends)[1]
+
+
+def _climbed(
+    normals: Sequence[tuple[float, ...]], x: float, reach: float, lower: float, upper: float
+) -> tuple[float, float]:
+    """Height and position of the next peak; a step that would lower the height is quartered."""
+    best, onward = _newton(normals, x, reach)
+    step = min(max(x + onward, lower), upper) - x
+    for _ in range(_MOST_STEPS):
+        if abs(step) <= _LAST_STEP * reach:
+            break
+        value, onward = _newton(normals, x + step, reach)
+        if value >= best:
+            x, best = x + step, value
+            step = min(max(x + onward, lower), upper) - x
+        else:
+            step *= 0.25
+    return best, x + step
+
+
+def _newton(normals: Sequence[tuple[float, ...]], x: float, reach: float) -> tuple[float, float]:
+    """The density at x, and Newton's step for its log: uphill and at most ``reach`` long."""
+    value, first, second = _LOWEST, 0.0, 0.0
+    for log_height, mean, precision, _ in normals:
+        away = mean - x
+        slope = precision * away
+        term = exp(log_height - 0.5 * slope * away)
+        value += term
+        first += term * slope
+        second += term * (slope * slope - precision)
+    slope = first / value
+    # If the log density is not concave, the step has the maximum length.
+    bend = max(slope * slope - second / value, abs(slope) / reach + _LOWEST)
+    return value, slope / bend

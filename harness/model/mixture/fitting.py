@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +35,6 @@ class FitResult:
         gradient_norm: largest component of the final gradient of the penalised log-likelihood, per
             unit of weight, in `Coordinates`.
         n_iter: number of steps of the last climb.
-        penalised: final penalised log-likelihood, in the units of the data.
         log_likelihood: final weighted log-likelihood without the penalty.
         bic: −2 log_likelihood + p log n with p = K − 1 + K d + K d (d + 1)/2; n is the sum of the
             weights.
@@ -46,7 +44,6 @@ class FitResult:
     converged: bool
     gradient_norm: float
     n_iter: int
-    penalised: float
     log_likelihood: float
     bic: float
 
@@ -62,16 +59,13 @@ def fit_mixture(
     tol: float = 1e-7,
     n_init: int = 5,
     max_iter: int = 1000,
-    mass_penalty: float = 1.0,
-    scale_floor: float = 1e-4,
     names: Sequence[str] | None = None,
 ) -> FitResult:
     """The truncated Gaussian mixture of maximum penalised likelihood, by BFGS.
 
-    The fit maximises Σ w_i log f(x_i) + λ Σ log α_k, where α_k is the mass of component k inside
-    the box. Without the penalty a location could diverge, with a mass that tends to 0. Scale
-    matrices have no eigenvalue below `scale_floor`, in columns of unit spread. Otherwise repeated
-    rows could make a component singular.
+    The fit maximises Σ w_i log f(x_i) + Σ log α_k, where α_k is the mass of component k inside
+    the box. Without this penalty a location could diverge, with a mass that tends to 0. Scale
+    matrices have no eigenvalue below ``SCALE_FLOOR``, in columns of unit spread.
 
     The same seed gives the same numbers on one machine with the same versions.
 
@@ -85,8 +79,6 @@ def fit_mixture(
         n_init: number of starts from clusters. All climb until their gradient is below 1e-4; the
             one with the highest penalised likelihood goes on.
         max_iter: maximum number of steps of each climb.
-        mass_penalty: λ ≥ 0.
-        scale_floor: smallest eigenvalue, ≥ 0.
         names: names of the columns, for messages.
 
     Raises:
@@ -96,14 +88,11 @@ def fit_mixture(
     rows = np.array(data, dtype=np.float64)
     labels = list(names) if names is not None else [f"column {i}" for i in range(rows.shape[1])]
     low, high = np.array(lower, dtype=np.float64), np.array(upper, dtype=np.float64)
-    weights = np.ones(rows.shape[0])
-    if sample_weight is not None:
-        weights = np.array(sample_weight, dtype=np.float64)
+    weights = np.ones(len(rows)) if sample_weight is None else np.array(sample_weight, np.float64)
     rows, weights = rows[weights > 0.0], weights[weights > 0.0]
-    if rows.shape[0] < n_components:
-        raise InputError(
-            _WHERE, f"{rows.shape[0]} rows for {n_components} components", "at least one row each"
-        )
+    if len(rows) < n_components:
+        problem = f"{len(rows)} rows for {n_components} components"
+        raise InputError(_WHERE, problem, "at least one row each")
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     # Imported here, because episodes load this package without fitting.
     from threadpoolctl import threadpool_limits
@@ -113,40 +102,31 @@ def fit_mixture(
     with threadpool_limits(1, user_api="blas"):
         centre, spread = _standards(rows, weights, labels)
         rows = (rows - centre) / spread
-        bounds = (low - centre) / spread, (high - centre) / spread
-        likelihood = Likelihood(rows, weights, *bounds, mass_penalty, scale_floor)
-        best: Climb | None = None
+        likelihood = Likelihood(rows, weights, (low - centre) / spread, (high - centre) / spread)
+        begun: list[Climb] = []
         # ``SeedSequence.spawn`` would change the caller's sequence, so a second fit would differ.
         for i in range(n_init):
             child = np.random.SeedSequence(root.entropy, spawn_key=(*root.spawn_key, i))
-            rng = np.random.default_rng(child)
-            first = clustered_normals(rows, weights, n_components, rng)
+            first = clustered_normals(rows, weights, n_components, np.random.default_rng(child))
             mixed = (first.weights + _EQUAL / n_components) / (1.0 + _EQUAL)
             first = first._replace(weights=mixed)
-            begun = climb(likelihood, first, max(tol, _LOOSE_TOL), max_iter)
-            if begun and (best is None or begun.end.objective > best.end.objective):
-                best = begun
-        if best is not None:
-            best = climb(likelihood, best.end.normals, tol, max_iter)
-    if best is None:
-        raise InputError(_WHERE, "no start has a finite likelihood", "fewer components")
-    count, dimension = best.end.normals.locations.shape
+            begun += climb(likelihood, first, max(tol, _LOOSE_TOL), max_iter)
+        best = max(begun, key=lambda start: start.end.objective, default=None)
+        if best is None:
+            raise InputError(_WHERE, "no start has a finite likelihood", "fewer components")
+        (best,) = climb(likelihood, best.end.normals, tol, max_iter)
+    fitted, (count, dimension) = best.end.normals, best.end.normals.locations.shape
+    scales = fitted.scales * spread[:, None] * spread
     mixture = TruncatedGaussianMixture(
-        best.end.normals.weights,
-        centre + spread * best.end.normals.locations,
-        best.end.normals.scales * spread[:, None] * spread,
-        low,
-        high,
+        fitted.weights, centre + spread * fitted.locations, scales, low, high
     )
-    units = likelihood.total * float(np.log(spread).sum())
     parameters = count - 1 + count * dimension + count * dimension * (dimension + 1) // 2
-    log_likelihood = best.end.log_likelihood - units
+    log_likelihood = best.end.log_likelihood - likelihood.total * float(np.log(spread).sum())
     return FitResult(
         mixture=mixture,
         converged=best.gradient_norm < tol,
         gradient_norm=best.gradient_norm,
         n_iter=best.steps,
-        penalised=best.end.objective - units,
         log_likelihood=log_likelihood,
         bic=-2.0 * log_likelihood + parameters * float(np.log(likelihood.total)),
     )
@@ -160,8 +140,8 @@ class Climb(NamedTuple):
     steps: int
 
 
-def climb(likelihood: Likelihood, first: Normals, tol: float, max_iter: int) -> Climb | None:
-    """Climb by BFGS until the gradient is nearly 0; None if the start has no finite likelihood.
+def climb(likelihood: Likelihood, first: Normals, tol: float, max_iter: int) -> list[Climb]:
+    """Climb by BFGS until the gradient is nearly 0; empty if the start has no finite likelihood.
 
     The coordinates get a new reference whenever BFGS ends. Near the maximum its line search may
     fail for rounding; then a step along the gradient is taken, unless the gradient doubles.
@@ -172,33 +152,20 @@ def climb(likelihood: Likelihood, first: Normals, tol: float, max_iter: int) -> 
     at, steps, more, least = likelihood.at(first), 0, _FIRST_STEPS, np.inf
     while at is not None:
         coordinates = Coordinates(likelihood, at)
-        norm = coordinates.gradient_norm(at) / likelihood.total
+        gradient, norm = coordinates.gradient()
         if norm < tol or norm > 2.0 * least or steps >= max_iter:
-            return Climb(at, norm, steps)
-
-        below = partial(_below, likelihood, coordinates)
-        z = np.zeros(coordinates.size)
+            return [Climb(at, norm, steps)]
         found = optimize.minimize(
-            below,
-            z,
+            coordinates.below,
+            np.zeros(coordinates.size),
             jac=True,
             method="BFGS",
             options={"gtol": tol * likelihood.total, "maxiter": min(more, max_iter - steps)},
         )
-        z, least = found.x, np.inf
-        if not found.nit:
-            z, least = coordinates.gradient(z, at), norm
+        z, least = (found.x, np.inf) if found.nit else (gradient, norm)
         at = likelihood.at(coordinates.normals(z))
         steps, more = steps + max(found.nit, 1), max_iter
-    return None
-
-
-def _below(likelihood: Likelihood, coordinates: Coordinates, z: Array) -> tuple[float, Array]:
-    """Minus the objective and its gradient at z; infinite where it cannot be computed."""
-    here = likelihood.at(coordinates.normals(z))
-    if here is None:
-        return np.inf, np.zeros_like(z)
-    return -here.objective, -coordinates.gradient(z, here)
+    return []
 
 
 def _standards(rows: Array, weights: Array, labels: list[str]) -> tuple[Array, Array]:
