@@ -1,9 +1,7 @@
 """A scenario and a pair's number in; the pair's pedestrians and their arrival times out."""
 
 import math
-from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
-from itertools import groupby
 from statistics import NormalDist
 
 import numpy as np
@@ -14,7 +12,6 @@ from harness.core.seeding import Given, Purpose, stream
 from harness.encounter.threshold import lognormal_s
 from harness.scenario import Scenario
 from harness.scenario.people import GapAcceptanceSection, PedestriansSection
-from harness.scenario.traffic import QUARTER_S
 
 SECONDS_PER_HOUR = 3600.0
 
@@ -26,18 +23,17 @@ def planned_arrivals(
     pair: int,
     given: Given | None = None,
     horizon_s: float | None = None,
-    begin_s: float = 0.0,
     key: tuple[int, ...] = (),
 ) -> tuple[Arrival, ...]:
     """All pedestrians who may arrive during an episode of this pair, by arrival time.
 
     Arrivals are a Poisson process of rate λ (paper, section III-B).  The time of arrival i is the
     sum of i + 1 unit exponentials, times 3600/λ.  So λ only stretches the time axis, and the cells
-    of a sweep over λ share their random numbers.  If λ changes, the sum is Λ, the integral of λ up
-    to that time.  With ``first_at_trigger`` pedestrian 0 is at the kerb at t = 0, and the others
-    follow.  Side, quantile, critical gap, threshold, latency, class and detection quantile of
-    pedestrian i are the i-th draws of their own streams.  Timed pedestrians are present from the
-    trigger, are the same in every pair, and have the first indices.
+    of a sweep over λ share their random numbers.  With ``first_at_trigger`` pedestrian 0 is at the
+    kerb at t = 0, and the others follow.  Side, quantile, critical gap, threshold, latency, class
+    and detection quantile of pedestrian i are the i-th draws of their own streams.  Timed
+    pedestrians are present from the trigger, are the same in every pair, and have the first
+    indices.
 
     In groups, the process is that of the groups, at λ over their mean size.  The members of group g
     arrive together; its size, side, critical gap, threshold and latency are the g-th draws of their
@@ -49,7 +45,6 @@ def planned_arrivals(
         given: uniforms that replace the first draws; None: the values of ``pedestrians.drawn`` for
             the pair, if any.
         horizon_s: the last possible arrival time; None for ``timeout_s``.
-        begin_s: the time at which the first quarter of an hour of λ begins.
         key: distinguishes the crosswalks of a pair that has several.
 
     Returns:
@@ -61,7 +56,7 @@ def planned_arrivals(
         pair, given = drawn.episode, drawn.uniforms
     uniforms = _Uniforms(experiment.seed, (pair, *key), given or {})
     horizon_s = experiment.timeout_s if horizon_s is None else horizon_s
-    times = _arrival_times(pedestrians, uniforms, horizon_s, begin_s)
+    times = _arrival_times(pedestrians, uniforms, horizon_s)
     groups = _groups(pedestrians, uniforms, len(times))
     count = len(groups)
     from_near = uniforms.first("side", len(times)) < pedestrians.near_side_share
@@ -112,7 +107,7 @@ def already_walking(
         first: index of the first of these pedestrians.
     """
     pedestrians, length = scenario.pedestrians, scenario.crossing.length_m
-    flow = pedestrians.flows_per_hour[0]
+    flow = pedestrians.flow_per_hour
     if not pedestrians.warm_up_s or not flow:
         return ()
     rng = stream(scenario.experiment.seed, "warm_up", pair)
@@ -247,44 +242,17 @@ def _walking_classes(
     return [*map(pedestrians.walking_class_at, drawn)]
 
 
-class _Stretch:
-    """The time at which the expected number of groups reaches a value: Λ⁻¹.
-
-    Before the first quarter of an hour λ has its first value, and after the last its last value.
-    """
-
-    def __init__(self, pedestrians: PedestriansSection, begin_s: float) -> None:
-        hour_s = SECONDS_PER_HOUR * pedestrians.mean_group_size
-        self._reached: list[float] = []
-        self._pieces: list[tuple[float, float]] = []
-        start_s, reached = 0.0, 0.0
-        # Equal quarters are one piece, so its times do not depend on their number.
-        for flow, same in groupby(pedestrians.flows_per_hour):
-            self._reached.append(reached)
-            # Nobody comes in a piece without a flow; only if it is the last one, it has no end.
-            self._pieces.append((start_s, hour_s / flow) if flow else (math.inf, 0.0))
-            begin_s += QUARTER_S * len([*same])
-            reached += (begin_s - start_s) * flow / hour_s
-            start_s = begin_s
-
-    def __call__(self, expected: float) -> float:
-        """The time in s, > 0; infinite if the number is never reached."""
-        number = bisect_right(self._reached, expected) - 1
-        start_s, scale = self._pieces[number]
-        return start_s + (expected - self._reached[number]) * scale
-
-
 def _arrival_times(
-    pedestrians: PedestriansSection, uniforms: _Uniforms, horizon_s: float, begin_s: float
+    pedestrians: PedestriansSection, uniforms: _Uniforms, horizon_s: float
 ) -> list[float]:
     """The times at which groups arrive; at most ``max_count``."""
     most = pedestrians.max_count
     times: list[float] = []
     if pedestrians.first_at_trigger and most != 0:
         times.append(0.0)
-    if max(pedestrians.flows_per_hour) == 0 or len(times) == most:
+    if not pedestrians.flow_per_hour or len(times) == most:
         return times
-    stretch = _Stretch(pedestrians, begin_s)
+    mean_s = SECONDS_PER_HOUR * pedestrians.mean_group_size / pedestrians.flow_per_hour
     waited, count = 0.0, _BLOCK
     # The first draw belongs to pedestrian 0, whether or not they were placed at the trigger.
     first = len(times)
@@ -292,7 +260,7 @@ def _arrival_times(
         # A longer sequence from the same stream begins with the same draws.
         for gap in -np.log1p(-uniforms.first("arrival", count)[first:]):
             waited += float(gap)
-            time_s = stretch(waited)
+            time_s = waited * mean_s
             if time_s > horizon_s or len(times) == most:
                 return times
             times.append(time_s)

@@ -12,6 +12,9 @@ from harness.measures.ego import crossing_time
 from harness.measures.motion.contact import gap
 from harness.measures.steps import time_at, x_range
 
+_STANDING_MPS = 0.1
+"""Who is slower stands."""
+
 
 def contact_speed_mps(chunk: Chunk) -> FloatArray:
     """The ego's speed at the contact in m/s; NaN if there was no contact."""
@@ -33,12 +36,18 @@ def min_ttc_s(chunk: Chunk) -> FloatArray:
 
 
 def min_time_advantage_s(chunk: Chunk) -> FloatArray:
-    """Smallest abs(R/v − L/v_p) in s while both approach the point where their paths cross."""
+    """Smallest abs(R/v − L/v_p) in s while both approach the point where their paths cross.
+
+    Nobody approaches it who stands: below 0.1 m/s, as SUMO has it.  Vehicles and people that have
+    stopped keep speeds of rounding errors.
+    """
     met = chunk.met
     lateral_m = (chunk.crossing.lane_centre_m - met.walker_y_m) * np.sign(met.walker_y_mps)
-    both = (met.ahead_m > 0) & (lateral_m > 0) & (met.speed_mps > 0)
+    walking_mps = np.abs(met.walker_y_mps)
+    both = (met.ahead_m > 0) & (lateral_m > 0)
+    both &= (met.speed_mps >= _STANDING_MPS) & (walking_mps >= _STANDING_MPS)
     advantage = np.abs(
-        met.ahead_m[both] / met.speed_mps[both] - lateral_m[both] / np.abs(met.walker_y_mps[both])
+        met.ahead_m[both] / met.speed_mps[both] - lateral_m[both] / walking_mps[both]
     )
     return chunk.smallest(met.trace[both], advantage)
 

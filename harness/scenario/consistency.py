@@ -12,7 +12,7 @@ from harness.core.errors import InputError, unknown_name
 from harness.scenario.people import PedestriansSection
 from harness.scenario.scenario import Scenario, path_of
 from harness.scenario.sections import ROUNDING_M, Section
-from harness.scenario.traffic import QUARTER_S, TrafficSection, by_quarter
+from harness.scenario.traffic import TrafficSection
 
 SUMO_DRIVER = "sumo_driver"
 """The strategy that leaves the driving to SUMO."""
@@ -174,9 +174,8 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection) -> None:
             _check_flow(getattr(traffic, key), len(lanes), scenario, f"traffic.{key}")
 
 
-def _check_flow(flow: float | tuple[float, ...], lanes: int, scenario: Scenario, key: str) -> None:
-    _check_quarters(flow, scenario, key)
-    flow_per_hour, most = max(by_quarter(flow)), lanes * 3600.0 / scenario.least_headway_s()
+def _check_flow(flow_per_hour: float, lanes: int, scenario: Scenario, key: str) -> None:
+    most = lanes * 3600.0 / scenario.least_headway_s()
     if flow_per_hour >= most and flow_per_hour > 0:
         problem = f"{flow_per_hour:g} vehicles per hour on {lanes} lanes"
         allowed = f"below {most:.4g}: lanes × 3600 s / (tau_s + (length + min_gap_m)/v0)"
@@ -207,7 +206,6 @@ def _check_simulation(scenario: Scenario) -> None:
 def _check_pedestrians(scenario: Scenario) -> None:
     """Refuse keys of ``[pedestrians]`` that do not fit together or to the rest of the scenario."""
     pedestrians = scenario.pedestrians
-    _check_quarters(pedestrians.flow_per_hour, scenario, "pedestrians.flow_per_hour")
     _check_sum("pedestrians.group_size", pedestrians.group_size)
     if len(pedestrians.group_size) > 1 and pedestrians.drawn:
         problem = "is not supported with pedestrians.drawn, whose pedestrians come one by one"
@@ -229,17 +227,6 @@ def _check_sum(key: str, shares: Sequence[float], *, at_most: bool = False) -> N
     if total > 1 + 1e-9 or (total < 1 - 1e-9 and not at_most):
         allowed = f"shares that sum to {'at most ' * at_most}1"
         raise InputError(key, f"the shares sum to {total:.10g}", allowed)
-
-
-def _check_quarters(flow: float | tuple[float, ...], scenario: Scenario, key: str) -> None:
-    """Refuse a list of flows that does not have a value for each quarter of an hour."""
-    whole, duration_s = "experiment.timeout_s", scenario.experiment.timeout_s
-    if scenario.traffic is not None:
-        whole, duration_s = "traffic.duration_s", scenario.traffic.duration_s
-    quarters = math.ceil(duration_s / QUARTER_S - 1e-9)
-    if isinstance(flow, tuple) and len(flow) != quarters:
-        allowed = f"{quarters}, one for each quarter of an hour of {whole}"
-        raise InputError(key, f"{len(flow)} values", allowed)
 
 
 def _check_case(case: str | None, scenario: Scenario, key: str) -> None:

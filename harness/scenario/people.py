@@ -11,7 +11,7 @@ from pydantic import Field
 from harness.core.encounter import Behaviour
 from harness.core.seeding import GIVEN_DRAWS, Given
 from harness.scenario.sections import NonNegative, Positive, Section, Share
-from harness.scenario.traffic import Flows, by_quarter
+from harness.scenario.traffic import Flow
 
 SLOWEST_MPS = 0.3
 """Least walking speed that is drawn from ``[pedestrians.walking_speed]``."""
@@ -170,9 +170,8 @@ class WalkingSpeedSection(Section):
 class PedestriansSection(Section):
     """``[pedestrians]``: the flow of pedestrians, their kerbs, decisions and walking speeds."""
 
-    flow_per_hour: Flows = 250.0
-    """λ, pedestrians per hour from both kerbs together; a list has one value for each quarter-hour
-    from the trigger on or, with ``[traffic]``, of ``duration_s``."""
+    flow_per_hour: Flow = 250.0
+    """λ, pedestrians per hour from both kerbs together."""
     group_size: Annotated[tuple[Share, ...], Field(strict=False, min_length=1)] = (1.0,)
     """Shares of the groups that have 1, 2, 3 … pedestrians; they sum to 1."""
     max_count: Annotated[int, Field(ge=0)] | None = None
@@ -202,15 +201,9 @@ class PedestriansSection(Section):
     """Pedestrians of each pair by their uniforms; ``harness risk`` writes them."""
 
     @property
-    def flows_per_hour(self) -> tuple[float, ...]:
-        """λ in each quarter of an hour; one value if it never changes."""
-        return by_quarter(self.flow_per_hour)
-
-    @property
     def anyone_comes(self) -> bool:
         """Whether anybody comes apart from timed and drawn pedestrians."""
-        flows = max(self.flows_per_hour) > 0
-        return (flows or self.first_at_trigger) and self.max_count != 0
+        return (self.flow_per_hour > 0 or self.first_at_trigger) and self.max_count != 0
 
     @property
     def walking_classes(self) -> tuple[WalkingClassSection, ...]:

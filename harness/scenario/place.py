@@ -86,10 +86,9 @@ def _people(scenario: Scenario) -> str:
         return "timed pedestrians" if people.timed else "pedestrians selected by their outcome"
     if people.first_at_trigger and people.max_count == 1:
         return "one pedestrian, at the trigger"
-    flows, size = people.flows_per_hour, people.mean_group_size
+    size = people.mean_group_size
     groups = f" in groups of {size:.3g} on average" if len(people.group_size) > 1 else ""
-    flow = " to ".join(map(as_written, sorted({min(flows), max(flows)})))
-    return f"{flow} people/h{groups}"
+    return f"{as_written(people.flow_per_hour)} people/h{groups}"
 
 
 def _behaviour(scenario: Scenario) -> str:

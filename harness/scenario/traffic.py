@@ -6,19 +6,7 @@ from pydantic import Field
 
 from harness.scenario.sections import EgoSection, NonNegative, Positive, Section, Share
 
-QUARTER_S = 900.0
-"""Duration of each value in a list of flows."""
-
 Flow = Annotated[float, Field(ge=0, le=100_000)]
-
-Flows = Flow | Annotated[tuple[Flow, ...], Field(strict=False, min_length=1)]
-"""One flow for the whole time, or one for each quarter of an hour."""
-
-
-def by_quarter(flow: float | tuple[float, ...]) -> tuple[float, ...]:
-    """The flow of each quarter of an hour; one value if it never changes."""
-    values = flow if isinstance(flow, tuple) else (flow,)
-    return values if len(set(values)) > 1 else values[:1]
 
 
 class VehicleTypeSection(Section):
@@ -57,10 +45,10 @@ class TrafficSection(Section):
     ``following``, ``tau_s`` and ``min_gap_m`` are SUMO's car-following model and its parameters.
     """
 
-    flow_per_hour: Flows = 600.0
-    """Vehicles per hour in the ego's direction; a list has one value for each quarter-hour."""
-    oncoming_per_hour: Flows = 600.0
-    """Vehicles per hour in the oncoming direction; a list has one value for each quarter-hour."""
+    flow_per_hour: Flow = 600.0
+    """Vehicles per hour in the ego's direction."""
+    oncoming_per_hour: Flow = 600.0
+    """Vehicles per hour in the oncoming direction."""
     av_share: Share = 1.0
     """Share of the vehicles that ``arms.av`` drives in the AV's arm; with ``types``, the share of
     the vehicles that may be AVs."""
@@ -82,7 +70,7 @@ class TrafficSection(Section):
     def has_vehicles(self, *, oncoming: bool) -> bool:
         """Whether any vehicles arrive in a direction."""
         flow = self.oncoming_per_hour if oncoming else self.flow_per_hour
-        return self.saturated or max(by_quarter(flow)) > 0
+        return self.saturated or flow > 0
 
     @property
     def shares(self) -> tuple[float, ...]:

@@ -40,7 +40,7 @@ class Approaches:
             for name in setup.crosswalks
         }
         ends = [edge for edges in self.before.values() for edge in edges]
-        watched = setup.zones.upstream(ends, self._reach_m)
+        watched = setup.town.upstream(ends, self._reach_m)
         self._on_edge: dict[str, Sequence[str]] = dict.fromkeys(watched, ())
 
     def found(self, step: int) -> Iterator[str]:
@@ -90,7 +90,7 @@ class Approaches:
             for crosswalk in zones.crosswalks(link.connection)
         ]
         return [
-            Passage(car, crosswalk, link.connection, *zone, link.begin_m, body)
+            Passage(car, crosswalk, link.connection, zone, link.begin_m, body)
             for link, crosswalk, zone in found
             if zone is not None
         ]

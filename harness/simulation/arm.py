@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from harness.core.encounter import Arm
@@ -15,10 +15,11 @@ from harness.simulation.cars import PASSED, Car, Passage
 from harness.simulation.driving import Control
 from harness.simulation.own_people import OwnPeople
 from harness.simulation.people import PeopleAt
-from harness.simulation.seeing import Sight
+from harness.simulation.seeing import Outlines, Sight
 from harness.simulation.setup import Setup
 from harness.simulation.shares import is_automated
 from harness.simulation.walked import Walked
+from harness.strategies.perception.sensor import sensor_of
 
 QUEUED_MPS = 5 / 3.6
 """A vehicle below this speed is queued (5 km/h, as in SUMO's queue output)."""
@@ -67,17 +68,16 @@ class ArmOfPair:
     ) -> None:
         self.setup, self.session, self._vehicles = setup, session, session.vehicles
         self._pair, self._arm, self._model = pair, arm, model
-        self._seed, self._begin_s, self._steps = setup.seed(pair), session.time_s, 0
+        self._seed, self._steps = setup.seed(pair), 0
         self.log = Log(queues={name: [] for name in setup.crosswalks})
         self._cars: dict[str, Car] = {}
         self._near: dict[str, Car] = {}
         self._speeds = WalkingSpeeds(setup.scenario, self._model)
         self.people = {name: self._people_at(name) for name in setup.crosswalks}
         self._owns = [each.own for each in self.people.values() if each.own is not None]
-        self.sight = Sight(setup.scenario, pair, session, self.people)
-        ego, ballistic = setup.scenario.ego, setup.config.ballistic
-        detection_m = ego.detection_range_m or ego.trigger_range_m
-        self.control = Control(session, detection_m, ballistic, self.people, self.sight.shown)
+        self._sensors = {driver: sensor_of(setup.scenario, driver) for driver in Arm}
+        self._outlines = Outlines(session)
+        self.control = Control(session, setup, self.people)
         self.approaches = Approaches(setup, session)
         self._due: dict[int, list[Car]] = defaultdict(list)
         self._hits: set[tuple[str, str]] = set()
@@ -113,7 +113,7 @@ class ArmOfPair:
             self._drop(car, ENDED)
         log.end_s, use = session.time_s, self._speeds.model_use.counts
         log.counts.update(conditionings=use.uses, clamped=use.clamped)
-        log.people = {name: each.walked(self._begin_s) for name, each in self.people.items()}
+        log.people = {name: each.walked() for name, each in self.people.items()}
         log.passages.sort(key=lambda each: (each.begin_s, each.car.name, each.crosswalk.id))
         return log
 
@@ -142,16 +142,14 @@ class ArmOfPair:
         crosswalk, own = setup.town.crosswalks[name], None
         if setup.own_people:
             own = OwnPeople(session, setup, crosswalk, self._pair, self._speeds, self._near)
-        return PeopleAt(session, crosswalk, setup.town.areas(name), own)
+        return PeopleAt(session, setup.town, crosswalk, own)
 
     def _note_people(self, time_s: float) -> None:
         """Note where people are: at every step where a vehicle is within R0."""
-        names: Iterable[str] = self.people
-        if self._steps % max(1, round(STROLL_S / self.session.step_s)):
-            cars = self._near.values()
-            names = {each.crosswalk.id for car in cars for each in car.passages if each.begun}
-        for name in names:
-            self.people[name].note(time_s)
+        everywhere = self._steps % max(1, round(STROLL_S / self.session.step_s)) == 0
+        for people in self.people.values():
+            if everywhere or people.watched:
+                people.note(time_s)
 
     # Events
 
@@ -277,6 +275,7 @@ class ArmOfPair:
     def _begin(self, passage: Passage, time_s: float) -> None:
         """Begin a passage whose vehicle is within R0, and choose who drives."""
         setup, car, step_s = self.setup, passage.car, self.session.step_s
+        people = self.people[passage.crosswalk.id]
         range_m = setup.scenario.ego.trigger_range_m
         x_m = car.odometer_m - passage.centre_m
         over_m = max(0.0, x_m + range_m)
@@ -298,13 +297,17 @@ class ArmOfPair:
                 passage.not_driven = "SUMO drives in this arm"
             else:
                 passage.driver = setup.scenario.arms.driver(driver)
-                self.people[passage.crosswalk.id].note(time_s)
-                self.sight.begin(passage, driver)
+                people.note(time_s)
+                sensor = self._sensors[driver]
+                if sensor is not None:
+                    passage.sight = Sight(sensor, self._pair, passage, people, self._outlines)
         car.changed = True
+        people.watched += 1
         self.log.passages.append(passage)
 
     def _end(self, passage: Passage, why: str) -> None:
         passage.end(why)
+        self.people[passage.crosswalk.id].watched -= passage.begun
         passage.car.changed = True
         passage.car.passages.remove(passage)
 

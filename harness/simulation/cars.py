@@ -8,7 +8,7 @@ import math
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,9 @@ from harness.core.actuation import Actuator
 from harness.core.encounter import Crossing, FloatArray, Strategy, Vehicle
 from harness.site.town import Connection, Crosswalk
 from harness.site.zone import Zone
-from harness.strategies.perception.updates import Updates, Views
+
+if TYPE_CHECKING:
+    from harness.simulation.seeing import Sight
 
 LIMITS = ("strategy", "actuator", "lane", "leader", "right_of_way")
 """What decides a driven vehicle's speed in a step; lanes include curves."""
@@ -113,7 +115,7 @@ class Passage:
     Attributes:
         car: the vehicle.
         crosswalk: the crosswalk.
-        connection, zone, crossing: where the vehicle meets it.
+        connection, zone: where the vehicle meets it; ``crossing`` is its straight frame.
         stop_m: the odometer at the stop line.
         vehicle: the car's constants; once it has begun, with v0 and R0 of this passage and the
             size of its zone: the straight frame's body covers the same part of the crosswalk.
@@ -127,15 +129,13 @@ class Passage:
         limited: number of driven steps by what limited them (``LIMITS``), once it has ended.
         ended: how it ended; None while it goes on.
         fallback, collided: whether its strategy fell back, and whether SUMO saw a collision.
-        updates, shown: the driver's sensor and what it showed at each step; None: the truth.
-        hides: whether vehicles hide people from it.
+        sight: what its driver's sensor shows; None: the truth.
     """
 
     car: Car
     crosswalk: Crosswalk
     connection: Connection
     zone: Zone
-    crossing: Crossing
     stop_m: float
     vehicle: Vehicle
     driver: str = "sumo"
@@ -151,15 +151,15 @@ class Passage:
     ended: str | None = None
     fallback: bool = False
     collided: bool = False
-    updates: Updates | None = None
-    shown: list[Views] | None = None
-    hides: bool = False
-    first_m: float = 0.0
-    last_m: float = 0.0
-    centre_m: float = 0.0
+    sight: "Sight | None" = None
+    crossing: Crossing = field(init=False)
+    first_m: float = field(init=False)
+    last_m: float = field(init=False)
+    centre_m: float = field(init=False)
 
     def __post_init__(self) -> None:
         """Compute the odometer where the body first and last touches it, and at x = 0."""
+        self.crossing = self.zone.crossing
         self.first_m = self.stop_m + self.zone.first_m
         self.last_m = self.stop_m + self.zone.last_m
         self.centre_m = self.stop_m + self.zone.centre_m
@@ -220,6 +220,5 @@ class Passage:
 
     def move_to(self, other: "Passage") -> None:
         """Go on, and be measured, on the connection of a lane to which the vehicle changed."""
-        self.connection, self.zone, self.crossing = other.connection, other.zone, other.crossing
-        self.stop_m = other.stop_m
+        self.connection, self.zone, self.stop_m = other.connection, other.zone, other.stop_m
         self.__post_init__()

@@ -20,7 +20,7 @@ from harness.engine.configuration import SumoConfig, write_options, write_xml
 from harness.engine.network import network_of
 from harness.engine.starting import vehicle_type
 from harness.scenario import Scenario
-from harness.scenario.traffic import QUARTER_S, TrafficSection, by_quarter
+from harness.scenario.traffic import TrafficSection
 
 NET_FILE, ROUTES_FILE, CONFIG_FILE = "road.net.xml", "vehicles.rou.xml", "traffic.sumocfg"
 
@@ -156,9 +156,8 @@ def vehicles_due(scenario: Scenario, pair: int) -> Iterator[Due]:
 
     The lanes of a direction share its flow equally.  Headways in a lane of flow q are shifted
     exponential: at least h (the following headway of these two vehicles at v0), and beyond h with
-    the hazard 1/(1/q − E[h]).  So the mean headway is 1/q.  q may change every quarter of an hour.
-    Times are rounded up to steps.  Types are drawn one by one, each with the probability of its
-    share.
+    the hazard 1/(1/q − E[h]).  So the mean headway is 1/q.  Times are rounded up to steps.  Types
+    are drawn one by one, each with the probability of its share.
 
     Args:
         scenario: a scenario with ``[traffic]``.
@@ -168,10 +167,10 @@ def vehicles_due(scenario: Scenario, pair: int) -> Iterator[Due]:
     for direction, way in enumerate(("forward", "oncoming")):
         lanes = len(scenario.crosswalk_from_lanes(oncoming=bool(direction)))
         flow = traffic.oncoming_per_hour if direction else traffic.flow_per_hour
-        flows = [each / lanes / _SECONDS_PER_HOUR for each in by_quarter(flow)] if lanes else []
         for lane in range(lanes):
             times = _saturated(scenario) if traffic.saturated else None
-            times = times or _times(scenario, pair, (direction, lane), flows)
+            per_s = flow / lanes / _SECONDS_PER_HOUR
+            times = times or _times(scenario, pair, (direction, lane), per_s)
             kinds = _kinds(traffic, scenario.experiment.seed, pair, (direction, lane))
             for number, (time_s, kind) in enumerate(zip(times, kinds, strict=False)):
                 yield Due(f"{way}-{lane}-{number}", direction, lane, time_s, kind)
@@ -185,42 +184,25 @@ def _saturated(scenario: Scenario) -> Iterator[float]:
         time_s += max(step_s, _SATURATED * scenario.least_headway_s())
 
 
-def _times(
-    scenario: Scenario, pair: int, key: tuple[int, int], per_s: list[float]
-) -> Iterator[float]:
-    """Times of a lane's vehicles from the simulation's begin, in whole steps.
-
-    ``per_s`` is the lane's flow in each quarter of an hour of the counted time.
-    """
+def _times(scenario: Scenario, pair: int, key: tuple[int, int], per_s: float) -> Iterator[float]:
+    """Times of a lane's vehicles at a flow from the simulation's begin, in whole steps."""
     traffic, experiment = scenario.known_traffic, scenario.experiment
     step_s, mean_s = experiment.step_s, scenario.least_headway_s()
+    hazard = per_s / (1 - per_s * mean_s)
     headways: Iterator[float] = repeat(mean_s)
     if traffic.types:
         headways = _headways(scenario, _kinds(traffic, experiment.seed, pair, key))
-    begin_s, last_s = -traffic.warm_up_s, traffic.duration_s
-    time_s, earliest = begin_s, 0
-    for uniform in iter(stream(experiment.seed, "vehicle_arrival", pair, *key).random, None):
-        left = -math.log1p(-uniform)
-        while True:
-            flow = per_s[min(max(0, math.floor(time_s / QUARTER_S)), len(per_s) - 1)]
-            hazard = flow / (1 - flow * mean_s)
-            until_s = min(last_s, (math.floor(time_s / QUARTER_S) + 1) * QUARTER_S)
-            if hazard * (until_s - time_s) > left:
-                time_s += left / hazard
-                break
-            left -= hazard * (until_s - time_s)
-            if until_s >= last_s:
-                return
-            time_s = until_s
-        step = max(earliest, math.ceil((time_s - begin_s) / step_s - 1e-9))
-        if step * step_s >= last_s - begin_s - 1e-9:
+    time_s, earliest, last_s = 0.0, 0, traffic.warm_up_s + traffic.duration_s - 1e-9
+    uniforms = stream(experiment.seed, "vehicle_arrival", pair, *key).random
+    while per_s:
+        time_s -= math.log1p(-uniforms()) / hazard
+        step = max(earliest, math.ceil(time_s / step_s - 1e-9))
+        if step * step_s >= last_s:
             return
         yield step * step_s
         headway_s = next(headways)
         earliest = step + round(headway_s / step_s)
         time_s += headway_s
-        if time_s >= last_s:
-            return
 
 
 def _kinds(traffic: TrafficSection, seed: int, pair: int, key: tuple[int, int]) -> Iterator[int]:

@@ -6,7 +6,7 @@ elsewhere it drives as ever.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from harness.core.actuation import CUT_MPS, Actuator
 from harness.core.encounter import EgoView, Observation, quick_tuple
@@ -15,6 +15,7 @@ from harness.encounter.deciding import ROUNDING_M, limited, strategy_raised
 from harness.engine.session import Session
 from harness.simulation.cars import ACTUATOR, LANE, LEADER, RIGHT_OF_WAY, STRATEGY, Car, Passage
 from harness.simulation.people import PeopleAt
+from harness.simulation.setup import Setup
 from harness.strategies.perception.updates import Views
 
 SPEED_MODE_FREE = 23
@@ -33,24 +34,15 @@ class Control:
 
     Args:
         session: SUMO.
-        detection_m: distance within which drivers see people.
-        ballistic: whether vehicles move with constant acceleration within a step.
+        setup: says within which distance drivers see people, and how vehicles move within a step.
         people: everybody at each crosswalk.
-        shown: the people whom a driver with a sensor sees; with whether the vehicle is within
-            ``detection_m``.
     """
 
-    def __init__(
-        self,
-        session: Session,
-        detection_m: float,
-        ballistic: bool,
-        people: Mapping[str, PeopleAt],
-        shown: Callable[[Passage, bool], Views],
-    ) -> None:
+    def __init__(self, session: Session, setup: Setup, people: Mapping[str, PeopleAt]) -> None:
         self._session, self._vehicles = session, session.vehicles
-        self._detection_m, self._ballistic = detection_m + ROUNDING_M, ballistic
-        self._step_s, self._shown, self._people = session.step_s, shown, people
+        ego, self._ballistic = setup.scenario.ego, setup.config.ballistic
+        self._detection_m = (ego.detection_range_m or ego.trigger_range_m) + ROUNDING_M
+        self._step_s, self._people = session.step_s, people
         self.driven: dict[str, Car] = {}
 
     def update(self, car: Car) -> None:
@@ -146,8 +138,8 @@ class Control:
         time_s = (len(car.speeds_mps) - 1 - passage.first) * self._step_s
         near = -self._detection_m <= range_m <= self._detection_m
         seen: Views = ()
-        if passage.updates is not None:
-            seen = self._shown(passage, near)
+        if passage.sight is not None:
+            seen = passage.sight.look(near)
         elif near:
             seen = self._people[passage.crosswalk.id].views(passage)
         ego = quick_tuple(EgoView, (range_m, car.speed_mps, car.acceleration_mps2))

@@ -23,8 +23,8 @@ from harness.simulation import demand
 from harness.simulation.files import write_config
 from harness.simulation.setup import CROSSWALK, Setup
 from harness.simulation.shares import sumo_seed
-from harness.simulation.zones import Zones
 from harness.site.town import Crosswalk, Town
+from harness.site.zone import Zones
 
 _BASE_SEED = 23423
 """SUMO's default seed, of ``[traffic]``."""

@@ -6,16 +6,17 @@ In SUMO they are from kerb to kerb only; who waits is known to the harness alone
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 from harness.core.encounter import Crossing, Side
-from harness.encounter.cell_constants import CellConstants
+from harness.encounter.cell_constants import constants_of
 from harness.encounter.crowd import Crowd
 from harness.encounter.walkers import ChooseSpeed, Walker
 from harness.engine.session import Session
 from harness.measures.motion.walking import cleared_s
 from harness.simulation.cars import Car, Passage
 from harness.simulation.setup import Setup
-from harness.simulation.walked import Axis, Walked, moved
+from harness.simulation.walked import Walked
 from harness.site.town import Crosswalk
 from harness.site.zone import Zone
 
@@ -39,12 +40,11 @@ class SeenLane:
 
     Args:
         zone: the zone of a car on that connection.
-        lane_width_m: the width of its lane.
     """
 
-    def __init__(self, zone: Zone, lane_width_m: float) -> None:
+    def __init__(self, zone: Zone) -> None:
         self.centre_m = zone.y_of((zone.from_m + zone.to_m) / 2)
-        half_m = lane_width_m / 2
+        half_m = zone.lane_m / 2
         self.edges_m = (
             max(self.centre_m - half_m, 0.0),
             min(self.centre_m + half_m, zone.crosswalk_m),
@@ -88,41 +88,34 @@ class OwnPeople:
         choose_speed: ChooseSpeed,
         cars: "Mapping[str, Car]",
     ) -> None:
-        self._session, self._crosswalk, self._axis = session, crosswalk.id, Axis(crosswalk)
+        self._session, self._crosswalk = session, crosswalk
         self._cars = cars
         self._footpaths = setup.town.footpaths(crosswalk.id)
         self.arrivals = setup.arrivals(pair, crosswalk.id)
         self._lanes: dict[str, SeenLane] = {}
         for connection in setup.town.connections(crosswalk.id):
-            found = setup.zones.at(connection, crosswalk, *_CAR_M)
-            if found is not None:
-                self._lanes[connection.id] = SeenLane(found[0], found[1].lane_width_m)
-        length_m, people = crosswalk.length_m, setup.scenario.pedestrians
-        self._rules = CellConstants(
-            vehicle=setup.vehicle(*_CAR_M, *_CAR_MPS2),
-            crossing=Crossing(length_m, crosswalk.width_m, length_m / 2, length_m),
-            kerb_wait_s=people.kerb_wait_s,
-            step_s=session.step_s,
-            timeout_s=math.inf,
-            behaviour=people.behaviour,
-            threshold=people.threshold,
-        )
-        lanes = [*self._lanes.values()]
-        self.crowd = Crowd(self.arrivals, lanes, choose_speed, self._rules, self._leave)
+            zone = setup.zones.at(connection, crosswalk, *_CAR_M)
+            if zone is not None:
+                self._lanes[connection.id] = SeenLane(zone)
+        length_m, lanes = crosswalk.length_m, [*self._lanes.values()]
+        self._road = Crossing(length_m, crosswalk.width_m, length_m / 2, length_m)
+        car = setup.vehicle(*_CAR_M, *_CAR_MPS2)
+        rules = replace(constants_of(setup.scenario), vehicle=car, crossing=self._road)
+        self.crowd = Crowd(self.arrivals, lanes, choose_speed, rules, self._leave)
         self.moved: dict[int, int] = {}
         """Those whom SUMO has, each with the step from which they may be moved."""
-        self._begin_s, self._steps = session.time_s, 0
+        self._steps = 0
 
     def name_of(self, index: int) -> str:
         """SUMO's id of one of them."""
-        return f"own{self._crosswalk}-{index}"
+        return f"own{self._crosswalk.id}-{index}"
 
     def _see(self) -> None:
         """Look at the vehicles that come."""
         coming = defaultdict[str, list[Passage]](list)
         for car in self._cars.values():
             for each in car.passages:
-                if each.crosswalk.id == self._crosswalk:
+                if each.crosswalk is self._crosswalk:
                     coming[each.connection.id].append(each)
         for name, lane in self._lanes.items():
             lane.coming = sorted(coming[name], key=lambda each: -each.x_m)
@@ -131,7 +124,7 @@ class OwnPeople:
         """Let those who wait decide on the vehicles' states at the step's beginning."""
         if self.crowd.walkers:
             self._see()
-            self.crowd.begin_step(self._session.time_s - self._begin_s)
+            self.crowd.begin_step(self._session.time_s)
 
     def place(self) -> bool:
         """Have SUMO move everybody between the kerbs to where they are at the step's end.
@@ -141,7 +134,7 @@ class OwnPeople:
         """
         self._steps += 1
         walkers, added = self.crowd.walkers, False
-        end_s = self._session.time_s - self._begin_s + self._session.step_s
+        end_s = self._session.time_s + self._session.step_s
         places = dict(self.crowd.walk_until(end_s)) if walkers else {}
         for walker in walkers:
             index = walker.index
@@ -153,13 +146,13 @@ class OwnPeople:
                 self._add(walker)
                 added = True
             elif self._steps >= self.moved[index]:
-                along_m = min(max(places[index], HELD_M), self._axis.length_m - HELD_M)
-                self._session.move_person(self.name_of(index), *self._axis.point(along_m))
+                along_m = min(max(places[index], HELD_M), self._crosswalk.length_m - HELD_M)
+                self._session.move_person(self.name_of(index), *self._crosswalk.point(along_m))
         return added
 
     def end_step(self) -> None:
         """Let those who came within the step that has ended see its vehicles."""
-        now_s = self._session.time_s - self._begin_s
+        now_s = self._session.time_s
         if self.crowd.next_s <= now_s:
             # The vehicles are in their states at the step's end.
             self._see()
@@ -169,20 +162,18 @@ class OwnPeople:
         start, goal = self._footpaths if walker.side is Side.NEAR else self._footpaths[::-1]
         name = self.name_of(walker.index)
         self._session.add_person(name, start.edge, start.inside_m, WALKER_TYPE)
-        way = [start.edge, *start.areas, self._crosswalk, *reversed(goal.areas), goal.edge]
+        way = [start.edge, *start.areas, self._crosswalk.id, *reversed(goal.areas), goal.edge]
         self._session.people.walk(name, way, goal.inside_m)
 
     def _leave(self, index: int) -> None:
         if self.moved.pop(index, None) is not None:
             self._session.people.remove(self.name_of(index))
 
-    def walked(self, begin_s: float) -> Iterator[Walked]:
-        """Everybody who came; their times are 0 at SUMO's ``begin_s``."""
-        end_s = self._session.time_s
+    def walked(self) -> Iterator[Walked]:
+        """Everybody who came."""
         for walker in self.crowd.came:
-            walk = moved(walker.walk, -begin_s)
-            done_s = cleared_s(walk, self._rules.crossing)
+            walk, name = walker.walk, self.name_of(walker.index)
+            done_s = cleared_s(walk, self._road)
             until_s = math.inf if done_s is None else done_s
-            let_go = self.crowd.let_go.get(walker.index)
-            done_s = done_s if until_s <= end_s else None
-            yield Walked(self.name_of(walker.index), True, walk, done_s, until_s, let_go)
+            done_s = done_s if until_s <= self._session.time_s else None
+            yield Walked(name, True, walk, done_s, until_s, self.crowd.let_go.get(walker.index))

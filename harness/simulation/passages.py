@@ -8,6 +8,7 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import starmap
 from typing import Any, Literal
 
 import numpy as np
@@ -17,6 +18,7 @@ from harness.core.encounter import (
     PEDESTRIAN_RADIUS_M,
     Contact,
     Ending,
+    Leg,
     StepMotion,
     Trace,
     Walk,
@@ -26,9 +28,9 @@ from harness.measures.contacts import Strike
 from harness.measures.efficiency import beyond
 from harness.measures.ego import ego_state
 from harness.simulation.cars import LIMITS, Passage
-from harness.simulation.walked import Axis, Walked, moved
-from harness.simulation.zones import Zones
+from harness.simulation.walked import Walked
 from harness.site.path import Path
+from harness.site.zone import Zones
 
 Columns = dict[str, list[Any]]
 """A table: its columns by name."""
@@ -148,7 +150,7 @@ def _trace(
         sumo_collision=passage.collided,
         fallback=passage.fallback,
         trace_offset_s=passage.trace_offset_s,
-        shown=None if passage.shown is None else tuple(passage.shown),
+        shown=None if passage.sight is None else tuple(passage.sight.shown),
         motion=motion,
     )
     length_s = (len(base.x_m) - 1) * step_s
@@ -157,11 +159,7 @@ def _trace(
     for each in people:
         far_m = zone.crosswalk_m if zone.reverse else None
         leads_left = zone.reverse == passage.crosswalk.left_hand
-        walk = moved(each.walk, begin_s, far_m, leads_left=leads_left)
-        if walk.legs is not None:
-            # A leg that begins with a step must not begin a rounding error after it.
-            legs = (leg._replace(time_s=_in_steps(leg.time_s, step_s)) for leg in walk.legs)
-            walk = replace(walk, legs=tuple(legs))
+        walk = moved(each.walk, begin_s, step_s, far_m, leads_left=leads_left)
         start_s = walk.start_s
         if start_s is not None and start_s >= length_s:
             walk = replace(walk, start_s=None, speed_mps=None, legs=None)
@@ -174,10 +172,35 @@ def _trace(
     return replace(base, walks=tuple(walks)), walkers
 
 
-def _in_steps(time_s: float, step_s: float) -> float:
-    """A time, or that of the step which it misses by a rounding error."""
-    whole_s = round(time_s / step_s) * step_s
-    return whole_s if abs(time_s - whole_s) < _ROUNDING_S else time_s
+def moved(
+    walk: Walk,
+    since_s: float,
+    step_s: float,
+    length_m: float | None = None,
+    *,
+    leads_left: bool = False,
+) -> Walk:
+    """A walk with other times, as a vehicle sees it that drives over the crosswalk.
+
+    Args:
+        walk: the walk.
+        since_s: its times are counted from this time.
+        step_s: a leg that begins a rounding error beside a step of this length begins with it.
+        length_m: the crosswalk's length, if the axis begins at the far kerb; None if at the near.
+        leads_left: whether the axis leads to the vehicle's left; x is the way ahead.
+    """
+    arrival, legs, ahead = walk.arrival, walk.legs, -1.0 if leads_left else 1.0
+    arrival = arrival._replace(arrival_s=arrival.arrival_s - since_s)
+    up, from_m = (1.0, 0.0) if length_m is None else (-1.0, length_m)
+    if length_m is not None:
+        arrival = arrival._replace(side=arrival.side.other)
+    if legs is not None:
+        rows = np.array(legs) * [1.0, ahead, up, ahead, up, up] + [-since_s, 0, from_m, 0, 0, 0]
+        whole_s = np.round(rows[:, 0] / step_s) * step_s
+        rows[:, 0] = np.where(np.abs(rows[:, 0] - whole_s) < _ROUNDING_S, whole_s, rows[:, 0])
+        legs = tuple(starmap(Leg, rows.tolist()))
+    start_s = None if walk.start_s is None else walk.start_s - since_s
+    return replace(walk, arrival=arrival, start_s=start_s, legs=legs)
 
 
 def strike_of(
@@ -193,7 +216,7 @@ def strike_of(
         path: the vehicle's path.
         walkers: those who stepped off, in the trace's order.
     """
-    vehicle, axis = passage.car.vehicle, Axis(passage.crosswalk)
+    vehicle = passage.car.vehicle
     half_m = trace.crossing.width_m / 2
     ends_m = (-half_m - _NEAR_M, half_m + vehicle.length_m + _NEAR_M)
     low, high = np.searchsorted(trace.x_m, ends_m).tolist()
@@ -207,7 +230,7 @@ def strike_of(
     bodies = shapely.polygons(path.outline(s, vehicle.length_m, vehicle.width_m))
     first: Strike | None = None
     for number, each in enumerate(walkers):
-        places = each.places(passage.begin_s + time_s, axis)
+        places = each.places(passage.begin_s + time_s, passage.crosswalk)
         off_m = np.full(len(time_s), np.inf)
         on = np.isfinite(places[:, 0])
         off_m[on] = shapely.distance(bodies[on], shapely.points(places[on])) - PEDESTRIAN_RADIUS_M
@@ -217,7 +240,7 @@ def strike_of(
         at, hit_s = int(hits[0]), float(time_s[hits[0]])
         if at and np.isfinite(off_m[at - 1]):
             share = off_m[at] / (off_m[at] - off_m[at - 1])
-            hit_s += float((time_s[at] - time_s[at - 1]) * share)
+            hit_s -= float((time_s[at] - time_s[at - 1]) * share)
         if first is None or hit_s < first.time_s:
             right, left, rear = path.outline(s[at], vehicle.length_m, vehicle.width_m)[:3]
             ahead = bool((places[at] - (right + left) / 2) @ (left - rear) >= 0.0)

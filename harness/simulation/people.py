@@ -1,14 +1,13 @@
 """The people at one crosswalk as drivers see them: SUMO's, and the harness's."""
 
 import math
-from collections.abc import Sequence
 
 from harness.core.encounter import PedestrianView, Side, quick_tuple
 from harness.engine.session import Session
 from harness.simulation.cars import Passage
 from harness.simulation.own_people import OWN_CROSSES, OwnPeople
-from harness.simulation.walked import STANDING_MPS, WAITING_M, Axis, Seen, Walked, walked_of
-from harness.site.town import Crosswalk
+from harness.simulation.walked import STANDING_MPS, WAITING_M, Seen, Walked, walked_of
+from harness.site.town import Crosswalk, Town
 
 
 class PeopleAt:
@@ -16,22 +15,22 @@ class PeopleAt:
 
     Args:
         session: SUMO.
+        town: the network.
         crosswalk: the crosswalk.
-        areas: ids of the walking areas at its ends.
         own: the harness's people, if they cross here.
 
     Attributes:
         crosswalk, own: the same.
         changed: whether somebody has come or gone; whoever has seen to it resets it.
+        watched: the number of vehicles that are on their ways over it.
     """
 
     def __init__(
-        self, session: Session, crosswalk: Crosswalk, areas: Sequence[str], own: OwnPeople | None
+        self, session: Session, town: Town, crosswalk: Crosswalk, own: OwnPeople | None
     ) -> None:
         self._session, self._people = session, session.people
-        self.crosswalk, self.axis = crosswalk, Axis(crosswalk)
-        self._crossing, self._areas = crosswalk.id, areas
-        self.own, self.changed = own, False
+        self.crosswalk, self._areas = crosswalk, town.areas(crosswalk.id)
+        self.own, self.changed, self.watched = own, False, 0
         self._first = 0 if own is None else len(own.arrivals)
         self._here: dict[str, Seen] = {}
         self._came: list[Seen] = []
@@ -41,21 +40,26 @@ class PeopleAt:
 
     def note(self, time_s: float) -> None:
         """Note where SUMO's people are at the end of a step."""
-        self._now = None
         if time_s == self._noted_s:
             return
-        self._noted_s, here = time_s, self._here
-        ids, next_edge = self._session.people_on, self._people.next_edge
-        crossing, beside = ids(self._crossing), [name for area in self._areas for name in ids(area)]
-        if not crossing and not beside and not here:
+        self._noted_s, self._now, here = time_s, None, self._here
+        ids, next_edge, crossing = (
+            self._session.people_on,
+            self._people.next_edge,
+            self.crosswalk.id,
+        )
+        there = dict.fromkeys(ids(crossing), True)
+        for area in self._areas:
+            for name in ids(area):
+                # The first place beyond the crosswalk shows when they reached the kerb.
+                if name not in there and (
+                    (name in here and here[name].on) or next_edge(name) == crossing
+                ):
+                    there[name] = False
+        if not there and not here:
             return
-        there = {name: True for name in crossing if not name.startswith(OWN_CROSSES)}
-        for name in beside:
-            if name in there or name.startswith(OWN_CROSSES):
-                continue
-            # The first place beyond the crosswalk shows when they reached the kerb.
-            if (name in here and here[name].on[-1]) or next_edge(name) == self._crossing:
-                there[name] = False
+        if self.own is not None:
+            there = {name: on for name, on in there.items() if not name.startswith(OWN_CROSSES)}
         if there.keys() != here.keys():
             self.changed = True
         self._here = {}
@@ -63,14 +67,11 @@ class PeopleAt:
             x, y = self._people.position(name)
             person = here.get(name)
             if person is None:
-                number = self._first + len(self._came)
-                person = Seen(name, number, self.axis.along_m(x, y))
+                near = self.crosswalk.foot(x, y)[0] < self.crosswalk.length_m / 2
+                person = Seen(name, self._first + len(self._came), near)
                 self._came.append(person)
             self._here[name] = person
-            person.time_s.append(time_s)
-            person.x.append(x)
-            person.y.append(y)
-            person.on.append(on)
+            person.states.append((time_s, x, y, on))
 
     def names(self) -> list[str]:
         """Ids of everybody who is here."""
@@ -79,10 +80,18 @@ class PeopleAt:
 
     def id_of(self, index: int) -> str:
         """The id of somebody, by the index that drivers see."""
-        if index >= self._first:
-            return self._came[index - self._first].id
-        assert self.own is not None
-        return self.own.name_of(index)
+        if self.own is not None and index < self._first:
+            return self.own.name_of(index)
+        return self._came[index - self._first].id
+
+    def place(self, index: int) -> tuple[float, float]:
+        """x and y of somebody who is here, by the index that drivers see."""
+        if self.own is None or index >= self._first:
+            _, x, y, _ = self._came[index - self._first].states[-1]
+            return x, y
+        view, length_m = self.own.crowd.came[index].view(), self.crosswalk.length_m
+        near = view.side is Side.NEAR
+        return self.crosswalk.point(length_m - view.remaining_m if near else view.remaining_m)
 
     def views(self, passage: Passage) -> tuple[PedestrianView, ...]:
         """Everybody as the driver of a vehicle with that zone would see them."""
@@ -98,18 +107,6 @@ class PeopleAt:
             self._views[key] = tuple(_turned(view, passage) for view in self._now)
         return self._views[key]
 
-    def places(self) -> list[tuple[float, float]]:
-        """x and y of everybody, in the order of ``views``."""
-        own = () if self.own is None else [each.view() for each in self.own.crowd.walkers]
-        ahead_m = ((view.side, self.axis.length_m - view.remaining_m) for view in own)
-        return [
-            *((person.x[-1], person.y[-1]) for person in self._here.values()),
-            *(
-                self.axis.point(at_m if side is Side.NEAR else self.axis.length_m - at_m)
-                for side, at_m in ahead_m
-            ),
-        ]
-
     def _view(self, person: Seen) -> PedestrianView:
         """One of SUMO's people in the axis's frame, without the lane.
 
@@ -117,23 +114,23 @@ class PeopleAt:
         SUMO draws them beyond it: its curves on walking areas cut corners by up to 1 m, and end in
         a jump back.  Within 1 m of the kerb, people slower than 0.1 m/s wait; others who come walk.
         """
-        length_m, on = self.axis.length_m, person.on[-1]
-        speed_mps = self._people.speed_mps(person.id)
-        side, ahead_m = Side.NEAR, self.axis.along_m(person.x[-1], person.y[-1])
-        if 2 * person.first_m >= length_m:
-            side, ahead_m = Side.FAR, length_m - ahead_m
+        length_m, (_, x, y, on) = self.crosswalk.length_m, person.states[-1]
+        speed_mps, ahead_m = self._people.speed_mps(person.id), self.crosswalk.foot(x, y)[0]
+        if not person.near:
+            ahead_m = length_m - ahead_m
         ahead_m = min(ahead_m, length_m if on else 0.0)
         if not on and ahead_m >= -WAITING_M and speed_mps < STANDING_MPS:
             speed_mps = 0.0
-        steps_off = on and 0.0 <= ahead_m < length_m
+        side, steps_off = Side.NEAR if person.near else Side.FAR, on and 0.0 <= ahead_m < length_m
         return PedestrianView(
             person.index, side, math.nan, length_m - ahead_m, max(0.0, speed_mps), steps_off
         )
 
-    def walked(self, begin_s: float) -> list[Walked]:
-        """Everybody who stepped off or waited, the harness's first; see ``OwnPeople.walked``."""
-        own = [] if self.own is None else [*self.own.walked(begin_s)]
-        return own + [each for each in (walked_of(one, self.axis) for one in self._came) if each]
+    def walked(self) -> list[Walked]:
+        """Everybody who stepped off or waited, the harness's first."""
+        own = [] if self.own is None else [*self.own.walked()]
+        sumos = (walked_of(each, self.crosswalk) for each in self._came)
+        return own + [each for each in sumos if each is not None]
 
 
 def _turned(view: PedestrianView, passage: Passage) -> PedestrianView:

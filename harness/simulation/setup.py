@@ -12,8 +12,8 @@ from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
 from harness.scenario.consistency import SUMO_DRIVER
 from harness.simulation.shares import number_of, sumo_seed
-from harness.simulation.zones import Zones
 from harness.site.town import Town
+from harness.site.zone import Zones
 
 CROSSWALK = ":crosswalk_c0"
 """The crosswalk of every network of the harness."""
@@ -101,15 +101,12 @@ class Setup:
             raise StrategyError(what, error) from None
 
     def arrivals(self, pair: int, crosswalk: str) -> Sequence[Arrival]:
-        """The harness's people at a crosswalk, by time since the simulation's begin.
+        """The harness's people at a crosswalk, by SUMO's time.
 
         In the harness's own network they have the streams of an encounter's.
         """
         since_s, last_s = self.config.begin_s, self.config.end_s
-        return planned_arrivals(
-            self.scenario,
-            pair,
-            horizon_s=(self.end_s if last_s is None else last_s) - since_s,
-            begin_s=self.begin_s - since_s,
-            key=() if crosswalk == CROSSWALK else (number_of(crosswalk),),
-        )
+        horizon_s = (self.end_s if last_s is None else last_s) - since_s
+        key = () if crosswalk == CROSSWALK else (number_of(crosswalk),)
+        planned = planned_arrivals(self.scenario, pair, horizon_s=horizon_s, key=key)
+        return [each._replace(arrival_s=since_s + each.arrival_s) for each in planned]

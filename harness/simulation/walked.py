@@ -5,9 +5,8 @@ Times are SUMO's.
 """
 
 import math
-from array import array
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from dataclasses import dataclass, field
+from itertools import starmap
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,42 +21,6 @@ STANDING_MPS = 0.1
 """SUMO's threshold for waiting."""
 KERB_M = 0.02
 """A person nearer to a kerb than this is at it: SUMO may hold people 1 cm away from a kerb."""
-
-
-class Axis:
-    """A crosswalk's centre line in plain numbers, which are faster than shapely's points."""
-
-    def __init__(self, crosswalk: Crosswalk) -> None:
-        self.length_m, at_m = crosswalk.length_m, 0.0
-        self._pieces: list[tuple[complex, complex, float, float]] = []
-        for a, b in pairwise(complex(*point[:2]) for point in crosswalk.axis.coords):
-            if a != b:
-                self._pieces.append((a, (b - a) / abs(b - a), abs(b - a), at_m))
-                at_m += abs(b - a)
-
-    def along_m(self, x: float, y: float) -> float:
-        """The place of a point: of its foot on the nearest piece, beyond the ends too."""
-        return self.foot(x, y)[0]
-
-    def foot(self, x: float, y: float) -> tuple[float, float]:
-        """The place of a point, and how far it is to the left of the axis."""
-        at, last = complex(x, y), len(self._pieces) - 1
-        best_m, place = math.inf, (0.0, 0.0)
-        for number, (start, ahead, length_m, from_m) in enumerate(self._pieces):
-            off = (at - start) * ahead.conjugate()
-            low = off.real if number == 0 else max(off.real, 0.0)
-            inside_m = low if number == last else min(low, length_m)
-            away_m = math.hypot(off.real - inside_m, off.imag)
-            if away_m < best_m:
-                best_m, place = away_m, (from_m + inside_m, off.imag)
-        return place
-
-    def point(self, along_m: float, left_m: float = 0.0) -> tuple[float, float]:
-        """x and y of a place on the axis, or to its left."""
-        pieces = (piece for piece in self._pieces if along_m <= piece[2] + piece[3])
-        start, ahead, _, from_m = next(pieces, self._pieces[-1])
-        at = start + (along_m - from_m + left_m * 1j) * ahead
-        return at.real, at.imag
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,15 +45,15 @@ class Walked:
     until_s: float
     let_go: bool | None = None
 
-    def places(self, time_s: FloatArray, axis: Axis) -> FloatArray:
+    def places(self, time_s: FloatArray, crosswalk: Crosswalk) -> FloatArray:
         """Where they are between the kerbs at some times, shape (n, 2); NaN at other times."""
         assert self.walk.start_s is not None
         found = np.full((len(time_s), 2), np.nan)
         on = (time_s >= self.walk.start_s) & (time_s <= self.until_s)
         if on.any():
-            road = Crossing(axis.length_m, 1.0, 0.0, 1.0)
+            road = Crossing(crosswalk.length_m, 1.0, 0.0, 1.0)
             left_m, along_m, *_ = states_at(self.walk, road, time_s[on])
-            found[on] = [*map(axis.point, along_m.tolist(), left_m.tolist())]
+            found[on] = [*map(crosswalk.point, along_m.tolist(), left_m.tolist())]
         return found
 
 
@@ -101,32 +64,27 @@ class Seen:
     Attributes:
         id: SUMO's id.
         index: their number in observations.
-        first_m: their first place.
-        time_s, x, y: where they were when.
-        on: whether SUMO had them on the crosswalk.
+        near: whether they came from the beginning of the axis.
+        states: (time, x, y, whether SUMO had them on the crosswalk) at the ends of steps.
     """
 
     id: str
     index: int
-    first_m: float
-    time_s: "array[float]" = field(default_factory=lambda: array("d"))
-    x: "array[float]" = field(default_factory=lambda: array("d"))
-    y: "array[float]" = field(default_factory=lambda: array("d"))
-    on: list[bool] = field(default_factory=list)
+    near: bool
+    states: list[tuple[float, float, float, bool]] = field(default_factory=list)
+
+    @property
+    def on(self) -> bool:
+        """Whether SUMO has them on the crosswalk."""
+        return self.states[-1][3]
 
 
-def walked_of(person: Seen, axis: Axis) -> Walked | None:
-    """The way of one of SUMO's people; None for those who only passed beside the kerb.
-
-    Args:
-        person: where they were at each step.
-        axis: the crosswalk's.
-    """
-    time_s, places = np.array(person.time_s), np.column_stack((person.x, person.y))
-    along_m, left_m = np.array([axis.foot(*at) for at in places.tolist()]).T
-    length_m = axis.length_m
-    on, near = np.flatnonzero(person.on), person.first_m < length_m / 2
-    side, ahead_m = (Side.NEAR, along_m) if near else (Side.FAR, length_m - along_m)
+def walked_of(person: Seen, crosswalk: Crosswalk) -> Walked | None:
+    """The way of one of SUMO's people; None for those who only passed beside the kerb."""
+    time_s, *xy, on_it = np.array(person.states).T
+    places, on, length_m = np.column_stack(xy), np.flatnonzero(on_it), crosswalk.length_m
+    along_m, left_m = np.array([crosswalk.foot(*at) for at in places.tolist()]).T
+    side, ahead_m = (Side.NEAR, along_m) if person.near else (Side.FAR, length_m - along_m)
     points = _from_kerb_to_kerb(time_s, ahead_m, on, length_m)
     waits_s = _waits_from(time_s, ahead_m, places, int(on[0]) if len(on) else len(time_s))
     if len(points) < 2:
@@ -137,11 +95,12 @@ def walked_of(person: Seen, axis: Axis) -> Walked | None:
         return Walked(person.id, False, waiting, None, float(time_s[-1]))
     (start_s, from_m), (end_s, to_m) = points[0].tolist(), points[-1].tolist()
     came_s = start_s if waits_s is None else min(waits_s, start_s)
+    y_m = points[:, 1] if person.near else length_m - points[:, 1]
     walk = Walk(
         Arrival(person.index, came_s, side, math.nan),
         start_s,
         max((to_m - from_m) / (end_s - start_s), 1e-3),
-        legs=_legs(points, np.interp(points[:, 0], time_s, left_m), near, length_m),
+        legs=_legs(points[:, 0], np.interp(points[:, 0], time_s, left_m), y_m),
     )
     cleared_s = end_s if to_m >= length_m - KERB_M else None
     until_s = float(time_s[-1]) if cleared_s is None else cleared_s
@@ -193,47 +152,11 @@ def _kerb(line: FloatArray, kerb_m: float, low_s: float, high_s: float) -> float
     return at_s
 
 
-def _legs(points: FloatArray, left_m: FloatArray, near: bool, length_m: float) -> tuple[Leg, ...]:
-    """The legs of a walk, x to the left of the axis; the last one stands at the other kerb."""
-    legs: list[Leg] = []
-    y_m = points[:, 1] if near else length_m - points[:, 1]
-    rows = np.column_stack((points[:, 0], left_m, y_m)).tolist()
-    for (time_s, x, y), (until_s, to_x, to_y) in pairwise(rows):
-        x_mps, y_mps = (to_x - x) / (until_s - time_s), (to_y - y) / (until_s - time_s)
-        last = legs[-1] if legs else None
-        if last is None or abs(last.y_mps - y_mps) + abs(last.x_mps - x_mps) > 1e-9:
-            legs.append(Leg(time_s, x, y, x_mps, y_mps, 0.0))
-    legs.append(Leg(points[-1, 0], left_m[-1], y_m[-1], 0.0, 0.0, 0.0))
-    return tuple(legs)
-
-
-def moved(
-    walk: Walk, since_s: float, length_m: float | None = None, *, leads_left: bool = False
-) -> Walk:
-    """A walk with other times, as a vehicle sees it that drives over the crosswalk.
-
-    Args:
-        walk: the walk.
-        since_s: its times are counted from this time.
-        length_m: the crosswalk's length, if the axis begins at the far kerb; None if at the near.
-        leads_left: whether the axis leads to the vehicle's left; x is the way ahead.
-    """
-    arrival, legs, ahead = walk.arrival, walk.legs, -1.0 if leads_left else 1.0
-    arrival = arrival._replace(arrival_s=arrival.arrival_s - since_s)
-    if length_m is not None:
-        arrival = arrival._replace(side=arrival.side.other)
-    if legs is not None:
-        up, from_m = (1.0, 0.0) if length_m is None else (-1.0, length_m)
-        legs = tuple(
-            Leg(
-                leg.time_s - since_s,
-                ahead * leg.x_m,
-                from_m + up * leg.y_m,
-                ahead * leg.x_mps,
-                up * leg.y_mps,
-                up * leg.y_mps2,
-            )
-            for leg in legs
-        )
-    start_s = None if walk.start_s is None else walk.start_s - since_s
-    return replace(walk, arrival=arrival, start_s=start_s, legs=legs)
+def _legs(time_s: FloatArray, x_m: FloatArray, y_m: FloatArray) -> tuple[Leg, ...]:
+    """The legs of a walk, one for each change of velocity; the last one stands at the end."""
+    lasts_s = np.diff(time_s)
+    x_mps, y_mps = (np.append(np.diff(each) / lasts_s, 0.0) for each in (x_m, y_m))
+    change = np.abs(np.diff(x_mps)) + np.abs(np.diff(y_mps))
+    begins = np.concatenate([[True], change[:-1] > 1e-9, [True]])
+    columns = np.column_stack((time_s, x_m, y_m, x_mps, y_mps, np.zeros(len(time_s))))
+    return tuple(starmap(Leg, columns[begins].tolist()))

@@ -21,12 +21,14 @@ class PathLane(NamedTuple):
         shape: the points of its centre line, x and y in m; at least two.
         length_m: SUMO's length, which may differ from that of the shape.
         limit_mps: its speed limit.
+        width_m: its width; without it SUMO's default.
     """
 
     lane: str
     shape: Sequence[tuple[float, float]]
     length_m: float
     limit_mps: float
+    width_m: float = 3.2
 
 
 class Stretch(NamedTuple):
@@ -37,6 +39,7 @@ class Stretch(NamedTuple):
         start_m, end_m: s at its beginning and at its end.
         limit_mps: its speed limit.
         scale: SUMO's length of the lane over that of its shape.
+        width_m: its width.
     """
 
     lane: str
@@ -44,6 +47,7 @@ class Stretch(NamedTuple):
     end_m: float
     limit_mps: float
     scale: float
+    width_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +86,7 @@ class Path:
             points.append(shape)
             scale = lane.length_m / float(done[-1]) if done[-1] else 1.0
             end_m = at_m + lane.length_m
-            stretches.append(Stretch(lane.lane, at_m, end_m, lane.limit_mps, scale))
+            stretches.append(Stretch(lane.lane, at_m, end_m, lane.limit_mps, scale, lane.width_m))
             at_m = end_m
         knots_m, line = _straight_on(np.concatenate(knots), np.concatenate(points))
         knots_m.setflags(write=False)

@@ -4,9 +4,10 @@ import gzip
 import math
 import xml.etree.ElementTree as ET
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import pairwise
 from pathlib import Path as FilePath
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, NamedTuple
@@ -103,6 +104,41 @@ class Crosswalk:
     prioritized: bool
     left_hand: bool
     refused: str | None
+    # Start, direction, length and place of each straight piece of the axis, in plain numbers.
+    _pieces: list[tuple[complex, complex, float, float]] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Note the straight pieces of the axis."""
+        pieces, at_m = list[tuple[complex, complex, float, float]](), 0.0
+        for a, b in pairwise(complex(*point[:2]) for point in self.axis.coords):
+            if a != b:
+                pieces.append((a, (b - a) / abs(b - a), abs(b - a), at_m))
+                at_m += abs(b - a)
+        object.__setattr__(self, "_pieces", pieces)
+
+    def foot(self, x: float, y: float) -> tuple[float, float]:
+        """The place of a point, and how far it is to the left of the axis.
+
+        A place is a distance along the axis: here of the point's foot on the nearest piece, which
+        may be beyond the axis's ends.
+        """
+        at, last = complex(x, y), len(self._pieces) - 1
+        best_m, place = math.inf, (0.0, 0.0)
+        for number, (start, ahead, length_m, from_m) in enumerate(self._pieces):
+            off = (at - start) * ahead.conjugate()
+            low = off.real if number == 0 else max(off.real, 0.0)
+            inside_m = low if number == last else min(low, length_m)
+            away_m = math.hypot(off.real - inside_m, off.imag)
+            if away_m < best_m:
+                best_m, place = away_m, (from_m + inside_m, off.imag)
+        return place
+
+    def point(self, along_m: float, left_m: float = 0.0) -> tuple[float, float]:
+        """x and y of a place on the axis, or to its left."""
+        pieces = (piece for piece in self._pieces if along_m <= piece[2] + piece[3])
+        start, ahead, _, from_m = next(pieces, self._pieces[-1])
+        at = start + (along_m - from_m + left_m * 1j) * ahead
+        return at.real, at.imag
 
 
 class Footpath(NamedTuple):
@@ -198,21 +234,23 @@ class Town:
     def lane(self, name: str) -> PathLane:
         """A lane of the network."""
         lane = self._net.getLane(name)
-        return PathLane(name, lane.getShape(), lane.getLength(), lane.getSpeed())
+        length_m, limit_mps, width_m = lane.getLength(), lane.getSpeed(), lane.getWidth()
+        return PathLane(name, lane.getShape(), length_m, limit_mps, width_m)
 
-    def lane_width_m(self, name: str) -> float:
-        """The width of a lane."""
-        return float(self._net.getLane(name).getWidth())
-
-    @cache  # noqa: B019
-    def lanes(self, edge: str) -> tuple[str, ...]:
-        """The lanes of an edge that vehicles may use, from the kerb."""
-        lanes = self._net.getEdge(edge).getLanes()
-        return tuple(lane.getID() for lane in lanes if _classes(lane))
-
-    def before(self, edge: str) -> tuple[str, ...]:
-        """The edges whose connections lead to an edge."""
-        return tuple(each.getID() for each in self._net.getEdge(edge).getIncoming())
+    def upstream(self, edges: Iterable[str], reach_m: float) -> Sequence[str]:
+        """The edges from which a vehicle comes to the end of one of these within a distance."""
+        away_m = dict.fromkeys(edges, 0.0)
+        todo = [*away_m]
+        while todo:
+            edge = todo.pop()
+            lanes = filter(_classes, self._net.getEdge(edge).getLanes())
+            through_m = away_m[edge] + min((lane.getLength() for lane in lanes), default=0.0)
+            before = self._net.getEdge(edge).getIncoming() if through_m <= reach_m else ()
+            for name in (each.getID() for each in before):
+                if through_m < away_m.get(name, math.inf):
+                    away_m[name] = through_m
+                    todo.append(name)
+        return sorted(away_m)
 
     def areas(self, crosswalk: str) -> tuple[str, ...]:
         """Ids of the walking areas at the ends of a crosswalk."""

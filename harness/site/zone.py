@@ -1,7 +1,8 @@
 """Where and when a vehicle's body is on a crosswalk: its zone of conflict with people."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import shapely
@@ -9,8 +10,10 @@ from numpy.typing import NDArray
 
 from harness.core.encounter import Crossing, FloatArray
 from harness.site.path import Path
-from harness.site.town import Crosswalk
+from harness.site.town import Connection, Crosswalk, Town
 
+_PATH_M = 40.0
+"""Length of a path before the stop line, longer than a body."""
 _SAMPLE_M = 0.2
 _MARGIN_M = 10.0
 """Length of the path that is searched before the stop line, and beyond the junction."""
@@ -38,6 +41,8 @@ class Zone:
             ``last_m``.  The straight frame's x is s − ``centre_m``.
         last_m: s of the front at which the body last touches the crosswalk.
         from_m, to_m: the interval of y that the body covers on its way.
+        lane_m: the width of the lane in the straight frame: it is as much wider than the zone as
+            the lane before the junction is wider than the vehicle, as on a straight road.
         crosswalk_m: the crosswalk's length from kerb to kerb.
         limit_mps: the speed limit before the junction.
         reverse: whether y = 0 is the end of the crosswalk's axis.
@@ -49,6 +54,7 @@ class Zone:
     last_m: float
     from_m: float
     to_m: float
+    lane_m: float
     crosswalk_m: float
     limit_mps: float
     reverse: bool
@@ -71,7 +77,7 @@ class Zone:
             length_m=self.crosswalk_m,
             width_m=self.across_m,
             lane_centre_m=(self.from_m + self.to_m) / 2,
-            lane_width_m=self.to_m - self.from_m,
+            lane_width_m=self.lane_m,
             speed_limit_mps=self.limit_mps,
         )
 
@@ -120,17 +126,18 @@ def zone_of(
     from_m, to_m = _covered(path.outline(s, length_m, width_m), crosswalk)
     if reverse := _begins_far(path, centre_m, crosswalk):
         from_m, to_m = crosswalk.length_m - to_m, crosswalk.length_m - from_m
-    limit_mps = next(each.limit_mps for each in path.stretches if each.end_m > -1e-6)
+    lane = next(each for each in path.stretches if each.end_m > -1e-6)
     return Zone(
         first_m=first_m,
         centre_m=centre_m,
         last_m=last_m,
         from_m=from_m,
         to_m=to_m,
+        lane_m=to_m - from_m + max(lane.width_m - width_m, 0.0),
         crosswalk_m=crosswalk.length_m,
-        limit_mps=limit_mps,
+        limit_mps=lane.limit_mps,
         reverse=reverse,
-        split=last_m - first_m < limit_mps * step_s or bool(np.any(np.diff(hits) > 1)),
+        split=last_m - first_m < lane.limit_mps * step_s or bool(np.any(np.diff(hits) > 1)),
     )
 
 
@@ -159,3 +166,49 @@ def _begins_far(path: Path, s: float, crosswalk: Crosswalk) -> bool:
     axis = np.subtract(crosswalk.axis.coords[-1][:2], crosswalk.axis.coords[0][:2])
     leads_left = bool((left - right) @ axis > 0.0)
     return leads_left == crosswalk.left_hand
+
+
+class Zones:
+    """The zones of the chosen crosswalks, each computed when a vehicle of that size first comes.
+
+    Args:
+        town: the network.
+        step_s: length of a step.
+        chosen: ids of the crosswalks; None: all.
+    """
+
+    def __init__(self, town: Town, step_s: float, chosen: Iterable[str] | None = None) -> None:
+        self.town, self._step_s = town, step_s
+        self._crosswalks: dict[str, list[Crosswalk]] = {}
+        chosen = set(town.crosswalks if chosen is None else chosen)
+        for name in chosen:
+            for connection in town.connections(name):
+                self._crosswalks.setdefault(connection.id, []).append(town.crosswalks[name])
+        others = [each for name, each in town.crosswalks.items() if name not in chosen]
+        zebras = [each.id for each in others if each.prioritized]
+        self._minds = {each.id for name in zebras for each in town.connections(name, 0.0)}
+
+    def crosswalks(self, connection: Connection) -> Sequence[Crosswalk]:
+        """The chosen crosswalks that a body on this connection may touch."""
+        return self._crosswalks.get(connection.id, ())
+
+    def yields(self, connection: Connection) -> bool:
+        """Whether SUMO keeps the right of way on a connection.
+
+        It does so except where it would slow down for a chosen crosswalk on which people have
+        priority, and no vehicles or people have it elsewhere.
+        """
+        zebra = any(each.prioritized for each in self.crosswalks(connection))
+        return connection.gives_way or connection.id in self._minds or not zebra
+
+    @cache  # noqa: B019 - as long as the simulation
+    def path(self, connection: Connection) -> Path:
+        """The path of a connection."""
+        return self.town.path(connection, _PATH_M)
+
+    @cache  # noqa: B019
+    def at(
+        self, connection: Connection, crosswalk: Crosswalk, length_m: float, width_m: float
+    ) -> Zone | None:
+        """The zone of a vehicle of this size; None if it does not touch the crosswalk."""
+        return zone_of(self.path(connection), crosswalk, length_m, width_m, self._step_s)

@@ -72,7 +72,7 @@ def not_validated(scenario: Scenario) -> str | None:
     name, people = scenario.arms.human, scenario.pedestrians
     here = is_validated(scenario)
     crowd = not people.timed and people.max_count != 1
-    if here and crowd and max(people.flows_per_hour) >= CROWD_PER_HOUR:
+    if here and crowd and people.flow_per_hour >= CROWD_PER_HOUR:
         return None
     settings = " with these settings" if not here and name in recorded() else ""
     text = f"{name}{settings} was not validated against real drivers in such scenes"

@@ -202,7 +202,6 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     people, perception = scenario.pedestrians, scenario.perception
     for key, odd, allowed in (
         ("scenario", scenario.kind != "encounters", "a scenario of encounters"),
-        ("pedestrians.flow_per_hour", len(people.flows_per_hour) > 1, "one flow"),
         ("pedestrians.group_size", len(people.group_size) > 1, "a scenario without it"),
         ("pedestrians.drawn", bool(people.drawn), "a scenario without it"),
     ):
@@ -229,7 +228,7 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     fixed += each * first + seen * (timed + first)
     if drawing := draws(scenario, arm):
         fixed += [draws_from(scenario, arm)] * GIVEN_DRAWS
-    rate = people.flows_per_hour[0] / SECONDS_PER_HOUR
+    rate = people.flow_per_hour / SECONDS_PER_HOUR
     flows = rate > 0 and (most is None or most > first)
     if not (fixed or flows or drops):
         raise InputError(

@@ -18,7 +18,6 @@ from harness.simulation.files import CONFIG_FILE, TRIPS_FILE, write_config
 from harness.simulation.opening import opened
 from harness.simulation.pairing import run_arm
 from harness.simulation.setup import Setup
-from harness.simulation.walked import Axis
 from harness.site.town import Town
 from tests.towns import call, grid
 
@@ -170,11 +169,10 @@ def test_people_of_the_harness(tmp_path: Path) -> None:
     own = everybody[everybody["own"]].set_index("person")
     assert len(own) == len(setup.arrivals(0, setup.crosswalks[0]))
     crosswalk = setup.town.crosswalks[setup.crosswalks[0]]
-    axis = Axis(crosswalk)
     walked = own.dropna(subset=["cleared_s"])
     assert len(walked) > 30
     taken_s = walked["cleared_s"] - walked["start_s"]
-    assert np.allclose(taken_s, axis.length_m / walked["speed_mps"])
+    assert np.allclose(taken_s, crosswalk.length_m / walked["speed_mps"])
 
 
 @pytest.mark.parametrize("strategy", ["gap_yield", "human_yield"])

@@ -1,4 +1,4 @@
-"""Who comes when: λ by quarter of an hour, groups, classes of walking speeds.
+"""Who comes when: λ, groups, classes of walking speeds.
 
 The seeds are fixed.  With other seeds each p-value would be below 1e-3 in one of 1,000 runs.
 """
@@ -18,7 +18,6 @@ from harness.studies.risk_space import space_of
 from tests.scenes import on_plain, refuses
 
 LUCK = 1e-3
-QUARTERS = [120.0, 0.0, 480.0, 240.0]
 SIZES = [0.5, 0.3, 0.2]
 """Mean 1.7 people, mean square 3.5."""
 
@@ -38,48 +37,23 @@ def plans(scenario: Scenario, pairs: int) -> list[tuple[Arrival, ...]]:
     return [planned_arrivals(scenario, pair) for pair in range(pairs)]
 
 
-def test_counts_by_quarter_are_poisson_and_even_within() -> None:
+def test_counts_are_poisson_and_even() -> None:
     pairs = 200
-    times = np.array([a.arrival_s for plan in plans(scene(flow_per_hour=QUARTERS), pairs)
-                      for a in plan])  # fmt: skip
-    counts = np.bincount((times // 900).astype(int), minlength=4)
-    assert counts[1] == 0
-    expected = pairs * np.array([30.0, 120.0, 60.0])
-    chi2 = ((counts[[0, 2, 3]] - expected) ** 2 / expected).sum()  # Poisson: variance = mean
-    assert stats.chi2(3).sf(chi2) > LUCK
-    for quarter in (0, 2, 3):
-        inside = times[times // 900 == quarter] / 900 - quarter
-        assert stats.kstest(inside, "uniform").pvalue > LUCK
-
-
-def test_the_time_at_which_as_many_were_expected_by_hand() -> None:
-    # 15, 0 and 30 people are expected in the quarters; every unit exponential is 5.5.
-    scenario = scene(2700.0, flow_per_hour=[60.0, 0.0, 120.0])
-    given = {"arrival": [-np.expm1(-5.5)] * 9}
-
-    def times(begin_s: float) -> list[float]:
-        plan = planned_arrivals(scenario, 0, given, horizon_s=5000.0, begin_s=begin_s)
-        return [a.arrival_s for a in plan[:9]]
-
-    # 5.5 and 11 minutes; 30 s each from 1800 s on, where 15 had come; 49.5 after the last quarter.
-    inside = [1800 + 30 * (5.5 * count - 15) for count in range(3, 10)]
-    assert times(0.0) == pytest.approx([330.0, 660.0, *inside])
-    # The first flow holds in a warm-up of 300 s too: 20 have come when the second quarter begins.
-    inside = [2100 + 30 * (5.5 * count - 20) for count in range(4, 10)]
-    assert times(300.0) == pytest.approx([330.0, 660.0, 990.0, *inside])
+    found = plans(scene(flow_per_hour=120.0), pairs)
+    times = np.array([a.arrival_s for plan in found for a in plan])
+    low, high = stats.poisson(pairs * 120.0).interval(1 - LUCK)
+    assert low <= len(times) <= high
+    assert stats.kstest(times / 3600.0, "uniform").pvalue > LUCK
 
 
 @pytest.mark.parametrize("more", [{}, {"group_size": SIZES}, {"first_at_trigger": True}])
-def test_equal_quarters_are_one_flow_to_the_bit(more: dict[str, object]) -> None:
-    one, four = scene(flow_per_hour=250.0, **more), scene(flow_per_hour=[250.0] * 4, **more)
-    assert plans(one, 20) == plans(four, 20)
-    double = scene(flow_per_hour=[2 * flow for flow in QUARTERS], **more)
-    # A sweep over λ keeps its people: who comes as number i is the same, only earlier.
-    for slow, fast in zip(plans(scene(flow_per_hour=QUARTERS, **more), 20), plans(double, 20),
-                          strict=True):  # fmt: skip
-        for a, b in zip(slow, fast, strict=False):
+def test_a_sweep_over_the_flow_keeps_its_people(more: dict[str, object]) -> None:
+    """Who comes as number i is the same, only earlier: time is stretched."""
+    slow, fast = (plans(scene(flow_per_hour=flow, **more), 20) for flow in (250.0, 500.0))
+    for one, other in zip(slow, fast, strict=True):
+        for a, b in zip(one, other, strict=False):
             assert (a.side, a.quantile) == (b.side, b.quantile)
-            assert b.arrival_s <= a.arrival_s
+            assert b.arrival_s == pytest.approx(a.arrival_s / 2)
 
 
 def groups_of(plan: tuple[Arrival, ...]) -> list[list[Arrival]]:
@@ -142,9 +116,8 @@ def test_a_group_steps_off_together_and_each_walks_at_their_own_speed(behaviour,
         assert all(mine.arrival == theirs.arrival for mine, theirs in shared)
 
 
-@pytest.mark.parametrize("flow", [900.0, [900.0, 60.0]])
-def test_those_on_the_crosswalk_at_the_trigger_follow_littles_law(flow: object, model) -> None:
-    of = scene(1800.0, flow_per_hour=flow, group_size=SIZES, warm_up_s=60.0,
+def test_those_on_the_crosswalk_at_the_trigger_follow_littles_law(model) -> None:
+    of = scene(1800.0, flow_per_hour=900.0, group_size=SIZES, warm_up_s=60.0,
                walking_speed=SPEEDS)  # fmt: skip
     walking = WalkingSpeeds(of, model).unconditional
     pairs = 600
@@ -198,7 +171,6 @@ def test_classes_leave_all_others_as_they_were(model) -> None:
                    if a.walking_class == 0)  # fmt: skip
 
 
-def test_what_has_one_flow_or_single_arrivals_refuses_the_others() -> None:
-    for people, key in (({"flow_per_hour": [250.0, 90.0]}, "flow_per_hour: is not supported"),
-                        ({"group_size": SIZES}, "group_size: is not supported")):  # fmt: skip
-        refuses(f"pedestrians.{key}", lambda of=people: space_of(scene(1800, **of), Arm.AV))
+def test_what_has_single_arrivals_refuses_groups() -> None:
+    of = scene(1800, group_size=SIZES)
+    refuses("pedestrians.group_size: is not supported", lambda: space_of(of, Arm.AV))

@@ -87,7 +87,7 @@ def test_a_crosswalk_at_right_angles() -> None:
     assert (zone.centre_m, zone.across_m) == pytest.approx((2.0, 4.0), abs=1e-6)
     crossing = zone.crossing
     assert crossing.length_m == pytest.approx(9.0)
-    assert (crossing.lane_centre_m, crossing.lane_width_m) == pytest.approx((3.0, 1.8), abs=1e-6)
+    assert (crossing.lane_centre_m, crossing.lane_width_m) == pytest.approx((3.0, 3.2), abs=1e-6)
     assert crossing.speed_limit_mps == LIMIT_MPS
     assert not zone.split
     assert not zone.reverse
