@@ -300,7 +300,8 @@ class ArmOfPair:
                 people.note(time_s)
                 sensor = self._sensors[driver]
                 if sensor is not None:
-                    passage.sight = Sight(sensor, self._pair, passage, people, self._outlines)
+                    sight = Sight(sensor, self._pair, passage, people, self._outlines)
+                    passage.look = sight.look
         car.changed = True
         people.watched += 1
         self.log.passages.append(passage)

@@ -6,9 +6,9 @@ one axis.
 
 import math
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,7 @@ from harness.core.actuation import Actuator
 from harness.core.encounter import Crossing, FloatArray, Strategy, Vehicle
 from harness.site.town import Connection, Crosswalk
 from harness.site.zone import Zone
-
-if TYPE_CHECKING:
-    from harness.simulation.seeing import Sight
+from harness.strategies.perception.updates import Views
 
 LIMITS = ("strategy", "actuator", "lane", "leader", "right_of_way")
 """What decides a driven vehicle's speed in a step; lanes include curves."""
@@ -129,7 +127,9 @@ class Passage:
         limited: number of driven steps by what limited them (``LIMITS``), once it has ended.
         ended: how it ended; None while it goes on.
         fallback, collided: whether its strategy fell back, and whether SUMO saw a collision.
-        sight: what its driver's sensor shows; None: the truth.
+        look: what its driver's sensor shows now, given whether the vehicle is within the detection
+            range; None: the truth.
+        shown: what it has shown at each step.
     """
 
     car: Car
@@ -151,7 +151,8 @@ class Passage:
     ended: str | None = None
     fallback: bool = False
     collided: bool = False
-    sight: "Sight | None" = None
+    look: Callable[[bool], Views] | None = None
+    shown: list[Views] = field(default_factory=list)
     crossing: Crossing = field(init=False)
     first_m: float = field(init=False)
     last_m: float = field(init=False)

@@ -138,8 +138,9 @@ class Control:
         time_s = (len(car.speeds_mps) - 1 - passage.first) * self._step_s
         near = -self._detection_m <= range_m <= self._detection_m
         seen: Views = ()
-        if passage.sight is not None:
-            seen = passage.sight.look(near)
+        if passage.look is not None:
+            seen = passage.look(near)
+            passage.shown.append(seen)
         elif near:
             seen = self._people[passage.crosswalk.id].views(passage)
         ego = quick_tuple(EgoView, (range_m, car.speed_mps, car.acceleration_mps2))

@@ -49,9 +49,6 @@ class Sight:
         passage: the passage.
         people: everybody at its crosswalk.
         outlines: those of all vehicles.
-
-    Attributes:
-        shown: what the sensor has shown at each step.
     """
 
     def __init__(
@@ -63,13 +60,10 @@ class Sight:
             sensor, lambda index: track_from(sensor, pair, keys, number_of(people.id_of(index)))
         )
         self._hides = sensor.vehicles_hide
-        self.shown: list[Views] = []
 
     def look(self, near: bool) -> Views:
         """The people that the driver sees now; ``near``: within the detection range."""
-        seen = self._updates.shown(len(self.shown), lambda: self._truth(near))
-        self.shown.append(seen)
-        return seen
+        return self._updates.shown(len(self._passage.shown), lambda: self._truth(near))
 
     def _truth(self, near: bool) -> Iterable[tuple[PedestrianView, bool]]:
         """Everybody, and whether they are in range and in sight."""
