@@ -25,14 +25,14 @@ def extract(
 ) -> None:
     """Extract the model's variables from recorded trajectories; --set changes a rule."""
     _check_target(out, ".parquet")
-    from harness.model import trajectories
+    from harness.model.trajectories import extraction
     from harness.studies.model_card import extraction_result
 
     rules = {setting.key: setting.value for setting in options.settings_of(settings)}
     with unwinding():
-        extraction = trajectories.extract(data, format_, **rules)
-        result = extraction_result(extraction, [f"Rows: {out}"])
-        trajectories.write_rows(out, extraction, _command())
+        extracted = extraction.extract(data, format_, **rules)
+        result = extraction_result(extracted, [f"Rows: {out}"])
+        extraction.write_rows(out, extracted, _command())
     show(result, full, quiet, as_json, [out])
 
 

@@ -18,9 +18,9 @@ from harness.core.documents import parse_json
 from harness.core.encounter import FloatArray
 from harness.core.errors import InputError, unknown_name
 from harness.model.interaction import VARIABLES
-from harness.model.trajectories.csv_input import identifiers, read_table, require_columns
 from harness.model.trajectories.extraction import ENCOUNTER_KEY, EXTRACTION_KEY, VEHICLE_KEY
-from harness.model.trajectories.extraction_rules import TEXT_COLUMNS
+from harness.model.trajectories.rules import TEXT_COLUMNS
+from harness.model.trajectories.table import identifiers, read_table, require_columns
 
 COLUMNS = ("range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s")
 LABELS = ("range_m (as 1/R)", COLUMNS[1], COLUMNS[2], "time_advantage_s (as 1/T_adv)")

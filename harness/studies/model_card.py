@@ -26,7 +26,8 @@ from harness.model.sample import (
     make_sample,
     read_rows,
 )
-from harness.model.trajectories import REASONS, Extraction
+from harness.model.trajectories.extraction import Extraction
+from harness.model.trajectories.rules import REASONS
 from harness.results.finding import Finding, Plain
 from harness.results.notes import Note
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, listed

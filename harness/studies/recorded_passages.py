@@ -16,7 +16,6 @@ import shapely
 from shapely.ops import substring
 
 from harness.core.encounter import Arrival, Crossing, FloatArray, Leg, Side, Vehicle
-from harness.model.trajectories import Clip, ExtractionRules
 from harness.model.trajectories.encounters import (
     VEHICLE_CHORD_M,
     Mover,
@@ -25,7 +24,8 @@ from harness.model.trajectories.encounters import (
     spans_gap,
     walker_of,
 )
-from harness.model.trajectories.paths import TravelPath, thinned
+from harness.model.trajectories.rules import ExtractionRules
+from harness.model.trajectories.tracks import Clip, TravelPath, thinned
 
 START_RANGE_M, LEAST_RANGE_M = 30.0, 6.0
 """A passage begins at the first record within the first distance of x = 0; it is left out if the

@@ -26,9 +26,8 @@ from harness.measures import measure
 from harness.measures.ego import crossing_time
 from harness.model.interaction import InteractionModel, load_model
 from harness.model.sample import independent_vehicles, make_sample, row_weights
-from harness.model.trajectories import ExtractionRules, extract, read_clips
-from harness.model.trajectories.counting import Tally
-from harness.model.trajectories.extraction import VEHICLE_KEY
+from harness.model.trajectories.extraction import VEHICLE_KEY, extract, read_clips
+from harness.model.trajectories.rules import ExtractionRules, Tally
 from harness.model.trajectories.tracks import fingerprint, fingerprints_of
 from harness.results import estimators
 from harness.results.estimators import Sampling

@@ -17,14 +17,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from harness.core.errors import InputError
-from harness.model.trajectories import (
-    FORMATS,
-    ROW_COLUMNS,
-    Extraction,
-    ExtractionRules,
-    extract,
-    read_clips,
-)
+from harness.model.trajectories.extraction import Extraction, extract, read_clips
+from harness.model.trajectories.formats import FORMATS
+from harness.model.trajectories.rules import ROW_COLUMNS, Tally
 from tests.fuzz.hostile import accepted_or_refused_in_one_line, cut_and_flipped
 from tests.scenes import refusal_of
 
@@ -102,7 +97,6 @@ def test_the_order_of_records_means_nothing(form: str, folder: Path) -> None:
 def test_options_are_checked(form: str) -> None:
     options = FORMATS[form].options
     assert options() == options()
-    assert options.model_fields.keys().isdisjoint(ExtractionRules.model_fields)
     for name, field in options.model_fields.items():
         with pytest.raises(InputError, match=name):
             extract(ENCOUNTER / form, form, **{f"{name}x": 1.0})
@@ -193,7 +187,7 @@ def test_whatever_bytes_are_in_a_file(form, tmp_path_factory, data) -> None:
 
 @with_tracks
 def test_tracks_are_whole(form: str) -> None:
-    (clip,) = read_clips(ENCOUNTER / form, form)
+    (clip,) = read_clips(ENCOUNTER / form, form, Tally())
     assert clip.source
     assert clip.name
     for track in (*clip.vehicles.values(), *clip.pedestrians.values()):
@@ -207,4 +201,4 @@ def test_tracks_are_whole(form: str) -> None:
 @pytest.mark.parametrize("form", [name for name in FORMATS if not FORMATS[name].clips])
 def test_rows_have_no_tracks(form: str) -> None:
     with pytest.raises(InputError, match="has rows, not tracks"):
-        read_clips(ENCOUNTER / form, form)
+        read_clips(ENCOUNTER / form, form, Tally())

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.model.trajectories import Extraction, extract, write_rows
+from harness.model.trajectories.extraction import Extraction, extract, write_rows
 from tests.batches import printed
 from tests.docs.conftest import ROOT
 from tests.unit.test_cli_model import made_up

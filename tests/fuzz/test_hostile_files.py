@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from harness.core.files import shipped_directory
 from harness.engine.shared import close_engine
 from harness.model.interaction.file import SHIPPED
-from harness.model.trajectories import FORMATS
+from harness.model.trajectories.formats import FORMATS
 from harness.scenario import Scenario
 from tests.batches import here
 from tests.conftest import close_all

@@ -15,7 +15,7 @@ from harness.model.mixture.fitting import climb
 from harness.model.mixture.likelihood import Likelihood
 from harness.model.mixture.normals import Normals
 from harness.model.sample import make_sample
-from harness.model.trajectories import extract
+from harness.model.trajectories.extraction import extract
 from harness.scenario import Scenario, load_scenario
 from harness.studies.fitting import Settings, fit, processes
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from harness.model.sample import make_sample
-from harness.model.trajectories import extract
+from harness.model.trajectories.extraction import extract
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
 pytestmark = pytest.mark.skipif(

@@ -7,11 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.model.trajectories import (
-    ROW_COLUMNS,
-    extract,
-    read_clips,
-)
+from harness.model.trajectories.extraction import extract, read_clips
+from harness.model.trajectories.rules import ROW_COLUMNS, Tally
 
 MADE_UP = Path(__file__).parents[1] / "data" / "vci_made_up"
 RATE = 4.0  # frames per second of the made-up clip, frames 0–32
@@ -95,7 +92,7 @@ def test_the_same_input_gives_the_documented_columns_and_order(made_up):
 def test_moving_and_turning_the_axes_changes_nothing(made_up, tmp_path):
     turn, shift = math.radians(37.0), np.array([310.0, -42.0])
     c, s = math.cos(turn), math.sin(turn)
-    clip = read_clips(MADE_UP, "vci", frame_rate_hz=RATE)[0]
+    clip = read_clips(MADE_UP, "vci", Tally(), frame_rate_hz=RATE)[0]
 
     def moved(tracks):
         out = {}
@@ -144,13 +141,13 @@ def test_paths_go_on_for_twelve_and_for_three_metres(tmp_path, last_x, last_y, p
 @pytest.mark.parametrize(
     ("option", "reason"),
     [
-        ({"min_range_m": 10}, "range_below_min"),
-        ({"max_range_m": 10}, "range_above_max"),
-        ({"min_lateral_m": 5}, "lateral_below_min"),
-        ({"max_lateral_m": 5}, "lateral_above_max"),
-        ({"min_vehicle_speed_mps": 4.01}, "vehicle_too_slow"),
-        ({"min_pedestrian_speed_mps": 1.26}, "pedestrian_too_slow"),
-        ({"min_time_advantage_s": 2.0}, "time_advantage_below_min"),
+        ({"min_range_m": 10}, "min_range_m"),
+        ({"max_range_m": 10}, "max_range_m"),
+        ({"min_lateral_m": 5}, "min_lateral_m"),
+        ({"max_lateral_m": 5}, "max_lateral_m"),
+        ({"min_vehicle_speed_mps": 4.01}, "min_vehicle_speed_mps"),
+        ({"min_pedestrian_speed_mps": 1.26}, "min_pedestrian_speed_mps"),
+        ({"min_time_advantage_s": 2.0}, "min_time_advantage_s"),
     ],
 )
 def test_each_row_rule_drops_and_counts(made_up, option, reason):

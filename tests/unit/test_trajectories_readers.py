@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.model.trajectories import extract, read_clips
+from harness.model.trajectories.extraction import extract, read_clips
+from harness.model.trajectories.rules import Tally
 from tests.scenes import refuses
 
 DATA = Path(__file__).parents[1] / "data"
@@ -40,7 +41,7 @@ def assert_same_rows(found, folder=MADE_UP):
 
 def test_vci_lengths_come_from_corner_points_and_ratio():
     # Corners 2 m before and behind the centre, 20 pixels per metre: 4 m; the centre is recorded.
-    track = read_clips(MADE_UP, "vci", frame_rate_hz=RATE)[0].vehicles["0"]
+    track = read_clips(MADE_UP, "vci", Tally(), frame_rate_hz=RATE)[0].vehicles["0"]
     assert track.length_m == pytest.approx(4.0, abs=1e-12)
     assert track.front_offset_m == pytest.approx(2.0, abs=1e-12)
     np.testing.assert_allclose(track.time_s, np.arange(33) / 4)
@@ -53,7 +54,9 @@ def test_vci_without_corners_or_ratio_takes_the_length_from_the_options(clip, fo
     assert any("5 m for 2 without corners" in note for note in found.counts.notes)
     first = found.rows[found.rows["pedestrian"] == "0"].iloc[0]
     assert first["range_m"] == pytest.approx(20 - 2.5)  # centre at −20, half of 5 m
-    assert read_clips(clip, "vci")[0].vehicles["0"].length_m == 4.5  # the documented default
+    assert (
+        read_clips(clip, "vci", Tally())[0].vehicles["0"].length_m == 4.5
+    )
 
 
 def test_vci_unfiltered_pedestrians_in_pixels_stand_in_for_filtered_ones(clip):
@@ -147,9 +150,9 @@ def test_mobileye_refusals(tmp_path):
     path.write_text(HEAD.replace("GpsHeading", "GPSHeading") + "1,1,1,1,1,1,1,200,1,1\n")
     refuses(r"'GpsHeading' is missing .*'GPSHeading'", lambda: extract(path, "mobileye"))
     path.write_text(HEAD)
-    refuses("no trip can be used", lambda: extract(path, "mobileye"))
+    refuses("no file can be used", lambda: extract(path, "mobileye"))
     path.write_text(HEAD + "1,1,1,1,1,1,1,90,1,1\n")  # every bus the other way
-    refuses("no trip can be used", lambda: extract(path, "mobileye"))
+    refuses("no file can be used", lambda: extract(path, "mobileye"))
     path.unlink()
     refuses("has no such file", lambda: extract(tmp_path, "mobileye"))
     refuses("latitude_deg", lambda: extract(SENSOR, "mobileye", latitude_deg=95))
@@ -163,7 +166,7 @@ def test_table_rows_are_taken_bounded_and_counted():
     np.testing.assert_allclose(found.rows["arrival_time_s"], [4, 3.8, 3.8], atol=1e-12)
     assert (found.counts.rows, found.counts.pairs, found.counts.vehicles) == (3, 2, 1)
     dropped = {k: n for k, n in found.counts.dropped["candidates"].items() if n}
-    assert dropped == {"incomplete": 1, "range_above_max": 1, "lateral_below_min": 1}
+    assert dropped == {"min_time_advantage_s": 1, "max_range_m": 1, "min_lateral_m": 1}
     assert found.counts.candidates == 6
     assert found.counts.clips == 0
     assert any("weather" in note for note in found.counts.notes)
@@ -191,10 +194,7 @@ def test_table_refusals(tmp_path):
     refuses("time_advantage_s", lambda: extract(path, "table"))
     path.write_text("range_m,vehicle_speed_mps,pedestrian_speed_mps,lateral_m\nfar,1,1,1\n")
     refuses(r"range_m.*far", lambda: extract(path, "table"))
-    path.write_text(
-        "range_m,vehicle_speed_mps,pedestrian_speed_mps,lateral_m,passed_first\n9,1,1,1,car\n"
-    )
-    refuses(r"passed_first.*car", lambda: extract(path, "table"))
-    refuses("rows, not tracks", lambda: read_clips(path, "table"))
+    path.write_text("range_m,vehicle_speed_mps,pedestrian_speed_mps,lateral_m\n9,1,1,1\n")
+    refuses("rows, not tracks", lambda: read_clips(path, "table", Tally()))
     (tmp_path / "bad.parquet").write_bytes(b"not parquet")
     refuses(r"bad\.parquet", lambda: extract(tmp_path / "bad.parquet", "table"))

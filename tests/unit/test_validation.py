@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from harness.model.interaction import load_model
-from harness.model.trajectories import Clip, ExtractionRules, Track, VehicleTrack
+from harness.model.trajectories.rules import ExtractionRules
+from harness.model.trajectories.tracks import Clip, Track, VehicleTrack
 from harness.results.estimators import Sampling
 from harness.results.result import Result
 from harness.scenario import load_scenario
@@ -210,7 +211,7 @@ def test_draws_and_passages_have_the_weight_of_their_passage_and_vehicle() -> No
         (("--drivers", "[simulation]"), ["sumo_driver"], {}),
         (("no passage", "begins too near 4"), ["hard_yield"], {"vehicle_length_m": 60.0}),
         (("strategies.hard_yield", "p1"), ["hard_yield"], {"strategies.hard_yield.p1": 1.0}),
-        (("option", "vehicle_lenth_m"), ["hard_yield"], {"vehicle_lenth_m": 4.0}),
+        (("unknown key", "vehicle_lenth_m"), ["hard_yield"], {"vehicle_lenth_m": 4.0}),
     ],
 )
 def test_what_is_refused(

@@ -9,16 +9,18 @@ import numpy as np
 import pandas as pd
 
 from harness.core.encounter import FloatArray
-from harness.model.trajectories.counting import Tally
-from harness.model.trajectories.extraction_rules import ROW_COLUMNS, ExtractionRules
-from harness.model.trajectories.paths import (
+from harness.model.trajectories.rules import ExtractionRules, Tally
+from harness.model.trajectories.tracks import (
+    Clip,
+    Track,
     TravelPath,
+    VehicleTrack,
     arc_of_records,
     build_path,
+    fingerprint,
     first_crossing,
     travel_m,
 )
-from harness.model.trajectories.tracks import Clip, Track, VehicleTrack, fingerprint
 
 # Spacing of corners, and length of the chord that gives a direction. They are longer than the
 # recording jitter (about 2 cm in drone video) and shorter than turns of cars or pedestrians.
@@ -29,9 +31,6 @@ LONG_PAUSE_S = 10.0
 
 # The columns of one pair's candidate rows: arrays of one length, or one value for all of them.
 Columns = dict[str, FloatArray | str | float | None]
-CANDIDATE_COLUMNS = tuple(
-    name for name in ROW_COLUMNS if name not in ("arrival_time_s", "time_advantage_s")
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +48,8 @@ def candidate_rows(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator
     A pair is a vehicle and a pedestrian whose paths cross.  ``tally`` counts what is left out.
 
     Yields:
-        Frames with ``CANDIDATE_COLUMNS``. A speed is *undefined* (NaN) at a gap in the track, or if
-        the track is shorter than half the speed window.
+        Frames with ``ROW_COLUMNS``, but R/v and T_adv. A speed is *undefined* (NaN) at a gap in the
+        track, or if the track is shorter than half the speed window.
     """
     walkers = {name: walker_of(track, rules) for name, track in clip.pedestrians.items()}
     tally.drop("tracks", "standing_pedestrian", [*walkers.values()].count(None))
@@ -154,7 +153,13 @@ def rows_of_pair(
     pedestrian_time_s: FloatArray,
     lateral_m: FloatArray,
 ) -> Columns:
-    """R and L at the sampling instants, and who passed first.
+    """R and L at the sampling instants, who passed first, and the post-encroachment time.
+
+    The vehicle is on the conflict point from R = 0 (front bumper) to R = −length (rear bumper); the
+    pedestrian is a point that passes at L = 0. Who passed first is *undefined* (None) if neither
+    record shows it. The post-encroachment time, between the departure of the first and the arrival
+    of the second, is also undefined (NaN) if only one of the two passages was recorded, or if the
+    pedestrian passed the line while the vehicle stood on it.
 
     Args:
         times: (n,) the instants.
@@ -162,15 +167,23 @@ def rows_of_pair(
         vehicle_time_s, range_m: R over time.
         pedestrian_time_s, lateral_m: L over time.
     """
-    passed_first, pet_s = order_of_passing(
-        vehicle_time_s, range_m, length_m, pedestrian_time_s, lateral_m
-    )
+    front = _passing(vehicle_time_s, range_m)
+    rear = _passing(vehicle_time_s, range_m + length_m)
+    walker = _passing(pedestrian_time_s, lateral_m)
+    passed_first, pet_s = None, math.nan
+    if front[1] <= walker[0]:
+        passed_first, left, came = "vehicle", rear, walker
+    elif walker[1] <= front[0]:
+        passed_first, left, came = "pedestrian", walker, front
+    # The two bounds of a recorded passage are equal.
+    if passed_first and left[0] == left[1] <= came[0] == came[1]:
+        pet_s = came[0] - left[0]
     return {
         "time_s": times,
         "range_m": np.interp(times, vehicle_time_s, range_m),
         "lateral_m": np.interp(times, pedestrian_time_s, lateral_m),
         "passed_first": passed_first,
-        "pet_s": math.nan if pet_s is None else pet_s,
+        "pet_s": pet_s,
     }
 
 
@@ -222,35 +235,6 @@ def rate(
     return np.where(known, change / np.where(known, end - start, 1.0), np.nan)
 
 
-def order_of_passing(
-    vehicle_time_s: FloatArray,
-    range_m: FloatArray,
-    length_m: float,
-    pedestrian_time_s: FloatArray,
-    lateral_m: FloatArray,
-) -> tuple[str | None, float | None]:
-    """Who passed the conflict point first, and the post-encroachment time.
-
-    The vehicle is on the point from R = 0 (front bumper) to R = −length (rear bumper); the
-    pedestrian is a point that passes at L = 0.
-
-    Returns:
-        ``"vehicle"``, ``"pedestrian"`` or None, and the time ≥ 0 between the departure of the first
-        and the arrival of the second. Who passed first is *undefined* if neither record shows it.
-        The post-encroachment time is also undefined if only one of the two passages was recorded,
-        or if the pedestrian passed the line while the vehicle stood on it.
-    """
-    front = _passing(vehicle_time_s, range_m)
-    rear = _passing(vehicle_time_s, range_m + length_m)
-    walker = _passing(pedestrian_time_s, lateral_m)
-    if front[1] <= walker[0]:
-        pet = walker[0] - rear[0]
-        return "vehicle", pet if _exact(rear) and _exact(walker) and pet >= 0 else None
-    if walker[1] <= front[0]:
-        return "pedestrian", front[0] - walker[0] if _exact(front) and _exact(walker) else None
-    return None, None
-
-
 def _passing(time_s: FloatArray, remaining_m: FloatArray) -> tuple[float, float]:
     """Bounds of the time at which the remaining distance first is 0; equal if it was recorded."""
     past = np.flatnonzero(remaining_m <= 0)
@@ -263,8 +247,3 @@ def _passing(time_s: FloatArray, remaining_m: FloatArray) -> tuple[float, float]
     share = left / (left - right)
     when = float(time_s[after - 1] + share * (time_s[after] - time_s[after - 1]))
     return when, when
-
-
-def _exact(bounds: tuple[float, float]) -> bool:
-    """Whether the passage was recorded."""
-    return bounds[0] == bounds[1]

@@ -1,61 +1,38 @@
 """Takes raw trajectories and returns rows of the model's variables."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from harness.core.documents import check_form
 from harness.core.errors import InputError, unknown_name
 from harness.core.files import write_file
-from harness.model.trajectories import mobileye, ready_rows, vci
-from harness.model.trajectories.counting import Tally
-from harness.model.trajectories.csv_input import as_paths
-from harness.model.trajectories.encounters import CANDIDATE_COLUMNS, candidate_rows
-from harness.model.trajectories.extraction_rules import (
+from harness.model.trajectories.encounters import candidate_rows
+from harness.model.trajectories.formats import FORMATS, File, Format
+from harness.model.trajectories.rules import (
     ROW_COLUMNS,
     TEXT_COLUMNS,
     ExtractionRules,
+    Tally,
     kept_rows,
-    split_options,
     with_times,
 )
-from harness.model.trajectories.mobileye import MobileyeOptions
-from harness.model.trajectories.ready_rows import TableOptions
+from harness.model.trajectories.table import EmptyTableError
 from harness.model.trajectories.tracks import Clip
-from harness.model.trajectories.vci import VciOptions
 
 VEHICLE_KEY = ("source", "clip", "vehicle")
 ENCOUNTER_KEY = (*VEHICLE_KEY, "pedestrian")
 EXTRACTION_KEY = b"harness.extraction"
 """Key of the command and the counts in the metadata of a Parquet file of rows."""
 
-
-class Format(NamedTuple):
-    """The reader of a data format.
-
-    Attributes:
-        words: a description in one line.
-        options: the class of the reader's options.
-        clips: yields the clips (tracks); None if the data are no tracks.
-        rows: returns candidate rows; None if rows come from tracks.
-    """
-
-    words: str
-    options: type[Any]
-    clips: Callable[[Sequence[Path], Any, Tally], Iterator[Clip]] | None = None
-    rows: Callable[[Sequence[Path], Any, ExtractionRules, Tally], pd.DataFrame] | None = None
-
-
-FORMATS: Mapping[str, Format] = {
-    "vci": Format("fixed camera, DUT and sets like it", VciOptions, vci.read_clips),
-    "mobileye": Format("the paper's sensor", MobileyeOptions, rows=mobileye.read_rows),
-    "table": Format("ready-made rows, csv or parquet", TableOptions, rows=ready_rows.read_rows),
-}
+Paths = str | Path | Sequence[str | Path]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +49,7 @@ class Extraction:
     counts: Tally
 
 
-def extract(paths: str | Path | Sequence[str | Path], format: str, **options: Any) -> Extraction:
+def extract(paths: Paths, format: str, **options: Any) -> Extraction:
     """Read raw data and return the rows of the model's variables.
 
     A pair is a vehicle and a pedestrian whose paths cross at an allowed angle. The conflict point
@@ -95,23 +72,38 @@ def extract(paths: str | Path | Sequence[str | Path], format: str, **options: An
         InputError: the format or an option is unknown, there is no data, or the data has another
             format.
     """
-    known = _known_format(format)
-    rules, reader = split_options(options, known.options, f"format {format}")
-    tally, files = Tally(), as_paths(paths)
-    if known.rows is not None:
-        candidates = _typed(known.rows(files, reader, rules, tally))
-    else:
-        # Without pairs there are no rows, but the columns are the same.
-        frames = [pd.DataFrame(columns=CANDIDATE_COLUMNS)]
-        for clip in known.clips(files, reader, tally) if known.clips else ():
-            frames += candidate_rows(clip, rules, tally)
-        candidates = _typed(with_times(pd.concat(frames[1:] or frames, ignore_index=True)))
+    tally, frames = Tally(), list[pd.DataFrame]()
+    rules, contents = _contents(paths, format, options, tally)
+    for content in contents:
+        frames += candidate_rows(content, rules, tally) if isinstance(content, Clip) else [content]
+    candidates = pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
+    types = {name: "str" if name in TEXT_COLUMNS else "float64" for name in ROW_COLUMNS}
+    candidates = with_times(candidates.reindex(columns=list(ROW_COLUMNS)).astype(types))
     rows, seen = kept_rows(candidates, rules, tally), _groups(candidates, ENCOUNTER_KEY)
     tally.rows, tally.pairs = len(rows), _groups(rows, ENCOUNTER_KEY)
     tally.vehicles = _groups(rows, VEHICLE_KEY)
     if tally.pairs is not None and seen is not None:
         tally.drop("pairs", "no_row_kept", seen - tally.pairs)
     return Extraction(rows, tally)
+
+
+def read_clips(paths: Paths, format: str, tally: Tally, **options: Any) -> list[Clip]:
+    """The tracks of recordings.
+
+    Args:
+        paths, format, **options: as for ``extract``.
+        tally: counts what is left out and notes assumptions.
+
+    Returns:
+        The usable clips in their fixed order.
+
+    Raises:
+        InputError: as for ``extract``, or the format has no tracks.
+    """
+    _, contents = _contents(paths, format, options, tally)
+    if not FORMATS[format].clips:
+        raise InputError(f"format {format}", "has rows, not tracks")
+    return [content for content in contents if isinstance(content, Clip)]
 
 
 def write_rows(path: Path, extraction: Extraction, command: str) -> None:
@@ -133,42 +125,52 @@ def write_rows(path: Path, extraction: Extraction, command: str) -> None:
     write_file(path, buffer.getvalue().to_pybytes())
 
 
-def read_clips(
-    paths: str | Path | Sequence[str | Path],
-    format: str,
-    tally: Tally | None = None,
-    **options: Any,
-) -> list[Clip]:
-    """The tracks of recordings.
-
-    Args:
-        paths, format, **options: as for ``extract``.
-        tally: counts what is left out and notes assumptions.
-
-    Returns:
-        The usable clips in their fixed order.
-
-    Raises:
-        InputError: as for ``extract``, or the format has no tracks.
-    """
-    known = _known_format(format)
-    if known.clips is None:
-        raise InputError(f"format {format}", "has rows, not tracks")
-    _, reader = split_options(options, known.options, f"format {format}")
-    return list(known.clips(as_paths(paths), reader, Tally() if tally is None else tally))
+def _contents(
+    paths: Paths, format: str, options: Mapping[str, Any], tally: Tally
+) -> tuple[ExtractionRules, list[Clip | pd.DataFrame]]:
+    """The rules, and what the files contain; empty files are skipped and counted."""
+    if format not in FORMATS:
+        raise unknown_name("format", "format", format, FORMATS)
+    known = FORMATS[format]
+    rules = check_form(known.options, options, f"format {format}")
+    given = [paths] if isinstance(paths, str | Path) else list(paths)
+    if not given:
+        raise InputError("paths", "no file or folder given", "at least one")
+    contents = []
+    for file in [file for path in given for file in _files(path, known)]:
+        try:
+            contents.append(known.read(file, rules, tally))
+        except EmptyTableError as problem:
+            tally.skipped[file.name] = f"{Path(problem.where).name}: {problem.problem}"
+    if not contents:
+        why = "; ".join(tally.skipped.values())
+        raise InputError(str(given[0]), f"no file can be used ({why})")
+    return rules, contents
 
 
-def _known_format(name: str) -> Format:
-    """The format of that name; an error names the most similar one."""
-    if name not in FORMATS:
-        raise unknown_name("format", "format", name, FORMATS)
-    return FORMATS[name]
+def _files(given: str | Path, known: Format) -> list[File]:
+    """The file itself, or the matching files of a folder by name; equal names get their folder."""
+    # Unlike Path.exists, this is False for a name that is too long or contains a NUL.
+    if not os.path.exists(given):  # noqa: PTH110
+        raise InputError(str(given), "no such file or folder")
+    path, allowed = Path(given), " or ".join(f"*{ending}" for ending in known.endings)
+    if path.is_file():
+        if not path.name.endswith(known.endings):
+            raise InputError(str(path), "not a file of this format", allowed)
+        return [File(path, _without(path.name, known), path)]
+    files = [file for ending in known.endings for file in path.rglob(f"*{ending}")]
+    if not files:
+        raise InputError(str(path), "has no such file", allowed)
+    names = [file.name for file in files]
+    if len(set(names)) < len(names):
+        names = [file.relative_to(path).as_posix() for file in files]
+    pairs = sorted((_without(name, known), file) for name, file in zip(names, files, strict=True))
+    return [File(path, *pair) for pair in pairs]
 
 
-def _typed(rows: pd.DataFrame) -> pd.DataFrame:
-    """The columns in their order with fixed types, also if there are no rows."""
-    types = {name: "str" if name in TEXT_COLUMNS else "float64" for name in ROW_COLUMNS}
-    return rows[list(ROW_COLUMNS)].astype(types).reset_index(drop=True)
+def _without(name: str, known: Format) -> str:
+    """A file's name without the ending of its format."""
+    return name[: -max(len(ending) for ending in known.endings if name.endswith(ending))]
 
 
 def _groups(rows: pd.DataFrame, key: Sequence[str]) -> int | None:

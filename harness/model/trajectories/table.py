@@ -1,84 +1,25 @@
-"""Reads tables with named columns and units from the user's files."""
+"""Reads a table with named columns and units from a user's file."""
 
 import difflib
-import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 
 from harness.core.errors import InputError
-from harness.model.trajectories.counting import Tally
+from harness.model.trajectories.rules import Tally
 
 # Larger coordinates, speeds and times are errors, and would overflow later.
-LARGEST_NUMBER = 1e12
+_LARGEST_NUMBER = 1e12
 
-
-Content = TypeVar("Content")
+Columns = Mapping[str, tuple[str, float]]
+"""Name here → name in the file, and by what its numbers are divided to have SI units."""
 
 
 class EmptyTableError(InputError):
     """A file is missing or has no record; its clip is skipped and counted."""
-
-
-def as_paths(paths: str | Path | Sequence[str | Path]) -> list[Path]:
-    """The user's paths.
-
-    Raises:
-        InputError: there is no path, or a path does not exist.
-    """
-    names = [paths] if isinstance(paths, str | Path) else list(paths)
-    if not names:
-        raise InputError("paths", "no file or folder given", "at least one")
-    for name in names:
-        # Unlike Path.exists, this is False for a name that is too long or contains a NUL.
-        if not os.path.exists(name):  # noqa: PTH110
-            raise InputError(str(name), "no such file or folder")
-    return [Path(name) for name in names]
-
-
-def files_in(path: Path, *patterns: str) -> list[Path]:
-    """The file itself, or the matching files of a folder, sorted by name.
-
-    Raises:
-        InputError: the folder has no such file.
-    """
-    if not path.is_dir():
-        return [path]
-    files = sorted(file for pattern in patterns for file in path.glob(pattern))
-    if not files:
-        raise InputError(str(path), "has no such file", " or ".join(patterns))
-    return files
-
-
-def contents_of(
-    files: Iterable[tuple[str, Path]],
-    read: Callable[[str, Path], list[Content]],
-    tally: Tally,
-    what: str,
-) -> Iterator[Content]:
-    """Yield what ``read`` returns for each named file; empty files are skipped and counted.
-
-    Raises:
-        InputError: no file has usable contents; ``what`` is their name, such as "clip".
-    """
-    where, used = "", False
-    for name, file in files:
-        where = where or str(file)
-        try:
-            contents = read(name, file)
-        except EmptyTableError as problem:
-            file_name = Path(problem.where).name
-            tally.skipped[name] = f"{file_name}: " * (file_name != name) + problem.problem
-            continue
-        used = used or bool(contents)
-        yield from contents
-    if not used:
-        why = "; ".join(f"{name}: {reason}" for name, reason in tally.skipped.items())
-        raise InputError(where, f"no {what} can be used ({why or 'no record is left'})")
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -117,38 +58,36 @@ def require_columns(path: Path, table: pd.DataFrame, needed: Iterable[str]) -> N
             raise InputError(str(path), problem, allowed, name if near else None)
 
 
-def read_records(
-    path: Path, columns: Mapping[str, tuple[str, float]], tally: Tally, names: Sequence[str] = ()
-) -> pd.DataFrame:
-    """The usable records of a table: named columns of numbers in SI units.
+def read_records(path: Path, columns: Columns, tally: Tally, *names: str) -> pd.DataFrame:
+    """The usable records of a file.
 
     A record with an unusable number is counted as ``not_a_number``, ``missing_value`` or
     ``out_of_scale``.
 
     Args:
         path: the file.
-        columns: name here → name in the file, and by what its numbers are divided.
+        columns: its needed columns of numbers.
         tally: counts what is left out.
-        names: further columns, which are not read as numbers.
+        names: further needed columns, of identifiers; they may be missing in a record.
 
     Raises:
         InputError: the file is no table, lacks a column, or a column contains no number at all.
     """
     table, units = read_table(path), [unit for _, unit in columns.values()]
     require_columns(path, table, [*names, *(name for name, _ in columns.values())])
-    values = pd.DataFrame({of: as_numbers(path, table[name]) for of, (name, _) in columns.items()})
+    values = pd.DataFrame({of: numbers(path, table[name]) for of, (name, _) in columns.items()})
     given = table[[name for name, _ in columns.values()]].notna().to_numpy()
     text = (values.isna() & given).any(axis=1)
     finite = pd.Series(np.isfinite(values.to_numpy()).all(axis=1), index=values.index)
-    usable = finite & (values.abs() <= LARGEST_NUMBER).all(axis=1)
+    usable = finite & (values.abs() <= _LARGEST_NUMBER).all(axis=1)
     tally.drop("records", "not_a_number", text.sum())
     tally.drop("records", "missing_value", (~finite & ~text).sum())
     tally.drop("records", "out_of_scale", (finite & ~usable).sum())
-    scaled = values / units
-    return table[[*names]].assign(**{of: scaled[of] for of in columns})[usable]
+    identified = {name: identifiers(table[name]) for name in names}
+    return (values / units).assign(**identified)[usable]
 
 
-def as_numbers(path: Path, column: pd.Series) -> pd.Series:
+def numbers(path: Path, column: pd.Series) -> pd.Series:
     """A column as floats; cells that are not numbers become NaN.
 
     Raises:
@@ -163,14 +102,6 @@ def as_numbers(path: Path, column: pd.Series) -> pd.Series:
         sample = column.dropna().iloc[0]
         raise InputError(str(path), f"column {column.name!r} contains {sample!r}", "numbers")
     return values.astype(np.float64)
-
-
-def once_each(records: pd.DataFrame, clock: str, tally: Tally) -> pd.DataFrame:
-    """Records sorted by time; the first of each instant is kept, the others are counted."""
-    records = records.sort_values(clock, kind="stable")
-    repeated = records[clock].duplicated()
-    tally.drop("records", "duplicated", repeated.sum())
-    return records.loc[~repeated]
 
 
 def identifiers(column: pd.Series) -> pd.Series:
@@ -193,13 +124,21 @@ def identifiers(column: pd.Series) -> pd.Series:
     return text.where(column.notna())
 
 
-def in_order(names: Iterable[str]) -> list[str]:
-    """Identifiers in a fixed order: numbers by value first, then text."""
+def objects(records: pd.DataFrame, name: str, tally: Tally) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Yield the records of each object in order of time, with the first of each instant.
 
-    def key(name: str) -> tuple[bool, float, str]:
-        try:
-            return False, float(name), name
-        except ValueError:
-            return True, 0.0, name
+    Objects come in the order of their identifiers, numbers by value before text.
 
-    return sorted(names, key=key)
+    Args:
+        records: usable records with ``time_s``.
+        name: the column with the object's identifier.
+        tally: counts records without an identifier, and repeated ones.
+    """
+    tally.drop("records", "missing_value", records[name].isna().sum())
+    groups = {str(key): group for key, group in records.groupby(name)}
+    order = pd.DataFrame({"name": list(groups), "number": pd.to_numeric([*groups], "coerce")})
+    for key in order.sort_values(["number", "name"])["name"]:
+        group = groups[key].sort_values("time_s", kind="stable")
+        repeated = group["time_s"].duplicated()
+        tally.drop("records", "duplicated", repeated.sum())
+        yield key, group.loc[~repeated]
