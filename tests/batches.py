@@ -12,10 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from harness.scenario import Setting, Study, read_scenario_file, study_of
-from harness.scenario.file import ScenarioFile
-from harness.scenario.variation import parse_variation
-
 CHECKOUT = Path(__file__).parents[1]
 
 HARNESS = [sys.executable, "-m", "harness"]
@@ -39,21 +35,6 @@ def wait_for(condition: Callable[[], object], what: str, seconds: float = 300.0)
     while not condition():
         assert time.monotonic() < end, f"waited in vain for {what}"
         time.sleep(0.002)
-
-
-def scenario_file(name: str, changes: dict[str, object]) -> ScenarioFile:
-    """A shipped scenario with changes by dotted key."""
-    return read_scenario_file(name, [Setting(key, value) for key, value in changes.items()])
-
-
-def sweep(name: str, changes: dict[str, object], *vary: str) -> Study:
-    """A study as ``harness sweep`` makes it."""
-    return study_of(scenario_file(name, changes), [parse_variation(text) for text in vary])
-
-
-def one_cell(name: str, changes: dict[str, object]) -> Study:
-    """A study as ``harness run`` makes it."""
-    return study_of(scenario_file(name, changes))
 
 
 def content(folder: Path) -> dict[str, bytes]:

@@ -17,7 +17,6 @@ from pydantic import BaseModel
 from harness.core.files import shipped_directory
 from harness.engine.shared import close_engine
 from harness.model.interaction.file import SHIPPED
-from harness.model.trajectories.formats import FORMATS
 from harness.scenario import Scenario
 from tests.batches import here
 from tests.conftest import close_all
@@ -46,10 +45,6 @@ KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
     ),
     "run, shown": (400, (f"report {RUN} --out out/page.html", f"replay {RUN} {ONE}")),
     "model, shown": (200, ("model {file} --figures out",)),
-    **{
-        form: (2_500, (f"extract encounter/{form} --format {form} --out out/rows.parquet",))
-        for form in FORMATS
-    },
     "rows": (2_500, (FIT,)),
     "network": (
         5_000,
@@ -77,7 +72,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Where the commands are given, with good files; a run ends when it has a manifest."""
     close_all()
     folder = tmp_path_factory.mktemp("fuzz") / "here"
-    shutil.copytree(DATA / "encounter", folder / "encounter")
+    folder.mkdir()
     shutil.copy(shipped_directory("scenarios") / "cctc.toml", folder)
     shutil.copy(SHIPPED / f"{Scenario().model.name}.json", folder)
     shutil.copy(DATA / "rows_made_up.csv", folder)
@@ -117,8 +112,7 @@ def files_of(folder: Path, kind: str) -> list[Path]:
         "risk": "risk/*",
         "town": "town/*",
     }
-    found = folder.glob(named.get(kind, f"encounter/{kind}/**/*"))
-    return sorted(path for path in found if path.is_file())
+    return sorted(path for path in folder.glob(named[kind]) if path.is_file())
 
 
 def done_or_refused(*words: str) -> bool:

@@ -96,19 +96,12 @@ def test_a_sweep_has_its_numbers_over_its_key_and_under_limits_the_papers_figure
     compared = compare(swept, mu0=1.2, kappa0=0.5)
     judged = written(swept, tmp_path / "judged.html", compared=compared, allowed=allowed)
     assert judged.figures() == ["aggressiveness", *OVER]
-    assert "μ0 = 1.2" in judged.text
-    assert "κ0 = 0.5" in judged.text
-    assert compared.full[-1].title in judged.text
     assert [table.title for table in compared.full] == [
         title for title in judged.summaries if title.startswith(("Difference", "strategies."))
     ]
     keys = [note.key for note in (*swept.result().notes, *compared.notes)]
     notes = judged.source.partition('class="notes"')[2].partition("</ul>")[0]
     assert notes.count("<li>") == len({*keys})
-    ids = [name for _, of in judged.tags if (name := of.get("id"))]
-    assert len(ids) == len({*ids})
-    used = {name for _, of in judged.tags for name in str(of.get("aria-labelledby") or "").split()}
-    assert used - {*ids} == set()
 
 
 class Failing:

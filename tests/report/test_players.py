@@ -212,25 +212,3 @@ def test_positions_on_the_screen_are_the_trace(page: Any, single: Run) -> None:
                 assert drawn(page, arm) == pytest.approx(expected, abs=0.06)
                 speed = float(page.locator(f".view[data-arm='{arm}']").get_attribute("data-v"))
                 assert speed == pytest.approx(ego.loc[at, "speed_mps"], abs=6e-4)
-
-
-def test_the_table_sorts_by_mouse_and_by_key(opened_sweep: Opened) -> None:
-    """Numbers by their value, undefined ones last; one column at a time."""
-    page = opened_sweep.page
-    values = """heading => { const table = document.getElementById("screen");
-        const heads = [...table.tHead.rows[0].cells].map((head) => head.textContent);
-        const place = heads.findIndex((head) => head.replace("\u200b", "").startsWith(heading));
-        return [...table.tBodies[0].rows].map((row) => row.cells[place].dataset.value); }"""
-    head = page.locator("#screen th", has_text="delay").first
-    head.locator("button").click()
-    assert head.get_attribute("aria-sort") == "ascending"
-    found = page.evaluate(values, "delay")
-    assert found[2:] == ["", ""]
-    assert [float(value) for value in found[:2]] == sorted(float(value) for value in found[:2])
-    head.locator("button").press("Enter")
-    assert head.get_attribute("aria-sort") == "descending"
-    assert page.evaluate(values, "delay")[2:] == ["", ""]
-    flows = page.locator("#screen th").first
-    flows.locator("button").click()
-    assert head.get_attribute("aria-sort") is None
-    assert [float(value) for value in page.evaluate(values, "flow")] == [300, 300, 900, 900]

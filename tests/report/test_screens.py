@@ -149,10 +149,6 @@ def test_three_notes_the_worst_first_and_the_others_by_their_labels() -> None:
     # No label is cut: it stands for a note that no screen may hide.
     assert [of for of in range(3, 20) if f"label {of}" not in " ".join(long.split())] == []
     assert "…" not in long.partition("17 more")[2]
-    assert "And a second" not in long
-    assert "17 more with --full: label 3" in long
-    assert "And a second" in screen_text(result(PAPER, "First sentence. And a second."), 80, True)
-    assert "more with" not in screen_text(result(PAPER, *notes[:3]), 80)
 
 
 @pytest.mark.parametrize("width", [80, 100, 120])

@@ -25,7 +25,6 @@ from harness.results.estimators import CONFIDENCE, clopper_pearson
 from harness.results.finding import Finding
 from harness.results.findings import cell_findings
 from harness.scenario import Cell, Scenario
-from harness.studies.fitting import HeldOut
 
 PER_SIDE, PAIRS = 200, 200
 
@@ -85,19 +84,6 @@ def test_a_looked_up_pair_is_the_simulated_one(monkeypatch: pytest.MonkeyPatch, 
     for name, episodes in nodes().items():
         looked_up = known_truth.chosen_pairs(episodes, planned).drop_columns(counts)
         assert looked_up.equals(simulated[name].drop_columns(counts))
-
-
-def test_standard_error_of_held_out_scores() -> None:
-    """The ± of ``harness model``: it is the spread of the means over sets of vehicles."""
-    rng = np.random.default_rng(17)
-    means, errors = [], []
-    for _ in range(1_500):
-        weights = rng.gamma(2.0, 3.0, 60)
-        held_out = HeldOut(weights * (rng.normal(-0.8, 0.5, 60)), weights)
-        means.append(held_out.mean)
-        errors.append(held_out.standard_error)
-    assert np.mean(means) == pytest.approx(-0.8, abs=4 * np.std(means) / np.sqrt(1_500))
-    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(np.std(means), rel=0.08)
 
 
 def intervals(seed: int) -> Iterator[Named]:

@@ -30,7 +30,6 @@ from harness.model.interaction import load_model
 from harness.scenario import Scenario, validate
 from harness.strategies.driving import stop_after
 from harness.studies.run import run
-from tests.batches import one_cell
 from tests.scenes import episode
 
 pytestmark = pytest.mark.slow
@@ -219,7 +218,7 @@ def waits_s(site: Cell, behaviour: str, driver: str, folder: Path) -> np.ndarray
         "experiment.seed": 2,
         "experiment.pairs": 2,
     }
-    people = run(one_cell("field_sites", values), out=folder, workers=0).table("people")
+    people = run("field_sites", settings=values, out=folder, workers=0).table("people")
     waits: np.ndarray = people.loc[people["arm"] == "human", "wait_s"].dropna().to_numpy()
     return waits
 

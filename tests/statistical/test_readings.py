@@ -12,46 +12,18 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from harness.model.interaction import InteractionModel
 from harness.model.mixture.conditional import Conditional
-from harness.model.mixture.distribution import TruncatedGaussianMixture
 
 ROWS = 4_000
-
-
-def mixture() -> TruncatedGaussianMixture:
-    """Three components cut by the box on several sides, none of them narrow."""
-    spreads = np.array([[0.06, 0.9, 0.2, 0.25], [0.1, 0.5, 0.3, 0.15], [0.05, 1.5, 0.25, 0.4]])
-    correlations = np.eye(4) + 0.3 * (np.ones((4, 4)) - np.eye(4))
-    correlations[0, 1:] *= -1
-    correlations[1:, 0] *= -1
-    return TruncatedGaussianMixture(
-        weights=[0.4, 0.35, 0.25],
-        locations=[[0.06, 4.5, 1.4, 0.2], [0.2, 1.5, 1.2, 0.3], [0.1, 3.0, 1.0, 0.6]],
-        scale_matrices=[correlations * np.outer(s, s) for s in spreads],
-        lower=[1 / 60, 0.3, 0.3, 0.0],
-        upper=[0.5, 8.0, 3.0, 2.0],
-    )
-
-
-@pytest.fixture(scope="module")
-def own() -> InteractionModel:
-    return InteractionModel(mixture(), "test", {}, "")
-
-
-@pytest.fixture(scope="module", params=["own", "shipped"])
-def drawn(request, own, model) -> tuple[TruncatedGaussianMixture, np.ndarray]:
-    chosen = (own if request.param == "own" else model).mixture
-    return chosen, chosen.sample(ROWS, np.random.default_rng(11))
 
 
 GIVEN = pytest.mark.parametrize("given", [(0, 1), (0, 1, 3)], ids=["marginal", "given T_adv"])
 
 
 @GIVEN
-def test_every_reading_is_uniform(drawn, given):
-    mixture, rows = drawn
-    u = Conditional(mixture, 2, given).cdf(rows[:, 2], rows[:, given])
+def test_every_reading_is_uniform(model, given):
+    rows = model.mixture.sample(ROWS, np.random.default_rng(11))
+    u = Conditional(model.mixture, 2, given).cdf(rows[:, 2], rows[:, given])
     assert kstest(u, "uniform").pvalue > 0.001
 
 

@@ -161,13 +161,13 @@ def test_grade_and_friction_limit_every_vehicle_of_the_road() -> None:
     assert other.max_acceleration_mps2 == pytest.approx(3.0 - slope)
 
 
-def stopping_m(vehicle: Vehicle, speed: float, gain: float = 0.0) -> float:
-    """v t_d plus the integral of the lagging response to full braking, which begins with a gain."""
+def stopping_m(vehicle: Vehicle, speed: float) -> float:
+    """v t_d plus the integral of the lagging response to full braking."""
     braking, lag = vehicle.max_deceleration_mps2, vehicle.lag_s
 
     def slower(time_s: float) -> float:
         decayed_s = lag * (1 - math.exp(-time_s / lag))
-        return speed - braking * time_s + (gain + braking) * decayed_s
+        return speed - braking * time_s + braking * decayed_s
 
     end_s = brentq(slower, 0.0, 20.0)
     return speed * vehicle.dead_time_s + quad(slower, 0.0, end_s)[0]
@@ -186,18 +186,3 @@ def test_avoidable_is_of_the_car_that_obeys_late() -> None:
 
     traces = [hit(0.002, vehicle), hit(-0.002, vehicle), hit(-0.002, scene.vehicle())]
     assert [record.avoidable for record in measure(traces)] == [True, False, True]
-
-
-def test_avoidable_counts_on_the_braking_that_was_under_way() -> None:
-    scene = scenario(actuation={"dead_time_s": 0.5})
-    vehicle = scene.vehicle(Arm.AV)
-    # It brakes with 2 m/s² for 0.3 s, then rolls on at 4.4 m/s; the walker steps off at 3.8 s.
-    speeds = [5.0] * 38 + [4.8, 4.6, 4.4]
-    gains = [0.0] * 38 + [-2.0] * 3 + [0.0] * 60
-    braked_m = sum((5.0, 4.8, 4.6)) * 0.1 - 3 * 2.0 * 0.005 + 4.4 * 0.2 + 4.4**2 / 9
-    left_m = 30.0 - 5.0 * 3.8 - braked_m - 0.25
-    assert speeds[-1] == 4.4
-    for nearer_m, expected in ((left_m - 0.002, True), (left_m + 0.002, False)):
-        trace = drive(gains, [(3.8, Side.NEAR, 0.9)], scene=scene)
-        moved = replace(trace, vehicle=vehicle, x_m=trace.x_m + nearer_m)
-        assert measure([moved])[0].avoidable is expected

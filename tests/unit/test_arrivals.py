@@ -75,16 +75,6 @@ def test_sides_come_in_the_share_asked_for(share: float) -> None:
     assert abs(near / len(sides) - share) <= 4 * error
 
 
-def test_sides_and_quantiles_are_independent_and_uniform() -> None:
-    everyone = [a for plan in plans(scene(flow_per_hour=600.0), 1000) for a in plan]
-    near = np.array([a.side is Side.NEAR for a in everyone])
-    for values in ([a.quantile for a in everyone], [a.arrival_s for a in everyone]):
-        assert abs(np.corrcoef(near, values)[0, 1]) < 4 / np.sqrt(len(everyone))
-    quantiles = [a.quantile for plan in plans(scene(flow_per_hour=600.0), 1000) for a in plan]
-    assert len(quantiles) > 9000
-    assert stats.kstest(quantiles, "uniform").pvalue > 1e-3
-
-
 def test_the_first_at_the_trigger() -> None:
     plain = plans(scene(flow_per_hour=400.0), 300)
     at_trigger = plans(scene(flow_per_hour=400.0, first_at_trigger=True), 300)

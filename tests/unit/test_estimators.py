@@ -277,19 +277,6 @@ def test_sign_flips_against_scipy(few: int) -> None:
     assert of.sign_flip_p(values) == pytest.approx(theirs, abs=4 * np.sqrt(theirs / 40_000))
 
 
-def test_paired_difference_against_scipy() -> None:
-    generator = rng(7)
-    shared = generator.lognormal(-0.3, 0.4, 80)
-    a, b = shared + generator.gamma(2.0, 0.02, 80), shared * 1.02
-    ours = of.difference(a, b, at())
-    assert ours.value == pytest.approx(np.mean(a) - np.mean(b), rel=1e-9)
-    low, high = stats.bootstrap((a - b,), np.mean, n_resamples=9_999, rng=1).confidence_interval
-    assert (ours.low, ours.high) == pytest.approx((low, high), abs=0.08 * (high - low))
-    assert (ours.n, ours.reliable) == (80, True)
-    # Unpaired, the same columns tell next to nothing: the spread they share does not cancel.
-    assert high - low < 0.1 * 4 * np.std(shared) / np.sqrt(80)
-
-
 def test_differences_of_undefined_equal_and_no_pairs() -> None:
     nan = np.nan
     a, b = np.array([0.5, nan, 0.9, 0.7, 1.0]), np.array([0.4, 0.8, nan, 0.4, 0.8])

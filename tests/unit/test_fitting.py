@@ -3,9 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import multivariate_normal, norm, sem
+from scipy.stats import norm, sem
 
-from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.sample import RowFile, make_sample
 from harness.studies.fitting import (
     HeldOut,
@@ -52,21 +51,12 @@ def test_rows_outside_the_box_are_dropped_and_counted_by_column():
     rows.loc[2, "time_advantage_s"] = 0.4  # 1/T = 2.5 > 2
     rows.loc[3, "pedestrian_speed_mps"] = 3.0  # on the bound: inside
     sample = make_sample(rows)
-    assert sample.outside == {
-        "range_m": 2,
-        "vehicle_speed_mps": 1,
-        "pedestrian_speed_mps": 0,
-        "time_advantage_s": 1,
-    }
+    columns = ["range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s"]
+    assert sample.outside == dict(zip(columns, (2, 1, 0, 1), strict=True))
     assert sample.data.shape == (37, 4)
     assert sample.rows_read == 40
     rows = made_up(4)
-    rows.loc[0, ["range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s"]] = [
-        20.0,
-        4.0,
-        1.25,
-        2.5,
-    ]
+    rows.loc[0, columns] = [20.0, 4.0, 1.25, 2.5]
     np.testing.assert_allclose(make_sample(rows).data[0], [0.05, 4.0, 1.25, 0.4], rtol=1e-15)
 
 
@@ -128,23 +118,6 @@ def test_folds_keep_vehicles_whole_and_weights_even():
     np.testing.assert_array_equal(fold, vehicle_folds(vehicle, weights, 3, seed=7))
 
 
-def test_walking_score_is_the_conditional_normal_far_from_any_bound():
-    scale = np.array(
-        [
-            [0.01, 0.02, 0.01, 0.0],
-            [0.02, 1.0, 0.1, 0.1],
-            [0.01, 0.1, 0.25, 0.05],
-            [0.0, 0.1, 0.05, 0.5],
-        ]
-    )
-    centre = np.array([0.2, 3.0, 1.3, 0.4])
-    mixture = TruncatedGaussianMixture([1.0], [centre], [scale], centre - 50, centre + 50)
-    rows = np.random.default_rng(1).multivariate_normal(centre, scale, 50)
-    joint = multivariate_normal(centre[:3], scale[:3, :3]).logpdf(rows[:, :3])
-    given = multivariate_normal(centre[:2], scale[:2, :2]).logpdf(rows[:, :2])
-    np.testing.assert_allclose(log_scores(mixture, rows, "held_out"), joint - given, atol=1e-8)
-
-
 def test_near_state_by_hand():
     rows = made_up(8)
     rows["range_m"] = [30, 26, 34.9, 24.9, 30, 30, 35.1, 30]
@@ -192,25 +165,6 @@ def test_more_workers_change_no_bit(fitted):
         np.testing.assert_array_equal(
             one.fit.mixture.scale_matrices, other.fit.mixture.scale_matrices
         )
-
-
-def test_bic_and_log_likelihood_by_hand_and_two_kinds_are_found(fitted):
-    sample, calibration = fitted
-    assert len(set(sample.encounter)) == 60
-    for candidate in calibration.candidates:
-        k = candidate.components
-        # K − 1 weights, 4 K means, 10 K entries of symmetric 4 × 4 matrices.
-        penalty = (k - 1 + 4 * k + 10 * k) * np.log(60)
-        assert candidate.fit.bic == pytest.approx(
-            penalty - 2 * candidate.fit.log_likelihood, rel=1e-12
-        )
-    for candidate in calibration.candidates:
-        direct = sample.weights @ candidate.fit.mixture.logpdf(sample.data)
-        assert candidate.fit.log_likelihood == pytest.approx(direct, abs=1e-6)
-    _, calibration = fitted
-    one, two = calibration.candidates
-    assert two.fit.bic < one.fit.bic
-    assert two.fit.mixture.mean()[1] == pytest.approx(0.4 * 5.5 + 0.6 * 1.5, abs=0.3)
 
 
 def test_held_out_scores_are_near_the_truth_and_cover_every_vehicle(fitted):

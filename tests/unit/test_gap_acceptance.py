@@ -54,31 +54,35 @@ def test_goes_before_one_that_would_stop_before_the_edge(deceleration, goes_s) -
     assert walk.start_s == goes_s
 
 
-@pytest.mark.parametrize(("mean", "std"), [(4.0, 2.5), (6.2, 0.7)])
-def test_lognormal_gaps(mean: float, std: float) -> None:
-    gaps = GapAcceptanceSection(mean_s=mean, std_s=std)
-    uniform = np.linspace(0.001, 0.999, 21)
-    # scipy's lognormal with these two moments.
-    sigma = math.sqrt(math.log(1 + std**2 / mean**2))
-    reference = stats.lognorm(s=sigma, scale=mean / math.sqrt(1 + std**2 / mean**2))
-    assert reference.mean() == pytest.approx(mean)
-    assert reference.std() == pytest.approx(std)
-    found = [critical_gap_s(u, gaps) for u in uniform]
-    np.testing.assert_allclose(found, reference.ppf(uniform), rtol=1e-12)
+def lognormal(mean: float, std: float) -> object:
+    """SciPy's lognormal with these two moments."""
+    of = 1 + std**2 / mean**2
+    return stats.lognorm(s=math.sqrt(math.log(of)), scale=mean / math.sqrt(of))
 
 
-def test_logistic_default_and_equal_gaps() -> None:
-    gaps = GapAcceptanceSection(distribution="logistic", mean_s=4.0, std_s=1.5)
-    reference = stats.logistic(loc=4.0, scale=1.5 * math.sqrt(3) / math.pi)
-    uniform = np.array([0.05, 0.3, 0.5, 0.9])
+@pytest.mark.parametrize(
+    ("distribution", "mean", "std", "reference"),
+    [
+        ("lognormal", 4.0, 2.5, lognormal(4.0, 2.5)),
+        ("lognormal", 6.2, 0.7, lognormal(6.2, 0.7)),
+        ("logistic", 4.0, 1.5, stats.logistic(loc=4.0, scale=1.5 * math.sqrt(3) / math.pi)),
+    ],
+)
+def test_gaps_are_as_distributed(distribution, mean, std, reference) -> None:
+    gaps = GapAcceptanceSection(distribution=distribution, mean_s=mean, std_s=std)
+    assert (reference.mean(), reference.std()) == pytest.approx((mean, std))
+    uniform = np.linspace(0.05, 0.999, 21)
     found = [critical_gap_s(u, gaps) for u in uniform]
     np.testing.assert_allclose(found, reference.ppf(uniform), rtol=1e-12)
-    assert critical_gap_s(1e-6, gaps) == 0.0
+    equal = GapAcceptanceSection(distribution=distribution, mean_s=mean, std_s=0.0)
+    assert critical_gap_s(0.1, equal) == pytest.approx(mean)
+
+
+def test_gaps_are_those_of_people() -> None:
     # Brewer et al. (2006): 85th percentiles of accepted gaps at eleven approaches, 5.3 to 9.4 s.
     assert 5.3 < critical_gap_s(0.85, GapAcceptanceSection()) < 9.4
-    for distribution in ("lognormal", "logistic"):
-        gaps = GapAcceptanceSection(distribution=distribution, std_s=0.0)
-        assert critical_gap_s(0.1, gaps) == pytest.approx(4.0)
+    narrow = GapAcceptanceSection(distribution="logistic", mean_s=4.0, std_s=1.5)
+    assert critical_gap_s(1e-6, narrow) == 0.0
 
 
 def test_planned_gaps_are_as_distributed_and_change_nothing_else() -> None:
@@ -89,10 +93,8 @@ def test_planned_gaps_are_as_distributed_and_change_nothing_else() -> None:
         plan, other = planned_arrivals(waiting, pair), planned_arrivals(steady, pair)
         assert [arrival._replace(critical_gap_s=None) for arrival in plan] == list(other)
         found += [arrival.critical_gap_s for arrival in plan]
-    sigma = math.sqrt(math.log(1 + 2.5**2 / 4.0**2))
-    reference = stats.lognorm(s=sigma, scale=4.0 / math.sqrt(1 + 2.5**2 / 4.0**2))
     assert len(found) > 5000
-    assert stats.kstest(found, reference.cdf).pvalue > 1e-3
+    assert stats.kstest(found, lognormal(4.0, 2.5).cdf).pvalue > 1e-3
     # Who walks fast is not who takes short gaps.
     quantiles = [a.quantile for pair in range(400) for a in planned_arrivals(waiting, pair)]
     assert abs(stats.spearmanr(found, quantiles).statistic) < 4 / math.sqrt(len(found))

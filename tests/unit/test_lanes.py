@@ -22,8 +22,6 @@ def road(lane: int = 0, **crossing: Any):
     [
         # Two lanes of 4.5 m: the paper's.
         ({}, 0, 2.25, (4.5,)),
-        # Two and one of 3.5 m.
-        ({"lanes": 2, "length_m": 10.5}, 1, 5.25, (3.5, 7.0)),
         # A median of 2 m between lanes of 3 m: 0-3-6 | 8-11.
         ({"lanes": 2, "length_m": 11.0, "lane_width_m": 3.0}, 1, 4.5, (3.0, 6.0, 8.0)),
         # One way, three lanes, no rest.

@@ -8,17 +8,11 @@ is a disc of radius 0.25 m on x = 0.
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from harness.core.encounter import Arrival, Ending, Leg, Side, Walk
 from harness.measures import EpisodeRecord, crossing_time, measure
-from harness.strategies.constant_speed import ConstantSpeed
-from harness.strategies.hard_yield import HardYield
-from harness.strategies.soft_yield import SoftYield
-from tests.scenes import Walker, drive, play
-
-LENGTH, RIGHT, LEFT, RADIUS = 5.0, 1.35, 3.15, 0.25
+from tests.scenes import Walker, drive
 
 
 def record(*args: object, **kwargs: object) -> EpisodeRecord:
@@ -190,69 +184,6 @@ def test_time_advantage_and_time_to_collision_by_hand() -> None:
     # R/v only grows, until they would be past.
     braking = record([-1.0] * 50, [(0.0, Side.FAR, 1.0)], ending=Ending.TIMED_OUT)
     assert braking.min_ttc_s == pytest.approx(5.95, abs=1e-9)
-
-
-def distance(front: float, y: float) -> float:
-    """From the pedestrian's centre to the body, by the clamped point."""
-    along = min(max(0.0, front - LENGTH), front)
-    across = min(max(y, RIGHT), LEFT)
-    return math.hypot(along, across - y)
-
-
-def stepped_ttc(front: float, speed: float, y: float, walking: float) -> float | None:
-    """Both keep their velocities; 0.5 ms at a time for 12 s."""
-    times = np.arange(0.0, 12.0, 0.0005)
-    fronts, ys = front + speed * times, y + walking * times
-    along = np.minimum(np.maximum(0.0, fronts - LENGTH), fronts)
-    across = np.clip(ys, RIGHT, LEFT)
-    hit = np.flatnonzero(np.hypot(along, across - ys) <= RADIUS)
-    return float(times[hit[0]]) if len(hit) else None
-
-
-def test_minima_against_stepping_through_random_episodes() -> None:
-    rng = np.random.default_rng(4)
-    defined = 0
-    for _ in range(12):
-        walkers = [
-            (float(rng.uniform(0, 4)), Side.NEAR if rng.random() < 0.5 else Side.FAR, pace)
-            for pace in rng.uniform(0.5, 2.5, size=2).tolist()
-        ]
-        strategy = [ConstantSpeed, HardYield, SoftYield][int(rng.integers(3))]()
-        trace = play(strategy, walkers)
-        (result,) = measure([trace])
-        end = result.contact_time_s or result.pass_time_s
-        assert end is not None
-        gaps, ttcs, advantages = [], [], []
-        for start, side, pace in walkers:
-            # The moment they step off, then every step.
-            times = [start, *(n * 0.1 for n in range(len(trace.x_m)) if n * 0.1 > start + 1e-9)]
-            for time in times:
-                if not (time < end and time <= start + 9 / pace):
-                    continue
-                n = min(int(time / 0.1 + 1e-9), len(trace.x_m) - 2)
-                part = time - n * 0.1
-                a = (trace.speed_mps[n + 1] - trace.speed_mps[n]) / 0.1
-                front = float(trace.x_m[n] + trace.speed_mps[n] * part + a * part**2 / 2)
-                speed = float(trace.speed_mps[n] + a * part)
-                y = pace * (time - start) if side is Side.NEAR else 9 - pace * (time - start)
-                walking = pace if side is Side.NEAR else -pace
-                gaps.append(distance(front, y) - RADIUS)
-                ttc = stepped_ttc(front, speed, y, walking)
-                if ttc is not None:
-                    ttcs.append(ttc)
-                lateral = (2.25 - y) if side is Side.NEAR else (y - 2.25)
-                if front < 0 and lateral > 0 and speed > 0:
-                    advantages.append(abs(-front / speed - lateral / pace))
-        gap = 0.0 if result.contact else min(gaps)
-        ttcs += [0.0] if result.contact else []
-        assert result.min_gap_m == pytest.approx(gap, abs=1e-9)
-        assert result.min_time_advantage_s == pytest.approx(min(advantages), abs=1e-9)
-        if ttcs and min(ttcs) < 11:
-            assert result.min_ttc_s == pytest.approx(min(ttcs), abs=6e-4)
-            defined += 1
-        elif not ttcs:
-            assert result.min_ttc_s is None or result.min_ttc_s > 11
-    assert defined > 3
 
 
 def test_pedestrian_delay_by_hand() -> None:

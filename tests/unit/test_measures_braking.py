@@ -116,19 +116,12 @@ def test_avoidable_by_letting_him_leave() -> None:
     assert cruise().avoidable is None
 
 
-def attentive_drive(times: np.ndarray, speed: float, braking: float) -> np.ndarray:
-    """The way by adding up speeds, half a millisecond at a time: v(t) = v − ∫∫ jerk, at least 0."""
-    wanted = np.clip(12.65 * (times - 1.15), 0.0, braking)
-    speeds = np.maximum(0.0, speed - np.concatenate(([0.0], np.cumsum(wanted)[:-1])) * 0.0005)
-    return np.concatenate(([0.0], np.cumsum((speeds[1:] + speeds[:-1]) / 2 * 0.0005)))
-
-
-def touched(start: float, side: Side, pace: float, speed: float, attentive: bool = False) -> bool:
+def touched(start: float, side: Side, pace: float, speed: float) -> bool:
     """Half a millisecond at a time, from stepping off at x = −30 + v · start to the other kerb."""
     times = np.arange(0.0, 9 / pace, 0.0005)
     moving = np.minimum(times, speed / 4.5)
     driven = speed * moving - 4.5 * moving**2 / 2
-    front = -30 + speed * start + (attentive_drive(times, speed, 4.5) if attentive else driven)
+    front = -30 + speed * start + driven
     y = pace * times if side is Side.NEAR else 9 - pace * times
     along = np.minimum(np.maximum(0.0, front - 5.0), front)
     across = np.clip(y, 1.35, 3.15) - y

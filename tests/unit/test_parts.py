@@ -1,12 +1,9 @@
 """Parts, the manifest and the folder of a run, through the functions that write and read them."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings, strategies as st
 
@@ -29,6 +26,7 @@ from harness.results.tables import (
 )
 from harness.scenario import Cell, Scenario, Study, load_scenario
 from harness.studies.tasks import part_pairs
+from tests.scenes import refuses
 
 
 def manifest(pairs: int, size: int = 3) -> dict[str, Any]:
@@ -79,19 +77,6 @@ def test_what_follows_a_missing_part_is_left_out(tmp_path: Path) -> None:
         write(tmp_path, first, rows(first, 3))
     assert read_cell(tmp_path, "episodes", 2, MANIFEST)["pair"].to_pylist()[-1] == 5
     assert not read_cell(tmp_path, "episodes", 7, MANIFEST).num_rows
-
-
-@pytest.mark.parametrize("kept", [0.0, 0.1, 0.5, 0.9, 0.999])
-def test_a_part_that_is_cut_off_is_named_in_one_line(tmp_path: Path, kept: float) -> None:
-    path = write(tmp_path, 0, rows(0, 3))
-    content = path.read_bytes()
-    path.write_bytes(content[: int(kept * len(content))])
-    with pytest.raises(DamagedPartError) as raised:
-        read_cell(tmp_path, "episodes", 2, MANIFEST)
-    line = str(raised.value)
-    assert str(path) in line
-    assert "harness resume" in line
-    assert "\n" not in line
 
 
 def test_no_flipped_byte_changes_a_row_silently(tmp_path: Path) -> None:
@@ -234,37 +219,19 @@ def test_findings_are_read_as_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "{",
-        "[1]",
-        "{}",
-        "null",
-        '{"run": "this run"}',
-        "edited",
-        "another run",
-        '{"2": {"mu": {"colour": 1}}}',
-    ],
+    "text", ["", "[1]", "null", '{"run": "this run"}', "edited", '{"2": {"mu": {"colour": 1}}}']
 )
 def test_findings_that_the_run_did_not_write_are_refused(tmp_path: Path, text: str) -> None:
     cell = Cell(2, {}, Scenario())
     found = CellFindings(2, {}, cell.scenario, {"mu": Finding(0.25)})
     path = tmp_path / FINDINGS
     folders.write_findings(tmp_path, MANIFEST, [found])
-    written = path.read_text()
-    path.write_text(json.dumps(json.loads(written)))  # the same content, differently spaced
     assert folders.read_findings(tmp_path, MANIFEST, [cell]) == (found,)
-    if text == "edited":
-        text = written.replace("0.25", "0.75")
-        assert text != written
-    elif text == "another run":
-        folders.write_findings(tmp_path, {**MANIFEST, "digest": text}, [found])
-        text = path.read_text()
-    path.write_text(text)
-    with pytest.raises(InputError, match=r"delete it; `harness resume .*computes it") as raised:
-        folders.read_findings(tmp_path, MANIFEST, [cell])
-    assert "\n" not in str(raised.value)
+    path.write_text(path.read_text().replace("0.25", "0.75") if text == "edited" else text)
+    refuses(
+        r"delete it; `harness resume .*computes it",
+        lambda: folders.read_findings(tmp_path, MANIFEST, [cell]),
+    )
 
 
 @pytest.fixture
@@ -348,13 +315,3 @@ def test_a_finished_run_that_lacks_a_part_is_refused(
         assert "\n" not in str(raised.value)
     with pytest.raises(InputError, match=line):
         getattr(run, table)
-
-
-def test_a_column_of_another_type_is_refused(tmp_path: Path) -> None:
-    table = EPISODES.of(rows(0, 3))
-    at = table.schema.get_field_index("steps")
-    odd = table.set_column(at, "steps", pa.array(["many"] * 6))
-    path = write(tmp_path, 0, rows(0, 3))
-    pq.write_table(odd.replace_schema_metadata({"harness.digest": "this run"}), path)
-    with pytest.raises(DamagedPartError):
-        read_cell(tmp_path, "episodes", 2, MANIFEST)

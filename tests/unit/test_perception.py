@@ -36,15 +36,11 @@ def watched(
 def play(
     scene: Scenario,
     walkers: Sequence[tuple[float, Side, float]],
-    arm: Arm = Arm.AV,
-    detections: Sequence[float | None] = (None,) * 9,
 ) -> tuple[list[Observation], Trace]:
     """One episode of an ego that never brakes; walkers: when, from where, how fast."""
-    arrivals = [
-        Arrival(i, at, side, 0.5, detection_quantile=quantile)
-        for i, ((at, side, _), quantile) in enumerate(zip(walkers, detections, strict=False))
-    ]
-    return watched(scene, arrivals, lambda who, *_: walkers[who.index][2], sensor_of(scene, arm))
+    arrivals = [Arrival(i, at, side, 0.5) for i, (at, side, _) in enumerate(walkers)]
+    eyes = sensor_of(scene, Arm.AV)
+    return watched(scene, arrivals, lambda who, *_: walkers[who.index][2], eyes)
 
 
 @pytest.mark.parametrize("latency", [0.1, 0.3, 1.0])
@@ -235,12 +231,6 @@ def test_cells_share_their_draws_and_pairs_do_not() -> None:
     given = planned_arrivals(flow(*poor), 0, {"detection": (0.25,)})
     assert given[0] == one[0]._replace(detection_quantile=0.25)
     assert given[1:] == one[1:]
-    again = flow(
-        *poor,
-        ("experiment.pairs", 8),
-        ("pedestrians.drawn", [{"episode": 0, "detection": [0.25]}] * 8),
-    )
-    assert planned_arrivals(again, 7) == given
     # Old results keep their draws.
     assert [a._replace(detection_quantile=None) for a in one] == list(planned_arrivals(flow(), 0))
     sensor = sensor_of(flow(*poor), Arm.AV)

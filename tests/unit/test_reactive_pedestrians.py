@@ -2,15 +2,13 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from harness.core.encounter import Arrival, Ending, Side, Walk
 from harness.measures import measure
-from harness.model.mixture.conditional import Conditional
 from harness.results.rows import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, validate
-from tests.scenes import Recorder, episode, on_plain, outcome_of
+from tests.scenes import Recorder, episode, outcome_of
 
 
 def scene(**sections: dict[str, object]) -> Scenario:
@@ -105,35 +103,3 @@ def test_stops_before_the_cars_way_if_it_would_hit_him() -> None:
     # At y = 6 m: never in the way, so no PET; 2.85 m beside the car, less their radius.
     assert (record.ending, record.pet_s) == (Ending.CROSSED, None)
     assert record.min_gap_m == pytest.approx(6.0 - (2.25 + 0.9) - 0.25)
-
-
-FLOW = {"flow_per_hour": 900.0, "kerb_wait_s": 2.0}
-
-
-def test_every_look_is_his_quantile_given_what_he_sees(model) -> None:
-    scenario = scene(pedestrians=FLOW, experiment={"seed": 4})
-    conditional = Conditional(model.mixture, 2, (0, 1))
-    checked = stopped = 0
-    for outcome in on_plain(scenario, model).run(range(12)):
-        trace = outcome.trace
-        for walk in trace.walks:
-            for leg in walk.legs or ():
-                step = int(leg.time_s / 0.1 + 1e-9)
-                if step + 1 >= len(trace.x_m):
-                    continue
-                elapsed = leg.time_s - step * 0.1
-                gain = (trace.speed_mps[step + 1] - trace.speed_mps[step]) / 0.1
-                range_m = -(
-                    trace.x_m[step] + trace.speed_mps[step] * elapsed + gain * elapsed**2 / 2
-                )
-                if range_m <= 0.1:
-                    continue
-                stopped += leg.y_mps == 0
-                if leg.y_mps:
-                    seen = np.array([[1 / range_m, trace.speed_mps[step] + gain * elapsed]])
-                    seen = np.clip(seen, model.mixture.lower[:2], model.mixture.upper[:2])
-                    back = conditional.cdf(np.array([abs(leg.y_mps)]), seen)[0]
-                    assert back == pytest.approx(walk.arrival.quantile, abs=1e-6)
-                    checked += 1
-    assert checked > 100
-    assert stopped > 5

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from scipy import stats
 
 from harness.core.encounter import Arm
-from harness.measures.queues import growth
+from harness.measures.queues import growth, level_of_service
 from harness.report.page import write_page
 from harness.report.screen import screen_text
 from harness.results.catalogue import entries_of
@@ -110,6 +110,11 @@ def test_the_vehicles_on_a_network_grow_by_those_whom_it_does_not_serve(
     never = np.arange(900) % 100 < round(100 * left)
     found = growth(due_s, np.where(never, np.nan, due_s + trip_s), 0.0, 900.0)
     assert found == pytest.approx(300 * round(100 * left) / 100, abs=2.0)
+
+
+def test_levels_of_service_are_the_handbooks() -> None:
+    """HCM 2010, exhibit 19-2: up to 5, 10, 20, 30 and 45 s."""
+    assert [level_of_service(s) for s in (0, 5, 5.1, 45, 46)] == ["A", "A", "B", "E", "F"]
 
 
 AV = arm(
@@ -217,19 +222,10 @@ def altered(pairs: Pairs, **columns: Any) -> Pairs:
 
 def filling(pairs: Pairs) -> Pairs:
     """The same, in the AV's arms of which each third trip does not end."""
-    return [
-        (
-            av
-            | {
-                "vehicles": [
-                    each if n % 3 else {**each, "arrival_s": None}
-                    for n, each in enumerate(av["vehicles"])
-                ]
-            },
-            human,
-        )
-        for av, human in pairs
-    ]
+    for av, _ in pairs:
+        ends = enumerate(av["vehicles"])
+        av["vehicles"] = [each if n % 3 else {**each, "arrival_s": None} for n, each in ends]
+    return pairs
 
 
 USUAL = altered(several(), share_strategy=1.0)
@@ -245,7 +241,7 @@ SAID: dict[str, tuple[Pairs, str]] = {
         several({"vehicle_collisions": 2, "overlaps": 1}, {"overlaps": 4}),
         "collisions of vehicles (AV 12, human_yield 0)",
     ),
-    "fills": (filling(USUAL), "% of those who come (AV)"),
+    "fills": (filling(altered(several(), share_strategy=1.0)), "% of those who come (AV)"),
     "who_drove": (several(), "SUMO decided 30 % of soft_yield's steps."),
     "people_of_sumo": (several({"sumo_people": 3}), "only once the car stands"),
     "fallback": (altered(USUAL, fallback=True), "AV passages (100 % of"),

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.model.trajectories.extraction import extract, read_clips
-from harness.model.trajectories.rules import ROW_COLUMNS, Tally
+from harness.model.trajectories.extraction import extract
+from harness.model.trajectories.rules import ROW_COLUMNS
 
 MADE_UP = Path(__file__).parents[1] / "data" / "vci_made_up"
 RATE = 4.0  # frames per second of the made-up clip, frames 0–32
@@ -89,24 +89,6 @@ def test_the_same_input_gives_the_documented_columns_and_order(made_up):
     pd.testing.assert_frame_equal(made_up.rows, again.rows, check_exact=True)
 
 
-def test_moving_and_turning_the_axes_changes_nothing(made_up, tmp_path):
-    turn, shift = math.radians(37.0), np.array([310.0, -42.0])
-    c, s = math.cos(turn), math.sin(turn)
-    clip = read_clips(MADE_UP, "vci", Tally(), frame_rate_hz=RATE)[0]
-
-    def moved(tracks):
-        out = {}
-        for key, track in tracks.items():
-            xy = track.position_m @ np.array([[c, s], [-s, c]]) + shift
-            out[key] = (np.rint(track.time_s * RATE).astype(int), *xy.T)
-        return out
-
-    folder = write_clip(tmp_path, moved(clip.vehicles), moved(clip.pedestrians), "straight_01")
-    turned = extract(folder, "vci", frame_rate_hz=RATE, vehicle_length_m=4.0)
-    number = list(turned.rows.select_dtypes("float").columns)
-    np.testing.assert_allclose(turned.rows[number], made_up.rows[number], atol=1e-9)
-
-
 def test_range_is_path_length_on_a_bend(tmp_path):
     # Vehicle on a circle of radius 12 m about the origin, 3 m/s from angle −60°; pedestrian walks
     # outwards along the x axis, 1 m/s from x = 4: conflict at (12, 0), angle 90°. Path length of
@@ -156,20 +138,3 @@ def test_each_row_rule_drops_and_counts(made_up, option, reason):
     assert dropped[reason] > before[reason]
     assert strict.counts.rows < made_up.counts.rows
     assert strict.counts.rows + sum(dropped.values()) == strict.counts.candidates
-
-
-def test_who_passed_is_null_when_nobody_was_seen_to(tmp_path):
-    frames = np.arange(0, 31)
-    t = frames / 10
-    car, walker = {1: (frames, -22 + 4 * t, 0 * t)}, {1: (frames, 0 * t, -6 + t)}
-    rows = made_of(tmp_path, car, walker, pedestrian_extension_m=4.0).rows
-    assert len(rows)
-    assert rows[["passed_first", "pet_s"]].isna().all(axis=None)
-
-
-def test_nothing_left_is_an_empty_result_not_an_error():
-    nothing = extract(MADE_UP, "vci", frame_rate_hz=RATE, min_range_m=59)
-    assert len(nothing.rows) == 0
-    assert tuple(nothing.rows.columns) == ROW_COLUMNS
-    assert (nothing.counts.pairs, nothing.counts.vehicles) == (0, 0)
-    assert nothing.counts.dropped["pairs"]["no_row_kept"] == 2

@@ -165,18 +165,6 @@ def test_one_vehicle_has_no_intervals(tmp_path: Path) -> None:
     assert "1 vehicle" in notes(found)["few_vehicles"]
 
 
-def test_what_was_left_out_of_the_records_and_assumed_of_them_is_said(tmp_path: Path) -> None:
-    target = write_set(tmp_path, HardYield) / "trajectories_filtered"
-    with (target / "clip_01_traj_ped_filtered.csv").open("a") as file:
-        file.write("7,1,ped,here,0.0\n")
-    (target / "clip_00_traj_ped_filtered.csv").write_text("id,frame,label,x_est,y_est\n")
-    arguments = ["validate", str(tmp_path), "--format", "vci", "--drivers", "hard_yield"]
-    shown = " ".join(printed(*arguments, "--set", "vehicle_length_m=4.5", "--full").split())
-    assert "1 records left out: a needed cell has text instead of a number" in shown
-    assert "Clip clip_00 not used: clip_00_traj_ped_filtered.csv" in shown
-    assert "frame_rate_hz = 23.976 frames per second (assumed" in shown
-
-
 def test_the_score_of_a_random_driver() -> None:
     # CRPS = integral of (F(x) - 1{x >= y})²; F of the draws themselves is the biased version, so
     # many draws are held against the closed form for the uniform distribution on 0 … 1, y = 0.3:
