@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy import stats
@@ -36,7 +35,7 @@ def drawn(proposal: Proposal, space: Space, round_: int, count: int, run: Run) -
 
 def rounds(run: Run, space: Space, seed: int, target_cv: float = 0.1) -> list[Units]:
     """All rounds of a risk with a seed."""
-    seeded = replace(space, seed=seed)
+    seeded = space._replace(seed=seed)
 
     def draw(proposal: Proposal, round_: int, count: int) -> Units:
         return drawn(proposal, seeded, round_, count, run)

@@ -37,7 +37,7 @@ _DRIVER = "Of simulations: who drove, AVs' strategy, the reference's, or SUMO."
 DriverOption = Annotated[Literal["av", "reference", "sumo"] | None, Option(help=_DRIVER)]
 Mu0Option = Annotated[float | None, Option(help="Upper limit of μ: the paper's allowed interval.")]
 Kappa0Option = Annotated[float | None, Option(help="Upper limit of κ: the same.")]
-_EVENT = "crashed, or a measure below or above a limit: 'min_ttc_s<0.5', 'contact_speed_mps>5'."
+_EVENT = "crashed, or a limit: 'pet_s<1', 'min_ttc_s<0.5', 'min_gap_m<1', 'contact_speed_mps>5'."
 EventOption = Annotated[str, Option(help=_EVENT)]
 ResultPageOption = Annotated[Path | None, Option(help="A file for the page.", metavar="PAGE")]
 FiguresOption = Annotated[Path | None, Option(help="Folder for the figures, PNG and PDF.")]

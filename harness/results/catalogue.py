@@ -326,14 +326,12 @@ ENTRIES: tuple[Entry, ...] = (
               "sumo_people", "vehicle_collisions", "person_collisions", "teleports",
               "emergency_stops", "overlaps")))),
     _RISK("probability", "probability of the event", "That an episode ends in the event, by the "
-          "ways to it that were found.", form=Form.SHARE, digits=2, undefined=_NO_EVENT,
-          screen=True),
+          "ways to it that were found.", form=Form.SHARE, digits=2, undefined=_NO_EVENT),
     _RISK("all_ways_high", "upper bound with other ways", "One-sided bound on the probability by "
           "all ways: the interval's end, and where draws are weighted `nominal_high` on top.",
-          form=Form.SHARE, digits=2, undefined="every episode failed", screen=True),
+          form=Form.SHARE, digits=2, undefined="every episode failed"),
     _RISK("probability_worst", "probability if failures were events", "The worst case.",
-          form=Form.SHARE, digits=2, undefined="no episode failed", screen=True,
-          optional=True),
+          form=Form.SHARE, digits=2, undefined="no episode failed"),
     _RISK("nominal_high", "upper bound by nominal draws alone", "One-sided, by Clopper and "
           "Pearson, from the nominal draws of all rounds.", form=Form.SHARE, digits=2,
           undefined="every episode failed"),
@@ -341,12 +339,9 @@ ENTRIES: tuple[Entry, ...] = (
           "probability.", digits=3, undefined=_NO_EVENT),
     _RISK("effective_sample_size", "effective sample size", "Squared sum of the draws' values over "
           "the sum of their squares."),
-    _RISK("largest_share", "largest draw", "Its share of the estimate.", form=Form.SHARE,
-          undefined=_NO_EVENT),
-    _RISK("episodes", "episodes", "All that were run.", form=Form.COUNT, screen=True),
+    _RISK("episodes", "episodes", "All that were run.", form=Form.COUNT),
     _RISK("brute_force_episodes", "episodes that brute force would need", "For the same "
-          "coefficient of variation.", form=Form.COUNT, undefined=_NO_EVENT, screen=True,
-          optional=True),
+          "coefficient of variation.", form=Form.COUNT, undefined=_NO_EVENT),
     *(_RISK(key, heading, meaning, form=Form.COUNT) for key, heading, meaning in (
         ("weighted", "weighted draws", "Draws of the estimate; 0: by brute force."),
         ("failures", "failed episodes", "They count as no event."),

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from harness.core.documents import JsonObject
 from harness.core.encounter import Arm, Ending, Trace
 from harness.core.errors import InputError, resume_command
-from harness.core.seeding import Given, resampling
+from harness.core.seeding import resampling
 from harness.encounter.loop import Episode as Loop
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import open_engine
@@ -34,8 +34,11 @@ from harness.scenario import Cell, EngineName, Study, validate
 from harness.scenario.place import place_in_words
 from harness.scenario.study import study_from
 from harness.studies import risk_draws, run as runs
+from harness.studies.risk_draws import Episode, Outcome, Proposal, Units
 from harness.studies.risk_space import Event, Space, parse_event, space_of
 from harness.studies.tasks import EpisodeId, Rows, Task, Tell, part_pairs
+
+DRAWS = tables.DRAWS.name
 
 MOST_DRAWS = 200_000
 """Most draws of an estimate."""
@@ -54,16 +57,16 @@ class _Drawing:
 
     space: Space
     event: Event
-    proposal: risk_draws.Proposal
+    proposal: Proposal
 
     def run(self, task: Task, tell: Tell) -> Rows:
         """The rows of a task; units of which an episode was given up are recorded as failed."""
         (cell,), (arm,) = task.cells, task.arms
         scenario = cell.scenario
         runner = PairRunner(scenario, task.model, lambda: open_engine(scenario, task.engine))
-        lost = {each.pair: failure.reason for each, failure in task.given_up.items()}
+        lost = {each.pair: Outcome(False, reason=why.reason) for each, why in task.given_up.items()}
 
-        def run(episodes: Sequence[risk_draws.Episode]) -> list[risk_draws.Outcome]:
+        def run(episodes: Sequence[Episode]) -> list[Outcome]:
             kept = [each for each in episodes if each.unit not in lost]
             inputs = [(each.number, self.space.given(*each[2:4], each.number)) for each in kept]
             units = (each.unit for each in kept)
@@ -72,61 +75,46 @@ class _Drawing:
                 tell(EpisodeId(cell.number, next(units), arm), episode.x_m)
 
             measured = [*runner.run_arm_given(arm, inputs, lambda _rng: tell(None, None), begins)]
-            found = self._outcomes(kept, inputs, measured)
-            return [
-                risk_draws.Outcome(False, reason=lost[each.unit])
-                if each.unit in lost
-                else next(found)
-                for each in episodes
-            ]
+            found = self._outcomes(kept, measured)
+            return [lost.get(each.unit) or next(found) for each in episodes]
 
         with threadpool_limits(1, user_api="blas"):
             rows = risk_draws.draw_units(self.proposal, self.space, cell.number, task.pairs, run)
-        return Rows({cell.number: {tables.DRAWS.name: tables.DRAWS.of(rows)}})
+        return Rows({cell.number: {DRAWS: tables.DRAWS.of(rows)}})
 
     def _outcomes(
-        self,
-        episodes: Sequence[risk_draws.Episode],
-        inputs: Sequence[tuple[int, Given]],
-        measured: Sequence[Measured],
-    ) -> Iterator[risk_draws.Outcome]:
-        def place(index: int | None, at: risk_draws.Episode) -> int:
-            rank = -1 if index is None else index - self.space.before
-            return rank if 0 <= rank < len(at.people) else -1
-
-        alone = [
-            [walk for walk in each.trace.walks if place(walk.arrival.index, at) == at.asked]
-            for at, each in zip(episodes, measured, strict=True)
-        ]
-        traces = [
-            replace(each.trace, walks=tuple(walks))
-            for each, walks in zip(measured, alone, strict=True)
-        ]
-        every = zip(episodes, inputs, measured, measure(traces), strict=True)
-        for at, (number, given), each, own in every:
+        self, drawn: Sequence[Episode], measured: Sequence[Measured]
+    ) -> Iterator[Outcome]:
+        before = self.space.before
+        traces = []
+        for at, each in zip(drawn, measured, strict=True):
+            alone = (w for w in each.trace.walks if at.place(w.arrival.index - before) == at.asked)
+            traces.append(replace(each.trace, walks=tuple(alone)))
+        for at, each, own in zip(drawn, measured, measure(traces), strict=True):
             event = self.event.holds(each.record)
-            yield risk_draws.Outcome(
+            given = self.space.given(*at[2:4], at.number) if event else {}
+            yield Outcome(
                 event,
-                place(self._culprit(each), at) if event else -1,
+                at.place(self._culprit(each) - before) if event else -1,
                 self.event.scores(own),
                 *_passage(each.trace),
                 each.record.reason,
                 each.record.ending is Ending.TIMED_OUT,
-                json.dumps({"episode": number, **{**given}}) if event else None,
+                json.dumps({"episode": at.number, **given}) if event else None,
             )
 
-    def _culprit(self, measured: Measured) -> int | None:
+    def _culprit(self, measured: Measured) -> int:
         """The index of the person to whom the event is due: whom the ego hit first.
 
         Without a contact it is the first one with whom alone the same motion of the ego would be in
-        the event; None if there is nobody like that.
+        the event; −1 if there is nobody like that.
         """
         if measured.record.contact_index is not None:
             return measured.record.contact_index
         walks = measured.trace.walks
         alone = measure([replace(measured.trace, walks=(walk,)) for walk in walks])
         whose = zip(walks, alone, strict=True)
-        return next((walk.arrival.index for walk, own in whose if self.event.holds(own)), None)
+        return next((walk.arrival.index for walk, own in whose if self.event.holds(own)), -1)
 
 
 def _passage(trace: Trace) -> tuple[float | None, float | None]:
@@ -170,16 +158,15 @@ def risk(
     if not 0 < target_cv <= 1:
         raise InputError("--target-cv", f"{target_cv:g}", "above 0, at most 1")
     asked = {"event": parse_event(event).text, "arm": arm.value, "target_cv": target_cv}
-    space_of(study.cells[0].scenario, arm)
-    models = runs.checked_models([study.cells[0].scenario])
+    scenario = study.cells[0].scenario
+    models = runs.checked_models([scenario])
+    space_of(scenario, arm)
     manifest = folders.manifest_of(
         study, models, traces=False, engine=engine, pairs_per_part=0, kind="risk", risk=asked
     )
     path = folders.claim_folder(out, f"{study.name}-risk")
-    with runs.at_work(path, study, workers, executor, MOST_DRAWS) as (folder, chosen):
-        folders.write_manifest(path, manifest)
-        _carry_out(folder, study, manifest, chosen, progress)
-    return read_risk(path)
+    folders.write_manifest(path, manifest)
+    return resume(path, workers, executor, progress)
 
 
 def resume(
@@ -190,12 +177,40 @@ def resume(
 ) -> Result:
     """Continue an interrupted risk; parts that were lost or damaged are drawn again."""
     manifest, study, found = _read(path)
+    if found is not None:
+        return read_risk(path)
+    scenario, asked, known = study.cells[0].scenario, manifest["risk"], manifest["simulated_with"]
+    (model,), arm = runs.checked_models([scenario]), Arm(asked["arm"])
+    folders.refuse_other_versions(known, folders.simulated_with(study.driven, [model]))
+    space, event = space_of(scenario, arm), parse_event(asked["event"])
+    whole = Task((), model, 0, 0, (arm,), engine=manifest["engine"], code=known["strategies"])
     with runs.at_work(path, study, workers, executor, MOST_DRAWS) as (folder, chosen):
-        if found is None:
-            models = runs.checked_models([study.cells[0].scenario])
-            now = folders.simulated_with(study.driven, models)
-            folders.refuse_other_versions(manifest["simulated_with"], now)
-            _carry_out(folder, study, manifest, chosen, progress)
+
+        def draw(proposal: Proposal, round_: int, count: int) -> Units:
+            drawn, tasks, size = dict[int, pa.Table](), list[Task](), part_pairs(count)
+            own, cells = _Drawing(space, event, proposal), (Cell(round_, {}, scenario),)
+            for first in range(0, count, size):
+                units = min(size, count - first)
+                task = replace(whole, cells=cells, first=first, count=units, own=own)
+                try:
+                    drawn[first] = tables.read_part(
+                        path, DRAWS, round_, first, manifest, task.pairs
+                    )
+                except tables.DamagedPartError:  # or there is none
+                    tasks.append(task)
+            for task, rows in runs.written(tasks, chosen, folder, manifest["digest"]):
+                drawn[task.first] = rows.tables[round_][DRAWS]
+                progress(len(drawn), -(-count // size))
+            return Units(pa.concat_tables([drawn[first] for first in sorted(drawn)]))
+
+        folder.note("started")
+        rng = resampling(manifest["seed"], "risk")
+        with threadpool_limits(1, user_api="blas"):  # the last bits depend on the number of threads
+            rounds = risk_draws.rounds_of(draw, space, rng, asked["target_cv"], MOST_DRAWS)
+        _run_events(path, study, manifest["engine"], rounds[-1], chosen)
+        cell = CellFindings(0, {}, scenario, findings_of(rounds))
+        folders.write_findings(path, manifest, [cell])
+        folder.note("finished")
     return read_risk(path)
 
 
@@ -206,50 +221,8 @@ def _read(path: Path) -> tuple[JsonObject, Study, Findings | None]:
     return manifest, study, None if cells is None else cells[0].findings
 
 
-def _carry_out(
-    folder: folders.RunFolder,
-    study: Study,
-    manifest: JsonObject,
-    executor: Executor,
-    progress: runs.Progress,
-) -> None:
-    """Draw all rounds, run the events, and write the findings."""
-    path, asked, scenario = folder.path, manifest["risk"], study.cells[0].scenario
-    (model,), arm = runs.checked_models([scenario]), Arm(asked["arm"])
-    space, event = space_of(scenario, arm), parse_event(asked["event"])
-    whole = Task((), model, 0, 0, (arm,), engine=manifest["engine"])
-    whole = replace(whole, code=manifest["simulated_with"]["strategies"])
-
-    def draw(proposal: risk_draws.Proposal, round_: int, count: int) -> risk_draws.Units:
-        found, tasks, size, name = dict[int, pa.Table](), list[Task](), part_pairs(count), "draws"
-        cells, own = (Cell(round_, {}, scenario),), _Drawing(space, event, proposal)
-        for first in range(0, count, size):
-            task = replace(whole, cells=cells, first=first, count=min(size, count - first), own=own)
-            try:
-                found[first] = tables.read_part(path, name, round_, first, manifest, task.pairs)
-            except tables.DamagedPartError:  # or there is none
-                tasks.append(task)
-        for task, rows in runs.rows_as_done(tasks, executor):
-            for line in rows.events:
-                folder.note(**line)
-            tables.write_part(path, round_, task.first, rows.tables[round_], manifest["digest"])
-            found[task.first] = rows.tables[round_][name]
-            progress(len(found), -(-count // size))
-        return risk_draws.Units(pa.concat_tables([found[first] for first in sorted(found)]))
-
-    folder.note("started")
-    rng = resampling(manifest["seed"], "risk")
-    with threadpool_limits(1, user_api="blas"):  # the last bits depend on the number of threads
-        rounds = risk_draws.rounds_of(draw, space, rng, asked["target_cv"], MOST_DRAWS)
-    _run_events(path, study, manifest, rounds[-1], executor)
-    told = findings_of(rounds)
-    found = {of.key: of.judged(told.get(of.key, Finding(None))) for of in entries_of("risk")}
-    folders.write_findings(path, manifest, [CellFindings(0, {}, scenario, found)])
-    folder.note("finished")
-
-
 def _run_events(
-    path: Path, study: Study, manifest: JsonObject, estimate: risk_draws.Units, executor: Executor
+    path: Path, study: Study, engine: EngineName, estimate: Units, executor: Executor
 ) -> None:
     """Run a systematic sample of the events by their weights; each once."""
     events = path / tables.EVENTS
@@ -263,18 +236,18 @@ def _run_events(
         tree["experiment"]["pairs"] = len(chosen)
         scenario = validate(tree, tables.EVENTS)
         again = Study(f"{study.name}-{tables.EVENTS}", scenario, (Cell(0, {}, scenario),))
-        runs.run(again, out=events, engine=manifest["engine"], executor=executor)
+        runs.run(again, out=events, engine=engine, executor=executor)
 
 
-def findings_of(rounds: Sequence[risk_draws.Units]) -> dict[str, Finding]:
+def findings_of(rounds: Sequence[Units]) -> dict[str, Finding]:
     """The numbers of a risk by key; the estimate is that of the last round alone."""
     estimate = rounds[-1]
     n, value, weighted = estimate.count, estimate.value, estimate.weighted
     summed = ("episodes", "failures", "timed_out_episodes")
-    counts = {name: Finding(sum(getattr(each, name) for each in rounds)) for name in summed}
+    told = {name: Finding(sum(getattr(each, name) for each in rounds)) for name in summed}
     bound, draws, events = risk_draws.bound(rounds)
     nominal = Finding(bound, n=draws, events=events)
-    total, size, told = float(value.sum()), risk_draws.effective(value), dict[str, Finding]()
+    total, size = float(value.sum()), risk_draws.effective(value)
     told["probability"] = Finding(None, n=n, events=0)
     told["nominal_high"] = told["all_ways_high"] = nominal
     if total:
@@ -291,12 +264,11 @@ def findings_of(rounds: Sequence[risk_draws.Units]) -> dict[str, Finding]:
         told["probability"] = Finding(total / n, low, high, *of_draws)
         told["all_ways_high"] = Finding(min(1.0, high + (nominal.value or 1.0) * weighted))
         told["coefficient_of_variation"] = Finding(cv)
-        told["largest_share"] = Finding(largest)
         told["brute_force_episodes"] = Finding(round((n / total - 1) / cv**2) if cv else None)
-    if counts["failures"].value:
+    if told["failures"].value:
         told["probability_worst"] = Finding(min(1.0, (total + float(estimate.failed.sum())) / n))
     told["effective_sample_size"], told["weighted"] = Finding(size), Finding(n * weighted)
-    return told | counts
+    return {of.key: of.judged(told.get(of.key, Finding(None))) for of in entries_of("risk")}
 
 
 def _notes(found: Findings, space: Space) -> Iterator[Note]:
@@ -333,14 +305,10 @@ def read_risk(path: Path) -> Result:
     scenario, asked, quoted = study.cells[0].scenario, manifest["risk"], shlex.quote(str(path))
     arm = Arm(asked["arm"])
     columns = Column("measure", ""), Column("value", "", True), Column("remark", "remark")
-    rows = [
-        (
-            each.screen and not (each.optional and number.value is None),
-            (each.heading, Shown(number, Style(each.form, each.digits)), number.reason),
-        )
-        for each in entries_of("risk")
-        if (number := found[each.key])
-    ]
+    numbers = []
+    for each in entries_of("risk"):
+        number = Shown(found[each.key], Style(each.form, each.digits))
+        numbers.append((each.heading, number, found[each.key].reason))
     facts = {"name": study.name, "folder": str(path), "failed": found["failures"].count, **asked}
     how = "weighted draws" if found["weighted"].count else "brute force"
     return Result(
@@ -348,8 +316,8 @@ def read_risk(path: Path) -> Result:
         title=f"{study.name}: {asked['event']}, {scenario.arms.driver(arm)}",
         scope=f"{found['episodes'].count:,} episodes, by {how}, seed {manifest['seed']}",
         about=place_in_words([scenario]),
-        screen=Table("", columns, tuple(row for on_screen, row in rows if on_screen)),
-        full=(Table("Every number", columns, tuple(row for _, row in rows)),),
+        screen=Table("", columns, tuple(numbers)),
+        full=(),
         notes=tuple(_notes(found, space_of(scenario, arm))),
         closing=(f"Events: harness worst {quoted}/{tables.EVENTS}. Page: harness report {quoted}",),
         facts=facts | {key: manifest[key] for key in ("seed", "confidence", "engine")},

@@ -23,7 +23,6 @@ to the draws of all rounds with the lowest scores.  No round but the last is in 
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -98,6 +97,10 @@ class Episode(NamedTuple):
     people: FloatArray
     asked: int = -1
 
+    def place(self, rank: int) -> int:
+        """The place among the people of somebody of a rank in the flow; −1 if not of them."""
+        return rank if 0 <= rank < len(self.people) else -1
+
 
 class Outcome(NamedTuple):
     """How an episode ended; see the columns of ``draws``.
@@ -121,8 +124,7 @@ Run = Callable[[Sequence[Episode]], Sequence[Outcome]]
 """Runs episodes."""
 
 
-@dataclass(frozen=True)
-class Proposal:
+class Proposal(NamedTuple):
     """The densities of the fixed numbers and of the placed people.
 
     ``fixed`` is mixed with the nominal density; None: that alone.  ``placed`` is the density of f,
@@ -395,7 +397,7 @@ def _fit(
             points[:, of] = np.copysign(rng.standard_normal(points[:, of].shape), points[:, of])
     fixed = _fitted(first, np.ones(size, dtype=bool), lowest, rng) if size else None
     if len(tried.due) < lowest:  # nobody can be placed, or the ego passes too rarely
-        return replace(proposal, fixed=fixed)
+        return proposal._replace(fixed=fixed)
     # The nominal densities of the ego's speed and of the arrival are not standard normal.
     standard = np.ones(tried.points.shape[1], dtype=bool)
     standard[size : size + 2] = False
@@ -410,9 +412,10 @@ def _fit(
         ways = fitted(tried.points[near], np.ones(int(near.sum())), standard, rng)
         placed = placed.mixed_with(ways, _OTHER_WAYS)
     if placed is not None and size:
-        marginal = placed.first(size)
+        means, covariances = placed.means[:, :size], placed.covariances[:, :size, :size]
+        marginal = Normals(placed.shares, means, covariances)
         fixed = marginal if fixed is None else fixed.mixed_with(marginal, 0.5)
-    return replace(proposal, fixed=fixed, placed=placed)
+    return proposal._replace(fixed=fixed, placed=placed)
 
 
 def _fitted(

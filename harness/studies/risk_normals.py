@@ -1,7 +1,7 @@
 """A mixture of normal densities that is fitted to weighted points, and can be conditioned."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,17 +32,12 @@ _UNLIKELY = -30.0
 """Logarithm of a share below which a component is not distinguished from the others."""
 
 
-@dataclass(frozen=True)
-class Normals:
+class Normals(NamedTuple):
     """Shares (k,), means (k, d) and covariances (k, d, d) of a mixture of normal densities."""
 
     shares: FloatArray
     means: FloatArray
     covariances: FloatArray
-
-    def first(self, size: int) -> "Normals":
-        """The marginal density of the first ``size`` numbers of a point."""
-        return Normals(self.shares, self.means[:, :size], self.covariances[:, :size, :size])
 
     def given(self, known: FloatArray) -> "Conditional":
         """The densities of the other numbers given the first ones, ``known`` (n, c).
@@ -70,8 +65,7 @@ class Normals:
         )
 
 
-@dataclass(frozen=True)
-class Conditional:
+class Conditional(NamedTuple):
     """Mixtures of k normal densities, one mixture for each of n points.
 
     ``chances`` (n, k), ``means`` (k, n, d) and the covariances' Cholesky factors ``factors``
@@ -87,8 +81,7 @@ class Conditional:
         ends = np.cumsum(self.chances, axis=1)
         chosen = (ends < uniform[:, None]).sum(axis=1).clip(max=len(self.factors) - 1)
         spread = np.einsum("nij,nj->ni", self.factors[chosen], noise)
-        points: FloatArray = self.means[chosen, np.arange(len(chosen))] + spread
-        return points
+        return np.asarray(self.means[chosen, np.arange(len(chosen))] + spread)
 
     def density(self, y: FloatArray) -> FloatArray:
         """The density of each mixture at its point of y (n, d), shape (n,)."""

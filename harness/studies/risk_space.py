@@ -9,20 +9,18 @@ the episode's number and is not weighted.
 
 import math
 import re
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
 
 from harness.core.encounter import Arm, Ending, FloatArray
-from harness.core.errors import InputError, unknown_name
+from harness.core.errors import InputError
 from harness.core.seeding import GIVEN_DRAWS, Given, Purpose, stream
 from harness.encounter.arms import draws, draws_from
 from harness.encounter.arrivals import SECONDS_PER_HOUR
-from harness.measures import MEASURES, EpisodeRecord
+from harness.measures import EpisodeRecord
 from harness.scenario import Scenario
-
-CRASHED = "crashed"
 
 GRADINGS = 4
 """Number of scores by which the distance of an episode from an event is graded."""
@@ -34,15 +32,10 @@ _FAR, _NEVER_NEAR = 1_000.0, 100.0
 """Added to the score if the event's measure is undefined; and to the smallest gap in m, which is
 the score without a conflict."""
 
-_BEYOND = {
-    "min_time_advantage_s": "<",
-    "pet_s": "<",
-    "max_drac_mps2": ">",
-    "required_deceleration_mps2": ">",
-}
-"""Measures that are undefined in some crashes, and the side of any limit where a crash lies."""
+EVENTS = ("pet_s<", "min_ttc_s<", "min_gap_m<", "contact_speed_mps>")
+"""The events with a limit."""
 
-_FORM = re.compile(r"\s*(\w+)\s*([<>])\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,2})?)\s*")
+_FORM = re.compile(r"\s*(\w+)\s*([<>])\s*(\d*\.?\d+)\s*")
 
 _WINDOW_PASSES = 4.0
 """Length of the flow's sampled window as a multiple of the unhindered passing time."""
@@ -51,29 +44,27 @@ _OPEN = 2.0**-53
 """Smallest distance of a uniform from 0 and from 1, where quantiles are infinite."""
 
 
-@dataclass(frozen=True, slots=True)
-class Event:
-    """A crash (``measure`` None), or a measure below or above a limit.
+class Event(NamedTuple):
+    """A crash (``measure`` None), or a measure beyond a limit.
 
-    ``_BEYOND`` decides on a crash in which the measure is undefined: DRAC grows without bound, so a
-    crash is above every limit of DRAC.  A crash is below every limit of the time advantage, which
-    is of points and not 0 when bodies touch.  Any other episode with an undefined measure is not in
-    the event.
+    The measures are 0 in a crash but for the speed of the contact; the post-encroachment time is
+    undefined then, and counts as 0.
     """
 
-    text: str = CRASHED
+    text: str = "crashed"
     measure: str | None = None
-    below: bool = True
     limit: float = 0.0
+
+    @property
+    def below(self) -> bool:
+        """Whether small values of the measure are in the event."""
+        return self.measure != "contact_speed_mps"
 
     def holds(self, record: EpisodeRecord) -> bool:
         """Whether an episode ended in the event."""
-        crashed = record.ending is Ending.CRASHED
-        if self.measure is None or record.ending is Ending.ENGINE_FAILED:
-            return crashed
-        value = getattr(record, self.measure)
-        if value is None or (crashed and self.measure == "min_time_advantage_s"):
-            return crashed and _BEYOND.get(self.measure) == ("<" if self.below else ">")
+        value = None if self.measure is None else getattr(record, self.measure)
+        if value is None or record.ending is Ending.ENGINE_FAILED:
+            return record.ending is Ending.CRASHED and self.below
         return bool(value < self.limit if self.below else value > self.limit)
 
     def scores(self, record: EpisodeRecord) -> tuple[float, ...]:
@@ -86,48 +77,39 @@ class Event:
         """
         if record.ending is Ending.ENGINE_FAILED:
             return NEVER
-        value = None if self.measure is None else getattr(record, self.measure)
-        if value is not None:
-            distance = float(value) - self.limit
-            distances = (distance if self.below else -distance,) * GRADINGS
-        else:
-            further = 0.0 if self.measure is None else _FAR
-            distances = tuple(further + distance for distance in _to_a_crash(record))
+        gap_m, drac = record.min_gap_m, record.max_drac_mps2
+        far = math.inf if gap_m is None else _NEVER_NEAR + gap_m
+        times = (far if of is None else of for of in (record.pet_s, record.min_ttc_s, gap_m))
+        distances = (10 / drac if drac else far, *times)
+        if self.measure is not None:
+            value = getattr(record, self.measure)
+            distances = tuple(_FAR + distance for distance in distances)
+            if value is not None:
+                distances = (value - self.limit if self.below else self.limit - value,) * GRADINGS
         if self.holds(record):
             return tuple(min(distance, 0.0) for distance in distances)
         return tuple(max(distance, math.ulp(0.0)) for distance in distances)
-
-
-def _to_a_crash(record: EpisodeRecord) -> tuple[float, ...]:
-    gap_m, drac = record.min_gap_m, record.max_drac_mps2
-    far = math.inf if gap_m is None else _NEVER_NEAR + float(gap_m)
-    times = (far if of is None else float(of) for of in (record.pet_s, record.min_ttc_s, gap_m))
-    return (10 / drac if drac else far, *times)
 
 
 def parse_event(text: str) -> Event:
     """The event of a text: ``crashed``, ``min_ttc_s<0.5`` or ``contact_speed_mps>5``.
 
     Raises:
-        InputError: the text is not an event, or names an unknown measure.
+        InputError: the text is not an event.
 
     >>> parse_event("contact_speed_mps>5")
-    Event(text='contact_speed_mps>5', measure='contact_speed_mps', below=False, limit=5.0)
+    Event(text='contact_speed_mps>5', measure='contact_speed_mps', limit=5.0)
     """
-    if text.strip() == CRASHED:
+    if text.strip() == "crashed":
         return Event()
     match = _FORM.fullmatch(text)
-    if match is None:
-        allowed = "crashed, or MEASURE<NUMBER or MEASURE>NUMBER, e.g. min_ttc_s<0.5"
+    allowed = f"crashed, or a number after one of {' '.join(EVENTS)}"
+    if match is None or match[1] + match[2] not in EVENTS:
         raise InputError(f"--event {text}", "is not an event", allowed)
-    column, sign, number = match.groups()
-    if column not in (columns := [measure.column for measure in MEASURES]):
-        raise unknown_name("--event", "measure", column, columns)
-    return Event(f"{column}{sign}{float(number):g}", column, sign == "<", float(number))
+    return Event(f"{match[1]}{match[2]}{float(match[3]):g}", match[1], float(match[3]))
 
 
-@dataclass(frozen=True)
-class Space:
+class Space(NamedTuple):
     """The random inputs of an episode: fixed normal numbers, and the people of a flow.
 
     People are an array of shape (n, 1 + m), by arrival: the arrival in s, then normal numbers.
@@ -188,20 +170,18 @@ class Space:
 
 
 def _uniforms(z: FloatArray) -> FloatArray:
-    uniforms: FloatArray = np.clip(ndtr(z), _OPEN, 1 - _OPEN)
-    return uniforms
+    return np.asarray(np.clip(ndtr(z), _OPEN, 1 - _OPEN))
 
 
 def space_of(scenario: Scenario, arm: Arm) -> Space:
     """The random inputs of one arm's episodes.
 
     Raises:
-        InputError: the scenario is not one of encounters, has a varying flow, groups or drawn
-            pedestrians, or nothing in an episode is random.
+        InputError: the scenario has a varying flow, groups or drawn pedestrians, or nothing in an
+            episode is random.
     """
     people, perception = scenario.pedestrians, scenario.perception
     for key, odd, allowed in (
-        ("scenario", scenario.kind != "encounters", "a scenario of encounters"),
         ("pedestrians.group_size", len(people.group_size) > 1, "a scenario without it"),
         ("pedestrians.drawn", bool(people.drawn), "a scenario without it"),
     ):
@@ -231,11 +211,8 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     rate = people.flow_per_hour / SECONDS_PER_HOUR
     flows = rate > 0 and (most is None or most > first)
     if not (fixed or flows or drops):
-        raise InputError(
-            "pedestrians.flow_per_hour",
-            "is 0: nothing in an episode is random",
-            "a flow above 0, or a detection probability below 1; otherwise use harness run",
-        )
+        allowed = "a flow above 0, or a detection probability below 1; otherwise use harness run"
+        raise InputError("pedestrians.flow_per_hour", "is 0: nothing here is random", allowed)
     words = {
         "the updates at which perception loses a pedestrian": drops,
         "the change of perception errors after a pedestrian's first update": errs,

@@ -267,11 +267,7 @@ def _carried_out(
     planned = study.base.experiment.pairs * len(study.cells)
     missing = sum(task.count * len(task.cells) for task in tasks)
     folder.note("started", pairs=missing, tasks=len(tasks))
-    for task, rows in rows_as_done(tasks, executor):
-        for event in rows.events:
-            folder.note(**event)
-        for number, of_cell in rows.tables.items():
-            write_part(path, number, task.first, of_cell, manifest["digest"])
+    for task, _ in written(tasks, executor, folder, manifest["digest"]):
         missing -= task.count * len(task.cells)
         progress(planned - missing, planned)
     found = computed(path, manifest, study)
@@ -280,8 +276,10 @@ def _carried_out(
     return Run(path, manifest, study, True, found)
 
 
-def rows_as_done(tasks: Iterable[Task], executor: Executor) -> Iterator[tuple[Task, Rows]]:
-    """Each task with its rows, in the order in which they end."""
+def written(
+    tasks: Iterable[Task], executor: Executor, folder: folders.RunFolder, digest: str
+) -> Iterator[tuple[Task, Rows]]:
+    """Each task with its rows as soon as they are parts of the folder, in the order of the ends."""
     most = _EACH * getattr(executor, "_max_workers", _UNKNOWN)  # of the standard library's
     waiting, running = iter(tasks), dict[Future[Rows], Task]()
     try:
@@ -291,7 +289,12 @@ def rows_as_done(tasks: Iterable[Task], executor: Executor) -> Iterator[tuple[Ta
             if not running:
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:
-                yield running.pop(future), future.result()
+                task, rows = running.pop(future), future.result()
+                for event in rows.events:
+                    folder.note(**event)
+                for number, tables in rows.tables.items():
+                    write_part(folder.path, number, task.first, tables, digest)
+                yield task, rows
     except HarnessError:
         raise
     except CancelledError:

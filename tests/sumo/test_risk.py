@@ -96,7 +96,7 @@ def test_draws_that_are_not_sampled_are_said(tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         (["cctc", "--event", "crush"], "--event crush: is not an event"),
-        (["cctc", "--event", "min_tcc_s<1"], "did you mean 'min_ttc_s'?"),
+        (["cctc", "--event", "pet_s>1"], "after one of pet_s< min_ttc_s<"),
         (["cctc", "--arm", "humans"], "'humans' is not one of 'av', 'human'"),
         (["cctc", "--target-cv", "0"], "--target-cv"),
         (["euro_ncap_vru"], "--set ego.initial_speed_mps=… --set pedestrians.timed_case=…"),

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,14 +10,14 @@ from scipy import stats
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
 from harness.encounter.arrivals import planned_arrivals
-from harness.measures import MEASURES, EpisodeRecord, Measure
+from harness.measures import MEASURES, EpisodeRecord
 from harness.model.interaction import load_model
 from harness.results.tables import DRAWS
 from harness.scenario import Scenario, load_scenario, validate
 from harness.studies.risk import findings_of
 from harness.studies.risk_draws import Episode, Outcome, Proposal, Run, Units, draw_units
 from harness.studies.risk_normals import Normals, fitted
-from harness.studies.risk_space import Space, parse_event, space_of
+from harness.studies.risk_space import EVENTS, Space, parse_event, space_of
 from tests.risks import (
     CROWD,
     FLAT,
@@ -95,7 +94,7 @@ def test_the_mean_weight_is_the_probability_whatever_the_density(mean_s, culprit
     assert units.rows.to_pandas().query("placed")["due"].any()
     assert units.weights.max() <= 10  # the nominal share is a tenth
     # Of the fixed numbers alone: P(z > 2).
-    beyond = drawn(replace(proposal, placed=None, many=0.0), CROWD, 1, 6_000, _above_2)
+    beyond = drawn(proposal._replace(placed=None, many=0.0), CROWD, 1, 6_000, _above_2)
     error = beyond.value.std() / math.sqrt(6_000)
     assert abs(beyond.value.mean() - stats.norm.sf(2.0)) < 4 * error
 
@@ -146,6 +145,7 @@ def test_what_a_risk_says_of_its_draws() -> None:
     assert (numbers["nominal_high"].n, numbers["failures"].value) == (90, 10)
     nothing = findings_of([rows([math.nan] * 9, [1.0] * 9)])
     assert (nothing["probability"].value, nothing["nominal_high"].value) == (None, None)
+    assert nothing["brute_force_episodes"].value is None
 
 
 def test_the_second_way_is_found() -> None:
@@ -215,38 +215,35 @@ def test_scores_fall_towards_the_event() -> None:
         assert scores[-2] > 0 >= scores[-1]
 
 
-def test_a_crash_is_in_an_event_that_it_leaves_undefined() -> None:
-    event = parse_event("max_drac_mps2>8")
-    assert event.holds(Record(Ending.CRASHED))
-    assert not event.holds(Record(Ending.CROSSED))
-    assert event.scores(Record(Ending.CROSSED, max_drac_mps2=5.0)) == (3.0, 3.0, 3.0, 3.0)
-    # What undoes a measure is on one side of its limits: a crash is no long post-encroachment time.
-    assert parse_event("pet_s<1").holds(Record(Ending.CRASHED))
-    assert not parse_event("pet_s>1").holds(Record(Ending.CRASHED))
-    # Two bodies touch while the points by which a time advantage goes are seconds apart.
-    touched = Record(Ending.CRASHED, min_time_advantage_s=0.9)
-    assert parse_event("min_time_advantage_s<0.1").holds(touched)
-    assert not parse_event("min_time_advantage_s>0.1").holds(touched)
-    assert not parse_event("pass_time_s<60").holds(Record(Ending.CRASHED))
+def test_a_crash_is_in_events_of_small_values() -> None:
+    for text in ("crashed", "pet_s<1", "min_ttc_s<1", "min_gap_m<1"):
+        event = parse_event(text)
+        assert event.holds(Record(Ending.CRASHED))
+        assert not event.holds(Record(Ending.CROSSED))
+        assert not event.holds(
+            Record(Ending.ENGINE_FAILED, pet_s=0.0, min_ttc_s=0.0, min_gap_m=0.0)
+        )
     speed = parse_event("contact_speed_mps > 5")
     assert not speed.holds(Record(Ending.CRASHED, contact_speed_mps=3.0))
     assert speed.holds(Record(Ending.CRASHED, contact_speed_mps=6.0))
+    assert speed.scores(Record(Ending.CRASHED, contact_speed_mps=3.0)) == (2.0, 2.0, 2.0, 2.0)
 
 
-@pytest.mark.parametrize("measure", MEASURES, ids=lambda measure: measure.column)
-@pytest.mark.parametrize("sign", ["<", ">"])
-def test_every_measure_makes_an_event(measure: Measure, sign: str) -> None:
-    event = parse_event(f"{measure.column}{sign}1")
+@pytest.mark.parametrize("text", EVENTS)
+def test_an_event_is_a_measure_beyond_a_limit(text: str) -> None:
+    event = parse_event(f"{text}1")
     for value in (0, 2):
-        record = Record(Ending.CROSSED, **{measure.column: value})
-        assert event.holds(record) is ((value < 1) is (sign == "<"))
+        record = Record(Ending.CROSSED, **{text[:-1]: value})
+        assert event.holds(record) is ((value < 1) is (text[-1] == "<"))
         assert all((score <= 0) is event.holds(record) for score in event.scores(record))
     undefined = Record(Ending.TIMED_OUT)
     assert not event.holds(undefined)
     assert all(score > 0 for score in event.scores(undefined))
 
 
-@pytest.mark.parametrize("text", ["crash", "min_ttc_s<", "min_tcc_s<1", "pet_s<nan", "pet_s=1", ""])
+@pytest.mark.parametrize(
+    "text", ["crash", "min_ttc_s<", "min_tcc_s<1", "pet_s<nan", "pet_s>1", "pet_s=1", ""]
+)
 def test_what_is_no_event_is_refused(text: str) -> None:
     with pytest.raises(InputError):
         parse_event(text)
@@ -261,7 +258,7 @@ def test_the_sampled_uniforms_are_those_of_people_strategy_and_perception() -> N
     one = {"pedestrians": {"max_count": 1, "first_at_trigger": True}}
     paper = space_of(validate(one, "test"), Arm.AV)
     assert (paper.fixed, paper.marks, paper.rate_per_s) == (("side", "quantile"), (), 0.0)
-    with pytest.raises(InputError, match="nothing in an episode is random"):
+    with pytest.raises(InputError, match="nothing here is random"):
         space_of(validate({"pedestrians": {"flow_per_hour": 0.0}}, "test"), Arm.AV)
     settings = {"arms.av": DEAD, f'strategies."{DEAD}".share': 1e-3}
     space = space_of(load_scenario("cctc", settings), Arm.AV)
