@@ -53,7 +53,7 @@ def options_of(changes: dict[str, object]) -> list[str]:
 def one_process() -> Iterator[None]:
     """Workers' tasks run in this process, which saves starting Python for each worker."""
     from harness.engine.shared import close_engine
-    from harness.studies import children, evaluate, replay, run, shown, workers
+    from harness.studies import children, evaluate, run, workers
     from tests.conftest import close_all
 
     close_all()
@@ -62,8 +62,7 @@ def one_process() -> Iterator[None]:
         for module, name in (
             (evaluate, "executor_for"),
             (run, "executor_for"),
-            (replay, "LocalExecutor"),
-            (shown, "LocalExecutor"),
+            (workers, "LocalExecutor"),
         ):
             patch.setattr(module, name, lambda *_: workers.InProcess())
         patch.setattr(children, "start_children", lambda _: None)

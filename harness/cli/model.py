@@ -46,7 +46,6 @@ def fit(
     starts: Annotated[int, Option(min=1, help="Random starts of each fit.")] = 5,
     folds: options.FoldsOption = 5,
     seed: Annotated[int, Option(min=0, help="Seed of starts and folds.")] = 1,
-    near: Annotated[str, Option(help="State R,v: the card tells the data near it.")] = "30,5",
     name: Annotated[str | None, Option(help="The model's name; default: that of its file.")] = None,
     workers: options.WorkersOption = None,
     full: options.FullOption = False,
@@ -55,12 +54,12 @@ def fit(
 ) -> None:
     """Fit the interaction model to extracted rows, for each number of components; choose one."""
     _check_target(out, ".json")
-    from harness.studies.fitting import settings_of
+    from harness.studies.fitting import Settings, components_of
     from harness.studies.model_card import fit_model
     from harness.studies.workers import default_workers
 
     number = workers or default_workers()
-    how = settings_of(components, choose, starts, folds, seed, near)
+    how = Settings(components_of(components), choose, starts, folds, seed)
     with progress_bar(quiet or as_json, "fits") as advance, unwinding():
         made = name or out.stem, _command(), how, weigh, bounds or (), number, advance
         result = fit_model(rows, out, *made)

@@ -59,7 +59,6 @@ class Settings(NamedTuple):
         starts: number of k-means++ starts of each fit.  The best start is kept.
         folds: number of folds of vehicles for the held-out scores; 0 or 1 means no scores.
         seed: the seed of the starts and the folds.
-        near: (R in m, v in m/s) at the trigger of the scenario that will use the model.
     """
 
     components: tuple[int, ...]
@@ -67,34 +66,23 @@ class Settings(NamedTuple):
     starts: int = 5
     folds: int = 5
     seed: int = 1
-    near: tuple[float, float] = (30.0, 5.0)
 
 
-def settings_of(
-    components: str, choose: Choice, starts: int, folds: int, seed: int, near: str
-) -> Settings:
-    """The settings, of which ``components`` and ``near`` are texts such as 1..20 and 30,5.
+def components_of(text: str) -> tuple[int, ...]:
+    """The numbers of components of a text such as 1..20.
 
-    >>> settings_of("2..4", "bic", 3, 5, 1, "30,5")[:1]
-    ((2, 3, 4),)
+    >>> components_of("2..4")
+    (2, 3, 4)
 
     Raises:
-        InputError: one of these is not accepted.
+        InputError: the text is not accepted.
     """
-    first, _, last = components.partition("..")
-    texts, state = (first, last or first), near.split(",")
-    low, high = (int(text) if text.isdecimal() else 0 for text in texts)
+    first, _, last = text.partition("..")
+    low, high = (int(of) if of.isdecimal() else 0 for of in (first, last or first))
     if not 1 <= low <= high <= MOST_COMPONENTS:
         allowed = f"whole numbers from 1 to {MOST_COMPONENTS}, e.g. 10 or 1..20"
-        raise InputError(f"--components {components}", "is not accepted", allowed)
-    try:
-        range_m, speed_mps = map(float, state)
-    except ValueError:
-        range_m = speed_mps = 0.0
-    if not (0 < range_m < np.inf and 0 < speed_mps < np.inf):
-        raise InputError(f"--near {near}", "is not a state", "R,v above 0, e.g. 30,5")
-    ks = tuple(range(low, high + 1))
-    return Settings(ks, choose, starts, folds, seed, (range_m, speed_mps))
+        raise InputError(f"--components {text}", "is not accepted", allowed)
+    return tuple(range(low, high + 1))
 
 
 class HeldOut(NamedTuple):

@@ -44,8 +44,8 @@ from harness.studies.fitting import (
     relative_gain,
 )
 
-NEAR_RANGE_M, NEAR_SPEED_MPS = 5.0, 1.0
-"""A row is near a state (R, v) if R and v both differ by at most this."""
+NEAR = {"range_m": 30.0, "vehicle_speed_mps": 5.0, "within_m": 5.0, "within_mps": 1.0}
+"""The state at the paper's trigger, and by how much rows near it differ from it at most."""
 
 FEW = 10
 """The card warns if fewer vehicles or effective rows than this are near the scenario's state."""
@@ -86,7 +86,7 @@ def card(
         file: the file of the rows, with the command of the extraction.
         command: the exact command of the fit.
     """
-    near, rows = near_state(sample, settings.near), len(sample.data)
+    near, rows = near_state(sample), len(sample.data)
     bic = {each.components: each.fit.bic for each in fitted.candidates}
     rule = None
     with suppress(InputError):  # there are not enough K
@@ -123,18 +123,12 @@ def card(
     }
 
 
-def near_state(sample: Sample, state: tuple[float, float]) -> dict[str, Any]:
-    """How many rows, encounters and vehicles are near a state: |R − R0| ≤ 5 m, |v − v0| ≤ 1 m/s."""
-    near = np.abs(1.0 / sample.data[:, INVERSE_RANGE] - state[0]) <= NEAR_RANGE_M
-    near &= np.abs(sample.data[:, VEHICLE_SPEED] - state[1]) <= NEAR_SPEED_MPS
-    return {
-        "range_m": state[0],
-        "vehicle_speed_mps": state[1],
-        "within_m": NEAR_RANGE_M,
-        "within_mps": NEAR_SPEED_MPS,
-        "rows": int(near.sum()),
-        **_counted(sample, near),
-    }
+def near_state(sample: Sample) -> dict[str, Any]:
+    """How many rows, encounters and vehicles are near the state of ``NEAR``."""
+    range_m, speed_mps, within_m, within_mps = NEAR.values()
+    near = np.abs(1.0 / sample.data[:, INVERSE_RANGE] - range_m) <= within_m
+    near &= np.abs(sample.data[:, VEHICLE_SPEED] - speed_mps) <= within_mps
+    return {**NEAR, "rows": int(near.sum()), **_counted(sample, near)}
 
 
 def _counted(sample: Sample, of: np.ndarray) -> dict[str, float | int | None]:

@@ -22,7 +22,7 @@ from harness.results.tables import TABLES_OF, read_cell
 from harness.strategies.registry import source_digests
 from harness.studies.kinds import run_task
 from harness.studies.tasks import Rows, Task
-from harness.studies.workers import LocalExecutor, default_workers, supervise
+from harness.studies.workers import carried_out
 
 TOLERANCE = 1e-6
 """Numbers are equal if they differ by at most this, absolutely or relatively."""
@@ -69,24 +69,18 @@ def replay(run: Run, cell: int, pairs: range, arms: Sequence[Arm], out: Path) ->
     folders = [out / f"{each.first}-{each.arms[0]}" for each in tasks] if len(tasks) > 1 else [out]
     tasks = [replace(task, outputs=place) for task, place in zip(tasks, folders, strict=True)]
     net = network_of(run.scenario_of(cell)) if run.kind == "encounters" else None
-    executor = LocalExecutor(min(default_workers(), len(tasks)), len(tasks))
     try:
         for place in folders:
             place.mkdir(parents=True, exist_ok=True)
             if net is not None:
                 shutil.copyfile(net, place / "site.net.xml")
-        futures = [executor.submit(supervise, task) for task in tasks]
-        return [
-            replayed(run, task, each.result()) for task, each in zip(tasks, futures, strict=True)
-        ]
+        done = zip(tasks, carried_out(tasks), strict=True)
+        return [replayed(run, task, rows) for task, rows in done]
     except OSError as error:
         raise cannot_write(out, error) from None
     except KeyboardInterrupt:
-        executor.abort()
         shutil.rmtree(out, ignore_errors=True)
         raise
-    finally:
-        executor.abort()
 
 
 def debug(run: Run, cell: int, pairs: range, arms: Sequence[Arm]) -> list[Replayed]:

@@ -1,16 +1,14 @@
 """The pairs worth watching with their traces, simulated again if the run kept none."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import pyarrow as pa
-
 from harness.core.encounter import Arm, Ending
 from harness.results.run import Run
-from harness.results.tables import read_cell
+from harness.results.tables import TABLES_OF, Tables, read_cell
 from harness.studies.replay import differences_of, stored_tasks
-from harness.studies.workers import LocalExecutor, default_workers, supervise
+from harness.studies.workers import carried_out
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,16 +66,7 @@ def shown_pairs(run: Run) -> list[ShownPair]:
         for key in keys:
             reasons.setdefault(key, []).append(reason)
     kept = bool(run.manifest["traces"])
-    if kept:
-        names = ("episodes", "pedestrians", "traces")
-        found = {
-            (cell, pair): {
-                name: read_cell(run.path, name, cell, run.manifest, pair) for name in names
-            }
-            for cell, pair in reasons
-        }
-    else:
-        found = dict(_simulated(run, reasons))
+    found = (_stored if kept else _simulated)(run, reasons)
     shown = []
     for (cell, pair), whys in reasons.items():
         tables = found[cell, pair]
@@ -87,20 +76,23 @@ def shown_pairs(run: Run) -> list[ShownPair]:
     return shown
 
 
-def _simulated(run: Run, keys: Collection[Key]) -> Iterator[tuple[Key, dict[str, pa.Table]]]:
+def _stored(run: Run, keys: Collection[Key]) -> dict[Key, Tables]:
+    names = [table.name for table in TABLES_OF["encounters"]]
+    return {
+        key: {name: read_cell(run.path, name, key[0], run.manifest, key[1]) for name in names}
+        for key in keys
+    }
+
+
+def _simulated(run: Run, keys: Collection[Key]) -> dict[Key, Tables]:
     engine, arms = run.manifest["engine"], tuple(Arm)
     tasks = [
         replace(task, arms=arms, traces=True, engine=engine)
         for cell in sorted({cell for cell, _ in keys})
         for task in stored_tasks(run, cell, [pair for of, pair in keys if of == cell], [Arm.AV])
     ]
-    executor = LocalExecutor(min(default_workers(), len(tasks)), len(tasks))
-    try:
-        for task, future in [(task, executor.submit(supervise, task)) for task in tasks]:
-            number = task.cells[0].number
-            yield (number, task.first), future.result().tables[number]
-    finally:
-        executor.abort()
+    done = zip(tasks, carried_out(tasks), strict=True)
+    return {(cell, task.first): of for task, rows in done for cell, of in rows.tables.items()}
 
 
 def chosen_pairs(run: Run) -> dict[str, list[Key]]:

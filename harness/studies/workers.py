@@ -10,7 +10,7 @@ everything, and users report that workers outlive a killed parent.
 """
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import count
@@ -122,6 +122,15 @@ def executor_for(
     if number == 0 or any(map(is_of_this_process, drivers)):
         return InProcess()
     return LocalExecutor(min(number, pairs), pairs)
+
+
+def carried_out(tasks: "Sequence[Task]") -> "list[Rows]":
+    """The rows of tasks of one pair, in their order, by child processes of this machine."""
+    executor = LocalExecutor(min(default_workers(), len(tasks)), len(tasks))
+    try:
+        return [*executor.map(supervise, tasks)]
+    finally:
+        executor.abort()
 
 
 def supervise(task: "Task") -> "Rows":

@@ -114,7 +114,6 @@ def test_what_the_files_do_not_say_is_said(harness):
         ("fit mine.csv --out m.json --bounds vehicle_speed_mps=2:1", ["--bounds", "lower < upper"]),
         ("fit mine.csv --out m.json --bounds vehicle_speed_mps=1/0:2",
          ["--bounds", "lower < upper"]),
-        ("fit mine.csv --out m.json --near 30", ["--near", "R,v"]),
         ("fit mine.csv --out m.json --components 200", ["--components"]),
         ("model dut-k11", ["dut-k11", "did you mean"]),
         ("model m.json", ["m.json", "cannot be read"]),

@@ -124,7 +124,7 @@ def test_near_state_by_hand():
     rows["vehicle_speed_mps"] = [5, 5.9, 4.1, 5, 6.1, 3.9, 5, 5]
     rows["vehicle"] = ["a", "a", "b", "b", "b", "b", "b", "b"]
     rows["pedestrian"] = ["1", "2", "3", "4", "4", "4", "4", "4"]
-    near = near_state(make_sample(rows, weigh="encounter"), (30.0, 5.0))
+    near = near_state(make_sample(rows, weigh="encounter"))
     # Rows 0, 1, 2 and 7 with weights 1, 1, 1 and 1/5.
     assert (near["rows"], near["encounters"], near["vehicles"]) == (4, 4, 2)
     assert near["effective_rows"] == pytest.approx(3.2**2 / 3.04)
