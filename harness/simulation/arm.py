@@ -2,8 +2,6 @@
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 from harness.core.encounter import Arm
 from harness.encounter.deciding import ROUNDING_M
@@ -18,7 +16,6 @@ from harness.simulation.people import PeopleAt
 from harness.simulation.seeing import Outlines, Sight
 from harness.simulation.setup import Setup
 from harness.simulation.shares import is_automated
-from harness.simulation.walked import Walked
 from harness.strategies.perception.sensor import sensor_of
 
 QUEUED_MPS = 5 / 3.6
@@ -31,27 +28,6 @@ STROLL_S = 0.5
 ENDED = "the simulation ended"
 
 
-@dataclass(slots=True)
-class Log:
-    """The events of an arm.
-
-    Attributes:
-        passages: over the chosen crosswalks, those before the counted time too.
-        people: everybody at each chosen crosswalk.
-        automated: whether it is an AV, of every vehicle that departed.
-        queues: by crosswalk, the number of queued vehicles at every counted second.
-        counts: SUMO's events in the counted time, and the uses of the interaction model.
-        end_s: when the simulation ended.
-    """
-
-    passages: list[Passage] = field(default_factory=list)
-    people: dict[str, list[Walked]] = field(default_factory=dict)
-    automated: dict[str, bool] = field(default_factory=dict)
-    queues: dict[str, list[int]] = field(default_factory=dict)
-    counts: Counter[str] = field(default_factory=Counter)
-    end_s: float = 0.0
-
-
 class ArmOfPair:
     """One arm of a pair.
 
@@ -61,6 +37,13 @@ class ArmOfPair:
         pair: index of the pair.
         arm: which arm.
         model: the interaction model.
+
+    Attributes:
+        people: everybody at each chosen crosswalk.
+        passages: over the chosen crosswalks, those before the counted time too.
+        automated: whether it is an AV, of every vehicle that departed.
+        queues: by crosswalk, the number of queued vehicles at every counted second.
+        counts: SUMO's events in the counted time, and the uses of the interaction model.
     """
 
     def __init__(
@@ -69,53 +52,62 @@ class ArmOfPair:
         self.setup, self.session, self._vehicles = setup, session, session.vehicles
         self._pair, self._arm, self._model = pair, arm, model
         self._seed, self._steps = setup.seed(pair), 0
-        self.log = Log(queues={name: [] for name in setup.crosswalks})
+        self.passages: list[Passage] = []
+        self.automated: dict[str, bool] = {}
+        self.queues: dict[str, list[int]] = {name: [] for name in setup.crosswalks}
+        self.counts: Counter[str] = Counter()
         self._cars: dict[str, Car] = {}
         self._near: dict[str, Car] = {}
-        self._speeds = WalkingSpeeds(setup.scenario, self._model)
+        self._due: dict[int, list[Car]] = defaultdict(list)
+        self._hits: set[tuple[str, str]] = set()
+        self._speeds = WalkingSpeeds(setup.scenario, model)
         self.people = {name: self._people_at(name) for name in setup.crosswalks}
         self._owns = [each.own for each in self.people.values() if each.own is not None]
         self._sensors = {driver: sensor_of(setup.scenario, driver) for driver in Arm}
         self._outlines = Outlines(session)
-        self.control = Control(session, setup, self.people)
-        self.approaches = Approaches(setup, session)
-        self._due: dict[int, list[Car]] = defaultdict(list)
-        self._hits: set[tuple[str, str]] = set()
+        self._control = Control(session, setup, self.people)
+        self._approaches = Approaches(setup, session)
 
-    def run(self) -> Log:
+    def _people_at(self, name: str) -> PeopleAt:
+        setup, session, own = self.setup, self.session, None
+        crosswalk = setup.town.crosswalks[name]
+        if setup.own_people:
+            own = OwnPeople(session, setup, crosswalk, self._pair, self._speeds, self._near)
+        return PeopleAt(session, setup.town, crosswalk, own)
+
+    def run(self) -> None:
         """Simulate until the end.
 
         Raises:
             EngineError: SUMO's simulation broke off.
             StrategyError: a strategy failed.
         """
-        session, setup, log, lane = self.session, self.setup, self.log, self._vehicles.lane
-        end_s, empties = setup.config.end_s, setup.scenario.traffic is not None
-        sample = max(1, round(SAMPLE_S / session.step_s))
-        while session.goes_on(end_s):
+        session, setup = self.session, self.setup
+        empties = setup.scenario.traffic is not None
+        sample, stroll = (max(1, round(each / session.step_s)) for each in (SAMPLE_S, STROLL_S))
+        while session.goes_on(setup.config.end_s):
             if empties and session.time_s >= setup.end_s and not session.goes_on(None):
                 break
             self._begin_step()
             time_s = session.step()
             self._steps += 1
             self._events(time_s)
-            self._read()
+            due = self._read()
             for own in self._owns:
                 own.end_step()
-            for name, car in [*self._near.items()]:
-                if car.odometer_m >= car.next_m or lane(name) != car.lane:
-                    self._go_on(car, time_s)
+            for car in due:
+                self._go_on(car, time_s)
             self._look(time_s)
-            self._note_people(time_s)
+            for people in self.people.values():
+                if people.watched or self._steps % stroll == 0:
+                    people.note(time_s)
             if self._steps % sample == 0 and setup.counts(time_s):
                 self._sample()
         for car in [*self._near.values()]:
             self._drop(car, ENDED)
-        log.end_s, use = session.time_s, self._speeds.model_use.counts
-        log.counts.update(conditionings=use.uses, clamped=use.clamped)
-        log.people = {name: each.walked() for name, each in self.people.items()}
-        log.passages.sort(key=lambda each: (each.begin_s, each.car.name, each.crosswalk.id))
-        return log
+        use = self._speeds.model_use.counts
+        self.counts.update(conditionings=use.uses, clamped=use.clamped)
+        self.passages.sort(key=lambda each: (each.begin_s, each.car.name, each.crosswalk.id))
 
     def __len__(self) -> int:
         """The number of simulated steps."""
@@ -125,40 +117,20 @@ class ArmOfPair:
         """Let people and strategies decide on the state at the step's beginning."""
         for own in self._owns:
             own.begin_step()
-        self.control.command(self.session.time_s)
+        self._control.command(self.session.time_s)
         for people in self.people.values():
             if people.own is not None and people.own.place():
                 people.changed = True
             if people.changed:
                 people.changed = False
-                for car in self.control.driven.values():
-                    if any(each.crosswalk is people.crosswalk for each in car.passages):
-                        self.control.ignore(car)
-
-    # People
-
-    def _people_at(self, name: str) -> PeopleAt:
-        setup, session = self.setup, self.session
-        crosswalk, own = setup.town.crosswalks[name], None
-        if setup.own_people:
-            own = OwnPeople(session, setup, crosswalk, self._pair, self._speeds, self._near)
-        return PeopleAt(session, setup.town, crosswalk, own)
-
-    def _note_people(self, time_s: float) -> None:
-        """Note where people are: at every step where a vehicle is within R0."""
-        everywhere = self._steps % max(1, round(STROLL_S / self.session.step_s)) == 0
-        for people in self.people.values():
-            if everywhere or people.watched:
-                people.note(time_s)
-
-    # Events
+                self._control.ignore_at(people.crosswalk)
 
     def _events(self, time_s: float) -> None:
         """Count the vehicles that departed, collided, were teleported, or have left."""
         session, setup, vehicles = self.session, self.setup, self._vehicles
         for name in session.departed():
             kinds = {vehicles.type(name), vehicles.vehicle_class(name)}
-            self.log.automated[name] = is_automated(
+            self.automated[name] = is_automated(
                 self._seed, name, kinds, setup.av_share, setup.av_types
             )
         teleported = session.teleported()
@@ -170,45 +142,48 @@ class ArmOfPair:
                 self._hits.add((hit.collider, hit.victim))
                 events += self._kinds_of(hit)
         if events and setup.counts(time_s):
-            self.log.counts.update(events)
-        for names, why in (
-            (session.arrived(), "it arrived on its way"),
-            (teleported, "SUMO teleported it"),
-        ):
-            for name in names:
-                if name in self._cars:
-                    self._drop(self._cars[name], why, exists=names is teleported)
+            self.counts.update(events)
+        for name in session.arrived():
+            self._drop(self._cars.get(name), "it arrived on its way")
+        for name in teleported:
+            self._drop(self._cars.get(name), "SUMO teleported it", exists=True)
 
-    def _kinds_of(self, hit: Collision) -> Sequence[str]:
+    def _kinds_of(self, hit: Collision) -> list[str]:
         """What a collision counts as; a passage notes that SUMO saw one with a person."""
         # Vehicles and people may have the same ids: whoever is on a crosswalk walks.
         places = {name for name, people in self.people.items() if hit.victim in people.names()}
         for passage in self._near[hit.collider].passages if hit.collider in self._near else ():
             passage.collided |= passage.crosswalk.id in places
-        if places or hit.victim not in self.log.automated:
+        if places or hit.victim not in self.automated:
             return ["person_collisions"]
         return ["vehicle_collisions", *["overlaps"] * hit.lane.startswith(":")]
 
-    # Vehicles
+    def _read(self) -> list[Car]:
+        """Read all vehicles near a chosen crosswalk at the step's end.
 
-    def _read(self) -> None:
-        """Read the states, at the step's end, of all vehicles near a chosen crosswalk."""
-        odometer, speed = self._vehicles.odometer_m, self._vehicles.speed_mps
-        step_s, check = self.session.step_s, self.control.check
+        Returns:
+            Those that begin or end a passage, or have come onto another lane.
+        """
+        vehicles = self._vehicles
+        odometer, speed, lane = vehicles.odometer_m, vehicles.speed_mps, vehicles.lane
+        step_s, check, due = self.session.step_s, self._control.check, list[Car]()
         for name, car in self._near.items():
             before_mps = car.speed_mps
             car.note(odometer(name), speed(name))
             car.acceleration_mps2 = (car.speed_mps - before_mps) / step_s
             if car.asked_mps is not None:
-                check(car, before_mps)
+                check(car, car.asked_mps, before_mps)
+            if car.odometer_m >= car.next_m or lane(name) != car.lane:
+                due.append(car)
+        return due
 
     def _look(self, time_s: float) -> None:
         """Find the vehicles that came onto watched edges, or may have come near by now."""
         due = self._due.pop(self._steps, [])
-        for name in self.approaches.found(self._steps):
-            if name not in self._cars and name in self.log.automated:
-                automated = self.log.automated[name]
-                car = self.approaches.car(name, automated, self._driver(automated))
+        for name in self._approaches.found(self._steps):
+            if name not in self._cars and name in self.automated:
+                automated = self.automated[name]
+                car = self._approaches.car(name, automated, self._driver(automated))
                 self._cars[name] = car
                 due.append(car)
         for car in due:
@@ -224,15 +199,13 @@ class ArmOfPair:
         self._replan(car)
         if not car.passages:
             del self._cars[car.name]
-            return
-        steps = self.approaches.steps_until_near(car)
-        if steps > 0:
+        elif steps := self._approaches.steps_until_near(car):
             self._due[self._steps + steps].append(car)
-            return
-        self._near[car.name] = car
-        car.note(car.odometer_m, self._vehicles.speed_mps(car.name))
-        car.acceleration_mps2 = self._vehicles.acceleration_mps2(car.name)
-        self._go_on(car, time_s)
+        else:
+            self._near[car.name] = car
+            car.note(car.odometer_m, self._vehicles.speed_mps(car.name))
+            car.acceleration_mps2 = self._vehicles.acceleration_mps2(car.name)
+            self._go_on(car, time_s)
 
     def _go_on(self, car: Car, time_s: float) -> None:
         """End passages, find those that come, and begin those beyond R0."""
@@ -241,26 +214,22 @@ class ArmOfPair:
                 self._end(passage, PASSED)
         self._replan(car)
         range_m = self.setup.scenario.ego.trigger_range_m + ROUNDING_M
+        car.next_m = math.inf
         for passage in car.passages:
             if not passage.begun and car.odometer_m >= passage.centre_m - range_m:
                 self._begin(passage, time_s)
-        if not car.passages:
-            self._drop(car, PASSED)
-            return
-        if car.changed:
-            car.changed = False
-            self.control.update(car)
-        car.next_m = min(
-            each.last_m - ROUNDING_M if each.begun else each.centre_m - range_m
-            for each in car.passages
-        )
+            ends_m, begins_m = passage.last_m - ROUNDING_M, passage.centre_m - range_m
+            car.next_m = min(car.next_m, ends_m if passage.begun else begins_m)
+        if car.passages:
+            self._control.update(car)
+        else:
+            self._drop(car, PASSED, exists=True)
 
     def _replan(self, car: Car) -> None:
         """Find the crosswalks ahead of a vehicle, if it has come onto another lane."""
-        coming = self.approaches.coming(car)
+        coming = self._approaches.coming(car)
         if coming is None:
             return
-        car.changed = True
         for passage in [*car.passages]:
             same = next((each for each in coming if each.is_like(passage)), None)
             if same is not None:
@@ -275,7 +244,7 @@ class ArmOfPair:
     def _begin(self, passage: Passage, time_s: float) -> None:
         """Begin a passage whose vehicle is within R0, and choose who drives."""
         setup, car, step_s = self.setup, passage.car, self.session.step_s
-        people = self.people[passage.crosswalk.id]
+        people, driver = self.people[passage.crosswalk.id], self._driver(car.automated)
         range_m = setup.scenario.ego.trigger_range_m
         x_m = car.odometer_m - passage.centre_m
         over_m = max(0.0, x_m + range_m)
@@ -286,7 +255,6 @@ class ArmOfPair:
             gain = car.acceleration_mps2 if setup.config.ballistic else 0.0
             root = math.sqrt(max(0.0, car.speed_mps**2 - 2 * gain * over_m))
             passage.trace_offset_s = min(2 * over_m / (car.speed_mps + root), step_s)
-        driver = self._driver(car.automated)
         if not (car.automated or setup.own_people):
             passage.not_driven = "it is no AV"
         elif x_m >= -passage.crossing.width_m / 2:
@@ -302,34 +270,33 @@ class ArmOfPair:
                 if sensor is not None:
                     sight = Sight(sensor, self._pair, passage, people, self._outlines)
                     passage.look = sight.look
-        car.changed = True
         people.watched += 1
-        self.log.passages.append(passage)
+        self.passages.append(passage)
 
     def _end(self, passage: Passage, why: str) -> None:
         passage.end(why)
         self.people[passage.crosswalk.id].watched -= passage.begun
-        passage.car.changed = True
         passage.car.passages.remove(passage)
 
-    def _drop(self, car: Car, why: str, *, exists: bool = True) -> None:
-        """Leave a vehicle alone."""
+    def _drop(self, car: Car | None, why: str, *, exists: bool = False) -> None:
+        """Leave a vehicle alone; None: it was not watched."""
+        if car is None:
+            return
         del self._cars[car.name]
         self._near.pop(car.name, None)
         for passage in [*car.passages]:
             self._end(passage, why)
-        self.control.release(car, exists=exists)
+        self._control.release(car, exists=exists)
 
     def _sample(self) -> None:
         """Count the queued vehicles before each crosswalk."""
-        speed = self._vehicles.speed_mps
-        for crosswalk, edges in self.approaches.before.items():
-            names = {name for edge in edges for name in self.session.vehicles_on(edge)}
-            # The first one may wait inside the junction.
-            names.update(
-                car.name
-                for car in self._near.values()
-                for each in car.passages
-                if each.crosswalk.id == crosswalk and each.begun and car.odometer_m < each.first_m
-            )
-            self.log.queues[crosswalk].append(sum(speed(name) < QUEUED_MPS for name in names))
+        # The first one may wait inside the junction.
+        waiting = defaultdict[str, set[str]](set)
+        for car in self._near.values():
+            for each in car.passages:
+                if each.begun and car.odometer_m < each.first_m:
+                    waiting[each.crosswalk.id].add(car.name)
+        for crosswalk, edges in self._approaches.before.items():
+            names = waiting[crosswalk].union(*map(self.session.vehicles_on, edges))
+            queued = sum(self._vehicles.speed_mps(name) < QUEUED_MPS for name in names)
+            self.queues[crosswalk].append(queued)

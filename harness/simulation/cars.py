@@ -51,7 +51,6 @@ class Car:
         next_m: the odometer from which a passage begins or ends.
         odometer_m, speed_mps, acceleration_mps2: its state at the end of the last step.
         passages: its passages that have not ended, in order.
-        changed: whether they, or what lies ahead, have changed.
         limits: (odometer, speed in m/s) where each lane ahead begins, for this vehicle.
         least_mps: the lowest of the limits.
         links: the connections ahead, by the odometer.
@@ -77,7 +76,6 @@ class Car:
     speed_mps: float = 0.0
     acceleration_mps2: float = 0.0
     passages: "list[Passage]" = field(default_factory=list)
-    changed: bool = False
     limits: list[tuple[float, float]] = field(default_factory=list)
     least_mps: float = math.inf
     links: list[Link] = field(default_factory=list)

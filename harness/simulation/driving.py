@@ -16,6 +16,7 @@ from harness.engine.session import Session
 from harness.simulation.cars import ACTUATOR, LANE, LEADER, RIGHT_OF_WAY, STRATEGY, Car, Passage
 from harness.simulation.people import PeopleAt
 from harness.simulation.setup import Setup
+from harness.site.town import Crosswalk
 from harness.strategies.perception.updates import Views
 
 SPEED_MODE_FREE = 23
@@ -43,7 +44,7 @@ class Control:
         ego, self._ballistic = setup.scenario.ego, setup.config.ballistic
         self._detection_m = (ego.detection_range_m or ego.trigger_range_m) + ROUNDING_M
         self._step_s, self._people = session.step_s, people
-        self.driven: dict[str, Car] = {}
+        self._driven: dict[str, Car] = {}
 
     def update(self, car: Car) -> None:
         """Drive a vehicle, or give it back to SUMO, after its passages have changed."""
@@ -51,8 +52,8 @@ class Control:
         if not driven:
             self.release(car)
             return
-        self.driven[car.name] = car
-        self.ignore(car)
+        self._driven[car.name] = car
+        self._ignore(car)
         end_m = max(each.last_m for each in driven)
         yields = any(
             link.yields and link.begin_m < end_m and car.odometer_m < link.end_m
@@ -63,14 +64,20 @@ class Control:
             car.mode = mode
             self._vehicles.set_speed_mode(car.name, mode)
 
-    def ignore(self, car: Car) -> None:
+    def ignore_at(self, crosswalk: Crosswalk) -> None:
+        """Let SUMO not mind those who are at a crosswalk now."""
+        for car in self._driven.values():
+            if any(each.crosswalk is crosswalk for each in car.passages):
+                self._ignore(car)
+
+    def _ignore(self, car: Car) -> None:
         """Let SUMO not mind those who are at the crosswalks for which a strategy decides."""
         driven = (each.crosswalk.id for each in car.passages if each.strategy is not None)
         self._session.ignore(car.name, [name for at in driven for name in self._people[at].names()])
 
     def release(self, car: Car, *, exists: bool = True) -> None:
         """Give a vehicle back to SUMO."""
-        if self.driven.pop(car.name, None) is None:
+        if self._driven.pop(car.name, None) is None:
             return
         car.mode = car.asked_mps = car.actuator = None
         if exists:
@@ -80,7 +87,7 @@ class Control:
 
     def command(self, now_s: float) -> None:
         """Let every strategy decide, and give SUMO the lowest command for each vehicle."""
-        for car in self.driven.values():
+        for car in self._driven.values():
             lowest: float | None = None
             for passage in car.passages:
                 if passage.strategy is not None:
@@ -107,11 +114,15 @@ class Control:
                 car.asked_mps = target_mps
                 self._vehicles.set_speed(car.name, target_mps)
 
-    def check(self, car: Car, before_mps: float) -> None:
-        """Count what limited the step that has been read; ``before_mps`` is the speed before it."""
-        asked_mps, limited_by = car.asked_mps, car.limited_by
-        if asked_mps is None:
-            return
+    def check(self, car: Car, asked_mps: float, before_mps: float) -> None:
+        """Count what limited a step that has been read.
+
+        Args:
+            car: the vehicle.
+            asked_mps: what was commanded.
+            before_mps: the speed before the step.
+        """
+        limited_by = car.limited_by
         if car.speed_mps < asked_mps - _LOWER_MPS:
             # What holds a standing vehicle is not asked for again.
             if car.held_by is None or before_mps > 0.0:

@@ -2,8 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from bisect import bisect_right
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -15,10 +14,15 @@ from harness.core.encounter import Arm, StepMotion
 from harness.core.errors import EngineError, StrategyError
 from harness.engine.session import Module, Session
 from harness.model.interaction import InteractionModel
-from harness.simulation.arm import ArmOfPair, Log
+from harness.simulation.arm import ArmOfPair
 from harness.simulation.files import TRIPS_FILE, write_config
-from harness.simulation.passages import Columns, columns_of, passages
+from harness.simulation.passages import Row, passages
 from harness.simulation.setup import Setup
+from harness.simulation.walked import Walked
+from harness.site.town import Crosswalk
+
+Columns = dict[str, list[Any]]
+"""A table: its columns by name."""
 
 _COUNTS = (
     *("vehicle_collisions", "person_collisions", "overlaps"),
@@ -74,11 +78,11 @@ def run_arm(
         session = Session(config, module=module)
         running = ArmOfPair(setup, session, pair, arm, model)
         begins(running)
-        log = running.run()
+        running.run()
         begins(None)
         session.close()
-        step_s, session = session.step_s, None
-        return Outcome(pair, arm, _tables(setup, log, folder / TRIPS_FILE, step_s))
+        session = None
+        return Outcome(pair, arm, _tables(setup, running, folder / TRIPS_FILE))
     except StrategyError as error:
         return Outcome(pair, arm, reason=str(error), traceback=error.traceback)
     except EngineError as error:
@@ -88,39 +92,45 @@ def run_arm(
             session.close()
 
 
-def _tables(setup: Setup, log: Log, trips: Path, step_s: float) -> dict[str, Columns]:
+def _tables(setup: Setup, arm: ArmOfPair, trips: Path) -> dict[str, Columns]:
     """The tables of an arm whose simulation has ended."""
-    counted = [each for each in log.passages if setup.counts(each.begin_s - each.trace_offset_s)]
+    end_s, people = arm.session.time_s, {name: each.walked() for name, each in arm.people.items()}
+    counted = [each for each in arm.passages if setup.counts(each.begin_s - each.trace_offset_s)]
     motion: StepMotion = "ballistic" if setup.config.ballistic else "euler"
-    passed = passages(counted, log.people, setup.zones, step_s, motion)
-    fronts_s: defaultdict[str, list[float]] = defaultdict(list)
-    for name, front_s in zip(passed.get("crosswalk", ()), passed.get("front_s", ()), strict=True):
-        fronts_s[name] += [] if front_s is None else [front_s]
+    passed = passages(counted, people, setup.zones, arm.session.step_s, motion)
+    fronts_s = {name: list[float]() for name in people}
+    for row in passed:
+        fronts_s[row["crosswalk"]] += [] if row["front_s"] is None else [row["front_s"]]
     walked = [
         row
-        for name in setup.crosswalks
-        for row in _people(log, setup, name, sorted(fronts_s[name]))
+        for name, of in people.items()
+        for row in _people(of, setup.town.crosswalks[name], sorted(fronts_s[name]), end_s)
         if setup.counts(row["arrival_s"])
     ]
-    driven = (row for row in _vehicles(trips, log) if setup.counts(row["due_s"]))
     own = sum(row["own"] for row in walked)
     arms = {
         "begin_s": setup.begin_s,
-        "counted_s": min(setup.end_s, log.end_s) - setup.begin_s,
+        "counted_s": min(setup.end_s, end_s) - setup.begin_s,
         "harness_people": own,
         "sumo_people": len(walked) - own,
-        **{name: log.counts[name] for name in _COUNTS},
+        **{name: arm.counts[name] for name in _COUNTS},
     }
-    return {
-        "arms": columns_of([arms]),
+    vehicles = _vehicles(trips, arm.automated, end_s)
+    tables: dict[str, list[Row]] = {
+        "arms": [arms],
         "passages": passed,
-        "vehicles": columns_of([*driven]),
-        "people": columns_of(walked),
-        "crosswalks": columns_of([_crosswalk(log, setup, name) for name in setup.crosswalks]),
+        "vehicles": [row for row in vehicles if setup.counts(row["due_s"])],
+        "people": walked,
+        "crosswalks": [_crosswalk(each.crosswalk, arm.queues) for each in arm.people.values()],
+    }
+    # Without rows there are no columns.
+    return {
+        name: {column: [row[column] for row in rows] for column in (rows[0] if rows else ())}
+        for name, rows in tables.items()
     }
 
 
-def _vehicles(trips: Path, log: Log) -> Iterator[Mapping[str, Any]]:
+def _vehicles(trips: Path, automated: Mapping[str, bool], end_s: float) -> Iterator[Row]:
     """The rows of the table ``vehicles``, from SUMO's tripinfo: trips that never began too.
 
     A trip that has not ended counts with the time until the end.  Delays before the departure are
@@ -138,8 +148,8 @@ def _vehicles(trips: Path, log: Log) -> Iterator[Mapping[str, Any]]:
             yield {
                 "vehicle": trip.attrib["id"],
                 "type": trip.get("vType", ""),
-                "automated": departed and log.automated[trip.attrib["id"]],
-                "due_s": (depart_s if departed else log.end_s) - delay_s,
+                "automated": departed and automated[trip.attrib["id"]],
+                "due_s": (depart_s if departed else end_s) - delay_s,
                 "depart_s": depart_s if departed else None,
                 "arrival_s": arrival_s if arrival_s >= 0 else None,
                 "depart_delay_s": delay_s,
@@ -151,8 +161,8 @@ def _vehicles(trips: Path, log: Log) -> Iterator[Mapping[str, Any]]:
 
 
 def _people(
-    log: Log, setup: Setup, crosswalk: str, fronts_s: Sequence[float]
-) -> Iterator[Mapping[str, Any]]:
+    people: Iterable[Walked], crosswalk: Crosswalk, fronts_s: Sequence[float], end_s: float
+) -> Iterator[Row]:
     """The rows of the table ``people`` at one crosswalk: one for each way over it.
 
     Who crosses two crosswalks has two rows with one ``person``.  ``side`` is the end of the
@@ -161,23 +171,22 @@ def _people(
     before any, if they are SUMO's.
 
     Args:
-        log: the arm's log.
-        setup: has the network.
+        people: everybody there.
         crosswalk: the crosswalk.
         fronts_s: the times at which vehicles' fronts reached it, sorted.
+        end_s: when the simulation ended.
     """
-    length_m = setup.town.crosswalks[crosswalk].length_m
-    for person in log.people[crosswalk]:
+    for person in people:
         walk, arrival_s = person.walk, person.walk.arrival.arrival_s
-        until_s = log.end_s if walk.start_s is None else walk.start_s
+        until_s = end_s if walk.start_s is None else walk.start_s
         wait_s = until_s - arrival_s
         delay_s, let_go = wait_s, person.let_go
         if person.own and person.cleared_s is not None and walk.speed_mps:
-            delay_s = person.cleared_s - arrival_s - length_m / walk.speed_mps
+            delay_s = person.cleared_s - arrival_s - crosswalk.length_m / walk.speed_mps
         if not person.own and wait_s > 0.0 and walk.start_s is not None:
             let_go = bisect_right(fronts_s, arrival_s) == bisect_right(fronts_s, until_s)
         yield {
-            "crosswalk": crosswalk,
+            "crosswalk": crosswalk.id,
             "person": person.id,
             "own": person.own,
             "side": walk.arrival.side,
@@ -191,15 +200,14 @@ def _people(
         }
 
 
-def _crosswalk(log: Log, setup: Setup, name: str) -> Mapping[str, Any]:
+def _crosswalk(crosswalk: Crosswalk, queues: Mapping[str, Sequence[int]]) -> Row:
     """The row of the table ``crosswalks``, with the queue before it."""
-    each, queue = setup.town.crosswalks[name], log.queues[name]
-    centre = each.axis.interpolate(0.5, normalized=True)
+    centre, queue = crosswalk.axis.interpolate(0.5, normalized=True), queues[crosswalk.id]
     return {
-        "crosswalk": name,
-        "prioritized": each.prioritized,
-        "length_m": each.length_m,
-        "width_m": each.width_m,
+        "crosswalk": crosswalk.id,
+        "prioritized": crosswalk.prioritized,
+        "length_m": crosswalk.length_m,
+        "width_m": crosswalk.width_m,
         "x_m": centre.x,
         "y_m": centre.y,
         "queue_p95": float(np.quantile(queue, 0.95)) if queue else None,

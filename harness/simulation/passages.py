@@ -9,7 +9,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import starmap
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import shapely
@@ -32,17 +32,13 @@ from harness.simulation.walked import Walked
 from harness.site.path import Path
 from harness.site.zone import Zones
 
-Columns = dict[str, list[Any]]
-"""A table: its columns by name."""
+Row = Mapping[str, Any]
 
 _SAMPLE_S = 0.0125
 """Longest time between two outlines that are compared with people."""
 _NEAR_M = 2.0
 """No person touches a vehicle whose outline is this far from the crosswalk."""
 _ROUNDING_S = 1e-7
-_SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
-_SAMPLE_M = 0.25
-"""Distance of places at which the speed of a free passage is computed."""
 
 
 def passages(
@@ -51,7 +47,7 @@ def passages(
     zones: Zones,
     step_s: float,
     motion: StepMotion,
-) -> Columns:
+) -> list[Row]:
     """The rows of the table ``passages``.
 
     Args:
@@ -80,13 +76,7 @@ def passages(
         strikes.append(strike_of(trace, each, path, walkers))
     records = _records(traces, strikes)
     free_s = [free_pass_s(each, zones.path(each.connection)) for each in kept]
-    rows = map(_row, kept, traces, records, ids, free_s)
-    return columns_of([*rows])
-
-
-def columns_of(rows: Sequence[Mapping[str, Any]]) -> Columns:
-    """Rows as columns; without rows there are none."""
-    return {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+    return [*map(_row, kept, traces, records, ids, free_s)]
 
 
 def _row(
@@ -95,7 +85,7 @@ def _row(
     record: EpisodeRecord,
     names: Mapping[int, str],
     free_s: float,
-) -> Mapping[str, object]:
+) -> Row:
     car, begin_s = passage.car, passage.begin_s
     driven = sum(passage.limited)
     front_s = crossing_time(trace, -trace.crossing.width_m / 2)
@@ -216,37 +206,33 @@ def strike_of(
         path: the vehicle's path.
         walkers: those who stepped off, in the trace's order.
     """
-    vehicle = passage.car.vehicle
-    half_m = trace.crossing.width_m / 2
+    vehicle, half_m = passage.car.vehicle, trace.crossing.width_m / 2
     ends_m = (-half_m - _NEAR_M, half_m + vehicle.length_m + _NEAR_M)
     low, high = np.searchsorted(trace.x_m, ends_m).tolist()
     low, high = max(low - 1, 0), min(high, len(trace.x_m) - 1)
-    if low >= high or not walkers:
-        return None
     count = math.ceil((high - low) * max(trace.step_s / _SAMPLE_S, 1.0))
     time_s = np.linspace(low, high, count + 1) * trace.step_s
-    s = np.array([ego_state(trace, each)[0] for each in time_s.tolist()])
-    s += passage.zone.centre_m
-    bodies = shapely.polygons(path.outline(s, vehicle.length_m, vehicle.width_m))
-    first: Strike | None = None
-    for number, each in enumerate(walkers):
+    strikes: list[Strike] = []
+    for number, each in enumerate(walkers if low < high else ()):
         places = each.places(passage.begin_s + time_s, passage.crosswalk)
-        off_m = np.full(len(time_s), np.inf)
-        on = np.isfinite(places[:, 0])
-        off_m[on] = shapely.distance(bodies[on], shapely.points(places[on])) - PEDESTRIAN_RADIUS_M
-        hits = np.flatnonzero(off_m <= 0.0)
+        on = np.flatnonzero(np.isfinite(places[:, 0]))
+        if not len(on):
+            continue
+        s = np.array([ego_state(trace, at)[0] for at in time_s[on].tolist()])
+        bodies = path.outline(passage.zone.centre_m + s, vehicle.length_m, vehicle.width_m)
+        off_m = shapely.distance(shapely.polygons(bodies), shapely.points(places[on]))
+        hits = np.flatnonzero(off_m <= PEDESTRIAN_RADIUS_M)
         if not len(hits):
             continue
-        at, hit_s = int(hits[0]), float(time_s[hits[0]])
-        if at and np.isfinite(off_m[at - 1]):
-            share = off_m[at] / (off_m[at] - off_m[at - 1])
-            hit_s -= float((time_s[at] - time_s[at - 1]) * share)
-        if first is None or hit_s < first.time_s:
-            right, left, rear = path.outline(s[at], vehicle.length_m, vehicle.width_m)[:3]
-            ahead = bool((places[at] - (right + left) / 2) @ (left - rear) >= 0.0)
-            where = Contact.FRONT if ahead else Contact.SIDE
-            first = Strike(hit_s, number, where, max(0.0, ego_state(trace, hit_s)[1]))
-    return first
+        at = int(hits[0])
+        hit_s, (right, left, rear) = float(time_s[on[at]]), bodies[at, :3]
+        if at:
+            inside, outside = PEDESTRIAN_RADIUS_M - off_m[at], off_m[at - 1] - PEDESTRIAN_RADIUS_M
+            hit_s -= float((hit_s - time_s[on[at - 1]]) * inside / (inside + outside))
+        ahead = bool((places[on[at]] - (right + left) / 2) @ (left - rear) >= 0.0)
+        where = Contact.FRONT if ahead else Contact.SIDE
+        strikes.append(Strike(hit_s, number, where, max(0.0, ego_state(trace, hit_s)[1])))
+    return min(strikes, key=lambda each: each.time_s, default=None)
 
 
 def _records(traces: Sequence[Trace], strikes: Sequence[Strike | None]) -> list[EpisodeRecord]:
@@ -263,22 +249,8 @@ def _records(traces: Sequence[Trace], strikes: Sequence[Strike | None]) -> list[
 
 
 def free_pass_s(passage: Passage, path: Path) -> float:
-    """The time of a free passage from R0 until the rear has left, at the limits of its lanes.
-
-    The vehicle slows down for lower limits and curves ahead with its deceleration, and speeds up
-    behind them with its acceleration.
-    """
+    """The time of a free passage from R0 until the rear has left, at the limits of its lanes."""
     vehicle, zone = passage.vehicle, passage.zone
-    begin_m, end_m = zone.centre_m - vehicle.trigger_range_m, zone.last_m
-    even = np.linspace(begin_m, end_m, math.ceil((end_m - begin_m) / _SAMPLE_M) + 1)
-    starts = [each.start_m for each in path.stretches]
-    s = np.unique(np.concatenate((even, [at for at in starts if begin_m < at < end_m])))
-    limits = np.array([passage.car.limit_mps(each.limit_mps) for each in path.stretches])
-    sides = (np.searchsorted(starts, s, side) - 1 for side in _SIDES)
-    most = np.minimum(*(limits[np.maximum(each, 0)] for each in sides))
-    gain, loss = 2 * vehicle.max_acceleration_mps2 * s, 2 * vehicle.max_deceleration_mps2 * s
-    # v² changes by at most 2a for each metre.
-    rising = np.minimum.accumulate(most**2 - gain) + gain
-    falling = np.minimum.accumulate((most**2 + loss)[::-1])[::-1] - loss
-    speed = np.sqrt(np.minimum(rising, falling))
-    return float(np.sum(2 * np.diff(s) / (speed[1:] + speed[:-1])))
+    begin_m = zone.centre_m - vehicle.trigger_range_m
+    accelerations = vehicle.max_acceleration_mps2, vehicle.max_deceleration_mps2
+    return path.free_s(begin_m, zone.last_m, *accelerations, passage.car.limit_mps)

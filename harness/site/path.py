@@ -1,8 +1,9 @@
 """A vehicle's line over a crosswalk, by its arc length s in SUMO's lane metres."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +12,9 @@ from harness.core.encounter import FloatArray
 
 _BEYOND_M = 1000.0
 """Length by which the line goes straight on beyond both ends."""
+_SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
+_SAMPLE_M = 0.25
+"""Distance of places at which the speed of a free drive is computed."""
 
 
 class PathLane(NamedTuple):
@@ -111,6 +115,36 @@ class Path:
         left = np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1) * (width_m / 2)
         rear = front - length_m * ahead
         return np.stack([front - left, front + left, rear + left, rear - left], axis=-2)
+
+    def free_s(
+        self,
+        begin_m: float,
+        end_m: float,
+        gain_mps2: float,
+        loss_mps2: float,
+        own_mps: Callable[[float], float],
+    ) -> float:
+        """The time in s that a front needs alone from one s to another, at the limits of its lanes.
+
+        A vehicle slows down for lower limits and curves ahead, and speeds up behind them.
+
+        Args:
+            begin_m, end_m: s at the beginning and at the end.
+            gain_mps2, loss_mps2: acceleration and deceleration.
+            own_mps: a vehicle's own limit on a lane with a speed limit.
+        """
+        even = np.linspace(begin_m, end_m, math.ceil((end_m - begin_m) / _SAMPLE_M) + 1)
+        starts = [each.start_m for each in self.stretches]
+        s = np.unique(np.concatenate((even, [at for at in starts if begin_m < at < end_m])))
+        limits = np.array([own_mps(each.limit_mps) for each in self.stretches])
+        sides = (np.searchsorted(starts, s, side) - 1 for side in _SIDES)
+        most = np.minimum(*(limits[np.maximum(each, 0)] for each in sides))
+        # v² changes by at most 2a for each metre.
+        gain, loss = 2 * gain_mps2 * s, 2 * loss_mps2 * s
+        rising = np.minimum.accumulate(most**2 - gain) + gain
+        falling = np.minimum.accumulate((most**2 + loss)[::-1])[::-1] - loss
+        speed = np.sqrt(np.minimum(rising, falling))
+        return float(np.sum(2 * np.diff(s) / (speed[1:] + speed[:-1])))
 
 
 def _straight_on(knots_m: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:

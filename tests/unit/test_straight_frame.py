@@ -126,9 +126,9 @@ def test_the_rear_of_a_turning_body() -> None:
         car.note(100.0 - 33.0 + number * 10.0 * STEP_S, 10.0)
     each.end(PASSED)
     zones: Any = SimpleNamespace(path=lambda _: path)
-    found = passages([each], {walked.id: []}, zones, STEP_S, "euler")
+    (found,) = passages([each], {walked.id: []}, zones, STEP_S, "euler")
     leaves_m = brentq(corner_m, 2.0, CAR.length_m)
-    assert found["rear_s"] == [pytest.approx(20.0 + (33.0 + leaves_m) / 10.0, abs=1e-3)]
+    assert found["rear_s"] == pytest.approx(20.0 + (33.0 + leaves_m) / 10.0, abs=1e-3)
 
 
 def test_free_passage_at_one_limit() -> None:
