@@ -4,6 +4,7 @@ It tests strategies, episodes and measures in milliseconds, and tests compare SU
 It detects no collisions.
 """
 
+import math
 from collections.abc import Sequence
 
 from harness.core.encounter import Arrival, Vehicle
@@ -46,3 +47,42 @@ class PlainEngine:
 
     def close(self) -> None:
         """Nothing to release."""
+
+
+def slowing_mps(
+    speed_mps: float,
+    limit_mps: float,
+    ahead_m: float,
+    decel_mps2: float,
+    step_s: float,
+    ballistic: bool,
+) -> float:
+    """The highest speed at the step's end from which a vehicle has a limit when it begins.
+
+    This is SUMO's own ``freeSpeed``.  With constant acceleration within steps, the new speed v
+    solves (speed + v) t/2 + (v² − limit²)/2b = distance.  In Euler's steps, the vehicle slows by
+    b t in each of y steps and drives the last one at the limit.
+
+    Args:
+        speed_mps: its speed now.
+        limit_mps: the limit ahead.
+        ahead_m: the distance to where it begins, > 0.
+        decel_mps2: b.
+        step_s: t.
+        ballistic: whether the acceleration is constant within a step.
+    """
+    if ballistic:
+        if (speed_mps + limit_mps) * step_s / 2 >= ahead_m:
+            return limit_mps
+        half = decel_mps2 * step_s / 2
+        room = limit_mps**2 + (2 * ahead_m - step_s * speed_mps) * decel_mps2
+        return math.sqrt(half**2 + room) - half
+    last_m, b = limit_mps * step_s, decel_mps2 * step_s**2
+    if ahead_m < last_m:
+        return limit_mps
+    root = math.sqrt((b + 2 * last_m) ** 2 + 8 * b * ahead_m)
+    y = max(0.0, ((root - b) / 2 - last_m) / b)
+    whole = math.floor(y)
+    exact_m = (whole * whole + whole) / 2 * b + whole * last_m + (last_m if y > whole else 0.0)
+    rest_mps = max(0.0, ahead_m - exact_m) / (whole + 1) / step_s
+    return rest_mps + whole * decel_mps2 * step_s + limit_mps

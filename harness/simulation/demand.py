@@ -9,7 +9,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise, repeat
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -163,60 +163,50 @@ def vehicles_due(scenario: Scenario, pair: int) -> Iterator[Due]:
         scenario: a scenario with ``[traffic]``.
         pair: index of the pair.
     """
-    traffic = scenario.known_traffic
+    traffic, experiment = scenario.known_traffic, scenario.experiment
     for direction, way in enumerate(("forward", "oncoming")):
         lanes = len(scenario.crosswalk_from_lanes(oncoming=bool(direction)))
         flow = traffic.oncoming_per_hour if direction else traffic.flow_per_hour
         for lane in range(lanes):
-            times = _saturated(scenario) if traffic.saturated else None
-            per_s = flow / lanes / _SECONDS_PER_HOUR
-            times = times or _times(scenario, pair, (direction, lane), per_s)
-            kinds = _kinds(traffic, scenario.experiment.seed, pair, (direction, lane))
-            for number, (time_s, kind) in enumerate(zip(times, kinds, strict=False)):
+            key = experiment.seed, pair, direction, lane
+            kinds = _kinds(traffic, key)
+            due = _of_a_flow(scenario, key, flow / lanes / _SECONDS_PER_HOUR, kinds)
+            if traffic.saturated:
+                apart_s = max(experiment.step_s, _SATURATED * scenario.least_headway_s())
+                times = np.arange(0.0, traffic.warm_up_s + traffic.duration_s, apart_s)
+                due = zip(times.tolist(), kinds, strict=False)
+            for number, (time_s, kind) in enumerate(due):
                 yield Due(f"{way}-{lane}-{number}", direction, lane, time_s, kind)
 
 
-def _saturated(scenario: Scenario) -> Iterator[float]:
-    """Times of so many vehicles that one always waits before a lane."""
-    traffic, step_s, time_s = scenario.known_traffic, scenario.experiment.step_s, 0.0
-    while time_s < traffic.warm_up_s + traffic.duration_s:
-        yield time_s
-        time_s += max(step_s, _SATURATED * scenario.least_headway_s())
-
-
-def _times(scenario: Scenario, pair: int, key: tuple[int, int], per_s: float) -> Iterator[float]:
-    """Times of a lane's vehicles at a flow from the simulation's begin, in whole steps."""
-    traffic, experiment = scenario.known_traffic, scenario.experiment
-    step_s, mean_s = experiment.step_s, scenario.least_headway_s()
-    hazard = per_s / (1 - per_s * mean_s)
-    headways: Iterator[float] = repeat(mean_s)
-    if traffic.types:
-        headways = _headways(scenario, _kinds(traffic, experiment.seed, pair, key))
+def _of_a_flow(
+    scenario: Scenario, key: tuple[int, ...], per_s: float, kinds: Iterator[int]
+) -> Iterator[tuple[float, int]]:
+    """Time from the simulation's begin, in whole steps, and type of each vehicle of a lane."""
+    traffic, step_s, types = scenario.known_traffic, scenario.experiment.step_s, scenario.vehicles()
+    hazard = per_s / (1 - per_s * scenario.least_headway_s())
     time_s, earliest, last_s = 0.0, 0, traffic.warm_up_s + traffic.duration_s - 1e-9
-    uniforms = stream(experiment.seed, "vehicle_arrival", pair, *key).random
+    seed, *lane = key
+    uniforms = stream(seed, "vehicle_arrival", *lane).random
+    kind = next(kinds)
     while per_s:
         time_s -= math.log1p(-uniforms()) / hazard
         step = max(earliest, math.ceil(time_s / step_s - 1e-9))
         if step * step_s >= last_s:
             return
-        yield step * step_s
-        headway_s = next(headways)
+        yield step * step_s, kind
+        leader, kind = kind, next(kinds)
+        headway_s = scenario.headway_s(types[leader], types[kind])
         earliest = step + round(headway_s / step_s)
         time_s += headway_s
 
 
-def _kinds(traffic: TrafficSection, seed: int, pair: int, key: tuple[int, int]) -> Iterator[int]:
+def _kinds(traffic: TrafficSection, key: tuple[int, ...]) -> Iterator[int]:
     """The number of the type of each vehicle of a lane."""
     if not traffic.types:
         return repeat(0)
     ends = np.cumsum(traffic.shares)
     ends[-1] = 1.0  # the shares sum to 1 up to rounding
-    units = iter(stream(seed, "vehicle_type", pair, *key).random, None)
+    seed, *lane = key
+    units = iter(stream(seed, "vehicle_type", *lane).random, None)
     return (int(np.searchsorted(ends, unit, side="right")) for unit in units)
-
-
-def _headways(scenario: Scenario, kinds: Iterator[int]) -> Iterator[float]:
-    """The least headway between each vehicle of a lane and the next."""
-    vehicles = scenario.vehicles()
-    table = [[scenario.headway_s(leader, other) for other in vehicles] for leader in vehicles]
-    return (table[leader][follower] for leader, follower in pairwise(kinds))

@@ -9,9 +9,10 @@ import math
 from collections.abc import Mapping
 
 from harness.core.actuation import CUT_MPS, Actuator
-from harness.core.encounter import EgoView, Observation, quick_tuple
+from harness.core.encounter import EgoView, Observation, Strategy, quick_tuple
 from harness.core.errors import StrategyError
 from harness.encounter.deciding import ROUNDING_M, limited, strategy_raised
+from harness.engine.plain import slowing_mps
 from harness.engine.session import Session
 from harness.simulation.cars import ACTUATOR, LANE, LEADER, RIGHT_OF_WAY, STRATEGY, Car, Passage
 from harness.simulation.people import PeopleAt
@@ -91,7 +92,12 @@ class Control:
             lowest: float | None = None
             for passage in car.passages:
                 if passage.strategy is not None:
-                    wanted = self._decision(passage, now_s)
+                    try:
+                        wanted = self._decision(passage, passage.strategy)
+                    except StrategyError as error:
+                        where = f"vehicle {car.name} at {passage.crosswalk.id}, {now_s:.3f} s"
+                        error.args = (f"{where}: {error}",)
+                        raise
                     if lowest is None or (wanted is not None and wanted < lowest):
                         lowest = wanted
             if lowest is None:
@@ -141,10 +147,9 @@ class Control:
             self._vehicles.set_speed(car.name, -1.0)
         car.asked_mps = None
 
-    def _decision(self, passage: Passage, now_s: float) -> float | None:
+    def _decision(self, passage: Passage, strategy: Strategy) -> float | None:
         """The acceleration that a strategy commands; None leaves the vehicle to SUMO."""
-        car, vehicle, strategy = passage.car, passage.vehicle, passage.strategy
-        assert strategy is not None
+        car, vehicle = passage.car, passage.vehicle
         range_m = passage.centre_m - car.odometer_m
         time_s = (len(car.speeds_mps) - 1 - passage.first) * self._step_s
         near = -self._detection_m <= range_m <= self._detection_m
@@ -161,13 +166,8 @@ class Control:
         try:
             answer = strategy.decide(observation)
         except (Exception, SystemExit) as error:
-            raise _named(passage, now_s, strategy_raised(error, time_s)) from error
-        if answer is None and not car.late:
-            return None
-        try:
-            return limited(answer, vehicle, time_s)
-        except StrategyError as error:
-            raise _named(passage, now_s, error) from None
+            raise strategy_raised(error, time_s) from error
+        return None if answer is None and not car.late else limited(answer, vehicle, time_s)
 
     def _cap_mps(self, car: Car) -> float:
         """The highest speed at the step's end that lanes and curves allow."""
@@ -194,50 +194,3 @@ class Control:
         # SUMO's gap is less minGap already; a second is the headway of its default driver.
         keeps_m = speed_mps * (1.0 + self._step_s) + (speed_mps**2 - ahead_mps**2) / (2 * decel)
         return leader[1] <= max(keeps_m, 0.0) + _LEADER_M
-
-
-def slowing_mps(
-    speed_mps: float,
-    limit_mps: float,
-    ahead_m: float,
-    decel_mps2: float,
-    step_s: float,
-    ballistic: bool,
-) -> float:
-    """The highest speed at the step's end from which a vehicle has a limit when it begins.
-
-    This is SUMO's own ``freeSpeed``.  With constant acceleration within steps, the new speed v
-    solves (speed + v) t/2 + (v² − limit²)/2b = distance.  In Euler's steps, the vehicle slows by
-    b t in each of y steps and drives the last one at the limit.
-
-    Args:
-        speed_mps: its speed now.
-        limit_mps: the limit ahead.
-        ahead_m: the distance to where it begins, > 0.
-        decel_mps2: b.
-        step_s: t.
-        ballistic: whether the acceleration is constant within a step.
-    """
-    if ballistic:
-        if (speed_mps + limit_mps) * step_s / 2 >= ahead_m:
-            return limit_mps
-        half = decel_mps2 * step_s / 2
-        room = limit_mps**2 + (2 * ahead_m - step_s * speed_mps) * decel_mps2
-        return math.sqrt(half**2 + room) - half
-    last_m, b = limit_mps * step_s, decel_mps2 * step_s**2
-    if ahead_m < last_m:
-        return limit_mps
-    root = math.sqrt((b + 2 * last_m) ** 2 + 8 * b * ahead_m)
-    y = max(0.0, ((root - b) / 2 - last_m) / b)
-    whole = math.floor(y)
-    exact_m = (whole * whole + whole) / 2 * b + whole * last_m + (last_m if y > whole else 0.0)
-    rest_mps = max(0.0, ahead_m - exact_m) / (whole + 1) / step_s
-    return rest_mps + whole * decel_mps2 * step_s + limit_mps
-
-
-def _named(passage: Passage, now_s: float, error: StrategyError) -> StrategyError:
-    """The same error, with the vehicle and the simulation's time."""
-    what = f"vehicle {passage.car.name} at {passage.crosswalk.id}, {now_s:.3f} s: {error}"
-    same = StrategyError(what)
-    same.traceback = error.traceback
-    return same

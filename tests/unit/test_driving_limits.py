@@ -2,7 +2,7 @@
 
 from hypothesis import assume, given, strategies as some
 
-from harness.simulation.driving import slowing_mps
+from harness.engine.plain import slowing_mps
 
 SPEEDS = some.floats(0, 40)
 DECELS = some.floats(1, 9)
