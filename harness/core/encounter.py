@@ -193,8 +193,8 @@ class Strategy(Protocol):
     value is bolder.
     """
 
-    def decide(self, observation: Observation, /) -> float | None:
-        """Return the commanded acceleration in m/s², or None to let SUMO's own driver drive."""
+    def decide(self, observation: Observation, /) -> float:
+        """Return the commanded acceleration in m/s²."""
         ...
 
 

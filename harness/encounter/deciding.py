@@ -22,9 +22,7 @@ def limited(answer: object, vehicle: Vehicle, time_s: float) -> float:
         return wanted
     if math.isfinite(wanted):
         return max(least, min(wanted, most))
-    late = answer is None and not vehicle.obeys_at_once
-    why = ": with [actuation] it has to drive itself" if late else ""
-    raise StrategyError(f"the strategy returned {answer!r} at t = {time_s:.3f} s{why}")
+    raise StrategyError(f"the strategy returned {answer!r} at t = {time_s:.3f} s")
 
 
 def strategy_raised(error: BaseException, time_s: float) -> StrategyError:

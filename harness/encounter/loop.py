@@ -34,7 +34,7 @@ from harness.engine.protocol import Engine
 if TYPE_CHECKING:
     from harness.strategies.perception.perception import Perception
 
-Steps = Generator[Observation, float | None, Ending]
+Steps = Generator[Observation, float, Ending]
 """An episode as a generator: it yields observations and receives commanded accelerations."""
 
 

@@ -233,7 +233,7 @@ class TimedStrategy:
         """See ``Strategy``."""
         return bool(getattr(self._strategy, "fallback", False))
 
-    def decide(self, observation: Observation) -> float | None:
+    def decide(self, observation: Observation) -> float:
         """See ``Strategy.decide``."""
         begin_s = perf_counter()
         command = self._decide(observation)

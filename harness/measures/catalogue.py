@@ -92,7 +92,7 @@ class Measured:
     min_time_advantage_s: float | None = _measured(
         conflicts.min_time_advantage_s,
         "s",
-        "smallest abs(R/v − L/v_p) while R > 0, L > 0 and v > 0",
+        "smallest abs(R/v − L/v_p) while R > 0, L > 0 and both are at 0.1 m/s or faster",
         about="conflict",
         undefined_when="no such state",
         on_step="states",

@@ -89,20 +89,15 @@ class Control:
     def command(self, now_s: float) -> None:
         """Let every strategy decide, and give SUMO the lowest command for each vehicle."""
         for car in self._driven.values():
-            lowest: float | None = None
+            lowest = math.inf
             for passage in car.passages:
                 if passage.strategy is not None:
                     try:
-                        wanted = self._decision(passage, passage.strategy)
+                        lowest = min(lowest, self._decision(passage, passage.strategy))
                     except StrategyError as error:
                         where = f"vehicle {car.name} at {passage.crosswalk.id}, {now_s:.3f} s"
                         error.args = (f"{where}: {error}",)
                         raise
-                    if lowest is None or (wanted is not None and wanted < lowest):
-                        lowest = wanted
-            if lowest is None:
-                self._leave(car)
-                continue
             target_mps = wish_mps = max(0.0, car.speed_mps + lowest * self._step_s)
             if car.late:
                 if car.actuator is None:
@@ -138,17 +133,8 @@ class Control:
             car.held_by = None
         car.limited[limited_by] += 1
 
-    def _leave(self, car: Car) -> None:
-        """Let SUMO drive a vehicle whose strategies say so."""
-        for passage in car.passages:
-            if passage.strategy is not None:
-                passage.not_driven = "its strategy left it to SUMO"
-        if car.asked_mps is not None:
-            self._vehicles.set_speed(car.name, -1.0)
-        car.asked_mps = None
-
-    def _decision(self, passage: Passage, strategy: Strategy) -> float | None:
-        """The acceleration that a strategy commands; None leaves the vehicle to SUMO."""
+    def _decision(self, passage: Passage, strategy: Strategy) -> float:
+        """The acceleration that a strategy commands."""
         car, vehicle = passage.car, passage.vehicle
         range_m = passage.centre_m - car.odometer_m
         time_s = (len(car.speeds_mps) - 1 - passage.first) * self._step_s
@@ -167,7 +153,7 @@ class Control:
             answer = strategy.decide(observation)
         except (Exception, SystemExit) as error:
             raise strategy_raised(error, time_s) from error
-        return None if answer is None and not car.late else limited(answer, vehicle, time_s)
+        return limited(answer, vehicle, time_s)
 
     def _cap_mps(self, car: Car) -> float:
         """The highest speed at the step's end that lanes and curves allow."""

@@ -58,17 +58,14 @@ def passages(
         motion: how vehicles move between two states.
     """
     kept = [each for each in vehicles if len(each.xs_m) > 1]
-    spans = {
-        name: np.array([(each.walk.arrival.arrival_s, each.until_s) for each in of])
-        for name, of in people.items()
-    }
     traces, strikes, ids = [], [], []
     for each in kept:
-        name = each.crosswalk.id
-        begins, ends = spans[name].reshape(-1, 2).T
         end_s = each.begin_s + (len(each.xs_m) - 1) * step_s
-        there = np.flatnonzero((begins < end_s) & (ends > each.begin_s))
-        here = [people[name][i] for i in there.tolist()]
+        here = [
+            person
+            for person in people[each.crosswalk.id]
+            if person.walk.arrival.arrival_s < end_s and person.until_s > each.begin_s
+        ]
         trace, walkers = _trace(each, here, step_s, motion)
         ids.append({person.walk.arrival.index: person.id for person in here})
         traces.append(trace)

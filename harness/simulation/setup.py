@@ -1,7 +1,7 @@
 """What all arms of a cell share: a scenario whose simulation has been read."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from harness.core.encounter import Arm, Arrival, Strategy, Vehicle
 from harness.core.errors import StrategyError, in_one_line
@@ -71,18 +71,16 @@ class Setup:
         driver: Arm | None = None,
     ) -> Vehicle:
         """The constants of a vehicle apart from v0, as late as its driver's vehicle."""
-        ego = self.scenario.ego
-        vehicle = Vehicle(
+        ego = self.scenario.vehicle(driver)
+        return replace(
+            ego,
             initial_speed_mps=1.0,
-            trigger_range_m=ego.trigger_range_m,
-            detection_range_m=ego.detection_range_m or ego.trigger_range_m,
             length_m=length_m,
             width_m=width_m,
             max_acceleration_mps2=accel_mps2,
             max_deceleration_mps2=decel_mps2,
             resume_acceleration_mps2=min(ego.resume_acceleration_mps2, accel_mps2),
         )
-        return self.scenario.late(vehicle, driver)
 
     def strategy(
         self, driver: Arm, pair: int, vehicle: str, model: InteractionModel

@@ -71,7 +71,7 @@ class ProgramDriver:
     COMMAND: ClassVar[tuple[str, ...]] = ()
 
     def decide(self, observation: Observation, /) -> Any:
-        """The program's answer in m/s², or None (``null``), SUMO's own driver in a simulation."""
+        """The program's answer in m/s²."""
         answer = b""
         try:
             answer = _ask(_running_program(self.COMMAND), line_of(observation))

@@ -9,6 +9,6 @@ class SumoDriver:
     It is refused without ``[simulation]``.
     """
 
-    def decide(self, observation: Observation, /) -> None:  # noqa: ARG002
-        """None, which lets SUMO drive."""
-        return
+    def decide(self, observation: Observation, /) -> float:
+        """Not asked: where this name stands, SUMO drives."""
+        raise NotImplementedError

@@ -124,7 +124,7 @@ class Play:
             raise self.stopped(str(self.trace.reason))
         return self
 
-    def decide(self, observation: Observation, /) -> float | None:
+    def decide(self, observation: Observation, /) -> float:
         """The strategy's answer; None, SUMO's own driver, keeps the speed in these scenes."""
         self.observations.append(observation)
         answer = self._decide(observation)
