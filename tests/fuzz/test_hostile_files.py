@@ -16,7 +16,7 @@ from pydantic import BaseModel
 
 from harness.core.files import shipped_directory
 from harness.engine.shared import close_engine
-from harness.model.interaction.file import SHIPPED
+from harness.model.interaction import SHIPPED
 from harness.scenario import Scenario
 from tests.batches import here
 from tests.conftest import close_all

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from harness.model.interaction.file import SHIPPED
+from harness.model.interaction import SHIPPED
 from tests.batches import here, refusal, shell
 
 Refuse = Callable[..., str]

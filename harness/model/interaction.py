@@ -1,22 +1,31 @@
-"""Takes a truncated mixture of four variables and returns speeds of pedestrians and drivers.
+"""Reads and writes model files, and answers how fast pedestrians walk and drivers drive.
 
-Only this module knows the order of the variables: 1/R, v, v_p, 1/T_adv (paper, section II).  The
-model answers two questions: how fast a pedestrian walks in front of a vehicle, and how fast a
+Only this module knows the order of the model's variables: 1/R, v, v_p, 1/T_adv (paper, section II).
+The model answers two questions: how fast a pedestrian walks in front of a vehicle, and how fast a
 driver drives towards a pedestrian.
 
 T_adv = |R/v − L/v_p| depends on v_p, so "v_p given (R, v, T_adv)" has two readings.  T_adv is
 integrated out (``marginal``), or given as in the paper's figures (``given_time_advantage``).
 """
 
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
+from harness.core.documents import check_form, parse_json
 from harness.core.encounter import NO_MODEL_USE, FloatArray, ModelUse
-from harness.core.errors import InputError
+from harness.core.errors import InputError, nearest_name
+from harness.core.files import read_file, write_file
 from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.distribution import TruncatedGaussianMixture
+
+SHIPPED = Path(__file__).parent / "shipped"
+"""The folder of the shipped models."""
 
 VARIABLES = (
     "inverse_range_per_m",
@@ -178,3 +187,108 @@ def check_support(
                 'model.pedestrian_reading = "unconditional" and an arm other than human_gmm; '
                 "or model.extrapolate = true, which clamps",
             )
+
+
+_Number = Annotated[float, Field(ge=-1e9, le=1e9)]
+"""A number in a model file; larger numbers are errors, and their products might be infinite."""
+
+
+class _ModelFile(BaseModel):
+    """The form of a model file; the mixture checks its arrays."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+    format_version: Literal[1] = Field(alias="schema")
+    name: str
+    variables: list[str]
+    lower: list[_Number]
+    upper: list[_Number]
+    weights: list[_Number]
+    locations: list[list[_Number]]
+    scale_matrices: list[list[list[_Number]]]
+    provenance: dict[str, Any] = {}
+
+
+_ARRAYS = ("lower", "upper", "weights", "locations", "scale_matrices")
+
+
+def load_model(name: str, path: str | None = None) -> InteractionModel:
+    """A shipped model by name, or a model file by path.
+
+    Args:
+        name: name of a shipped model; it is not used with ``path``.
+        path: path of a model file.
+
+    Raises:
+        InputError: there is no such model, or the file is not a valid model.
+    """
+    if path is not None:
+        return read_model(Path(path))
+    shipped = {file.stem: file for file in SHIPPED.glob("*.json")}
+    if name not in shipped:
+        names = ", ".join(sorted(shipped))
+        allowed = f"{names}; a file: model.path, in Python load_model(name, path)"
+        nearest = nearest_name(name, shipped)
+        raise InputError("model.name", f"unknown model {name!r}", allowed, nearest)
+    return read_model(shipped[name])
+
+
+def read_model(path: Path) -> InteractionModel:
+    """Read and check a model file (format: docs/files.md).
+
+    Raises:
+        InputError: the file is missing or is not JSON, its format version or variables differ, its
+            arrays have wrong shapes, its weights do not sum to 1, a scale matrix is not positive
+            definite, or bounds are empty or infinite.
+    """
+    return _parsed(read_file(path), str(path))
+
+
+def write_model(
+    path: Path, mixture: TruncatedGaussianMixture, name: str, provenance: Mapping[str, Any]
+) -> InteractionModel:
+    """Write a model file, complete or not at all.
+
+    Args:
+        path: the file; an existing one is replaced.
+        mixture: mixture of dimension 4, with variables in the order of ``VARIABLES``.
+        name: name of the model.
+        provenance: the model's card, as plain data.
+
+    Returns:
+        The model, as read from the file.
+
+    Raises:
+        InputError: the file cannot be written, or would not be a valid model (see
+            ``read_model``).
+    """
+    document = {"schema": 1, "name": name, "variables": list(VARIABLES)}
+    document |= {each: getattr(mixture, each).tolist() for each in _ARRAYS}
+    document["provenance"] = dict(provenance)
+    content = (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode()
+    model = _parsed(content, str(path))
+    write_file(path, content)
+    return model
+
+
+def _parsed(content: bytes, where: str) -> InteractionModel:
+    """The model of a file's content."""
+    try:
+        document = parse_json(content)
+    except ValueError as error:
+        allowed = "a model file from `harness fit`"
+        raise InputError(where, f"not a JSON file ({error})", allowed) from None
+    file = check_form(_ModelFile, document, where)
+    if file.variables != list(VARIABLES):
+        raise InputError(where, f"variables {file.variables!r}", ", ".join(VARIABLES))
+    if len(file.lower) != len(VARIABLES):
+        raise InputError(where, f"lower has {len(file.lower)} entries", str(len(VARIABLES)))
+    try:
+        mixture = TruncatedGaussianMixture(**{name: getattr(file, name) for name in _ARRAYS})
+    except InputError as error:
+        raise InputError(where, str(error)) from None
+    if mixture.lower[INVERSE_RANGE] <= 0 or mixture.lower[PEDESTRIAN_SPEED] <= 0:
+        raise InputError(where, "lower bounds of 1/R and v_p must be positive")
+    return InteractionModel(
+        mixture, file.name, file.provenance, hashlib.sha256(content).hexdigest()
+    )
