@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import truncnorm
 
-from harness.model.mixture import truncation
+from harness.model.mixture.boxes import moments
 
 INF = np.inf
 
@@ -35,7 +35,7 @@ def random_matrix(rng, dimension, condition):
     ("a", "b"), [(-1.0, 2.0), (0.5, INF), (-INF, -3.0), (5.0, 6.0), (9.0, INF)]
 )
 def test_one_variable_equals_scipy(a, b):
-    got, mean, covariance = truncation.moments(
+    got, mean, covariance = moments(
         np.array([[0.3]]), np.array([[[4.0]]]), np.array([0.3 + 2 * a]), np.array([0.3 + 2 * b])
     )
     reference = truncnorm(a, b)
@@ -58,7 +58,7 @@ def test_two_sided_boxes_by_quadrature(dimension, condition, nodes):
         location = rng.normal(scale=0.4, size=dimension)
         lower, upper = -rng.uniform(0.2, 1.0, dimension), rng.uniform(0.2, 1.0, dimension)
         total, mean, covariance = by_quadrature(location, matrix, lower, upper, nodes)
-        got = truncation.moments(location[None], matrix[None], lower, upper)
+        got = moments(location[None], matrix[None], lower, upper)
         assert got[0][0] == pytest.approx(total, abs=1e-8)
         np.testing.assert_allclose(got[1][0], mean, atol=1e-7)
         np.testing.assert_allclose(got[2][0], covariance, atol=1e-7)
@@ -67,9 +67,7 @@ def test_two_sided_boxes_by_quadrature(dimension, condition, nodes):
 def test_infinite_bounds_change_nothing():
     matrix = random_matrix(np.random.default_rng(1), 4, 50)[None]
     location = np.array([[1.0, -2.0, 3.0, 0.0]])
-    total, mean, covariance = truncation.moments(
-        location, matrix, np.full(4, -INF), np.full(4, INF)
-    )
+    total, mean, covariance = moments(location, matrix, np.full(4, -INF), np.full(4, INF))
     assert total[0] == 1.0
     np.testing.assert_allclose(mean, location, atol=1e-14)
     np.testing.assert_allclose(covariance, matrix, atol=1e-14)

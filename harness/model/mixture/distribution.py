@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from harness.core.errors import InputError
-from harness.model.mixture import truncation
+from harness.model.mixture.boxes import box_probability, moments
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,8 @@ class TruncatedGaussianMixture:
         except np.linalg.LinAlgError:
             worst = np.linalg.eigvalsh(self.scale_matrices).min(axis=1).argmin()
             raise _refusal("scale_matrices", f"number {worst} is not positive definite") from None
-        self.masses = truncation.masses(self.locations, self.scale_matrices, self.lower, self.upper)
+        away = self.lower - self.locations, self.upper - self.locations
+        self.masses = box_probability(self.scale_matrices, *away)
         for k in np.flatnonzero(~(self.masses >= SMALLEST_MASS)):
             problem = f"component {k} has no mass inside the box"
             raise _refusal("locations", problem, f"nearer to the box: a mass of {SMALLEST_MASS:g}")
@@ -142,7 +143,7 @@ class TruncatedGaussianMixture:
     @cached_property
     def _moments(self) -> tuple[Array, Array]:
         """Means (K, d) and covariances (K, d, d) of the truncated components."""
-        return truncation.moments(self.locations, self.scale_matrices, self.lower, self.upper)[1:]
+        return moments(self.locations, self.scale_matrices, self.lower, self.upper)[1:]
 
 
 def _numbers(name: str, values: ArrayLike) -> Array:

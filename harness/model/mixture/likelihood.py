@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.model.mixture.boxes import moments
 from harness.model.mixture.distribution import SMALLEST_MASS
 from harness.model.mixture.normals import Normals
-from harness.model.mixture.truncation import moments
 
 Array = NDArray[np.float64]
 

@@ -98,12 +98,10 @@ class VciOptions(ExtractionRules):
     Attributes:
         frame_rate_hz: video frames per second; DUT's 23.98 is 24000/1001.
         vehicle_length_m: length of a vehicle without corner points.
-        source: name of the data set; by default the name of the folder given.
     """
 
     frame_rate_hz: Positive = 24000 / 1001
     vehicle_length_m: Positive = 4.5
-    source: str | None = None
 
 
 class MobileyeOptions(ExtractionRules):
@@ -119,7 +117,6 @@ class MobileyeOptions(ExtractionRules):
         sequence_gap_s: a longer pause starts a new sequence of the same obstacle.
         min_sequence_s: shorter sequences are left out.
         vehicle_length_m: a 40 ft city bus; only the post-encroachment time uses it.
-        source: name of the data set; by default the name of the file.
     """
 
     latitude_deg: Annotated[float, Field(gt=-90, lt=90)] = 42.278414
@@ -130,13 +127,6 @@ class MobileyeOptions(ExtractionRules):
     sequence_gap_s: Positive = 2.0
     min_sequence_s: NotNegative = 0.5
     vehicle_length_m: Positive = 12.2
-    source: str | None = None
-
-
-class TableOptions(ExtractionRules):
-    """``source`` names the data set of rows without a source; the default is the file's name."""
-
-    source: str | None = None
 
 
 def vci_clip(file: File, options: VciOptions, tally: Tally) -> Clip:
@@ -318,7 +308,7 @@ def _sequence_rows(
     }
 
 
-def own_rows(file: File, options: TableOptions, tally: Tally) -> pd.DataFrame:
+def own_rows(file: File, options: ExtractionRules, tally: Tally) -> pd.DataFrame:
     """Candidate rows of the user's table, in its order; a missing optional column is null."""
     rows, table = read_records(file.path, OWN_ROWS, tally), read_table(file.path)
     if "lateral_m" not in table and "time_advantage_s" not in table:
@@ -362,6 +352,6 @@ FORMATS: Mapping[str, Format] = {
     ),
     "mobileye": Format("the paper's sensor", (".csv",), MobileyeOptions, mobileye_rows),
     "table": Format(
-        "ready-made rows, csv or parquet", (".csv", ".parquet"), TableOptions, own_rows
+        "ready-made rows, csv or parquet", (".csv", ".parquet"), ExtractionRules, own_rows
     ),
 }

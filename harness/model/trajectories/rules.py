@@ -73,6 +73,7 @@ class ExtractionRules(BaseModel):
         min_vehicle_travel_m: a vehicle that stays within this distance of its first position is
             parked; its jitter is not a path.
         min_pedestrian_travel_m: the same for a standing pedestrian.
+        source: name of the data set; by default that of the folder (VCI sets) or of the file.
     """
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
@@ -93,6 +94,7 @@ class ExtractionRules(BaseModel):
     min_time_advantage_s: NotNegative = 0.02
     min_vehicle_travel_m: NotNegative = 3.0
     min_pedestrian_travel_m: NotNegative = 1.0
+    source: str | None = None
 
     @model_validator(mode="after")
     def _bounds_are_in_order(self) -> Self:
