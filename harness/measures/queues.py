@@ -18,10 +18,10 @@ def level_of_service(delay_s: float) -> str:
 
 
 def growth(due_s: FloatArray, left_s: FloatArray, from_s: float, until_s: float) -> float | None:
-    """By how many vehicles a network fills from the second third of a time to the last.
+    """By what share of the vehicles due in a third of a time a network fills.
 
-    Means over time of the number that were due and have not arrived.  In the first third it fills
-    in any case.
+    The means over time of the number that were due and have not arrived are compared, from the
+    second third to the last.  In the first third it fills in any case.
 
     Args:
         due_s: times at which vehicles were due to depart, shape (k,), within the time.
@@ -43,4 +43,4 @@ def growth(due_s: FloatArray, left_s: FloatArray, from_s: float, until_s: float)
         float(np.sum(left_s.clip(low, low + third_s) - due_s.clip(low, low + third_s)))
         for low in (from_s + third_s, from_s + 2 * third_s)
     )
-    return (now - before) / third_s
+    return 3 * (now - before) / third_s / len(due_s)

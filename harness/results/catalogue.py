@@ -96,8 +96,8 @@ class Entry:
     def findings(self, sample: AnySample) -> dict[str, Finding]:
         """The entry's findings of a cell by key."""
         arms = (None,) if self.of == "pair" else (AV, REFERENCE, None)[: len(self.keys)]
-        found = (self._estimated(sample, arm) for arm in arms)
-        return dict(zip(self.keys, map(self.judged, found), strict=True))
+        found = (self.judged(self._estimated(sample, arm)) for arm in arms)
+        return dict(zip(self.keys, found, strict=True))
 
     def _estimated(self, sample: AnySample, arm: int | None) -> Finding:
         values = [sample[name] for name in self.columns]

@@ -281,12 +281,11 @@ def _of_means(
         return without
     with np.errstate(divide="ignore", invalid="ignore"):
         left_out = of((n * means[:, None] - columns) / (n - 1))
-        resampled = np.concatenate(
-            [
-                of(np.array([column.take(drawn).mean(-1) for column in columns]))
-                for drawn in _draws(n, sampling)
-            ]
+        drawn_means = (
+            np.array([column.take(drawn).mean(-1) for column in columns])
+            for drawn in _draws(n, sampling)
         )
+        resampled = np.concatenate([of(each) for each in drawn_means])
     if not (np.isfinite(left_out).all() and np.isfinite(resampled).all()):
         return without
     # Sums of the same values in another order differ only in their last bits.

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -53,7 +52,8 @@ class RunFolder:
         except filelock.Timeout:
             raise InputError(str(path), "another process is working on this run") from None
         except OSError as error:
-            raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+            why = f"cannot be written ({error.strerror})"
+            raise InputError(str(path), why, "a writable folder") from None
 
     def close(self) -> None:
         """Release the folder."""
@@ -92,8 +92,6 @@ def claim_folder(out: Path | str | None, name: str) -> Path:
         folder.mkdir(parents=True, exist_ok=out is not None)
         # A run that ended before its manifest was written leaves hidden files.
         names = {file.name for file in folder.glob("[!.]*")}
-        (folder / f".{os.getpid()}.probe").touch()
-        (folder / f".{os.getpid()}.probe").unlink()
     except FileExistsError:
         return claim_folder(out, name)  # another run took the number
     except OSError as error:
@@ -222,7 +220,6 @@ def write_findings(folder: Path, manifest: JsonObject, cells: Sequence[CellFindi
     Raises:
         HarnessError: the file system refuses.
     """
-    rows = [flat(record) for cell in cells for record in records_of(cell)]
     written = {
         str(cell.number): {
             name: {key: finding_to_dict(of) for key, of in found.items()}
@@ -230,7 +227,7 @@ def write_findings(folder: Path, manifest: JsonObject, cells: Sequence[CellFindi
         }
         for cell in cells
     }
-    write_csv(folder / SUMMARY, rows)
+    write_csv(folder / SUMMARY, [flat(row) for cell in cells for row in records_of(cell)])
     write_file(folder / FINDINGS, _json(_sealed({"run": manifest["digest"], "cells": written})))
 
 
@@ -260,16 +257,15 @@ def read_findings(
 
 def _sealed(document: JsonObject) -> JsonObject:
     """A document with the digest of its content."""
-    return {**document, "digest": hashlib.sha256(_json(document)).hexdigest()}
+    content = {key: value for key, value in document.items() if key != "digest"}
+    return {**content, "digest": hashlib.sha256(_json(content)).hexdigest()}
 
 
 def _read(path: Path, allowed: str) -> JsonObject:
     """A document that was written with its digest."""
     try:
         document: JsonObject = parse_json(read_file(path))
-        if not isinstance(document, dict):
-            raise ValueError("it is no object")
-        if document != _sealed({key: document[key] for key in document if key != "digest"}):
+        if not isinstance(document, dict) or document != _sealed(document):
             raise ValueError("it was edited: its digest differs")
     except ValueError as error:
         raise InputError(str(path), f"is damaged ({one_line(str(error))[:99]})", allowed) from None

@@ -5,7 +5,7 @@ None.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from harness.core.encounter import SPEED_ROUNDING
@@ -58,87 +58,85 @@ class Said(NamedTuple):
     weight: float = 0.0
 
 
+Say = Callable[[CellFindings], Iterable[Said]]
+"""What is to be said about a cell; usually nothing."""
+
+
 class Rule(NamedTuple):
-    """When a note is made, and what it says of encounters and of simulations; see ``Note``.
+    """What a note says of encounters and of simulations, if it is to be made; see ``Note``.
 
     A brace in a label has the weight.
     """
 
     key: str
     label: str
-    say: Callable[[CellFindings], Said | None] | None
-    simulated: Callable[[CellFindings], Said | None] | None = None
+    say: Say | None
+    simulated: Say | None = None
 
 
-def _failures(cell: CellFindings) -> Said | None:
+def _failures(cell: CellFindings) -> Iterator[Said]:
     if not (count := cell.total("failed")):
-        return None
+        return
     text = f"{count:,} of {2 * cell['pairs'].count:,} episodes failed ({_by_arm(cell, 'failed')}"
     if cell.kind == "simulations":
-        return Said(
-            f"{text}). No number has their pairs.".replace("episodes", "simulations"), count
-        )
-    text += (
-        f"; by the strategy {cell.total('failed_strategy'):,}). Times and crashes leave them out"
-    )
-    return Said(f"{text}, the worst case counts them against the AV.", count)
+        text = text.replace("episodes", "simulations")
+        yield Said(f"{text}). No number has their pairs.", count)
+    else:
+        text += f"; by the strategy {cell.total('failed_strategy'):,}). Times and crashes leave "
+        yield Said(f"{text}them out, the worst case counts them against the AV.", count)
 
 
-def _nothing_tested(cell: CellFindings) -> Said | None:
+def _nothing_tested(cell: CellFindings) -> Iterator[Said]:
     if cell["kappa_met_someone"].n:
-        return None
+        return
     if cell["failed"].count == cell["pairs"].count:
-        return Said("Every episode of the AV failed: nothing was tested.", 2)
-    if cell["failed"].count:
-        return Said("Every pair that met a pedestrian failed: nothing was tested.", 2)
-    return Said("Neither driver met a pedestrian: nothing was tested.", 1)
+        yield Said("Every episode of the AV failed: nothing was tested.", 2)
+    elif cell["failed"].count:
+        yield Said("Every pair that met a pedestrian failed: nothing was tested.", 2)
+    else:
+        yield Said("Neither driver met a pedestrian: nothing was tested.", 1)
 
 
-def _selected(cell: CellFindings) -> Said | None:
-    if not cell.scenario.pedestrians.drawn:
-        return None
-    return Said("The pairs were selected by their outcome, so no number here is a frequency.")
+def _selected(cell: CellFindings) -> Iterator[Said]:
+    if cell.scenario.pedestrians.drawn:
+        yield Said("The pairs were selected by their outcome, so no number here is a frequency.")
 
 
-def _few_pairs(cell: CellFindings) -> Said | None:
+def _few_pairs(cell: CellFindings) -> Iterator[Said]:
     pairs, names, few = cell["pairs"].count, dict[int, list[str]](), list[int]()
-    sampled = _repeated(cell) is None
+    sampled = not any(_repeated(cell))
     for entry in on_first_screen(cell):
         for found in (cell[key] for key in entry.keys):
             equal = found.reason == EQUAL and sampled and pairs < entry.reliable_from
             if equal or found.reliable is False or found.reason == FEW:
                 names.setdefault(entry.reliable_from, []).append(_name(entry.heading))
                 few.append(pairs if equal else found.n or 0)
-    if not few:
-        return None
-    least = ", ".join(f"{number:,} ({_listed(names[number])})" for number in sorted(names))
-    text = f"Few informative pairs (fewest: {min(few):,}): unreliable (*) or missing intervals. "
-    return Said(f"{text}They are reliable from so many on: {least}.", -min(few))
+    if few:
+        least = ", ".join(f"{number:,} ({_listed(names[number])})" for number in sorted(names))
+        text = f"Few informative pairs (fewest: {min(few):,}): unreliable (*) or missing intervals."
+        yield Said(f"{text} They are reliable from so many on: {least}.", -min(few))
 
 
-def _opposite(cell: CellFindings) -> Said | None:
+def _opposite(cell: CellFindings) -> Iterator[Said]:
     ratio = cell["time_ratio"].value
-    text = None if ratio is None else opposite(cell.scenario, ratio)
-    return Said(text) if text else None
+    if ratio is not None and (text := opposite(cell.scenario, ratio)):
+        yield Said(text)
 
 
-def _left_out(cell: CellFindings) -> Said | None:
+def _left_out(cell: CellFindings) -> Iterator[Said]:
     pairs, used = cell["pairs"].count, cell["mu_pairs"].count
-    if used == pairs:
-        return None
     endings = [
         f"{words} ({_by_arm(cell, key)})"
         for words, key in (("crashes", "kappa"), ("time-outs", "timed_out"), ("failures", "failed"))
         if cell.total(key)
     ]
-    text = (
-        f"The ratio of times uses {pairs - cell['not_in_time_ratio'].count:,} of {pairs:,} pairs, "
-        f"μ and c_v use {used:,}. The others had {_listed(endings)}."
-    )
-    return Said(text, pairs - used)
+    if used < pairs:
+        text = f"The ratio of times uses {pairs - cell['not_in_time_ratio'].count:,} of {pairs:,} "
+        text += f"pairs, μ and c_v use {used:,}. The others had {_listed(endings)}."
+        yield Said(text, pairs - used)
 
 
-def _fallback(cell: CellFindings) -> Said | None:
+def _fallback(cell: CellFindings) -> Iterator[Said]:
     of = "pairs" if cell.kind == "encounters" else "passages"
     pairs, parts, weight, arms = cell[of].count, [], 0.0, cell.scenario.arms
     for arm, strategy, end in (("AV", arms.av, ""), ("reference", arms.human, "_human")):
@@ -148,122 +146,113 @@ def _fallback(cell: CellFindings) -> Said | None:
         met = f" ({percent:.3g} % of those that met someone)" if percent else ""
         parts.append(f"{fallback_of(strategy)} drove in {count:,} of {pairs:,} {arm} passages{met}")
         weight = max(weight, percent or 100 * count / pairs)
-    text = f"{'; '.join(parts)}. The strategy of the scenario had no valid plan for these."
-    return Said(text, weight) if parts else None
+    if parts:
+        text = f"{'; '.join(parts)}. The strategy of the scenario had no valid plan for these."
+        yield Said(text, weight)
 
 
-def _outside_the_model(cell: CellFindings) -> Said | None:
+def _outside_the_model(cell: CellFindings) -> Iterator[Said]:
     shares = [(float(s), who) for who, end in cell.arms if (s := cell[f"clamped_share{end}"].value)]
-    if not shares:
-        return None
-    used = " and ".join(f"{100 * part:.3g} % ({who})" for part, who in shares)
-    text = (
-        f"The model was used outside its data, in {used} of its uses. It answered for the nearest "
-        "vehicle in its data."
-    )
-    return Said(text, max(part for part, _ in shares))
+    if shares:
+        used = " and ".join(f"{100 * part:.3g} % ({who})" for part, who in shares)
+        text = f"The model was used outside its data, in {used} of its uses. It answered for the "
+        yield Said(f"{text}nearest vehicle in its data.", max(part for part, _ in shares))
 
 
-def _not_validated(cell: CellFindings) -> Said | None:
-    text = not_validated(cell.scenario)
-    return Said(text) if text else None
+def _not_validated(cell: CellFindings) -> Iterator[Said]:
+    if text := not_validated(cell.scenario):
+        yield Said(text)
 
 
-def _speeding(cell: CellFindings) -> Said | None:
+def _speeding(cell: CellFindings) -> Iterator[Said]:
     limit_mps = cell.scenario.speed_limit_mps
     speeds = ((cell[f"max_speed_mps{end}"].value or 0.0, who) for who, end in cell.arms)
     fastest, who = max(speeds)
-    if fastest <= limit_mps * (1 + SPEED_ROUNDING):
-        return None
-    limit = "v0" if cell.scenario.crossing.road_speed_limit_mps is None else "the road's limit"
-    text = f"The {who} drove at up to {fastest:.3g} m/s, above {limit} of {limit_mps:g} m/s."
-    return Said(text, fastest - limit_mps)
+    if fastest > limit_mps * (1 + SPEED_ROUNDING):
+        limit = "v0" if cell.scenario.crossing.road_speed_limit_mps is None else "the road's limit"
+        text = f"The {who} drove at up to {fastest:.3g} m/s, above {limit} of {limit_mps:g} m/s."
+        yield Said(text, fastest - limit_mps)
 
 
-def _repeated(cell: CellFindings) -> Said | None:
-    names = [who for who, end in cell.arms if cell[f"kappa{end}"].reason == REPEATED]
-    if not names:
-        return None
-    return Said(
-        f"All {cell['pairs'].count:,} episodes are the same one ({_listed(names)}). More pairs "
-        "add nothing about it, and its shares have no interval.",
-        len(names),
-    )
+def _repeated(cell: CellFindings) -> Iterator[Said]:
+    if names := [who for who, end in cell.arms if cell[f"kappa{end}"].reason == REPEATED]:
+        text = f"All {cell['pairs'].count:,} episodes are the same one ({_listed(names)}). More "
+        yield Said(
+            f"{text}pairs add nothing about it, and its shares have no interval.", len(names)
+        )
 
 
-def _equal(cell: CellFindings) -> Said | None:
+def _equal(cell: CellFindings) -> Iterator[Said]:
     names = []
     for entry in on_first_screen(cell):
         ends = cell.arms[: len(entry.keys)]
         who = [who for who, end in ends if cell[f"{entry.key}{end}"].reason == EQUAL]
         if who:
             names.append(_name(entry.heading) + f" ({_listed(who)})" * (entry.of == "arms"))
-    if not names:
-        return None
-    return Said(f"The same in every pair, so without an interval: {_listed(names)}.", len(names))
+    if names:
+        yield Said(f"The same in every pair, so without an interval: {_listed(names)}.", len(names))
 
 
-def _nobody_met(cell: CellFindings) -> Said | None:
-    if cell["avs"].count and cell.total("met_somebody"):
-        return None
-    why = "met a pedestrian at the crosswalks" if cell["avs"].count else "was an AV"
-    return Said(f"No vehicle {why}: nothing was tested.")
+def _nobody_met(cell: CellFindings) -> Iterator[Said]:
+    if not cell["avs"].count:
+        yield Said("No vehicle was an AV: nothing was tested.")
+    elif not cell.total("met_somebody"):
+        yield Said("No vehicle met a pedestrian at the crosswalks: nothing was tested.")
 
 
-def _collisions(cell: CellFindings) -> Said | None:
+def _collisions(cell: CellFindings) -> Iterator[Said]:
     names = {"vehicle_collisions": "collisions of vehicles", "teleports": "teleports"}
     names |= {"emergency_stops": "emergency stops", "overlaps": "overlaps inside junctions"}
     more = {key: cell[key].count - cell[f"{key}_human"].count for key in names}
-    parts = [f"{names[key]} ({_by_arm(cell, key)})" for key, count in more.items() if count > 0]
-    text = f"More than with the reference: {_listed(parts or [''])}."
-    return Said(text, sum(more.values())) if parts else None
+    if parts := [f"{names[key]} ({_by_arm(cell, key)})" for key in names if more[key] > 0]:
+        yield Said(f"More than with the reference: {_listed(parts)}.", sum(more.values()))
 
 
-def _few_hours(cell: CellFindings) -> Said | None:
+def _few_hours(cell: CellFindings) -> Iterator[Said]:
     ran = cell["people_wait_s_difference"].n or 0
-    if ran >= RELIABLE_FROM:
-        return None
-    rests = f"intervals rest on {ran:,} pairs" if ran > 1 else "one pair has no intervals"
-    return Said(f"Few pairs: {rests}. They are reliable from {RELIABLE_FROM} pairs on.", -ran)
+    if ran < RELIABLE_FROM:
+        rests = f"intervals rest on {ran:,} pairs" if ran > 1 else "one pair has no intervals"
+        text = f"Few pairs: {rests}. They are reliable from {RELIABLE_FROM} pairs on."
+        yield Said(text, -ran)
 
 
-def _cut_off(cell: CellFindings) -> Said | None:
-    if not (count := cell.total("cut_off")):
-        return None
-    text = f"Delays leave out {count:,} passages that did not end ({_by_arm(cell, 'cut_off')}). "
-    text += f"{cell.total('never_went'):,} people who never went count with their wait so far."
-    return Said(text, count)
+def _cut_off(cell: CellFindings) -> Iterator[Said]:
+    if count := cell.total("cut_off"):
+        text = (
+            f"Delays leave out {count:,} passages that did not end ({_by_arm(cell, 'cut_off')}). "
+        )
+        text += f"{cell.total('never_went'):,} people who never went count with their wait so far."
+        yield Said(text, count)
 
 
-def _who_drove(cell: CellFindings) -> Said | None:
+def _who_drove(cell: CellFindings) -> Iterator[Said]:
     share, driven = cell["share_strategy"].value, cell["driven"]
     passages = driven.n or 0
     if share is None or (share > MOSTLY and driven.count > DRIVEN * passages):
-        return None
+        return
     of_sumo = 1 - share - (cell["share_actuator"].value or 0.0)
     text = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps."
     if left := passages - driven.count:
         text += f" It did not drive {left:,} of {passages:,} passages: {cell['not_driven'].reason}."
-    return Said(text, of_sumo)
+    yield Said(text, of_sumo)
 
 
-def _fills(cell: CellFindings) -> Said | None:
+def _fills(cell: CellFindings) -> Iterator[Said]:
     """The number of vehicles grows by more than chance explains (docs/method.md)."""
-    parts, most = [], 0.0
+    growth = {}
     for who, end in cell.arms:
         share, due = cell[f"growth{end}"].value, cell[f"vehicles{end}"].count / 3
         if share is not None and share > max(GROWTH, 2.33 * math.sqrt(2.5 / max(due, 1))):
-            parts.append(f"{100 * share:.0f} % of those who come ({who})")
-            most = max(most, share)
-    text = f"The roads fill: their vehicles grow by {_listed(parts)}" if parts else ""
-    return Said(f"{text}. A longer time would have longer delays.", most) if parts else None
+            growth[f"{100 * share:.0f} % of those who come ({who})"] = share
+    if growth:
+        text = f"The roads fill: their vehicles grow by {_listed([*growth])}. A longer time would "
+        yield Said(f"{text}have longer delays.", max(growth.values()))
 
 
-def _people_of_sumo(cell: CellFindings) -> Said | None:
-    if not (count := cell.total("sumo_people")):
-        return None
-    text = "SUMO's people go only once the car stands, so slowing down does nothing for them; "
-    return Said(f"{text}where they have priority they do not look.", count)
+def _people_of_sumo(cell: CellFindings) -> Iterator[Said]:
+    if count := cell.total("sumo_people"):
+        text = "SUMO's people go only once the car stands, so slowing down does nothing for them; "
+        yield Said(f"{text}where they have priority they do not look.", count)
 
 
 RULES: tuple[Rule, ...] = (
@@ -307,7 +296,8 @@ def notes_of(
     for rank, rule in enumerate(RULES):
         simulated = any(cell.kind == "simulations" for cell in cells)
         say = rule.simulated if simulated else rule.say
-        told = [(place, words) for place, cell in enumerate(cells) if say and (words := say(cell))]
+        by_cell = enumerate(map(say, cells) if say else ())
+        told = [(place, said) for place, each in by_cell for said in each]
         if not told:
             continue
         worst, (text, weight) = max(told, key=lambda each: each[1].weight)

@@ -117,10 +117,7 @@ class Result:
                 }
                 for record in self.records
             ],
-            "notes": [
-                {"key": note.key, "cells": list(note.cells), "text": note.text}
-                for note in self.notes
-            ],
+            "notes": [note._asdict() for note in self.notes],
             "remarks": list(self.remarks),
         }
 

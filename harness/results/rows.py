@@ -85,7 +85,7 @@ def trace_rows(cell: int, outcomes: Sequence[Outcome]) -> pa.Table:
             }
             numbers = zip(("time_s", *_NUMBERS), motion, strict=True)
             columns |= {key: pa.array(values, pa.float64()) for key, values in numbers}
-            parts.append(pa.table(columns).select(TRACES.schema.names))
+            parts.append(pa.table(columns, schema=TRACES.schema))
     return pa.concat_tables(parts).combine_chunks()
 
 

@@ -20,7 +20,7 @@ from harness.results.findings import CellFindings, cell_findings
 from harness.results.folder import read_findings, read_manifest
 from harness.results.result import Result
 from harness.results.screens import run_result
-from harness.results.tables import COUNTED, EVENTS, TABLES, TABLES_OF, RunKind, kind_of, read_cell
+from harness.results.tables import COUNTED, EVENTS, TABLES_OF, RunKind, kind_of, read_cell
 from harness.scenario import Scenario, Study, study_from
 
 if TYPE_CHECKING:
@@ -79,7 +79,8 @@ class Run:
 
     def table(self, name: str) -> "pd.DataFrame":
         """A table of all cells as a frame."""
-        frame: pd.DataFrame = self._table(name).to_pandas()
+        parts = [self.rows(name, cell.number) for cell in self.study.cells]
+        frame: pd.DataFrame = pa.concat_tables(parts).to_pandas()
         return frame
 
     @cached_property
@@ -140,11 +141,6 @@ class Run:
             finished=self.finished,
             facts=facts,
         )
-
-    def _table(self, name: str) -> pa.Table:
-        """A table of all cells."""
-        parts = [self.rows(name, cell.number) for cell in self.study.cells]
-        return pa.concat_tables([TABLES[name].schema.empty_table(), *parts])
 
 
 def load_run(path: Path | str) -> Run:

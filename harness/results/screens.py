@@ -87,13 +87,13 @@ def run_result(
         notes=notes_of(cells, notes),
         closing=(f"All measures: harness show {path} --full. Page: harness report {path}",),
         facts={"name": name, "folder": str(folder), "finished": finished, **facts},
-        records=[record for cell in cells for record in records_of(cell, arms=True)],
+        records=[record for cell in cells for record in records_of(cell)],
     )
 
 
-def records_of(cell: CellFindings, arms: bool = False) -> list[dict[str, Plain | Finding]]:
-    """The numbers of a cell, then of each of its crosswalks; ``arms``: with who drove."""
-    who = {"av": cell.scenario.arms.av, "reference": cell.scenario.arms.human} if arms else {}
+def records_of(cell: CellFindings) -> list[dict[str, Plain | Finding]]:
+    """The numbers of a cell, then of each of its crosswalks, with who drove."""
+    who = {"av": cell.scenario.arms.av, "reference": cell.scenario.arms.human}
     names: list[tuple[str | None, Findings]] = [(None, cell.findings), *cell.by_crosswalk.items()]
     return [
         {
@@ -142,14 +142,9 @@ def _every_number(cell: CellFindings, paper: bool) -> list[Table]:
     """Every number of one cell, and of each of its crosswalks."""
     where = f"cell {cell.number}, {drivers([cell])}" if cell.varied else drivers([cell])
     entries, title = entries_of(cell.kind), f"Every number: {where}"
+    at_one = [entry for entry in entries if not entry.network]
     at = [
-        _rows(
-            f"{title}, {name}",
-            [e for e in entries if not e.network],
-            replace(cell, findings=found),
-            paper,
-            True,
-        )
+        _rows(f"{title}, {name}", at_one, replace(cell, findings=found), paper, remarks=True)
         for name, found in cell.by_crosswalk.items()
     ]
     return [_rows(title, entries, cell, paper, remarks=True), *at]
@@ -158,34 +153,34 @@ def _every_number(cell: CellFindings, paper: bool) -> list[Table]:
 def _rows(
     title: str, entries: Sequence[Entry], cell: CellFindings, paper: bool, remarks: bool = False
 ) -> Table:
+    """A row for each entry: the arms' numbers, what is paired, the paper's value, and remarks."""
     beside = {entry.beside: entry for entry in entries if entry.beside}
     several = len(cell.by_crosswalk) > 1 and not remarks
     crosswalks = dict([*cell.by_crosswalk.items()][: _MOST_CROSSWALKS if several else 0])
+    places = (cell.findings, *crosswalks.values())
     rows = []
     for entry in (each for each in entries if not each.beside):
         own = [] if entry.of == "pair" else [shown(entry, cell, key) for key in entry.keys[:2]]
         pair = entry if entry.of in ("pair", "both") else beside.get(entry.key)
-        paired = pair and shown(pair, cell, pair.keys[-1])
-        numbers = [*own, *[None] * (2 - len(own)), paired]
+        at = [shown(pair, of, pair.keys[-1]) if pair else None for of in places]
         found = [cell[key] for each in (entry, pair) if each is not None for key in each.keys]
         reasons = "; ".join(dict.fromkeys(filter(None, (finding.reason for finding in found))))
         heading = entry.title(cell.scenario.conflicts.model_dump())
         if pair is not None and entry.worst_case:
             heading = "worst case: crashes, time"
-        row = (heading, *numbers, *((entry.paper or None,) if paper else ()))
-        at = [shown(entry, of, pair.keys[-1]) if pair else None for of in crosswalks.values()]
-        rows.append((*row, *at, *((reasons or None,) if remarks else ())))
+        told = entry.paper * paper or None, reasons * remarks or None
+        rows.append((heading, *own, *[None] * (2 - len(own)), *at, *told))
     simulated = cell.kind == "simulations"
-    columns = [
+    columns = (
         Column("measure", ""),
         Column("av", driver_of(cell, Arm.AV)),
         Column("reference", driver_of(cell, Arm.HUMAN)),
         Column("paired", "difference in all" if simulated else "AV against reference", True),
-        *([Column("paper", "paper")] if paper else []),
         *(Column(name, name) for name in crosswalks),
-        *([Column("remark", "remark")] if remarks else []),
-    ]
-    return Table(title, tuple(columns), tuple(rows))
+        Column("paper", "paper"),
+        Column("remark", "remark"),
+    )
+    return Table(title, columns, tuple(rows))
 
 
 def _sweep(cells: Sequence[CellFindings]) -> Table:

@@ -112,9 +112,7 @@ class SimulationSample(dict[str, np.ndarray]):
             if begin_s is not None:
                 due_s, left_s = (rows[name].to_numpy() for name in ("due_s", "arrival_s"))
                 filled = growth(due_s, left_s, begin_s, begin_s + arm["counted_s"])
-                found[number % 2, number // 2] = (
-                    np.nan if filled is None else 3 * filled / len(rows)
-                )
+                found[number % 2, number // 2] = filled
         return found
 
     def why_not_driven(self) -> str | None:

@@ -5,6 +5,7 @@ Graubard (1998).
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from scipy import special
@@ -90,14 +91,12 @@ def clustered_share(events: FloatArray, trials: FloatArray, confidence: float) -
     worth = float(special.stdtrit(n - 1, tail) / special.stdtrit(pairs - 1, tail)) ** 2
     effective = n / effect * min(1.0, worth)
     low, high = clopper_pearson(value * effective, effective, confidence)
-    few = _few(pairs)
-    return Finding(value, low, high, n, happened, reliable=not few, reason=few)
+    found = Finding(value, low, high, pairs, happened, reliable=True)
+    return replace(found.reliable_above(RELIABLE_FROM, "pairs"), n=n)
 
 
 def _contributions(above: FloatArray, below: FloatArray) -> tuple[float | None, FloatArray]:
     """Σ above / Σ below, and what each pair adds to it, linearised: their mean is 0."""
-    known = ~np.isnan(above + below)
-    above, below = above[known], below[known]
     if not (total := float(np.sum(below))):
         return None, above
     value = float(np.sum(above)) / total
@@ -112,13 +111,5 @@ def _t(value: float, parts: FloatArray, confidence: float, least: float = -math.
     error = float(np.std(parts, ddof=1)) / math.sqrt(n)
     reach = float(special.stdtrit(n - 1, (1 + confidence) / 2)) * error
     p = 2 * float(special.stdtr(n - 1, -abs(value) / error)) if least < 0 else None
-    few = _few(n)
-    low, high = max(value - reach, least), value + reach
-    return Finding(value, low, high, n, reliable=not few, reason=few, p=p)
-
-
-def _few(pairs: int) -> str | None:
-    """Why an interval over so few pairs is unreliable; None if it is not."""
-    return (
-        f"unreliable below {RELIABLE_FROM} pairs (has {pairs})" if pairs < RELIABLE_FROM else None
-    )
+    found = Finding(value, max(value - reach, least), value + reach, n, reliable=True, p=p)
+    return found.reliable_above(RELIABLE_FROM, "pairs")

@@ -8,7 +8,6 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal
 
@@ -48,10 +47,6 @@ Tables = dict[str, pa.Table]
 Row = dict[str, Any]
 """A row of a table: a value for each column."""
 
-Kind = type[float | int | bool | str | StrEnum | Leg | list[float]]
-"""The type of a column: a ``StrEnum`` stands for its words, ``Leg`` for a list of legs, ``list``
-for one of numbers."""
-
 _LEGS = pa.list_(pa.struct([(name, pa.float64()) for name in Leg._fields]))
 _TYPES: Mapping[Any, pa.DataType] = {
     **{float: pa.float64(), int: pa.int64(), bool: pa.bool_()},
@@ -75,10 +70,14 @@ class DamagedPartError(InputError):
 
 @dataclass(frozen=True)
 class Column:
-    """A column.  A value that is missing is null, never 0; a ``required`` column has no null."""
+    """A column.  A value that is missing is null, never 0; a ``required`` column has no null.
+
+    ``kind`` is the type of its values: a ``StrEnum`` stands for its words, ``Leg`` for a list of
+    legs, ``list`` for one of numbers.
+    """
 
     name: str
-    kind: Kind
+    kind: type
     unit: str
     meaning: str
     required: bool = False
@@ -99,16 +98,14 @@ class Table:
     @property
     def schema(self) -> pa.Schema:
         """Its schema in Arrow."""
-        return pa.schema([(column.name, column.type) for column in self.columns])
+        return pa.schema(
+            pa.field(column.name, column.type, nullable=not column.required)
+            for column in self.columns
+        )
 
     def of(self, rows: Sequence[Row]) -> pa.Table:
         """Rows as a table; columns that a row lacks are null."""
-        return pa.table(
-            {
-                column.name: pa.array([row.get(column.name) for row in rows], column.type)
-                for column in self.columns
-            }
-        )
+        return pa.Table.from_pylist([*rows], self.schema)
 
 
 _KEYS = (
@@ -117,68 +114,59 @@ _KEYS = (
     Column("arm", Arm, "", "who drives: the AV or the reference", required=True),
 )
 
-EPISODES = Table(
-    "episodes",
-    (
-        *_KEYS,
-        Column("strategy", str, "", "the strategy that drove", required=True),
-        Column("ending", Ending, "", "how the episode ended", required=True),
-        Column("reason", str, "", "why it failed"),
-        Column("failed_in", str, "", "what failed: `strategy` or `engine`"),
-        Column("contact", Contact, "", "the part of the ego that touched the pedestrian"),
-        Column("contact_index", int, "", "index of the pedestrian who was touched"),
-        Column("contact_time_s", float, "s", "time of the contact since the trigger"),
-        Column("sumo_collision", bool, "", "whether SUMO itself reported a collision"),
-        Column("fallback", bool, "", "whether the strategy's fallback drove", required=True),
-        Column("steps", int, "", "steps of the record", required=True),
-        Column("pedestrians", int, "", "people who stepped off within the record", required=True),
-        *(Column(each.column, each.kind, each.unit, each.formula) for each in MEASURES),
-        Column("conditionings", int, "", "uses of the interaction model"),
-        Column("clamped", int, "", "of these, with an ego faster or farther than in its data"),
-        Column("near_clamped", int, "", "of these, with an ego slower or nearer than in its data"),
-        Column("clamped_speed_excess_mps", float, "m/s", "largest excess of the ego's speed"),
-        Column("clamped_range_excess_m", float, "m", "largest excess of the ego's range"),
-    ),
-)
+# fmt: off
+EPISODES = Table("episodes", (
+    *_KEYS,
+    Column("strategy", str, "", "the strategy that drove", required=True),
+    Column("ending", Ending, "", "how the episode ended", required=True),
+    Column("reason", str, "", "why it failed"),
+    Column("failed_in", str, "", "what failed: `strategy` or `engine`"),
+    Column("contact", Contact, "", "the part of the ego that touched the pedestrian"),
+    Column("contact_index", int, "", "index of the pedestrian who was touched"),
+    Column("contact_time_s", float, "s", "time of the contact since the trigger"),
+    Column("sumo_collision", bool, "", "whether SUMO itself reported a collision"),
+    Column("fallback", bool, "", "whether the strategy's fallback drove", required=True),
+    Column("steps", int, "", "steps of the record", required=True),
+    Column("pedestrians", int, "", "people who stepped off within the record", required=True),
+    *(Column(each.column, each.kind, each.unit, each.formula) for each in MEASURES),
+    Column("conditionings", int, "", "uses of the interaction model"),
+    Column("clamped", int, "", "of these, with an ego faster or farther than in its data"),
+    Column("near_clamped", int, "", "of these, with an ego slower or nearer than in its data"),
+    Column("clamped_speed_excess_mps", float, "m/s", "largest excess of the ego's speed"),
+    Column("clamped_range_excess_m", float, "m", "largest excess of the ego's range"),
+))
 """One row for each episode: the AV's and the reference's of each pair."""
 
-PEDESTRIANS = Table(
-    "pedestrians",
-    (
-        *_KEYS,
-        Column("index", int, "", "number of the pedestrian within the pair", required=True),
-        Column("arrival_s", float, "s", "time of arrival at the kerb", required=True),
-        Column("start_s", float, "s", "time of stepping off"),
-        Column("side", Side, "", "the kerb from which they come", required=True),
-        Column("quantile", float, "", "quantile of the walking speed"),
-        Column("critical_gap_s", float, "s", "the shortest gap that they accept"),
-        Column("threshold_s", float, "s", "the least margin of time with which they go"),
-        Column("latency_s", float, "s", "time from the decision until they set off"),
-        Column("speed_mps", float, "m/s", "walking speed"),
-        Column("range_m", float, "m", "the ego's range when they stepped off"),
-        Column("vehicle_speed_mps", float, "m/s", "the ego's speed when they stepped off"),
-        Column("cleared_s", float, "s", "time at which they left the ego's path"),
-        Column("legs", Leg, "", "the parts of a walk that is not straight from kerb to kerb"),
-        Column("delay_s", float, "s", "wait at the kerb"),
-    ),
-)
+PEDESTRIANS = Table("pedestrians", (
+    *_KEYS,
+    Column("index", int, "", "number of the pedestrian within the pair", required=True),
+    Column("arrival_s", float, "s", "time of arrival at the kerb", required=True),
+    Column("start_s", float, "s", "time of stepping off"),
+    Column("side", Side, "", "the kerb from which they come", required=True),
+    Column("quantile", float, "", "quantile of the walking speed"),
+    Column("critical_gap_s", float, "s", "the shortest gap that they accept"),
+    Column("threshold_s", float, "s", "the least margin of time with which they go"),
+    Column("latency_s", float, "s", "time from the decision until they set off"),
+    Column("speed_mps", float, "m/s", "walking speed"),
+    Column("range_m", float, "m", "the ego's range when they stepped off"),
+    Column("vehicle_speed_mps", float, "m/s", "the ego's speed when they stepped off"),
+    Column("cleared_s", float, "s", "time at which they left the ego's path"),
+    Column("legs", Leg, "", "the parts of a walk that is not straight from kerb to kerb"),
+    Column("delay_s", float, "s", "wait at the kerb"),
+))
 """One row for each pedestrian who arrived within the record of an episode."""
 
-TRACES = Table(
-    "traces",
-    (
-        *_KEYS,
-        Column("time_s", float, "s", "time since the trigger", required=True),
-        Column("object", str, "", "`ego`, `pedestrian-INDEX` or `shown-INDEX`", required=True),
-        Column("x_m", float, "m", "along the road, 0 at the crosswalk's centre", required=True),
-        Column("y_m", float, "m", "across the road, 0 at the near kerb", required=True),
-        Column("speed_mps", float, "m/s", "speed", required=True),
-        Column("acceleration_mps2", float, "m/s²", "acceleration of the step that begins here"),
-    ),
-)
+TRACES = Table("traces", (
+    *_KEYS,
+    Column("time_s", float, "s", "time since the trigger", required=True),
+    Column("object", str, "", "`ego`, `pedestrian-INDEX` or `shown-INDEX`", required=True),
+    Column("x_m", float, "m", "along the road, 0 at the crosswalk's centre", required=True),
+    Column("y_m", float, "m", "across the road, 0 at the near kerb", required=True),
+    Column("speed_mps", float, "m/s", "speed", required=True),
+    Column("acceleration_mps2", float, "m/s²", "acceleration of the step that begins here"),
+))
 """One row for each step and object, of a run that keeps traces."""
 
-# fmt: off
 ARMS = Table("arms", (
     *_KEYS,
     Column("reason", str, "", "why it failed"),
@@ -405,7 +393,6 @@ def read_part(
             rows = file.read().select(table.schema.names)
         rows = rows.replace_schema_metadata().cast(table.schema)
         rows.validate(full=True)
-        _check(rows, table, cell, expected, str(path))
     except FileNotFoundError:
         ends = " to ".join(map(str, sorted({expected[0], expected[-1]})))
         problem = f"{name} are missing: cell {cell}, pair {ends}"
@@ -413,6 +400,7 @@ def read_part(
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:
         reason = one_line(str(error))[:99]
         raise DamagedPartError(str(path), f"is damaged ({reason})", again) from None
+    _check(rows, table, cell, expected, str(path))
     return rows
 
 
@@ -424,10 +412,6 @@ def _pairs_of(first: int, manifest: Mapping[str, Any]) -> range:
 
 def _check(rows: pa.Table, table: Table, cell: int, expected: range, where: str) -> None:
     """Refuse values that a part never holds; all code that reads a run relies on this."""
-    for column in table.columns:
-        if column.required and rows[column.name].null_count:
-            problem = "is empty in a row"
-            raise InputError(f"{where}: {column.name}", problem, "a value in each row")
     pairs = rows["pair"].to_numpy()
     whole = {*rows["cell"].unique().to_pylist()} <= {cell}
     if "arm" in rows.schema.names and table in _LAST:

@@ -44,7 +44,7 @@ def halved_time_s(chunk: Chunk) -> FloatArray:
     "harness/results/notes.py": (
         "RULES: tuple[Rule, ...] = (\n",
         """
-    Rule("halved", "halved", lambda cell: Said(f"Half: {cell['halved_s'].value:.4f} s.")),
+    Rule("halved", "halved", lambda cell: [Said(f"Half: {cell['halved_s'].value:.4f} s.")]),
 """,
     ),
 }

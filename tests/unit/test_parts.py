@@ -92,7 +92,6 @@ def test_no_flipped_byte_changes_a_row_silently(tmp_path: Path) -> None:
 
 
 BAD_ROWS = {
-    "strategy": [*rows(0, 2), *rows(2, 1, strategy=None)],
     "other rows: an arm": rows(0, 3)[:-1],
     "other rows: a pair twice": [*rows(0, 2), *rows(1, 1)],
     "other rows: another cell": [*rows(0, 2), *rows(2, 1, cell=3)],

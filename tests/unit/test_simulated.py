@@ -109,7 +109,7 @@ def test_the_vehicles_on_a_network_grow_by_those_whom_it_does_not_serve(
     due_s = np.arange(0.0, 900.0, 1.0)
     never = np.arange(900) % 100 < round(100 * left)
     found = growth(due_s, np.where(never, np.nan, due_s + trip_s), 0.0, 900.0)
-    assert found == pytest.approx(300 * round(100 * left) / 100, abs=2.0)
+    assert found == pytest.approx(round(100 * left) / 100, abs=2 / 300)
 
 
 def test_levels_of_service_are_the_handbooks() -> None:
