@@ -35,27 +35,25 @@ def network(
 
 
 def crossings(
-    file: Annotated[Path, Argument(help="A SUMO configuration (.sumocfg) or network.")],
+    file: Annotated[Path, Argument(help="A SUMO configuration (.sumocfg).")],
     write: options.WriteOption = None,
     edge: options.EdgeOption = None,
     every: Annotated[bool, Option("--all", help="List those that are not usable, too.")] = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """List the crosswalks of a SUMO configuration or a network.
+    """List the crosswalks of a SUMO configuration.
 
-    A configuration is simulated once, untouched, to count who passes per hour; usable crosswalks
+    It is simulated once, untouched, to count who passes per hour; usable crosswalks
     with most vehicles and people come first. --write simulates nothing: strategies drive in your
     configuration, at the crosswalks of --edge.
     """
     from harness.engine.installation import scratch_folder
-    from harness.simulation.listing import crossings_of, is_configuration, scenario_text
+    from harness.simulation.listing import crossings_of, scenario_text
 
     if (write is None) != (not edge):
         option, missing = ("--write", "--edge") if not edge else ("--edge", "--write")
         raise InputError(option, f"needs {missing}", f"both, or neither to list {file}")
     if write is not None:
-        if not is_configuration(file):
-            raise InputError("--write", "is of SUMO configurations", f"{file} without it")
         with unwinding():
             _write_new(write, scenario_text(file, edge or [], _seen_from(file, write.parent)))
         show_rows("crossings", [{"scenario": str(write)}], not as_json, as_json)

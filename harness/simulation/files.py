@@ -4,7 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
+from harness.core.errors import EngineError, InputError
 from harness.engine.configuration import SumoConfig, option_kinds, write_options
+from harness.engine.installation import run_program
 
 CONFIG_FILE = "simulation.sumocfg"
 TRIPS_FILE = "tripinfo.xml"
@@ -68,3 +70,16 @@ def write_config(
     if together := ",".join(files):
         ours["additional-files"] = together
     return write_options(arm.absolute() / CONFIG_FILE, {**options, **more, **ours})
+
+
+def run_untouched(config: SumoConfig, folder: Path, more: Mapping[str, str]) -> None:
+    """Simulate a configuration with nobody driven, with further options, in another process.
+
+    Raises:
+        InputError: SUMO fails.
+    """
+    path = write_config(config, folder, config.seed, more)
+    try:
+        run_program("sumo", ["-c", str(path)])
+    except EngineError as error:
+        raise InputError(str(config.path), str(error)) from None

@@ -6,11 +6,9 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from harness.core.errors import EngineError, InputError
 from harness.engine.configuration import SumoConfig, people_come, write_xml
-from harness.engine.installation import run_program
 from harness.scenario.sections import EgoSection
-from harness.simulation.files import write_config
+from harness.simulation.files import run_untouched
 from harness.simulation.opening import chosen, town_of
 from harness.site.town import Crosswalk, Town
 from harness.site.zone import zone_of
@@ -35,28 +33,20 @@ Counts = Mapping[str, Mapping[str, float]]
 def crossings_of(file: Path, folder: Path) -> list[Row]:
     """Every crosswalk and who passes it per hour: usable ones first, then by vehicles × people.
 
-    Who passes twice counts twice.  A configuration is simulated once, untouched and with its own
-    step.  Of a network, connections are counted.
+    Who passes twice counts twice.  The configuration is simulated once, untouched and with its own
+    step.
 
     Args:
-        file: a SUMO configuration (.sumocfg), or a network.
+        file: a SUMO configuration (.sumocfg).
         folder: a temporary folder.
 
     Raises:
         InputError: the file is refused, or SUMO fails.
     """
-    if not is_configuration(file):
-        town = Town.read(file)
-        return [_row(town, crosswalk, None) for crosswalk in town.crosswalks.values()]
     config, town = town_of(file)
     counts = _counts(config, folder.absolute())
     rows = [_row(town, crosswalk, counts) for crosswalk in town.crosswalks.values()]
     return sorted(rows, key=_rank)
-
-
-def is_configuration(file: Path) -> bool:
-    """Whether a file is a SUMO configuration by its name."""
-    return file.suffix in (".sumocfg", ".cfg")
 
 
 def _rank(row: Row) -> tuple[bool, float, float]:
@@ -64,23 +54,21 @@ def _rank(row: Row) -> tuple[bool, float, float]:
     return row["not usable"] is not None, -vehicles * people, -vehicles - people
 
 
-def _row(town: Town, crosswalk: Crosswalk, counts: Counts | None) -> Row:
+def _row(town: Town, crosswalk: Crosswalk, counts: Counts) -> Row:
     over = town.connections(crosswalk.id, 0.0)
-    ways, many = dict.fromkeys(_MANOEUVRES, 0.0), Row()
+    ways = dict.fromkeys(_MANOEUVRES, 0.0)
     for each in over:
-        ways[each.manoeuvre] += 1 if counts is None else counts["vehicles"].get(each.via[0], 0.0)
-    if counts is not None:
-        walked = counts["people"].get(f"{crosswalk.id}_0", 0.0)
-        many = {"vehicles/h": round(sum(ways.values())), "people/h": round(walked)}
-    limits = [town.lane(each.from_lane).limit_mps for each in over]
+        ways[each.manoeuvre] += counts["vehicles"].get(each.via[0], 0.0)
+    limits = town.limits_mps(crosswalk.id)
     return {
         "crosswalk": crosswalk.id,
         "roads": " / ".join(crosswalk.roads),
-        **many,
+        "vehicles/h": round(sum(ways.values())),
+        "people/h": round(counts["people"].get(f"{crosswalk.id}_0", 0.0)),
         **{name: round(ways[name]) for name in _MANOEUVRES},
         "priority": "people" if crosswalk.prioritized else "vehicles",
         "length, m": round(crosswalk.length_m, 1),
-        "limit, m/s": round(max(limits), 1) if limits else None,
+        "limit, m/s": round(limits[-1], 1) if limits else None,
         "not usable": crosswalk.refused,
     }
 
@@ -93,11 +81,7 @@ def _counts(config: SumoConfig, folder: Path) -> Counts:
         ET.SubElement(asked, "laneData", values, withInternal="true", excludeEmpty="true")
     file, counts = folder / "counted.add.xml", dict[str, dict[str, float]]()
     write_xml(file, asked)
-    path = write_config(config, folder, config.seed, {"additional-files": str(file)})
-    try:
-        run_program("sumo", ["-c", str(path)])
-    except EngineError as error:
-        raise InputError(str(config.path), str(error)) from None
+    run_untouched(config, folder, {"additional-files": str(file)})
     for who in _COUNTED:
         for interval in ET.parse(folder / f"{who}.xml").iter("interval"):
             hours = (float(interval.attrib["end"]) - float(interval.attrib["begin"])) / 3600.0
@@ -121,14 +105,14 @@ def scenario_text(file: Path, crossings: Sequence[str], written: Path) -> str:
     """
     config, town = town_of(file)
     crosswalks = [chosen(town, name, "--edge") for name in dict.fromkeys(crossings)]
-    ways = [town.lane(way.from_lane) for each in crosswalks for way in town.connections(each.id)]
+    fastest_mps = max(town.limits_mps(each.id)[-1] for each in crosswalks)
     walked = people_come(config)
     return _TEMPLATE.read_text(encoding="utf-8").format(
         crosswalks="\n".join(f"# {line}" for each in crosswalks for line in _described(town, each)),
         file=_quoted(written.as_posix()),
         crossings=", ".join(_quoted(each.id) for each in crosswalks),
         step=min(config.step_s, _STEP_S),
-        range_m=_range_m(max(each.limit_mps for each in ways)),
+        range_m=_range_m(fastest_mps),
         people="# " if walked else "",
         human="sumo_driver" if walked else "human_yield",
     )

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 
-from harness.core.errors import EngineError, InputError, nearest_name, unknown_name
+from harness.core.errors import InputError, nearest_name, unknown_name
 from harness.encounter.arms import asks_model
 from harness.engine.configuration import (
     SumoConfig,
@@ -14,13 +14,13 @@ from harness.engine.configuration import (
     people_come,
     read_config,
 )
-from harness.engine.installation import run_program, scratch_folder
+from harness.engine.installation import scratch_folder
 from harness.model.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
 from harness.scenario.consistency import check_perception
 from harness.scenario.sections import EgoSection, SimulationSection
 from harness.simulation import demand
-from harness.simulation.files import write_config
+from harness.simulation.files import run_untouched
 from harness.simulation.setup import CROSSWALK, Setup
 from harness.simulation.shares import sumo_seed
 from harness.site.town import Crosswalk, Town
@@ -68,10 +68,7 @@ def town_of(file: Path, step_s: float | None = None) -> tuple[SumoConfig, Town]:
     Raises:
         InputError: it is refused.
     """
-    try:
-        config = read_config(file, step_s)
-    except EngineError as error:
-        raise InputError(str(file), str(error)) from None
+    config = read_config(file, step_s)
     return config, _town(config.net, _digest(config.net))
 
 
@@ -111,11 +108,10 @@ def check_roads(setup: Setup, model: InteractionModel) -> None:
         InputError: names the crosswalk.
     """
     scenario, town = setup.scenario, setup.town
-    if not asks_model(scenario) or scenario.model.extrapolate:
-        return
-    for name in setup.crosswalks:
+    checked = asks_model(scenario) and not scenario.model.extrapolate
+    for name in setup.crosswalks if checked else ():
         where = f"the limit before {name} (simulation.crossings)"
-        for limit_mps in _limits_mps(town, name):
+        for limit_mps in town.limits_mps(name):
             check_support(model, scenario.ego.trigger_range_m, limit_mps, where)
 
 
@@ -127,11 +123,7 @@ def check_demand(config: SumoConfig) -> None:
     """
     with scratch_folder() as scratch:
         now = {"route-steps": "0", "end": f"{config.begin_s + config.step_s:.3f}"}
-        path = write_config(config, Path(scratch), config.seed, now)
-        try:
-            run_program("sumo", ["-c", str(path)])
-        except EngineError as error:
-            raise InputError(str(config.path), str(error)) from None
+        run_untouched(config, Path(scratch), now)
 
 
 def digests(config: SumoConfig) -> Mapping[str, str]:
@@ -141,12 +133,6 @@ def digests(config: SumoConfig) -> Mapping[str, str]:
 
 def _digest(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
-
-
-def _limits_mps(town: Town, crosswalk: str) -> Iterable[float]:
-    """The speed limits of the lanes before a crosswalk."""
-    links = town.connections(crosswalk)
-    return sorted({town.lane(each.from_lane).limit_mps for each in links})
 
 
 def chosen(town: Town, name: str, where: str) -> Crosswalk:
@@ -167,8 +153,7 @@ def chosen(town: Town, name: str, where: str) -> Crosswalk:
 
 def _check_crosswalk(name: str, town: Town, range_m: float) -> None:
     where = "simulation.crossings"
-    crosswalk = chosen(town, name, where)
-    fastest_mps = max(_limits_mps(town, name))
+    crosswalk, fastest_mps = chosen(town, name, where), town.limits_mps(name)[-1]
     if fastest_mps > _FASTEST_MPS:
         problem = f"the limit before {name} is {fastest_mps:g} m/s"
         raise InputError(where, problem, f"at most {_FASTEST_MPS:g} m/s")
@@ -179,27 +164,28 @@ def _check_crosswalk(name: str, town: Town, range_m: float) -> None:
 
 
 def _check_people(scenario: Scenario, config: SumoConfig) -> None:
-    where, flow = str(config.path), scenario.pedestrians.anyone_comes
+    flow = scenario.pedestrians.anyone_comes
     if flow and config.end_s is None and scenario.known_simulation.end is None:
         problem = "is not given, nor an end in the configuration: people would come for ever"
         raise InputError("simulation.end", problem, "a time, with pedestrians.flow_per_hour")
     if not flow and not people_come(config):
         allowed = "people in its files, or pedestrians.flow_per_hour"
-        raise InputError(where, "nobody comes on foot", allowed)
+        raise InputError(str(config.path), "nobody comes on foot", allowed)
 
 
 def _counted_s(simulation: SimulationSection, config: SumoConfig) -> tuple[float, float]:
     """Begin and end of the counted time; the end may be infinite."""
-    where, last_s = "simulation", config.end_s
-    begin_s = config.begin_s if simulation.begin is None else simulation.begin
+    first_s, last_s = config.begin_s, math.inf if config.end_s is None else config.end_s
+    begin_s = first_s if simulation.begin is None else simulation.begin
     end_s = last_s if simulation.end is None else simulation.end
-    if begin_s < config.begin_s or (last_s is not None and begin_s >= last_s):
-        allowed = f"from {config.begin_s:g} s, before the simulation's end"
-        raise InputError(f"{where}.begin", f"{begin_s:g} s", allowed)
-    if end_s is not None and (end_s <= begin_s or (last_s is not None and end_s > last_s)):
-        most = "" if last_s is None else f", at most {last_s:g} s"
-        raise InputError(f"{where}.end", f"{end_s:g} s", f"after begin = {begin_s:g} s{most}")
-    return begin_s, math.inf if end_s is None else end_s
+    for key, time_s, right in (
+        ("begin", begin_s, first_s <= begin_s < last_s),
+        ("end", end_s, begin_s < end_s <= last_s),
+    ):
+        if not right:
+            allowed = f"begin < end, within {first_s:g} to {last_s:g} s"
+            raise InputError(f"simulation.{key}", f"{time_s:g} s", allowed)
+    return begin_s, end_s
 
 
 def _check_types(names: Iterable[str], config: SumoConfig) -> None:

@@ -6,17 +6,18 @@ In SUMO they are from kerb to kerb only; who waits is known to the harness alone
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from harness.core.encounter import Crossing, Side
+import numpy as np
+
+from harness.core.encounter import Crossing, FloatArray, Side, Walk
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.crowd import Crowd
 from harness.encounter.walkers import ChooseSpeed, Walker
 from harness.engine.session import Session
-from harness.measures.motion.walking import cleared_s
+from harness.measures.motion.walking import cleared_s, states_at
 from harness.simulation.cars import Car, Passage
 from harness.simulation.setup import Setup
-from harness.simulation.walked import Walked
 from harness.site.town import Crosswalk
 from harness.site.zone import Zone
 
@@ -33,6 +34,40 @@ _CAR_M = (5.0, 1.8)
 """Length and width of SUMO's car, whose zones are the lanes that people see."""
 _CAR_MPS2 = (2.6, 4.5)
 """Acceleration and deceleration of SUMO's car."""
+
+
+@dataclass(frozen=True, slots=True)
+class Walked:
+    """One person's way over the crosswalk.
+
+    Attributes:
+        id: SUMO's id, or the one that a person of the harness has there.
+        own: whether the harness moved them.
+        walk: in the axis's frame, where y = 0 is the axis's beginning, ``near`` the kerb there, and
+            x the way to the axis's left; its times are SUMO's.
+        cleared_s: when they reached the other kerb; None if they did not.
+        until_s: when they reached it, or were last seen; infinite if they are there at the end.
+        let_go: whether they went before the first vehicle that kept them waiting; None if none did,
+            or if SUMO decided.
+    """
+
+    id: str
+    own: bool
+    walk: Walk
+    cleared_s: float | None
+    until_s: float
+    let_go: bool | None = None
+
+    def places(self, time_s: FloatArray, crosswalk: Crosswalk) -> FloatArray:
+        """Where they are between the kerbs at some times, shape (n, 2); NaN at other times."""
+        assert self.walk.start_s is not None
+        found = np.full((len(time_s), 2), np.nan)
+        on = (time_s >= self.walk.start_s) & (time_s <= self.until_s)
+        if on.any():
+            road = Crossing(crosswalk.length_m, 1.0, 0.0, 1.0)
+            left_m, along_m, *_ = states_at(self.walk, road, time_s[on])
+            found[on] = [*map(crosswalk.point, along_m.tolist(), left_m.tolist())]
+        return found
 
 
 class SeenLane:

@@ -8,7 +8,6 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import starmap
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from harness.core.encounter import (
     PEDESTRIAN_RADIUS_M,
     Contact,
     Ending,
-    Leg,
     StepMotion,
     Trace,
     Walk,
@@ -28,8 +26,9 @@ from harness.measures.contacts import Strike
 from harness.measures.efficiency import beyond
 from harness.measures.ego import ego_state
 from harness.simulation.cars import LIMITS, Passage
-from harness.simulation.walked import Walked
+from harness.simulation.own_people import Walked
 from harness.site.path import Path
+from harness.site.walk import moved
 from harness.site.zone import Zones
 
 Row = Mapping[str, Any]
@@ -38,7 +37,6 @@ _SAMPLE_S = 0.0125
 """Longest time between two outlines that are compared with people."""
 _NEAR_M = 2.0
 """No person touches a vehicle whose outline is this far from the crosswalk."""
-_ROUNDING_S = 1e-7
 
 
 def passages(
@@ -157,37 +155,6 @@ def _trace(
                 walk = replace(walk, range_m=-x_m, vehicle_speed_mps=speed_mps)
         walks.append(walk)
     return replace(base, walks=tuple(walks)), walkers
-
-
-def moved(
-    walk: Walk,
-    since_s: float,
-    step_s: float,
-    length_m: float | None = None,
-    *,
-    leads_left: bool = False,
-) -> Walk:
-    """A walk with other times, as a vehicle sees it that drives over the crosswalk.
-
-    Args:
-        walk: the walk.
-        since_s: its times are counted from this time.
-        step_s: a leg that begins a rounding error beside a step of this length begins with it.
-        length_m: the crosswalk's length, if the axis begins at the far kerb; None if at the near.
-        leads_left: whether the axis leads to the vehicle's left; x is the way ahead.
-    """
-    arrival, legs, ahead = walk.arrival, walk.legs, -1.0 if leads_left else 1.0
-    arrival = arrival._replace(arrival_s=arrival.arrival_s - since_s)
-    up, from_m = (1.0, 0.0) if length_m is None else (-1.0, length_m)
-    if length_m is not None:
-        arrival = arrival._replace(side=arrival.side.other)
-    if legs is not None:
-        rows = np.array(legs) * [1.0, ahead, up, ahead, up, up] + [-since_s, 0, from_m, 0, 0, 0]
-        whole_s = np.round(rows[:, 0] / step_s) * step_s
-        rows[:, 0] = np.where(np.abs(rows[:, 0] - whole_s) < _ROUNDING_S, whole_s, rows[:, 0])
-        legs = tuple(starmap(Leg, rows.tolist()))
-    start_s = None if walk.start_s is None else walk.start_s - since_s
-    return replace(walk, arrival=arrival, start_s=start_s, legs=legs)
 
 
 def strike_of(

@@ -1,13 +1,45 @@
 """The people at one crosswalk as drivers see them: SUMO's, and the harness's."""
 
 import math
+from dataclasses import dataclass, field
 
 from harness.core.encounter import PedestrianView, Side, quick_tuple
 from harness.engine.session import Session
 from harness.simulation.cars import Passage
-from harness.simulation.own_people import OWN_CROSSES, OwnPeople
-from harness.simulation.walked import STANDING_MPS, WAITING_M, Seen, Walked, walked_of
+from harness.simulation.own_people import OWN_CROSSES, OwnPeople, Walked
 from harness.site.town import Crosswalk, Town
+from harness.site.walk import STANDING_MPS, WAITING_M, walk_of
+
+
+@dataclass(slots=True, eq=False)
+class Seen:
+    """Somebody whom SUMO moves, from the walking area before the crosswalk to the one beyond.
+
+    Attributes:
+        id: SUMO's id.
+        index: their number in observations.
+        near: whether they came from the beginning of the axis.
+        states: (time, x, y, whether SUMO had them on the crosswalk) at the ends of steps.
+    """
+
+    id: str
+    index: int
+    near: bool
+    states: list[tuple[float, float, float, bool]] = field(default_factory=list)
+
+    @property
+    def on(self) -> bool:
+        """Whether SUMO has them on the crosswalk."""
+        return self.states[-1][3]
+
+    def walked(self, crosswalk: Crosswalk) -> Walked | None:
+        """Their way over it; None for those who only passed beside the kerb."""
+        found = walk_of(self.states, self.near, self.index, crosswalk)
+        if found is None:
+            return None
+        walk, cleared_s = found
+        until_s = self.states[-1][0] if cleared_s is None else cleared_s
+        return Walked(self.id, False, walk, cleared_s, until_s)
 
 
 class PeopleAt:
@@ -129,7 +161,7 @@ class PeopleAt:
     def walked(self) -> list[Walked]:
         """Everybody who stepped off or waited, the harness's first."""
         own = [] if self.own is None else [*self.own.walked()]
-        sumos = (walked_of(each, self.crosswalk) for each in self._came)
+        sumos = (each.walked(self.crosswalk) for each in self._came)
         return own + [each for each in sumos if each is not None]
 
 

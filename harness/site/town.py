@@ -206,6 +206,11 @@ class Town:
         passing = self._passing[at.junction]
         return tuple(each.connection for each in passing if at.area.dwithin(each.line, near_m))
 
+    def limits_mps(self, crosswalk: str) -> Sequence[float]:
+        """The speed limits of the lanes before a crosswalk, the lowest first."""
+        before = {each.from_lane for each in self.connections(crosswalk)}
+        return sorted({self.lane(lane).limit_mps for lane in before})
+
     def path(self, connection: Connection, before_m: float) -> Path:
         """The path of a connection from ``before_m`` before the stop line, or a little earlier.
 

@@ -14,10 +14,11 @@ from scipy.optimize import brentq
 from harness.core.encounter import Arrival, Ending, Leg, Side, Trace, Vehicle, Walk
 from harness.measures import measure
 from harness.simulation.cars import PASSED, Car, Passage
-from harness.simulation.passages import free_pass_s, moved, passages, strike_of
-from harness.simulation.walked import Walked
+from harness.simulation.own_people import Walked
+from harness.simulation.passages import free_pass_s, passages, strike_of
 from harness.site.path import Path, PathLane
 from harness.site.town import Connection, Crosswalk
+from harness.site.walk import moved
 from harness.site.zone import zone_of
 
 STEP_S = 0.1

@@ -1,18 +1,17 @@
-"""A person's way over a crosswalk, whoever moved them.
+"""A person's places on the way over a crosswalk in; their walk between the kerbs out.
 
 Every place is a distance along the crosswalk's axis: 0 at its beginning, ``length_m`` at its end.
-Times are SUMO's.
 """
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import starmap
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.encounter import Arrival, Crossing, FloatArray, Leg, Side, Walk
-from harness.measures.motion.walking import states_at
+from harness.core.encounter import Arrival, FloatArray, Leg, Side, Walk
 from harness.site.town import Crosswalk
 
 WAITING_M = 1.0
@@ -21,90 +20,77 @@ STANDING_MPS = 0.1
 """SUMO's threshold for waiting."""
 KERB_M = 0.02
 """A person nearer to a kerb than this is at it: SUMO may hold people 1 cm away from a kerb."""
+_ROUNDING_S = 1e-7
 
 
-@dataclass(frozen=True, slots=True)
-class Walked:
-    """One person's way over the crosswalk.
+def walk_of(
+    states: Sequence[tuple[float, float, float, bool]], near: bool, index: int, crosswalk: Crosswalk
+) -> tuple[Walk, float | None] | None:
+    """A person's walk and when they reached the other kerb, None if they did not.
 
-    Attributes:
-        id: SUMO's id, or the one that a person of the harness has there.
-        own: whether the harness moved them.
-        walk: in the axis's frame, where y = 0 is the axis's beginning, ``near`` the kerb there, and
-            x the way to the axis's left; its times are SUMO's.
-        cleared_s: when they reached the other kerb; None if they did not.
-        until_s: when they reached it, or were last seen; infinite if they are there at the end.
-        let_go: whether they went before the first vehicle that kept them waiting; None if none did,
-            or if SUMO decided.
-    """
-
-    id: str
-    own: bool
-    walk: Walk
-    cleared_s: float | None
-    until_s: float
-    let_go: bool | None = None
-
-    def places(self, time_s: FloatArray, crosswalk: Crosswalk) -> FloatArray:
-        """Where they are between the kerbs at some times, shape (n, 2); NaN at other times."""
-        assert self.walk.start_s is not None
-        found = np.full((len(time_s), 2), np.nan)
-        on = (time_s >= self.walk.start_s) & (time_s <= self.until_s)
-        if on.any():
-            road = Crossing(crosswalk.length_m, 1.0, 0.0, 1.0)
-            left_m, along_m, *_ = states_at(self.walk, road, time_s[on])
-            found[on] = [*map(crosswalk.point, along_m.tolist(), left_m.tolist())]
-        return found
-
-
-@dataclass(slots=True, eq=False)
-class Seen:
-    """Somebody whom SUMO moves, from the walking area before the crosswalk to the one beyond.
-
-    Attributes:
-        id: SUMO's id.
-        index: their number in observations.
+    Args:
+        states: (time, x, y, whether they were on the crosswalk) at each step, from the walking area
+            before the crosswalk to the one beyond.
         near: whether they came from the beginning of the axis.
-        states: (time, x, y, whether SUMO had them on the crosswalk) at the ends of steps.
+        index: their number.
+        crosswalk: the crosswalk.
+
+    Returns:
+        The walk in the axis's frame, where y = 0 is the axis's beginning, ``near`` the kerb there,
+        and x the way to the axis's left.  None for those who only passed beside the kerb.
     """
-
-    id: str
-    index: int
-    near: bool
-    states: list[tuple[float, float, float, bool]] = field(default_factory=list)
-
-    @property
-    def on(self) -> bool:
-        """Whether SUMO has them on the crosswalk."""
-        return self.states[-1][3]
-
-
-def walked_of(person: Seen, crosswalk: Crosswalk) -> Walked | None:
-    """The way of one of SUMO's people; None for those who only passed beside the kerb."""
-    time_s, *xy, on_it = np.array(person.states).T
+    time_s, *xy, on_it = np.array(states).T
     places, on, length_m = np.column_stack(xy), np.flatnonzero(on_it), crosswalk.length_m
     along_m, left_m = np.array([crosswalk.foot(*at) for at in places.tolist()]).T
-    side, ahead_m = (Side.NEAR, along_m) if person.near else (Side.FAR, length_m - along_m)
+    side, ahead_m = (Side.NEAR, along_m) if near else (Side.FAR, length_m - along_m)
     points = _from_kerb_to_kerb(time_s, ahead_m, on, length_m)
     waits_s = _waits_from(time_s, ahead_m, places, int(on[0]) if len(on) else len(time_s))
     if len(points) < 2:
         if len(on) or waits_s is None:
             return None
         # There is no quantile; NaN distinguishes them from timed pedestrians.
-        waiting = Walk(Arrival(person.index, waits_s, side, math.nan))
-        return Walked(person.id, False, waiting, None, float(time_s[-1]))
+        return Walk(Arrival(index, waits_s, side, math.nan)), None
     (start_s, from_m), (end_s, to_m) = points[0].tolist(), points[-1].tolist()
     came_s = start_s if waits_s is None else min(waits_s, start_s)
-    y_m = points[:, 1] if person.near else length_m - points[:, 1]
+    y_m = points[:, 1] if near else length_m - points[:, 1]
     walk = Walk(
-        Arrival(person.index, came_s, side, math.nan),
+        Arrival(index, came_s, side, math.nan),
         start_s,
         max((to_m - from_m) / (end_s - start_s), 1e-3),
         legs=_legs(points[:, 0], np.interp(points[:, 0], time_s, left_m), y_m),
     )
-    cleared_s = end_s if to_m >= length_m - KERB_M else None
-    until_s = float(time_s[-1]) if cleared_s is None else cleared_s
-    return Walked(person.id, False, walk, cleared_s, until_s)
+    return walk, end_s if to_m >= length_m - KERB_M else None
+
+
+def moved(
+    walk: Walk,
+    since_s: float,
+    step_s: float,
+    length_m: float | None = None,
+    *,
+    leads_left: bool = False,
+) -> Walk:
+    """A walk with other times, as a vehicle sees it that drives over the crosswalk.
+
+    Args:
+        walk: the walk.
+        since_s: its times are counted from this time.
+        step_s: a leg that begins a rounding error beside a step of this length begins with it.
+        length_m: the crosswalk's length, if the axis begins at the far kerb; None if at the near.
+        leads_left: whether the axis leads to the vehicle's left; x is the way ahead.
+    """
+    arrival, legs, ahead = walk.arrival, walk.legs, -1.0 if leads_left else 1.0
+    arrival = arrival._replace(arrival_s=arrival.arrival_s - since_s)
+    up, from_m = (1.0, 0.0) if length_m is None else (-1.0, length_m)
+    if length_m is not None:
+        arrival = arrival._replace(side=arrival.side.other)
+    if legs is not None:
+        rows = np.array(legs) * [1.0, ahead, up, ahead, up, up] + [-since_s, 0, from_m, 0, 0, 0]
+        whole_s = np.round(rows[:, 0] / step_s) * step_s
+        rows[:, 0] = np.where(np.abs(rows[:, 0] - whole_s) < _ROUNDING_S, whole_s, rows[:, 0])
+        legs = tuple(starmap(Leg, rows.tolist()))
+    start_s = None if walk.start_s is None else walk.start_s - since_s
+    return replace(walk, arrival=arrival, start_s=start_s, legs=legs)
 
 
 def _waits_from(
