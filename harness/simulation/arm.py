@@ -183,15 +183,12 @@ class ArmOfPair:
         for name in self._approaches.found(self._steps):
             if name not in self._cars and name in self.automated:
                 automated = self.automated[name]
-                car = self._approaches.car(name, automated, self._driver(automated))
-                self._cars[name] = car
-                due.append(car)
+                driver = self._arm if automated else Arm.HUMAN
+                self._cars[name] = self._approaches.car(name, automated, driver)
+                due.append(self._cars[name])
         for car in due:
             if self._cars.get(car.name) is car and car.name not in self._near:
                 self._approach(car, time_s)
-
-    def _driver(self, automated: bool) -> Arm:
-        return Arm.AV if automated and self._arm is Arm.AV else Arm.HUMAN
 
     def _approach(self, car: Car, time_s: float) -> None:
         """Plan a vehicle that is not near yet, and decide when to look at it again."""
@@ -244,7 +241,8 @@ class ArmOfPair:
     def _begin(self, passage: Passage, time_s: float) -> None:
         """Begin a passage whose vehicle is within R0, and choose who drives."""
         setup, car, step_s = self.setup, passage.car, self.session.step_s
-        people, driver = self.people[passage.crosswalk.id], self._driver(car.automated)
+        people = self.people[passage.crosswalk.id]
+        driver = self._arm if car.automated else Arm.HUMAN
         range_m = setup.scenario.ego.trigger_range_m
         x_m = car.odometer_m - passage.centre_m
         over_m = max(0.0, x_m + range_m)

@@ -45,7 +45,6 @@ class Car:
         name: SUMO's id.
         type_id, automated: its vType; whether it is an AV, in either arm.
         vehicle: its constants; v0 and R0 are those of each passage.
-        late: whether it obeys late.
         speed_factor, max_mps: its own factor of speed limits, and its type's largest speed.
         lane: the lane that it was last seen on.
         next_m: the odometer from which a passage begins or ends.
@@ -60,7 +59,7 @@ class Car:
         limited: the number of driven steps by what limited them (``LIMITS``).
         limited_by: what decided the command.
         held_by: what made SUMO drive slower than commanded; None: nothing.
-        actuator: what passes commands on, if the vehicle obeys late.
+        actuator: what passes commands on while a strategy drives, if the vehicle obeys late.
     """
 
     name: str
@@ -69,7 +68,6 @@ class Car:
     vehicle: Vehicle
     speed_factor: float
     max_mps: float
-    late: bool = field(init=False)
     lane: str = ""
     next_m: float = -math.inf
     odometer_m: float = 0.0
@@ -88,10 +86,6 @@ class Car:
     limited_by: int = STRATEGY
     held_by: int | None = None
     actuator: Actuator | None = None
-
-    def __post_init__(self) -> None:
-        """Note whether it obeys late, which is asked at every step."""
-        self.late = not self.vehicle.obeys_at_once
 
     def note(self, odometer_m: float, speed_mps: float) -> None:
         """Note the state at the end of a step."""

@@ -53,6 +53,8 @@ class Control:
         if not driven:
             self.release(car)
             return
+        if car.name not in self._driven and not car.vehicle.obeys_at_once:
+            car.actuator = Actuator(car.vehicle, self._step_s, car.speed_mps, car.acceleration_mps2)
         self._driven[car.name] = car
         self._ignore(car)
         end_m = max(each.last_m for each in driven)
@@ -99,10 +101,7 @@ class Control:
                         error.args = (f"{where}: {error}",)
                         raise
             target_mps = wish_mps = max(0.0, car.speed_mps + lowest * self._step_s)
-            if car.late:
-                if car.actuator is None:
-                    gain = car.acceleration_mps2
-                    car.actuator = Actuator(car.vehicle, self._step_s, car.speed_mps, gain)
+            if car.actuator is not None:
                 target_mps = max(0.0, car.actuator.speed_after(lowest, car.speed_mps))
             car.limited_by = STRATEGY if abs(target_mps - wish_mps) <= CUT_MPS else ACTUATOR
             if target_mps > car.least_mps:

@@ -10,6 +10,7 @@ from harness.engine.configuration import SumoConfig, people_come, write_xml
 from harness.scenario.sections import EgoSection
 from harness.simulation.files import run_untouched
 from harness.simulation.opening import chosen, town_of
+from harness.simulation.setup import CAR_M
 from harness.site.town import Crosswalk, Town
 from harness.site.zone import zone_of
 
@@ -17,8 +18,6 @@ _COMFORTABLE_MPS2 = 2.0
 """R0 of a written scenario lets a vehicle stop from the speed limit with this deceleration."""
 _STEP_S = 0.1
 """The greatest step of a written scenario."""
-_CAR_M = (5.0, 1.8)
-"""Length and width of SUMO's car."""
 _TEMPLATE = Path(__file__).with_name("scenario.template.toml")
 _MANOEUVRES = ("straight", "left", "right", "turn")
 
@@ -129,7 +128,7 @@ def _described(town: Town, crosswalk: Crosswalk) -> Iterator[str]:
     gives_way = "vehicles give way" if crosswalk.prioritized else "no zebra: people give way"
     yield f"{crosswalk.id} over {' / '.join(crosswalk.roads)}: {gives_way}"
     for each in town.connections(crosswalk.id):
-        zone = zone_of(town.path(each, 0.0), crosswalk, *_CAR_M)
+        zone = zone_of(town.path(each, 0.0), crosswalk, *CAR_M)
         if zone is not None and zone.split:
             yield f"  a car from {each.from_lane} to {each.to_lane} grazes it only, or twice"
 

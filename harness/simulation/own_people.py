@@ -17,7 +17,7 @@ from harness.encounter.walkers import ChooseSpeed, Walker
 from harness.engine.session import Session
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.simulation.cars import Car, Passage
-from harness.simulation.setup import Setup
+from harness.simulation.setup import CAR_M, Setup
 from harness.site.town import Crosswalk
 from harness.site.zone import Zone
 
@@ -30,8 +30,6 @@ WALKER_TYPE = "DEFAULT_PEDTYPE"
 
 _STEPS_TO_COME = 2
 """Steps after which an added person may be moved."""
-_CAR_M = (5.0, 1.8)
-"""Length and width of SUMO's car, whose zones are the lanes that people see."""
 _CAR_MPS2 = (2.6, 4.5)
 """Acceleration and deceleration of SUMO's car."""
 
@@ -74,7 +72,7 @@ class SeenLane:
     """The vehicles of one connection as the harness's people see them.
 
     Args:
-        zone: the zone of a car on that connection.
+        zone: the zone of SUMO's car on that connection.
     """
 
     def __init__(self, zone: Zone) -> None:
@@ -129,12 +127,12 @@ class OwnPeople:
         self.arrivals = setup.arrivals(pair, crosswalk.id)
         self._lanes: dict[str, SeenLane] = {}
         for connection in setup.town.connections(crosswalk.id):
-            zone = setup.zones.at(connection, crosswalk, *_CAR_M)
+            zone = setup.zones.at(connection, crosswalk, *CAR_M)
             if zone is not None:
                 self._lanes[connection.id] = SeenLane(zone)
         length_m, lanes = crosswalk.length_m, [*self._lanes.values()]
         self._road = Crossing(length_m, crosswalk.width_m, length_m / 2, length_m)
-        car = setup.vehicle(*_CAR_M, *_CAR_MPS2)
+        car = setup.vehicle(*CAR_M, *_CAR_MPS2)
         rules = replace(constants_of(setup.scenario), vehicle=car, crossing=self._road)
         self.crowd = Crowd(self.arrivals, lanes, choose_speed, rules, self._leave)
         self.moved: dict[int, int] = {}

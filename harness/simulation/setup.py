@@ -15,6 +15,8 @@ from harness.simulation.shares import number_of, sumo_seed
 from harness.site.town import Town
 from harness.site.zone import Zones
 
+CAR_M = (5.0, 1.8)
+"""Length and width of SUMO's car."""
 CROSSWALK = ":crosswalk_c0"
 """The crosswalk of every network of the harness."""
 
