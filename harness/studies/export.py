@@ -27,14 +27,14 @@ from harness.engine.network import network_of, opendrive
 from harness.engine.session import Session
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.results.run import Run
-from harness.results.tables import TABLES_OF, Row, Tables, read_cell
+from harness.results.tables import TABLES_OF, Row, Tables
 from harness.scenario import Scenario
 from harness.simulation.files import CONFIG_FILE
 from harness.site.road_frame import RoadFrame
-from harness.studies.replay import RECORDS, refuse_in_use, replayed, stored_tasks
+from harness.studies.replay import refuse_in_use, replayed, stored_tasks, traced
 from harness.studies.simulations import REPLAYED
 from harness.studies.tasks import Task
-from harness.studies.workers import LocalExecutor, supervise
+from harness.studies.workers import carried_out
 
 SCENARIO, ROAD = "scenario.xosc", "road.xodr"
 """The files that are written."""
@@ -169,20 +169,11 @@ def export(
 def _tables(run: Run, task: Task, outputs: Path) -> tuple[Tables, tuple[str, ...]]:
     """The rows of an arm, and how they differ from its record if it had to be simulated again."""
     (cell,), (arm,) = (each.number for each in task.cells), task.arms
-    if run.manifest["traces"]:
-        names = (*RECORDS, "traces")
-        kept = {name: read_cell(run.path, name, cell, run.manifest, task.first) for name in names}
-        return {name: of.filter(pc.equal(of["arm"], arm)) for name, of in kept.items()}, ()
     if run.kind == "simulations":
-        again = replace(task, outputs=outputs)
-    else:
-        again = replace(task, traces=True, engine=run.manifest["engine"])
-    executor = LocalExecutor(1, 1)
-    try:
-        rows = executor.submit(supervise, again).result()
-    finally:
-        executor.abort()
-    return rows.tables[cell], replayed(run, task, rows).differences
+        (rows,) = carried_out([replace(task, outputs=outputs)])
+        return rows.tables[cell], replayed(run, task, rows).differences
+    ((tables, differences),) = traced(run, [(cell, task.first)], (arm,)).values()
+    return {name: of.filter(pc.equal(of["arm"], arm)) for name, of in tables.items()}, differences
 
 
 def _openscenario(scene: Scene) -> bytes:

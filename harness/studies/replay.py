@@ -2,7 +2,7 @@
 
 import math
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from harness.engine.shared import close_engine
 from harness.model.interaction import load_model
 from harness.results.folder import changes, simulated_with
 from harness.results.run import Run
-from harness.results.tables import TABLES_OF, read_cell
+from harness.results.tables import TABLES_OF, Tables, read_cell
 from harness.strategies.registry import source_digests
 from harness.studies.kinds import run_task
 from harness.studies.tasks import Rows, Task
@@ -29,6 +29,10 @@ TOLERANCE = 1e-6
 
 RECORDS = ("episodes", "pedestrians")
 """The tables of encounters that are compared; of simulations all are."""
+
+
+Key = tuple[int, int]
+"""Cell and pair."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +119,32 @@ def stored_tasks(run: Run, cell: int, pairs: Sequence[int], arms: Sequence[Arm])
     code = source_digests(of.scenario.arms.model_dump().values())
     task = Task((of,), model, 0, 1, code=code)
     return [replace(task, first=pair, arms=(arm,)) for pair in pairs for arm in arms]
+
+
+def traced(
+    run: Run, keys: Collection[Key], arms: tuple[Arm, ...]
+) -> dict[Key, tuple[Tables, tuple[str, ...]]]:
+    """The tables of pairs with their traces, and how the pairs differ from their records.
+
+    They are simulated again if the run kept no traces; otherwise they have both arms.
+    """
+    found: dict[Key, tuple[Tables, tuple[str, ...]]] = {}
+    if run.manifest["traces"]:
+        names = [table.name for table in TABLES_OF["encounters"]]
+        for cell, pair in keys:
+            stored = {name: read_cell(run.path, name, cell, run.manifest, pair) for name in names}
+            found[cell, pair] = stored, ()
+        return found
+    tasks = [
+        replace(task, arms=arms, traces=True, engine=run.manifest["engine"])
+        for cell in sorted({cell for cell, _ in keys})
+        for task in stored_tasks(run, cell, [pair for of, pair in keys if of == cell], arms[:1])
+    ]
+    for task, rows in zip(tasks, carried_out(tasks), strict=True):
+        for cell, tables in rows.tables.items():
+            differences = differences_of(run, cell, task.first, tables, arms)
+            found[cell, task.first] = tables, differences
+    return found
 
 
 def refuse_in_use(folder: Path, option: str) -> None:

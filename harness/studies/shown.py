@@ -1,14 +1,11 @@
 """The pairs worth watching with their traces, simulated again if the run kept none."""
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from harness.core.encounter import Arm, Ending
 from harness.results.run import Run
-from harness.results.tables import TABLES_OF, Tables, read_cell
-from harness.studies.replay import differences_of, stored_tasks
-from harness.studies.workers import carried_out
+from harness.studies.replay import Key, traced
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,9 +23,6 @@ _DANGEROUS = {
     "largest DRAC": "-max_drac_mps2",
 }
 """Reasons by danger, with the AV's column; a minus before it selects the largest values."""
-
-Key = tuple[int, int]
-"""Cell and pair."""
 
 
 @dataclass(frozen=True)
@@ -65,34 +59,13 @@ def shown_pairs(run: Run) -> list[ShownPair]:
     for reason, keys in chosen_pairs(run).items():
         for key in keys:
             reasons.setdefault(key, []).append(reason)
-    kept = bool(run.manifest["traces"])
-    found = (_stored if kept else _simulated)(run, reasons)
-    shown = []
-    for (cell, pair), whys in reasons.items():
-        tables = found[cell, pair]
-        traces, people = tables["traces"].to_pandas(), tables["pedestrians"].to_pandas()
-        differences = () if kept else differences_of(run, cell, pair, tables, tuple(Arm))
-        shown.append(ShownPair(cell, pair, tuple(whys), traces, people, not kept, differences))
+    found, shown = traced(run, reasons, tuple(Arm)), []
+    repeated = not run.manifest["traces"]
+    for key, whys in reasons.items():
+        tables, differences = found[key]
+        traces, people = (tables[name].to_pandas() for name in ("traces", "pedestrians"))
+        shown.append(ShownPair(*key, tuple(whys), traces, people, repeated, differences))
     return shown
-
-
-def _stored(run: Run, keys: Collection[Key]) -> dict[Key, Tables]:
-    names = [table.name for table in TABLES_OF["encounters"]]
-    return {
-        key: {name: read_cell(run.path, name, key[0], run.manifest, key[1]) for name in names}
-        for key in keys
-    }
-
-
-def _simulated(run: Run, keys: Collection[Key]) -> dict[Key, Tables]:
-    engine, arms = run.manifest["engine"], tuple(Arm)
-    tasks = [
-        replace(task, arms=arms, traces=True, engine=engine)
-        for cell in sorted({cell for cell, _ in keys})
-        for task in stored_tasks(run, cell, [pair for of, pair in keys if of == cell], [Arm.AV])
-    ]
-    done = zip(tasks, carried_out(tasks), strict=True)
-    return {(cell, task.first): of for task, rows in done for cell, of in rows.tables.items()}
 
 
 def chosen_pairs(run: Run) -> dict[str, list[Key]]:
