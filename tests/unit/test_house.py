@@ -17,7 +17,7 @@ import pytest
 
 CHECKOUT = Path(__file__).parents[2]
 CODE = {"harness": 20_000, "tests": 12_950, "benchmarks": 1_700, "docs": 600, "examples": 201}
-ROOMS = {"simulation": 1_700, "results": 1_950, "report": 1_490, "cli": 700, "studies": 3_940}
+ROOMS = {"simulation": 1_700, "results": 1_950, "report": 1_490, "cli": 700, "studies": 3_925}
 RUNNING = "tasks encounters children workers run replay watch evaluate candidates compare worst"
 MODULES, DOORS, PAGES, WEB = 205, 14, 2_815, 700
 IMPORTED, PASSED = 110, 15
