@@ -17,7 +17,7 @@ from harness.core.encounter import Arm, Arrival, FloatArray, Side
 from harness.encounter.arms import make_strategy
 from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.cell_constants import constants_of
-from harness.encounter.loop import run_episode
+from harness.encounter.loop import Episode, drive
 from harness.encounter.pairing import PairRunner
 from harness.measures import Outcome, measure
 from harness.model.interaction import InteractionModel, load_model
@@ -120,12 +120,14 @@ def _arm(scenario: Scenario, arm: Arm, quantiles: FloatArray, sides: list[Side])
         for begin in range(0, count, CHUNK):
             chunk = range(begin, min(begin + CHUNK, count))
             traces = [
-                run_episode(
-                    engine,
+                drive(
+                    Episode(
+                        engine,
+                        (Arrival(0, 0.0, sides[node], float(quantiles[node])),),
+                        _always(speeds[node]),
+                        rules,
+                    ),
                     make_strategy(scenario, arm, node, model),
-                    (Arrival(0, 0.0, sides[node], float(quantiles[node])),),
-                    _always(speeds[node]),
-                    rules,
                 )
                 for node in chunk
             ]

@@ -116,7 +116,7 @@ def crashes(runner: PairRunner, pairs: Sequence[tuple[int, Given]]) -> NDArray[n
     endings = [
         outcome.record.ending
         for at in range(0, len(pairs), CHUNK)
-        for outcome in runner.run_arm_given(Arm.AV, pairs[at : at + CHUNK], lambda _: None)
+        for outcome in runner.run_arm_given(Arm.AV, pairs[at : at + CHUNK])
     ]
     if Ending.ENGINE_FAILED in endings:
         raise SystemExit("an episode failed")

@@ -7,7 +7,7 @@ import numpy as np
 
 from harness.core.encounter import Arrival, Crossing, Leg, Side, Vehicle
 from harness.encounter.cell_constants import CellConstants
-from harness.encounter.loop import run_episode
+from harness.encounter.loop import Episode, drive
 from harness.engine.plain import PlainEngine
 from harness.results.result import Result
 from harness.scenario import Setting
@@ -47,7 +47,7 @@ def driven(strategy, people, speed_mps):
         side = Side.NEAR if person.y_mps > 0 else Side.FAR
         path = (Leg(0.0, person.x_m, person.y_m, 0.0, person.y_mps, 0.0),)
         arrivals.append(Arrival(len(arrivals), 0.0, side, None, path=path))
-    trace = run_episode(PlainEngine(vehicle, 0.1), strategy, arrivals, lambda *_: 0.0, rules)
+    trace = drive(Episode(PlainEngine(vehicle, 0.1), arrivals, lambda *_: 0.0, rules), strategy)
     return np.arange(len(trace.x_m)) * 0.1, trace.x_m
 
 

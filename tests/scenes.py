@@ -19,8 +19,8 @@ from harness.core.encounter import (
     Walk,
 )
 from harness.core.errors import InputError
+from harness.encounter import loop
 from harness.encounter.cell_constants import constants_of
-from harness.encounter.loop import run_episode
 from harness.encounter.pairing import PairRunner
 from harness.encounter.walkers import ChooseSpeed
 from harness.engine.plain import PlainEngine
@@ -87,7 +87,8 @@ def episode(
 ) -> Trace:
     """One episode, on the plain engine unless another is given."""
     engine = engine or PlainEngine(scene.vehicle(), scene.experiment.step_s)
-    return run_episode(engine, strategy, arrivals, choose_speed, constants_of(scene), perception)
+    begun = loop.Episode(engine, arrivals, choose_speed, constants_of(scene), perception)
+    return loop.drive(begun, strategy)
 
 
 def play(
@@ -130,8 +131,6 @@ def drive(
         ),
         ending=ending,
         reason=reason,
-        sumo_collision=None,
-        fallback=False,
     )
 
 

@@ -6,7 +6,7 @@ A car whose speed reaches 0 stands: its acceleration is 0 until a positive comma
 
 import math
 from collections import deque
-from itertools import chain, repeat
+from itertools import repeat
 from typing import NamedTuple
 
 from harness.core.encounter import Vehicle
@@ -144,18 +144,6 @@ class Actuator:
             command = self._waiting.popleft()
         self._state = response(state, command, self._step_s - self._rest_s, vehicle)
         return self._state.speed_mps
-
-    def after_dead_time(self) -> tuple[float, CarState]:
-        """Distance in m and state at the time from which a command given now would act."""
-        state, distance_m = self._state, 0.0
-        # The commands that were given and still act; the first only for the rest of its step.
-        first = (self._rest_s,) if self._rest_s else ()
-        lasting = chain(first, repeat(self._step_s))
-        for command, duration_s in zip(self._waiting, lasting, strict=False):
-            after = response(state, command, duration_s, self._vehicle)
-            distance_m += (state.speed_mps + after.speed_mps) / 2 * duration_s
-            state = after
-        return distance_m, state
 
     def _limited(self, wanted_mps2: float) -> float:
         vehicle = self._vehicle

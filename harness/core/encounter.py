@@ -314,9 +314,9 @@ class Trace:
     speed_mps: FloatArray
     walks: tuple[Walk, ...]
     ending: Ending
-    reason: str | None
-    sumo_collision: bool | None
-    fallback: bool
+    reason: str | None = None
+    sumo_collision: bool | None = None
+    fallback: bool = False
     traceback: str | None = None
     failed_in: FailedIn | None = None
     trace_offset_s: float = 0.0

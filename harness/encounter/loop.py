@@ -6,6 +6,7 @@ trace; the loop records only what cannot be computed later.
 
 import math
 from collections.abc import Generator, Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,6 @@ from harness.core.encounter import (
     Crossing,
     EgoView,
     Ending,
-    FailedIn,
     Observation,
     PedestrianView,
     Strategy,
@@ -38,72 +38,35 @@ Steps = Generator[Observation, float, Ending]
 """An episode as a generator: it yields observations and receives commanded accelerations."""
 
 
-def run_episode(
-    engine: Engine,
-    strategy: Strategy,
-    arrivals: Sequence[Arrival],
-    choose_speed: ChooseSpeed,
-    rules: CellConstants,
-    perception: "Perception | None" = None,
-) -> Trace:
-    """Simulate one episode from the trigger until the ego has passed or the time is up.
+def drive(episode: "Episode", strategy: Strategy) -> Trace:
+    """Simulate an episode from the trigger until the ego has passed or the time is up.
 
     Args:
-        engine: an engine bound to the same vehicle, crossing and step as ``rules``.
+        episode: a new episode.
         strategy: a new strategy object.
-        arrivals: all pedestrians who may arrive, by arrival time (s from the trigger, ≥ 0).
-        choose_speed: returns the walking speed of a pedestrian who steps off, given what they see.
-        rules: the cell's constants.
-        perception: a new object with the driver's perception; None: the driver sees the ground
-            truth within the detection range.
 
     Returns:
         The trace.  It continues after a contact, until the ego has passed; ``measures`` ends the
         record at the contact.  An error of engine or strategy ends it as ``engine_failed``.
     """
-    return drive(Episode(engine, arrivals, choose_speed, rules, perception), strategy)
-
-
-def drive(episode: "Episode", strategy: Strategy) -> Trace:
-    """Simulate an episode from its beginning; see ``run_episode``."""
-    reason, traceback, collided = None, None, None
-    failed_in: FailedIn | None = None
     try:
-        ending = _drive(episode.steps(), strategy)
-        collided = episode.engine.end()
+        ending = _driven(episode.steps(), strategy)
+        trace = replace(episode.trace(ending), sumo_collision=episode.engine.end())
     except EngineError as error:
-        ending, reason = Ending.ENGINE_FAILED, str(error)
-        failed_in = "strategy" if isinstance(error, StrategyError) else "engine"
-        traceback = error.traceback if isinstance(error, StrategyError) else None
-    return episode.trace(
-        ending,
-        reason=reason,
-        sumo_collision=collided,
-        fallback=bool(getattr(strategy, "fallback", False)),
-        traceback=traceback,
-        failed_in=failed_in,
-    )
+        trace = failed(episode.trace(Ending.TIMED_OUT), error)
+    return replace(trace, fallback=bool(getattr(strategy, "fallback", False)))
 
 
-def failed_episode(error: StrategyError, rules: CellConstants) -> Trace:
-    """The trace of an episode whose strategy could not be made."""
-    return Trace(
-        vehicle=rules.vehicle,
-        crossing=rules.crossing,
-        step_s=rules.step_s,
-        x_m=np.array([]),
-        speed_mps=np.array([]),
-        walks=(),
-        ending=Ending.ENGINE_FAILED,
-        reason=str(error),
-        sumo_collision=None,
-        fallback=False,
-        traceback=error.traceback,
-        failed_in="strategy",
-    )
+def failed(trace: Trace, error: EngineError) -> Trace:
+    """The trace of an episode that an error ended."""
+    if isinstance(error, StrategyError):
+        trace = replace(trace, failed_in="strategy", traceback=error.traceback)
+    else:
+        trace = replace(trace, failed_in="engine")
+    return replace(trace, ending=Ending.ENGINE_FAILED, reason=str(error))
 
 
-def _drive(steps: Steps, strategy: Strategy) -> Ending:
+def _driven(steps: Steps, strategy: Strategy) -> Ending:
     """Answer every observation of an episode with the strategy's command."""
     decide = strategy.decide
     observation = next(steps)
@@ -121,16 +84,6 @@ def _drive(steps: Steps, strategy: Strategy) -> Ending:
 
 class _EgoLane:
     """The ego's lane, with only the ego on it, in its last recorded state."""
-
-    __slots__ = (
-        "acceleration_mps2",
-        "centre_m",
-        "edges_m",
-        "passed",
-        "speed_mps",
-        "vehicle",
-        "x_m",
-    )
 
     def __init__(self, crossing: Crossing, vehicle: Vehicle) -> None:
         self.centre_m, self.passed, self.vehicle = crossing.lane_centre_m, False, vehicle
@@ -156,9 +109,17 @@ class _EgoLane:
 class Episode:
     """One running episode, whose driver answers the observations of ``steps``.
 
-    The arguments are those of ``run_episode``.  ``x_m`` and ``speed_mps`` hold the ego's states so
-    far, ``crowd`` the pedestrians, and ``places`` (index, y in m) of all pedestrians who were at
-    the crosswalk at the end of the last step.
+    ``x_m`` and ``speed_mps`` hold the ego's states so far, ``crowd`` the pedestrians, and
+    ``places`` (index, y in m) of all pedestrians who were at the crosswalk at the end of the last
+    step.
+
+    Args:
+        engine: an engine bound to the same vehicle, crossing and step as ``rules``.
+        arrivals: all pedestrians who may arrive, by arrival time (s from the trigger, ≥ 0).
+        choose_speed: returns the walking speed of a pedestrian who steps off, given what they see.
+        rules: the cell's constants.
+        perception: a new object with the driver's perception; None: the driver sees the ground
+            truth within the detection range.
     """
 
     def __init__(
@@ -171,30 +132,15 @@ class Episode:
     ) -> None:
         self.engine, self.rules, self.perception = engine, rules, perception
         self._arrivals, self._ego = arrivals, _EgoLane(rules.crossing, rules.vehicle)
-        self.crowd = Crowd(
-            arrivals,
-            [self._ego],
-            choose_speed,
-            rules,
-            engine.remove,
-            look_back=True,
-        )
+        lanes, leave = [self._ego], engine.remove
+        self.crowd = Crowd(arrivals, lanes, choose_speed, rules, leave, look_back=True)
         self.x_m: list[float] = []
         self.speed_mps: list[float] = []
         self.places: list[tuple[int, float]] = []
         self.shown: list[tuple[PedestrianView, ...]] = []
 
-    def trace(
-        self,
-        ending: Ending,
-        *,
-        reason: str | None = None,
-        sumo_collision: bool | None = None,
-        fallback: bool = False,
-        traceback: str | None = None,
-        failed_in: FailedIn | None = None,
-    ) -> Trace:
-        """The trace of what has been simulated so far; the arguments are fields of ``Trace``."""
+    def trace(self, ending: Ending) -> Trace:
+        """The trace of what has been simulated so far, as if it ended now."""
         return Trace(
             vehicle=self.rules.vehicle,
             crossing=self.rules.crossing,
@@ -203,11 +149,6 @@ class Episode:
             speed_mps=np.array(self.speed_mps),
             walks=tuple(walker.walk for walker in self.crowd.came),
             ending=ending,
-            reason=reason,
-            sumo_collision=sumo_collision,
-            fallback=fallback,
-            traceback=traceback,
-            failed_in=failed_in,
             shown=None if self.perception is None else tuple(self.shown),
         )
 
@@ -228,7 +169,6 @@ class Episode:
         note_x, note_speed = self.x_m.append, self.speed_mps.append
         crowd, ego, perception = self.crowd, self._ego, self.perception
         walkers = crowd.walkers
-        most, least = vehicle.max_acceleration_mps2, -vehicle.max_deceleration_mps2
         acceleration = 0.0
         x, speed = engine.begin(self._arrivals)
         note_x(x)
@@ -252,12 +192,9 @@ class Episode:
                 seen = tuple(map(VIEW, walkers))
             view = quick_tuple(EgoView, (-x, speed, acceleration))
             wanted = yield quick_tuple(Observation, (now, step, view, vehicle, crossing, seen))
-            if type(wanted) is not float or not least <= wanted <= most:
-                wanted = limited(wanted, vehicle, now)
+            wanted = limited(wanted, vehicle, now)
             if actuator is None:
-                target = speed + wanted * step
-                if target < 0:
-                    target = 0.0
+                target = max(0.0, speed + wanted * step)
             else:
                 target = actuator.speed_after(wanted, speed)
             acceleration = (target - speed) / step

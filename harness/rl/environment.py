@@ -4,6 +4,7 @@ import math
 import sys
 import weakref
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -244,7 +245,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         """Clear the road and keep the trace."""
         episode = self._episode
         assert episode is not None
-        self._finished = episode.trace(ending, sumo_collision=episode.engine.end())
+        self._finished = replace(episode.trace(ending), sumo_collision=episode.engine.end())
         self._episode = self._steps = None
 
     def _break_off(self) -> None:

@@ -23,7 +23,7 @@ from harness.core.encounter import (
 from harness.core.errors import in_one_line
 from harness.encounter.arms import make_strategy
 from harness.encounter.cell_constants import constants_of
-from harness.encounter.loop import run_episode
+from harness.encounter.loop import Episode, drive
 from harness.engine.plain import PlainEngine
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario, Setting, load_scenario, validate
@@ -113,13 +113,13 @@ class Play:
         except (Exception, SystemExit) as error:
             why = f"cannot be made: {in_one_line(error)}"
             raise BrokenRuleError(why, rule=_SURVIVES) from None
-        self.trace = run_episode(
+        episode = Episode(
             PlainEngine(scenario.vehicle(), self.step_s),
-            self,
             [Arrival(i, at, side, 0.5) for i, (at, side, _) in enumerate(chosen.walkers)],
             lambda who, *_: chosen.walkers[who.index][2],
             constants_of(scenario, Arm.HUMAN),
         )
+        self.trace = drive(episode, self)
         if self.trace.ending is Ending.ENGINE_FAILED:
             raise self.stopped(str(self.trace.reason))
         return self

@@ -74,7 +74,7 @@ class _Drawing:
             def begins(_number: int, _arm: Arm, episode: Loop) -> None:
                 tell(EpisodeId(cell.number, next(units), arm), episode.x_m)
 
-            measured = [*runner.run_arm_given(arm, inputs, lambda _rng: tell(None, None), begins)]
+            measured = [*runner.run_arm_given(arm, inputs, lambda: tell(None, None), begins)]
             found = self._outcomes(kept, measured)
             return [lost.get(each.unit) or next(found) for each in episodes]
 

@@ -20,7 +20,7 @@ from harness.core.seeding import resampling, stream
 from harness.core.versions import versions_of_fits
 from harness.encounter.arms import check_arms, named_strategy
 from harness.encounter.cell_constants import CellConstants
-from harness.encounter.loop import run_episode
+from harness.encounter.loop import Episode, drive
 from harness.engine.plain import PlainEngine
 from harness.measures import measure
 from harness.measures.ego import crossing_time
@@ -255,8 +255,8 @@ def _simulated(passage: RecordedPassage, strategy: Strategy, step_s: float) -> T
     )
     arrivals = [of.arrival._replace(index=index) for index, of in enumerate(passage.people)]
     # Recorded people never ask for a walking speed.
-    trace = run_episode(PlainEngine(begun, step_s), strategy, arrivals, lambda *_: np.nan, rules)
-    return replace(trace, vehicle=passage.vehicle)
+    episode = Episode(PlainEngine(begun, step_s), arrivals, lambda *_: np.nan, rules)
+    return replace(drive(episode, strategy), vehicle=passage.vehicle)
 
 
 def _passing(passage: RecordedPassage, trace: Trace) -> tuple[float, np.ndarray]:

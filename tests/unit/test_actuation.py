@@ -13,8 +13,8 @@ from scipy.optimize import brentq
 
 from harness.core.actuation import Actuator
 from harness.core.encounter import Arm, Side, Trace, Vehicle
+from harness.encounter import loop
 from harness.encounter.cell_constants import constants_of
-from harness.encounter.loop import run_episode
 from harness.engine.plain import PlainEngine
 from harness.measures import measure
 from harness.model.interaction import InteractionModel
@@ -124,7 +124,8 @@ def test_an_episode_has_the_responses_speeds_and_shows_them() -> None:
     commands = [-4.0 if n < 12 else 2.0 for n in range(200)]
     driver = Recorder(lambda seen: commands[round(seen.time_s / STEP_S)])
     rules = constants_of(scene, Arm.AV)
-    trace = run_episode(PlainEngine(scene.vehicle(), STEP_S), driver, (), lambda *_: 1.0, rules)
+    episode = loop.Episode(PlainEngine(scene.vehicle(), STEP_S), (), lambda *_: 1.0, rules)
+    trace = loop.drive(episode, driver)
     speeds = [5.0, *speeds_of(rules.vehicle, commands[: len(trace.x_m) - 1])]
     assert trace.speed_mps.tolist() == speeds
     assert [seen.ego.speed_mps for seen in driver.seen] == speeds[:-1]
