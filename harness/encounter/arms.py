@@ -45,22 +45,13 @@ def draws(scenario: Scenario, driver: Arm) -> bool:
     return "rng" in needs(find_strategy(scenario.arms.driver(driver), "arms"))
 
 
-def draws_of(
+def make_strategy(
     scenario: Scenario,
     driver: Arm,
     pair: int,
+    model: InteractionModel,
     *vehicle: int,
     given: Given = MappingProxyType({}),
-) -> np.random.Generator:
-    """The generator from which a driver draws; its first draws may be ``given``."""
-    purpose = draws_from(scenario, driver)
-    rng = stream(scenario.experiment.seed, purpose, pair, *vehicle)
-    first = given.get(purpose, ())
-    return GivenFirst(rng.bit_generator, first) if first else rng
-
-
-def make_strategy(
-    scenario: Scenario, driver: Arm, pair: int, model: InteractionModel, *vehicle: int
 ) -> Strategy:
     """A new strategy object for one episode, or for one ``vehicle`` of a pair with several.
 
@@ -69,9 +60,16 @@ def make_strategy(
         driver: selects ``arms.av`` or ``arms.human``, independently of the simulated arm.
         pair: keys the stream of its draws, together with ``vehicle``.
         model: the interaction model, for strategies that need it.
+        given: the first draws, by purpose.
     """
-    name = scenario.arms.driver(driver)
-    return named_strategy(scenario, name, model, lambda: draws_of(scenario, driver, pair, *vehicle))
+
+    def draws_of() -> np.random.Generator:
+        purpose = draws_from(scenario, driver)
+        rng = stream(scenario.experiment.seed, purpose, pair, *vehicle)
+        first = given.get(purpose, ())
+        return GivenFirst(rng.bit_generator, first) if first else rng
+
+    return named_strategy(scenario, scenario.arms.driver(driver), model, draws_of)
 
 
 def named_strategy(
@@ -109,8 +107,10 @@ def check_arms(scenario: Scenario, model: InteractionModel) -> None:
     Raises:
         InputError: something is refused; names the key of the scenario.
     """
-    if asks_model(scenario) and not scenario.model.extrapolate:
-        _check_support(scenario, model)
+    # A simulation's roads are checked with it.
+    asks = scenario.simulation is None and asks_model(scenario)
+    if asks and not scenario.model.extrapolate:
+        check_support(model, scenario.ego.trigger_range_m, scenario.ego.initial_speed_mps)
     for name in scenario.strategies:
         where = table_key(name)
         check_parameters(find_strategy(name, where), scenario.strategies[name], where)
@@ -127,9 +127,3 @@ def check_arms(scenario: Scenario, model: InteractionModel) -> None:
             ) from None
         except (Exception, SystemExit) as error:
             raise InputError(where, f"cannot be made: {in_one_line(error)}") from None
-
-
-def _check_support(scenario: Scenario, model: InteractionModel) -> None:
-    """Refuse a v0 or R0 outside the model's box; a simulation's roads are checked with it."""
-    if scenario.simulation is None:
-        check_support(model, scenario.ego.trigger_range_m, scenario.ego.initial_speed_mps)

@@ -3,19 +3,22 @@
 import math
 from collections.abc import Callable, Iterable, Iterator
 from statistics import NormalDist
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.encounter import Arrival, Leg, Side
 from harness.core.seeding import Given, Purpose, stream
-from harness.encounter.threshold import lognormal_s
+from harness.encounter.deciding import lognormal_s
 from harness.scenario import Scenario
 from harness.scenario.people import GapAcceptanceSection, PedestriansSection
 
 SECONDS_PER_HOUR = 3600.0
 
 _BLOCK = 32
+
+Drawn = TypeVar("Drawn")
 
 
 def planned_arrivals(
@@ -61,31 +64,47 @@ def planned_arrivals(
     count = len(groups)
     from_near = uniforms.first("side", len(times)) < pedestrians.near_side_share
     quantiles = uniforms.first("quantile", count)
-    classes = _walking_classes(pedestrians, uniforms, count)
-    gaps = _critical_gaps(pedestrians, uniforms, len(times))
-    thresholds, latencies = _thresholds(pedestrians, uniforms, len(times))
+    certain, behaviour = scenario.perception.detection_probability >= 1, pedestrians.behaviour
+    gap, times_s = pedestrians.gap_acceptance, pedestrians.threshold
+    classes = uniforms.each(
+        "walking_class", count if pedestrians.walking_classes else 0, pedestrians.walking_class_at
+    )
+    gaps = uniforms.each(
+        "critical_gap",
+        len(times) if behaviour == "gap_acceptance" else 0,
+        lambda uniform: critical_gap_s(uniform, gap),
+    )
+    thresholded = len(times) if behaviour == "threshold" else 0
+    thresholds = uniforms.each(
+        "threshold",
+        thresholded,
+        lambda uniform: times_s.factor * lognormal_s(uniform, times_s.log_mean, times_s.log_sd),
+    )
+    latencies = uniforms.each(
+        "latency",
+        thresholded,
+        lambda uniform: lognormal_s(uniform, times_s.latency_log_mean, times_s.latency_log_sd),
+    )
     walks = scenario.timed_walks()
-    first_seen = _detections(scenario, uniforms, "timed_detection", len(walks))
+    first_seen = uniforms.each("timed_detection", 0 if certain else len(walks), float)
+    detections = uniforms.each("detection", 0 if certain else count, float)
     timed = [
-        Arrival(index, 0.0, side, None, path=path, detection_quantile=detection)
-        for index, ((side, path), detection) in enumerate(zip(walks, first_seen, strict=True))
+        Arrival(index, 0.0, side, None, path=path, detection_quantile=first_seen.get(index))
+        for index, (side, path) in enumerate(walks)
     ]
-    detections = _detections(scenario, uniforms, "detection", count)
     others = [
         Arrival(
-            index,
+            len(timed) + number,
             times[group],
             Side.NEAR if from_near[group] else Side.FAR,
-            float(quantile),
-            gaps[group],
-            detection_quantile=detection,
-            threshold_s=thresholds[group],
-            latency_s=latencies[group],
-            walking_class=walking_class,
+            float(quantiles[number]),
+            gaps.get(group),
+            detection_quantile=detections.get(number),
+            threshold_s=thresholds.get(group),
+            latency_s=latencies.get(group),
+            walking_class=classes.get(number),
         )
-        for index, (group, quantile, walking_class, detection) in enumerate(
-            zip(groups, quantiles, classes, detections, strict=True), len(timed)
-        )
+        for number, group in enumerate(groups)
     ]
     return (*timed, *_led(others, groups))
 
@@ -172,47 +191,14 @@ class _Uniforms:
         values[: len(given)] = given
         return values
 
-    def inside(self, purpose: Purpose, count: int) -> list[float]:
-        """The same, above 0: NumPy draws from [0, 1), but a quantile at 0 may be infinite."""
-        inside: list[float] = np.maximum(self.first(purpose, count), 2.0**-54).tolist()
-        return inside
+    def each(self, purpose: Purpose, count: int, of: Callable[[float], Drawn]) -> dict[int, Drawn]:
+        """A function of each of these uniforms, by their numbers.
 
-
-def _critical_gaps(
-    pedestrians: PedestriansSection, uniforms: _Uniforms, count: int
-) -> list[float] | list[None]:
-    if pedestrians.behaviour != "gap_acceptance":
-        return [None] * count
-    drawn = uniforms.inside("critical_gap", count)
-    return [critical_gap_s(uniform, pedestrians.gap_acceptance) for uniform in drawn]
-
-
-def _thresholds(
-    pedestrians: PedestriansSection, uniforms: _Uniforms, count: int
-) -> tuple[list[float], list[float]] | tuple[list[None], list[None]]:
-    """The threshold θ and the latency of each pedestrian."""
-    if pedestrians.behaviour != "threshold":
-        return [None] * count, [None] * count
-    times = pedestrians.threshold
-    thresholds = [
-        times.factor * lognormal_s(uniform, times.log_mean, times.log_sd)
-        for uniform in uniforms.inside("threshold", count)
-    ]
-    latencies = [
-        lognormal_s(uniform, times.latency_log_mean, times.latency_log_sd)
-        for uniform in uniforms.inside("latency", count)
-    ]
-    return thresholds, latencies
-
-
-def _detections(
-    scenario: Scenario, uniforms: _Uniforms, purpose: Purpose, count: int
-) -> list[float] | list[None]:
-    """Quantiles of the time to the first detection; None if detection is certain."""
-    if scenario.perception.detection_probability >= 1:
-        return [None] * count
-    quantiles: list[float] = uniforms.first(purpose, count).tolist()
-    return quantiles
+        NumPy draws from [0, 1), but a quantile at 0 may be infinite, so they are kept above 0.
+        """
+        if not count:
+            return {}
+        return dict(enumerate(map(of, np.maximum(self.first(purpose, count), 2.0**-54).tolist())))
 
 
 def _groups(pedestrians: PedestriansSection, uniforms: _Uniforms, count: int) -> list[int]:
@@ -231,15 +217,6 @@ def _led(people: Iterable[Arrival], groups: Iterable[int]) -> Iterator[Arrival]:
     for person, group in zip(people, groups, strict=True):
         leader = leaders.setdefault(group, person)
         yield person if leader is person else person._replace(leader=leader)
-
-
-def _walking_classes(
-    pedestrians: PedestriansSection, uniforms: _Uniforms, count: int
-) -> list[int | None]:
-    if not pedestrians.walking_classes:
-        return [None] * count
-    drawn = uniforms.first("walking_class", count).tolist()
-    return [*map(pedestrians.walking_class_at, drawn)]
 
 
 def _arrival_times(

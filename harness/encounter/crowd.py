@@ -4,17 +4,23 @@ import math
 from collections.abc import Callable, Sequence
 from operator import methodcaller
 
-from harness.core.encounter import Arrival, PedestrianView, Side, Vehicle
-from harness.encounter.approaching import Approaching, LaneAhead
+from harness.core.encounter import Arrival, Side
 from harness.encounter.cell_constants import CellConstants
-from harness.encounter.deciding import keeps_waiting
-from harness.encounter.threshold import Threat, blocking, threats
+from harness.encounter.deciding import (
+    Approaching,
+    LaneAhead,
+    Threat,
+    blocking,
+    keeps_waiting,
+    threats,
+)
 from harness.encounter.walkers import (
     ChooseSpeed,
     ReactiveWalker,
-    SeenState,
+    Seen,
     TimedWalker,
     Walker,
+    chosen_speed,
 )
 
 VIEW = methodcaller("view")
@@ -113,16 +119,12 @@ class Crowd:
         """Move all pedestrians on to a time; return the index and y of each."""
         return [(walker.index, walker.walk_until(then)) for walker in self.walkers]
 
-    def views(self) -> tuple[PedestrianView, ...]:
-        """The views of all pedestrians from the ego's lane."""
-        return tuple(map(VIEW, self.walkers))
-
     def _walker(self, arrival: Arrival) -> Walker:
         crossing, behaviour = self._rules.crossing, self._rules.behaviour
         if arrival.path is not None:
             return TimedWalker(arrival, crossing)
         if behaviour == "reactive":
-            return ReactiveWalker(arrival, crossing, self._rules.vehicle, self._choose_speed)
+            return ReactiveWalker(arrival, crossing, self._choose_speed)
         return Walker(arrival, crossing)
 
     def _admit(self, walker: Walker, elapsed_s: float) -> None:
@@ -201,17 +203,13 @@ class Crowd:
 
     def _speed_before_traffic(
         self, walker: Walker, elapsed_s: float, leader: Arrival | None = None
-    ) -> tuple[float, SeenState]:
-        """The speed at which they step off, and the vehicle's (range, speed) that it depends on.
+    ) -> tuple[float, Seen | None]:
+        """The speed at which they step off, and the vehicle that it depends on.
 
         If a leader is given, it is the speed at which the leader would step off.
         """
-        person = leader or walker.arrival
-        vehicle = self._first_on_way(walker, -math.inf, elapsed_s)
-        if vehicle is None:
-            return self._choose_speed(person, -1.0, 0.0), (None, None)
-        range_m, speed, *_ = vehicle
-        return self._choose_speed(person, range_m, speed), (range_m, speed)
+        seen = self._first_on_way(walker, -math.inf, elapsed_s)
+        return chosen_speed(self._choose_speed, leader or walker.arrival, seen), seen
 
     def _look_again(self, walker: Walker, elapsed_s: float) -> None:
         if walker.start_s is None and walker.arrival.latency_s is not None:
@@ -223,18 +221,13 @@ class Crowd:
         walked = -math.inf
         if not self._look_back:
             walked = abs(walker.walk_until(walker.look_s) - self._kerb_m[walker.side])
-        walker.look(*(self._first_on_way(walker, walked, elapsed_s) or (-1.0, 0.0)))
+        walker.look(self._first_on_way(walker, walked, elapsed_s))
 
-    def _first_on_way(
-        self, walker: Walker, walked_m: float, elapsed_s: float
-    ) -> tuple[float, float, float, Vehicle] | None:
-        """The first vehicle ahead: range, speed, distance from the kerb to its lane, constants.
-
-        Lanes within ``walked_m`` of the kerb are left out.
-        """
+    def _first_on_way(self, walker: Walker, walked_m: float, elapsed_s: float) -> Seen | None:
+        """The first vehicle ahead; lanes within ``walked_m`` of the kerb are left out."""
         for lane in self._on_way[walker.side]:
             across = abs(lane.centre_m - self._kerb_m[walker.side])
             first = lane.first(elapsed_s) if across > walked_m else None
             if first is not None:
-                return -first[0], first[1], across, first[2].vehicle
+                return Seen(-first[0], first[1], across, first[2].vehicle)
         return None

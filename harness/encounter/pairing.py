@@ -11,7 +11,7 @@ import numpy as np
 from harness.core.encounter import Arm, Arrival, Ending, Trace
 from harness.core.errors import StrategyError, in_one_line
 from harness.core.seeding import Given
-from harness.encounter.arms import check_arms, draws_of, named_strategy
+from harness.encounter.arms import check_arms, make_strategy
 from harness.encounter.arrivals import already_walking, planned_arrivals
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.loop import Episode, drive, failed
@@ -167,13 +167,10 @@ class PairRunner:
         return Trace(*constants, none, none, (), Ending.ENGINE_FAILED)
 
     def _run_arm(self, arm: Arm, pair: int, people: "_People", begins: Begins = _ignore) -> Trace:
-        episode, scenario = self._episode(arm, people), self._scenario
+        episode = self._episode(arm, people)
         try:
-            strategy = named_strategy(
-                scenario,
-                scenario.arms.driver(arm),
-                self._model,
-                lambda: draws_of(scenario, arm, people.number, given=people.given),
+            strategy = make_strategy(
+                self._scenario, arm, people.number, self._model, given=people.given
             )
         except (Exception, SystemExit) as error:
             what = f"the strategy could not be made: {in_one_line(error)}"

@@ -1,7 +1,7 @@
 """Pedestrians of a running episode: steady, timed or reactive."""
 
 import math
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -23,8 +23,16 @@ LOOK_EVERY_S = 1.0
 """Time between two looks of a reactive pedestrian after they stepped off."""
 
 
-SeenState = tuple[float, float] | tuple[None, None]
-"""(range_m, vehicle_speed_mps) of the vehicle that a pedestrian saw; None if there was none."""
+class Seen(NamedTuple):
+    """The vehicle that a pedestrian sees: range, speed, and its size.
+
+    ``to_lane_m`` is the distance from their kerb to the centre of the vehicle's lane.
+    """
+
+    range_m: float
+    speed_mps: float
+    to_lane_m: float
+    vehicle: Vehicle
 
 
 class ChooseSpeed(Protocol):
@@ -35,6 +43,11 @@ class ChooseSpeed(Protocol):
         ...
 
 
+def chosen_speed(choose: ChooseSpeed, person: Arrival, seen: Seen | None) -> float:
+    """The walking speed of a pedestrian who sees a vehicle; without one it is behind them."""
+    return choose(person, -1.0, 0.0) if seen is None else choose(person, *seen[:2])
+
+
 class Walker:
     """A pedestrian at the crosswalk who steps off and keeps their speed.
 
@@ -43,31 +56,12 @@ class Walker:
     look at the vehicles; it may lie within a step.
     """
 
-    __slots__ = (
-        "_direction",
-        "_kerb",
-        "_length",
-        "_progress",
-        "_speed",
-        "_start",
-        "_to_lane",
-        "arrival",
-        "due_s",
-        "index",
-        "legs",
-        "look_s",
-        "seen",
-        "side",
-        "start_s",
-        "wanted_mps",
-    )
-
     def __init__(self, arrival: Arrival, crossing: Crossing) -> None:
         self.arrival = arrival
         self.index, self.side = arrival.index, arrival.side
         self.start_s: float | None = None
         self.wanted_mps: float | None = None
-        self.seen: SeenState = (None, None)
+        self.seen: Seen | None = None
         self.legs: list[Leg] | None = None
         self.due_s, self.look_s = -math.inf, math.inf
         self._start, self._speed, self._progress = 0.0, 0.0, 0.0
@@ -76,24 +70,14 @@ class Walker:
         self._kerb, self._direction = (0.0, 1.0) if near else (crossing.length_m, -1.0)
         self._to_lane = crossing.to_lane_m(self.side)
 
-    def step_off(self, time_s: float, speed_mps: float, state: SeenState) -> None:
-        """Leave the kerb at a speed; ``state`` is the vehicle's (range, speed) that they saw."""
+    def step_off(self, time_s: float, speed_mps: float, seen: Seen | None) -> None:
+        """Leave the kerb at a speed, having seen a vehicle or none."""
         self._start, self._speed = time_s, speed_mps
-        self.start_s, self.wanted_mps, self.seen = time_s, speed_mps, state
+        self.start_s, self.wanted_mps, self.seen = time_s, speed_mps, seen
         self.due_s = time_s + self._length / speed_mps
 
-    def look(
-        self,
-        range_m: float,
-        vehicle_speed_mps: float,
-        to_lane_m: float | None = None,
-        vehicle: Vehicle | None = None,
-    ) -> None:
-        """Decide again at ``look_s``; a steady walker never looks again.
-
-        ``to_lane_m`` is the distance from their kerb to the centre of the vehicle's lane; None for
-        the ego's lane.  ``vehicle`` has the vehicle's size; None for the ego's.
-        """
+    def look(self, seen: Seen | None) -> None:
+        """Decide again at ``look_s``; a steady walker never looks again."""
         raise NotImplementedError
 
     def walk_until(self, time_s: float) -> float:
@@ -119,14 +103,12 @@ class Walker:
     def walk(self) -> Walk:
         """Their walk so far."""
         legs = None if self.legs is None else tuple(self.legs)
-        range_m, vehicle_speed_mps = self.seen
-        return Walk(self.arrival, self.start_s, self.wanted_mps, range_m, vehicle_speed_mps, legs)
+        range_m, vehicle_mps = self.seen[:2] if self.seen else (None, None)
+        return Walk(self.arrival, self.start_s, self.wanted_mps, range_m, vehicle_mps, legs)
 
 
 class TimedWalker(Walker):
     """A pedestrian who stands at the beginning of a path until its start, then follows it."""
-
-    __slots__ = ("_crossing", "_leg", "_path")
 
     def __init__(self, arrival: Arrival, crossing: Crossing) -> None:
         super().__init__(arrival, crossing)
@@ -136,17 +118,11 @@ class TimedWalker(Walker):
         self.look_s, self.due_s = self._path[0].time_s, math.inf
         self._progress = self._along(self._path[0].y_m)
 
-    def look(
-        self,
-        range_m: float,
-        vehicle_speed_mps: float,
-        to_lane_m: float | None = None,  # noqa: ARG002
-        vehicle: Vehicle | None = None,  # noqa: ARG002
-    ) -> None:
+    def look(self, seen: Seen | None) -> None:
         """Start on the path; the vehicle that they see is recorded and changes nothing."""
         self.start_s, self.legs = self.look_s, list(self._path)
         self.wanted_mps = abs(self._path[-1].y_mps)
-        self.seen = range_m, vehicle_speed_mps
+        self.seen = seen
         cleared = cleared_s(self.walk, self._crossing)
         self.due_s = math.inf if cleared is None else cleared
         self.walk_until(self.look_s)
@@ -182,39 +158,26 @@ class ReactiveWalker(Walker):
     again.  They never stand once their disc has reached the vehicle's path.
     """
 
-    __slots__ = ("_base", "_choose", "_vehicle")
-
-    def __init__(
-        self, arrival: Arrival, crossing: Crossing, vehicle: Vehicle, choose: ChooseSpeed
-    ) -> None:
+    def __init__(self, arrival: Arrival, crossing: Crossing, choose: ChooseSpeed) -> None:
         super().__init__(arrival, crossing)
-        self._choose, self._vehicle = choose, vehicle
-        self._base = 0.0
+        self._choose, self._base = choose, 0.0
 
-    def step_off(self, time_s: float, speed_mps: float, state: SeenState) -> None:
+    def step_off(self, time_s: float, speed_mps: float, seen: Seen | None) -> None:
         """See ``Walker.step_off``."""
-        super().step_off(time_s, speed_mps, state)
+        super().step_off(time_s, speed_mps, seen)
         self.look_s = time_s + LOOK_EVERY_S
         self._note_leg()
 
-    def look(
-        self,
-        range_m: float,
-        vehicle_speed_mps: float,
-        to_lane_m: float | None = None,
-        vehicle: Vehicle | None = None,
-    ) -> None:
+    def look(self, seen: Seen | None) -> None:
         """See ``ReactiveWalker``."""
-        self._vehicle = vehicle or self._vehicle
         now = self.look_s
         self.look_s = now + LOOK_EVERY_S
         self.walk_until(now)
         if self._progress >= self._length:
             self.look_s = math.inf
             return
-        to_lane = self._to_lane if to_lane_m is None else to_lane_m
-        speed = self._choose(self.arrival, range_m, vehicle_speed_mps)
-        if self._must_stop(speed, range_m, vehicle_speed_mps, to_lane):
+        speed = chosen_speed(self._choose, self.arrival, seen)
+        if seen is not None and self._must_stop(speed, seen):
             speed = 0.0
         if speed == self._speed:
             return
@@ -237,19 +200,17 @@ class ReactiveWalker(Walker):
         leg = Leg(self._start, 0.0, y, 0.0, self._direction * self._speed, 0.0)
         self.legs = [*(self.legs or ()), leg]
 
-    def _must_stop(
-        self, speed_mps: float, range_m: float, vehicle_speed_mps: float, to_lane_m: float
-    ) -> bool:
-        half = self._vehicle.width_m / 2
-        if to_lane_m - self._progress <= half + PEDESTRIAN_RADIUS_M:
+    def _must_stop(self, speed_mps: float, seen: Seen) -> bool:
+        half = seen.vehicle.width_m / 2
+        if seen.to_lane_m - self._progress <= half + PEDESTRIAN_RADIUS_M:
             return False
         y = self._kerb + self._direction * self._progress
-        lane = self._kerb + self._direction * to_lane_m
+        lane = self._kerb + self._direction * seen.to_lane_m
         course = time_to_collision(
-            np.array([range_m]),
+            np.array([seen.range_m]),
             np.array([y]),
-            np.array([-vehicle_speed_mps]),
+            np.array([-seen.speed_mps]),
             np.array([self._direction * speed_mps]),
-            (self._vehicle.length_m, lane - half, lane + half),
+            (seen.vehicle.length_m, lane - half, lane + half),
         )
         return bool(np.isfinite(course[0]))

@@ -157,7 +157,7 @@ class Passage:
         self.last_m = self.stop_m + self.zone.last_m
         self.centre_m = self.stop_m + self.zone.centre_m
 
-    # What the harness's people see of it (``encounter.approaching.Approaching``)
+    # What the harness's people see of it (``encounter.deciding.Approaching``)
 
     @property
     def x_m(self) -> float:

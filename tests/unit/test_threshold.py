@@ -16,7 +16,7 @@ from scipy import stats
 
 from harness.core.encounter import Arrival, Side, Walk
 from harness.encounter.arrivals import planned_arrivals
-from harness.encounter.threshold import Threat, blocking, effective_time_s
+from harness.encounter.deciding import Threat, blocking, effective_time_s
 from harness.scenario import Scenario, validate
 from harness.scenario.people import ThresholdSection
 from tests.scenes import Recorder, episode
