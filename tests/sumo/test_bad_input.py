@@ -71,7 +71,7 @@ REFUSED = [
     # A bad scenario does not even make the folder.
     ("run cctc --set arms.av=nobody --out new/one", "nobody"),
     ("worst .", "is not a run folder"),
-    ("worst mine", "manifest.json", "format version None"),
+    ("worst mine", "manifest.json", "as the run wrote it"),
     ("network cctc --out file/net-of-mine", "file/net-of-mine"),
     # The command line itself.
     ("rum cctc", "rum"),

@@ -105,9 +105,6 @@ BAD_SETTINGS = [
     (timed(walking_speed=1), "unknown key 'walking_speed' | speed_mps"),
     # 3.55 m at 0.4 m/s, 1 m of it from rest, take 11.375 s; the car is there in 6.975 s.
     (timed(speed_mps=0.4), "timed.0.speed_mps | 4.4 s before the trigger | 114 m"),
-    (f"{PEOPLE}.flow_per_hour=[]", "flow_per_hour | [] | a longer array"),
-    (f"{PEOPLE}.flow_per_hour=[-1.0]", "flow_per_hour.0: -1.0 is not accepted"),
-    (f"{PEOPLE}.flow_per_hour=[1,2] experiment.timeout_s=60", "2 values; allowed: 1, one for each"),
     (f"{PEOPLE}.group_size=[0.5,0.4]", "the shares sum to 0.9; allowed: shares that sum"),
     (f"{PEOPLE}.group_size=[0.0]", "the shares sum to 0"),
     (f"{PEOPLE}.group_size=[1] pedestrians.drawn=[{table(episode=0)}]", "pedestrians.drawn"),
