@@ -16,10 +16,17 @@ from pathlib import Path
 import pytest
 
 CHECKOUT = Path(__file__).parents[2]
-CODE = {"harness": 20_000, "tests": 12_950, "benchmarks": 1_700, "docs": 600, "examples": 201}
-ROOMS = {"simulation": 1_700, "results": 1_950, "report": 1_490, "cli": 700, "studies": 3_925}
+CODE = {"harness": 19_000, "tests": 13_000, "benchmarks": 1_700, "docs": 600, "examples": 201}
+ROOMS = {
+    "simulation": 1_700,
+    "site": 600,
+    "results": 1_950,
+    "report": 1_490,
+    "cli": 700,
+    "studies": 4_000,
+}
 RUNNING = "tasks encounters children workers run replay watch evaluate candidates compare worst"
-MODULES, DOORS, PAGES, WEB = 205, 14, 2_815, 700
+MODULES, DOORS, PAGES, WEB = 200, 14, 2_800, 700
 IMPORTED, PASSED = 110, 15
 LINE, IGNORED, UNCOVERED, COVERED = 100, 5, 2, 96
 # The data's way, from below: a room imports its own level and those before it, never a later one.
