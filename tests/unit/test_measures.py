@@ -8,6 +8,7 @@ is a disc of radius 0.25 m on x = 0.
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from harness.core.encounter import Arrival, Ending, Leg, Side, Walk
@@ -211,3 +212,31 @@ def test_contacts_while_braking_and_between_two_steps() -> None:
     # At 60 m/s a step of 1 s jumps over them: bumper −30 m, then 30 m.  Contact 29.75/60 s.
     result = record([0.0, 0.0], [(0.0, Side.NEAR, 4.5)], speed=60.0, step=1.0)
     assert result.contact_time_s == pytest.approx(29.75 / 60, abs=1e-9)
+
+
+def test_least_gap_and_time_to_collision_against_stepping() -> None:
+    """At each step both keep their velocities, and walk and drive on by 0.5 ms for 12 s."""
+    rng, ahead_s, collisions = np.random.default_rng(4), np.arange(0.0, 12.0, 0.0005), 0
+
+    def gap_m(front: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.hypot(np.clip(0.0, front - 5.0, front), np.clip(y, 1.35, 3.15) - y) - 0.25
+
+    for _ in range(150):
+        start_s, pace = rng.integers(20, 65) / 10, rng.uniform(0.5, 2.5)
+        trace = drive(rng.uniform(-1.5, 1.5, 10).repeat(8).tolist(), [(start_s, Side.NEAR, pace)])
+        (result,) = measure([trace])
+        end_s = result.contact_time_s or result.pass_time_s or 8.0
+        n = np.arange(round(start_s * 10), math.ceil(min(end_s, start_s + 9 / pace) * 10))
+        front, speed, y = trace.x_m[n, None], trace.speed_mps[n, None], pace * (n / 10 - start_s)
+        gaps = gap_m(front + speed * ahead_s, y[:, None] + pace * ahead_s)
+        hits = gaps <= 0.0
+        if result.contact or not n.size:
+            continue
+        assert result.min_gap_m == pytest.approx(gaps[:, 0].min(), abs=1e-9)
+        if hits.any():
+            ttc_s = ahead_s[hits.argmax(axis=1)[hits.any(axis=1)]].min()
+            assert result.min_ttc_s == pytest.approx(ttc_s, abs=6e-4)
+        else:
+            assert result.min_ttc_s is None or result.min_ttc_s > 11.9
+        collisions += hits.any()
+    assert collisions > 8
