@@ -304,11 +304,12 @@ def read_risk(path: Path) -> Result:
         raise InputError(str(path), "is not finished", resume_command(path))
     scenario, asked, quoted = study.cells[0].scenario, manifest["risk"], shlex.quote(str(path))
     arm = Arm(asked["arm"])
-    columns = Column("measure", ""), Column("value", "", True), Column("remark", "remark")
-    numbers = []
-    for each in entries_of("risk"):
-        number = Shown(found[each.key], Style(each.form, each.digits))
-        numbers.append((each.heading, number, found[each.key].reason))
+    columns = Column("measure", ""), Column("value", "", True)
+    numbers = [
+        (each.heading, Shown(found[each.key], Style(each.form, each.digits)))
+        for each in entries_of("risk")
+        if found[each.key].value is not None or each.key == "probability"
+    ]
     facts = {"name": study.name, "folder": str(path), "failed": found["failures"].count, **asked}
     how = "weighted draws" if found["weighted"].count else "brute force"
     return Result(
