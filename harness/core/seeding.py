@@ -33,7 +33,6 @@ _PURPOSES = {
     "perception_error": 12,
     "warm_up": 13,
     "av_strategy": 14,
-    "vehicle_type": 16,
     "threshold": 17,
     "latency": 18,
     "group_size": 19,

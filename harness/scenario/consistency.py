@@ -112,19 +112,16 @@ def _check_fits(lane: Crossing, scenario: Scenario) -> None:
     """Refuse a vehicle that is too wide for its lane, or for pedestrians who wait next to it."""
     beside_m = min(map(lane.to_lane_m, Side)) - PEDESTRIAN_RADIUS_M
     most_m = max(0.0, min(lane.lane_width_m, 2 * beside_m))
-    for number, vehicle in enumerate(scenario.vehicles()):
-        if vehicle.width_m > most_m + ROUNDING_M:
-            types = scenario.traffic.types if scenario.traffic is not None else ()
-            own = types and types[number].width_m is not None
-            key = f"traffic.types.{number}.width_m" if own else "ego.width_m"
-            allowed = f"at most {most_m:.4g} m: its lane, and {PEDESTRIAN_RADIUS_M:g} m to a kerb"
-            raise InputError(key, f"{vehicle.width_m:g} m is too wide", allowed)
+    width_m = scenario.ego.width_m
+    if width_m > most_m + ROUNDING_M:
+        allowed = f"at most {most_m:.4g} m: its lane, and {PEDESTRIAN_RADIUS_M:g} m to a kerb"
+        raise InputError("ego.width_m", f"{width_m:g} m is too wide", allowed)
 
 
 def _check_grade(scenario: Scenario) -> None:
     """Refuse roads on which a vehicle cannot brake or drive."""
     both_ways = (False,) if scenario.traffic is None else (False, True)
-    for vehicle in (each for way in both_ways for each in scenario.vehicles(oncoming=way)):
+    for vehicle in (scenario.vehicle(oncoming=way) for way in both_ways):
         limits = {"brake": vehicle.max_deceleration_mps2, "drive on": vehicle.max_acceleration_mps2}
         for what, limit in limits.items():
             if limit <= 0:
@@ -156,13 +153,6 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection) -> None:
     if traffic.tau_s < step_s:
         why = f"{traffic.tau_s:g} s: vehicles would collide with each other"
         raise InputError("traffic.tau_s", why, f"at least experiment.step_s = {step_s:g} s")
-    if traffic.types:
-        _check_sum("traffic.types", traffic.shares)
-        names = [kind.name for kind in traffic.types]
-        for number, name in enumerate(names):
-            if name in names[:number]:
-                where = f"traffic.types.{number}.name"
-                raise InputError(where, f"{name!r} is there twice", "another name")
     for key in ("duration_s", "warm_up_s"):
         _check_steps(f"traffic.{key}", getattr(traffic, key), step_s)
     for key, oncoming in (("flow_per_hour", False), ("oncoming_per_hour", True)):
@@ -287,7 +277,7 @@ def _driven(scenario: Scenario) -> list[tuple[float, float]]:
     crossing, traffic = scenario.crosswalk(), scenario.traffic
     half_m, centres_m = scenario.ego.width_m / 2, [crossing.lane_centre_m]
     if traffic is not None:
-        half_m = max(vehicle.width_m for vehicle in scenario.vehicles()) / 2
+        half_m = scenario.ego.width_m / 2
         centres_m = [
             crossing.length_m - lane.lane_centre_m if oncoming else lane.lane_centre_m
             for oncoming in (False, True)

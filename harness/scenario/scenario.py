@@ -72,24 +72,16 @@ class Scenario(Section):
 
         In simulations the reference may drive vehicles that are not of ``av_types``.
         """
-        traffic = self.traffic
-        if self.simulation is not None or traffic is None:
-            return self.simulation is None
-        return traffic.av_share == 1 and all(kind.automated for kind in traffic.types)
+        alone = self.traffic is None or self.traffic.av_share == 1
+        return alone and self.simulation is None
 
-    def vehicle(self, driver: Arm | None = None) -> Vehicle:
+    def vehicle(self, driver: Arm | None = None, *, oncoming: bool = False) -> Vehicle:
         """The ego's constants on this road; the detection range defaults to the trigger range.
 
         With a driver the vehicle obeys as late as that driver's does.
         """
-        return self.late(on_road(_vehicle(self.ego), self.crossing), driver)
-
-    def vehicles(self, driver: Arm | None = None, *, oncoming: bool = False) -> tuple[Vehicle, ...]:
-        """The vehicle of each type of ``[[traffic.types]]``; only the ego if there is no mix."""
-        types = () if self.traffic is None else self.traffic.types
-        egos = [kind.vehicle_of(self.ego) for kind in types] or [self.ego]
-        limited = (on_road(_vehicle(ego), self.crossing, oncoming=oncoming) for ego in egos)
-        return tuple(self.late(vehicle, driver) for vehicle in limited)
+        limited = on_road(_vehicle(self.ego), self.crossing, oncoming=oncoming)
+        return self.late(limited, driver)
 
     def late(self, vehicle: Vehicle, driver: Arm | None) -> Vehicle:
         """A vehicle with the dead time, lag and jerk of a driver's vehicle."""
@@ -123,27 +115,13 @@ class Scenario(Section):
         return self.crossing.road_speed_limit_mps or self.ego.initial_speed_mps
 
     def least_headway_s(self) -> float:
-        """The mean of ``headway_s`` over the vehicle mix; the mean headway must be longer."""
-        pairs = list(zip(self.known_traffic.shares, self.vehicles(), strict=True))
-        return math.fsum(
-            leads * follows * self.headway_s(leader, follower)
-            for leads, leader in pairs
-            for follows, follower in pairs
-        )
-
-    def headway_s(self, leader: Vehicle, follower: Vehicle) -> float:
         """Shortest headway at which a vehicle does not disturb the next at v0; whole steps.
 
-        The following distance of SUMO's Krauss model at v0:
-        tau_s + (length + min_gap_m)/v0 + max(0, v0/2 (1/b − 1/b_l)), with the length and the
-        deceleration b_l of the leader and the deceleration b of the follower.
+        The following distance of SUMO's Krauss model at v0: tau_s + (length + min_gap_m)/v0.  The
+        mean headway must be longer.
         """
-        traffic, v0 = self.known_traffic, self.ego.initial_speed_mps
-        headway_s = traffic.tau_s + (leader.length_m + traffic.min_gap_m) / v0
-        own, ahead = follower.max_deceleration_mps2, leader.max_deceleration_mps2
-        if own < ahead:
-            headway_s += v0 / 2 * (1 / own - 1 / ahead)
-        step_s = self.experiment.step_s
+        traffic, ego, step_s = self.known_traffic, self.ego, self.experiment.step_s
+        headway_s = traffic.tau_s + (ego.length_m + traffic.min_gap_m) / ego.initial_speed_mps
         return math.ceil(headway_s / step_s - 1e-9) * step_s
 
     def timed_walks(self) -> tuple[tuple[Side, tuple[Leg, ...]], ...]:

@@ -9,12 +9,10 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import repeat
 from pathlib import Path
 
 import numpy as np
 
-from harness.core.encounter import Vehicle
 from harness.core.seeding import stream
 from harness.engine.configuration import SumoConfig, write_options, write_xml
 from harness.engine.network import network_of
@@ -26,7 +24,7 @@ NET_FILE, ROUTES_FILE, CONFIG_FILE = "road.net.xml", "vehicles.rou.xml", "traffi
 
 
 CAR = "car"
-"""The vehicles' type if there is no mix."""
+"""The vehicles' type."""
 
 _DIRECTIONS = ("", "oncoming_")
 """How the names of the edges of a direction begin; its place numbers its streams."""
@@ -54,13 +52,12 @@ _STAYS_IN_LANE = {
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """A vehicle: when it is due at the road's upstream end, and the number of its type."""
+    """A vehicle, and when it is due at the road's upstream end."""
 
     name: str
     direction: int
     lane: int
     depart_s: float
-    kind: int
 
 
 def end_s(traffic: TrafficSection) -> float:
@@ -107,10 +104,8 @@ def write_demand(scenario: Scenario, pair: int, seed: int, folder: Path) -> Sumo
 def _routes(scenario: Scenario, pair: int) -> ET.Element:
     """SUMO's file of the vehicles, by the time at which they are due."""
     root, strip = ET.Element("routes"), int(scenario.crossing.kerb_strip_m > 0)
-    kinds = type_names(scenario.known_traffic)
-    for name, vehicle in zip(kinds, scenario.vehicles(), strict=True):
-        values = {"id": name, **_type(vehicle, scenario)}.items()
-        ET.SubElement(root, "vType", {key: str(value) for key, value in values})
+    values = {"id": CAR, **_type(scenario)}.items()
+    ET.SubElement(root, "vType", {key: str(value) for key, value in values})
     for way in _DIRECTIONS[: 1 + (scenario.crossing.oncoming_lanes > 0)]:
         ET.SubElement(root, "route", id=f"{way}way", edges=f"{way}approach {way}exit")
     for due in sorted(vehicles_due(scenario, pair), key=lambda due: (due.depart_s, due.name)):
@@ -119,7 +114,7 @@ def _routes(scenario: Scenario, pair: int) -> ET.Element:
             root,
             "vehicle",
             id=due.name,
-            type=kinds[due.kind],
+            type=CAR,
             route=f"{_DIRECTIONS[due.direction]}way",
             depart=f"{due.depart_s:.3f}",
             departLane=lane,
@@ -129,16 +124,9 @@ def _routes(scenario: Scenario, pair: int) -> ET.Element:
     return root
 
 
-def type_names(traffic: TrafficSection, *, automated: bool = False) -> list[str]:
-    """The names of the vehicles' types; with ``automated`` of those that may be AVs."""
-    if not traffic.types:
-        return [CAR]
-    return [kind.name for kind in traffic.types if kind.automated or not automated]
-
-
-def _type(vehicle: Vehicle, scenario: Scenario) -> Mapping[str, object]:
-    """A type's attributes in SUMO."""
-    traffic = scenario.known_traffic
+def _type(scenario: Scenario) -> Mapping[str, object]:
+    """The vehicles' attributes in SUMO."""
+    traffic, vehicle = scenario.known_traffic, scenario.vehicle()
     return {
         **vehicle_type(vehicle, scenario.speed_limit_mps),
         # SUMO lowers commands to it too, so it is the strategies' limit as well.
@@ -155,9 +143,8 @@ def vehicles_due(scenario: Scenario, pair: int) -> Iterator[Due]:
     """The vehicles of all lanes, lane by lane; in every cell the same if demand and road are.
 
     The lanes of a direction share its flow equally.  Headways in a lane of flow q are shifted
-    exponential: at least h (the following headway of these two vehicles at v0), and beyond h with
-    the hazard 1/(1/q − E[h]).  So the mean headway is 1/q.  Times are rounded up to steps.  Types
-    are drawn one by one, each with the probability of its share.
+    exponential: at least h (the following headway at v0), and beyond h with the hazard 1/(1/q − h).
+    So the mean headway is 1/q.  Times are rounded up to steps.
 
     Args:
         scenario: a scenario with ``[traffic]``.
@@ -168,45 +155,27 @@ def vehicles_due(scenario: Scenario, pair: int) -> Iterator[Due]:
         lanes = len(scenario.crosswalk_from_lanes(oncoming=bool(direction)))
         flow = traffic.oncoming_per_hour if direction else traffic.flow_per_hour
         for lane in range(lanes):
-            key = experiment.seed, pair, direction, lane
-            kinds = _kinds(traffic, key)
-            due = _of_a_flow(scenario, key, flow / lanes / _SECONDS_PER_HOUR, kinds)
+            due = _of_a_flow(scenario, (pair, direction, lane), flow / lanes / _SECONDS_PER_HOUR)
             if traffic.saturated:
                 apart_s = max(experiment.step_s, _SATURATED * scenario.least_headway_s())
                 times = np.arange(0.0, traffic.warm_up_s + traffic.duration_s, apart_s)
-                due = zip(times.tolist(), kinds, strict=False)
-            for number, (time_s, kind) in enumerate(due):
-                yield Due(f"{way}-{lane}-{number}", direction, lane, time_s, kind)
+                due = iter(times.tolist())
+            for number, time_s in enumerate(due):
+                yield Due(f"{way}-{lane}-{number}", direction, lane, time_s)
 
 
-def _of_a_flow(
-    scenario: Scenario, key: tuple[int, ...], per_s: float, kinds: Iterator[int]
-) -> Iterator[tuple[float, int]]:
-    """Time from the simulation's begin, in whole steps, and type of each vehicle of a lane."""
-    traffic, step_s, types = scenario.known_traffic, scenario.experiment.step_s, scenario.vehicles()
-    hazard = per_s / (1 - per_s * scenario.least_headway_s())
+def _of_a_flow(scenario: Scenario, lane: tuple[int, ...], per_s: float) -> Iterator[float]:
+    """Time from the simulation's begin, in whole steps, of each vehicle of a pair's lane."""
+    traffic, step_s = scenario.known_traffic, scenario.experiment.step_s
+    headway_s = scenario.least_headway_s()
+    hazard = per_s / (1 - per_s * headway_s)
     time_s, earliest, last_s = 0.0, 0, traffic.warm_up_s + traffic.duration_s - 1e-9
-    seed, *lane = key
-    uniforms = stream(seed, "vehicle_arrival", *lane).random
-    kind = next(kinds)
+    uniforms = stream(scenario.experiment.seed, "vehicle_arrival", *lane).random
     while per_s:
         time_s -= math.log1p(-uniforms()) / hazard
         step = max(earliest, math.ceil(time_s / step_s - 1e-9))
         if step * step_s >= last_s:
             return
-        yield step * step_s, kind
-        leader, kind = kind, next(kinds)
-        headway_s = scenario.headway_s(types[leader], types[kind])
+        yield step * step_s
         earliest = step + round(headway_s / step_s)
         time_s += headway_s
-
-
-def _kinds(traffic: TrafficSection, key: tuple[int, ...]) -> Iterator[int]:
-    """The number of the type of each vehicle of a lane."""
-    if not traffic.types:
-        return repeat(0)
-    ends = np.cumsum(traffic.shares)
-    ends[-1] = 1.0  # the shares sum to 1 up to rounding
-    seed, *lane = key
-    units = iter(stream(seed, "vehicle_type", *lane).random, None)
-    return (int(np.searchsorted(ends, unit, side="right")) for unit in units)

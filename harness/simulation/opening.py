@@ -52,7 +52,7 @@ def opened_traffic(scenario: Scenario, pair: int, folder: Path) -> Setup:
         zones=_zones(_town(config.net, _digest(config.net)), scenario.experiment.step_s),
         crosswalks=(CROSSWALK,),
         av_share=traffic.av_share,
-        av_types=frozenset(demand.type_names(traffic, automated=True)),
+        av_types=frozenset((demand.CAR,)),
         begin_s=traffic.warm_up_s,
         end_s=traffic.warm_up_s + traffic.duration_s,
     )

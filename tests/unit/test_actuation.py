@@ -158,7 +158,7 @@ def test_grade_and_friction_limit_every_vehicle_of_the_road() -> None:
         car = scene.vehicle(driver)
         assert car.max_deceleration_mps2 == pytest.approx(grip - slope)  # downhill
         assert car.max_acceleration_mps2 == pytest.approx(3.0 + slope)
-    (other,) = scene.vehicles(oncoming=True)
+    other = scene.vehicle(oncoming=True)
     assert other.max_deceleration_mps2 == pytest.approx(grip + slope)
     assert other.max_acceleration_mps2 == pytest.approx(3.0 - slope)
 

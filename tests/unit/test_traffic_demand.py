@@ -1,0 +1,39 @@
+"""The vehicles of ``[traffic]``: their flow and headways."""
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.scenario import Scenario, validate
+from harness.simulation.demand import Due, vehicles_due
+
+
+def scenario_of(**traffic: Any) -> Scenario:
+    tree = {
+        "ego": {"initial_speed_mps": 8.0},
+        "traffic": {"duration_s": 3600.0, "warm_up_s": 0.0, **traffic},
+    }
+    return validate(tree, "traffic.toml")
+
+
+def lane_of(scenario: Scenario, pair: int) -> list[Due]:
+    return [due for due in vehicles_due(scenario, pair) if (due.direction, due.lane) == (0, 0)]
+
+
+def test_the_least_headway_by_hand() -> None:
+    """1 s + (5 + 2)/8 s = 1.875 s, in whole steps."""
+    assert scenario_of().least_headway_s() == pytest.approx(1.9)
+
+
+def test_the_flow_is_the_one_asked_for_and_no_headway_is_too_short() -> None:
+    """Without least headways counts would be Poisson: 4 standard deviations."""
+    scenario = scenario_of(flow_per_hour=900.0)
+    hours = [lane_of(scenario, pair) for pair in range(20)]
+    counts = np.array([len(vehicles) for vehicles in hours])
+    assert abs(counts.mean() - 900) < 4 * math.sqrt(900 / 20)
+    for vehicles in hours[:3]:
+        for leader, follower in pairwise(vehicles):
+            assert follower.depart_s - leader.depart_s >= scenario.least_headway_s() - 1e-9
