@@ -313,6 +313,8 @@ ENTRIES: tuple[Entry, ...] = (
            "to the last, as a share of the vehicles due in a third: those not served.", "growth",
            estimate=estimators.mean, form=Form.SHARE, digits=1, network=True,
            undefined="trips are longer than a third of the counted time"),
+    _TOTAL("long_trips", "simulations whose growth is not known", "Their mean trip is longer than "
+           "a third of the counted time.", "long_trips", network=True),
     *(_TOTAL(key, words, f"`{column}`.", column, network=column.partition(" ")[2][0] != "p")
       for key, words, column in (
           ("passages", "passages", "count passages"),

@@ -176,10 +176,9 @@ def _speeding(cell: CellFindings) -> Iterator[Said]:
 
 def _repeated(cell: CellFindings) -> Iterator[Said]:
     if names := [who for who, end in cell.arms if cell[f"kappa{end}"].reason == REPEATED]:
-        text = f"All {cell['pairs'].count:,} episodes are the same one ({_listed(names)}). More "
-        yield Said(
-            f"{text}pairs add nothing about it, and its shares have no interval.", len(names)
-        )
+        text = f"All {cell['pairs'].count:,} episodes are the same one ({_listed(names)}). "
+        text += "More pairs add nothing about it, and its shares have no interval."
+        yield Said(text, len(names))
 
 
 def _equal(cell: CellFindings) -> Iterator[Said]:
@@ -218,10 +217,8 @@ def _few_hours(cell: CellFindings) -> Iterator[Said]:
 
 def _cut_off(cell: CellFindings) -> Iterator[Said]:
     if count := cell.total("cut_off"):
-        text = (
-            f"Delays leave out {count:,} passages that did not end ({_by_arm(cell, 'cut_off')}). "
-        )
-        text += f"{cell.total('never_went'):,} people who never went count with their wait so far."
+        text = f"Delays leave out {count:,} passages that did not end ({_by_arm(cell, 'cut_off')})"
+        text += f". {cell.total('never_went'):,} people who never went count with the wait so far."
         yield Said(text, count)
 
 
@@ -247,6 +244,9 @@ def _fills(cell: CellFindings) -> Iterator[Said]:
     if growth:
         text = f"The roads fill: their vehicles grow by {_listed([*growth])}. A longer time would "
         yield Said(f"{text}have longer delays.", max(growth.values()))
+    elif count := cell.total("long_trips"):
+        text = "Trips last longer than a third of the time, so it is not known whether roads fill. "
+        yield Said(f"{text}Simulations with such trips: {_by_arm(cell, 'long_trips')}.", count)
 
 
 def _people_of_sumo(cell: CellFindings) -> Iterator[Said]:

@@ -131,6 +131,7 @@ COLUMNS: Mapping[str, str | Callable[[SimulationSample], np.ndarray]] = {
     "conditionings": "sum arms.conditionings",
     "clamped": "sum arms.clamped",
     "growth": SimulationSample.growth,
+    "long_trips": lambda sample: np.isnan(sample["growth"]) & (sample["count vehicles"] > 0),
     "throughput_per_hour": lambda sample: (
         3600 * sample["count passages passed"] / sample["sum arms.counted_s"]
     ),

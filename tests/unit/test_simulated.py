@@ -242,6 +242,10 @@ SAID: dict[str, tuple[Pairs, str]] = {
         "collisions of vehicles (AV 12, human_yield 0)",
     ),
     "fills": (filling(altered(several(), share_strategy=1.0)), "% of those who come (AV)"),
+    "fills (a jam)": (
+        [*USUAL[1:], (arm([passage("a")], [trip("a", arrival_s=None)]), ordinary(0, False))],
+        "whether roads fill. Simulations with such trips: AV 1, human_yield 0.",
+    ),
     "who_drove": (several(), "SUMO decided 30 % of soft_yield's steps."),
     "people_of_sumo": (several({"sumo_people": 3}), "only once the car stands"),
     "fallback": (altered(USUAL, fallback=True), "AV passages (100 % of"),
@@ -257,6 +261,7 @@ SAID: dict[str, tuple[Pairs, str]] = {
 def test_what_misleads_is_said_and_what_does_not_is_not(key: str) -> None:
     pairs, words = SAID[key]
     told = {note.key: note.text for note in notes_of([findings_of(*pairs)])}
+    key = key.partition(" ")[0]
     assert words in told[key], told[key]
     assert key not in {note.key for note in notes_of([findings_of(*USUAL)])}
 
