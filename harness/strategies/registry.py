@@ -8,6 +8,7 @@ from typing import cast
 
 from harness.core.encounter import StrategyFactory
 from harness.core.errors import InputError, nearest_name
+from harness.strategies.autoware_crosswalk import AutowareCrosswalk
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield
@@ -30,6 +31,7 @@ STRATEGIES: dict[str, StrategyFactory] = {
     "human_recorded": HumanRecorded,
     "emergency_brake": EmergencyBrake,
     "gap_yield": GapYield,
+    "autoware_crosswalk": AutowareCrosswalk,
     "sumo_driver": SumoDriver,
 }
 
