@@ -1,11 +1,14 @@
 """Finds the vehicles that come near a chosen crosswalk, and what lies ahead of them."""
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 
 from harness.core.encounter import Arm
 from harness.engine.session import Session
 from harness.simulation.cars import Car, Link, Passage
 from harness.simulation.setup import Setup
+from harness.site.town import Connection, Crosswalk
+from harness.site.zone import zone_of
 
 _SIGHT_M = 200.0
 """The harness's people see vehicles that are this near."""
@@ -36,9 +39,16 @@ class Approaches:
         self._reach_m = self._near_m + _MOST_MPS * max(_LOOK_S, self._step_s)
         self._every = max(1, round(_LOOK_S / self._step_s))
         self.before = {
-            name: sorted({_edge(each.from_lane) for each in setup.town.connections(name)})
-            for name in setup.crosswalks
+            name: sorted({_edge(each.from_lane) for each in crosswalk.connections})
+            for name, crosswalk in setup.crosswalks.items()
         }
+        self._over = defaultdict[Connection, list[Crosswalk]](list)
+        for crosswalk in setup.crosswalks.values():
+            for connection in crosswalk.connections:
+                self._over[connection].append(crosswalk)
+        others = set(setup.town.crosswalks.values()).difference(setup.crosswalks.values())
+        zebras = [each for each in others if each.prioritized]
+        self._minds = {connection for each in zebras for connection in each.over}
         ends = [edge for edges in self.before.values() for edge in edges]
         watched = setup.town.upstream(ends, self._reach_m)
         self._on_edge: dict[str, Sequence[str]] = dict.fromkeys(watched, ())
@@ -77,43 +87,50 @@ class Approaches:
 
         Its limits and connections ahead are those from now on.
         """
-        lane, zones, body = self._vehicles.lane(car.name), self._setup.zones, car.vehicle
+        lane, town, body = self._vehicles.lane(car.name), self._setup.town, car.vehicle
         if lane == car.lane:
             return None
         car.lane = lane
         if lane.startswith(":") or not lane:
             return None
         self._look_ahead(car, car.odometer_m - self._vehicles.lane_position_m(car.name))
-        found = [
-            (link, crosswalk, zones.at(link.connection, crosswalk, body.length_m, body.width_m))
-            for link in car.links
-            for crosswalk in zones.crosswalks(link.connection)
-        ]
-        return [
-            Passage(car, crosswalk, link.connection, zone, link.begin_m, body)
-            for link, crosswalk, zone in found
-            if zone is not None
-        ]
+        found = []
+        for link in car.links:
+            for crosswalk in self._over.get(link.connection, ()):
+                path = town.path(link.connection)
+                zone = zone_of(path, crosswalk, body.length_m, body.width_m)
+                if zone is not None:
+                    found.append(Passage(car, crosswalk, link.connection, zone, link.begin_m, body))
+        return found
 
     def _look_ahead(self, car: Car, at_m: float) -> None:
         """Find the limits and connections ahead of a vehicle whose lane began at ``at_m``."""
-        town, zones, last = self._setup.town, self._setup.zones, ""
+        town, last = self._setup.town, ""
         car.limits, car.links = [], []
         until_m = at_m + town.lane(car.lane).length_m
         for name in self._lanes(car.name, car.lane):
             lanes: tuple[str, ...] = (name,)
             if last:
-                way = next((each for each in town.ahead(last) if each.to_lane == name), None)
+                way = next((each for each in town.ahead[last] if each.to_lane == name), None)
                 if way is None or at_m > until_m + self._reach_m:
                     break
                 inside_m = sum(town.lane(each).length_m for each in way.via)
-                car.links.append(Link(at_m, at_m + inside_m, way, zones.yields(way)))
+                car.links.append(Link(at_m, at_m + inside_m, way, self._yields(way)))
                 lanes = (*way.via, name)
             for each in lanes:
                 car.limits.append((at_m, car.limit_mps(town.lane(each).limit_mps)))
                 at_m += town.lane(each).length_m
             last = name
         car.least_mps = min(limit for _, limit in car.limits)
+
+    def _yields(self, way: Connection) -> bool:
+        """Whether SUMO keeps the right of way on a connection.
+
+        It does so except where it would slow down for a chosen crosswalk on which people have
+        priority, and no vehicles or people have it elsewhere.
+        """
+        zebra = any(each.prioritized for each in self._over.get(way, ()))
+        return way.gives_way or way in self._minds or not zebra
 
     def _lanes(self, name: str, lane: str) -> Sequence[str]:
         """The lanes that a vehicle will follow, its own first."""

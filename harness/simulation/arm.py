@@ -16,6 +16,7 @@ from harness.simulation.people import PeopleAt
 from harness.simulation.seeing import Outlines, Sight
 from harness.simulation.setup import Setup
 from harness.simulation.shares import is_automated
+from harness.site.town import Crosswalk
 from harness.strategies.perception.sensor import sensor_of
 
 QUEUED_MPS = 5 / 3.6
@@ -61,19 +62,18 @@ class ArmOfPair:
         self._due: dict[int, list[Car]] = defaultdict(list)
         self._hits: set[tuple[str, str]] = set()
         self._speeds = WalkingSpeeds(setup.scenario, model)
-        self.people = {name: self._people_at(name) for name in setup.crosswalks}
+        self.people = {name: self._people_at(each) for name, each in setup.crosswalks.items()}
         self._owns = [each.own for each in self.people.values() if each.own is not None]
         self._sensors = {driver: sensor_of(setup.scenario, driver) for driver in Arm}
         self._outlines = Outlines(session)
         self._control = Control(session, setup, self.people)
         self._approaches = Approaches(setup, session)
 
-    def _people_at(self, name: str) -> PeopleAt:
+    def _people_at(self, crosswalk: Crosswalk) -> PeopleAt:
         setup, session, own = self.setup, self.session, None
-        crosswalk = setup.town.crosswalks[name]
         if setup.own_people:
             own = OwnPeople(session, setup, crosswalk, self._pair, self._speeds, self._near)
-        return PeopleAt(session, setup.town, crosswalk, own)
+        return PeopleAt(session, crosswalk, own)
 
     def run(self) -> None:
         """Simulate until the end.
@@ -131,7 +131,7 @@ class ArmOfPair:
         for name in session.departed():
             kinds = {vehicles.type(name), vehicles.vehicle_class(name)}
             self.automated[name] = is_automated(
-                self._seed, name, kinds, setup.av_share, setup.av_types
+                self._seed, name, kinds, setup.simulation.av_share, setup.simulation.av_types
             )
         teleported = session.teleported()
         events = ["teleports"] * len(teleported)

@@ -194,9 +194,9 @@ class Passage:
         self.first, self.limited = len(self.car.speeds_mps) - 1, tuple(self.car.limited)
         self.vehicle = replace(
             self.car.vehicle,
-            initial_speed_mps=max(self.car.limit_mps(zone.limit_mps), 0.1),
+            initial_speed_mps=max(self.car.limit_mps(self.connection.limit_mps), 0.1),
             length_m=zone.body_m,
-            width_m=zone.to_m - zone.from_m,
+            width_m=zone.width_m,
             trigger_range_m=range_m,
         )
 

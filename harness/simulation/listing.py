@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from harness.engine.configuration import SumoConfig, people_come, write_xml
+from harness.engine.configuration import SumoConfig, people_come, read_config, write_xml
 from harness.scenario.sections import EgoSection
 from harness.simulation.files import run_untouched
 from harness.simulation.opening import chosen, town_of
@@ -42,9 +42,9 @@ def crossings_of(file: Path, folder: Path) -> list[Row]:
     Raises:
         InputError: the file is refused, or SUMO fails.
     """
-    config, town = town_of(file)
-    counts = _counts(config, folder.absolute())
-    rows = [_row(town, crosswalk, counts) for crosswalk in town.crosswalks.values()]
+    config = read_config(file)
+    crosswalks, counts = town_of(config).crosswalks, _counts(config, folder.absolute())
+    rows = [_row(crosswalk, counts) for crosswalk in crosswalks.values()]
     return sorted(rows, key=_rank)
 
 
@@ -53,12 +53,11 @@ def _rank(row: Row) -> tuple[bool, float, float]:
     return row["not usable"] is not None, -vehicles * people, -vehicles - people
 
 
-def _row(town: Town, crosswalk: Crosswalk, counts: Counts) -> Row:
-    over = town.connections(crosswalk.id, 0.0)
+def _row(crosswalk: Crosswalk, counts: Counts) -> Row:
     ways = dict.fromkeys(_MANOEUVRES, 0.0)
-    for each in over:
+    for each in crosswalk.over:
         ways[each.manoeuvre] += counts["vehicles"].get(each.via[0], 0.0)
-    limits = town.limits_mps(crosswalk.id)
+    limits = crosswalk.limits_mps
     return {
         "crosswalk": crosswalk.id,
         "roads": " / ".join(crosswalk.roads),
@@ -102,9 +101,10 @@ def scenario_text(file: Path, crossings: Sequence[str], written: Path) -> str:
     Raises:
         InputError: the configuration is refused, or a crosswalk is not there or not usable.
     """
-    config, town = town_of(file)
+    config = read_config(file)
+    town = town_of(config)
     crosswalks = [chosen(town, name, "--edge") for name in dict.fromkeys(crossings)]
-    fastest_mps = max(town.limits_mps(each.id)[-1] for each in crosswalks)
+    fastest_mps = max(each.limits_mps[-1] for each in crosswalks)
     walked = people_come(config)
     return _TEMPLATE.read_text(encoding="utf-8").format(
         crosswalks="\n".join(f"# {line}" for each in crosswalks for line in _described(town, each)),
@@ -127,8 +127,8 @@ def _described(town: Town, crosswalk: Crosswalk) -> Iterator[str]:
     """What a crosswalk is like, and what cannot be measured there."""
     gives_way = "vehicles give way" if crosswalk.prioritized else "no zebra: people give way"
     yield f"{crosswalk.id} over {' / '.join(crosswalk.roads)}: {gives_way}"
-    for each in town.connections(crosswalk.id):
-        zone = zone_of(town.path(each, 0.0), crosswalk, *CAR_M)
+    for each in crosswalk.connections:
+        zone = zone_of(town.path(each), crosswalk, *CAR_M)
         if zone is not None and zone.split:
             yield f"  a car from {each.from_lane} to {each.to_lane} grazes it only, or twice"
 

@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 
@@ -24,16 +24,12 @@ from harness.simulation.files import run_untouched
 from harness.simulation.setup import CROSSWALK, Setup
 from harness.simulation.shares import sumo_seed
 from harness.site.town import Crosswalk, Town
-from harness.site.zone import Zones
 
 _BASE_SEED = 23423
 """SUMO's default seed, of ``[traffic]``."""
 _CAR_DECEL_MPS2 = EgoSection().max_deceleration_mps2
 _FASTEST_MPS = 60.0
 """No road allows more, as for ``ego.initial_speed_mps``."""
-
-_zones = lru_cache(1)(Zones)
-"""The zones in a network; a process keeps those of the last one."""
 
 
 @lru_cache(1)
@@ -46,73 +42,69 @@ def opened_traffic(scenario: Scenario, pair: int, folder: Path) -> Setup:
     traffic = scenario.known_traffic
     seed = sumo_seed(scenario.experiment.seed, _BASE_SEED, pair)
     config = demand.write_demand(scenario, pair, seed, folder)
-    return Setup(
-        scenario=scenario,
-        config=config,
-        zones=_zones(_town(config.net, _digest(config.net)), scenario.experiment.step_s),
-        crosswalks=(CROSSWALK,),
+    simulation = SimulationSection(
+        file=str(config.path),
+        crossings=(CROSSWALK,),
         av_share=traffic.av_share,
-        av_types=frozenset((demand.CAR,)),
-        begin_s=traffic.warm_up_s,
-        end_s=traffic.warm_up_s + traffic.duration_s,
+        av_types=(demand.CAR,),
+        begin=traffic.warm_up_s,
+        end=traffic.warm_up_s + traffic.duration_s,
     )
-
-
-def town_of(file: Path, step_s: float | None = None) -> tuple[SumoConfig, Town]:
-    """A SUMO configuration and its network.
-
-    Args:
-        file: the configuration.
-        step_s: another step; None keeps the configuration's.
-
-    Raises:
-        InputError: it is refused.
-    """
-    config = read_config(file, step_s)
-    return config, _town(config.net, _digest(config.net))
+    return _setup(scenario, config, simulation)
 
 
 def opened(scenario: Scenario) -> Setup:
     """The simulation of a scenario with ``[simulation]``.
 
     Raises:
-        InputError: the configuration, a crosswalk, or a key that does not fit it is refused.
+        InputError: the configuration, a crosswalk or the counted time is refused.
     """
     simulation = scenario.known_simulation
-    config, town = town_of(Path(simulation.file), simulation.step_s)
-    crosswalks = tuple(dict.fromkeys(simulation.crossings))
+    config = read_config(Path(simulation.file), simulation.step_s)
     experiment = scenario.experiment.model_copy(update={"step_s": config.step_s})
-    scenario = scenario.model_copy(update={"experiment": experiment})
-    check_perception(scenario)
-    _check_people(scenario, config)
-    _check_types(simulation.av_types, config)
-    for name in crosswalks:
-        _check_crosswalk(name, town, scenario.ego.trigger_range_m)
-    begin_s, end_s = _counted_s(simulation, config)
-    return Setup(
-        scenario=scenario,
-        config=config,
-        zones=_zones(town, config.step_s, crosswalks),
-        crosswalks=crosswalks,
-        av_share=simulation.av_share,
-        av_types=frozenset(simulation.av_types),
-        begin_s=begin_s,
-        end_s=end_s,
-    )
+    return _setup(scenario.model_copy(update={"experiment": experiment}), config, simulation)
 
 
-def check_roads(setup: Setup, model: InteractionModel) -> None:
-    """Refuse limits before the chosen crosswalks that lie outside the data of a model in use.
+def _setup(scenario: Scenario, config: SumoConfig, simulation: SimulationSection) -> Setup:
+    town, where = town_of(config), "simulation.crossings"
+    crosswalks = {name: chosen(town, name, where) for name in simulation.crossings}
+    counted_s = _counted_s(simulation, config)
+    return Setup(scenario, config, town, crosswalks, simulation, *counted_s)
+
+
+def town_of(config: SumoConfig) -> Town:
+    """The network of a configuration.
 
     Raises:
-        InputError: names the crosswalk.
+        InputError: it is refused.
     """
-    scenario, town = setup.scenario, setup.town
-    checked = asks_model(scenario) and not scenario.model.extrapolate
-    for name in setup.crosswalks if checked else ():
-        where = f"the limit before {name} (simulation.crossings)"
-        for limit_mps in town.limits_mps(name):
-            check_support(model, scenario.ego.trigger_range_m, limit_mps, where)
+    return _town(config.net, _digest(config.net))
+
+
+def check(setup: Setup, model: InteractionModel) -> None:
+    """Refuse keys of a scenario that do not fit its configuration and roads.
+
+    Limits before the chosen crosswalks have to lie within the data of a model in use.
+
+    Raises:
+        InputError: names the key, or the configuration.
+    """
+    scenario, config = setup.scenario, setup.config
+    check_perception(scenario)
+    asks = asks_model(scenario) and not scenario.model.extrapolate
+    for crosswalk in setup.crosswalks.values():
+        _check_limits(crosswalk, scenario.ego.trigger_range_m, model if asks else None)
+    if scenario.pedestrians.anyone_comes:
+        if config.end_s is None and setup.simulation.end is None:
+            problem = "is not given, nor an end in the configuration: people would come for ever"
+            raise InputError("simulation.end", problem, "a time, with pedestrians.flow_per_hour")
+    elif not people_come(config):
+        allowed = "people in its files, or pedestrians.flow_per_hour"
+        raise InputError(str(config.path), "nobody comes on foot", allowed)
+    known = {*defined_types(config)}
+    for name in setup.simulation.av_types:
+        if name not in known:
+            raise unknown_name("simulation.av_types", "vehicle type or class", name, known)
 
 
 def check_demand(config: SumoConfig) -> None:
@@ -151,26 +143,20 @@ def chosen(town: Town, name: str, where: str) -> Crosswalk:
     return crosswalk
 
 
-def _check_crosswalk(name: str, town: Town, range_m: float) -> None:
-    where = "simulation.crossings"
-    crosswalk, fastest_mps = chosen(town, name, where), town.limits_mps(name)[-1]
+def _check_limits(crosswalk: Crosswalk, range_m: float, model: InteractionModel | None) -> None:
+    limits_mps, name = crosswalk.limits_mps, crosswalk.id
+    fastest_mps = limits_mps[-1]
     if fastest_mps > _FASTEST_MPS:
         problem = f"the limit before {name} is {fastest_mps:g} m/s"
-        raise InputError(where, problem, f"at most {_FASTEST_MPS:g} m/s")
+        raise InputError("simulation.crossings", problem, f"at most {_FASTEST_MPS:g} m/s")
     needed_m = math.ceil(fastest_mps**2 / (2 * _CAR_DECEL_MPS2) + crosswalk.width_m / 2)
     if range_m < needed_m:
         problem = f"nobody stops within {range_m:g} m from {fastest_mps:g} m/s before {name}"
         raise InputError("ego.trigger_range_m", problem, f"at least {needed_m:g} m")
-
-
-def _check_people(scenario: Scenario, config: SumoConfig) -> None:
-    flow = scenario.pedestrians.anyone_comes
-    if flow and config.end_s is None and scenario.known_simulation.end is None:
-        problem = "is not given, nor an end in the configuration: people would come for ever"
-        raise InputError("simulation.end", problem, "a time, with pedestrians.flow_per_hour")
-    if not flow and not people_come(config):
-        allowed = "people in its files, or pedestrians.flow_per_hour"
-        raise InputError(str(config.path), "nobody comes on foot", allowed)
+    if model is not None:
+        for limit_mps in limits_mps:
+            where = f"the limit before {name} (simulation.crossings)"
+            check_support(model, range_m, limit_mps, where)
 
 
 def _counted_s(simulation: SimulationSection, config: SumoConfig) -> tuple[float, float]:
@@ -186,14 +172,3 @@ def _counted_s(simulation: SimulationSection, config: SumoConfig) -> tuple[float
             allowed = f"begin < end, within {first_s:g} to {last_s:g} s"
             raise InputError(f"simulation.{key}", f"{time_s:g} s", allowed)
     return begin_s, end_s
-
-
-def _check_types(names: Iterable[str], config: SumoConfig) -> None:
-    """Refuse a name that is neither the class nor the id of a vehicle type."""
-    missing, known = set(names), set[str]()
-    for name in defined_types(config):
-        known.add(name)
-        missing.discard(name)
-        if not missing:
-            return
-    raise unknown_name("simulation.av_types", "vehicle type or class", min(missing), known)

@@ -19,7 +19,7 @@ from harness.measures.motion.walking import cleared_s, states_at
 from harness.simulation.cars import Car, Passage
 from harness.simulation.setup import CAR_M, Setup
 from harness.site.town import Crosswalk
-from harness.site.zone import Zone
+from harness.site.zone import Zone, zone_of
 
 HELD_M = 0.05
 """The harness's people are moved in SUMO only this far from both kerbs."""
@@ -76,11 +76,11 @@ class SeenLane:
     """
 
     def __init__(self, zone: Zone) -> None:
-        self.centre_m = zone.y_of((zone.from_m + zone.to_m) / 2)
-        half_m = zone.lane_m / 2
+        self.centre_m = zone.y_of(zone.crossing.lane_centre_m)
+        half_m = zone.crossing.lane_width_m / 2
         self.edges_m = (
             max(self.centre_m - half_m, 0.0),
-            min(self.centre_m + half_m, zone.crosswalk_m),
+            min(self.centre_m + half_m, zone.crossing.length_m),
         )
         self.coming: list[Passage] = []
         """The vehicles, the first one first."""
@@ -123,11 +123,11 @@ class OwnPeople:
     ) -> None:
         self._session, self._crosswalk = session, crosswalk
         self._cars = cars
-        self._footpaths = setup.town.footpaths(crosswalk.id)
+        self._footpaths = [setup.town.footpath(crosswalk, end) for end in range(2)]
         self.arrivals = setup.arrivals(pair, crosswalk.id)
         self._lanes: dict[str, SeenLane] = {}
-        for connection in setup.town.connections(crosswalk.id):
-            zone = setup.zones.at(connection, crosswalk, *CAR_M)
+        for connection in crosswalk.connections:
+            zone = zone_of(setup.town.path(connection), crosswalk, *CAR_M)
             if zone is not None:
                 self._lanes[connection.id] = SeenLane(zone)
         length_m, lanes = crosswalk.length_m, [*self._lanes.values()]

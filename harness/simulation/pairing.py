@@ -97,14 +97,14 @@ def _tables(setup: Setup, arm: ArmOfPair, trips: Path) -> dict[str, Columns]:
     end_s, people = arm.session.time_s, {name: each.walked() for name, each in arm.people.items()}
     counted = [each for each in arm.passages if setup.counts(each.begin_s - each.trace_offset_s)]
     motion: StepMotion = "ballistic" if setup.config.ballistic else "euler"
-    passed = passages(counted, people, setup.zones, arm.session.step_s, motion)
+    passed = passages(counted, people, setup.town, arm.session.step_s, motion)
     fronts_s = {name: list[float]() for name in people}
     for row in passed:
         fronts_s[row["crosswalk"]] += [] if row["front_s"] is None else [row["front_s"]]
     walked = [
         row
         for name, of in people.items()
-        for row in _people(of, setup.town.crosswalks[name], sorted(fronts_s[name]), end_s)
+        for row in _people(of, setup.crosswalks[name], sorted(fronts_s[name]), end_s)
         if setup.counts(row["arrival_s"])
     ]
     own = sum(row["own"] for row in walked)

@@ -28,8 +28,8 @@ from harness.measures.ego import ego_state
 from harness.simulation.cars import LIMITS, Passage
 from harness.simulation.own_people import Walked
 from harness.site.path import Path
+from harness.site.town import Town
 from harness.site.walk import moved
-from harness.site.zone import Zones
 
 Row = Mapping[str, Any]
 
@@ -42,7 +42,7 @@ _NEAR_M = 2.0
 def passages(
     vehicles: Sequence[Passage],
     people: Mapping[str, Sequence[Walked]],
-    zones: Zones,
+    town: Town,
     step_s: float,
     motion: StepMotion,
 ) -> list[Row]:
@@ -51,7 +51,7 @@ def passages(
     Args:
         vehicles: the passages; those with less than two states are left out.
         people: everybody at each crosswalk.
-        zones: the paths of vehicles.
+        town: has the vehicles' paths.
         step_s: time between two states.
         motion: how vehicles move between two states.
     """
@@ -67,10 +67,10 @@ def passages(
         trace, walkers = _trace(each, here, step_s, motion)
         ids.append({person.walk.arrival.index: person.id for person in here})
         traces.append(trace)
-        path = zones.path(each.connection)
+        path = town.path(each.connection)
         strikes.append(strike_of(trace, each, path, walkers))
     records = _records(traces, strikes)
-    free_s = [free_pass_s(each, zones.path(each.connection)) for each in kept]
+    free_s = [free_pass_s(each, town.path(each.connection)) for each in kept]
     return [*map(_row, kept, traces, records, ids, free_s)]
 
 
@@ -142,7 +142,7 @@ def _trace(
     walks: list[Walk] = []
     walkers: list[Walked] = []
     for each in people:
-        far_m = zone.crosswalk_m if zone.reverse else None
+        far_m = zone.crossing.length_m if zone.reverse else None
         leads_left = zone.reverse == passage.crosswalk.left_hand
         walk = moved(each.walk, begin_s, step_s, far_m, leads_left=leads_left)
         start_s = walk.start_s

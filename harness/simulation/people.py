@@ -7,7 +7,7 @@ from harness.core.encounter import PedestrianView, Side, quick_tuple
 from harness.engine.session import Session
 from harness.simulation.cars import Passage
 from harness.simulation.own_people import OWN_CROSSES, OwnPeople, Walked
-from harness.site.town import Crosswalk, Town
+from harness.site.town import Crosswalk
 from harness.site.walk import STANDING_MPS, WAITING_M, walk_of
 
 
@@ -47,7 +47,6 @@ class PeopleAt:
 
     Args:
         session: SUMO.
-        town: the network.
         crosswalk: the crosswalk.
         own: the harness's people, if they cross here.
 
@@ -57,11 +56,9 @@ class PeopleAt:
         watched: the number of vehicles that are on their ways over it.
     """
 
-    def __init__(
-        self, session: Session, town: Town, crosswalk: Crosswalk, own: OwnPeople | None
-    ) -> None:
+    def __init__(self, session: Session, crosswalk: Crosswalk, own: OwnPeople | None) -> None:
         self._session, self._people = session, session.people
-        self.crosswalk, self._areas = crosswalk, town.areas(crosswalk.id)
+        self.crosswalk, self._areas = crosswalk, sorted({*crosswalk.ends[0], *crosswalk.ends[1]})
         self.own, self.changed, self.watched = own, False, 0
         self._first = 0 if own is None else len(own.arrivals)
         self._here: dict[str, Seen] = {}

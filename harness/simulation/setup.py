@@ -1,6 +1,6 @@
 """What all arms of a cell share: a scenario whose simulation has been read."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from harness.core.encounter import Arm, Arrival, Strategy, Vehicle
@@ -11,9 +11,9 @@ from harness.engine.configuration import SumoConfig
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
 from harness.scenario.consistency import SUMO_DRIVER
+from harness.scenario.sections import SimulationSection
 from harness.simulation.shares import number_of, sumo_seed
-from harness.site.town import Town
-from harness.site.zone import Zones
+from harness.site.town import Crosswalk, Town
 
 CAR_M = (5.0, 1.8)
 """Length and width of SUMO's car."""
@@ -28,25 +28,19 @@ class Setup:
     Attributes:
         scenario: the scenario, with the simulation's step.
         config: SUMO's configuration.
-        zones: the zones of the chosen crosswalks in its network.
-        crosswalks: ids of the chosen crosswalks.
-        av_share, av_types: the share of AVs among vehicles of these vTypes and vClasses.
+        town: its network.
+        crosswalks: the chosen crosswalks by their ids.
+        simulation: says which vehicles are AVs.
         begin_s, end_s: the counted time; the end may be infinite.
     """
 
     scenario: Scenario
     config: SumoConfig
-    zones: Zones
-    crosswalks: tuple[str, ...]
-    av_share: float
-    av_types: frozenset[str]
+    town: Town
+    crosswalks: Mapping[str, Crosswalk]
+    simulation: SimulationSection
     begin_s: float
     end_s: float
-
-    @property
-    def town(self) -> Town:
-        """The network."""
-        return self.zones.town
 
     @property
     def own_people(self) -> bool:

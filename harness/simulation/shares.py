@@ -1,7 +1,7 @@
 """The numbers of a pair: SUMO's seed, and which vehicles are AVs, by their ids alone."""
 
 import hashlib
-from collections.abc import Set
+from collections.abc import Iterable, Set
 
 _SEEDS_APART = 1_000_003
 """Distance of SUMO's seeds of two successive values of ``experiment.seed``; odd, so that the values
@@ -35,7 +35,7 @@ def sumo_seed(seed: int, config_seed: int, pair: int) -> int:
 
 
 def is_automated(
-    seed: int, vehicle: str, kinds: Set[str], share: float, av_types: Set[str]
+    seed: int, vehicle: str, kinds: Set[str], share: float, av_types: Iterable[str]
 ) -> bool:
     """Whether a vehicle is an AV; the same in both arms of a pair.
 

@@ -17,41 +17,33 @@ _SAMPLE_M = 0.25
 """Distance of places at which the speed of a free drive is computed."""
 
 
-class PathLane(NamedTuple):
-    """A lane that a path is to follow.
+class Lane(NamedTuple):
+    """A lane.
 
     Attributes:
-        lane: its id.
+        id: its id.
         shape: the points of its centre line, x and y in m; at least two.
         length_m: SUMO's length, which may differ from that of the shape.
         limit_mps: its speed limit.
         width_m: its width; without it SUMO's default.
     """
 
-    lane: str
+    id: str
     shape: Sequence[tuple[float, float]]
     length_m: float
     limit_mps: float
     width_m: float = 3.2
 
+    @property
+    def drawn_m(self) -> FloatArray:
+        """The length of its shape up to each point."""
+        parts_m = np.hypot(*np.diff(np.array(self.shape), axis=0).T)
+        return np.concatenate([[0.0], np.cumsum(parts_m)])
 
-class Stretch(NamedTuple):
-    """A lane on a path.
-
-    Attributes:
-        lane: its id.
-        start_m, end_m: s at its beginning and at its end.
-        limit_mps: its speed limit.
-        scale: SUMO's length of the lane over that of its shape.
-        width_m: its width.
-    """
-
-    lane: str
-    start_m: float
-    end_m: float
-    limit_mps: float
-    scale: float
-    width_m: float
+    @property
+    def scale(self) -> float:
+        """SUMO's length over that of the shape; 1 for a lane drawn as a point."""
+        return self.length_m / (float(self.drawn_m[-1]) or self.length_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,40 +54,38 @@ class Path:
     a position on a lane by a constant.  Beyond both ends the line goes straight on.
 
     Attributes:
-        stretches: the lanes in order of travel.
+        lanes: the lanes in order of travel.
+        starts_m: s at the beginning of each, and at the end of the last one, shape (lanes + 1,).
         knots_m: s of each point, shape (points,), never decreasing.
         points: x and y of the points in the network, shape (points, 2).
     """
 
-    stretches: tuple[Stretch, ...]
+    lanes: tuple[Lane, ...]
+    starts_m: FloatArray
     knots_m: FloatArray
     points: FloatArray
 
     @classmethod
-    def along(cls, lanes: Sequence[PathLane], before: int = 1) -> "Path":
+    def along(cls, lanes: Sequence[Lane], before: int = 1) -> "Path":
         """The path along some lanes.
 
         Args:
             lanes: successive lanes, including those inside junctions.
             before: the number of them that lie before the stop line.
         """
-        at_m = -sum(lane.length_m for lane in lanes[:before])
-        stretches, knots, points = [], [], []
-        for lane in lanes:
-            shape = np.asarray(lane.shape, dtype=float)[:, :2]
-            done = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))])
+        ends_m = np.cumsum([lane.length_m for lane in lanes])
+        starts_m = np.concatenate([[0.0], ends_m]) - ends_m[before - 1]
+        knots = []
+        for lane, at_m in zip(lanes, starts_m, strict=False):
+            done = lane.drawn_m
             # A lane between two edges that meet without a gap is drawn as a point.
             share = done / done[-1] if done[-1] else np.linspace(0.0, 1.0, len(done))
             knots.append(at_m + share * lane.length_m)
-            points.append(shape)
-            scale = lane.length_m / float(done[-1]) if done[-1] else 1.0
-            end_m = at_m + lane.length_m
-            stretches.append(Stretch(lane.lane, at_m, end_m, lane.limit_mps, scale, lane.width_m))
-            at_m = end_m
-        knots_m, line = _straight_on(np.concatenate(knots), np.concatenate(points))
-        knots_m.setflags(write=False)
-        line.setflags(write=False)
-        return cls(tuple(stretches), knots_m, line)
+        shapes = [np.array(lane.shape, dtype=float) for lane in lanes]
+        knots_m, points = _straight_on(np.concatenate(knots), np.concatenate(shapes))
+        for each in (starts_m, knots_m, points):
+            each.setflags(write=False)
+        return cls(tuple(lanes), starts_m, knots_m, points)
 
     def position(self, s: ArrayLike) -> FloatArray:
         """x and y of a front bumper at s, shape of s + (2,)."""
@@ -134,9 +124,9 @@ class Path:
             own_mps: a vehicle's own limit on a lane with a speed limit.
         """
         even = np.linspace(begin_m, end_m, math.ceil((end_m - begin_m) / _SAMPLE_M) + 1)
-        starts = [each.start_m for each in self.stretches]
-        s = np.unique(np.concatenate((even, [at for at in starts if begin_m < at < end_m])))
-        limits = np.array([own_mps(each.limit_mps) for each in self.stretches])
+        starts = self.starts_m[:-1]
+        s = np.unique(np.concatenate((even, starts[(starts > begin_m) & (starts < end_m)])))
+        limits = np.array([own_mps(lane.limit_mps) for lane in self.lanes])
         sides = (np.searchsorted(starts, s, side) - 1 for side in _SIDES)
         most = np.minimum(*(limits[np.maximum(each, 0)] for each in sides))
         # v² changes by at most 2a for each metre.

@@ -1,13 +1,13 @@
 """Every crosswalk of a SUMO network, and the connections of lanes whose vehicles pass it."""
 
-import gzip
 import math
 import xml.etree.ElementTree as ET
 import zlib
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cache
-from itertools import pairwise
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
+from itertools import chain, pairwise
 from pathlib import Path as FilePath
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, NamedTuple
@@ -16,13 +16,13 @@ from xml.sax import SAXException
 import shapely
 
 from harness.core.errors import InputError
-from harness.site.path import Path, PathLane
+from harness.site.path import Lane, Path
 
 if TYPE_CHECKING:
     from sumolib.net import Net
     from sumolib.net.connection import Connection as Link
     from sumolib.net.edge import Edge
-    from sumolib.net.lane import Lane
+    from sumolib.net.lane import Lane as NetLane
     from sumolib.net.node import Node
 
 Manoeuvre = Literal["straight", "left", "right", "turn"]
@@ -38,6 +38,8 @@ _WAYS = {"s": "straight", "l": "left", "L": "left", "r": "right", "R": "right"}
 _RAIL = {"rail", "rail_urban", "rail_electric", "rail_fast", "tram", "subway", "cable_car"}
 _ON_FOOT = {"pedestrian", "wheelchair"}
 
+_PATH_M = 40.0
+"""Length of a path before the stop line, longer than a body."""
 _INSIDE_M = 2.0
 """Distance from a junction at which people come onto a sidewalk."""
 
@@ -55,7 +57,7 @@ _DAMAGED = (
 """What is raised for a file that is cut off, or is no network."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Connection:
     """A connection of two lanes at a junction.
 
@@ -67,6 +69,9 @@ class Connection:
         manoeuvre: the direction that SUMO gives it.
         gives_way: whether it has to yield to another connection for vehicles; crosswalks that it
             has to yield to do not count.
+        line: the line of the front inside the junction.
+        limit_mps: the speed limit before the junction.
+        refused: why no strategy can drive on it, or None.
     """
 
     id: str
@@ -75,46 +80,74 @@ class Connection:
     to_lane: str
     manoeuvre: Manoeuvre
     gives_way: bool
+    line: shapely.LineString
+    limit_mps: float
+    refused: str | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Crosswalk:
     """A crosswalk.
 
     Attributes:
         id: id of the crossing's edge, e.g. ``:J7_c0``.
-        junction: id of its junction.
-        roads: ids of the edges that it crosses.
         axis: its centre line, from the end to which ``along_m`` = 0 belongs.
-        length_m: length of the axis, from kerb to kerb.
         width_m: its extent along the road.
-        area: the area in which people walk.
-        prioritized: whether vehicles have to give way to people.
         left_hand: whether traffic keeps left.
-        refused: why no strategy can drive over it, or None.
+        prioritized: whether vehicles have to give way to people.
+        signalled: whether a traffic light controls the people on it.
+        roads: ids of the edges that it crosses.
+        connections: those for vehicles on which a long body may touch it.
+        ends: ids of the walking areas at the axis's beginning, and at its end.
     """
 
     id: str
-    junction: str
-    roads: tuple[str, ...]
     axis: shapely.LineString
-    length_m: float
     width_m: float
-    area: shapely.Polygon
-    prioritized: bool
-    left_hand: bool
-    refused: str | None
-    # Start, direction, length and place of each straight piece of the axis, in plain numbers.
-    _pieces: list[tuple[complex, complex, float, float]] = field(init=False, repr=False)
+    left_hand: bool = False
+    prioritized: bool = False
+    signalled: bool = False
+    roads: tuple[str, ...] = ()
+    connections: tuple[Connection, ...] = ()
+    ends: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
 
-    def __post_init__(self) -> None:
-        """Note the straight pieces of the axis."""
+    @cached_property
+    def length_m(self) -> float:
+        """Length of the axis, from kerb to kerb."""
+        return float(self.axis.length)
+
+    @cached_property
+    def area(self) -> shapely.Polygon:
+        """The area in which people walk."""
+        return self.axis.buffer(self.width_m / 2, cap_style="flat")
+
+    @property
+    def over(self) -> Sequence[Connection]:
+        """The connections whose line leads over it."""
+        return [each for each in self.connections if each.line.intersects(self.area)]
+
+    @property
+    def refused(self) -> str | None:
+        """Why no strategy can drive over it, or None."""
+        reasons = {each.refused for each in self.over} or {NO_VEHICLES}
+        if self.signalled:
+            reasons.add(SIGNAL)
+        return next((each for each in (SIGNAL, RAIL, NO_VEHICLES) if each in reasons), None)
+
+    @property
+    def limits_mps(self) -> Sequence[float]:
+        """The speed limits of the lanes before it, the lowest first."""
+        return sorted({each.limit_mps for each in self.connections})
+
+    @cached_property
+    def _pieces(self) -> Sequence[tuple[complex, complex, float, float]]:
+        """Start, direction, length and place of each straight piece of the axis."""
         pieces, at_m = list[tuple[complex, complex, float, float]](), 0.0
         for a, b in pairwise(complex(*point[:2]) for point in self.axis.coords):
             if a != b:
                 pieces.append((a, (b - a) / abs(b - a), abs(b - a), at_m))
                 at_m += abs(b - a)
-        object.__setattr__(self, "_pieces", pieces)
+        return pieces
 
     def foot(self, x: float, y: float) -> tuple[float, float]:
         """The place of a point, and how far it is to the left of the axis.
@@ -159,11 +192,12 @@ class Town:
 
     Attributes:
         crosswalks: by id, in the file's order.
+        ahead: the connections for vehicles from each lane, also where there is no crosswalk.
     """
 
     crosswalks: Mapping[str, Crosswalk]
+    ahead: Mapping[str, Sequence[Connection]]
     _net: "Net" = field(repr=False)
-    _passing: Mapping[str, tuple["_Passing", ...]] = field(repr=False)
 
     @classmethod
     def read(cls, net: FilePath) -> "Town":
@@ -182,43 +216,35 @@ class Town:
                 net, withPedestrianConnections=True, withFoes=True, lxml=False, maxcache=0
             )
             _check(network)
+            passing = {node: [*_passing(network, node)] for node in network.getNodes()}
             edges = [edge for edge in network.getEdges() if edge.getFunction() == "crossing"]
-            nodes = {edge.getToNode() for edge in edges}
-            passing = {node.getID(): tuple(_passing(network, node)) for node in nodes}
-            found = {edge.getID(): _crosswalk(edge, passing, left_hand) for edge in edges}
+            found = {
+                edge.getID(): _crosswalk(edge, passing[edge.getToNode()], left_hand)
+                for edge in edges
+            }
         except OSError as error:
             raise InputError(str(net), f"cannot be read ({error.strerror or error})") from None
         except _DAMAGED as error:
             raise InputError(str(net), f"is not a complete SUMO network ({error})") from None
-        return cls(MappingProxyType(found), network, passing)
+        ahead = defaultdict[str, list[Connection]](list)
+        for each in chain.from_iterable(passing.values()):
+            ahead[each.from_lane].append(each)
+        return cls(MappingProxyType(found), ahead, network)
 
     @property
     def roads(self) -> Sequence[Sequence[tuple[float, float]]]:
         """The shapes of all edges outside junctions."""
         return [edge.getShape() for edge in self._net.getEdges(withInternal=False)]
 
-    def connections(self, crosswalk: str, near_m: float = _NEAR_M) -> tuple[Connection, ...]:
-        """The connections for vehicles whose line leads over a crosswalk, or near to it.
-
-        By default they are those on which a long body may touch it.
-        """
-        at = self.crosswalks[crosswalk]
-        passing = self._passing[at.junction]
-        return tuple(each.connection for each in passing if at.area.dwithin(each.line, near_m))
-
-    def limits_mps(self, crosswalk: str) -> Sequence[float]:
-        """The speed limits of the lanes before a crosswalk, the lowest first."""
-        before = {each.from_lane for each in self.connections(crosswalk)}
-        return sorted({self.lane(lane).limit_mps for lane in before})
-
-    def path(self, connection: Connection, before_m: float) -> Path:
-        """The path of a connection from ``before_m`` before the stop line, or a little earlier.
+    @cache  # noqa: B019 - as long as the town
+    def path(self, connection: Connection) -> Path:
+        """The path of a connection, which begins 40 m before the stop line, or a little earlier.
 
         It begins later, with the connection's first lane or upstream of it, where several lanes or
         none lead to the next one.
         """
         lanes = [self._net.getLane(connection.from_lane)]
-        before_m -= lanes[0].getLength()
+        before_m = _PATH_M - lanes[0].getLength()
         while before_m > 0.0:
             links = list(filter(_for_vehicles, lanes[0].getIncomingConnections()))
             if len(links) != 1 or links[0].getFromLane() in lanes:
@@ -229,18 +255,12 @@ class Town:
         names = [*(lane.getID() for lane in lanes), *connection.via, connection.to_lane]
         return Path.along([self.lane(name) for name in names], len(lanes))
 
-    @cache  # noqa: B019 - as long as the town
-    def ahead(self, lane: str) -> tuple[Connection, ...]:
-        """The connections for vehicles from a lane, also where there is no crosswalk."""
-        passing = _passing(self._net, self._net.getLane(lane).getEdge().getToNode())
-        return tuple(each.connection for each in passing if each.connection.from_lane == lane)
-
     @cache  # noqa: B019
-    def lane(self, name: str) -> PathLane:
+    def lane(self, name: str) -> Lane:
         """A lane of the network."""
         lane = self._net.getLane(name)
         length_m, limit_mps, width_m = lane.getLength(), lane.getSpeed(), lane.getWidth()
-        return PathLane(name, lane.getShape(), length_m, limit_mps, width_m)
+        return Lane(name, lane.getShape(), length_m, limit_mps, width_m)
 
     def upstream(self, edges: Iterable[str], reach_m: float) -> Sequence[str]:
         """The edges from which a vehicle comes to the end of one of these within a distance."""
@@ -257,58 +277,44 @@ class Town:
                     todo.append(name)
         return sorted(away_m)
 
-    def areas(self, crosswalk: str) -> tuple[str, ...]:
-        """Ids of the walking areas at the ends of a crosswalk."""
-        start, end = self._ends(crosswalk)
-        return tuple(sorted({lane.getEdge().getID() for lane in (*start, *end)}))
-
-    def footpaths(self, crosswalk: str) -> tuple[Footpath, Footpath]:
-        """Where people come from at the beginning of a crosswalk's axis, and at its end.
+    def footpath(self, crosswalk: Crosswalk, end: int) -> Footpath:
+        """Where people come from at the beginning (0) or the end (1) of a crosswalk's axis.
 
         An end without a sidewalk, a refuge, has the nearest one beyond other crossings.
 
         Raises:
-            InputError: no sidewalk leads to an end.
+            InputError: no sidewalk leads to the end.
         """
-        start, end = (self._footpath(crosswalk, areas) for areas in self._ends(crosswalk))
-        return start, end
-
-    def _ends(self, crosswalk: str) -> tuple[list["Lane"], list["Lane"]]:
-        """The walking areas at the beginning of a crosswalk's axis, and at its end."""
-        lane = self._net.getEdge(crosswalk).getLane(0)
-        start = [link.getFromLane() for link in lane.getIncomingConnections()]
-        return start, [link.getToLane() for link in lane.getOutgoing()]
-
-    def _footpath(self, crosswalk: str, areas: list["Lane"]) -> Footpath:
-        ways: list[tuple[Lane, ...]] = [(area,) for area in areas]
-        seen = {self._net.getEdge(crosswalk).getLane(0)}.union(*self._ends(crosswalk))
+        ways: list[tuple[str, ...]] = [(area,) for area in crosswalk.ends[end]]
+        seen = {crosswalk.id}.union(*crosswalk.ends)
         for way in ways:
-            beside = [
-                *((link.getFromLane(), True) for link in way[0].getIncomingConnections()),
-                *((link.getToLane(), False) for link in way[0].getOutgoing()),
-            ]
+            area = self._net.getEdge(way[0]).getLane(0)
+            beside = [link.getFromLane() for link in area.getIncomingConnections()]
+            beside += [link.getToLane() for link in area.getOutgoing()]
+            further = {lane.getEdge() for lane in beside if lane.getEdge().isSpecial()}
             roads = [
-                (lane.getLength(), lane.getEdge().getID(), at_end)
-                for lane, at_end in beside
-                if not lane.getEdge().isSpecial() and _allows_people(lane)
+                (lane.getLength(), lane.getEdge().getID())
+                for lane in beside
+                if lane.getEdge() not in further
+                and (lane.allows("pedestrian") or lane.allows("all"))
             ]
             if roads:
-                length_m, edge, at_end = max(roads)
+                length_m, name = max(roads)
                 inside_m = min(_INSIDE_M, length_m / 2)
-                names = tuple(lane.getEdge().getID() for lane in way)
-                return Footpath(edge, length_m - inside_m if at_end else inside_m, names)
-            further = {lane for lane, _ in beside if lane.getEdge().isSpecial()} - seen
-            seen |= further
-            ways += [(lane, *way) for lane in sorted(further, key=lambda each: each.getID())]
+                comes = self._net.getEdge(name).getToNode() is area.getEdge().getToNode()
+                return Footpath(name, length_m - inside_m if comes else inside_m, way)
+            new = sorted({edge.getID() for edge in further} - seen)
+            seen.update(new)
+            ways += [(each, *way) for each in new]
         allowed = "a lane for pedestrians at each end (netconvert --sidewalks.guess adds them)"
-        raise InputError(crosswalk, "no footpath leads to an end of it", allowed)
+        raise InputError(crosswalk.id, "no footpath leads to an end of it", allowed)
 
 
 def _keeps_left(net: FilePath) -> bool:
     """Whether traffic keeps left, which sumolib does not read."""
-    with net.open("rb") as file:
-        packed = file.read(2) == b"\x1f\x8b"
-    with gzip.open(net) if packed else net.open("rb") as file:
+    import sumolib
+
+    with sumolib.openz(str(net), "rb") as file:
         root = next(ET.iterparse(file, ("start",)))[1]
     if root.tag != "net":
         raise ValueError(f"its first element is <{root.tag[:40]}>, not <net>")
@@ -328,73 +334,58 @@ def _check(net: "Net") -> None:
                 raise ValueError(f"lane {lane.getID()} has an invalid shape or size")
 
 
-class _Passing(NamedTuple):
-    """A connection with its line inside the junction, and what is special about it."""
-
-    connection: Connection
-    line: shapely.LineString
-    signalled: bool
-    rail: bool
-
-
-def _passing(net: "Net", node: "Node") -> Iterator[_Passing]:
+def _passing(net: "Net", node: "Node") -> Iterator[Connection]:
     """The connections for vehicles through a junction."""
     internal = list(filter(None, node.getInternal()))
     feet = {name for name in internal if net.getLane(name).getEdge().getFunction() == "crossing"}
-    for edge in node.getIncoming():
-        for link in (each for lane in edge.getLanes() for each in lane.getOutgoing()):
-            via = _via(net, link)
-            if not via or not _for_vehicles(link):
-                continue
-            names = tuple(lane.getID() for lane in via)
-            start, end = link.getFromLane().getID(), link.getToLane().getID()
-            # Of a connection with a place to wait inside, SUMO lists one of the lanes.
-            index = next((i for i, name in enumerate(internal) if name in names), None)
-            # The last bit is that of the first link.
-            response: str = node._prohibits.get(index, "")[::-1]
-            yields = any(
+    for link in node.getConnections():
+        via = _via(net, link)
+        if not via or not _for_vehicles(link):
+            continue
+        names = tuple(lane.getID() for lane in via)
+        before, end = link.getFromLane(), link.getToLane().getID()
+        # Of a connection with a place to wait inside, SUMO lists one of the lanes.
+        index = next((i for i, name in enumerate(internal) if name in names), None)
+        # The last bit is that of the first link.
+        response: str = node._prohibits.get(index, "")[::-1]
+        refused = SIGNAL if link.getTLSID() else RAIL if _classes(via[0]) <= _RAIL else None
+        yield Connection(
+            id=f"{before.getID()}>{end}",
+            from_lane=before.getID(),
+            via=names,
+            to_lane=end,
+            manoeuvre=_WAYS.get(link.getDirection(), "turn"),
+            gives_way=any(
                 bit == "1" and name not in feet
                 for bit, name in zip(response, internal, strict=False)
-            )
-            how = _WAYS.get(link.getDirection(), "turn")
-            yield _Passing(
-                Connection(f"{start}>{end}", start, names, end, how, yields),
-                shapely.LineString([point for lane in via for point in lane.getShape()]),
-                bool(link.getTLSID()),
-                _classes(via[0]) <= _RAIL,
-            )
+            ),
+            line=shapely.LineString([point for lane in via for point in lane.getShape()]),
+            limit_mps=before.getSpeed(),
+            refused=refused,
+        )
 
 
-def _crosswalk(
-    edge: "Edge", passing: Mapping[str, tuple[_Passing, ...]], left_hand: bool
-) -> Crosswalk:
-    lane, junction = edge.getLane(0), edge.getToNode().getID()
-    axis = shapely.LineString(lane.getShape())
-    area = axis.buffer(lane.getWidth() / 2, cap_style="flat")
-    over = [each for each in passing[junction] if each.line.intersects(area)]
-    walked = lane.getIncomingConnections()
-    refused = None if over else NO_VEHICLES
-    if any(each.rail for each in over):
-        refused = RAIL
-    if any(link.getTLSID() for link in walked) or any(each.signalled for each in over):
-        refused = SIGNAL
-    return Crosswalk(
+def _crosswalk(edge: "Edge", passing: Sequence[Connection], left_hand: bool) -> Crosswalk:
+    lane = edge.getLane(0)
+    walked, beyond = lane.getIncomingConnections(), lane.getOutgoing()
+    start = tuple(link.getFromLane().getEdge().getID() for link in walked)
+    found = Crosswalk(
         id=edge.getID(),
-        junction=junction,
-        roads=tuple(road.getID() for road in edge.getCrossingEdges()),
-        axis=axis,
-        length_m=axis.length,
+        axis=shapely.LineString(lane.getShape()),
         width_m=lane.getWidth(),
-        area=area,
-        prioritized=any(link.getState() == "M" for link in walked),
         left_hand=left_hand,
-        refused=refused,
+        prioritized=any(link.getState() == "M" for link in walked),
+        signalled=any(link.getTLSID() for link in walked),
+        roads=tuple(road.getID() for road in edge.getCrossingEdges()),
+        ends=(start, tuple(link.getToLane().getEdge().getID() for link in beyond)),
     )
+    near = (each for each in passing if found.area.dwithin(each.line, _NEAR_M))
+    return replace(found, connections=tuple(near))
 
 
-def _via(net: "Net", link: "Link") -> list["Lane"]:
+def _via(net: "Net", link: "Link") -> list["NetLane"]:
     """The lanes of a connection inside the junction."""
-    lanes: list[Lane] = []
+    lanes: list[NetLane] = []
     name = link.getViaLaneID()
     while name:
         lanes.append(net.getLane(name))
@@ -402,13 +393,9 @@ def _via(net: "Net", link: "Link") -> list["Lane"]:
     return lanes
 
 
-def _classes(lane: "Lane") -> set[str]:
+def _classes(lane: "NetLane") -> set[str]:
     """The classes of vehicles that may use a lane; sumolib treats "all" as a class of its own."""
     return set(lane.getPermissions()) - _ON_FOOT
-
-
-def _allows_people(lane: "Lane") -> bool:
-    return not {"all", "pedestrian"}.isdisjoint(lane.getPermissions())
 
 
 def _for_vehicles(link: "Link") -> bool:

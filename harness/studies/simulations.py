@@ -17,8 +17,8 @@ from harness.results.rows import simulation_rows
 from harness.results.tables import Row, Tables
 from harness.scenario import Cell, Scenario, Study
 from harness.simulation.opening import (
+    check,
     check_demand,
-    check_roads,
     digests,
     opened,
     opened_traffic,
@@ -47,7 +47,7 @@ def checked(study: Study) -> tuple[list[InteractionModel], Mapping[str, str]]:
         check_arms(scenario, models[-1])
         if scenario.traffic is None:
             found = opened(scenario)
-            check_roads(found, models[-1])
+            check(found, models[-1])
             now = digests(found.config)
             if not now.items() <= files.items():
                 check_demand(found.config)

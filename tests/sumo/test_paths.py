@@ -3,7 +3,7 @@
 import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,8 +15,8 @@ from harness.core.encounter import FloatArray
 from harness.core.errors import EngineError, InputError
 from harness.engine.session import Session
 from harness.simulation.listing import crossings_of, scenario_text
-from harness.site.town import NO_VEHICLES, RAIL, SIGNAL, Connection, Crosswalk, Town
-from harness.site.zone import Zone, zone_of
+from harness.site.town import NO_VEHICLES, RAIL, SIGNAL, Connection, Town
+from harness.site.zone import zone_of
 from tests.towns import call, grid, town, write_config
 
 POINT_M = (0.5, 1e-6)
@@ -52,23 +52,9 @@ def driven(config: Path, end_s: float) -> dict[str, tuple[list[str], FloatArray,
     return {name: (lanes[name], np.array(rows[name]), *sizes[name]) for name in rows}
 
 
-class Zones:
-    """Paths and zones, each made once."""
-
-    def __init__(self, town: Town) -> None:
-        self.path = cache(lambda connection: town.path(connection, 0.0))
-        self.known: dict[tuple[object, ...], Zone | None] = {}
-
-    def of(self, way: Connection, over: Crosswalk, length_m: float, width_m: float) -> Zone | None:
-        key = (way, over.id, length_m, width_m)
-        if key not in self.known:
-            self.known[key] = zone_of(self.path(way), over, length_m, width_m)
-        return self.known[key]
-
-
-def seen(town: Town, zones: Zones, config: Path, end_s: float) -> Iterator[Seen]:
+def seen(town: Town, config: Path, end_s: float) -> Iterator[Seen]:
     """Every vehicle's way over a junction, from the lane before it to the lane beyond it."""
-    every = {each for name in town.crosswalks for each in town.connections(name)}
+    every = {each for at in town.crosswalks.values() for each in at.connections}
     by_lane = {each.via[0]: each for each in every}
     for vehicle, (lanes, rows, length_m, width_m) in driven(config, end_s).items():
         for i in range(1, len(lanes)):
@@ -78,7 +64,8 @@ def seen(town: Town, zones: Zones, config: Path, end_s: float) -> Iterator[Seen]
             start = i
             while start and lanes[start - 1] == found.from_lane:
                 start -= 1
-            ahead = {each.lane: each.start_m for each in zones.path(found).stretches}
+            road = town.path(found)
+            ahead = {lane.id: at for lane, at in zip(road.lanes, road.starts_m, strict=False)}
             end = i
             while end < len(lanes) and lanes[end] in ahead:
                 end += 1
@@ -116,22 +103,25 @@ def test_vehicles_are_where_their_path_says(
     assert {each.left_hand for each in here.crosswalks.values()} == {kind == "left"}
     assert {each.refused for each in here.crosswalks.values()} == {None}
     assert {each.prioritized for each in here.crosswalks.values()} == {kind == "zebras"}
-    zones, crosswalks = Zones(here), defaultdict(list)
-    for crosswalk in here.crosswalks.values():
-        for way in here.connections(crosswalk.id, 100.0):
-            crosswalks[way.id].append(crosswalk)
+    zones, crosswalks = {}, {}
+    for way in chain.from_iterable(here.ahead.values()):
+        junction = way.via[0].rsplit("_", 2)[0]
+        crosswalks[way] = [
+            each for name, each in here.crosswalks.items() if name.rsplit("_", 1)[0] == junction
+        ]
     fronts, firsts, lasts, manoeuvres = Counter(), Counter(), Counter(), Counter()
-    for each in seen(here, zones, config, end_s):
-        road = zones.path(each.connection)
+    for each in seen(here, config, end_s):
+        road = here.path(each.connection)
         np.testing.assert_allclose(road.position(each.s), each.place, atol=1e-3)
         outlines = road.outline(each.s, each.length_m, each.width_m)
-        known = (
-            each.s - each.length_m > road.stretches[0].start_m
-        )  # before it, the rear is on another lane
+        known = each.s - each.length_m > road.starts_m[0]  # before it, the rear is on another lane
         np.testing.assert_allclose(outlines[known], each.bodies[known], atol=2e-3)
-        for crosswalk in crosswalks[each.connection.id]:
-            body = zones.of(each.connection, crosswalk, each.length_m, each.width_m)
-            point = zones.of(each.connection, crosswalk, *POINT_M)
+        for crosswalk in crosswalks[each.connection]:
+            body = zone_of(road, crosswalk, each.length_m, each.width_m)
+            point = zone_of(road, crosswalk, *POINT_M)
+            size = each.length_m, each.width_m
+            zones[each.connection, crosswalk, size] = body
+            zones[each.connection, crosswalk, POINT_M] = point
             touching = shapely.intersects(shapely.polygons(each.bodies), crosswalk.area)
             if body is None or each.s[-1] < body.last_m:
                 assert body is not None or not touching.any()
@@ -150,8 +140,8 @@ def test_vehicles_are_where_their_path_says(
     assert set(firsts) <= {-1, 0, 1}
     assert set(lasts) <= {-1, 0, 1}
     assert min(manoeuvres[name] for name in ("straight", "left", "right")) > 50
-    split = sum(each is not None and each.split for each in zones.known.values())
-    assert split <= 0.02 * len(zones.known)
+    split = sum(each is not None and each.split for each in zones.values())
+    assert split <= 0.02 * len(zones)
 
 
 @pytest.fixture(scope="module")
@@ -192,7 +182,7 @@ def test_who_gives_way_and_what_is_refused(junctions: Path) -> None:
     assert by_roads[frozenset(["a_x", "x_a"])].refused == RAIL
     rules = {
         (each.from_lane[:3], each.to_lane[:3]): (each.manoeuvre, each.gives_way)
-        for each in here.connections(zebra.id)
+        for each in zebra.connections
     }
     assert rules == {
         ("w_c", "c_e"): ("straight", False),
@@ -251,19 +241,17 @@ def test_a_scenario_for_chosen_crosswalks(busy: Path, tmp_path: Path) -> None:
 def test_a_signal_is_a_reason(tmp_path: Path) -> None:
     grid(tmp_path)
     here = Town.read(tmp_path / "net.net.xml")
-    refused = {each.junction for each in here.crosswalks.values() if each.refused == SIGNAL}
-    assert refused == {"C2", "D1"}
+    refused = {each.id[:3] for each in here.crosswalks.values() if each.refused == SIGNAL}
+    assert refused == {":C2", ":D1"}
     assert {each.refused for each in here.crosswalks.values()} == {None, SIGNAL}
 
 
 def test_a_path_begins_upstream_where_one_lane_leads_on(junctions: Path) -> None:
     here = Town.read(junctions)
     # Of the lanes at the junction c, only c_e is entered from two lanes, w_c and n_c.
-    by_lane = {each.from_lane: each for name in here.crosswalks for each in here.connections(name)}
-    assert here.path(by_lane["w_c_1"], 500.0).stretches[0].lane == "w_c_1"  # nothing is upstream
-    assert here.path(by_lane["w_c_1"], 500.0).stretches[0].start_m == pytest.approx(
-        -100.0, abs=10.0
-    )
+    path = here.path(here.ahead["w_c_1"][0])
+    assert path.lanes[0].id == "w_c_1"  # nothing is upstream
+    assert path.starts_m[0] == pytest.approx(-100.0, abs=10.0)
 
 
 def test_one_session_in_a_process(tmp_path: Path) -> None:

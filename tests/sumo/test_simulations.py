@@ -167,8 +167,8 @@ def test_people_of_the_harness(tmp_path: Path) -> None:
     assert passed["driven"].all()
     assert set(passed["driver"]) == {"gap_yield"}
     own = everybody[everybody["own"]].set_index("person")
-    assert len(own) == len(setup.arrivals(0, setup.crosswalks[0]))
-    crosswalk = setup.town.crosswalks[setup.crosswalks[0]]
+    assert len(own) == len(setup.arrivals(0, next(iter(setup.crosswalks))))
+    (crosswalk,) = setup.crosswalks.values()
     walked = own.dropna(subset=["cleared_s"])
     assert len(walked) > 30
     taken_s = walked["cleared_s"] - walked["start_s"]

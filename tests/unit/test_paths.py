@@ -8,7 +8,7 @@ import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
 
-from harness.site.path import Path, PathLane
+from harness.site.path import Lane, Path
 from harness.site.town import Crosswalk
 from harness.site.zone import Zone, zone_of
 
@@ -21,11 +21,7 @@ def walk(
 ) -> Crosswalk:
     """A straight crosswalk."""
     axis = shapely.LineString([(start.real, start.imag), (end.real, end.imag)])
-    area = axis.buffer(width_m / 2, cap_style="flat")
-    return Crosswalk(
-        "c", "j", (), axis, axis.length, width_m, area, prioritized=False, left_hand=left_hand,
-        refused=None,
-    )  # fmt: skip
+    return Crosswalk("c", axis, width_m, left_hand)
 
 
 def drawn_m(shape: Points) -> float:
@@ -35,7 +31,7 @@ def drawn_m(shape: Points) -> float:
 def path(*shapes: Points, stretched: float = 1.0) -> Path:
     """Successive lanes, of which the first one ends at the stop line."""
     lanes = [
-        PathLane(str(n), shape, stretched * drawn_m(shape), LIMIT_MPS - n)
+        Lane(str(n), shape, stretched * drawn_m(shape), LIMIT_MPS - n)
         for n, shape in enumerate(shapes)
     ]
     return Path.along(lanes)
@@ -62,17 +58,19 @@ def turning(radius_m: float, sign: int = 1) -> Path:
 
 
 def numbers(zone: Zone) -> list[float]:
-    return [zone.first_m, zone.last_m, zone.from_m, zone.to_m]
+    return [zone.first_m, zone.last_m, *covered(zone)]
+
+
+def covered(zone: Zone) -> tuple[float, float]:
+    """The interval of y that the body covers."""
+    centre_m, half_m = zone.crossing.lane_centre_m, zone.width_m / 2
+    return centre_m - half_m, centre_m + half_m
 
 
 def test_a_straight_road() -> None:
     road = straight()
-    stretches = [(each.lane, each.start_m, each.limit_mps) for each in road.stretches]
-    assert stretches == [
-        ("0", -60.0, LIMIT_MPS),
-        ("1", 0.0, LIMIT_MPS - 1),
-        ("2", 8.0, LIMIT_MPS - 2),
-    ]
+    assert [lane.limit_mps for lane in road.lanes] == [LIMIT_MPS, LIMIT_MPS - 1, LIMIT_MPS - 2]
+    assert road.starts_m.tolist() == [-60.0, 0.0, 8.0, 80.0]
     # The road goes straight on beyond both of its ends.
     np.testing.assert_allclose(road.position([-70.0, 3.5, 90.0]), [[-70, 0], [3.5, 0], [90, 0]])
     body = road.outline(2.0, 5.0, 1.8)
@@ -84,7 +82,7 @@ def test_a_crosswalk_at_right_angles() -> None:
     assert zone is not None
     # 4 m wide, from x = 0 to 4; the near kerb is on the right, 3 m from the lane's centre.
     assert numbers(zone) == pytest.approx([0.0, 9.0, 2.1, 3.9], abs=1e-6)
-    assert (zone.centre_m, zone.across_m) == pytest.approx((2.0, 4.0), abs=1e-6)
+    assert (zone.centre_m, zone.crossing.width_m) == pytest.approx((2.0, 4.0), abs=1e-6)
     crossing = zone.crossing
     assert crossing.length_m == pytest.approx(9.0)
     assert (crossing.lane_centre_m, crossing.lane_width_m) == pytest.approx((3.0, 3.2), abs=1e-6)
@@ -104,8 +102,8 @@ def test_a_corner_of_an_oblique_body_is_first_at_the_line_on_which_people_walk(
     assert zone is not None
     assert zone.centre_m == pytest.approx(2.0 - 0.9 / abs(math.tan(angle)), abs=1e-5)
     # The near edge of the crosswalk and the place where the rear has left are as they are.
-    assert zone.centre_m - zone.across_m / 2 == pytest.approx(zone.first_m)
-    assert zone.centre_m + zone.across_m / 2 + zone.body_m == pytest.approx(zone.last_m)
+    assert zone.centre_m - zone.crossing.width_m / 2 == pytest.approx(zone.first_m)
+    assert zone.centre_m + zone.crossing.width_m / 2 + zone.body_m == pytest.approx(zone.last_m)
 
 
 @pytest.mark.parametrize("left_hand", [False, True])
@@ -114,15 +112,15 @@ def test_y_is_0_at_the_kerb_on_the_side_on_which_traffic_keeps(left_hand: bool) 
     zone = zone_of(straight(), walk(*axis, left_hand=left_hand), 5.0, 1.8)
     assert zone is not None
     assert zone.reverse is not left_hand
-    assert zone.from_m == pytest.approx(5.1 if left_hand else 2.1, abs=1e-6)
+    assert covered(zone)[0] == pytest.approx(5.1 if left_hand else 2.1, abs=1e-6)
     assert zone.y_of(zone.y_of(2.5)) == 2.5
 
 
 def test_lanes_that_are_longer_than_they_are_drawn() -> None:
     """A lane's metres are 1.5 × those of its shape, and so are those of the zone."""
     road = straight(stretched=1.5)
-    assert road.stretches[0].start_m == -90.0
-    np.testing.assert_allclose(road.position(road.stretches[2].start_m + 15.0), [18.0, 0.0])
+    assert road.starts_m[0] == -90.0
+    np.testing.assert_allclose(road.position(road.starts_m[2] + 15.0), [18.0, 0.0])
     zone = zone_of(road, walk(2 - 3j, 2 + 6j), 5.0, 1.8)
     assert zone is not None
     # The body is drawn 5 m long; the front goes 4 + 5 drawn metres.
@@ -196,9 +194,10 @@ def test_properties_of_a_turn(
     assert wider is not None
     assert wider.first_m <= zone.first_m + 1e-9
     assert wider.last_m >= zone.last_m - 1e-9
-    assert wider.from_m <= zone.from_m + 1e-3
-    assert wider.to_m >= zone.to_m - 1e-3
-    assert 0.0 <= zone.from_m < zone.to_m <= zone.crosswalk_m + 1e-9
+    (from_m, to_m), (wider_from_m, wider_to_m) = covered(zone), covered(wider)
+    assert wider_from_m <= from_m + 1e-3
+    assert wider_to_m >= to_m - 1e-3
+    assert -1e-9 <= from_m < to_m <= zone.crossing.length_m + 1e-9
     mirrored = walk(start.conjugate(), end.conjugate(), left_hand=True)
     other = zone_of(turning(radius, -sign), mirrored, length, width)
     assert other is not None
@@ -216,7 +215,7 @@ def bent_lanes(draw: st.DrawFn) -> Path:
         for along, slope in draw(st.lists(steps, min_size=1, max_size=4)):
             at = (at[0] + along, at[1] + along * slope)
             shape.append(at)
-        lanes.append(PathLane(f"lane{n}", shape, drawn_m(shape) * draw(st.floats(0.5, 4.0)), 10.0))
+        lanes.append(Lane(f"lane{n}", shape, drawn_m(shape) * draw(st.floats(0.5, 4.0)), 10.0))
     return Path.along(lanes)
 
 
@@ -224,15 +223,17 @@ def bent_lanes(draw: st.DrawFn) -> Path:
 @settings(max_examples=80, deadline=None)
 def test_positions_on_lanes_and_on_the_path(road: Path, share: float) -> None:
     """A share of a lane's length is the same share of its shape, as SUMO has it."""
-    for n, stretch in enumerate(road.stretches):
-        s = stretch.start_m + share * (stretch.end_m - stretch.start_m)
-        inside = (road.knots_m > stretch.start_m + 1e-9) & (road.knots_m < stretch.end_m - 1e-9)
-        ends = road.position([stretch.start_m, stretch.end_m])
+    for n, (lane, (start_m, end_m)) in enumerate(
+        zip(road.lanes, pairwise(road.starts_m.tolist()), strict=True)
+    ):
+        s = start_m + share * (end_m - start_m)
+        inside = (road.knots_m > start_m + 1e-9) & (road.knots_m < end_m - 1e-9)
+        ends = road.position([start_m, end_m])
         shape = shapely.LineString([ends[0], *road.points[inside], ends[1]])
         expected = shape.interpolate(share, normalized=True)
         np.testing.assert_allclose(road.position(s), [expected.x, expected.y], atol=1e-6)
         if 0.01 < share < 0.99:
-            assert stretch.scale == pytest.approx((stretch.end_m - stretch.start_m) / shape.length)
+            assert lane.scale == pytest.approx((end_m - start_m) / shape.length)
         assert (s < 0.0) == (n == 0 and s != 0.0)
 
 
@@ -248,9 +249,9 @@ def test_a_vehicle_that_turns_round_has_a_length(radius: float, at_m: float, len
     way_m = zone.last_m - zone.first_m
     assert zone.body_m >= min(length, way_m / 2) - 1e-6
     assert zone.first_m < zone.centre_m < zone.last_m
-    if zone.across_m > 0.01:
-        assert zone.centre_m - zone.across_m / 2 == pytest.approx(zone.first_m)
-    assert zone.centre_m + zone.across_m / 2 + zone.body_m == pytest.approx(zone.last_m)
+    if zone.crossing.width_m > 0.01:
+        assert zone.centre_m - zone.crossing.width_m / 2 == pytest.approx(zone.first_m)
+    assert zone.centre_m + zone.crossing.width_m / 2 + zone.body_m == pytest.approx(zone.last_m)
 
 
 def test_a_crosswalk_that_is_touched_twice_or_hardly() -> None:
@@ -260,7 +261,8 @@ def test_a_crosswalk_that_is_touched_twice_or_hardly() -> None:
     twice = zone_of(there_and_back, walk(2 - 3j, 2 + 9j), 3.0, 1.8)
     assert twice is not None
     assert twice.split
-    assert twice.from_m < 3.0 < 9.0 < twice.to_m
+    from_m, to_m = covered(twice)
+    assert from_m < 3.0 < 9.0 < to_m
     # The crosswalk's end lies 0.9 m beside the lane's centre: within the body, or not.
     assert zone_of(straight(), walk(2 + 0.91j, 2 + 9j), 5.0, 1.8) is None
     narrow = zone_of(straight(), walk(2 + 0.89j, 2 + 9j), 5.0, 1.8)

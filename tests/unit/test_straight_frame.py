@@ -16,22 +16,24 @@ from harness.measures import measure
 from harness.simulation.cars import PASSED, Car, Passage
 from harness.simulation.own_people import Walked
 from harness.simulation.passages import free_pass_s, passages, strike_of
-from harness.site.path import Path, PathLane
+from harness.site.path import Lane, Path
 from harness.site.town import Connection, Crosswalk
 from harness.site.walk import moved
 from harness.site.zone import zone_of
 
 STEP_S = 0.1
 CAR = Vehicle(10.0, 30.0, 30.0, 5.0, 1.8, 2.6, 4.5, 1.0)
-CONNECTION = Connection("a_0>b_0", "a_0", (":J_0_0",), "b_0", "straight", gives_way=False)
+CONNECTION = Connection(
+    "a_0>b_0", "a_0", (":J_0_0",), "b_0", "straight", False, shapely.LineString(), 10.0
+)
 
 
 def straight(limit: float = 10.0, inner: float = 10.0) -> Path:
     """A straight road to the east: 60 m, 8 m inside the junction, 60 m."""
     lanes = [
-        PathLane("a_0", [(-60, 0), (0, 0)], 60.0, limit),
-        PathLane(":J_0_0", [(0, 0), (8, 0)], 8.0, inner),
-        PathLane("b_0", [(8, 0), (68, 0)], 60.0, limit),
+        Lane("a_0", [(-60, 0), (0, 0)], 60.0, limit),
+        Lane(":J_0_0", [(0, 0), (8, 0)], 8.0, inner),
+        Lane("b_0", [(8, 0), (68, 0)], 60.0, limit),
     ]
     return Path.along(lanes)
 
@@ -39,13 +41,12 @@ def straight(limit: float = 10.0, inner: float = 10.0) -> Path:
 def crosswalk() -> Crosswalk:
     """From y = −3 to 5 across the road, 4 m wide around x = 4."""
     axis = shapely.LineString([(4, -3), (4, 5)])
-    area = axis.buffer(2.0, cap_style="flat")
-    return Crosswalk(":J_c0", "J", ("b",), axis, 8.0, 4.0, area, False, False, None)
+    return Crosswalk(":J_c0", axis, 4.0)
 
 
 def passage(path: Path) -> Passage:
     """A car's passage over the crosswalk."""
-    zone = zone_of(path, crosswalk(), 5.0, 1.8, STEP_S)
+    zone = zone_of(path, crosswalk(), 5.0, 1.8)
     assert zone is not None
     car = Car("car", "type", automated=True, vehicle=CAR, speed_factor=1.0, max_mps=50.0)
     return Passage(car, crosswalk(), CONNECTION, zone, 100.0, CAR)
@@ -102,12 +103,12 @@ def test_the_rear_of_a_turning_body() -> None:
     radius_m, angle = 6.0, np.linspace(0.0, math.pi / 2, 400)
     arc = radius_m * np.column_stack((np.sin(angle), 1 - np.cos(angle)))
     lanes = [
-        PathLane("a_0", [(-60, 0), (0, 0)], 60.0, 10.0),
-        PathLane(":J_0_0", [*map(tuple, arc.tolist())], radius_m * math.pi / 2, 10.0),
-        PathLane("b_0", [(6, 6), (6, 66)], 60.0, 10.0),
+        Lane("a_0", [(-60, 0), (0, 0)], 60.0, 10.0),
+        Lane(":J_0_0", [*map(tuple, arc.tolist())], radius_m * math.pi / 2, 10.0),
+        Lane("b_0", [(6, 6), (6, 66)], 60.0, 10.0),
     ]
     path, axis = Path.along(lanes), shapely.LineString([(-3, -4), (-3, 4)])
-    walked = replace(crosswalk(), axis=axis, area=axis.buffer(2.0, cap_style="flat"))
+    walked = replace(crosswalk(), axis=axis)
 
     def corner_m(s: float) -> float:
         """How far the rear left corner is beyond the crosswalk's edge at x = −1."""
@@ -116,7 +117,7 @@ def test_the_rear_of_a_turning_body() -> None:
         ahead = chord / np.hypot(*chord)
         return float(front[0] - CAR.length_m * ahead[0] - CAR.width_m / 2 * ahead[1] + 1.0)
 
-    zone = zone_of(path, walked, CAR.length_m, CAR.width_m, STEP_S)
+    zone = zone_of(path, walked, CAR.length_m, CAR.width_m)
     assert zone is not None
     car = Car("car", "type", automated=True, vehicle=CAR, speed_factor=1.0, max_mps=50.0)
     each = Passage(car, walked, CONNECTION, zone, 100.0, CAR)
@@ -126,8 +127,8 @@ def test_the_rear_of_a_turning_body() -> None:
     for number in range(1, 50):
         car.note(100.0 - 33.0 + number * 10.0 * STEP_S, 10.0)
     each.end(PASSED)
-    zones: Any = SimpleNamespace(path=lambda _: path)
-    (found,) = passages([each], {walked.id: []}, zones, STEP_S, "euler")
+    town: Any = SimpleNamespace(path=lambda _: path)
+    (found,) = passages([each], {walked.id: []}, town, STEP_S, "euler")
     leaves_m = brentq(corner_m, 2.0, CAR.length_m)
     assert found["rear_s"] == pytest.approx(20.0 + (33.0 + leaves_m) / 10.0, abs=1e-3)
 
