@@ -62,8 +62,11 @@ def report(
     from harness.studies.compare import compare as compare_cells
     from harness.studies.shown import shown_pairs
 
-    run = load_run(run_folder / EVENTS if _is_risk(run_folder) else run_folder)
     result, out = _result_of(run_folder), out or run_folder / "report.html"
+    if (risk := _is_risk(run_folder)) and not result.closing:
+        allowed = "a risk with events; `harness show` has the numbers of this one"
+        raise InputError(str(run_folder), "no episode ended in the event", allowed)
+    run = load_run(run_folder / EVENTS if risk else run_folder)
     with unwinding():
         groups = groups_of([run]) if run.finished else []
         several = any(len(group) > 1 for group in groups)

@@ -246,10 +246,9 @@ def findings_of(rounds: Sequence[Units]) -> dict[str, Finding]:
     summed = ("episodes", "failures", "timed_out_episodes")
     told = {name: Finding(sum(getattr(each, name) for each in rounds)) for name in summed}
     bound, draws, events = risk_draws.bound(rounds)
-    nominal = Finding(bound, n=draws, events=events)
     total, size = float(value.sum()), risk_draws.effective(value)
     told["probability"] = Finding(None, n=n, events=0)
-    told["nominal_high"] = told["all_ways_high"] = nominal
+    told["nominal_high"] = told["all_ways_high"] = Finding(bound, n=draws, events=events)
     if total:
         cv, low, high = risk_draws.interval(value, weighted)
         largest = float(value.max()) / total
@@ -262,7 +261,7 @@ def findings_of(rounds: Sequence[Units]) -> dict[str, Finding]:
         doubt = "; ".join(text for text, holds in doubts.items() if holds and weighted)
         of_draws = n, len(estimate.weights), not doubt, doubt or None
         told["probability"] = Finding(total / n, low, high, *of_draws)
-        told["all_ways_high"] = Finding(min(1.0, high + (nominal.value or 1.0) * weighted))
+        told["all_ways_high"] = Finding(min(1.0, high + (bound or 1.0) * weighted))
         told["coefficient_of_variation"] = Finding(cv)
         told["brute_force_episodes"] = Finding(round((n / total - 1) / cv**2) if cv else None)
     if told["failures"].value:
@@ -312,6 +311,7 @@ def read_risk(path: Path) -> Result:
     ]
     facts = {"name": study.name, "folder": str(path), "failed": found["failures"].count, **asked}
     how = "weighted draws" if found["weighted"].count else "brute force"
+    shown = f"Events: harness worst {quoted}/{tables.EVENTS}. Page: harness report {quoted}"
     return Result(
         command="risk",
         title=f"{study.name}: {asked['event']}, {scenario.arms.driver(arm)}",
@@ -320,7 +320,7 @@ def read_risk(path: Path) -> Result:
         screen=Table("", columns, tuple(numbers)),
         full=(),
         notes=tuple(_notes(found, space_of(scenario, arm))),
-        closing=(f"Events: harness worst {quoted}/{tables.EVENTS}. Page: harness report {quoted}",),
+        closing=(shown,) * (found["probability"].value is not None),
         facts=facts | {key: manifest[key] for key in ("seed", "confidence", "engine")},
         records=[{"event": asked["event"], "strategy": scenario.arms.driver(arm), **found}],
     )

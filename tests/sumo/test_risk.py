@@ -48,6 +48,14 @@ def test_its_page_has_the_estimate_and_plays_its_events(finished: Path, tmp_path
         assert "is a risk estimate" in refusal(*command, *["--gui"] * (command[0] == "replay"))
 
 
+def test_without_an_event_there_is_no_page_and_none_is_named(tmp_path: Path) -> None:
+    out = tmp_path / "risk"
+    quick = ("--event", "contact_speed_mps>400", "--target-cv", 1)
+    assert "harness report" not in printed("risk", "cctc", *quick, "--out", out)
+    assert "no episode ended in the event" in refusal("report", out)
+    assert not (out / "report.html").exists()
+
+
 def test_a_finished_one_is_only_shown_and_an_edited_one_is_refused(
     finished: Path, tmp_path: Path
 ) -> None:
