@@ -167,10 +167,7 @@ class PerceptionSection(Section):
     correlation_s: NonNegative = 1.0
     """Correlation time of the errors."""
     occlusion: bool = True
-    """Whether obstacles and vehicles hide pedestrians from the AV."""
-    vehicles_hide: bool = False
-    """Whether vehicles hide pedestrians from each other's drivers, in both arms; with ``[traffic]``
-    or ``[simulation]``."""
+    """Whether obstacles hide pedestrians from the AV."""
     human: bool = False
     """Whether human drivers have the same errors."""
 

@@ -13,7 +13,6 @@ from harness.simulation.cars import PASSED, Car, Passage
 from harness.simulation.driving import Control
 from harness.simulation.own_people import OwnPeople
 from harness.simulation.people import PeopleAt
-from harness.simulation.seeing import Outlines, Sight
 from harness.simulation.setup import Setup
 from harness.simulation.shares import is_automated
 from harness.site.town import Crosswalk
@@ -65,7 +64,6 @@ class ArmOfPair:
         self.people = {name: self._people_at(each) for name, each in setup.crosswalks.items()}
         self._owns = [each.own for each in self.people.values() if each.own is not None]
         self._sensors = {driver: sensor_of(setup.scenario, driver) for driver in Arm}
-        self._outlines = Outlines(session)
         self._control = Control(session, setup, self.people)
         self._approaches = Approaches(setup, session)
 
@@ -266,8 +264,7 @@ class ArmOfPair:
                 people.note(time_s)
                 sensor = self._sensors[driver]
                 if sensor is not None:
-                    sight = Sight(sensor, self._pair, passage, people, self._outlines)
-                    passage.look = sight.look
+                    passage.look = people.seen_by(passage, sensor, self._pair)
         people.watched += 1
         self.passages.append(passage)
 

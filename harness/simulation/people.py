@@ -1,14 +1,18 @@
 """The people at one crosswalk as drivers see them: SUMO's, and the harness's."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from harness.core.encounter import PedestrianView, Side, quick_tuple
 from harness.engine.session import Session
 from harness.simulation.cars import Passage
 from harness.simulation.own_people import OWN_CROSSES, OwnPeople, Walked
+from harness.simulation.shares import number_of
 from harness.site.town import Crosswalk
 from harness.site.walk import STANDING_MPS, WAITING_M, walk_of
+from harness.strategies.perception.sensor import Sensor
+from harness.strategies.perception.updates import Updates, Views, track_from
 
 
 @dataclass(slots=True, eq=False)
@@ -113,15 +117,6 @@ class PeopleAt:
             return self.own.name_of(index)
         return self._came[index - self._first].id
 
-    def place(self, index: int) -> tuple[float, float]:
-        """x and y of somebody who is here, by the index that drivers see."""
-        if self.own is None or index >= self._first:
-            _, x, y, _ = self._came[index - self._first].states[-1]
-            return x, y
-        view, length_m = self.own.crowd.came[index].view(), self.crosswalk.length_m
-        near = view.side is Side.NEAR
-        return self.crosswalk.point(length_m - view.remaining_m if near else view.remaining_m)
-
     def views(self, passage: Passage) -> tuple[PedestrianView, ...]:
         """Everybody as the driver of a vehicle with that zone would see them."""
         if self._now is None:
@@ -135,6 +130,20 @@ class PeopleAt:
         if key not in self._views:
             self._views[key] = tuple(_turned(view, passage) for view in self._now)
         return self._views[key]
+
+    def seen_by(self, passage: Passage, sensor: Sensor, pair: int) -> Callable[[bool], Views]:
+        """What a driver sees at each step by a sensor: late, in part, or with errors.
+
+        The function is given whether the vehicle is within the detection range.  The random streams
+        are keyed by the ids of vehicle, crosswalk and person.
+        """
+        keys = number_of(passage.car.name), number_of(passage.crosswalk.id)
+        updates = Updates(
+            sensor, lambda index: track_from(sensor, pair, keys, number_of(self.id_of(index)))
+        )
+        return lambda near: updates.shown(
+            len(passage.shown), lambda: ((view, near) for view in self.views(passage))
+        )
 
     def _view(self, person: Seen) -> PedestrianView:
         """One of SUMO's people in the axis's frame, without the lane.

@@ -301,7 +301,7 @@ ERRORS = {
     "lag_s": 0.4,
     "max_jerk_mps3": 2.0,
 }
-CALM = {"correlation_s", "occlusion", "vehicles_hide", "human"}
+CALM = {"correlation_s", "occlusion", "human"}
 """Fields that are no error by themselves."""
 
 

@@ -15,7 +15,7 @@ from harness.model.interaction import load_model
 from harness.results.rows import trace_rows
 from harness.scenario import Scenario, load_scenario
 from harness.scenario.file import Setting
-from harness.strategies.perception.occlusion import Rectangle, is_hidden, outline
+from harness.strategies.perception.occlusion import Rectangle, is_hidden
 from harness.strategies.perception.perception import Perception
 from harness.strategies.perception.sensor import Sensor, sensor_of
 from harness.strategies.perception.updates import Track, Updates, updates_until_found
@@ -275,25 +275,3 @@ def test_what_was_shown_is_kept_in_the_traces() -> None:
         assert rows["y_m"][i] == pytest.approx(time_s - 0.5, abs=1e-9)
         assert (rows["x_m"][i], rows["speed_mps"][i]) == (0.0, 1.0)
     assert all(b > a for a, b in pairwise(times))
-
-
-@pytest.mark.parametrize("heading", [0.0, 0.7, math.pi / 2, -2.4])
-def test_outlines_hide_the_same_from_any_direction(heading: float) -> None:
-    """Turning eye, person and vehicles about the origin changes nothing."""
-    rng = np.random.default_rng(7)
-
-    def turned(x: float, y: float) -> tuple[float, float]:
-        along, across = math.cos(heading), math.sin(heading)
-        return x * along - y * across, x * across + y * along
-
-    verdicts = []
-    for _ in range(300):
-        eye, person = (-20.0, float(rng.uniform(-3, 3))), (0.0, float(rng.uniform(-3, 3)))
-        fronts = [(float(rng.uniform(-15, -1)), float(rng.uniform(-4, 4))) for _ in range(3)]
-        plain = is_hidden(eye, person, [outline(front, 0.0, 4.5, 1.8) for front in fronts])
-        boxes = [outline(turned(*front), heading, 4.5, 1.8) for front in fronts]
-        assert is_hidden(turned(*eye), turned(*person), boxes) is plain
-        verdicts.append(plain)
-    assert 50 < sum(verdicts) < 250
-    # Whoever stands inside another vehicle, after a crash, sees past it.
-    assert not is_hidden(turned(0, 0), turned(9, 0), [outline(turned(1, 0), heading, 4.5, 1.8)])

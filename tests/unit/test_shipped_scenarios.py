@@ -8,9 +8,9 @@ from harness.scenario import Study, read_scenario_file, study_of
 
 SHIPPED = sorted(file.stem for file in shipped_directory("scenarios").glob("*.toml"))
 # Runs are one cell; sweeps: 16 margins, 6 strategies at 4 flows, 4 cases at 11 speeds; 3
-# strategies at 5 latencies and 2 probabilities; 4 strategies with and without what vehicles hide.
+# strategies at 5 latencies and 2 probabilities.
 CELLS = {"cctc": 1, "cctc_flow": 1, "aggressiveness": 16, "strategies": 24}
-CELLS |= {"euro_ncap_vru": 44, "perception": 30, "multiple_threat": 8}
+CELLS |= {"euro_ncap_vru": 44, "perception": 30}
 
 
 def cells_of(name: str) -> Study:

@@ -16,43 +16,17 @@ Point = tuple[float, float]
 
 
 class Rectangle(NamedTuple):
-    """An obstacle in m; its sides are along the frame's axes, turned by ``heading_rad``.
-
-    The bounds are coordinates in the turned frame, which has the same origin.
-    """
+    """An obstacle in m; its sides are along the frame's axes."""
 
     x_low_m: float
     x_high_m: float
     y_low_m: float
     y_high_m: float
-    heading_rad: float = 0.0
 
     def holds(self, point: Point) -> bool:
         """Whether a point is inside the rectangle or on its edge."""
-        x_m, y_m = self.turned(point)
+        x_m, y_m = point
         return self.x_low_m <= x_m <= self.x_high_m and self.y_low_m <= y_m <= self.y_high_m
-
-    def turned(self, point: Point) -> Point:
-        """A point of the frame in the rectangle's own axes."""
-        return _turned_by(point, self.heading_rad) if self.heading_rad else point
-
-
-def outline(front: Point, heading_rad: float, length_m: float, width_m: float) -> Rectangle:
-    """The rectangle of a vehicle.
-
-    Args:
-        front: the middle of its front bumper.
-        heading_rad: its direction, counterclockwise from the x axis.
-        length_m: its length.
-        width_m: its width.
-
-    Example:
-        >>> outline((10.0, 1.0), 0.0, 5.0, 2.0)
-        Rectangle(x_low_m=5.0, x_high_m=10.0, y_low_m=0.0, y_high_m=2.0, heading_rad=0.0)
-    """
-    x_m, y_m = _turned_by(front, heading_rad) if heading_rad else front
-    half_m = width_m / 2
-    return Rectangle(x_m - length_m, x_m, y_m - half_m, y_m + half_m, heading_rad)
 
 
 def is_hidden(eye: Point, centre: Point, obstacles: Sequence[Rectangle]) -> bool:
@@ -63,7 +37,7 @@ def is_hidden(eye: Point, centre: Point, obstacles: Sequence[Rectangle]) -> bool
     hidden if the obstacles together hide all its angles.
 
     Args:
-        eye: the eye.  An obstacle that contains it hides nobody: two vehicles are there in a crash.
+        eye: the eye.  An obstacle that contains it hides nobody.
         centre: centre of the disc.
         obstacles: the obstacles.
 
@@ -102,8 +76,8 @@ def _is_between(eye: Point, centre: Point, obstacle: Rectangle) -> bool:
     """
     if obstacle.holds(eye):
         return False
-    (eye_x, eye_y), (x_m, y_m) = obstacle.turned(eye), obstacle.turned(centre)
-    x_low, x_high, y_low, y_high, _ = obstacle
+    (eye_x, eye_y), (x_m, y_m) = eye, centre
+    x_low, x_high, y_low, y_high = obstacle
     reach_m = PEDESTRIAN_RADIUS_M + _ROUNDING_M
     if (
         x_low > max(eye_x, x_m + reach_m)
@@ -123,10 +97,8 @@ def _shadows(
     eye: Point, bearing: float, distance_m: float, obstacle: Rectangle
 ) -> list[tuple[float, float]]:
     """The angles of the disc that an obstacle hides, relative to the direction to its centre."""
-    eye, bearing = obstacle.turned(eye), bearing - obstacle.heading_rad
-    x_low, x_high, y_low, y_high = (
-        bound - eye[number // 2] for number, bound in enumerate(obstacle[:4])
-    )
+    x_low, x_high = (bound - eye[0] for bound in obstacle[:2])
+    y_low, y_high = (bound - eye[1] for bound in obstacle[2:])
     middle = math.atan2((y_low + y_high) / 2, (x_low + x_high) / 2)
     # Seen from outside, a rectangle fills less than half a turn.
     corners = [_turned(math.atan2(y, x) - middle) for x in (x_low, x_high) for y in (y_low, y_high)]
@@ -155,12 +127,6 @@ def _entry(direction: float, x_m: Point, y_m: Point) -> float:
         if abs(slope) > _ROUNDING_RAD:
             enter = max(enter, min(bounds[0] / slope, bounds[1] / slope))
     return enter
-
-
-def _turned_by(point: Point, heading_rad: float) -> Point:
-    """The coordinates of a point along axes that are turned by an angle."""
-    along, across = math.cos(heading_rad), math.sin(heading_rad)
-    return point[0] * along + point[1] * across, point[1] * along - point[0] * across
 
 
 def _turned(angle: float) -> float:

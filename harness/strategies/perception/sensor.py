@@ -23,8 +23,6 @@ class Sensor:
     """The sensor of a driver: its section of the scenario and the constants that follow from it.
 
     ``correlation`` is the correlation of an error with the error one update later.
-    ``vehicles_hide`` says whether other vehicles hide pedestrians from it.  ``eye_behind_m`` is the
-    ego's; among several vehicles each has its own (``eye_behind``).
     """
 
     section: PerceptionSection
@@ -36,39 +34,32 @@ class Sensor:
     update_steps: int
     correlation: float
     obstacles: tuple[Rectangle, ...]
-    vehicles_hide: bool = False
-
-
-def eye_behind(length_m: float) -> float:
-    """Distance in m from a vehicle's front bumper back to its eye, which is not behind its rear."""
-    return min(EYE_BEHIND_BUMPER_M, length_m)
 
 
 def sensor_of(scenario: Scenario, driver: Arm) -> Sensor | None:
     """The sensor of a driver; None if they see the truth within the detection range.
 
     Human drivers have the sensor of the AVs if ``perception.human`` is set; otherwise only
-    obstacles and vehicles limit their sight.
+    obstacles limit their sight.
     """
     perception = scenario.perception
     imperfect = driver is Arm.AV or perception.human
     section = perception if imperfect else PerceptionSection()
-    hides = perception.vehicles_hide and section.occlusion
     step_s = scenario.experiment.step_s
     update_s = step_s if section.update_s is None else section.update_s
     vehicle = scenario.vehicle()
     obstacles = scenario.obstacles() if section.occlusion else ()
-    if section.is_perfect(step_s) and not obstacles and not hides:
+    if section.is_perfect(step_s) and not obstacles:
         return None
     return Sensor(
         section=section,
         seed=scenario.experiment.seed,
         crossing=scenario.crosswalk(),
         detection_range_m=vehicle.detection_range_m,
-        eye_behind_m=eye_behind(vehicle.length_m),
+        # The eye is not behind the vehicle's rear.
+        eye_behind_m=min(EYE_BEHIND_BUMPER_M, vehicle.length_m),
         latency_steps=round(section.latency_s / step_s),
         update_steps=round(update_s / step_s),
         correlation=math.exp(-update_s / section.correlation_s) if section.correlation_s else 0.0,
         obstacles=tuple(Rectangle(*o.x_bounds_m, *o.y_bounds_m) for o in obstacles),
-        vehicles_hide=hides,
     )
