@@ -97,45 +97,44 @@ def _stands_after(
 class Actuator:
     """The actuation of one car, which is given a command at every step.
 
-    Commands before the first one are the acceleration that the car had.
-
     Args:
         vehicle: has the limits, the dead time, the lag and the jerk.
         step_s: the length of a step.
         speed_mps, acceleration_mps2: the car's state now.
+        command_mps2: the command that it has obeyed so far, within its limits.
     """
 
     def __init__(
-        self, vehicle: Vehicle, step_s: float, speed_mps: float, acceleration_mps2: float = 0.0
+        self,
+        vehicle: Vehicle,
+        step_s: float,
+        speed_mps: float,
+        acceleration_mps2: float = 0.0,
+        command_mps2: float = 0.0,
     ) -> None:
-        self._vehicle, self._step_s = vehicle, step_s
+        self._vehicle, self._step_s, self._at_once = vehicle, step_s, vehicle.obeys_at_once
         self._state, self._before_mps = CarState(speed_mps, acceleration_mps2), speed_mps
         whole = math.floor(vehicle.dead_time_s / step_s + _ROUNDING_S)
         rest_s = vehicle.dead_time_s - whole * step_s
         self._rest_s = rest_s if rest_s > _ROUNDING_S else 0.0
         waiting = whole + (self._rest_s > 0)
-        self._waiting = deque(repeat(self._limited(acceleration_mps2), waiting))
+        self._waiting = deque(repeat(command_mps2, waiting))
 
-    def observe(self, speed_mps: float) -> None:
-        """Take the car's true speed: if SUMO cut the command, its acceleration was that of the cut.
-
-        Args:
-            speed_mps: at the end of the last step.
-        """
-        if abs(speed_mps - self._state.speed_mps) > CUT_MPS:
-            gain = (speed_mps - self._before_mps) / self._step_s
-            self._state = CarState(speed_mps, gain)
-
-    def speed_after(self, wanted_mps2: float, speed_mps: float) -> float:
+    def speed_after(self, command_mps2: float, speed_mps: float) -> float:
         """The speed at the end of the next step.
 
         Args:
-            wanted_mps2: the command that is given now; it acts after the dead time.
-            speed_mps: the car's speed now.
+            command_mps2: what is commanded now, within the limits; it acts after the dead time.
+            speed_mps: the car's speed now.  If SUMO cut the last command, it is not that of the
+                response, and the car's acceleration was that of the cut.
         """
-        self.observe(speed_mps)
+        if self._at_once:
+            return max(0.0, speed_mps + command_mps2 * self._step_s)
+        if abs(speed_mps - self._state.speed_mps) > CUT_MPS:
+            gain = (speed_mps - self._before_mps) / self._step_s
+            self._state = CarState(speed_mps, gain)
         self._before_mps = speed_mps
-        self._waiting.append(self._limited(wanted_mps2))
+        self._waiting.append(command_mps2)
         state, vehicle = self._state, self._vehicle
         if self._rest_s:
             state = response(state, self._waiting.popleft(), self._rest_s, vehicle)
@@ -144,7 +143,3 @@ class Actuator:
             command = self._waiting.popleft()
         self._state = response(state, command, self._step_s - self._rest_s, vehicle)
         return self._state.speed_mps
-
-    def _limited(self, wanted_mps2: float) -> float:
-        vehicle = self._vehicle
-        return max(-vehicle.max_deceleration_mps2, min(vehicle.max_acceleration_mps2, wanted_mps2))

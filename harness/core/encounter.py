@@ -162,6 +162,10 @@ class PedestrianView(NamedTuple):
     on_crossing: bool
 
 
+Views = tuple[PedestrianView, ...]
+"""The pedestrians that a strategy sees at one step."""
+
+
 class Observation(NamedTuple):
     """Everything that a strategy sees at one step.
 
@@ -174,7 +178,7 @@ class Observation(NamedTuple):
     ego: EgoView
     vehicle: Vehicle
     crossing: Crossing
-    pedestrians: tuple[PedestrianView, ...]
+    pedestrians: Views
 
 
 class Strategy(Protocol):
@@ -320,7 +324,7 @@ class Trace:
     traceback: str | None = None
     failed_in: FailedIn | None = None
     trace_offset_s: float = 0.0
-    shown: tuple[tuple[PedestrianView, ...], ...] | None = None
+    shown: tuple[Views, ...] | None = None
     conditionings: ModelUse = NO_MODEL_USE
     motion: StepMotion = "ballistic"
 

@@ -1,4 +1,4 @@
-"""The decisions of a step: a strategy's command and its limits, and who steps off.
+"""The decisions of pedestrians at the kerb: who steps off.
 
 Pedestrians with behaviour ``threshold`` decide by the threshold-distribution model of Pekkanen et
 al. 2022 (Computational Brain & Behavior 5), with one term more: the time that the pedestrian needs
@@ -7,52 +7,16 @@ to reach the vehicle's lane.  All others obey the kerb rule.
 
 import math
 from collections.abc import Iterable, Iterator
-from numbers import Real
 from statistics import NormalDist
 from typing import NamedTuple, Protocol
 
 from harness.core.encounter import Vehicle
-from harness.core.errors import StrategyError, place_of
+from harness.encounter.driver import ROUNDING_M
 from harness.measures.efficiency import STANDING_MPS
 from harness.scenario.people import ThresholdSection
 
-ROUNDING_M = 1e-9
-"""Tolerance of thresholds: engines differ in the last bits of their sums."""
-
 REFERENCE_MPS = 50 / 3.6
 """The speed at which the weight of the distance changes nothing."""
-
-
-def limited(answer: object, vehicle: Vehicle, time_s: float) -> float:
-    """A strategy's command in m/s², within the vehicle's limits.
-
-    Raises:
-        StrategyError: the command is not a finite number.
-    """
-    wanted = answer if type(answer) is float else _as_float(answer)
-    least, most = -vehicle.max_deceleration_mps2, vehicle.max_acceleration_mps2
-    if least <= wanted <= most:
-        return wanted
-    if math.isfinite(wanted):
-        return max(least, min(wanted, most))
-    raise StrategyError(f"the strategy returned {answer!r} at t = {time_s:.3f} s")
-
-
-def strategy_raised(error: BaseException, time_s: float) -> StrategyError:
-    """The error for a strategy that raised an exception in ``decide``."""
-    what = f"raised {type(error).__name__}: {error}"
-    when = f"at t = {time_s:.3f} s ({place_of(error)})"
-    return StrategyError(f"the strategy {what} {when}", error)
-
-
-def _as_float(answer: object) -> float:
-    """A command of another numeric type, such as NumPy's; NaN if it is no number or too large."""
-    if not isinstance(answer, Real) or isinstance(answer, bool):
-        return math.nan
-    try:
-        return float(answer)
-    except OverflowError:
-        return math.nan
 
 
 class Approaching(Protocol):

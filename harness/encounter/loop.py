@@ -7,6 +7,7 @@ trace; the loop records only what cannot be computed later.
 import math
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,27 +16,25 @@ from harness.core.actuation import Actuator
 from harness.core.encounter import (
     Arrival,
     Crossing,
-    EgoView,
     Ending,
     Observation,
-    PedestrianView,
     Strategy,
     Trace,
     Vehicle,
-    quick_tuple,
+    Views,
 )
 from harness.core.errors import EngineError, StrategyError
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.crowd import VIEW, Crowd
-from harness.encounter.deciding import ROUNDING_M, limited, strategy_raised
+from harness.encounter.driver import ROUNDING_M, Driver, answer_of
 from harness.encounter.walkers import ChooseSpeed
 from harness.engine.protocol import Engine
 
 if TYPE_CHECKING:
     from harness.strategies.perception.perception import Perception
 
-Steps = Generator[Observation, float, Ending]
-"""An episode as a generator: it yields observations and receives commanded accelerations."""
+Steps = Generator[Observation, object, Ending]
+"""An episode as a generator: it yields observations and receives the answers of a strategy."""
 
 
 def drive(episode: "Episode", strategy: Strategy) -> Trace:
@@ -68,15 +67,10 @@ def failed(trace: Trace, error: EngineError) -> Trace:
 
 def _driven(steps: Steps, strategy: Strategy) -> Ending:
     """Answer every observation of an episode with the strategy's command."""
-    decide = strategy.decide
     observation = next(steps)
     try:
         while True:
-            try:
-                wanted = decide(observation)
-            except (Exception, SystemExit) as error:
-                raise strategy_raised(error, observation.time_s) from error
-            observation = steps.send(wanted)
+            observation = steps.send(answer_of(strategy, observation))
     except StopIteration as finished:
         ending: Ending = finished.value
         return ending
@@ -137,7 +131,13 @@ class Episode:
         self.x_m: list[float] = []
         self.speed_mps: list[float] = []
         self.places: list[tuple[int, float]] = []
-        self.shown: list[tuple[PedestrianView, ...]] = []
+        sensor = None if perception is None else self._perceived
+        self._driver = Driver(rules, rules.step_s, partial(map, VIEW, self.crowd.walkers), sensor)
+
+    def _perceived(self, near: bool) -> Views:
+        assert self.perception is not None
+        people = [(walker.view(), walker.x_m) for walker in self.crowd.walkers]
+        return self.perception.shown(near, self.x_m[-1], people)
 
     def trace(self, ending: Ending) -> Trace:
         """The trace of what has been simulated so far, as if it ended now."""
@@ -149,7 +149,7 @@ class Episode:
             speed_mps=np.array(self.speed_mps),
             walks=tuple(walker.walk for walker in self.crowd.came),
             ending=ending,
-            shown=None if self.perception is None else tuple(self.shown),
+            shown=self._driver.shown,
         )
 
     def steps(self) -> Steps:
@@ -163,40 +163,28 @@ class Episode:
         """
         rules, engine = self.rules, self.engine
         vehicle, crossing, step = rules.vehicle, rules.crossing, rules.step_s
-        detection = vehicle.detection_range_m + ROUNDING_M
         passed_at = vehicle.length_m + crossing.width_m / 2 - ROUNDING_M
         steps = math.ceil(rules.timeout_s / step - 1e-9)
         note_x, note_speed = self.x_m.append, self.speed_mps.append
-        crowd, ego, perception = self.crowd, self._ego, self.perception
+        crowd, ego, driver = self.crowd, self._ego, self._driver
         walkers = crowd.walkers
         acceleration = 0.0
         x, speed = engine.begin(self._arrivals)
         note_x(x)
         note_speed(speed)
         ego.at(x, speed, 0.0)
-        actuator = None if vehicle.obeys_at_once else Actuator(vehicle, step, speed)
+        actuator = Actuator(vehicle, step, speed)
         crowd.advance(0.0, 0.0)
         then = 0.0
-        for n in range(steps):
-            now, then = then, (n + 1) * step
+        for n in range(1, steps + 1):
+            now, then = then, n * step
             for walker in walkers:
                 if walker.due_s <= now:
                     ego.at(x, speed, acceleration)
                     crowd.begin_step(now)
                     break
-            seen: tuple[PedestrianView, ...] = ()
-            if perception is not None:
-                seen = perception.shown(n, x, [(walker.view(), walker.x_m) for walker in walkers])
-                self.shown.append(seen)
-            elif walkers and -detection <= x <= detection:
-                seen = tuple(map(VIEW, walkers))
-            view = quick_tuple(EgoView, (-x, speed, acceleration))
-            wanted = yield quick_tuple(Observation, (now, step, view, vehicle, crossing, seen))
-            wanted = limited(wanted, vehicle, now)
-            if actuator is None:
-                target = max(0.0, speed + wanted * step)
-            else:
-                target = actuator.speed_after(wanted, speed)
+            answer = yield driver.observe(now, -x, speed, acceleration)
+            target = actuator.speed_after(driver.command(answer, now), speed)
             acceleration = (target - speed) / step
             # Pedestrians who arrive within this step see the ego's state at their arrival.
             if crowd.next_s <= then:

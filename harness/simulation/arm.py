@@ -2,9 +2,10 @@
 
 import math
 from collections import Counter, defaultdict
+from functools import partial
 
 from harness.core.encounter import Arm
-from harness.encounter.deciding import ROUNDING_M
+from harness.encounter.driver import ROUNDING_M, Driver
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.session import Collision, Session
 from harness.model.interaction import InteractionModel
@@ -262,9 +263,11 @@ class ArmOfPair:
             else:
                 passage.driver = setup.scenario.arms.driver(driver)
                 people.note(time_s)
-                sensor = self._sensors[driver]
+                sensor, look = self._sensors[driver], None
                 if sensor is not None:
-                    passage.look = people.seen_by(passage, sensor, self._pair)
+                    look = people.seen_by(passage, sensor, self._pair)
+                truth = partial(people.views, passage)
+                passage.driven_by = Driver(passage, step_s, truth, look)
         people.watched += 1
         self.passages.append(passage)
 

@@ -6,7 +6,7 @@ one axis.
 
 import math
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -14,9 +14,9 @@ import numpy as np
 
 from harness.core.actuation import Actuator
 from harness.core.encounter import Crossing, FloatArray, Strategy, Vehicle
+from harness.encounter.driver import Driver
 from harness.site.town import Connection, Crosswalk
 from harness.site.zone import Zone
-from harness.strategies.perception.updates import Views
 
 LIMITS = ("strategy", "actuator", "lane", "leader", "right_of_way")
 """What decides a driven vehicle's speed in a step; lanes include curves."""
@@ -119,9 +119,7 @@ class Passage:
         limited: number of driven steps by what limited them (``LIMITS``), once it has ended.
         ended: how it ended; None while it goes on.
         fallback, collided: whether its strategy fell back, and whether SUMO saw a collision.
-        look: what its driver's sensor shows now, given whether the vehicle is within the detection
-            range; None: the truth.
-        shown: what it has shown at each step.
+        driven_by: what the strategy sees and how it commands, once it drives.
     """
 
     car: Car
@@ -143,8 +141,7 @@ class Passage:
     ended: str | None = None
     fallback: bool = False
     collided: bool = False
-    look: Callable[[bool], Views] | None = None
-    shown: list[Views] = field(default_factory=list)
+    driven_by: Driver | None = None
     crossing: Crossing = field(init=False)
     first_m: float = field(init=False)
     last_m: float = field(init=False)

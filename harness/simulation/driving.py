@@ -9,16 +9,15 @@ import math
 from collections.abc import Mapping
 
 from harness.core.actuation import CUT_MPS, Actuator
-from harness.core.encounter import EgoView, Observation, Strategy, quick_tuple
+from harness.core.encounter import Strategy
 from harness.core.errors import StrategyError
-from harness.encounter.deciding import ROUNDING_M, limited, strategy_raised
+from harness.encounter.driver import Driver, answer_of
 from harness.engine.plain import slowing_mps
 from harness.engine.session import Session
 from harness.simulation.cars import ACTUATOR, LANE, LEADER, RIGHT_OF_WAY, STRATEGY, Car, Passage
 from harness.simulation.people import PeopleAt
 from harness.simulation.setup import Setup
 from harness.site.town import Crosswalk
-from harness.strategies.perception.updates import Views
 
 SPEED_MODE_FREE = 23
 """SUMO keeps leaders, limits and red lights; the vehicle has the right of way among vehicles."""
@@ -36,14 +35,13 @@ class Control:
 
     Args:
         session: SUMO.
-        setup: says within which distance drivers see people, and how vehicles move within a step.
+        setup: says how vehicles move within a step.
         people: everybody at each crosswalk.
     """
 
     def __init__(self, session: Session, setup: Setup, people: Mapping[str, PeopleAt]) -> None:
         self._session, self._vehicles = session, session.vehicles
-        ego, self._ballistic = setup.scenario.ego, setup.config.ballistic
-        self._detection_m = (ego.detection_range_m or ego.trigger_range_m) + ROUNDING_M
+        self._ballistic = setup.config.ballistic
         self._step_s, self._people = session.step_s, people
         self._driven: dict[str, Car] = {}
 
@@ -53,8 +51,12 @@ class Control:
         if not driven:
             self.release(car)
             return
-        if car.name not in self._driven and not car.vehicle.obeys_at_once:
-            car.actuator = Actuator(car.vehicle, self._step_s, car.speed_mps, car.acceleration_mps2)
+        if car.actuator is None:
+            driver, gain_mps2 = driven[0].driven_by, car.acceleration_mps2
+            assert driver is not None
+            obeyed_mps2 = driver.command(gain_mps2, 0.0)
+            now = car.speed_mps, gain_mps2, obeyed_mps2
+            car.actuator = Actuator(car.vehicle, self._step_s, *now)
         self._driven[car.name] = car
         self._ignore(car)
         end_m = max(each.last_m for each in driven)
@@ -93,16 +95,17 @@ class Control:
         for car in self._driven.values():
             lowest = math.inf
             for passage in car.passages:
-                if passage.strategy is not None:
+                strategy, driver = passage.strategy, passage.driven_by
+                if strategy is not None and driver is not None:
                     try:
-                        lowest = min(lowest, self._decision(passage, passage.strategy))
+                        lowest = min(lowest, self._decision(passage, strategy, driver))
                     except StrategyError as error:
                         where = f"vehicle {car.name} at {passage.crosswalk.id}, {now_s:.3f} s"
                         error.args = (f"{where}: {error}",)
                         raise
-            target_mps = wish_mps = max(0.0, car.speed_mps + lowest * self._step_s)
-            if car.actuator is not None:
-                target_mps = max(0.0, car.actuator.speed_after(lowest, car.speed_mps))
+            wish_mps = max(0.0, car.speed_mps + lowest * self._step_s)
+            assert car.actuator is not None
+            target_mps = car.actuator.speed_after(lowest, car.speed_mps)
             car.limited_by = STRATEGY if abs(target_mps - wish_mps) <= CUT_MPS else ACTUATOR
             if target_mps > car.least_mps:
                 cap_mps = self._cap_mps(car)
@@ -132,27 +135,13 @@ class Control:
             car.held_by = None
         car.limited[limited_by] += 1
 
-    def _decision(self, passage: Passage, strategy: Strategy) -> float:
+    def _decision(self, passage: Passage, strategy: Strategy, driver: Driver) -> float:
         """The acceleration that a strategy commands."""
-        car, vehicle = passage.car, passage.vehicle
+        car = passage.car
         range_m = passage.centre_m - car.odometer_m
         time_s = (len(car.speeds_mps) - 1 - passage.first) * self._step_s
-        near = -self._detection_m <= range_m <= self._detection_m
-        seen: Views = ()
-        if passage.look is not None:
-            seen = passage.look(near)
-            passage.shown.append(seen)
-        elif near:
-            seen = self._people[passage.crosswalk.id].views(passage)
-        ego = quick_tuple(EgoView, (range_m, car.speed_mps, car.acceleration_mps2))
-        observation = quick_tuple(
-            Observation, (time_s, self._step_s, ego, vehicle, passage.crossing, seen)
-        )
-        try:
-            answer = strategy.decide(observation)
-        except (Exception, SystemExit) as error:
-            raise strategy_raised(error, time_s) from error
-        return limited(answer, vehicle, time_s)
+        seen = driver.observe(time_s, range_m, car.speed_mps, car.acceleration_mps2)
+        return driver.command(answer_of(strategy, seen), time_s)
 
     def _cap_mps(self, car: Car) -> float:
         """The highest speed at the step's end that lanes and curves allow."""

@@ -135,7 +135,7 @@ def _trace(
         sumo_collision=passage.collided,
         fallback=passage.fallback,
         trace_offset_s=passage.trace_offset_s,
-        shown=None if passage.look is None else tuple(passage.shown),
+        shown=None if passage.driven_by is None else passage.driven_by.shown,
         motion=motion,
     )
     length_s = (len(base.x_m) - 1) * step_s

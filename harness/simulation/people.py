@@ -141,9 +141,7 @@ class PeopleAt:
         updates = Updates(
             sensor, lambda index: track_from(sensor, pair, keys, number_of(self.id_of(index)))
         )
-        return lambda near: updates.shown(
-            len(passage.shown), lambda: ((view, near) for view in self.views(passage))
-        )
+        return lambda near: updates.shown(lambda: ((view, near) for view in self.views(passage)))
 
     def _view(self, person: Seen) -> PedestrianView:
         """One of SUMO's people in the axis's frame, without the lane.

@@ -250,7 +250,7 @@ def test_given_uniforms_are_the_first_errors_and_the_wait_after_the_first_loss()
     for speed_mps, seen_mps in ((1.2, 1.1), (0.0, 0.0)):
         updates = Updates(sensor, lambda index: Track(sensor, 0, index, None, errors))
         person = PedestrianView(1, Side.NEAR, 2.0, 8.0, speed_mps, on_crossing=True)
-        (told,) = updates.shown(0, lambda person=person: [(person, True)])
+        (told,) = updates.shown(lambda person=person: [(person, True)])
         assert (told.lateral_m, told.remaining_m) == pytest.approx((1.4, 7.4))
         assert told.speed_mps == pytest.approx(seen_mps)
     # u = 0.999, p = 0.5: ten looks, as at the first detection.

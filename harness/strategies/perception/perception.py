@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from types import MappingProxyType
 
-from harness.core.encounter import Arrival, PedestrianView
+from harness.core.encounter import Arrival, PedestrianView, Views
 from harness.core.seeding import Given
 from harness.strategies.perception.occlusion import is_hidden
-from harness.strategies.perception.sensor import ROUNDING_M, Sensor
-from harness.strategies.perception.updates import Track, Updates, Views
+from harness.strategies.perception.sensor import Sensor
+from harness.strategies.perception.updates import Track, Updates
 
 
 class Perception:
@@ -33,23 +33,22 @@ class Perception:
             sensor, lambda index: Track(sensor, pair, index, quantiles[index], given)
         )
 
-    def shown(self, step: int, x_m: float, people: Sequence[tuple[PedestrianView, float]]) -> Views:
-        """The pedestrians that the driver sees at a step.
+    def shown(
+        self, near: bool, x_m: float, people: Sequence[tuple[PedestrianView, float]]
+    ) -> Views:
+        """The pedestrians that the driver sees at the next step.
 
         Args:
-            step: number of the step.  Successive calls have 0, 1, 2, ….
+            near: whether the ego is within the detection range.
             x_m: x of the ego's front bumper.
             people: the ground truth: everybody at the crosswalk, with their x in m.
         """
         return self._updates.shown(
-            step,
-            lambda: [(view, self._in_sight(x_m, view, their_x_m)) for view, their_x_m in people],
+            lambda: [(view, near and self._in_sight(x_m, view, at_m)) for view, at_m in people]
         )
 
     def _in_sight(self, x_m: float, view: PedestrianView, their_x_m: float) -> bool:
         sensor = self._sensor
-        if abs(x_m) > sensor.detection_range_m + ROUNDING_M:
-            return False
         if not sensor.obstacles:
             return True
         eye = (x_m - sensor.eye_behind_m, sensor.crossing.lane_centre_m)

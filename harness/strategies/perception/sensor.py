@@ -14,9 +14,6 @@ EYE_BEHIND_BUMPER_M = 2.4
 AASHTO's Green Book has the driver's eye 8 ft behind the front of the car at intersections.
 """
 
-ROUNDING_M = 1e-9
-"""Tolerance of the detection range: engines differ in the last bits of their sums."""
-
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
@@ -28,7 +25,6 @@ class Sensor:
     section: PerceptionSection
     seed: int
     crossing: Crossing
-    detection_range_m: float
     eye_behind_m: float
     latency_steps: int
     update_steps: int
@@ -47,7 +43,6 @@ def sensor_of(scenario: Scenario, driver: Arm) -> Sensor | None:
     section = perception if imperfect else PerceptionSection()
     step_s = scenario.experiment.step_s
     update_s = step_s if section.update_s is None else section.update_s
-    vehicle = scenario.vehicle()
     obstacles = scenario.obstacles() if section.occlusion else ()
     if section.is_perfect(step_s) and not obstacles:
         return None
@@ -55,9 +50,8 @@ def sensor_of(scenario: Scenario, driver: Arm) -> Sensor | None:
         section=section,
         seed=scenario.experiment.seed,
         crossing=scenario.crosswalk(),
-        detection_range_m=vehicle.detection_range_m,
         # The eye is not behind the vehicle's rear.
-        eye_behind_m=min(EYE_BEHIND_BUMPER_M, vehicle.length_m),
+        eye_behind_m=min(EYE_BEHIND_BUMPER_M, scenario.vehicle().length_m),
         latency_steps=round(section.latency_s / step_s),
         update_steps=round(update_s / step_s),
         correlation=math.exp(-update_s / section.correlation_s) if section.correlation_s else 0.0,

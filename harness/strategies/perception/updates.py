@@ -8,11 +8,9 @@ from types import MappingProxyType
 import numpy as np
 from scipy.special import ndtri
 
-from harness.core.encounter import PedestrianView
+from harness.core.encounter import PedestrianView, Views
 from harness.core.seeding import Given, GivenFirst, Purpose, stream
 from harness.strategies.perception.sensor import Sensor
-
-Views = tuple[PedestrianView, ...]
 
 Look = Callable[[], Iterable[tuple[PedestrianView, bool]]]
 """Returns everybody at the crosswalk, and whether they are in range and in sight."""
@@ -158,14 +156,16 @@ class Updates:
         self._tracks: dict[int, Track] = {}
         self._findings: deque[tuple[int, Views]] = deque()
         self._shown: Views = ()
+        self._step = -1
 
-    def shown(self, step: int, look: Look) -> Views:
-        """The pedestrians that the driver sees at a step.
+    def shown(self, look: Look) -> Views:
+        """The pedestrians that the driver sees at the next step.
 
         Args:
-            step: number of the step.  Successive calls have 0, 1, 2, ….
             look: returns the ground truth; it is called only at updates.
         """
+        self._step += 1
+        step = self._step
         if step % self._sensor.update_steps == 0:
             found = tuple(self._found(look()))
             self._findings.append((step + self._sensor.latency_steps, found))

@@ -1,0 +1,121 @@
+"""One step of one vehicle: what its driver sees, and the command that they give within its limits.
+
+The step is the same in encounters, simulations, reinforcement learning, validation and checks of
+strategies.  How the vehicle obeys the command is ``core.actuation.Actuator``.
+"""
+
+import math
+from collections.abc import Callable, Iterable
+from numbers import Real
+from typing import Protocol
+
+from harness.core.encounter import (
+    Crossing,
+    EgoView,
+    Observation,
+    PedestrianView,
+    Strategy,
+    Vehicle,
+    Views,
+    quick_tuple,
+)
+from harness.core.errors import StrategyError, place_of
+
+ROUNDING_M = 1e-9
+"""Tolerance of thresholds: engines differ in the last bits of their sums."""
+
+
+class Way(Protocol):
+    """A vehicle's way over one crosswalk: the constants of both, which may change on the way."""
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle's constants."""
+
+    @property
+    def crossing(self) -> Crossing:
+        """The crosswalk's constants."""
+
+
+class Driver:
+    """The driver of one vehicle at one crosswalk; to be used at every step.
+
+    Args:
+        way: the vehicle and the crosswalk.
+        step_s: the simulation's step.
+        truth: returns everybody at the crosswalk.
+        sensor: returns whom the driver's sensor shows now, given whether the vehicle is within its
+            detection range; None: they see the truth within that range.
+    """
+
+    def __init__(
+        self,
+        way: Way,
+        step_s: float,
+        truth: Callable[[], Iterable[PedestrianView]],
+        sensor: Callable[[bool], Views] | None = None,
+    ) -> None:
+        self._way, self._step_s, self._truth, self._sensor = way, step_s, truth, sensor
+        vehicle = way.vehicle
+        self._detection_m = vehicle.detection_range_m + ROUNDING_M
+        self._least_mps2 = -vehicle.max_deceleration_mps2
+        self._most_mps2 = vehicle.max_acceleration_mps2
+        self._shown: list[Views] = []
+
+    @property
+    def shown(self) -> tuple[Views, ...] | None:
+        """What their sensor has shown at each step; None if they see the truth."""
+        return None if self._sensor is None else tuple(self._shown)
+
+    def observe(
+        self, time_s: float, range_m: float, speed_mps: float, acceleration_mps2: float
+    ) -> Observation:
+        """The observation of this step, from the time since the trigger and the vehicle's state."""
+        way = self._way
+        near = -self._detection_m <= range_m <= self._detection_m
+        if self._sensor is None:
+            seen = tuple(self._truth()) if near else ()
+        else:
+            seen = self._sensor(near)
+            self._shown.append(seen)
+        ego = quick_tuple(EgoView, (range_m, speed_mps, acceleration_mps2))
+        return quick_tuple(
+            Observation, (time_s, self._step_s, ego, way.vehicle, way.crossing, seen)
+        )
+
+    def command(self, answer: object, time_s: float) -> float:
+        """A strategy's answer as a command in m/s², within the vehicle's limits.
+
+        Raises:
+            StrategyError: the answer is not a finite number.
+        """
+        wanted = answer if type(answer) is float else _as_float(answer)
+        if self._least_mps2 <= wanted <= self._most_mps2:
+            return wanted
+        if math.isfinite(wanted):
+            return max(self._least_mps2, min(wanted, self._most_mps2))
+        raise StrategyError(f"the strategy returned {answer!r} at t = {time_s:.3f} s")
+
+
+def answer_of(strategy: Strategy, observation: Observation) -> object:
+    """What a strategy answers to an observation.
+
+    Raises:
+        StrategyError: the strategy raised an exception.
+    """
+    try:
+        return strategy.decide(observation)
+    except (Exception, SystemExit) as error:
+        when = f"at t = {observation.time_s:.3f} s ({place_of(error)})"
+        what = f"the strategy raised {type(error).__name__}: {error} {when}"
+        raise StrategyError(what, error) from error
+
+
+def _as_float(answer: object) -> float:
+    """A command of another numeric type, such as NumPy's; NaN if it is no number or too large."""
+    if not isinstance(answer, Real) or isinstance(answer, bool):
+        return math.nan
+    try:
+        return float(answer)
+    except OverflowError:
+        return math.nan
