@@ -111,9 +111,9 @@ def stored_tasks(run: Run, cell: int, pairs: Sequence[int], arms: Sequence[Arm])
     check_packages()
     if not 0 <= cell < len(run.study.cells):
         raise InputError("--cell", f"{cell}", f"0 to {len(run.study.cells) - 1}")
-    known = run.rows(TABLES_OF[run.kind][0].name, cell)["pair"].unique().to_pylist()
-    if odd := [pair for pair in pairs if pair not in {*known}]:
-        raise InputError("--pair", f"{odd[0]}", f"0 to {max(known, default=0)}")
+    known = set(run.rows(TABLES_OF[run.kind][0].name, cell)["pair"].to_pylist())
+    if (odd := next((pair for pair in pairs if pair not in known), None)) is not None:
+        raise InputError("--pair", f"{odd}", f"0 to {max(known, default=0)}")
     of = run.study.cells[cell]
     model = load_model(of.scenario.model.name, of.scenario.model.path)
     code = source_digests(of.scenario.arms.model_dump().values())
