@@ -1,4 +1,4 @@
-"""The commands ``run`` (also called ``sweep``), ``risk`` and ``resume``."""
+"""The commands ``run`` (also ``sweep``), ``risk`` and ``resume``, and where their tasks run."""
 
 from typing import TYPE_CHECKING, Annotated
 

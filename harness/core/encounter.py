@@ -98,6 +98,10 @@ class Vehicle:
         return road_m / self.initial_speed_mps
 
 
+LIMITED_BY = ("strategy", "actuator", "lane", "leader", "right_of_way")
+"""What decides a driven vehicle's speed in a step of a simulation; lanes include curves."""
+
+
 @dataclass(frozen=True, slots=True)
 class Crossing:
     """The crosswalk's constants for an ego in a given lane.

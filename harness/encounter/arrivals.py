@@ -1,4 +1,4 @@
-"""A scenario and a pair's number in; the pair's pedestrians and their arrival times out."""
+"""A scenario and a pair's number in; its pedestrians, with all that is drawn for each, out."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator

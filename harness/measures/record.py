@@ -1,4 +1,4 @@
-"""The record of an episode, and the function that computes records from traces."""
+"""The record of an episode: the measures of ``catalogue.py``, computed from traces."""
 
 from collections import namedtuple
 from collections.abc import Sequence

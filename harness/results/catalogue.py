@@ -11,12 +11,13 @@ from typing import Literal
 
 import numpy as np
 
+from harness.core.encounter import LIMITED_BY
 from harness.results import estimators, student
 from harness.results.columns import AV, REFERENCE, Sample
 from harness.results.estimators import Sampling
 from harness.results.finding import Finding, Form
 from harness.results.simulated import SimulationSample
-from harness.results.tables import ENCOUNTERS, LIMITED_BY, SIMULATIONS, RunKind
+from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
 
 AnySample = Sample | SimulationSample
 

@@ -1,4 +1,6 @@
-"""Notes: the sentences without which the numbers mislead, the worst news first.
+"""Notes of runs, the worst news first: the sentences without which the numbers mislead.
+
+Comparisons, risks, validations and fits have notes of their own, in ``studies``.
 
 To add a note, add a rule: it says a sentence about a cell from its findings and its scenario, or
 None.

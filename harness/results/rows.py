@@ -1,4 +1,8 @@
-"""Episodes and simulations in; the rows of a run's tables out."""
+"""Episodes in; rows of episodes, pedestrians and traces out.
+
+The columns of a simulation come from ``simulation/passages.py`` and ``pairing.py``; those that no
+table declares are left out.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 

@@ -7,11 +7,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.core.encounter import Arm, FloatArray
+from harness.core.encounter import LIMITED_BY, Arm, FloatArray
 from harness.measures.queues import growth
 from harness.results.columns import AV
 from harness.results.estimators import Sampling
-from harness.results.tables import LIMITED_BY, Tables
+from harness.results.tables import Tables
 from harness.scenario import Scenario
 from harness.scenario.sections import ConflictsSection
 

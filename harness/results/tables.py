@@ -1,4 +1,4 @@
-"""The tables of a run, and their parts: the rows of one task, a Parquet file each.
+"""The tables of a run, each column declared once, and their parts: a Parquet file for each task.
 
 ``pd.read_parquet("RUN/episodes")`` reads a whole table.  A part appears complete or not at all,
 that of ``episodes`` or ``arms`` last: if it exists, its task is done.
@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from harness.core.encounter import Arm, Contact, Ending, Leg, Side
+from harness.core.encounter import LIMITED_BY, Arm, Contact, Ending, Leg, Side
 from harness.core.errors import InputError, one_line, resume_command
 from harness.core.files import cannot_write, whole_file
 from harness.measures.catalogue import MEASURES
@@ -184,9 +184,6 @@ ARMS = Table("arms", (
 ))
 """One row for each simulation: the AV's arm and the reference's of each pair."""
 
-LIMITED_BY = ("strategy", "actuator", "lane", "leader", "right_of_way")
-"""What decides a driven vehicle's speed in a step; a lane's limit includes curves."""
-
 PASSAGES = Table("passages", (
     *_KEYS,
     Column("crosswalk", str, "", "id of the crosswalk", required=True),
@@ -207,6 +204,7 @@ PASSAGES = Table("passages", (
     *(Column(f"share_{each}", float, "", f"share of them limited by {each}")
       for each in LIMITED_BY),
     Column("pedestrians", int, "", "people who stepped off during the passage"),
+    Column("contact", Contact, "", "the part of the vehicle that touched a person"),
     Column("contact_person", str, "", "whom the vehicle's oriented outline touched first"),
     Column("sumo_contact", bool, "", "whether SUMO itself reported a collision"),
     Column("min_speed_mps", float, "m/s", "least speed"),
@@ -238,6 +236,7 @@ PEOPLE = Table("people", (
     Column("cleared_s", float, "s", "time at which they left the crosswalk"),
     Column("wait_s", float, "s", "wait at the kerb, until stepping off or the end"),
     Column("delay_s", float, "s", "delay against an undisturbed walk"),
+    Column("speed_mps", float, "m/s", "walking speed: drawn, or the mean over the crosswalk"),
     Column("let_go", bool, "", "whether they went before the vehicle that made them wait"),
 ))
 """One row for each person and crosswalk."""

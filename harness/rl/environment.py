@@ -23,8 +23,8 @@ from harness.measures import EpisodeRecord, has_contact, measure
 from harness.model.interaction import load_model
 from harness.rl.reward import Reward, Transition, check_reward, time_speeding_and_crash
 from harness.scenario import EngineName, Scenario
+from harness.scenario.arguments import engine_named, number_in, whole_number
 from harness.scenario.file import scenario_of_encounters
-from harness.scenario.options import engine_named, number_in, whole_number
 from harness.strategies.vector import acceleration_of, observation_vector
 
 ENVIRONMENT_ID = "harness/Crosswalk-v0"

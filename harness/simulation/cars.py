@@ -13,14 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.core.actuation import Actuator
-from harness.core.encounter import Crossing, FloatArray, Strategy, Vehicle
+from harness.core.encounter import LIMITED_BY, Crossing, FloatArray, Strategy, Vehicle
 from harness.encounter.driver import Driver
 from harness.site.town import Connection, Crosswalk
 from harness.site.zone import Zone
 
-LIMITS = ("strategy", "actuator", "lane", "leader", "right_of_way")
-"""What decides a driven vehicle's speed in a step; lanes include curves."""
-STRATEGY, ACTUATOR, LANE, LEADER, RIGHT_OF_WAY = range(len(LIMITS))
+STRATEGY, ACTUATOR, LANE, LEADER, RIGHT_OF_WAY = range(len(LIMITED_BY))
 
 PASSED = "passed"
 
@@ -56,7 +54,7 @@ class Car:
         mode: the speed mode while a strategy drives, else None.
         asked_mps: the command that SUMO has; None: it drives.
         odometers_m, speeds_mps: its states at the ends of all steps since it came near.
-        limited: the number of driven steps by what limited them (``LIMITS``).
+        limited: the number of driven steps by what limited them (``LIMITED_BY``).
         limited_by: what decided the command.
         held_by: what made SUMO drive slower than commanded; None: nothing.
         actuator: what passes commands on while a strategy drives, if the vehicle obeys late.
@@ -82,7 +80,7 @@ class Car:
     # Unlike lists, arrays take no time of the garbage collector.
     odometers_m: "array[float]" = field(default_factory=lambda: array("d"))
     speeds_mps: "array[float]" = field(default_factory=lambda: array("d"))
-    limited: list[int] = field(default_factory=lambda: [0] * len(LIMITS))
+    limited: list[int] = field(default_factory=lambda: [0] * len(LIMITED_BY))
     limited_by: int = STRATEGY
     held_by: int | None = None
     actuator: Actuator | None = None
@@ -116,7 +114,7 @@ class Passage:
             among those of the car.
         xs_m, speeds_mps: once it has ended, its states in the straight frame at every step.
         trace_offset_s: time from R0 until the first of them.
-        limited: number of driven steps by what limited them (``LIMITS``), once it has ended.
+        limited: number of driven steps by what limited them (``LIMITED_BY``), once it has ended.
         ended: how it ended; None while it goes on.
         fallback, collided: whether its strategy fell back, and whether SUMO saw a collision.
         driven_by: what the strategy sees and how it commands, once it drives.
@@ -137,7 +135,7 @@ class Passage:
     xs_m: FloatArray = field(default_factory=lambda: np.empty(0))
     speeds_mps: FloatArray = field(default_factory=lambda: np.empty(0))
     trace_offset_s: float = 0.0
-    limited: Sequence[int] = (0,) * len(LIMITS)
+    limited: Sequence[int] = (0,) * len(LIMITED_BY)
     ended: str | None = None
     fallback: bool = False
     collided: bool = False

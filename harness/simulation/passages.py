@@ -14,6 +14,7 @@ import numpy as np
 import shapely
 
 from harness.core.encounter import (
+    LIMITED_BY,
     PEDESTRIAN_RADIUS_M,
     Contact,
     Ending,
@@ -25,7 +26,7 @@ from harness.measures import EpisodeRecord, crossing_time, measure
 from harness.measures.contacts import Strike
 from harness.measures.efficiency import beyond
 from harness.measures.ego import ego_state
-from harness.simulation.cars import LIMITS, Passage
+from harness.simulation.cars import Passage
 from harness.simulation.own_people import Walked
 from harness.site.path import Path
 from harness.site.town import Town
@@ -107,7 +108,7 @@ def _row(
         "steps": len(trace.x_m) - 1,
         **{
             f"share_{name}": count / driven if driven else None
-            for name, count in zip(LIMITS, passage.limited, strict=True)
+            for name, count in zip(LIMITED_BY, passage.limited, strict=True)
         },
         "pedestrians": record.pedestrians,
         "contact": record.contact,

@@ -1,4 +1,4 @@
-"""Where and when a vehicle's body is on a crosswalk: its zone of conflict with people."""
+"""Where a vehicle's body is on a crosswalk (its zone), and where SUMO keeps the right of way."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

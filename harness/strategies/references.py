@@ -1,4 +1,4 @@
-"""What is known of the reference drivers: their validation on recordings, and where they disagree.
+"""Two notes on the reference drivers: their validation on recordings, and where they disagree.
 
 ``python -m benchmarks.references`` writes the results into ``validated.json``, with data, versions
 and date.

@@ -19,8 +19,8 @@ from harness.results.estimators import CONFIDENCE
 from harness.results.findings import cell_findings
 from harness.results.result import flat
 from harness.scenario import Cell, EngineName, Scenario, Setting
+from harness.scenario.arguments import engine_named, whole_number
 from harness.scenario.file import as_plain
-from harness.scenario.options import engine_named, whole_number
 from harness.strategies.registry import source_digests
 from harness.studies.run import checked_models, scenario_file
 from harness.studies.tasks import Task, but_for_drivers

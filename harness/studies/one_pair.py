@@ -16,7 +16,7 @@ from harness.engine.shared import close_engine, open_engine
 from harness.measures import Outcome
 from harness.results.rows import trace_rows
 from harness.scenario import EngineName, Scenario
-from harness.scenario.options import engine_named
+from harness.scenario.arguments import engine_named
 from harness.studies.run import checked_models, scenario_file
 
 if TYPE_CHECKING:

@@ -33,8 +33,8 @@ from harness.results.tables import (
     write_part,
 )
 from harness.scenario import EngineName, Scenario
+from harness.scenario.arguments import engine_named
 from harness.scenario.file import ScenarioFile, Setting, read_scenario_file
-from harness.scenario.options import engine_named
 from harness.scenario.study import Study, study_from, study_of
 from harness.studies.tasks import Rows, Task, part_pairs, tasks_of
 from harness.studies.workers import executor_for, supervise

@@ -1,4 +1,4 @@
-"""Workers: every task runs in a child process that a strategy may hang or kill.
+"""Executors of tasks, local and Dask's: each runs in a child process, which may hang or die.
 
 ``supervise`` carries out a task in any ``concurrent.futures.Executor``: in threads of this process,
 or in those of a Dask worker.  It gives the task to a child process, and watches it.
@@ -115,7 +115,7 @@ def executor_for(
     Raises:
         InputError: ``workers`` is refused.
     """
-    from harness.scenario.options import whole_number
+    from harness.scenario.arguments import whole_number
     from harness.strategies.own import is_of_this_process
 
     number = default_workers() if workers is None else whole_number("workers", workers, 0)

@@ -21,7 +21,7 @@ ROOMS = {
     "simulation": 1_610,
     "site": 550,
     "results": 1_950,
-    "report": 1_490,
+    "report": 1_900,
     "cli": 700,
     "studies": 4_000,
 }

@@ -1,4 +1,4 @@
-"""The true pedestrians of one episode in, the ones that a driver sees out."""
+"""Whom a driver sees in an encounter: within range, past obstacles, with the sensor's errors."""
 
 from collections.abc import Sequence
 from types import MappingProxyType

@@ -1,4 +1,4 @@
-"""The updates of a sensor: the true pedestrians in; those whom it detects, with its errors, out."""
+"""The errors of a sensor: the true pedestrians in; those whom it detects at its updates out."""
 
 import math
 from collections import deque

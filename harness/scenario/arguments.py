@@ -1,4 +1,4 @@
-"""Options for executing a run; none of them changes the result of a pair."""
+"""The engine's name and the numbers that a caller gives, checked; none changes a pair's result."""
 
 import math
 import operator
