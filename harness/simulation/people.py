@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from harness.core.encounter import PedestrianView, Side, quick_tuple
+from harness.core.encounter import PedestrianView, Side, Views, quick_tuple
 from harness.engine.session import Session
 from harness.simulation.cars import Passage
 from harness.simulation.own_people import OWN_CROSSES, OwnPeople, Walked
@@ -12,7 +12,7 @@ from harness.simulation.shares import number_of
 from harness.site.town import Crosswalk
 from harness.site.walk import STANDING_MPS, WAITING_M, walk_of
 from harness.strategies.perception.sensor import Sensor
-from harness.strategies.perception.updates import Updates, Views, track_from
+from harness.strategies.perception.updates import Updates, track_from
 
 
 @dataclass(slots=True, eq=False)
