@@ -7,9 +7,8 @@ strategy that gets the same observation vector (``harness.strategies.vector``, d
 
 from gymnasium.envs.registration import register
 
-from harness.rl.environment import ENVIRONMENT_ID, CrosswalkEnv
-from harness.rl.reward import CRASH_PENALTY, Transition, time_speeding_and_crash
+from harness.rl.environment import CrosswalkEnv, Transition, time_speeding_and_crash
 
-__all__ = ["CRASH_PENALTY", "CrosswalkEnv", "Transition", "time_speeding_and_crash"]
+__all__ = ["CrosswalkEnv", "Transition", "time_speeding_and_crash"]
 
-register(id=ENVIRONMENT_ID, entry_point="harness.rl:CrosswalkEnv")
+register(id="harness/Crosswalk-v0", entry_point="harness.rl:CrosswalkEnv")

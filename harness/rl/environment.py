@@ -1,46 +1,71 @@
 """The Gymnasium environment, in which a policy drives the AV of one pair after another."""
 
 import math
-import sys
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
-from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
-from harness.core.errors import EngineError, InputError, unknown_name
+from harness.core.errors import EngineError, unknown_name
 from harness.encounter.loop import Episode, Steps
 from harness.encounter.pairing import PairRunner
-from harness.engine.protocol import Engine
 from harness.engine.shared import close_engine, open_engine
 from harness.measures import EpisodeRecord, has_contact, measure
 from harness.model.interaction import load_model
-from harness.rl.reward import Reward, Transition, check_reward, time_speeding_and_crash
 from harness.scenario import EngineName, Scenario
-from harness.scenario.arguments import engine_named, number_in, whole_number
+from harness.scenario.arguments import engine_named, whole_number
 from harness.scenario.file import scenario_of_encounters
+from harness.strategies.driving import half_path
 from harness.strategies.vector import acceleration_of, observation_vector
-
-ENVIRONMENT_ID = "harness/Crosswalk-v0"
 
 Vector = NDArray[np.float32]
 
 _FASTEST_WALK_MPS = 20.0
 
-_LARGEST = sys.float_info.max
+_IN_SUMO: "weakref.WeakSet[Episode]" = weakref.WeakSet()
+"""The running episode in this process's SUMO, which has one ego."""
+
+
+class Transition(NamedTuple):
+    """One step of an episode, from which a reward is computed.
+
+    ``after`` is None if the ego has crossed or the episode has timed out.
+    """
+
+    before: Observation
+    acceleration_mps2: float
+    after: Observation | None
+    crossed: bool
+    crashed: bool
+
+
+def time_speeding_and_crash(step: Transition, crash_penalty: float = 100.0) -> float:
+    """The default reward: −(step in s + metres driven in excess of v0 + 100 for a crash).
+
+    Its sum over an episode that crosses and never exceeds v0 is minus the pass time, rounded up to
+    a step.  Without the second term the best policy with few pedestrians would exceed v0.
+
+    Args:
+        step: the step.
+        crash_penalty: penalty of a crash in s; ``functools.partial`` sets another.
+    """
+    ego, vehicle = step.before.ego, step.before.vehicle
+    excess_m = max(0.0, ego.speed_mps - vehicle.initial_speed_mps) * step.before.step_s
+    return -step.before.step_s - excess_m - (crash_penalty if step.crashed else 0.0)
 
 
 class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
     """Drive the AV of one pair after another.
 
-    - *Observation*: ``observation_vector`` of the state with the ``nearest`` pedestrians; after the
-      last step it has the ego alone.
+    - *Observation*: ``observation_vector`` of the state with the ``nearest`` pedestrians; once the
+      ego has crossed or the time is up, it has the ego alone.
     - *Action*: shape (1,).  -1 is the hardest braking, 0 keeps the speed, and 1 is full
       acceleration (``acceleration_of``).
     - *Reward*: ``reward`` of the ``Transition``.
@@ -49,14 +74,13 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
       ``ending``; ``record`` has the measures of that episode.
 
     ``reset(seed=s)`` begins with pair 0 of seed s.  Each further ``reset`` takes the next pair, or
-    the pair in ``options={"pair": 17}``.  Without ``seed`` the scenario's seed is used.  The
-    environment can be pickled between two episodes; the copy continues with the next pair.
+    the pair in ``options={"pair": 17}``.  Without ``seed`` the scenario's seed is used.
 
     Args:
         scenario: a scenario, a file, or the name of a shipped one.
         settings: changes to it by dotted key, e.g. ``{"pedestrians.flow_per_hour": 500}``.
         nearest: k ≥ 1, the number of pedestrians in the observation.
-        reward: function that returns the reward of each step, a finite number.
+        reward: function that returns the reward of each step.
         engine: ``sumo`` (one open episode per process) or ``plain`` (the same kinematics without
             SUMO, many times faster, with any number of open episodes).
         render_mode: with ``rgb_array``, ``render`` draws the crosswalk from above; with None, it
@@ -74,38 +98,23 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         *,
         settings: Mapping[str, Any] | None = None,
         nearest: int = 3,
-        reward: Reward = time_speeding_and_crash,
+        reward: Callable[[Transition], float] = time_speeding_and_crash,
         engine: EngineName = "sumo",
         render_mode: str | None = None,
     ) -> None:
-        nearest = whole_number("nearest", nearest, 1)
-        check_reward(reward)
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise InputError("render_mode", f"{render_mode!r}", "rgb_array, or None")
-        self.render_mode = render_mode
-        arguments: dict[str, Any] = {"scenario": scenario, "settings": settings, "nearest": nearest}
-        arguments |= {"reward": reward, "engine": engine}
-        self.spec = EnvSpec(ENVIRONMENT_ID, "harness.rl:CrosswalkEnv", kwargs=arguments)
-        scenario = scenario_of_encounters(scenario, settings)
-        self._scenario = scenario
-        self._model = load_model(scenario.model.name, scenario.model.path)
-        self._nearest, self._reward, self._kind = nearest, reward, engine_named(engine)
+        self._nearest, self._reward = whole_number("nearest", nearest, 1), reward
+        self._kind, self.render_mode = engine_named(engine), render_mode
+        self._scenario = scenario_of_encounters(scenario, settings)
+        self._model = load_model(self._scenario.model.name, self._scenario.model.path)
         self._runner: PairRunner | None = None
         self._next_pair = 0
         self._episode: Episode | None = None
-        self._shown: Episode | None = None
         self._steps: Steps | None = None
-        self._vehicle, self._crossing = vehicle, crossing = scenario.vehicle(), scenario.crosswalk()
-        self.metadata = {**self.metadata, "render_fps": round(1 / scenario.experiment.step_s)}
-        # The area in which a contact is possible: pedestrians stay within the crosswalk's width.
-        touch = PEDESTRIAN_RADIUS_M
-        ahead = crossing.width_m / 2 + touch
-        self._reach_m = (-ahead, vehicle.length_m + ahead)
-        half = vehicle.width_m / 2 + touch
-        self._swept_m = (crossing.lane_centre_m - half, crossing.lane_centre_m + half)
-        self._places: list[tuple[int, float]] = []
         self._finished: Trace | None = None
-        self.observation_space = gymnasium.spaces.Box(*_bounds(scenario, nearest), dtype=np.float32)
+        step_s = self._scenario.experiment.step_s
+        self.metadata = {**self.metadata, "render_fps": round(1 / step_s)}
+        low, high = _bounds(self._scenario, self._nearest)
+        self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
 
     def reset(
@@ -116,51 +125,60 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         Raises:
             InputError: an option is unknown, or the seed or the pair is not a whole number.
         """
-        requested = dict(options or {})
-        for name in requested.keys() - {"pair"}:
+        options = options or {}
+        for name in options.keys() - {"pair"}:
             raise unknown_name("options", "key", str(name), ["pair"])
-        seed = None if seed is None else whole_number("seed", seed, 0)
-        pair = whole_number("options['pair']", requested["pair"], 0) if requested else None
-        super().reset(seed=seed)
-        self._break_off()
         if seed is not None:
+            seed = whole_number("seed", seed, 0)
             experiment = self._scenario.experiment.model_copy(update={"seed": seed})
             self._scenario = self._scenario.model_copy(update={"experiment": experiment})
             self._runner, self._next_pair = None, 0
+        pair = whole_number("options['pair']", options.get("pair", self._next_pair), 0)
+        super().reset(seed=seed)
+        self._end()
         if self._runner is None:
-            self._runner = PairRunner(self._scenario, self._model, self._engine)
-        pair = self._next_pair if pair is None else pair
-        self._next_pair = pair + 1
-        self._claim()
-        self._episode = self._shown = self._runner.begin(pair)
+            get_engine = partial(open_engine, self._scenario, self._kind)
+            self._runner = PairRunner(self._scenario, self._model, get_engine)
+        if self._kind == "sumo" and _IN_SUMO:
+            raise EngineError(
+                "another environment of this process has a running episode in SUMO: "
+                "close it, or use engine='plain'"
+            )
+        self._episode, self._next_pair = self._runner.begin(pair), pair + 1
+        if self._kind == "sumo":
+            _IN_SUMO.add(self._episode)
         self._steps = self._episode.steps()
-        self._seen, self._places = next(self._steps), []
+        self._seen = next(self._steps)
         return observation_vector(self._seen, self._nearest), {"pair": pair}
 
     def step(self, action: Vector) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
         """Drive one simulation step; see the class."""
         if self._steps is None or self._episode is None:
             raise EngineError("no episode is running: call reset first")
-        before, wanted = self._seen, acceleration_of(float(action[0]), self._vehicle)
+        before, episode = self._seen, self._episode
+        wanted = acceleration_of(float(action[0]), before.vehicle)
         after, ending = None, None
         try:
             after = self._steps.send(wanted)
         except StopIteration as finished:
             ending = finished.value
-        crashed = self._contact()
-        crossed = ending is Ending.CROSSED and not crashed
-        final = crashed or ending is not None
-        if after is None:
-            vector = observation_vector(self._last_state(before), self._nearest)
-        else:
-            vector, self._seen = observation_vector(after, self._nearest), after
+        except EngineError:
+            self._end()
+            raise
+        if _touched(episode):
+            ending = Ending.CRASHED
+        speed = episode.speed_mps[-1]
+        gain = (speed - before.ego.speed_mps) / before.step_s
+        alone = before._replace(ego=EgoView(-episode.x_m[-1], speed, gain), pedestrians=())
+        self._seen = after or alone
         info: dict[str, Any] = {}
-        if final:
-            self._conclude(ending or Ending.TIMED_OUT)
-            info["ending"] = (Ending.CRASHED if crashed else ending or Ending.TIMED_OUT).value
-        given = self._reward(Transition(before, wanted, after, crossed, crashed))
-        reward = number_in("reward", given, -_LARGEST, _LARGEST)
-        return vector, reward, crossed or crashed, final and not (crossed or crashed), info
+        if ending is not None:
+            info["ending"] = ending.value
+            self._finished = replace(episode.trace(ending), sumo_collision=self._end())
+        crossed, crashed = ending is Ending.CROSSED, ending is Ending.CRASHED
+        reward = float(self._reward(Transition(before, wanted, after, crossed, crashed)))
+        vector = observation_vector(self._seen, self._nearest)
+        return vector, reward, crossed or crashed, ending is Ending.TIMED_OUT, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """The crosswalk from above with ``render_mode="rgb_array"``; otherwise None.
@@ -170,65 +188,20 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         """
         if self.render_mode is None:
             return None
-        if self._shown is None:
+        if self._episode is None:
             raise EngineError("there is nothing to draw yet: call reset first")
         from harness.report.top_view import top_view
 
-        crossing = self._crossing
-        views = [(walker.x_m, walker.view()) for walker in self._shown.crowd.walkers]
+        vehicle, crossing = self._seen.vehicle, self._seen.crossing
+        views = [(walker.x_m, walker.view()) for walker in self._episode.crowd.walkers]
         people = [(x, crossing.place_of(view.side, view.remaining_m)) for x, view in views]
-        return top_view(self._vehicle, crossing, self._shown.x_m[-1], people)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """The state without the simulation; the next ``reset`` begins a new one.
-
-        Raises:
-            EngineError: an episode is running, whose state in SUMO cannot be saved.
-        """
-        if self._episode is not None:
-            raise EngineError(
-                "an episode is running: pickle or copy the environment before reset, after an "
-                "episode's last step, or after close"
-            )
-        return {**self.__dict__, "_runner": None, "_steps": None, "_shown": None}
+        return top_view(vehicle, crossing, self._episode.x_m[-1], people)
 
     def close(self) -> None:
-        """End the running episode and, if it was started, SUMO in this process."""
-        self._break_off()
-        if self._kind == "sumo" and self._runner is not None:
+        """End the running episode and SUMO in this process, unless another environment uses it."""
+        self._end()
+        if self._kind == "sumo" and not _IN_SUMO:
             close_engine()
-        self._runner = None
-
-    def _engine(self) -> Engine:
-        return open_engine(self._scenario, self._kind)
-
-    def _claim(self) -> None:
-        """Reserve SUMO for this environment; a process has one simulation with one ego."""
-        global _driving
-        if self._kind != "sumo":
-            return
-        other = None if _driving is None else _driving()
-        if other is not None and other is not self and other._steps is not None:
-            raise EngineError(
-                "another environment of this process has a running episode in SUMO: "
-                "close it, or use engine='plain'"
-            )
-        _driving = weakref.ref(self)
-
-    def _contact(self) -> bool:
-        """Whether the last step had a contact; measured only where a contact is possible."""
-        episode = self._episode
-        assert episode is not None
-        before, self._places = self._places, episode.places
-        if episode.x_m[-1] < self._reach_m[0] or episode.x_m[-2] > self._reach_m[1]:
-            return False
-        low, high = self._swept_m
-        length, came_from = episode.rules.crossing.length_m, dict(before)
-        for index, y in self._places:
-            start = came_from.get(index, 0.0 if y < length / 2 else length)
-            if min(start, y) <= high and max(start, y) >= low:
-                return has_contact(episode.trace(Ending.TIMED_OUT))
-        return False
 
     @property
     def record(self) -> EpisodeRecord:
@@ -241,25 +214,26 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
             raise EngineError("no episode has ended yet")
         return measure([self._finished])[0]
 
-    def _conclude(self, ending: Ending) -> None:
-        """Clear the road and keep the trace."""
-        episode = self._episode
-        assert episode is not None
-        self._finished = replace(episode.trace(ending), sumo_collision=episode.engine.end())
-        self._episode = self._steps = None
+    def _end(self) -> bool | None:
+        """Clear the road if an episode is running; whether SUMO has detected a collision."""
+        if self._steps is None or self._episode is None:
+            return None
+        self._steps = None
+        _IN_SUMO.discard(self._episode)
+        return self._episode.engine.end()
 
-    def _break_off(self) -> None:
-        if self._episode is not None:
-            self._episode.engine.end()
-        self._episode = self._steps = None
 
-    def _last_state(self, before: Observation) -> Observation:
-        """The ego's state after its last step, without pedestrians."""
-        assert self._episode is not None
-        x_m, speed = self._episode.x_m[-1], self._episode.speed_mps[-1]
-        acceleration = (speed - before.ego.speed_mps) / before.step_s
-        ego = EgoView(-x_m, speed, acceleration)
-        return before._replace(time_s=before.time_s + before.step_s, ego=ego, pedestrians=())
+def _touched(episode: Episode) -> bool:
+    """Whether the ego has touched somebody; it is measured only where that may be so now."""
+    vehicle, crossing = episode.rules.vehicle, episode.rules.crossing
+    # Pedestrians stay within the crosswalk's width.
+    ahead_m = crossing.width_m / 2 + PEDESTRIAN_RADIUS_M
+    if episode.x_m[-1] < -ahead_m or episode.x_m[-2] > vehicle.length_m + ahead_m:
+        return False
+    beside_m = half_path(vehicle) + _FASTEST_WALK_MPS * episode.rules.step_s
+    if any(abs(y - crossing.lane_centre_m) <= beside_m for _, y in episode.places):
+        return has_contact(episode.trace(Ending.TIMED_OUT))
+    return False
 
 
 def _bounds(scenario: Scenario, nearest: int) -> tuple[Vector, Vector]:
@@ -278,6 +252,3 @@ def _bounds(scenario: Scenario, nearest: int) -> tuple[Vector, Vector]:
     low += [0.0, -far, 0.0, 0.0, 0.0] * nearest
     high += [1.0, far, far, walking, 1.0] * nearest
     return np.array(low, dtype=np.float32), np.array(high, dtype=np.float32)
-
-
-_driving: "weakref.ref[CrosswalkEnv] | None" = None

@@ -1,8 +1,6 @@
 """The engine's name and the numbers that a caller gives, checked; none changes a pair's result."""
 
-import math
 import operator
-from numbers import Real
 from typing import Literal, cast, get_args
 
 from harness.core.errors import InputError, unknown_name
@@ -36,17 +34,4 @@ def whole_number(where: str, value: object, least: int) -> int:
         number = least - 1
     if number < least:
         raise InputError(where, f"{value!r} is not accepted", f"a whole number, {least} or more")
-    return number
-
-
-def number_in(where: str, value: object, least: float, most: float) -> float:
-    """A number of Python or NumPy, from ``least`` to ``most``, as a ``float``.
-
-    Raises:
-        InputError: the value is anything else; ``where`` names the option.
-    """
-    number = float(value) if isinstance(value, Real) else math.nan
-    if not least <= number <= most:
-        allowed = f"{least:g} or more" if math.isinf(most) else f"a number, {least:g} to {most:g}"
-        raise InputError(where, f"{value!r} is not accepted", allowed)
     return number

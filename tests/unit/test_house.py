@@ -22,6 +22,7 @@ ROOMS = {
     "site": 550,
     "results": 1_950,
     "report": 1_900,
+    "rl": 170,
     "cli": 700,
     "studies": 4_000,
 }
