@@ -1,1 +1,1 @@
-"""A scenario and a pair's number in; the traces of an encounter or an hour out."""
+"""A scenario and a pair's number in; the traces of both arms of an encounter out."""
