@@ -19,6 +19,11 @@ CASES = {
     "CPNA-75": ("near", 4.0, 1.0, 5.0, 0.75),
     "CPFA-50": ("far", 6.0, 1.5, 8.0, 0.50),
     "CPNCO-50": ("near", 4.0, 1.0, 5.0, 0.50),
+    # FMVSS No. 127, table 2 to S8.1.1, S8.3.1 to S8.3.4.
+    "right-25": ("near", 4.0, 1.5, 5.0, 0.25),
+    "right-50": ("near", 4.0, 1.5, 5.0, 0.50),
+    "left-50": ("far", 6.0, 1.5, 8.0, 0.50),
+    "obstructed-50": ("near", 4.0, 1.5, 5.0, 0.50),
 }
 
 
@@ -100,8 +105,9 @@ def test_he_comes_in_every_pair_beside_the_others_whatever_the_kerb_rule() -> No
     assert trace.walks[0].start_s is not None
 
 
-def test_the_shipped_study_hits_where_it_says() -> None:
-    study = study_of(read_scenario_file("euro_ncap_vru"), [])
+@pytest.mark.parametrize("name", ["euro_ncap_vru", "fmvss_127"])
+def test_the_shipped_study_hits_where_it_says(name: str) -> None:
+    study = study_of(read_scenario_file(name), [])
     assert len(study.cells) == 44
     speeds = sorted({cell.scenario.ego.initial_speed_mps for cell in study.cells})
     assert [speed * 3.6 for speed in speeds] == pytest.approx(range(10, 61, 5), abs=2e-4)
