@@ -9,15 +9,13 @@ from collections import deque
 from itertools import repeat
 from typing import NamedTuple
 
-from harness.core.encounter import Vehicle
+from harness.core.encounter import ROUNDING, Vehicle
 
 GRAVITY_MPS2 = 9.80665
 """Standard gravity."""
 
 CUT_MPS = 1e-6
 """The car was given another speed than its response's if they differ by more than this."""
-
-_ROUNDING_S = 1e-9
 
 
 class CarState(NamedTuple):
@@ -90,7 +88,7 @@ def _stands_after(
         time_s += further_s
         if time_s >= duration_s:
             return None
-        if further_s < _ROUNDING_S**2 or further_s < time_s * 1e-15:
+        if further_s < ROUNDING**2 or further_s < time_s * 1e-15:
             return time_s
 
 
@@ -114,9 +112,9 @@ class Actuator:
     ) -> None:
         self._vehicle, self._step_s, self._at_once = vehicle, step_s, vehicle.obeys_at_once
         self._state, self._before_mps = CarState(speed_mps, acceleration_mps2), speed_mps
-        whole = math.floor(vehicle.dead_time_s / step_s + _ROUNDING_S)
+        whole = math.floor(vehicle.dead_time_s / step_s + ROUNDING)
         rest_s = vehicle.dead_time_s - whole * step_s
-        self._rest_s = rest_s if rest_s > _ROUNDING_S else 0.0
+        self._rest_s = rest_s if rest_s > ROUNDING else 0.0
         waiting = whole + (self._rest_s > 0)
         self._waiting = deque(repeat(command_mps2, waiting))
 

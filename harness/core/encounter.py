@@ -27,6 +27,14 @@ StepMotion = Literal["ballistic", "euler"]
 PEDESTRIAN_RADIUS_M = 0.25
 """Radius of the disc that represents a pedestrian in every contact and distance."""
 
+STANDING_MPS = 0.1
+"""A vehicle or a pedestrian who is slower stands (SUMO's threshold for waiting time)."""
+
+ROUNDING = 1e-9
+"""Tolerance of thresholds in m, m/s and s: engines differ in the last bits of their sums."""
+
+SECONDS_PER_HOUR = 3600.0
+
 
 class Arm(StrEnum):
     """One of the two simulations of a pair: the AV's or the reference driver's."""

@@ -8,13 +8,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.encounter import Arrival, Leg, Side
+from harness.core.encounter import SECONDS_PER_HOUR, Arrival, Leg, Side
 from harness.core.seeding import Given, Purpose, stream
 from harness.encounter.deciding import lognormal_s
 from harness.scenario import Scenario
 from harness.scenario.people import GapAcceptanceSection, PedestriansSection
-
-SECONDS_PER_HOUR = 3600.0
 
 _BLOCK = 32
 

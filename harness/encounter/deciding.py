@@ -10,9 +10,7 @@ from collections.abc import Iterable, Iterator
 from statistics import NormalDist
 from typing import NamedTuple, Protocol
 
-from harness.core.encounter import Vehicle
-from harness.encounter.driver import ROUNDING_M
-from harness.measures.efficiency import STANDING_MPS
+from harness.core.encounter import ROUNDING, STANDING_MPS, Vehicle
 from harness.scenario.people import ThresholdSection
 
 REFERENCE_MPS = 50 / 3.6
@@ -71,11 +69,11 @@ def keeps_waiting(
     at its present deceleration.  The near edge is ``to_edge_m`` ahead of the front; the distance is
     negative once the front is past it.
     """
-    if to_edge_m <= ROUNDING_M:
+    if to_edge_m <= ROUNDING:
         return True
-    if to_edge_m > speed_mps * wait_s + ROUNDING_M:
+    if to_edge_m > speed_mps * wait_s + ROUNDING:
         return False
-    return speed_mps**2 > -2 * acceleration_mps2 * (to_edge_m + ROUNDING_M)
+    return speed_mps**2 > -2 * acceleration_mps2 * (to_edge_m + ROUNDING)
 
 
 class Threat(NamedTuple):
@@ -115,7 +113,7 @@ def threats(
     coming = []
     for lane in lanes:
         for x, speed, vehicle in lane.ahead(elapsed_s):
-            if -x >= weights.passed_s * speed - ROUNDING_M:
+            if -x >= weights.passed_s * speed - ROUNDING:
                 time_s = effective_time_s(-x, speed, vehicle.acceleration_mps2, weights)
                 coming.append(Threat(time_s, vehicle, lane.edges_m))
                 break

@@ -10,6 +10,7 @@ from numbers import Real
 from typing import Protocol
 
 from harness.core.encounter import (
+    ROUNDING,
     Crossing,
     EgoView,
     Observation,
@@ -20,9 +21,6 @@ from harness.core.encounter import (
     quick_tuple,
 )
 from harness.core.errors import StrategyError, place_of
-
-ROUNDING_M = 1e-9
-"""Tolerance of thresholds: engines differ in the last bits of their sums."""
 
 
 class Way(Protocol):
@@ -57,7 +55,7 @@ class Driver:
     ) -> None:
         self._way, self._step_s, self._truth, self._sensor = way, step_s, truth, sensor
         vehicle = way.vehicle
-        self._detection_m = vehicle.detection_range_m + ROUNDING_M
+        self._detection_m = vehicle.detection_range_m + ROUNDING
         self._least_mps2 = -vehicle.max_deceleration_mps2
         self._most_mps2 = vehicle.max_acceleration_mps2
         self._shown: list[Views] = []

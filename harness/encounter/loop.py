@@ -14,6 +14,7 @@ import numpy as np
 
 from harness.core.actuation import Actuator
 from harness.core.encounter import (
+    ROUNDING,
     Arrival,
     Crossing,
     Ending,
@@ -26,7 +27,7 @@ from harness.core.encounter import (
 from harness.core.errors import EngineError, StrategyError
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.crowd import VIEW, Crowd
-from harness.encounter.driver import ROUNDING_M, Driver, answer_of
+from harness.encounter.driver import Driver, answer_of
 from harness.encounter.walkers import ChooseSpeed
 from harness.engine.protocol import Engine
 
@@ -163,8 +164,8 @@ class Episode:
         """
         rules, engine = self.rules, self.engine
         vehicle, crossing, step = rules.vehicle, rules.crossing, rules.step_s
-        passed_at = vehicle.length_m + crossing.width_m / 2 - ROUNDING_M
-        steps = math.ceil(rules.timeout_s / step - 1e-9)
+        passed_at = vehicle.length_m + crossing.width_m / 2 - ROUNDING
+        steps = math.ceil(rules.timeout_s / step - ROUNDING)
         note_x, note_speed = self.x_m.append, self.speed_mps.append
         crowd, ego, driver = self.crowd, self._ego, self._driver
         walkers = crowd.walkers

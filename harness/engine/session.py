@@ -8,6 +8,7 @@ from importlib import import_module, metadata
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol, TypeVar, get_type_hints
 
+from harness.core.encounter import ROUNDING
 from harness.core.errors import EngineError, one_line
 from harness.engine.installation import program, run_program
 
@@ -170,7 +171,7 @@ class Session:
         libsumo itself ignores the configuration's end.
         """
         if end_s is not None:
-            return self.time_s < end_s - 1e-9
+            return self.time_s < end_s - ROUNDING
         api = self.api
         expected = api.simulation.getMinExpectedNumber()
         if not expected or api.vehicle.getIDCount():

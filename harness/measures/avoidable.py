@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.core.actuation import CarState, response
+from harness.core.actuation import GRAVITY_MPS2, CarState, response
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, FloatArray, Trace, Vehicle
 from harness.measures.chunk import Chunk
 from harness.measures.contacts import Strike
@@ -21,7 +21,7 @@ ATTENTIVE_DELAY_S = 0.4 + 0.75
 ATTENTIVE_JERK_MPS3 = 12.65
 """Rate at which their deceleration grows (UN Regulation 157, annex 3)."""
 
-ATTENTIVE_BRAKING_MPS2 = 0.774 * 9.80665
+ATTENTIVE_BRAKING_MPS2 = 0.774 * GRAVITY_MPS2
 """Their greatest deceleration (UN Regulation 157, annex 3)."""
 
 _PIECE_S = 0.01

@@ -7,11 +7,9 @@ contact in which the pedestrian walks into the side of the ego.
 
 import numpy as np
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, FloatArray
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, FloatArray
 from harness.measures.chunk import Chunk
 from harness.measures.ego import IntArray
-
-_ROUNDING_M = 1e-9
 
 
 def max_deceleration_mps2(chunk: Chunk) -> FloatArray:
@@ -80,7 +78,7 @@ def required_deceleration_mps2(chunk: Chunk) -> FloatArray:
     value is the largest over them.
     """
     met = chunk.met
-    in_sight = np.abs(met.x_m) <= chunk.vehicle.detection_range_m + _ROUNDING_M
+    in_sight = np.abs(met.x_m) <= chunk.vehicle.detection_range_m + ROUNDING
     walk = met.walk[in_sight]
     first = np.flatnonzero(in_sight)[np.concatenate(([True], walk[1:] != walk[:-1]))[: len(walk)]]
     first = first[_on_course_with_front(chunk)[first]]
@@ -94,7 +92,7 @@ def _on_course_with_front(chunk: Chunk) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         ahead_then = met.ahead_m - met.closing_mps * ttc
     room = met.ahead_m > PEDESTRIAN_RADIUS_M
-    return np.isfinite(ttc) & room & (ahead_then >= -_ROUNDING_M)
+    return np.isfinite(ttc) & room & (ahead_then >= -ROUNDING)
 
 
 def _comfort(chunk: Chunk) -> tuple[IntArray, FloatArray, FloatArray]:

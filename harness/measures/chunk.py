@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from harness.core.encounter import Crossing, Ending, FloatArray, Trace, Vehicle
+from harness.core.encounter import ROUNDING, Crossing, Ending, FloatArray, Trace, Vehicle
 from harness.measures.contacts import Strike, strikes_of
 from harness.measures.ego import EgoStates, IntArray, body_of, crossing_time, ego_states
 from harness.measures.motion.contact import time_to_collision
@@ -122,7 +122,7 @@ def chunk_of(traces: Sequence[Trace], strikes: Sequence[Strike | None] | None = 
         pass_time_s=np.where(crashed, np.nan, in_time),
         pass_time_ignoring_contact_s=in_time,
         end_s=ends,
-        steps=np.minimum(np.ceil(ends / step_s - 1e-9).astype(np.int64), ego.steps),
+        steps=np.minimum(np.ceil(ends / step_s - ROUNDING).astype(np.int64), ego.steps),
     )
 
 

@@ -6,14 +6,11 @@ and the moment at which a pedestrian steps off.
 
 import numpy as np
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, FloatArray, Side
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, STANDING_MPS, FloatArray, Side
 from harness.measures.chunk import Chunk
 from harness.measures.ego import crossing_time
 from harness.measures.motion.contact import gap
 from harness.measures.steps import time_at, x_range
-
-_STANDING_MPS = 0.1
-"""Who is slower stands."""
 
 
 def contact_speed_mps(chunk: Chunk) -> FloatArray:
@@ -45,7 +42,7 @@ def min_time_advantage_s(chunk: Chunk) -> FloatArray:
     lateral_m = (chunk.crossing.lane_centre_m - met.walker_y_m) * np.sign(met.walker_y_mps)
     walking_mps = np.abs(met.walker_y_mps)
     both = (met.ahead_m > 0) & (lateral_m > 0)
-    both &= (met.speed_mps >= _STANDING_MPS) & (walking_mps >= _STANDING_MPS)
+    both &= (met.speed_mps >= STANDING_MPS) & (walking_mps >= STANDING_MPS)
     advantage = np.abs(
         met.ahead_m[both] / met.speed_mps[both] - lateral_m[both] / walking_mps[both]
     )

@@ -4,13 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from harness.core.encounter import FloatArray, Walk
+from harness.core.encounter import ROUNDING, STANDING_MPS, FloatArray, Walk
 from harness.measures.chunk import Chunk
-
-STANDING_MPS = 0.1
-"""Below this speed the ego counts as stopped (SUMO's threshold for waiting time)."""
-
-_ROUNDING_S = 1e-9
 
 
 def delay_s(chunk: Chunk) -> FloatArray:
@@ -25,7 +20,7 @@ def beyond(time_s: FloatArray | float, free_s: FloatArray | float) -> FloatArray
     A sum of step times and a quotient may differ in their last bits.
     """
     delay = np.subtract(time_s, free_s)
-    return np.where(np.abs(delay) < _ROUNDING_S, 0.0, delay)
+    return np.where(np.abs(delay) < ROUNDING, 0.0, delay)
 
 
 def stops(chunk: Chunk) -> FloatArray:
@@ -86,5 +81,5 @@ def _standing(chunk: Chunk) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """For every step: its episode, and whether the ego stands at its beginning and at its end."""
     trace, state = chunk.record_steps()
     # The first step at a0 often ends at 0.1 m/s, up to rounding.
-    standing = chunk.ego.speed_mps < STANDING_MPS - 1e-9
+    standing = chunk.ego.speed_mps < STANDING_MPS - ROUNDING
     return trace, standing[state], standing[state + 1]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.encounter import FloatArray, Trace
+from harness.core.encounter import ROUNDING, FloatArray, Trace
 from harness.measures.motion.contact import Motion
 
 IntArray = NDArray[np.int64]
@@ -69,8 +69,8 @@ def ego_state(trace: Trace, time_s: float) -> tuple[float, float]:
 
 def motion_within(trace: Trace, begin_s: float, end_s: float) -> Iterator[tuple[float, Motion]]:
     """The recorded motion between two times of a trace: when each piece begins, and the piece."""
-    step = int(begin_s / trace.step_s + 1e-9)
-    while begin_s < end_s - 1e-9:
+    step = int(begin_s / trace.step_s + ROUNDING)
+    while begin_s < end_s - ROUNDING:
         x, speed = ego_state(trace, begin_s)
         before, after = _speeds(trace, step)
         yield begin_s, Motion(x, speed, (after - before) / trace.step_s)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.core.encounter import FloatArray, Leg, Side, Trace, Walk
+from harness.core.encounter import ROUNDING, FloatArray, Leg, Side, Trace, Walk
 from harness.measures.ego import EgoStates, IntArray
 from harness.measures.motion import walking
 
@@ -134,7 +134,7 @@ def time_at(legs: Legs, across_m: FloatArray, length_m: float) -> FloatArray:
         # 2d/(v + sqrt(v² + 2ad)) is d/v without acceleration, to the last bit.
         time = legs.begin_s + 2 * ahead_m / (speed + np.sqrt(speed**2 + 2 * gain * ahead_m))
     # The far kerb may lie beyond the end by a rounding error.
-    on_leg = (time >= legs.begin_s) & (time <= legs.end_s + 1e-9)
+    on_leg = (time >= legs.begin_s) & (time <= legs.end_s + ROUNDING)
     first = np.full(len(legs.walks), np.inf)
     np.minimum.at(first, legs.walk[on_leg], time[on_leg])
     return np.where(np.isinf(first), np.nan, first)

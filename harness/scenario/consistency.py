@@ -7,11 +7,18 @@ option gave it.
 import math
 from collections.abc import Sequence
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, Side
+from harness.core.encounter import (
+    PEDESTRIAN_RADIUS_M,
+    ROUNDING,
+    SECONDS_PER_HOUR,
+    Arm,
+    Crossing,
+    Side,
+)
 from harness.core.errors import InputError, unknown_name
 from harness.scenario.people import PedestriansSection
 from harness.scenario.scenario import Scenario, path_of
-from harness.scenario.sections import ROUNDING_M, Section
+from harness.scenario.sections import Section
 from harness.scenario.traffic import TrafficSection
 
 SUMO_DRIVER = "sumo_driver"
@@ -57,7 +64,7 @@ def check_consistency(scenario: Scenario) -> None:
         allowed = f"at least crossing.width_m / 2 + 1.5 = {nearest:g} m"
         raise InputError("ego.trigger_range_m", problem, allowed)
     _check_pedestrians(scenario)
-    if abs(step_s * 1000 - round(step_s * 1000)) > 1e-9:
+    if abs(step_s * 1000 - round(step_s * 1000)) > ROUNDING:
         allowed = "whole milliseconds, SUMO's resolution"
         raise InputError("experiment.step_s", f"{step_s!r} s", allowed)
     _check_steps("experiment.timeout_s", scenario.experiment.timeout_s, step_s, 1)
@@ -68,7 +75,7 @@ def check_consistency(scenario: Scenario) -> None:
     _check_grade(scenario)
     # Every episode would time out, and the worst case of μ would be below its value.
     free_pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
-    if scenario.experiment.timeout_s < free_pass_s - 1e-9:
+    if scenario.experiment.timeout_s < free_pass_s - ROUNDING:
         problem = f"{scenario.experiment.timeout_s:g} s is shorter than a free pass"
         allowed = f"at least {free_pass_s:.4g} s, the time to pass at ego.initial_speed_mps"
         raise InputError("experiment.timeout_s", problem, allowed)
@@ -82,7 +89,7 @@ def _changed(section: Section, default: Section, names: tuple[str, ...]) -> list
 def _check_steps(key: str, time_s: float, step_s: float, fewest: int = 0) -> None:
     """Refuse a time that is not a whole number of steps or is shorter than ``fewest`` steps."""
     steps = time_s / step_s
-    if steps < fewest - 1e-9 or abs(steps - round(steps)) > 1e-6:
+    if steps < fewest - ROUNDING or abs(steps - round(steps)) > 1e-6:
         allowed = f"whole steps of experiment.step_s = {step_s:g} s"
         raise InputError(key, f"{time_s:g} s is not accepted", allowed)
 
@@ -98,7 +105,7 @@ def check_perception(scenario: Scenario) -> None:
 def _check_lanes(scenario: Scenario) -> None:
     ego, crossing = scenario.ego, scenario.crossing
     count, width = crossing.lanes + crossing.oncoming_lanes, crossing.width_of_lane_m
-    if count * width > crossing.length_m + ROUNDING_M:
+    if count * width > crossing.length_m + ROUNDING:
         problem = f"{count} lanes of {width:g} m are wider than the road"
         allowed = f"at most crossing.length_m / {count} = {crossing.length_m / count:g} m"
         raise InputError("crossing.lane_width_m", problem, allowed)
@@ -113,7 +120,7 @@ def _check_fits(lane: Crossing, scenario: Scenario) -> None:
     beside_m = min(map(lane.to_lane_m, Side)) - PEDESTRIAN_RADIUS_M
     most_m = max(0.0, min(lane.lane_width_m, 2 * beside_m))
     width_m = scenario.ego.width_m
-    if width_m > most_m + ROUNDING_M:
+    if width_m > most_m + ROUNDING:
         allowed = f"at most {most_m:.4g} m: its lane, and {PEDESTRIAN_RADIUS_M:g} m to a kerb"
         raise InputError("ego.width_m", f"{width_m:g} m is too wide", allowed)
 
@@ -165,7 +172,7 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection) -> None:
 
 
 def _check_flow(flow_per_hour: float, lanes: int, scenario: Scenario, key: str) -> None:
-    most = lanes * 3600.0 / scenario.least_headway_s()
+    most = lanes * SECONDS_PER_HOUR / scenario.least_headway_s()
     if flow_per_hour >= most and flow_per_hour > 0:
         problem = f"{flow_per_hour:g} vehicles per hour on {lanes} lanes"
         allowed = f"below {most:.4g}: lanes × 3600 s / (tau_s + (length + min_gap_m)/v0)"
@@ -214,7 +221,7 @@ def _check_pedestrians(scenario: Scenario) -> None:
 def _check_sum(key: str, shares: Sequence[float], *, at_most: bool = False) -> None:
     """Refuse shares that do not sum to 1, or with ``at_most`` to more than 1."""
     total = math.fsum(shares)
-    if total > 1 + 1e-9 or (total < 1 - 1e-9 and not at_most):
+    if total > 1 + ROUNDING or (total < 1 - ROUNDING and not at_most):
         allowed = f"shares that sum to {'at most ' * at_most}1"
         raise InputError(key, f"the shares sum to {total:.10g}", allowed)
 
@@ -289,4 +296,4 @@ def _driven(scenario: Scenario) -> list[tuple[float, float]]:
 
 def _overlap(interval: tuple[float, float], other: tuple[float, float]) -> bool:
     """Whether two intervals share more than an end point."""
-    return interval[0] < other[1] - ROUNDING_M and other[0] < interval[1] - ROUNDING_M
+    return interval[0] < other[1] - ROUNDING and other[0] < interval[1] - ROUNDING

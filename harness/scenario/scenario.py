@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field, JsonValue
 
-from harness.core.encounter import Arm, Crossing, Leg, Side, Vehicle
+from harness.core.encounter import ROUNDING, Arm, Crossing, Leg, Side, Vehicle
 from harness.measures.motion.walking import timed_path
 from harness.scenario.people import PedestriansSection, TimedSection
 from harness.scenario.sections import (
@@ -122,7 +122,7 @@ class Scenario(Section):
         """
         traffic, ego, step_s = self.known_traffic, self.ego, self.experiment.step_s
         headway_s = traffic.tau_s + (ego.length_m + traffic.min_gap_m) / ego.initial_speed_mps
-        return math.ceil(headway_s / step_s - 1e-9) * step_s
+        return math.ceil(headway_s / step_s - ROUNDING) * step_s
 
     def timed_walks(self) -> tuple[tuple[Side, tuple[Leg, ...]], ...]:
         """Side and path of each timed pedestrian of ``timed_case``; of all cases if not given."""

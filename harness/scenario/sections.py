@@ -12,13 +12,10 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 from harness.core.actuation import GRAVITY_MPS2
-from harness.core.encounter import Arm, Vehicle
+from harness.core.encounter import ROUNDING, Arm, Vehicle
 
 MAX_TRIGGER_RANGE_M = 300.0
 """Longest range at which the ego can be inserted: the length of every network's approach road."""
-
-ROUNDING_M = 1e-9
-"""An unused width below this counts as zero."""
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -102,7 +99,7 @@ class CrossingSection(Section):
         if self.lane_width_m is None:
             return 0.0
         rest = self.length_m - (self.lanes + self.oncoming_lanes) * self.lane_width_m
-        return rest if rest > ROUNDING_M else 0.0
+        return rest if rest > ROUNDING else 0.0
 
     @property
     def kerb_strip_m(self) -> float:

@@ -4,8 +4,8 @@ import math
 from collections import Counter, defaultdict
 from functools import partial
 
-from harness.core.encounter import Arm
-from harness.encounter.driver import ROUNDING_M, Driver
+from harness.core.encounter import ROUNDING, Arm
+from harness.encounter.driver import Driver
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.session import Collision, Session
 from harness.model.interaction import InteractionModel
@@ -206,15 +206,15 @@ class ArmOfPair:
     def _go_on(self, car: Car, time_s: float) -> None:
         """End passages, find those that come, and begin those beyond R0."""
         for passage in [*car.passages]:
-            if passage.begun and car.odometer_m >= passage.last_m - ROUNDING_M:
+            if passage.begun and car.odometer_m >= passage.last_m - ROUNDING:
                 self._end(passage, PASSED)
         self._replan(car)
-        range_m = self.setup.scenario.ego.trigger_range_m + ROUNDING_M
+        range_m = self.setup.scenario.ego.trigger_range_m + ROUNDING
         car.next_m = math.inf
         for passage in car.passages:
             if not passage.begun and car.odometer_m >= passage.centre_m - range_m:
                 self._begin(passage, time_s)
-            ends_m, begins_m = passage.last_m - ROUNDING_M, passage.centre_m - range_m
+            ends_m, begins_m = passage.last_m - ROUNDING, passage.centre_m - range_m
             car.next_m = min(car.next_m, ends_m if passage.begun else begins_m)
         if car.passages:
             self._control.update(car)
@@ -247,7 +247,7 @@ class ArmOfPair:
         over_m = max(0.0, x_m + range_m)
         within = over_m <= (car.speed_mps + car.vehicle.max_deceleration_mps2 * step_s) * step_s
         passage.begin(time_s, range_m if within else max(-x_m, 0.1))
-        if over_m > ROUNDING_M and within:
+        if over_m > ROUNDING and within:
             # Time since R0, from over = v t − a t²/2.
             gain = car.acceleration_mps2 if setup.config.ballistic else 0.0
             root = math.sqrt(max(0.0, car.speed_mps**2 - 2 * gain * over_m))

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from harness.core.encounter import ROUNDING, SECONDS_PER_HOUR
 from harness.core.seeding import stream
 from harness.engine.configuration import SumoConfig, write_options, write_xml
 from harness.engine.network import network_of
@@ -28,7 +29,6 @@ CAR = "car"
 
 _DIRECTIONS = ("", "oncoming_")
 """How the names of the edges of a direction begin; its place numbers its streams."""
-_SECONDS_PER_HOUR = 3600.0
 _LEAST_CLEARING_S = 900.0
 _SATURATED = 0.9
 """In a saturated lane a vehicle is due after this share of the least headway: one always waits."""
@@ -155,7 +155,7 @@ def vehicles_due(scenario: Scenario, pair: int) -> Iterator[Due]:
         lanes = len(scenario.crosswalk_from_lanes(oncoming=bool(direction)))
         flow = traffic.oncoming_per_hour if direction else traffic.flow_per_hour
         for lane in range(lanes):
-            due = _of_a_flow(scenario, (pair, direction, lane), flow / lanes / _SECONDS_PER_HOUR)
+            due = _of_a_flow(scenario, (pair, direction, lane), flow / lanes / SECONDS_PER_HOUR)
             if traffic.saturated:
                 apart_s = max(experiment.step_s, _SATURATED * scenario.least_headway_s())
                 times = np.arange(0.0, traffic.warm_up_s + traffic.duration_s, apart_s)
@@ -169,11 +169,11 @@ def _of_a_flow(scenario: Scenario, lane: tuple[int, ...], per_s: float) -> Itera
     traffic, step_s = scenario.known_traffic, scenario.experiment.step_s
     headway_s = scenario.least_headway_s()
     hazard = per_s / (1 - per_s * headway_s)
-    time_s, earliest, last_s = 0.0, 0, traffic.warm_up_s + traffic.duration_s - 1e-9
+    time_s, earliest, last_s = 0.0, 0, traffic.warm_up_s + traffic.duration_s - ROUNDING
     uniforms = stream(scenario.experiment.seed, "vehicle_arrival", *lane).random
     while per_s:
         time_s -= math.log1p(-uniforms()) / hazard
-        step = max(earliest, math.ceil(time_s / step_s - 1e-9))
+        step = max(earliest, math.ceil(time_s / step_s - ROUNDING))
         if step * step_s >= last_s:
             return
         yield step * step_s

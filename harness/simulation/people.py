@@ -4,13 +4,13 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from harness.core.encounter import PedestrianView, Side, Views, quick_tuple
+from harness.core.encounter import STANDING_MPS, PedestrianView, Side, Views, quick_tuple
 from harness.engine.session import Session
 from harness.simulation.cars import Passage
 from harness.simulation.own_people import OWN_CROSSES, OwnPeople, Walked
 from harness.simulation.shares import number_of
 from harness.site.town import Crosswalk
-from harness.site.walk import STANDING_MPS, WAITING_M, walk_of
+from harness.site.walk import WAITING_M, walk_of
 from harness.strategies.perception.sensor import Sensor
 from harness.strategies.perception.updates import Updates, track_from
 

@@ -11,13 +11,11 @@ from itertools import starmap
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.encounter import Arrival, FloatArray, Leg, Side, Walk
+from harness.core.encounter import STANDING_MPS, Arrival, FloatArray, Leg, Side, Walk
 from harness.site.town import Crosswalk
 
 WAITING_M = 1.0
 """A person who stands within this distance of the kerb waits there."""
-STANDING_MPS = 0.1
-"""SUMO's threshold for waiting."""
 KERB_M = 0.02
 """A person nearer to a kerb than this is at it: SUMO may hold people 1 cm away from a kerb."""
 _ROUNDING_S = 1e-7

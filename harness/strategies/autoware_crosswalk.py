@@ -3,12 +3,12 @@
 import math
 from typing import ClassVar
 
-from harness.core.encounter import Observation, PedestrianView
+from harness.core.encounter import ROUNDING, Observation, PedestrianView
 from harness.scenario.sections import Positive
-from harness.strategies.driving import AT_KERB_M, ROUNDING, half_path, resume, stop_after
+from harness.strategies.driving import AT_KERB_M, half_path, resume, stop_after
 from harness.strategies.emergency_brake import EmergencyBrake
 
-STANDING_MPS, STANDS_S = 0.25, 1.0
+_STILL_MPS, _STILL_S = 0.25, 1.0
 """Who is slower stands; the ego goes on once it has stood this long for somebody who stands."""
 _LEAST_EGO_MPS, _LEAST_PERSON_MPS = 2.0, 5 / 3.6
 """The least speeds with which times to the meeting point are computed."""
@@ -76,7 +76,7 @@ class AutowareCrosswalk:
             return False
         if stands_s >= 0 and behind_kerb_m > AT_KERB_M:
             return False
-        if min(stands_s, ego_stands_s) >= STANDS_S - ROUNDING:
+        if min(stands_s, ego_stands_s) >= _STILL_S - ROUNDING:
             return False
         ttc_s = ego.range_m / max(ego.speed_mps, _LEAST_EGO_MPS)
         ttv_s = max(0.0, person.lateral_m) / max(person.speed_mps, _LEAST_PERSON_MPS)
@@ -89,7 +89,7 @@ class AutowareCrosswalk:
 
     def _stands_s(self, who: int | None, speed_mps: float, now_s: float) -> float:
         """How long somebody has stood, or the ego (None), in s; −1 if they move."""
-        if speed_mps >= (STANDING_MPS if who is not None else ROUNDING):
+        if speed_mps >= (_STILL_MPS if who is not None else ROUNDING):
             self._stand_since_s.pop(who, None)
             return -1.0
         return now_s - self._stand_since_s.setdefault(who, now_s)

@@ -3,10 +3,13 @@
 import math
 from typing import NamedTuple
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation, PedestrianView, Vehicle
-
-ROUNDING = 1e-9
-"""Tolerance of thresholds (m, s): engines differ in the last bits of their sums."""
+from harness.core.encounter import (
+    PEDESTRIAN_RADIUS_M,
+    ROUNDING,
+    Observation,
+    PedestrianView,
+    Vehicle,
+)
 
 CLEARANCE_M = PEDESTRIAN_RADIUS_M + 0.1
 """Least range at which an ego stops: 0.1 m before a pedestrian on the centre line."""
@@ -51,7 +54,7 @@ def stop_after(distance_m: float, speed_mps: float, step_s: float) -> float:
     """
     if speed_mps <= 0:
         return 0.0
-    steps = max(1, math.ceil(2 * distance_m / speed_mps / step_s - 1e-9))
+    steps = max(1, math.ceil(2 * distance_m / speed_mps / step_s - ROUNDING))
     if steps == 1:
         return -speed_mps / step_s
     return -((steps - 0.5) * speed_mps - distance_m / step_s) / (step_s * steps * (steps - 1) / 2)

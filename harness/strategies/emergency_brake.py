@@ -1,8 +1,8 @@
 """Autonomous emergency braking (AEB) alone: no reaction until a collision is near."""
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation, PedestrianView
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, Observation, PedestrianView
 from harness.scenario.sections import Positive
-from harness.strategies.driving import ROUNDING, full_braking, half_path, resume, time_in_path
+from harness.strategies.driving import full_braking, half_path, resume, time_in_path
 
 
 class EmergencyBrake:

@@ -3,11 +3,10 @@
 import math
 from typing import ClassVar, NamedTuple
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, Observation
 from harness.strategies.driving import (
     CLEARANCE_M,
     COMFORTABLE_MPS2,
-    ROUNDING,
     anybody_waits,
     can_stop_at_line,
     can_stop_before_disc,

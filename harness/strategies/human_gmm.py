@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from harness.core.encounter import Observation, PedestrianView
+from harness.core.encounter import ROUNDING, Observation, PedestrianView
 from harness.core.errors import InputError
 from harness.model.interaction import InteractionModel, ModelUseCounter
 
@@ -54,8 +54,8 @@ class HumanDriver:
 
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²; it changes only at whole multiples of Δt."""
-        # 1e-9 s: a step's time and a multiple of Δt may differ in their last bit.
-        if observation.time_s >= self._decisions * self._interval_s - 1e-9:
+        # A step's time and a multiple of Δt may differ in their last bit.
+        if observation.time_s >= self._decisions * self._interval_s - ROUNDING:
             self._decisions += 1
             self._held = self._wanted(observation)
         return self._held

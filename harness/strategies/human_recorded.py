@@ -1,8 +1,7 @@
 """The second reference: a driver fitted to recorded encounters."""
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, Observation
 from harness.strategies.driving import (
-    ROUNDING,
     InPath,
     full_braking_distance,
     resume,
@@ -105,5 +104,4 @@ class HumanRecorded:
             if person.enters_s <= max(0.0, arrives - EARLY_S) and person.leaves_s > arrives
         }
         self._since = since
-        # 1e-9 s: sums of steps differ in their last bits.
-        return any(observation.time_s - at >= REACTION_TIME_S - 1e-9 for at in since.values())
+        return any(observation.time_s - at >= REACTION_TIME_S - ROUNDING for at in since.values())

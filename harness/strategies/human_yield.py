@@ -6,12 +6,11 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import ndtri
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, Observation
 from harness.scenario.sections import NonNegative, Positive, Share
 from harness.strategies.driving import (
     CLEARANCE_M,
     COMFORTABLE_MPS2,
-    ROUNDING,
     InPath,
     anybody_waits,
     can_stop_at_line,
@@ -112,7 +111,7 @@ class HumanYield:
         ego, now, step = observation.ego, observation.time_s, observation.step_s
         on_the_brake = ego.speed_mps <= ROUNDING or ego.acceleration_mps2 < -ROUNDING
         # A command lasts for a step, so the reaction ends with one.
-        delay_s = 0.0 if on_the_brake else step * math.ceil(self._reaction_s / step - 1e-9)
+        delay_s = 0.0 if on_the_brake else step * math.ceil(self._reaction_s / step - ROUNDING)
         known = []
         for person in observation.pedestrians:
             since_s = self._reacts_s.get(person.index, math.inf)

@@ -3,12 +3,9 @@
 import math
 from typing import ClassVar, NamedTuple
 
-from harness.core.encounter import Observation, PedestrianView
+from harness.core.encounter import ROUNDING, Observation, PedestrianView
 from harness.strategies.driving import clearing_time, resume
 from harness.strategies.hard_yield import HardYield
-
-_ROUNDING_S = 1e-9
-"""A planned arrival and a step's time that differ by less are equal."""
 
 
 class _Plan(NamedTuple):
@@ -127,7 +124,7 @@ def _follow(plan: _Plan, observation: Observation) -> float:
             return 2 * (range_m - speed * until_arrival) / until_arrival**2
         coasting_speed = _coasting_speed(observation, until_arrival)
         return (coasting_speed - speed) / step
-    if until_arrival < -_ROUNDING_S:
+    if until_arrival < -ROUNDING:
         return resume(observation)
     if until_arrival <= step:
         # It arrives within this step; the gain at a0 from then on is spread over the whole step.

@@ -19,7 +19,16 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Arrival, FloatArray, Leg, Side, Walk
+from harness.core.encounter import (
+    PEDESTRIAN_RADIUS_M,
+    ROUNDING,
+    Arm,
+    Arrival,
+    FloatArray,
+    Leg,
+    Side,
+    Walk,
+)
 from harness.core.errors import InputError
 from harness.core.files import cannot_write, write_file
 from harness.engine.configuration import read_config, seconds
@@ -46,7 +55,7 @@ _TEMPLATE = Path(__file__).with_name("scenario.template.xosc")
 _PERSON_M = 2 * PEDESTRIAN_RADIUS_M
 _NEAR_M = 50.0
 """Those who never come nearer to the ego of a simulation are left out."""
-_ROUNDING_S, _ROUNDING_M = 1e-9, 1e-6
+_POINTS_APART_M = 1e-6
 _SLACK_M = 1e-3
 """The free ego starts exactly where the people's clock starts; this keeps rounding out of it."""
 
@@ -230,7 +239,7 @@ def _people(
         if walk.start_s is not None:
             start_s = max(0.0, walk.start_s)
             steps = np.arange(start_s // step_s, math.ceil(until_s / step_s)) * step_s
-            between = (steps > start_s + _ROUNDING_S) & (steps < until_s - _ROUNDING_S)
+            between = (steps > start_s + ROUNDING) & (steps < until_s - ROUNDING)
             time_s = np.array([start_s, *steps[between], until_s])
             motion = [*states_at(walk, crossing, time_s)[:3]]
         x, y = frame.to_network(motion[0], motion[1])
@@ -245,7 +254,7 @@ def _people(
 def _headings(x: FloatArray, y: FloatArray, standing: float) -> FloatArray:
     """The direction of the way from each place to the next one, or of the last way."""
     dx, dy = np.diff(x), np.diff(y)
-    ways = np.where(np.hypot(dx, dy) > _ROUNDING_M, np.arctan2(dy, dx), np.nan)
+    ways = np.where(np.hypot(dx, dy) > _POINTS_APART_M, np.arctan2(dy, dx), np.nan)
     known = np.maximum.accumulate(np.where(np.isnan(ways), -1, np.arange(len(ways))))
     return np.append(standing, ways)[[*(known + 1), *(known[-1:] + 1)] or [0]]
 
@@ -272,10 +281,10 @@ def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) ->
     for written_s, record in _records(outputs / fcd):
         # SUMO writes a state under the time at which its step began.
         time_s = written_s + config.step_s
-        if time_s >= last_s - _ROUNDING_S:
+        if time_s >= last_s - ROUNDING:
             break
         # Who rides in a vehicle is no pedestrian.
-        if time_s > begin_s - _ROUNDING_S and not record.get("vehicle"):
+        if time_s > begin_s - ROUNDING and not record.get("vehicle"):
             # A vehicle, which is on a lane, and a person may have the same id.
             found["lane" in record, record["id"]].append({**record, "time": time_s})
     sizes = _sizes(config.path)

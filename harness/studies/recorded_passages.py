@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from shapely.ops import substring
 
-from harness.core.encounter import Arrival, Crossing, FloatArray, Leg, Side, Vehicle
+from harness.core.encounter import ROUNDING, Arrival, Crossing, FloatArray, Leg, Side, Vehicle
 from harness.model.trajectories.encounters import (
     VEHICLE_CHORD_M,
     Mover,
@@ -186,7 +186,7 @@ class _Record:
             return "gap in a record"
         if not any(person.passing_s > 0 for person in people):
             return "nobody left at the start"
-        near = max(2, int(np.count_nonzero(time_s[first:] <= _KEPT_S + 1e-9)))
+        near = max(2, int(np.count_nonzero(time_s[first:] <= _KEPT_S + ROUNDING)))
         begun = slice(first, first + near)
         speed = np.polyfit(time_s[begun], x_m[begun], min(2, near - 1))[-2]
         start_mps = round(max(0.0, float(speed)), 9)
@@ -222,7 +222,7 @@ class _Record:
                 return "pass not recorded"
             time_s = np.append(time_s, time_s[-1] + missing_m / speed + self.step_s)
             x_m = np.append(x_m, passed_m + speed * self.step_s)
-        steps = int(np.ceil(float(np.interp(passed_m, x_m, time_s)) / self.step_s - 1e-9))
+        steps = int(np.ceil(float(np.interp(passed_m, x_m, time_s)) / self.step_s - ROUNDING))
         return np.asarray(np.interp(np.arange(steps + 1) * self.step_s, time_s, x_m))
 
     def _person(
@@ -252,7 +252,7 @@ class _Record:
         end_s = min(gone_s, until_s)
         if begin_s >= end_s:
             return None
-        inner = at_s[(at_s > begin_s + 1e-9) & (at_s < end_s - 1e-9)]
+        inner = at_s[(at_s > begin_s + ROUNDING) & (at_s < end_s - ROUNDING)]
         at = np.concatenate([[begin_s], inner, [end_s]])
         xs, ys, step = np.interp(at, at_s, x), np.interp(at, at_s, y), np.diff(at)
         # A leg has no end, so the last leg also leads over the kerb.
@@ -269,7 +269,7 @@ class _Record:
 
 def _velocity(time_s: FloatArray, values: FloatArray, end: int) -> FloatArray:
     """The mean velocity over the first (``end`` 0) or last (−1) ``_KEPT_S`` of a record."""
-    near = np.flatnonzero(np.abs(time_s - time_s[end]) <= _KEPT_S + 1e-9)
+    near = np.flatnonzero(np.abs(time_s - time_s[end]) <= _KEPT_S + ROUNDING)
     other = max(near[-1], 1) if end == 0 else min(near[0], len(time_s) - 2)
     return np.asarray((values[other] - values[end]) / (time_s[other] - time_s[end]))
 
@@ -319,6 +319,6 @@ def _reached_s(time_s: FloatArray, progress_m: FloatArray, level_m: float) -> fl
 def _free_speed(time_s: FloatArray, x_m: FloatArray) -> float:
     """The highest mean speed over one second, or over the whole record if it is shorter."""
     window = min(_FREE_S, float(time_s[-1] - time_s[0]))
-    begin = time_s[time_s <= time_s[-1] - window + 1e-9]
+    begin = time_s[time_s <= time_s[-1] - window + ROUNDING]
     there = np.interp(np.minimum(begin + window, time_s[-1]), time_s, x_m)
     return float(((there - np.interp(begin, time_s, x_m)) / window).max())

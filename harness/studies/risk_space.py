@@ -14,11 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from harness.core.encounter import Arm, Ending, FloatArray
+from harness.core.encounter import SECONDS_PER_HOUR, Arm, Ending, FloatArray
 from harness.core.errors import InputError
 from harness.core.seeding import GIVEN_DRAWS, Given, Purpose, stream
 from harness.encounter.arms import draws, draws_from
-from harness.encounter.arrivals import SECONDS_PER_HOUR
 from harness.measures import EpisodeRecord
 from harness.scenario import Scenario
 

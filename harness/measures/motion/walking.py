@@ -6,6 +6,7 @@ import numpy as np
 
 from harness.core.encounter import (
     PEDESTRIAN_RADIUS_M,
+    ROUNDING,
     Crossing,
     FloatArray,
     Leg,
@@ -90,7 +91,7 @@ def cleared_s(walk: Walk, crossing: Crossing) -> float | None:
     for leg, end_s in zip(walk.legs, ends, strict=True):
         time_s = leg.time_s + time_over(leg, kerb_m - leg.y_m)
         # The kerb may lie beyond the leg's end by a rounding error.
-        if math.isfinite(time_s) and time_s <= end_s + 1e-9:
+        if math.isfinite(time_s) and time_s <= end_s + ROUNDING:
             return time_s
     return None
 
