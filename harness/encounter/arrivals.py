@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Iterator
 from statistics import NormalDist
+from types import MappingProxyType
 from typing import TypeVar
 
 import numpy as np
@@ -22,7 +23,7 @@ Drawn = TypeVar("Drawn")
 def planned_arrivals(
     scenario: Scenario,
     pair: int,
-    given: Given | None = None,
+    given: Given = MappingProxyType({}),
     horizon_s: float | None = None,
     key: tuple[int, ...] = (),
 ) -> tuple[Arrival, ...]:
@@ -43,8 +44,7 @@ def planned_arrivals(
     Args:
         scenario: has flow, bounds, shares and seed.
         pair: index of the pair; both arms and all cells get the same pedestrians.
-        given: uniforms that replace the first draws; None: the values of ``pedestrians.drawn`` for
-            the pair, if any.
+        given: uniforms that replace the first draws.
         horizon_s: the last possible arrival time; None for ``timeout_s``.
         key: distinguishes the crosswalks of a pair that has several.
 
@@ -52,10 +52,7 @@ def planned_arrivals(
         At most ``max_count`` arrivals at times in [0, horizon], and the timed pedestrians.
     """
     pedestrians, experiment = scenario.pedestrians, scenario.experiment
-    if given is None and pedestrians.drawn:
-        drawn = pedestrians.drawn[pair]
-        pair, given = drawn.episode, drawn.uniforms
-    uniforms = _Uniforms(experiment.seed, (pair, *key), given or {})
+    uniforms = _Uniforms(experiment.seed, (pair, *key), given)
     horizon_s = experiment.timeout_s if horizon_s is None else horizon_s
     times = _arrival_times(pedestrians, uniforms, horizon_s)
     groups = _groups(pedestrians, uniforms, len(times))

@@ -137,8 +137,7 @@ class Episode:
 
     def _perceived(self, near: bool) -> Views:
         assert self.perception is not None
-        people = [(walker.view(), walker.x_m) for walker in self.crowd.walkers]
-        return self.perception.shown(near, self.x_m[-1], people)
+        return self.perception.shown(near, self.x_m[-1], map(VIEW, self.crowd.walkers))
 
     def trace(self, ending: Ending) -> Trace:
         """The trace of what has been simulated so far, as if it ended now."""

@@ -64,7 +64,7 @@ class Walker:
         self.seen: Seen | None = None
         self.legs: list[Leg] | None = None
         self.due_s, self.look_s = -math.inf, math.inf
-        self._start, self._speed, self._progress = 0.0, 0.0, 0.0
+        self._start, self._base, self._speed, self._progress = 0.0, 0.0, 0.0, 0.0
         self._length = crossing.length_m
         near = self.side is Side.NEAR
         self._kerb, self._direction = (0.0, 1.0) if near else (crossing.length_m, -1.0)
@@ -82,22 +82,17 @@ class Walker:
 
     def walk_until(self, time_s: float) -> float:
         """Move on to a time and return y; the speed is 0 while they wait."""
-        progress = self._speed * (time_s - self._start)
+        progress = self._base + self._speed * (time_s - self._start)
         self._progress = progress if progress < self._length else self._length
         return self._kerb + self._direction * self._progress
-
-    @property
-    def x_m(self) -> float:
-        """Position along the road: the crosswalk's centre line."""
-        return 0.0
 
     def view(self) -> PedestrianView:
         """The pedestrian as a strategy sees them now."""
         progress, speed = self._progress, self._speed
         to_lane, remaining = self._to_lane - progress, self._length - progress
-        return quick_tuple(
-            PedestrianView, (self.index, self.side, to_lane, remaining, speed, speed > 0)
-        )
+        # A path may begin before the kerb.
+        on = self.start_s is not None and progress >= 0
+        return quick_tuple(PedestrianView, (self.index, self.side, to_lane, remaining, speed, on))
 
     @property
     def walk(self) -> Walk:
@@ -142,11 +137,6 @@ class TimedWalker(Walker):
             self._speed = max(0.0, self._direction * (leg.y_mps + leg.y_mps2 * walked_s))
         return self._kerb + self._direction * self._progress
 
-    def view(self) -> PedestrianView:
-        """See ``Walker.view``; they are not on the crossing before they reach the kerb."""
-        started = self.start_s is not None
-        return super().view()._replace(on_crossing=started and self._progress >= 0)
-
     def _along(self, y_m: float) -> float:
         return self._direction * (y_m - self._kerb)
 
@@ -160,7 +150,7 @@ class ReactiveWalker(Walker):
 
     def __init__(self, arrival: Arrival, crossing: Crossing, choose: ChooseSpeed) -> None:
         super().__init__(arrival, crossing)
-        self._choose, self._base = choose, 0.0
+        self._choose = choose
 
     def step_off(self, time_s: float, speed_mps: float, seen: Seen | None) -> None:
         """See ``Walker.step_off``."""
@@ -184,16 +174,6 @@ class ReactiveWalker(Walker):
         self._start, self._base, self._speed = now, self._progress, speed
         self.due_s = now + (self._length - self._base) / speed if speed else math.inf
         self._note_leg()
-
-    def walk_until(self, time_s: float) -> float:
-        """See ``Walker.walk_until``."""
-        progress = self._base + self._speed * (time_s - self._start)
-        self._progress = progress if progress < self._length else self._length
-        return self._kerb + self._direction * self._progress
-
-    def view(self) -> PedestrianView:
-        """See ``Walker.view``; they are on the crossing also while they stand."""
-        return super().view()._replace(on_crossing=self.start_s is not None)
 
     def _note_leg(self) -> None:
         y = self._kerb + self._direction * self._base

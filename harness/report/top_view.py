@@ -14,7 +14,7 @@ from harness.report.style import BLUE, MUTED, ORANGE
 
 
 def top_view(
-    vehicle: Vehicle, crossing: Crossing, x_m: float, people: Iterable[tuple[float, float]]
+    vehicle: Vehicle, crossing: Crossing, x_m: float, people_y_m: Iterable[float]
 ) -> NDArray[np.uint8]:
     """Draw a moment from above: the road, the ego, which drives to the right, and the pedestrians.
 
@@ -22,7 +22,7 @@ def top_view(
         vehicle: the ego.
         crossing: the crosswalk.
         x_m: x of the ego's front bumper.
-        people: (x, y) in m of each pedestrian.
+        people_y_m: y of each pedestrian.
 
     Returns:
         RGB, shape (height, width, 3), at 10 pixels per metre.  Height and width are even, because
@@ -43,8 +43,8 @@ def top_view(
         block(-crossing.width_m / 2, y, crossing.width_m, 0.5, "white")
     beside_m = crossing.lane_centre_m - vehicle.width_m / 2
     block(x_m - vehicle.length_m, beside_m, vehicle.length_m, vehicle.width_m, BLUE)
-    for place in people:
-        axes.add_patch(Circle(place, 0.3, color=ORANGE, lw=0, antialiased=False))
+    for y in people_y_m:
+        axes.add_patch(Circle((0.0, y), 0.3, color=ORANGE, lw=0, antialiased=False))
     pixels = io.BytesIO()
     figure.savefig(pixels, format="raw", dpi=10)
     return np.frombuffer(pixels.getvalue(), np.uint8).reshape(size[1], size[0], 4)[..., :3]

@@ -193,9 +193,9 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         from harness.report.top_view import top_view
 
         vehicle, crossing = self._seen.vehicle, self._seen.crossing
-        views = [(walker.x_m, walker.view()) for walker in self._episode.crowd.walkers]
-        people = [(x, crossing.place_of(view.side, view.remaining_m)) for x, view in views]
-        return top_view(vehicle, crossing, self._episode.x_m[-1], people)
+        views = [walker.view() for walker in self._episode.crowd.walkers]
+        people_y_m = [crossing.place_of(view.side, view.remaining_m) for view in views]
+        return top_view(vehicle, crossing, self._episode.x_m[-1], people_y_m)
 
     def close(self) -> None:
         """End the running episode and SUMO in this process, unless another environment uses it."""

@@ -29,7 +29,7 @@ def watched(
     scene: Scenario, arrivals: Sequence[Arrival], choose_speed, sensor: Sensor | None
 ) -> tuple[list[Observation], Trace]:
     driver = Recorder()
-    eyes = None if sensor is None else Perception(sensor, arrivals, 0)
+    eyes = None if sensor is None else Perception(sensor, arrivals, 0, {})
     return driver.seen, episode(scene, driver, arrivals, choose_speed, eyes)
 
 

@@ -1,7 +1,6 @@
 """Whom a driver sees in an encounter: within range, past obstacles, with the sensor's errors."""
 
-from collections.abc import Sequence
-from types import MappingProxyType
+from collections.abc import Iterable, Sequence
 
 from harness.core.encounter import Arrival, PedestrianView, Views
 from harness.core.seeding import Given
@@ -25,7 +24,7 @@ class Perception:
         sensor: Sensor,
         arrivals: Sequence[Arrival],
         pair: int,
-        given: Given = MappingProxyType({}),
+        given: Given,
     ) -> None:
         self._sensor = sensor
         quantiles = {arrival.index: arrival.detection_quantile for arrival in arrivals}
@@ -33,24 +32,22 @@ class Perception:
             sensor, lambda index: Track(sensor, pair, index, quantiles[index], given)
         )
 
-    def shown(
-        self, near: bool, x_m: float, people: Sequence[tuple[PedestrianView, float]]
-    ) -> Views:
+    def shown(self, near: bool, x_m: float, people: Iterable[PedestrianView]) -> Views:
         """The pedestrians that the driver sees at the next step.
 
         Args:
             near: whether the ego is within the detection range.
             x_m: x of the ego's front bumper.
-            people: the ground truth: everybody at the crosswalk, with their x in m.
+            people: the ground truth: everybody at the crosswalk.
         """
         return self._updates.shown(
-            lambda: [(view, near and self._in_sight(x_m, view, at_m)) for view, at_m in people]
+            lambda: [(view, near and self._in_sight(x_m, view)) for view in people]
         )
 
-    def _in_sight(self, x_m: float, view: PedestrianView, their_x_m: float) -> bool:
+    def _in_sight(self, x_m: float, view: PedestrianView) -> bool:
         sensor = self._sensor
         if not sensor.obstacles:
             return True
         eye = (x_m - sensor.eye_behind_m, sensor.crossing.lane_centre_m)
-        place = (their_x_m, sensor.crossing.place_of(view.side, view.remaining_m))
+        place = (0.0, sensor.crossing.place_of(view.side, view.remaining_m))
         return not is_hidden(eye, place, sensor.obstacles)
