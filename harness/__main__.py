@@ -1,5 +1,6 @@
 """``harness`` and ``python -m harness``."""
 
+import os
 import sys
 
 from harness.cli.interruption import leave_at_once
@@ -13,6 +14,8 @@ def main() -> None:
 
         print(version("crosswalk-harness"))
         return
+    # Other threads of NumPy's linear algebra spin while a process starts, and are never needed.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from harness.cli.app import main as run
 
     run()

@@ -73,8 +73,8 @@ class People:
     remove: Annotated[Callable[[str], object], "remove"]
 
 
-_WRAPPED = frozenset(["getLeader", "appendWalkingStage", "moveToXY"])
-"""Functions of libsumo whose wrappers in Python do more than to call them."""
+_WRAPPED = "getLeader"
+"""The function of libsumo whose wrapper in Python does more than to call it."""
 
 
 class Collision(Protocol):
@@ -141,7 +141,7 @@ class Session:
         self.step_s: float = api.simulation.getDeltaT()
 
     def _function(self, domain: str, name: str) -> Callable[..., Any]:
-        if self.api.__name__ == "libsumo" and name not in _WRAPPED:
+        if self.api.__name__ == "libsumo" and name != _WRAPPED:
             # Without the wrapper in Python, which takes as long as the function.
             compiled: Callable[..., Any] = getattr(self.api._libsumo, f"{domain}_{name}")
             return compiled

@@ -13,7 +13,6 @@ from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from harness.core.encounter import LIMITED_BY, Arm, Contact, Ending, Leg, Side
@@ -370,7 +369,11 @@ def read_cell(
             break
         first += size
     rows = pa.concat_tables(parts)
-    return rows if pair is None else rows.filter(pc.equal(rows["pair"], pair))
+    if pair is None:
+        return rows
+    import pyarrow.compute as pc  # no worker needs it
+
+    return rows.filter(pc.equal(rows["pair"], pair))
 
 
 def read_part(

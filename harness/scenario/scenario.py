@@ -6,8 +6,15 @@ from typing import Literal
 
 from pydantic import Field, JsonValue
 
-from harness.core.encounter import ROUNDING, Arm, Crossing, Leg, Side, Vehicle
-from harness.measures.motion.walking import timed_path
+from harness.core.encounter import (
+    PEDESTRIAN_RADIUS_M,
+    ROUNDING,
+    Arm,
+    Crossing,
+    Leg,
+    Side,
+    Vehicle,
+)
 from harness.scenario.people import PedestriansSection, TimedSection
 from harness.scenario.sections import (
     ActuationSection,
@@ -147,13 +154,37 @@ def _vehicle(ego: EgoSection) -> Vehicle:
 
 
 def path_of(timed: TimedSection, scenario: Scenario) -> tuple[Leg, ...]:
-    """The walk of a timed pedestrian; see ``timed_path``."""
-    return timed_path(
-        Side(timed.side),
-        timed.start_lateral_m,
-        timed.acceleration_distance_m,
-        timed.speed_mps,
-        timed.impact_share,
-        scenario.vehicle(),
-        scenario.crosswalk(),
+    """The walk of a pedestrian who is hit at a given share of the car's width if it does not brake.
+
+    They accelerate uniformly from rest to v_p over the distance d_a and keep that speed.  The
+    front touches their disc at T = (R0 − radius)/v0; their centre is then at
+    L = width · (½ − share) from the car's centre line.  So they start at T − t.
+    Here t is the time they need for d = start − L:
+    sqrt(2 d/a) with a = v_p²/2d_a while d ≤ d_a, else 2 d_a/v_p + (d − d_a)/v_p.
+
+    Returns:
+        One leg, or two if they accelerate.  The time of the first leg is negative if they have to
+        start before the trigger.
+
+    Source: Euro NCAP, Test Protocol AEB/LSS VRU Systems (v4.5.1, 2024), cases CPNA and CPFA.
+    """
+    vehicle, crossing = scenario.vehicle(), scenario.crosswalk()
+    contact_s = (vehicle.trigger_range_m - PEDESTRIAN_RADIUS_M) / vehicle.initial_speed_mps
+    distance_m = timed.start_lateral_m - vehicle.width_m * (0.5 - timed.impact_share)
+    direction, speed_mps = (1.0 if timed.side == Side.NEAR else -1.0), timed.speed_mps
+    y_m = crossing.lane_centre_m - direction * timed.start_lateral_m
+    velocity = direction * speed_mps
+    if timed.acceleration_distance_m == 0:
+        return (Leg(contact_s - distance_m / speed_mps, 0.0, y_m, 0.0, velocity, 0.0),)
+    acceleration = speed_mps**2 / (2 * timed.acceleration_distance_m)
+    accelerating_s = speed_mps / acceleration
+    if distance_m <= timed.acceleration_distance_m:
+        walking_s = math.sqrt(2 * distance_m / acceleration)
+    else:
+        walking_s = accelerating_s + (distance_m - timed.acceleration_distance_m) / speed_mps
+    start_s = contact_s - walking_s
+    steady_y_m = y_m + direction * timed.acceleration_distance_m
+    return (
+        Leg(start_s, 0.0, y_m, 0.0, 0.0, direction * acceleration),
+        Leg(start_s + accelerating_s, 0.0, steady_y_m, 0.0, velocity, 0.0),
     )

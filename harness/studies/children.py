@@ -243,6 +243,7 @@ def serve(pipe: int, state: int) -> None:
         pipe: descriptor of the pipe.
         state: descriptor of the file that has the episode in flight and, on SIGUSR1, the stacks.
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in ``harness.__main__``
     os.lseek(state, _HEAD, os.SEEK_SET)
     faulthandler.register(signal.SIGUSR1, state)
     # When the parent ends, its end of standard input closes, and the kernel ends this process group

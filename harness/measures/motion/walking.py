@@ -1,72 +1,17 @@
-"""A walk in; positions and times in the road frame out.  It also makes timed pedestrians' walks."""
+"""A walk in; positions and times in the road frame out."""
 
 import math
 
 import numpy as np
 
 from harness.core.encounter import (
-    PEDESTRIAN_RADIUS_M,
     ROUNDING,
     Crossing,
     FloatArray,
     Leg,
     Side,
-    Vehicle,
     Walk,
 )
-
-
-def timed_path(
-    side: Side,
-    start_lateral_m: float,
-    acceleration_distance_m: float,
-    speed_mps: float,
-    impact_share: float,
-    vehicle: Vehicle,
-    crossing: Crossing,
-) -> tuple[Leg, ...]:
-    """The walk of a pedestrian who is hit at a given share of the car's width if it does not brake.
-
-    They accelerate uniformly from rest to v_p over the distance d_a and keep that speed.  The
-    front touches their disc at T = (R0 − radius)/v0; their centre is then at
-    L = width · (½ − share) from the car's centre line.  So they start at T − t.
-    Here t is the time they need for d = start − L:
-    sqrt(2 d/a) with a = v_p²/2d_a while d ≤ d_a, else 2 d_a/v_p + (d − d_a)/v_p.
-
-    Args:
-        side: the kerb they come from.
-        start_lateral_m: distance of their start from the car's centre line, in m.
-        acceleration_distance_m: d_a ≥ 0.
-        speed_mps: v_p > 0.
-        impact_share: point of impact, 0 at the car's edge that they reach first, 1 at the other.
-        vehicle: the ego, which meets them at its initial speed v0.
-        crossing: the crosswalk, which defines the lane.
-
-    Returns:
-        One leg, or two if they accelerate.  The time of the first leg is negative if they have to
-        start before the trigger.
-
-    Source: Euro NCAP, Test Protocol AEB/LSS VRU Systems (v4.5.1, 2024), cases CPNA and CPFA.
-    """
-    contact_s = (vehicle.trigger_range_m - PEDESTRIAN_RADIUS_M) / vehicle.initial_speed_mps
-    distance_m = start_lateral_m - vehicle.width_m * (0.5 - impact_share)
-    direction = 1.0 if side is Side.NEAR else -1.0
-    y_m = crossing.lane_centre_m - direction * start_lateral_m
-    velocity = direction * speed_mps
-    if acceleration_distance_m == 0:
-        return (Leg(contact_s - distance_m / speed_mps, 0.0, y_m, 0.0, velocity, 0.0),)
-    acceleration = speed_mps**2 / (2 * acceleration_distance_m)
-    accelerating_s = speed_mps / acceleration
-    if distance_m <= acceleration_distance_m:
-        walking_s = math.sqrt(2 * distance_m / acceleration)
-    else:
-        walking_s = accelerating_s + (distance_m - acceleration_distance_m) / speed_mps
-    start_s = contact_s - walking_s
-    steady_y_m = y_m + direction * acceleration_distance_m
-    return (
-        Leg(start_s, 0.0, y_m, 0.0, 0.0, direction * acceleration),
-        Leg(start_s + accelerating_s, 0.0, steady_y_m, 0.0, velocity, 0.0),
-    )
 
 
 def legs_of(walk: Walk, crossing: Crossing) -> tuple[Leg, ...]:
