@@ -369,11 +369,7 @@ def read_cell(
             break
         first += size
     rows = pa.concat_tables(parts)
-    if pair is None:
-        return rows
-    import pyarrow.compute as pc  # no worker needs it
-
-    return rows.filter(pc.equal(rows["pair"], pair))
+    return rows if pair is None else rows.filter(rows["pair"].to_numpy() == pair)
 
 
 def read_part(

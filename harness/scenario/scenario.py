@@ -171,7 +171,7 @@ def path_of(timed: TimedSection, scenario: Scenario) -> tuple[Leg, ...]:
     vehicle, crossing = scenario.vehicle(), scenario.crosswalk()
     contact_s = (vehicle.trigger_range_m - PEDESTRIAN_RADIUS_M) / vehicle.initial_speed_mps
     distance_m = timed.start_lateral_m - vehicle.width_m * (0.5 - timed.impact_share)
-    direction, speed_mps = (1.0 if timed.side == Side.NEAR else -1.0), timed.speed_mps
+    direction, speed_mps = (1.0 if timed.side == "near" else -1.0), timed.speed_mps
     y_m = crossing.lane_centre_m - direction * timed.start_lateral_m
     velocity = direction * speed_mps
     if timed.acceleration_distance_m == 0:
