@@ -10,10 +10,10 @@ from harness.results.finding import Finding
 from harness.results.tables import DRAWS
 from harness.studies.risk import MOST_DRAWS, findings_of
 from harness.studies.risk_draws import (
-    Episode,
-    Outcome,
+    DrawInputs,
+    DrawOutcome,
     Proposal,
-    Run,
+    RunDraws,
     Units,
     draw_units,
     rounds_of,
@@ -25,15 +25,15 @@ DIMENSIONS = 6
 FLAT = Space(("quantile",) * DIMENSIONS)
 CROWD = Space(("quantile",), ("quantile",), rate_per_s=0.5, window_s=8.0)
 
-Case = tuple[Run, float]
+Case = tuple[RunDraws, float]
 
 
-def drawn(proposal: Proposal, space: Space, round_: int, count: int, run: Run) -> Units:
+def drawn(proposal: Proposal, space: Space, round_: int, count: int, run: RunDraws) -> Units:
     """Units without a folder, drawn and run in this process."""
     return Units(DRAWS.of(draw_units(proposal, space, round_, range(count), run)))
 
 
-def rounds(run: Run, space: Space, seed: int, target_cv: float = 0.1) -> list[Units]:
+def rounds(run: RunDraws, space: Space, seed: int, target_cv: float = 0.1) -> list[Units]:
     """All rounds of a risk with a seed."""
     seeded = space._replace(seed=seed)
 
@@ -43,7 +43,7 @@ def rounds(run: Run, space: Space, seed: int, target_cv: float = 0.1) -> list[Un
     return rounds_of(draw, seeded, np.random.default_rng(seed), target_cv, MOST_DRAWS)
 
 
-def found(run: Run, space: Space, seed: int, target_cv: float = 0.1) -> dict[str, Finding]:
+def found(run: RunDraws, space: Space, seed: int, target_cv: float = 0.1) -> dict[str, Finding]:
     """The numbers of a risk with a seed."""
     return findings_of(rounds(run, space, seed, target_cv))
 
@@ -66,14 +66,14 @@ def is_true(numbers: dict[str, Finding], truth: float) -> bool:
     return low <= truth <= high
 
 
-def scored(score: Callable[[np.ndarray], np.ndarray]) -> Run:
+def scored(score: Callable[[np.ndarray], np.ndarray]) -> RunDraws:
     """Episodes that are nothing but their score, shape (n,), a function of the fixed numbers."""
 
-    def run(episodes: Sequence[Episode]) -> list[Outcome]:
+    def run(episodes: Sequence[DrawInputs]) -> list[DrawOutcome]:
         if not episodes:
             return []
         scores = score(np.array([each.fixed for each in episodes])).tolist()
-        return [Outcome(of <= 0, scores=(of,) * GRADINGS) for of in scores]
+        return [DrawOutcome(of <= 0, scores=(of,) * GRADINGS) for of in scores]
 
     return run
 
@@ -124,7 +124,7 @@ def crowd(p: float) -> Case:
     hit = 1 - np.exp(-rate * slow * length_s)
     truth = float(weight / weight.sum() @ hit @ stats.poisson.pmf(early, 3.0 * rate))
 
-    def outcome(episode: Episode) -> Outcome:
+    def outcome(episode: DrawInputs) -> DrawOutcome:
         arrivals_s, marks = episode.people.T
         passed_s = 4.0 + episode.fixed[0] / 10 + (arrivals_s < 3.0).sum()
         away = np.maximum(np.abs(arrivals_s - passed_s) - half_s, 0.0)
@@ -133,6 +133,6 @@ def crowd(p: float) -> Case:
         asked = episode.asked
         own = math.inf if asked is None or asked < 0 else float(away[asked])
         first = int(met[0]) if len(met) else -1  # whoever of them comes first is the culprit
-        return Outcome(len(met) > 0, first, (own,) * GRADINGS, float(passed_s), 1.0)
+        return DrawOutcome(len(met) > 0, first, (own,) * GRADINGS, float(passed_s), 1.0)
 
     return lambda episodes: [*map(outcome, episodes)], truth

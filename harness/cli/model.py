@@ -54,12 +54,12 @@ def fit(
 ) -> None:
     """Fit the interaction model to extracted rows, for each number of components; choose one."""
     _check_target(out, ".json")
-    from harness.studies.fitting import Settings, components_of
+    from harness.studies.fitting import FitSettings, components_of
     from harness.studies.model_card import fit_model
     from harness.studies.workers import default_workers
 
     number = workers or default_workers()
-    how = Settings(components_of(components), choose, starts, folds, seed)
+    how = FitSettings(components_of(components), choose, starts, folds, seed)
     with progress_bar(quiet or as_json, "fits") as advance, unwinding():
         made = name or out.stem, _command(), how, weigh, bounds or (), number, advance
         result = fit_model(rows, out, *made)

@@ -11,7 +11,7 @@ import jinja2
 
 from harness.core.files import write_file
 from harness.core.versions import versions_of_runs
-from harness.report.pictures import Drawn, Scene, pictures_of, pictures_of_result
+from harness.report.pictures import DrawnPicture, PictureSource, pictures_of, pictures_of_result
 from harness.report.player import player_of
 from harness.report.screen import below, confidence_of, filled
 from harness.report.style import save, styled
@@ -83,7 +83,7 @@ def write_page(
     page = out or run.path / "report.html"
     written: list[Path] = []
     with styled():
-        drawn = list(pictures_of(Scene(run, shown, allowed)))
+        drawn = list(pictures_of(PictureSource(run, shown, allowed)))
         if figures is not None:
             for picture, caption, figure in drawn:
                 written += save(figure, caption, figures, picture.name)
@@ -101,7 +101,7 @@ def write_page(
     return Written(page, tuple(written))
 
 
-def write_result(result: Result, page: Path, drawn: Sequence[Drawn] = ()) -> Path:
+def write_result(result: Result, page: Path, drawn: Sequence[DrawnPicture] = ()) -> Path:
     """Write the page of a result that has no run.
 
     Args:
@@ -121,7 +121,7 @@ def write_result(result: Result, page: Path, drawn: Sequence[Drawn] = ()) -> Pat
 def _write(
     page: Path,
     results: Sequence[Result],
-    drawn: Iterable[Drawn],
+    drawn: Iterable[DrawnPicture],
     facts: Sequence[tuple[str, str]],
     folder: str = "",
     failures: Sequence[str] = (),

@@ -46,11 +46,11 @@ _OVER = ("av_delay_s", "other_delay_s", "people_wait_s", "conflicts_pet")
 _AT = ("av_delay_s", "conflicts_pet")
 
 
-Drawn = tuple[str, str, str, Figure]
+DrawnPicture = tuple[str, str, str, Figure]
 """A picture's name, title, caption and figure."""
 
 
-class Scene(NamedTuple):
+class PictureSource(NamedTuple):
     """What pictures are drawn from: a run, the pairs with traces, and the paper's verdicts."""
 
     run: Run
@@ -72,13 +72,13 @@ class Picture(NamedTuple):
 
     name: str
     title: str
-    wanted: Callable[[Scene], bool]
-    draw: Callable[[Sequence[Axes], Scene], str]
-    size: Callable[[Scene], tuple[int, float]] = lambda _scene: (1, HEIGHT_INCH)
+    wanted: Callable[[PictureSource], bool]
+    draw: Callable[[Sequence[Axes], PictureSource], str]
+    size: Callable[[PictureSource], tuple[int, float]] = lambda _scene: (1, HEIGHT_INCH)
     kinds: tuple[RunKind, ...] = ENCOUNTERS
 
 
-def pictures_of(scene: Scene) -> Iterator[tuple[Picture, str, Figure]]:
+def pictures_of(scene: PictureSource) -> Iterator[tuple[Picture, str, Figure]]:
     """Yield the pictures of a run with captions; call this inside ``style.styled``."""
     for picture in PICTURES:
         if scene.run.kind in picture.kinds and picture.wanted(scene):
@@ -87,7 +87,7 @@ def pictures_of(scene: Scene) -> Iterator[tuple[Picture, str, Figure]]:
             yield (picture, picture.draw(axes, scene), figure)
 
 
-def pictures_of_result(result: Result) -> Iterator[Drawn]:
+def pictures_of_result(result: Result) -> Iterator[DrawnPicture]:
     """Yield the pictures of a result without a run; call this inside ``style.styled``.
 
     They are the columns of its screen whose intervals are on every screen.
@@ -124,15 +124,15 @@ def axis_label(key: str) -> str:
     return f"{words} ({unit})" if unit else words
 
 
-def _of_one_cell(scene: Scene) -> bool:
+def _of_one_cell(scene: PictureSource) -> bool:
     return len(scene.run.cells) == 1
 
 
-def _with_traces(scene: Scene) -> bool:
+def _with_traces(scene: PictureSource) -> bool:
     return bool(scene.shown)
 
 
-def _over_a_key(scene: Scene) -> bool:
+def _over_a_key(scene: PictureSource) -> bool:
     return 0 < len(_lines(scene.run, "pairs")) <= len(SERIES)
 
 
@@ -184,7 +184,7 @@ def _title(name: str, run: Run) -> tuple[str, float]:
     return (f"{title}, %", 100.0) if share else (title, 1.0)
 
 
-def _tau_mean(axes: Sequence[Axes], scene: Scene) -> str:
+def _tau_mean(axes: Sequence[Axes], scene: PictureSource) -> str:
     run, scenario = scene.run, scene.run.cells[0].scenario
     paper = float(ENTRY_OF["mu"].paper) if is_the_papers(scenario) else None
     tau, driver = run.pairs["tau"], scenario.arms.human
@@ -195,7 +195,7 @@ def _tau_mean(axes: Sequence[Axes], scene: Scene) -> str:
     )
 
 
-def _tau(axes: Sequence[Axes], scene: Scene) -> str:
+def _tau(axes: Sequence[Axes], scene: PictureSource) -> str:
     run, cell = scene.run, scene.run.cells[0]
     episodes = run.episodes
     fallback = episodes.loc[episodes["arm"] == Arm.AV, "fallback"]
@@ -203,7 +203,7 @@ def _tau(axes: Sequence[Axes], scene: Scene) -> str:
     return f"Histogram of τ with its mean μ and the {level_text(run.confidence)} interval of μ."
 
 
-def _limits(axes: Sequence[Axes], scene: Scene) -> str:
+def _limits(axes: Sequence[Axes], scene: PictureSource) -> str:
     """Draw the paper's figure of the influence of aggressiveness."""
     for place, swept in enumerate(scene.allowed[:_MOST]):
         _, strategy, name = swept.key.split(".")
@@ -221,7 +221,7 @@ def _limits(axes: Sequence[Axes], scene: Scene) -> str:
     return f"{said}. {counts}as crashes."
 
 
-def _over(axes: Sequence[Axes], scene: Scene, name: str) -> str:
+def _over(axes: Sequence[Axes], scene: PictureSource, name: str) -> str:
     run, key = scene.run, _across(scene.run) or ""
     up, scale = _title(name, run)
     level = (1.0, "as fast as the reference") if name == "time_ratio" else None
@@ -230,7 +230,7 @@ def _over(axes: Sequence[Axes], scene: Scene, name: str) -> str:
     return f"Over {key}, with {level_text(run.confidence)} intervals; points are a little apart."
 
 
-def _cells(axes: Sequence[Axes], scene: Scene) -> str:
+def _cells(axes: Sequence[Axes], scene: PictureSource) -> str:
     cells = scene.run.cells[:_MOST_CELLS]
     values = ([value for value in cell.varied.values() if value is not None] for cell in cells)
     names = [", ".join(map(plain_text, each)) for each in values]
@@ -247,7 +247,7 @@ def _cells(axes: Sequence[Axes], scene: Scene) -> str:
     )
 
 
-def _curves(axes: Sequence[Axes], scene: Scene) -> str:
+def _curves(axes: Sequence[Axes], scene: PictureSource) -> str:
     run, key = scene.run, _across(scene.run) or ""
     for panel, name in zip(axes, _OVER, strict=True):
         count = f"{_pairs(run.cells)} per point"
@@ -259,7 +259,7 @@ def _curves(axes: Sequence[Axes], scene: Scene) -> str:
     )
 
 
-def _by_crosswalk(axes: Sequence[Axes], scene: Scene) -> str:
+def _by_crosswalk(axes: Sequence[Axes], scene: PictureSource) -> str:
     found = scene.run.cells[0].by_crosswalk
     names = [*found][:_MOST_CELLS]
     for panel, key in zip(axes, _AT, strict=True):
@@ -278,7 +278,7 @@ def _places(run: Run) -> dict[str, tuple[float, float]]:
     return {name: at for name, at in found.items() if None not in at}
 
 
-def _map(axes: Sequence[Axes], scene: Scene) -> str:
+def _map(axes: Sequence[Axes], scene: PictureSource) -> str:
     found, places = scene.run.cells[0].by_crosswalk, _places(scene.run)
     sizes = {name: found[name]["conflicts_pet"].value for name in places}
     slower = {name: found[name]["av_delay_s_difference"] for name in places}
@@ -301,7 +301,7 @@ def _roads(run: Run) -> "list[ArrayLike]":
         return []
 
 
-def _traces(scene: Scene) -> "Mapping[str, ShownPair]":
+def _traces(scene: PictureSource) -> "Mapping[str, ShownPair]":
     """A few shown pairs by name, those first that were chosen for their τ."""
     several = len(scene.run.study.cells) > 1
     named = {}
@@ -311,7 +311,7 @@ def _traces(scene: Scene) -> "Mapping[str, ShownPair]":
     return dict([*named.items()][:_MOST])
 
 
-def _motion(axes: Sequence[Axes], scene: Scene, of: Callable[..., None], what: str) -> str:
+def _motion(axes: Sequence[Axes], scene: PictureSource, of: Callable[..., None], what: str) -> str:
     width_m = scene.run.scenario_of(scene.shown[0].cell).crossing.width_m
     of(axes[0], {name: pair.traces for name, pair in _traces(scene).items()}, width_m)
     return f"The vehicle's {what}, in chosen pairs."

@@ -17,11 +17,11 @@ from harness.results.tables import EPISODES, PEDESTRIANS, TABLES_OF, TRACES, Row
 _RECORDED = EPISODES.schema.names[EPISODES.schema.get_field_index("ending") :]
 _NUMBERS = TRACES.schema.names[TRACES.schema.get_field_index("x_m") :]
 
-Motion = tuple[FloatArray | Sequence[float | None], ...]
+StateColumns = tuple[FloatArray | Sequence[float | None], ...]
 """Aligned columns of one object: time, x, y, speed and acceleration."""
 
 
-def rows_of(cell: int, outcomes: Sequence[Outcome], *, traces: bool) -> Tables:
+def encounter_rows(cell: int, outcomes: Sequence[Outcome], *, traces: bool) -> Tables:
     """The rows of some episodes of a cell in every table of a run."""
     tables = {
         EPISODES.name: episode_rows(cell, outcomes),
@@ -115,7 +115,7 @@ def _pedestrian(walk: Walk, cleared: float | None, end_s: float) -> Row:
     }
 
 
-def _motions(outcome: Outcome) -> Iterator[tuple[str, Motion]]:
+def _motions(outcome: Outcome) -> Iterator[tuple[str, StateColumns]]:
     trace, record = outcome.trace, outcome.record
     if not len(trace.x_m):
         return  # the episode failed before its first state

@@ -29,7 +29,7 @@ STROLL_S = 0.5
 ENDED = "the simulation ended"
 
 
-class ArmOfPair:
+class SimulatedArm:
     """One arm of a pair.
 
     Args:

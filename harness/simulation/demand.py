@@ -21,7 +21,7 @@ from harness.engine.starting import vehicle_type
 from harness.scenario import Scenario
 from harness.scenario.traffic import TrafficSection
 
-NET_FILE, ROUTES_FILE, CONFIG_FILE = "road.net.xml", "vehicles.rou.xml", "traffic.sumocfg"
+NET_FILE, ROUTES_FILE, TRAFFIC_FILE = "road.net.xml", "vehicles.rou.xml", "traffic.sumocfg"
 
 
 CAR = "car"
@@ -96,7 +96,7 @@ def write_demand(scenario: Scenario, pair: int, seed: int, folder: Path) -> Sumo
         "seed": str(seed),
         **_OPTIONS,
     }
-    path = write_options(folder / CONFIG_FILE, options)
+    path = write_options(folder / TRAFFIC_FILE, options)
     files = {key: str(folder.absolute() / options[key]) for key in ("net-file", "route-files")}
     return SumoConfig(path, {**options, **files})
 

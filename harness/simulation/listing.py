@@ -24,12 +24,12 @@ _MANOEUVRES = ("straight", "left", "right", "turn")
 _COUNTED = {"vehicles": "none", "people": "walk"}
 """Who is counted, by the value of ``detectPersons`` of SUMO's ``laneData``."""
 
-Row = dict[str, str | float | None]
+CrosswalkRow = dict[str, str | float | None]
 Counts = Mapping[str, Mapping[str, float]]
 """For vehicles and people: how many per hour enter a lane, by its id."""
 
 
-def crossings_of(file: Path, folder: Path) -> list[Row]:
+def crossings_of(file: Path, folder: Path) -> list[CrosswalkRow]:
     """Every crosswalk and who passes it per hour: usable ones first, then by vehicles × people.
 
     Who passes twice counts twice.  The configuration is simulated once, untouched and with its own
@@ -48,12 +48,12 @@ def crossings_of(file: Path, folder: Path) -> list[Row]:
     return sorted(rows, key=_rank)
 
 
-def _rank(row: Row) -> tuple[bool, float, float]:
+def _rank(row: CrosswalkRow) -> tuple[bool, float, float]:
     vehicles, people = float(row["vehicles/h"] or 0), float(row["people/h"] or 0)
     return row["not usable"] is not None, -vehicles * people, -vehicles - people
 
 
-def _row(crosswalk: Crosswalk, counts: Counts) -> Row:
+def _row(crosswalk: Crosswalk, counts: Counts) -> CrosswalkRow:
     ways = dict.fromkeys(_MANOEUVRES, 0.0)
     for each in crosswalk.over:
         ways[each.manoeuvre] += counts["vehicles"].get(each.via[0], 0.0)

@@ -14,10 +14,10 @@ from harness.core.encounter import Arm, StepMotion
 from harness.core.errors import EngineError, StrategyError
 from harness.engine.session import Module, Session
 from harness.model.interaction import InteractionModel
-from harness.simulation.arm import ArmOfPair
+from harness.simulation.arm import SimulatedArm
 from harness.simulation.files import TRIPS_FILE, write_config
 from harness.simulation.own_people import Walked
-from harness.simulation.passages import Row, passages
+from harness.simulation.passages import PassageRow, passages
 from harness.simulation.setup import Setup
 from harness.site.town import Crosswalk
 
@@ -31,7 +31,7 @@ _COUNTS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class ArmTables:
     """One arm of a pair: its tables, or the reason why it failed.
 
     Attributes:
@@ -57,7 +57,7 @@ def run_arm(
     module: Module = "libsumo",
     more: Mapping[str, str] = MappingProxyType({}),
     begins: Callable[[Sized | None], None] = lambda _steps: None,
-) -> Outcome:
+) -> ArmTables:
     """Simulate one arm of a pair; if a strategy fails in one vehicle, the whole arm fails.
 
     Args:
@@ -76,23 +76,23 @@ def run_arm(
     try:
         config = write_config(setup.config, folder, setup.seed(pair), more, keeps=keeps)
         session = Session(config, module=module)
-        running = ArmOfPair(setup, session, pair, arm, model)
+        running = SimulatedArm(setup, session, pair, arm, model)
         begins(running)
         running.run()
         begins(None)
         session.close()
         session = None
-        return Outcome(pair, arm, _tables(setup, running, folder / TRIPS_FILE))
+        return ArmTables(pair, arm, _tables(setup, running, folder / TRIPS_FILE))
     except StrategyError as error:
-        return Outcome(pair, arm, reason=str(error), traceback=error.traceback)
+        return ArmTables(pair, arm, reason=str(error), traceback=error.traceback)
     except EngineError as error:
-        return Outcome(pair, arm, reason=f"{setup.config.path.name}: {error}")
+        return ArmTables(pair, arm, reason=f"{setup.config.path.name}: {error}")
     finally:
         if session is not None:
             session.close()
 
 
-def _tables(setup: Setup, arm: ArmOfPair, trips: Path) -> dict[str, Columns]:
+def _tables(setup: Setup, arm: SimulatedArm, trips: Path) -> dict[str, Columns]:
     """The tables of an arm whose simulation has ended."""
     end_s, people = arm.session.time_s, {name: each.walked() for name, each in arm.people.items()}
     counted = [each for each in arm.passages if setup.counts(each.begin_s - each.trace_offset_s)]
@@ -116,7 +116,7 @@ def _tables(setup: Setup, arm: ArmOfPair, trips: Path) -> dict[str, Columns]:
         **{name: arm.counts[name] for name in _COUNTS},
     }
     vehicles = _vehicles(trips, arm.automated, end_s)
-    tables: dict[str, list[Row]] = {
+    tables: dict[str, list[PassageRow]] = {
         "arms": [arms],
         "passages": passed,
         "vehicles": [row for row in vehicles if setup.counts(row["due_s"])],
@@ -130,7 +130,7 @@ def _tables(setup: Setup, arm: ArmOfPair, trips: Path) -> dict[str, Columns]:
     }
 
 
-def _vehicles(trips: Path, automated: Mapping[str, bool], end_s: float) -> Iterator[Row]:
+def _vehicles(trips: Path, automated: Mapping[str, bool], end_s: float) -> Iterator[PassageRow]:
     """The rows of the table ``vehicles``, from SUMO's tripinfo: trips that never began too.
 
     A trip that has not ended counts with the time until the end.  Delays before the departure are
@@ -162,7 +162,7 @@ def _vehicles(trips: Path, automated: Mapping[str, bool], end_s: float) -> Itera
 
 def _people(
     people: Iterable[Walked], crosswalk: Crosswalk, fronts_s: Sequence[float], end_s: float
-) -> Iterator[Row]:
+) -> Iterator[PassageRow]:
     """The rows of the table ``people`` at one crosswalk: one for each way over it.
 
     Who crosses two crosswalks has two rows with one ``person``.  ``side`` is the end of the
@@ -200,7 +200,7 @@ def _people(
         }
 
 
-def _crosswalk(crosswalk: Crosswalk, queues: Mapping[str, Sequence[int]]) -> Row:
+def _crosswalk(crosswalk: Crosswalk, queues: Mapping[str, Sequence[int]]) -> PassageRow:
     """The row of the table ``crosswalks``, with the queue before it."""
     centre, queue = crosswalk.axis.interpolate(0.5, normalized=True), queues[crosswalk.id]
     return {

@@ -32,7 +32,7 @@ from harness.site.path import Path
 from harness.site.town import Town
 from harness.site.walk import moved
 
-Row = Mapping[str, Any]
+PassageRow = Mapping[str, Any]
 
 _SAMPLE_S = 0.0125
 """Longest time between two outlines that are compared with people."""
@@ -46,7 +46,7 @@ def passages(
     town: Town,
     step_s: float,
     motion: StepMotion,
-) -> list[Row]:
+) -> list[PassageRow]:
     """The rows of the table ``passages``.
 
     Args:
@@ -81,7 +81,7 @@ def _row(
     record: EpisodeRecord,
     names: Mapping[int, str],
     free_s: float,
-) -> Row:
+) -> PassageRow:
     car, begin_s = passage.car, passage.begin_s
     driven = sum(passage.limited)
     front_s = crossing_time(trace, -trace.crossing.width_m / 2)

@@ -16,7 +16,7 @@ from harness.strategies.perception.updates import Updates, track_from
 
 
 @dataclass(slots=True, eq=False)
-class Seen:
+class SumoPerson:
     """Somebody whom SUMO moves, from the walking area before the crosswalk to the one beyond.
 
     Attributes:
@@ -65,8 +65,8 @@ class PeopleAt:
         self.crosswalk, self._areas = crosswalk, sorted({*crosswalk.ends[0], *crosswalk.ends[1]})
         self.own, self.changed, self.watched = own, False, 0
         self._first = 0 if own is None else len(own.arrivals)
-        self._here: dict[str, Seen] = {}
-        self._came: list[Seen] = []
+        self._here: dict[str, SumoPerson] = {}
+        self._came: list[SumoPerson] = []
         self._noted_s = -math.inf
         self._now: list[PedestrianView] | None = None
         self._views: dict[int, tuple[PedestrianView, ...]] = {}
@@ -101,7 +101,7 @@ class PeopleAt:
             person = here.get(name)
             if person is None:
                 near = self.crosswalk.foot(x, y)[0] < self.crosswalk.length_m / 2
-                person = Seen(name, self._first + len(self._came), near)
+                person = SumoPerson(name, self._first + len(self._came), near)
                 self._came.append(person)
             self._here[name] = person
             person.states.append((time_s, x, y, on))
@@ -143,7 +143,7 @@ class PeopleAt:
         )
         return lambda near: updates.shown(lambda: ((view, near) for view in self.views(passage)))
 
-    def _view(self, person: Seen) -> PedestrianView:
+    def _view(self, person: SumoPerson) -> PedestrianView:
         """One of SUMO's people in the axis's frame, without the lane.
 
         Whoever has not come to the crossing's edge has not stepped off, and is shown at the kerb if

@@ -25,7 +25,7 @@ EARLY_S = 0.5
 REACTION_TIME_S = 0.5
 """Reaction time of yielding."""
 
-COMFORTABLE_MPS2 = 0.5
+YIELDING_MPS2 = 0.5
 """Deceleration of yielding."""
 
 AMONG_PEOPLE_MPS = 3.0
@@ -89,7 +89,7 @@ class HumanRecorded:
             person.leaves_s >= arrives and person.enters_s <= leaves for person in people
         ):
             return go
-        braking = min(limit, COMFORTABLE_MPS2) if yields else limit
+        braking = min(limit, YIELDING_MPS2) if yields else limit
         after = max(0.0, ego.speed_mps + go * step)
         left = room - (ego.speed_mps + after) / 2 * step
         if full_braking_distance(after, braking, step) <= left:

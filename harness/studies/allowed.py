@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 RELIABLE_FROM = 2_000
 """Informative pairs from which on the bound of μ is reliable; an unreliable one decides nothing."""
 
-Verdict = Literal["allowed", "denied", "undecided"]
+Judgement = Literal["allowed", "denied", "undecided"]
 
 
 class Judged(NamedTuple):
@@ -32,7 +32,7 @@ class Judged(NamedTuple):
     value: float
     mu: Finding
     kappa: Finding
-    verdict: Verdict
+    verdict: Judgement
 
 
 class Allowed(NamedTuple):
@@ -107,7 +107,7 @@ def _judged(
     return tuple(sorted(rows, key=lambda row: row.value))
 
 
-def _verdict(found: tuple[Finding, Finding], limits: tuple[float, float]) -> Verdict:
+def _verdict(found: tuple[Finding, Finding], limits: tuple[float, float]) -> Judgement:
     """Allowed if all upper bounds are below their limits, denied if a lower bound is not."""
     known = [
         (of.low, of.high, limit)

@@ -1,7 +1,8 @@
 """Checks whether a strategy keeps the rules that make results repeatable.
 
 It plays small scenes on the plain engine, all in one order and again in the reverse order.  Each
-rule is a row of ``RULES``.  Built-in strategies and those of users undergo the same checks.
+rule is a row of ``STRATEGY_RULES``.  Built-in strategies and those of users undergo the same
+checks.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -195,7 +196,7 @@ def check_strategy(
 def _verdicts(plays: Sequence[Play], stopped: BrokenRuleError | None) -> tuple[Verdict, ...]:
     """The verdict on each rule; what ended the plays is one fault, and the other rules wait."""
     verdicts = []
-    for rule, why, check in RULES:
+    for rule, why, check in STRATEGY_RULES:
         error = stopped
         if stopped is None:
             try:
@@ -240,7 +241,7 @@ def _keeps_to_the_limit(plays: Sequence[Play]) -> None:
             raise play.broke(what, max(int(speeding.argmax()) - 1, 0))
 
 
-class Rule(NamedTuple):
+class StrategyRule(NamedTuple):
     """A rule, why it is one, and a function that raises ``BrokenRuleError`` if it is broken."""
 
     name: str
@@ -252,13 +253,13 @@ _SURVIVES = "plays every scene to its end"
 _IS_FINITE = "answers with a finite number"
 
 # fmt: off
-RULES: tuple[Rule, ...] = (
-    Rule(_SURVIVES, "an exception is a failed episode", _played),
-    Rule(_IS_FINITE, "anything else is a failed episode", _played),
-    Rule("crosses an empty road", "else each episode ends as a time-out", _crosses),
-    Rule("gives the same answers in the same scene, whatever it has played before",
+STRATEGY_RULES: tuple[StrategyRule, ...] = (
+    StrategyRule(_SURVIVES, "an exception is a failed episode", _played),
+    StrategyRule(_IS_FINITE, "anything else is a failed episode", _played),
+    StrategyRule("crosses an empty road", "else each episode ends as a time-out", _crosses),
+    StrategyRule("gives the same answers in the same scene, whatever it has played before",
          "else rows depend on the order of episodes and the number of workers", _same_answers),
-    Rule("keeps to the road's speed limit, or to v0 without a limit",
+    StrategyRule("keeps to the road's speed limit, or to v0 without a limit",
          "speeding saves the time that is measured", _keeps_to_the_limit),
 )
 # fmt: on

@@ -137,7 +137,7 @@ _KINDS: Mapping[RunKind, _Kind] = {
 _Column = tuple[Column, Sequence[Entered]]
 
 
-class Row(NamedTuple):
+class ComparedPair(NamedTuple):
     """Two strategies with their differences by key."""
 
     a: Candidate
@@ -171,7 +171,7 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     kind = _KINDS[runs[0].kind]
     confidence = max(run.confidence for run in runs)
     pairs = [pair for group in groups for pair in combinations(group, 2)]
-    rows = [Row(a, b, _differences(a, b, confidence)) for a, b in pairs]
+    rows = [ComparedPair(a, b, _differences(a, b, confidence)) for a, b in pairs]
     # An undefined difference is a test that was not made.
     p_holm = {
         of.key: estimators.holm([1.0 if (p := row.found[of.key].p) is None else p for row in rows])
@@ -269,7 +269,7 @@ def _differences(a: Candidate, b: Candidate, confidence: float) -> dict[str, Fin
     return found
 
 
-def _table(title: str, rows: Sequence[Row], *columns: _Column, legend: str = "") -> Table:
+def _table(title: str, rows: Sequence[ComparedPair], *columns: _Column, legend: str = "") -> Table:
     """A table whose rows are named by the keys that the group shares, and the two strategies."""
     shared = dict.fromkeys(key for row in rows for key in row.a.shared)
     names: list[_Column] = [
@@ -284,7 +284,7 @@ def _table(title: str, rows: Sequence[Row], *columns: _Column, legend: str = "")
     return table_of(title, filled, legend)
 
 
-def _screen(rows: Sequence[Row], p_holm: Sequence[float], kind: _Kind) -> Table:
+def _screen(rows: Sequence[ComparedPair], p_holm: Sequence[float], kind: _Kind) -> Table:
     """The first screen: each cell's own number, their paired difference, and one p."""
 
     def both(entry: Entry) -> _Column:
@@ -305,7 +305,7 @@ def _screen(rows: Sequence[Row], p_holm: Sequence[float], kind: _Kind) -> Table:
     )
 
 
-def _difference(of: Difference, rows: Sequence[Row]) -> _Column:
+def _difference(of: Difference, rows: Sequence[ComparedPair]) -> _Column:
     return Column(of.key, "A − B", True), [Shown(row.found[of.key], of.style) for row in rows]
 
 
@@ -313,7 +313,7 @@ def _p_values(heading: str, values: Sequence[float]) -> _Column:
     return Column("p_holm", heading), [Shown(Finding(p), Style(digits=3)) for p in values]
 
 
-def _of_all(of: Difference, rows: Sequence[Row], p_holm: Sequence[float]) -> Table:
+def _of_all(of: Difference, rows: Sequence[ComparedPair], p_holm: Sequence[float]) -> Table:
     found = [row.found[of.key] for row in rows]
     differ = [each.n if each.events is None else each.events for each in found]
     return _table(
@@ -325,7 +325,9 @@ def _of_all(of: Difference, rows: Sequence[Row], p_holm: Sequence[float]) -> Tab
     )
 
 
-def _notes(rows: Sequence[Row], p_holm: Mapping[str, Sequence[float]], kind: _Kind) -> list[Note]:
+def _notes(
+    rows: Sequence[ComparedPair], p_holm: Mapping[str, Sequence[float]], kind: _Kind
+) -> list[Note]:
     """Notes on rows: more crashes, an unreliable interval of A − B, or none."""
     worse, (key, does) = [], kind.worse
     for (a, b, found), p in zip(rows, p_holm[key], strict=True):

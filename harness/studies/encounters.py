@@ -13,7 +13,7 @@ from harness.encounter.pairing import CHUNK_PAIRS, ArmOfPair, PairRunner
 from harness.engine.protocol import Engine
 from harness.engine.shared import close_engine, open_engine
 from harness.measures import Outcome
-from harness.results.rows import rows_of
+from harness.results.rows import encounter_rows
 from harness.results.tables import Row, Tables
 from harness.scenario import Cell, Scenario
 from harness.studies.tasks import EpisodeId, Rows, Task, Tell
@@ -81,7 +81,7 @@ def _simulated(task: Task, runners: Sequence[Runner], tell: Tell) -> Rows:
             for outcome in outcomes:
                 if (key := keys[outcome.arm]) is not None:
                     shared[key, outcome.pair] = outcome
-            parts[cell.number].append(rows_of(cell.number, outcomes, traces=task.traces))
+            parts[cell.number].append(encounter_rows(cell.number, outcomes, traces=task.traces))
             events += [
                 {
                     "event": "episode failed",

@@ -61,7 +61,7 @@ _SLACK_M = 1e-3
 
 
 @dataclass(frozen=True)
-class Mover:
+class Entity:
     """A vehicle, pedestrian or obstacle.
 
     Attributes:
@@ -103,7 +103,7 @@ class Mover:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Exported:
     """What is exported.
 
     Attributes:
@@ -117,7 +117,7 @@ class Scene:
 
     title: str
     net: Path
-    movers: Sequence[Mover]
+    movers: Sequence[Entity]
     end_s: float
     clock: tuple[float, float, float] | None = None
 
@@ -185,7 +185,7 @@ def _tables(run: Run, task: Task, outputs: Path) -> tuple[Tables, tuple[str, ...
     return {name: of.filter(pc.equal(of["arm"], arm)) for name, of in tables.items()}, differences
 
 
-def _openscenario(scene: Scene) -> bytes:
+def _openscenario(scene: Exported) -> bytes:
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -193,7 +193,7 @@ def _openscenario(scene: Scene) -> bytes:
     return f"{template.render(scene=scene, road=ROAD, overhang=REAR_OVERHANG)}\n".encode()
 
 
-def _encounter(title: str, tables: Tables, scenario: Scenario, free: bool) -> Scene:
+def _encounter(title: str, tables: Tables, scenario: Scenario, free: bool) -> Exported:
     """An episode; if the ego is free, it has no end but the time-out, and people walk on."""
     rows, vehicle = tables["traces"], scenario.vehicle()
     rows = rows.filter(pc.equal(rows["object"], "ego"))
@@ -204,22 +204,22 @@ def _encounter(title: str, tables: Tables, scenario: Scenario, free: bool) -> Sc
     heading = np.full(len(time_s), math.atan2(frame.along_y, frame.along_x))
     states = np.column_stack((time_s, *frame.to_network(x_m, y_m), heading, speed_mps))
     limits = vehicle.max_acceleration_mps2, vehicle.max_deceleration_mps2
-    ego = Mover("ego", "vehicle", vehicle.length_m, vehicle.width_m, states, limits_mps2=limits)
+    ego = Entity("ego", "vehicle", vehicle.length_m, vehicle.width_m, states, limits_mps2=limits)
     people = [*_people(scenario, tables["pedestrians"].to_pylist(), frame, end_s, free)]
     others = [*people, *_obstacles(scenario, frame)]
     if not free:
-        return Scene(title, network_of(scenario), [ego, *others], end_s)
+        return Exported(title, network_of(scenario), [ego, *others], end_s)
     if not any(len(each.states) > 1 for each in people):
         raise InputError("--ego free", "nobody walks in this arm of the pair", "another pair")
     away_m = ego.axle_m - float(x_m[0]) + _SLACK_M
     clock = (*frame.to_network(0.0, float(y_m[0])), away_m)
     movers, timeout_s = [replace(ego, states=states[:1]), *others], scenario.experiment.timeout_s
-    return Scene(title, network_of(scenario), movers, timeout_s, clock)
+    return Exported(title, network_of(scenario), movers, timeout_s, clock)
 
 
 def _people(
     scenario: Scenario, rows: Sequence[Row], frame: RoadFrame, end_s: float, to_the_kerb: bool
-) -> Iterator[Mover]:
+) -> Iterator[Entity]:
     """The people of a record that ends at ``end_s``, from their arrival to the other kerb.
 
     ``to_the_kerb``: those who are on their way at the end walk on.
@@ -248,7 +248,7 @@ def _people(
         appears_s = min(max(0.0, came.arrival_s), float(time_s[0]))
         leaves_s = until_s if until_s == cleared else None
         name, size = f"pedestrian-{came.index}", (_PERSON_M, _PERSON_M)
-        yield Mover(name, "pedestrian", *size, states, appears_s, leaves_s)
+        yield Entity(name, "pedestrian", *size, states, appears_s, leaves_s)
 
 
 def _headings(x: FloatArray, y: FloatArray, standing: float) -> FloatArray:
@@ -259,15 +259,15 @@ def _headings(x: FloatArray, y: FloatArray, standing: float) -> FloatArray:
     return np.append(standing, ways)[[*(known + 1), *(known[-1:] + 1)] or [0]]
 
 
-def _obstacles(scenario: Scenario, frame: RoadFrame) -> Iterator[Mover]:
+def _obstacles(scenario: Scenario, frame: RoadFrame) -> Iterator[Entity]:
     heading = math.atan2(frame.along_y, frame.along_x)
     for number, box in enumerate(scenario.obstacles()):
         states = np.array([[0.0, *frame.to_network(box.x_m, box.y_m), heading, 0.0]])
         name = f"obstacle-{number}"
-        yield Mover(name, "obstacle", box.length_m, box.width_m, states)
+        yield Entity(name, "obstacle", box.length_m, box.width_m, states)
 
 
-def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) -> Scene:
+def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) -> Exported:
     """A passage of a simulation with everybody near, as SUMO's own output has them."""
     vehicle, crosswalk = ids
     chosen = [row for row in rows.to_pylist() if (row["vehicle"], row["crosswalk"]) == ids]
@@ -293,7 +293,7 @@ def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) ->
     since_s, end_s = ego.states[0, 0], ego.states[-1, 0]
     near = [each for each in others if _distance_m(each, ego) < _NEAR_M]
     movers = [_between(each, since_s, end_s) for each in (replace(ego, name="ego"), *near)]
-    return Scene(f"{title}, {vehicle} over {crosswalk}", config.net, movers, end_s - since_s)
+    return Exported(f"{title}, {vehicle} over {crosswalk}", config.net, movers, end_s - since_s)
 
 
 def _records(fcd: Path) -> Iterator[tuple[float, Mapping[str, str]]]:
@@ -318,19 +318,19 @@ def _sizes(config: Path) -> Mapping[str, Sequence[float]]:
 
 def _seen(
     name: str, rows: Sequence[Mapping[str, Any]], sizes: Mapping[str, Sequence[float]]
-) -> Mover:
+) -> Entity:
     """Somebody in SUMO's output, by SUMO's time."""
     keys = ("time", "x", "y", "angle", "speed")
     states = np.array([[float(row[key]) for key in keys] for row in rows])
     states[:, 3] = np.radians(90.0 - states[:, 3])
     if "lane" not in rows[0]:
-        return Mover(f"pedestrian-{name}", "pedestrian", _PERSON_M, _PERSON_M, states)
+        return Entity(f"pedestrian-{name}", "pedestrian", _PERSON_M, _PERSON_M, states)
     # The copy of a type for a single vehicle is named type@vehicle.
     length_m, width_m, *limits = sizes[rows[0]["type"].partition("@")[0]]
-    return Mover(name, "vehicle", length_m, width_m, states, limits_mps2=limits)
+    return Entity(name, "vehicle", length_m, width_m, states, limits_mps2=limits)
 
 
-def _distance_m(mover: Mover, ego: Mover) -> float:
+def _distance_m(mover: Entity, ego: Entity) -> float:
     """The least distance of two movers."""
     time_s, *places = mover.states[:, :3].T
     away = (
@@ -339,7 +339,7 @@ def _distance_m(mover: Mover, ego: Mover) -> float:
     return float(np.hypot(*away).min())
 
 
-def _between(mover: Mover, since_s: float, end_s: float) -> Mover:
+def _between(mover: Entity, since_s: float, end_s: float) -> Entity:
     """A mover with times from ``since_s`` on, in a scene that ends at ``end_s``."""
     states = mover.states - [since_s, 0.0, 0.0, 0.0, 0.0]
     leaves_s = None if mover.states[-1, 0] == end_s else states[-1, 0]

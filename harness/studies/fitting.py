@@ -50,7 +50,7 @@ TARGETS: Mapping[str, tuple[int, tuple[int, ...]]] = {
 chosen, and log f(v | 1/R, v_p, 1/T_adv), which the human driver uses."""
 
 
-class Settings(NamedTuple):
+class FitSettings(NamedTuple):
     """The settings of a fit.
 
     Attributes:
@@ -115,7 +115,7 @@ class HeldOut(NamedTuple):
         return float(np.sqrt(count / (count - 1) * (errors @ errors)) / self.weights.sum())
 
 
-class Candidate(NamedTuple):
+class FitOfK(NamedTuple):
     """The fit with K components, and its scores by ``TARGETS``.
 
     There are no scores without folds, or if a fold cannot be fitted or has a row of density 0.
@@ -129,8 +129,8 @@ class Candidate(NamedTuple):
 class Fitted(NamedTuple):
     """All fits by ascending K, the chosen one, by which criterion, the folds, and warnings."""
 
-    candidates: Sequence[Candidate]
-    chosen: Candidate
+    candidates: Sequence[FitOfK]
+    chosen: FitOfK
     criterion: str
     folds: int
     warnings: Sequence[str]
@@ -148,7 +148,7 @@ _Scored = tuple[FitResult, Mapping[str, HeldOut]]
 
 def fit(
     sample: Sample,
-    settings: Settings,
+    settings: FitSettings,
     executor: Executor | None = None,
     progress: Progress = lambda _done, _planned: None,
 ) -> Fitted:
@@ -156,7 +156,7 @@ def fit(
 
     Args:
         sample: the weighted rows.
-        settings: see ``Settings``.
+        settings: see ``FitSettings``.
         executor: carries out the fits; None: this process.
         progress: called with the numbers of finished and planned fits.
 
@@ -188,7 +188,7 @@ def fit(
                 f"The fit with K = {k} did not converge in {found.n_iter} steps; its gradient "
                 f"norm is {found.gradient_norm:.1g} per unit of weight."
             )
-        candidates.append(Candidate(k, found, scores))
+        candidates.append(FitOfK(k, found, scores))
     chosen, criterion = _choose(candidates, settings, warnings)
     return Fitted(candidates, chosen, criterion, folds, warnings)
 
@@ -245,7 +245,7 @@ def _end_with_parent() -> None:
 
 def _carried_out(
     sample: Sample,
-    settings: Settings,
+    settings: FitSettings,
     jobs: Mapping[_Key, _Job],
     executor: Executor | None,
     progress: Progress,
@@ -276,7 +276,7 @@ def _accepted(answer: _Scored | InputError) -> _Scored:
 
 
 def fit_weighted(
-    sample: Sample, settings: Settings, weights: FloatArray, key: tuple[int, ...]
+    sample: Sample, settings: FitSettings, weights: FloatArray, key: tuple[int, ...]
 ) -> tuple[FitResult, Mapping[str, HeldOut]]:
     """Fit the rows of weight above 0, and score those of weight 0.
 
@@ -333,7 +333,7 @@ def vehicle_folds(vehicle: np.ndarray, weights: FloatArray, folds: int, seed: in
     return np.asarray(fold_of[vehicle])
 
 
-def _check(sample: Sample, settings: Settings, folds: int) -> None:
+def _check(sample: Sample, settings: FitSettings, folds: int) -> None:
     """Raise errors that every fit would raise, before any process starts."""
     most, rows = max(settings.components), len(sample.data)
     if rows < most:
@@ -355,8 +355,8 @@ def _joined(scores: Sequence[Mapping[str, HeldOut]]) -> Mapping[str, HeldOut]:
 
 
 def _choose(
-    candidates: Sequence[Candidate], settings: Settings, warnings: list[str]
-) -> tuple[Candidate, str]:
+    candidates: Sequence[FitOfK], settings: FitSettings, warnings: list[str]
+) -> tuple[FitOfK, str]:
     by_k = {candidate.components: candidate for candidate in candidates}
     if len(by_k) == 1:
         return candidates[0], "given"

@@ -34,10 +34,10 @@ from harness.results.result import Column, Entered, Result, Shown, Style, Table,
 from harness.studies.fitting import (
     RULE_SHARE,
     TARGETS,
+    FitSettings,
     Fitted,
     HeldOut,
     Progress,
-    Settings,
     by_rule,
     fit,
     processes,
@@ -72,7 +72,7 @@ _LEGEND = (
 
 def card(
     sample: Sample,
-    settings: Settings,
+    settings: FitSettings,
     fitted: Fitted,
     file: RowFile,
     command: str,
@@ -193,7 +193,7 @@ def fit_model(
     out: Path,
     name: str,
     command: str,
-    settings: Settings,
+    settings: FitSettings,
     weigh: str,
     bounds: Sequence[str],
     workers: int,
@@ -206,7 +206,7 @@ def fit_model(
         out: the file of the model.
         name: its name.
         command: the exact command, for its card.
-        settings: see ``Settings``.
+        settings: see ``FitSettings``.
         weigh, bounds: see ``make_sample`` and ``box_of``.
         workers: number of processes.
         progress: called with the numbers of finished and planned fits.

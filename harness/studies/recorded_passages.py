@@ -34,7 +34,7 @@ record begins within the second."""
 GROUP_GAP_M = 5.0
 """A longer way (a car's length) between neighbouring crossing places parts two groups."""
 
-LEAST_WIDTH_M, KERB_M = 4.0, 4.5
+LEAST_WIDTH_M, PATH_TO_KERB_M = 4.0, 4.5
 """The smallest width of the crosswalk, and the distance of each kerb from the path."""
 
 BEYOND_S = 30.0
@@ -168,7 +168,7 @@ class _Record:
         track, arcs = self.clip.vehicles[self.key], np.array([each.arc_m for each in group])
         origin_m = float(np.median(arcs))
         width_m = max(LEAST_WIDTH_M, round(float(np.ptp(arcs)), 9))
-        crossing = Crossing(2 * KERB_M, width_m, KERB_M, 2 * KERB_M)
+        crossing = Crossing(2 * PATH_TO_KERB_M, width_m, PATH_TO_KERB_M, 2 * PATH_TO_KERB_M)
         # Rounded, so that results do not depend on the last bits.
         x_m = np.round(self.car.arc_m + track.front_offset_m - origin_m, 9)
         first = int(np.argmax(x_m >= -START_RANGE_M - _ROUNDING_M))
@@ -241,13 +241,13 @@ class _Record:
         kept = np.append(kept[: max(1, len(kept) - 1)], len(track.time_s) - 1)
         along, left = _straightened(self.car.path, origin_m, track.position_m[kept])
         flip = -1 if self.clip.y_down else 1
-        places = np.column_stack([along - origin_m, KERB_M + flip * left]).round(9)
+        places = np.column_stack([along - origin_m, PATH_TO_KERB_M + flip * left]).round(9)
         times = np.round(track.time_s[kept] - start_s, 9)
         times, places = _extended(times, places, until_s)
         at_s = np.concatenate([[0.0], times[(times > 0) & (times < until_s)], [until_s]])
         x, y = (np.interp(at_s, times, of) for of in places.T)
-        progress = y if crosser.side is Side.NEAR else 2 * KERB_M - y
-        levels = (-_FOOTPATH_M, KERB_M, 2 * KERB_M)
+        progress = y if crosser.side is Side.NEAR else 2 * PATH_TO_KERB_M - y
+        levels = (-_FOOTPATH_M, PATH_TO_KERB_M, 2 * PATH_TO_KERB_M)
         begin_s, passed_s, gone_s = (_reached_s(at_s, progress, level) for level in levels)
         end_s = min(gone_s, until_s)
         if begin_s >= end_s:

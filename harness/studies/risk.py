@@ -20,10 +20,10 @@ from harness.core.documents import JsonObject
 from harness.core.encounter import Arm, Ending, Trace
 from harness.core.errors import InputError, resume_command
 from harness.core.seeding import resampling
-from harness.encounter.loop import Episode as Loop
+from harness.encounter.loop import Episode
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import open_engine
-from harness.measures import Outcome as Measured, measure
+from harness.measures import Outcome, measure
 from harness.results import folder as folders, tables
 from harness.results.catalogue import entries_of
 from harness.results.finding import Finding, Findings
@@ -34,7 +34,7 @@ from harness.scenario import Cell, EngineName, Study, validate
 from harness.scenario.place import place_in_words
 from harness.scenario.study import study_from
 from harness.studies import risk_draws, run as runs
-from harness.studies.risk_draws import Episode, Outcome, Proposal, Units
+from harness.studies.risk_draws import DrawInputs, DrawOutcome, Proposal, Units
 from harness.studies.risk_space import Event, Space, parse_event, space_of
 from harness.studies.tasks import EpisodeId, Rows, Task, Tell, part_pairs
 
@@ -64,14 +64,16 @@ class _Drawing:
         (cell,), (arm,) = task.cells, task.arms
         scenario = cell.scenario
         runner = PairRunner(scenario, task.model, lambda: open_engine(scenario, task.engine))
-        lost = {each.pair: Outcome(False, reason=why.reason) for each, why in task.given_up.items()}
+        lost = {
+            each.pair: DrawOutcome(False, reason=why.reason) for each, why in task.given_up.items()
+        }
 
-        def run(episodes: Sequence[Episode]) -> list[Outcome]:
+        def run(episodes: Sequence[DrawInputs]) -> list[DrawOutcome]:
             kept = [each for each in episodes if each.unit not in lost]
             inputs = [(each.number, self.space.given(*each[2:4], each.number)) for each in kept]
             units = (each.unit for each in kept)
 
-            def begins(_number: int, _arm: Arm, episode: Loop) -> None:
+            def begins(_number: int, _arm: Arm, episode: Episode) -> None:
                 tell(EpisodeId(cell.number, next(units), arm), episode.x_m)
 
             measured = [*runner.run_arm_given(arm, inputs, lambda: tell(None, None), begins)]
@@ -83,8 +85,8 @@ class _Drawing:
         return Rows({cell.number: {DRAWS: tables.DRAWS.of(rows)}})
 
     def _outcomes(
-        self, drawn: Sequence[Episode], measured: Sequence[Measured]
-    ) -> Iterator[Outcome]:
+        self, drawn: Sequence[DrawInputs], measured: Sequence[Outcome]
+    ) -> Iterator[DrawOutcome]:
         before = self.space.before
         traces = []
         for at, each in zip(drawn, measured, strict=True):
@@ -93,7 +95,7 @@ class _Drawing:
         for at, each, own in zip(drawn, measured, measure(traces), strict=True):
             event = self.event.holds(each.record)
             given = self.space.given(*at[2:4], at.number) if event else {}
-            yield Outcome(
+            yield DrawOutcome(
                 event,
                 at.place(self._culprit(each) - before) if event else -1,
                 self.event.scores(own),
@@ -103,7 +105,7 @@ class _Drawing:
                 json.dumps({"episode": at.number, **given}) if event else None,
             )
 
-    def _culprit(self, measured: Measured) -> int:
+    def _culprit(self, measured: Outcome) -> int:
         """The index of the person to whom the event is due: whom the ego hit first.
 
         Without a contact it is the first one with whom alone the same motion of the ego would be in

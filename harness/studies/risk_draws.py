@@ -84,7 +84,7 @@ _RESERVE, _RESERVE_OF_BRUTE_FORCE = 2.5, 1.25
 _LEAST_DRAWS = 4_000
 
 
-class Episode(NamedTuple):
+class DrawInputs(NamedTuple):
     """An episode to run: its unit, its number, its random inputs (see ``Space``).
 
     ``asked`` is the place among the people of the one whose own scores are wanted; −1: everybody
@@ -102,7 +102,7 @@ class Episode(NamedTuple):
         return rank if 0 <= rank < len(self.people) else -1
 
 
-class Outcome(NamedTuple):
+class DrawOutcome(NamedTuple):
     """How an episode ended; see the columns of ``draws``.
 
     ``culprit`` is the place of the person to whom the event is due; −1 without one.  ``scores`` are
@@ -120,7 +120,7 @@ class Outcome(NamedTuple):
     uniforms: str | None = None
 
 
-Run = Callable[[Sequence[Episode]], Sequence[Outcome]]
+RunDraws = Callable[[Sequence[DrawInputs]], Sequence[DrawOutcome]]
 """Runs episodes."""
 
 
@@ -157,7 +157,7 @@ class Proposal(NamedTuple):
 
 
 def draw_units(
-    proposal: Proposal, space: Space, round_: int, units: Sequence[int], run: Run
+    proposal: Proposal, space: Space, round_: int, units: Sequence[int], run: RunDraws
 ) -> list[Row]:
     """Draw units and run their episodes; the rows of ``draws``.
 
@@ -172,7 +172,7 @@ def draw_units(
         drawn = proposal.fixed.given(f[:, :0]).points(uniform[:, 1], f)
         f = np.where(nominal[:, None], f, drawn)
     begun = [
-        Episode(unit, FIRST_NUMBER + round_ * _NUMBERS + unit, fixed, space.crowd(rng))
+        DrawInputs(unit, FIRST_NUMBER + round_ * _NUMBERS + unit, fixed, space.crowd(rng))
         for unit, fixed, rng in zip(units, f, rngs, strict=True)
     ]
     first = run(begun)
@@ -208,10 +208,10 @@ def draw_units(
 def _placed(
     proposal: Proposal,
     space: Space,
-    begun: Sequence[Episode],
+    begun: Sequence[DrawInputs],
     passed: FloatArray,
     rngs: Sequence[np.random.Generator],
-) -> tuple[FloatArray, list[int], list[Episode]]:
+) -> tuple[FloatArray, list[int], list[DrawInputs]]:
     """The points of the placed people, the unit's place of each, and the episodes with them.
 
     Who would come outside the window, where no flow is sampled, is not placed.

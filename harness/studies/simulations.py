@@ -23,7 +23,7 @@ from harness.simulation.opening import (
     opened,
     opened_traffic,
 )
-from harness.simulation.pairing import Outcome, run_arm
+from harness.simulation.pairing import ArmTables, run_arm
 from harness.simulation.setup import Setup
 from harness.studies.tasks import EpisodeId, Rows, Task, Tell
 
@@ -73,7 +73,7 @@ def run_task(
     """
     close_engine()  # libsumo has one simulation
     (pair,) = task.pairs
-    known: dict[str, Outcome] = {}
+    known: dict[str, ArmTables] = {}
     tables: dict[int, Tables] = {}
     events: list[Row] = []
     for cell in task.cells:
@@ -85,7 +85,7 @@ def run_task(
             for arm in task.arms:
                 episode, key = EpisodeId(cell.number, pair, arm), _arm_key(scenario, arm)
                 if episode in task.given_up:
-                    outcome = Outcome(pair, arm, reason=task.given_up[episode].reason)
+                    outcome = ArmTables(pair, arm, reason=task.given_up[episode].reason)
                 elif key is not None and key in known:
                     outcome = known[key]
                 else:
@@ -141,7 +141,7 @@ def _arm_key(scenario: Scenario, arm: Arm) -> str | None:
     return None if None in keys else repr((arm, keys))
 
 
-def _tables(cell: Cell, outcomes: Sequence[Outcome]) -> Tables:
+def _tables(cell: Cell, outcomes: Sequence[ArmTables]) -> Tables:
     """The rows of a cell's pair."""
     tables: dict[str, list[pa.Table]] = {}
     for outcome in outcomes:

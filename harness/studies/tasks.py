@@ -35,7 +35,7 @@ The latter is None while the strategy is made, and both are None between two epi
 """
 
 
-class Failure(NamedTuple):
+class GivenUp(NamedTuple):
     """Why an episode was given up, and what failed."""
 
     reason: str
@@ -73,7 +73,7 @@ class Task:
     outputs: Path | None = None
     folder: Path | None = None
     code: Mapping[str, str] = field(default_factory=dict)
-    given_up: Mapping[EpisodeId, Failure] = field(default_factory=dict)
+    given_up: Mapping[EpisodeId, GivenUp] = field(default_factory=dict)
     own: "Own | None" = None
 
     @property
@@ -86,7 +86,7 @@ class Task:
         (scenario,) = (cell.scenario for cell in self.cells if cell.number == episode.cell)
         return scenario.arms.driver(episode.arm)
 
-    def without(self, episode: EpisodeId, failure: Failure) -> "Task":
+    def without(self, episode: EpisodeId, failure: GivenUp) -> "Task":
         """The same task, with a further episode given up."""
         return replace(self, given_up={**self.given_up, episode: failure})
 

@@ -38,7 +38,7 @@ from harness.scenario import Scenario, Setting, load_scenario
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy
-from harness.studies.fitting import Settings, fit_weighted, vehicle_folds
+from harness.studies.fitting import FitSettings, fit_weighted, vehicle_folds
 from harness.studies.recorded_passages import BEYOND_S, RecordedPassage, find_passages
 
 DRAWS = 20
@@ -186,7 +186,7 @@ def models_without(
     fold_of = vehicle_folds(vehicle, row_weights(rows, "encounter"), number, seed)
     for fold in range(number):
         sample = make_sample(rows[fold_of != fold], lower=box.lower, upper=box.upper)
-        how = Settings((size,), seed=seed)
+        how = FitSettings((size,), seed=seed)
         fitted, _ = fit_weighted(sample, how, sample.weights, (size, fold + 1))
         models.append(InteractionModel(fitted.mixture, f"{model.name}, fold {fold}", {}, ""))
     names = rows[list(VEHICLE_KEY)].itertuples(index=False, name=None)

@@ -144,7 +144,7 @@ def supervise(task: "Task") -> "Rows":
         CancelledError: the executor was ended.
     """
     from harness.strategies.registry import STRATEGIES
-    from harness.studies.tasks import Failure
+    from harness.studies.tasks import GivenUp
 
     died: set[EpisodeId | None] = set()
     events: list[dict[str, Any]] = []
@@ -170,7 +170,7 @@ def supervise(task: "Task") -> "Rows":
             raise HarnessError(reason)
         else:
             own = task.driver(episode) not in STRATEGIES
-            task = task.without(episode, Failure(reason, "strategy" if own else "engine"))
+            task = task.without(episode, GivenUp(reason, "strategy" if own else "engine"))
             events.append({"event": "episode given up", **event})
 
 

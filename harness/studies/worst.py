@@ -24,7 +24,7 @@ RANKED = {measure.column: measure for measure in MEASURES if measure.worse is no
 CONFLICT_S = 5.0
 """A larger PET or TTC counts as this value: no conflict (SSAM's maximum, FHWA-HRT-08-051)."""
 
-Driver = Literal["av", "reference", "sumo"]
+WhoDrove = Literal["av", "reference", "sumo"]
 """Who drove a passage: the strategy of AVs, the reference's, or SUMO."""
 
 _COLUMNS: Mapping[RunKind, Mapping[str, str]] = {
@@ -48,7 +48,7 @@ def worst(
     most: int = 20,
     arm: Arm | str = Arm.AV,
     cell: int | None = None,
-    driver: Driver | None = None,
+    driver: WhoDrove | None = None,
 ) -> Result:
     """The worst episodes of a run, or passages of simulations.
 
@@ -90,7 +90,9 @@ def worst(
     return _result(run, order, len(rows), by, Arm(arm))
 
 
-def _ranked(run: Run, by: str, arm: str, cell: int | None, driver: Driver | None) -> "pd.DataFrame":
+def _ranked(
+    run: Run, by: str, arm: str, cell: int | None, driver: WhoDrove | None
+) -> "pd.DataFrame":
     """The episodes or passages of an arm that have a measure, each with its badness.
 
     Episodes that failed are left out, and passages that the end of the simulation cut off.
@@ -113,7 +115,7 @@ def _ranked(run: Run, by: str, arm: str, cell: int | None, driver: Driver | None
     return rows.assign(badness=[_badness(by, *of) for of in values])
 
 
-def _passages(run: Run, arm: Arm, driver: Driver | None) -> "pd.DataFrame":
+def _passages(run: Run, arm: Arm, driver: WhoDrove | None) -> "pd.DataFrame":
     """The passages that did not end with the simulation, each with the ending of an episode."""
     rows = run.table("passages")
     by_av = rows["driven"] & rows["automated"] & (arm is Arm.AV)

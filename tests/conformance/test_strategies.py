@@ -13,7 +13,7 @@ import pytest
 from harness.core.errors import InputError
 from harness.strategies.parameters import defaults_of
 from harness.strategies.registry import STRATEGIES, aggressiveness_of
-from harness.studies.checks import RULES, check_strategy
+from harness.studies.checks import STRATEGY_RULES, check_strategy
 
 DOCS = Path(__file__).parents[2] / "docs" / "strategies.md"
 
@@ -24,7 +24,9 @@ IN_ENCOUNTERS = [name for name in STRATEGIES if name != "sumo_driver"]
 
 @pytest.mark.parametrize("strategy", IN_ENCOUNTERS)
 def test_keeps_every_rule(strategy: str, model) -> None:
-    assert [each.problem for each in check_strategy(strategy, model)] == [None] * len(RULES)
+    assert [each.problem for each in check_strategy(strategy, model)] == [None] * len(
+        STRATEGY_RULES
+    )
 
 
 @pytest.mark.parametrize("strategy", IN_ENCOUNTERS)
@@ -134,8 +136,8 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 
 def test_one_that_keeps_them_all(made_up: str, model) -> None:
     verdicts = check_strategy(f"{made_up}:Steady", model)
-    assert [verdict.rule for verdict in verdicts] == [rule.name for rule in RULES]
-    assert [verdict.problem for verdict in verdicts] == [None] * len(RULES)
+    assert [verdict.rule for verdict in verdicts] == [rule.name for rule in STRATEGY_RULES]
+    assert [verdict.problem for verdict in verdicts] == [None] * len(STRATEGY_RULES)
 
 
 @pytest.mark.parametrize("strategy", BROKEN, ids=lambda strategy: strategy.__name__)

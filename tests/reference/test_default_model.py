@@ -17,7 +17,7 @@ from harness.model.mixture.normals import Normals
 from harness.model.sample import make_sample
 from harness.model.trajectories.extraction import extract
 from harness.scenario import Scenario, load_scenario
-from harness.studies.fitting import Settings, fit, processes
+from harness.studies.fitting import FitSettings, fit, processes
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
 needs_dut = pytest.mark.skipif(
@@ -90,7 +90,7 @@ def test_climbing_on_from_it_ends_at_nearly_the_same_density(name, sample):
 @pytest.mark.parametrize(("name", "starts"), [("dut", 5), ("dut-k10", 20)])
 def test_fitting_again_finds_no_less(name, starts, sample):
     model = load_model(name)
-    settings = Settings((model.mixture.weights.size,), starts=starts, folds=0)
+    settings = FitSettings((model.mixture.weights.size,), starts=starts, folds=0)
     again = fit(sample, settings).chosen.fit.mixture
     assert penalised(again, sample) >= penalised(model.mixture, sample)
 
@@ -105,7 +105,7 @@ def test_the_cards_have_the_tracks_of_the_data(sample):
 @needs_dut
 @pytest.mark.slow
 def test_no_fit_of_the_shipped_data_ends_on_a_slope(sample):
-    settings = Settings(tuple(range(1, 21)), choose="bic", starts=1, folds=0)
+    settings = FitSettings(tuple(range(1, 21)), choose="bic", starts=1, folds=0)
     with processes(2) as executor:
         candidates = fit(sample, settings, executor).candidates
     for candidate in candidates:

@@ -15,7 +15,7 @@ from harness.core.errors import InputError
 from harness.core.seeding import stream
 from harness.results.run import Run
 from harness.scenario import load_scenario
-from harness.simulation.demand import CONFIG_FILE, vehicles_due
+from harness.simulation.demand import TRAFFIC_FILE, vehicles_due
 from harness.simulation.shares import number_of
 from harness.studies.run import resume, run
 from tests import faulty, towns
@@ -77,7 +77,7 @@ def test_the_written_file_of_a_pair_gives_the_same_passages_as_a_file_of_her_own
     whole: Run, tmp_path: Path
 ) -> None:
     """And runs in plain SUMO without a warning."""
-    config = min(whole.path.rglob(CONFIG_FILE))
+    config = min(whole.path.rglob(TRAFFIC_FILE))
     people = "[ego]\ntrigger_range_m = 30.0\n[pedestrians]\nflow_per_hour = 200.0\n"
     counted = 'av_types = ["car"]\nbegin = 60.0\nend = 300.0'
     file = own(tmp_path, str(config), ":crosswalk_c0", counted, f'{people}behaviour = "threshold"')

@@ -7,8 +7,8 @@ from scipy.stats import norm, sem
 
 from harness.model.sample import RowFile, make_sample
 from harness.studies.fitting import (
+    FitSettings,
     HeldOut,
-    Settings,
     by_held_out,
     by_rule,
     fit,
@@ -92,7 +92,7 @@ def test_rows_without_identifiers_count_one_each_and_have_no_held_out_score():
     assert sample.weights.sum() == 40
     assert sample.vehicles == 0
     refuses("no missing value in source", lambda: make_sample(rows, weigh="encounter"))
-    refuses("no held-out scores", lambda: fit(sample, Settings((1, 2), choose="held-out")))
+    refuses("no held-out scores", lambda: fit(sample, FitSettings((1, 2), choose="held-out")))
 
 
 def test_standard_error_over_vehicles():
@@ -150,13 +150,13 @@ def test_choices_by_rule_and_of_equals():
 @pytest.fixture(scope="module")
 def fitted():
     sample = make_sample(made_up())
-    return sample, fit(sample, Settings((1, 2), starts=2, folds=3))
+    return sample, fit(sample, FitSettings((1, 2), starts=2, folds=3))
 
 
 def test_more_workers_change_no_bit(fitted):
     sample, serial = fitted
     with processes(2) as executor:
-        parallel = fit(sample, Settings((1, 2), starts=2, folds=3), executor)
+        parallel = fit(sample, FitSettings((1, 2), starts=2, folds=3), executor)
     assert parallel.chosen.components == serial.chosen.components
     for one, other in zip(serial.candidates, parallel.candidates, strict=True):
         assert one.fit.bic == other.fit.bic
@@ -186,7 +186,7 @@ def test_held_out_scores_come_from_fits_without_the_vehicle():
         size=int(odd.sum())
     )
     sample = make_sample(rows)
-    calibration = fit(sample, Settings((2,), starts=2, folds=4))
+    calibration = fit(sample, FitSettings((2,), starts=2, folds=4))
     scores = np.divide(*calibration.chosen.scores["held_out"])
     number = sample.vehicle[np.flatnonzero(odd)[0]]
     own = log_scores(calibration.chosen.fit.mixture, sample.data, "held_out")[
@@ -202,7 +202,7 @@ def test_copies_are_counted_warned_of_and_kept_in_one_fold():
     again = [once.assign(vehicle=once["vehicle"] + f"-{of}", clip=str(of)) for of in range(20)]
     one, copied = make_sample(once), make_sample(pd.concat(again, ignore_index=True))
     assert (copied.vehicles, copied.named_vehicles, len(set(copied.row))) == (3, 60, 60)
-    settings = Settings((1, 2), starts=2, folds=3, seed=4)
+    settings = FitSettings((1, 2), starts=2, folds=3, seed=4)
     fits, twenty = fit(one, settings), fit(copied, settings)
     for alone, of in zip(fits.candidates, twenty.candidates, strict=True):
         own, other = of.scores["held_out"], alone.scores["held_out"]

@@ -18,7 +18,7 @@ from harness.scenario.file import Setting
 from harness.strategies.perception.occlusion import Rectangle, is_hidden
 from harness.strategies.perception.perception import Perception
 from harness.strategies.perception.sensor import Sensor, sensor_of
-from harness.strategies.perception.updates import Track, Updates, updates_until_found
+from harness.strategies.perception.updates import SensorTrack, Updates, updates_until_found
 from tests.scenes import Recorder, episode, on_plain, outcome_of, scenario
 
 FAR_AWAY = {"x_m": -900.0, "y_m": -50.0, "length_m": 1.0, "width_m": 1.0}
@@ -112,7 +112,7 @@ def test_the_quantile_decides_the_first_detection_and_what_is_lost_is_looked_for
     assert shown[0] == pytest.approx(1.5)
     # Then they are tracked, until they have left at 9.55 s or the episode ends.
     assert np.diff(shown) == pytest.approx(0.1)
-    track = Track(sensor_with(detection_probability=0.5), 0, 0, 0.7)  # ⌈1.737⌉ = 2 looks
+    track = SensorTrack(sensor_with(detection_probability=0.5), 0, 0, 0.7)  # ⌈1.737⌉ = 2 looks
     looks = [True, False, False, True, True, False]
     assert [track.update(look) for look in looks] == [False, False, False, True, True, False]
 
@@ -122,7 +122,7 @@ def test_share_of_updates_shown_with_dropouts() -> None:
     # p/(p + q) of the time; a run in it is geometric with mean 1/q.
     p, q = 0.6, 0.2
     sensor = sensor_with(detection_probability=p, dropout_probability=q)
-    track, updates = Track(sensor, 0, 0, 0.0), 40_000
+    track, updates = SensorTrack(sensor, 0, 0, 0.0), 40_000
     shown = np.array([track.update(True) for _ in range(updates)])
     # Its correlation in time, 1 − p − q = 0.2, makes (1 + 0.2)/(1 − 0.2) = 1.5 times the variance.
     mean = p / (p + q)
@@ -138,7 +138,7 @@ def test_share_of_updates_shown_with_dropouts() -> None:
 def test_errors_have_their_variance_and_correlation() -> None:
     # Updates of 0.1 s, correlation time 0.5 s: φ = exp(−0.2), after k updates exp(−0.2 k).
     sensor = sensor_with(position_sd_m=0.3, speed_sd_mps=0.2, correlation_s=0.5)
-    track = Track(sensor, 3, 0, None)
+    track = SensorTrack(sensor, 3, 0, None)
     errors = np.array([track.next_errors() for _ in range(60_000)])
     for column, sd in zip(errors.T, (0.3, 0.2), strict=True):
         # Effective sample size n (1 − φ²)/(1 + φ²) for a variance; 4 standard errors.
@@ -148,7 +148,7 @@ def test_errors_have_their_variance_and_correlation() -> None:
             assert correlation == pytest.approx(math.exp(-0.2 * lag), abs=0.03)
     assert abs(np.corrcoef(errors.T)[0, 1]) < 0.03
     # Stationary from the first update on: over pedestrians too.
-    first = [Track(sensor, pair, 0, None).next_errors()[0] for pair in range(2_000)]
+    first = [SensorTrack(sensor, pair, 0, None).next_errors()[0] for pair in range(2_000)]
     assert np.std(first) == pytest.approx(0.3, rel=4 / math.sqrt(2 * 2_000))
 
 
@@ -236,26 +236,28 @@ def test_cells_share_their_draws_and_pairs_do_not() -> None:
     sensor = sensor_of(flow(*poor), Arm.AV)
     assert sensor is not None
     draws = [
-        Track(sensor, pair, index, 0.5).next_errors()[0] for pair in (0, 1) for index in (0, 1)
+        SensorTrack(sensor, pair, index, 0.5).next_errors()[0]
+        for pair in (0, 1)
+        for index in (0, 1)
     ]
     assert len(set(draws)) == 4
 
 
 def test_given_uniforms_are_the_first_errors_and_the_wait_after_the_first_loss() -> None:
     errors = {"perception_error": (0.5, 0.5, stats.norm.cdf(2.0), stats.norm.cdf(-1.0))}
-    track = Track(sensor_with(position_sd_m=0.3, speed_sd_mps=0.1), 0, 1, None, errors)
+    track = SensorTrack(sensor_with(position_sd_m=0.3, speed_sd_mps=0.1), 0, 1, None, errors)
     assert track.next_errors() == pytest.approx((2.0 * 0.3, -1.0 * 0.1))
     # They are added: 0.6 m farther along the walk, 0.1 m/s slower.  Who stands is seen to stand.
     sensor = sensor_with(position_sd_m=0.3, speed_sd_mps=0.1)
     for speed_mps, seen_mps in ((1.2, 1.1), (0.0, 0.0)):
-        updates = Updates(sensor, lambda index: Track(sensor, 0, index, None, errors))
+        updates = Updates(sensor, lambda index: SensorTrack(sensor, 0, index, None, errors))
         person = PedestrianView(1, Side.NEAR, 2.0, 8.0, speed_mps, on_crossing=True)
         (told,) = updates.shown(lambda person=person: [(person, True)])
         assert (told.lateral_m, told.remaining_m) == pytest.approx((1.4, 7.4))
         assert told.speed_mps == pytest.approx(seen_mps)
     # u = 0.999, p = 0.5: ten looks, as at the first detection.
     sensor = sensor_with(detection_probability=0.5)
-    track = Track(sensor, 0, 1, 0.0, {"redetection": (0.1, 0.999)})
+    track = SensorTrack(sensor, 0, 1, 0.0, {"redetection": (0.1, 0.999)})
     seen = [track.update(in_sight) for in_sight in (True, False, *[True] * 10)]
     assert seen == [True, *[False] * 10, True]
 

@@ -15,7 +15,14 @@ from harness.model.interaction import load_model
 from harness.results.tables import DRAWS
 from harness.scenario import Scenario, load_scenario, validate
 from harness.studies.risk import findings_of
-from harness.studies.risk_draws import Episode, Outcome, Proposal, Run, Units, draw_units
+from harness.studies.risk_draws import (
+    DrawInputs,
+    DrawOutcome,
+    Proposal,
+    RunDraws,
+    Units,
+    draw_units,
+)
 from harness.studies.risk_normals import Normals, fitted
 from harness.studies.risk_space import EVENTS, Space, parse_event, space_of
 from tests.risks import (
@@ -76,11 +83,11 @@ def test_the_mean_weight_is_the_probability_whatever_the_density(mean_s, culprit
     slower, for each who comes before 3 s.
     """
 
-    def outcome(episode: Episode) -> Outcome:
+    def outcome(episode: DrawInputs) -> DrawOutcome:
         early = int((episode.people[:, 0] < 3.0).sum())
         event = len(episode.people) == 2
         passed_s = 4.0 + float(episode.fixed[0]) / 10 + early
-        return Outcome(
+        return DrawOutcome(
             event, culprit if event else -1, passed_s=passed_s, passed_mps=1.5 - 0.1 * early
         )
 
@@ -99,16 +106,16 @@ def test_the_mean_weight_is_the_probability_whatever_the_density(mean_s, culprit
     assert abs(beyond.value.mean() - stats.norm.sf(2.0)) < 4 * error
 
 
-def _above_2(episodes: Sequence[Episode]) -> list[Outcome]:
-    return [Outcome(bool(each.fixed[0] > 2.0)) for each in episodes]
+def _above_2(episodes: Sequence[DrawInputs]) -> list[DrawOutcome]:
+    return [DrawOutcome(bool(each.fixed[0] > 2.0)) for each in episodes]
 
 
-def rows(values: Sequence[float], weights: Sequence[float], run: Run | None = None) -> Units:
+def rows(values: Sequence[float], weights: Sequence[float], run: RunDraws | None = None) -> Units:
     """A unit for each value: below 0 an event, NaN a failure; with a weight of its own."""
 
-    def outcomes(episodes: Sequence[Episode]) -> list[Outcome]:
+    def outcomes(episodes: Sequence[DrawInputs]) -> list[DrawOutcome]:
         of = [values[each.unit] for each in episodes]
-        return [Outcome(v < 0, reason="it broke" if math.isnan(v) else None) for v in of]
+        return [DrawOutcome(v < 0, reason="it broke" if math.isnan(v) else None) for v in of]
 
     made = draw_units(Proposal(), FLAT, 0, range(len(values)), run or outcomes)
     given = [
@@ -163,10 +170,12 @@ def test_a_fault_to_which_nothing_leads_lies_below_the_bound() -> None:
 
 
 def test_a_risk_of_which_every_episode_fails_ends_with_its_first_look() -> None:
-    units = rounds(lambda episodes: [Outcome(False, reason="it broke")] * len(episodes), FLAT, 1)
+    units = rounds(
+        lambda episodes: [DrawOutcome(False, reason="it broke")] * len(episodes), FLAT, 1
+    )
     assert len(units) == 1
     # An ego that never passes leaves brute force.
-    crowded = rounds(lambda episodes: [Outcome(False)] * len(episodes), CROWD, 1, 1.0)
+    crowded = rounds(lambda episodes: [DrawOutcome(False)] * len(episodes), CROWD, 1, 1.0)
     assert not crowded[-1].weighted
 
 

@@ -28,7 +28,7 @@ from harness.results.tables import write_part
 from harness.scenario import Setting, read_scenario_file, study_of
 from harness.simulation.arm import ENDED
 from harness.studies.compare import compare
-from harness.studies.worst import Driver, worst
+from harness.studies.worst import WhoDrove, worst
 from tests.simulations import (
     Rows,
     arm,
@@ -301,7 +301,7 @@ def written(folder: Path, *shares: float, pairs: int = 6, of: Pairs | None = Non
     ],
 )
 def test_the_worst_passages_are_those_of_a_driver_that_ended(
-    tmp_path: Path, arm_of: Arm, driver: Driver | None, vehicles: list[str]
+    tmp_path: Path, arm_of: Arm, driver: WhoDrove | None, vehicles: list[str]
 ) -> None:
     passages = [
         passage("a", delay_s=1.0),

@@ -6,7 +6,7 @@ from harness.core.encounter import Arrival, PedestrianView, Views
 from harness.core.seeding import Given
 from harness.strategies.perception.occlusion import is_hidden
 from harness.strategies.perception.sensor import Sensor
-from harness.strategies.perception.updates import Track, Updates
+from harness.strategies.perception.updates import SensorTrack, Updates
 
 
 class Perception:
@@ -29,7 +29,7 @@ class Perception:
         self._sensor = sensor
         quantiles = {arrival.index: arrival.detection_quantile for arrival in arrivals}
         self._updates = Updates(
-            sensor, lambda index: Track(sensor, pair, index, quantiles[index], given)
+            sensor, lambda index: SensorTrack(sensor, pair, index, quantiles[index], given)
         )
 
     def shown(self, near: bool, x_m: float, people: Iterable[PedestrianView]) -> Views:

@@ -39,7 +39,7 @@ def updates_until_found(quantile: float, detection_probability: float) -> float:
     return max(1, math.ceil(math.log1p(-quantile) / math.log1p(-detection_probability)))
 
 
-class Track:
+class SensorTrack:
     """A sensor's track of one pedestrian; ``update`` is called at every update after they arrive.
 
     Args:
@@ -119,7 +119,7 @@ class Track:
         return stream(self._sensor.seed, purpose, *self._key)
 
 
-def track_from(sensor: Sensor, pair: int, vehicle: tuple[int, ...], index: int) -> Track:
+def track_from(sensor: Sensor, pair: int, vehicle: tuple[int, ...], index: int) -> SensorTrack:
     """The track of a pedestrian by the sensor of one vehicle among several.
 
     Every draw, also that of the first detection, is from a stream of this vehicle and pedestrian.
@@ -133,7 +133,7 @@ def track_from(sensor: Sensor, pair: int, vehicle: tuple[int, ...], index: int) 
     quantile = None
     if sensor.section.detection_probability < 1:
         quantile = stream(sensor.seed, "detection", pair, *vehicle, index).random()
-    return Track(sensor, pair, index, quantile, vehicle=vehicle)
+    return SensorTrack(sensor, pair, index, quantile, vehicle=vehicle)
 
 
 class Updates:
@@ -141,8 +141,8 @@ class Updates:
 
     The sensor updates at every ``update_steps``-th step.  The driver sees the result
     ``latency_steps`` later, and until the next result replaces it.  At an update the sensor detects
-    pedestrians who are in sight and within the detection range (``Track``), and adds its errors to
-    their position along the walk and to their speed.
+    pedestrians who are in sight and within the detection range (``SensorTrack``), and adds its
+    errors to their position along the walk and to their speed.
 
     The sensor makes no errors in whether they walk or stand, and whether they are on the crossing.
 
@@ -151,9 +151,9 @@ class Updates:
         new_track: makes the track of the pedestrian with this index.
     """
 
-    def __init__(self, sensor: Sensor, new_track: Callable[[int], Track]) -> None:
+    def __init__(self, sensor: Sensor, new_track: Callable[[int], SensorTrack]) -> None:
         self._sensor, self._new_track = sensor, new_track
-        self._tracks: dict[int, Track] = {}
+        self._tracks: dict[int, SensorTrack] = {}
         self._findings: deque[tuple[int, Views]] = deque()
         self._shown: Views = ()
         self._step = -1
