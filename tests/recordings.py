@@ -11,6 +11,7 @@ from harness.encounter.loop import Episode, drive
 from harness.engine.plain import PlainEngine
 from harness.results.result import Result
 from harness.scenario import Setting
+from harness.scenario.people import PedestriansSection
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
@@ -41,7 +42,7 @@ def driven(strategy, people, speed_mps):
     """Times, front bumper and speed of a strategy that meets these people, simulated anew."""
     vehicle = Vehicle(speed_mps, 30.0, 30.0, LENGTH_M, 1.8, 3.0, 4.5, 1.0)
     crossing = crossing_of(people)
-    rules = CellConstants(vehicle, crossing, 0.0, 0.1, 60.0, "constant")
+    rules = CellConstants(vehicle, crossing, PedestriansSection(kerb_wait_s=0.0), 0.1, 60.0)
     arrivals = []
     for person in people:
         side = Side.NEAR if person.y_mps > 0 else Side.FAR

@@ -11,9 +11,9 @@ _SHIPPED = ", ".join(sorted(file.stem for file in shipped_directory("scenarios")
 _SCENARIO = f"A scenario file (TOML), or the name of a shipped scenario: {_SHIPPED}."
 _SET = "Change a key of the scenario, e.g. --set ego.initial_speed_mps=8. Repeatable."
 _VARY = (
-    "Vary a key over values, e.g. --vary pedestrians.flow_per_hour=50,100 "
-    "--vary strategies.soft_yield.p1=0,0.02,0.04. Repeatable: cells form the full grid. It replaces "
-    "the [sweep] of the scenario file."
+    "Vary a key, e.g. --vary pedestrians.flow_per_hour=50,100 "
+    "--vary strategies.soft_yield.p1=0,0.02,0.04. Repeatable: cells form the full grid. "
+    "It replaces the [sweep] of the scenario file."
 )
 
 ScenarioArgument = Annotated[str, Argument(help=_SCENARIO)]

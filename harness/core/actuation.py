@@ -1,4 +1,4 @@
-"""How a car obeys: commanded accelerations in; its speed after dead time, limits, lag and jerk out.
+"""How a car obeys: commanded accelerations in; its speed after dead time, lag and jerk out.
 
 Within a time of constant command c the acceleration follows a' = (c − a)/lag, cut to ± the jerk.
 A car whose speed reaches 0 stands: its acceleration is 0 until a positive command acts on it.

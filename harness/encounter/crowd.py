@@ -1,4 +1,4 @@
-"""The pedestrians of an encounter or an hour: arrivals and vehicles in, walks out."""
+"""The pedestrians of an encounter: arrivals and vehicles in; when they step off, and walks, out."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -82,7 +82,7 @@ class Crowd:
                     continue
                 if walker.arrival.threshold_s is not None:
                     if coming is None:
-                        coming = threats(self._lanes, 0.0, self._rules.threshold)
+                        coming = threats(self._lanes, 0.0, self._rules.pedestrians.threshold)
                     self._weigh(walker, now, self._threat(walker, coming, 0.0))
                     continue
                 wait_s = self._wait_s(walker)
@@ -120,7 +120,7 @@ class Crowd:
         return [(walker.index, walker.walk_until(then)) for walker in self.walkers]
 
     def _walker(self, arrival: Arrival) -> Walker:
-        crossing, behaviour = self._rules.crossing, self._rules.behaviour
+        crossing, behaviour = self._rules.crossing, self._rules.pedestrians.behaviour
         if arrival.path is not None:
             return TimedWalker(arrival, crossing)
         if behaviour == "reactive":
@@ -135,7 +135,7 @@ class Crowd:
         elif not isinstance(walker, TimedWalker):
             blocker = None
             if arrival.threshold_s is not None:
-                coming = threats(self._lanes, elapsed_s, self._rules.threshold)
+                coming = threats(self._lanes, elapsed_s, self._rules.pedestrians.threshold)
                 blocker = self._threat(walker, coming, elapsed_s)
             blocker = blocker or self._blocker(self._wait_s(walker), elapsed_s)
             self._decide(walker, arrival.arrival_s, elapsed_s, blocker)
@@ -143,7 +143,7 @@ class Crowd:
     def _wait_s(self, walker: Walker) -> float:
         """The gap in s that a pedestrian needs."""
         critical_gap_s = walker.arrival.critical_gap_s
-        return self._rules.kerb_wait_s if critical_gap_s is None else critical_gap_s
+        return self._rules.pedestrians.kerb_wait_s if critical_gap_s is None else critical_gap_s
 
     def _blocker(self, wait_s: float, elapsed_s: float) -> Approaching | None:
         """The earliest vehicle that blocks a pedestrian who needs that gap; None without one."""
@@ -215,7 +215,7 @@ class Crowd:
         if walker.start_s is None and walker.arrival.latency_s is not None:
             # They set off now, unless the kerb rule holds them back; then they decide anew.
             time_s, walker.look_s, walker.due_s = walker.look_s, math.inf, -math.inf
-            blocker = self._blocker(self._rules.kerb_wait_s, elapsed_s)
+            blocker = self._blocker(self._rules.pedestrians.kerb_wait_s, elapsed_s)
             self._decide(walker, time_s, elapsed_s, blocker)
             return
         walked = -math.inf

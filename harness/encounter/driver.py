@@ -1,4 +1,4 @@
-"""One step of one vehicle: what its driver sees, and the command that they give within its limits.
+"""One step of one vehicle: what its driver sees, and their command within the limits of Vehicle.
 
 The step is the same in encounters, simulations, reinforcement learning, validation and checks of
 strategies.  How the vehicle obeys the command is ``core.actuation.Actuator``.

@@ -1,4 +1,4 @@
-"""A cell's episodes as aligned columns: one entry for each pair, of both arms or of the pair."""
+"""The columns that numbers are made of: stored measures, and what follows (each yes/no event)."""
 
 from collections.abc import Callable, Mapping
 from functools import cached_property

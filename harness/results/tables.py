@@ -396,8 +396,8 @@ def read_part(
         problem = f"{name} are missing: cell {cell}, pair {ends}"
         raise DamagedPartError(str(folder), problem, resume_command(folder)) from None
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:
-        reason = one_line(str(error))[:99]
-        raise DamagedPartError(str(path), f"is damaged ({reason})", again) from None
+        what = "has other columns" if isinstance(error, KeyError) else "is damaged"
+        raise DamagedPartError(str(path), f"{what} ({one_line(str(error))[:99]})", again) from None
     _check(rows, table, cell, expected, str(path))
     return rows
 

@@ -177,7 +177,9 @@ class PerceptionSection(Section):
     def is_perfect(self, step_s: float) -> bool:
         """Whether the strategy sees the ground truth at every step, apart from what is hidden."""
         every_step = self.update_s is None or self.update_s < 1.5 * step_s
-        return every_step and not self.latency_s and not self.draws
+        harmless = {"update_s", "correlation_s", "occlusion", "human"}
+        errors, none = (each.model_dump(exclude=harmless) for each in (self, PerceptionSection()))
+        return every_step and errors == none
 
 
 class ModelSection(Section):

@@ -1,4 +1,4 @@
-"""Finds the vehicles that come near a chosen crosswalk, and what lies ahead of them."""
+"""Vehicles that come near a crosswalk; the limits and SUMO's right of way ahead of them."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence

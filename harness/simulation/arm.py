@@ -1,4 +1,4 @@
-"""One arm of a pair, step by step: who drives which passage; passages, people and events out."""
+"""One arm of a pair, step by step: who drives which passage; passages and people out."""
 
 import math
 from collections import Counter, defaultdict

@@ -1,4 +1,4 @@
-"""How strategies drive vehicles over crosswalks.
+"""How strategies drive vehicles over crosswalks: commands, curves and limits ahead, and SUMO.
 
 The lowest of three speeds applies: the strategy's, that of lanes and curves ahead, and SUMO's for
 leaders and junctions.  SUMO does not mind people at the crosswalks that a strategy has taken over;

@@ -1,4 +1,4 @@
-"""Where a vehicle's body is on a crosswalk (its zone), and where SUMO keeps the right of way."""
+"""Where a vehicle's body is on a crosswalk: its zone."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -35,6 +35,7 @@ from harness.results.finding import Finding, Form, Plain
 from harness.results.notes import Note
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.scenario import Scenario, Setting, load_scenario
+from harness.scenario.people import PedestriansSection
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy
@@ -248,10 +249,9 @@ def _simulated(passage: RecordedPassage, strategy: Strategy, step_s: float) -> T
     rules = CellConstants(
         vehicle=begun if isinstance(strategy, ConstantSpeed) else passage.vehicle,
         crossing=passage.crossing,
-        kerb_wait_s=0.0,
+        pedestrians=PedestriansSection(kerb_wait_s=0.0),
         step_s=step_s,
         timeout_s=steps * step_s,
-        behaviour="constant",
     )
     arrivals = [of.arrival._replace(index=index) for index, of in enumerate(passage.people)]
     # Recorded people never ask for a walking speed.

@@ -5,6 +5,7 @@ The limits only ever fall.
 
 import ast
 import io
+import re
 import subprocess
 import sys
 import tokenize
@@ -204,6 +205,8 @@ def test_a_run_imports_only_what_it_uses(tmp_path: Path) -> None:
     assert 0 < len(names) <= IMPORTED
 
 
+NAMED = re.compile(r"`([\w./]+\.py)`")
+
 KAPPA = (
     "engine/control encounter/loop encounter/pairing measures/chunk measures/contacts "
     "measures/record studies/encounters results/rows results/tables results/columns "
@@ -219,3 +222,15 @@ def test_files_that_a_number_passes_on_its_way_to_the_screen() -> None:
         linked = imports_of(PATHS[name]) & {*names}
         linked |= {other for other in names[:at] if name in imports_of(PATHS[other])}
         assert linked, name
+
+
+def test_what_the_page_on_additions_names_exists() -> None:
+    root = Path(__file__).parents[2]
+    page = (root / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table = page.partition("## To add something")[2]
+    house = [f"/{file.relative_to(root).as_posix()}" for file in PATHS.values()]
+    files = {name: [f for f in house if f.endswith(f"/{name}")] for name in NAMED.findall(table)}
+    assert all(files.values()), files
+    for word, name in re.findall(r"`(?:\w+\.)?(\w+)`[^`|]* in `([\w./]+\.py)`", table):
+        sources = [(root / file[1:]).read_text(encoding="utf-8") for file in files[name]]
+        assert any(re.search(rf"\b{word}\b", source) for source in sources), (word, name)

@@ -1,4 +1,4 @@
-"""The sensor of an arm, which is the same in all its episodes."""
+"""Constants of an arm's sensor, from [perception] and the step; its errors are in updates.py."""
 
 import math
 from dataclasses import dataclass
