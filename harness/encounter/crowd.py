@@ -8,7 +8,7 @@ from harness.core.encounter import Arrival, Side
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.deciding import (
     Approaching,
-    LaneAhead,
+    Lane,
     Threat,
     blocking,
     keeps_waiting,
@@ -43,7 +43,7 @@ class Crowd:
     def __init__(
         self,
         arrivals: Sequence[Arrival],
-        lanes: Sequence[LaneAhead],
+        lanes: Sequence[Lane],
         choose_speed: ChooseSpeed,
         rules: CellConstants,
         leave: Callable[[int], None],

@@ -6,7 +6,7 @@ to reach the vehicle's lane.  All others obey the kerb rule.
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from statistics import NormalDist
 from typing import NamedTuple, Protocol
 
@@ -33,6 +33,14 @@ class Approaching(Protocol):
         """Its acceleration."""
 
     @property
+    def begun(self) -> bool:
+        """Whether a strategy may drive it already."""
+
+    @property
+    def passed_at_m(self) -> float:
+        """``x_m`` at which its rear has left the crosswalk."""
+
+    @property
     def passed(self) -> bool:
         """Whether its rear has left the crosswalk."""
 
@@ -41,22 +49,37 @@ class Approaching(Protocol):
         """Its constants."""
 
 
-class LaneAhead(Protocol):
-    """A lane as pedestrians see it: y of its centre, and of its two edges."""
+class Lane:
+    """A lane as pedestrians see it: y of its centre and of its two edges, and its vehicles.
 
-    centre_m: float
-    edges_m: tuple[float, float]
+    Args:
+        centre_m, width_m: where it is.
+        length_m: length of the crosswalk, beyond which no lane is.
+    """
+
+    def __init__(self, centre_m: float, width_m: float, length_m: float) -> None:
+        half_m = width_m / 2
+        self.centre_m = centre_m
+        self.edges_m = max(centre_m - half_m, 0.0), min(centre_m + half_m, length_m)
+        self.coming: Sequence[Approaching] = ()
+        """The vehicles, the first one first."""
 
     def ahead(self, elapsed_s: float) -> Iterator[tuple[float, float, Approaching]]:
         """x, speed and object of the vehicles not yet past, ``elapsed_s`` into the step, in order.
 
         It ends with the first vehicle that no strategy drives yet.
         """
-        ...
+        for each in self.coming:
+            gain = each.acceleration_mps2
+            x_m = each.x_m + each.speed_mps * elapsed_s + gain * elapsed_s**2 / 2
+            if x_m < each.passed_at_m:
+                yield x_m, each.speed_mps + gain * elapsed_s, each
+                if not each.begun:
+                    return
 
     def first(self, elapsed_s: float) -> tuple[float, float, Approaching] | None:
         """The first of the vehicles that are not yet past."""
-        ...
+        return next(self.ahead(elapsed_s), None)
 
 
 def keeps_waiting(
@@ -106,9 +129,7 @@ def effective_time_s(
     return time_s + weights.distance_weight * nearer_s + weights.slowing_weight_s * slowing
 
 
-def threats(
-    lanes: Iterable[LaneAhead], elapsed_s: float, weights: ThresholdSection
-) -> list[Threat]:
+def threats(lanes: Iterable[Lane], elapsed_s: float, weights: ThresholdSection) -> list[Threat]:
     """The next vehicle of each lane whose time to arrival is at least ``passed_s``."""
     coming = []
     for lane in lanes:

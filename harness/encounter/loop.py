@@ -5,7 +5,7 @@ trace; the loop records only what cannot be computed later.
 """
 
 import math
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -16,7 +16,6 @@ from harness.core.actuation import Actuator
 from harness.core.encounter import (
     ROUNDING,
     Arrival,
-    Crossing,
     Ending,
     Observation,
     Strategy,
@@ -27,6 +26,7 @@ from harness.core.encounter import (
 from harness.core.errors import EngineError, StrategyError
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.crowd import VIEW, Crowd
+from harness.encounter.deciding import Lane
 from harness.encounter.driver import Driver, answer_of
 from harness.encounter.walkers import ChooseSpeed
 from harness.engine.protocol import Engine
@@ -77,28 +77,18 @@ def _driven(steps: Steps, strategy: Strategy) -> Ending:
         return ending
 
 
-class _EgoLane:
-    """The ego's lane, with only the ego on it, in its last recorded state."""
+class _Ego:
+    """The ego in its last recorded state, as pedestrians see it."""
 
-    def __init__(self, crossing: Crossing, vehicle: Vehicle) -> None:
-        self.centre_m, self.passed, self.vehicle = crossing.lane_centre_m, False, vehicle
-        half_m = crossing.lane_width_m / 2
-        self.edges_m = crossing.lane_centre_m - half_m, crossing.lane_centre_m + half_m
+    begun, passed, passed_at_m = True, False, math.inf
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
         self.at(0.0, 0.0, 0.0)
 
     def at(self, x_m: float, speed_mps: float, acceleration_mps2: float) -> None:
         """Record the ego's state at the beginning of a step."""
         self.x_m, self.speed_mps, self.acceleration_mps2 = x_m, speed_mps, acceleration_mps2
-
-    def ahead(self, elapsed_s: float) -> "Iterator[tuple[float, float, _EgoLane]]":
-        """See ``LaneAhead.ahead``."""
-        yield self.first(elapsed_s)
-
-    def first(self, elapsed_s: float) -> "tuple[float, float, _EgoLane]":
-        """See ``LaneAhead.first``: until the episode ends the ego has not passed."""
-        gain = self.acceleration_mps2
-        x = self.x_m + self.speed_mps * elapsed_s + gain * elapsed_s**2 / 2
-        return x, self.speed_mps + gain * elapsed_s, self
 
 
 class Episode:
@@ -126,9 +116,10 @@ class Episode:
         perception: "Perception | None" = None,
     ) -> None:
         self.engine, self.rules, self.perception = engine, rules, perception
-        self._arrivals, self._ego = arrivals, _EgoLane(rules.crossing, rules.vehicle)
-        lanes, leave = [self._ego], engine.remove
-        self.crowd = Crowd(arrivals, lanes, choose_speed, rules, leave, look_back=True)
+        self._arrivals, self._ego, road = arrivals, _Ego(rules.vehicle), rules.crossing
+        lane = Lane(road.lane_centre_m, road.lane_width_m, road.length_m)
+        lane.coming = [self._ego]
+        self.crowd = Crowd(arrivals, [lane], choose_speed, rules, engine.remove, look_back=True)
         self.x_m: list[float] = []
         self.speed_mps: list[float] = []
         self.places: list[tuple[int, float]] = []

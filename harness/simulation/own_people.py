@@ -13,13 +13,14 @@ import numpy as np
 from harness.core.encounter import Crossing, FloatArray, Side, Walk
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.crowd import Crowd
+from harness.encounter.deciding import Lane
 from harness.encounter.walkers import ChooseSpeed, Walker
 from harness.engine.session import Session
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.simulation.cars import Car, Passage
 from harness.simulation.setup import CAR_M, Setup
 from harness.site.town import Crosswalk
-from harness.site.zone import Zone, zone_of
+from harness.site.zone import zone_of
 
 HELD_M = 0.05
 """The harness's people are moved in SUMO only this far from both kerbs."""
@@ -68,38 +69,6 @@ class Walked:
         return found
 
 
-class SeenLane:
-    """The vehicles of one connection as the harness's people see them.
-
-    Args:
-        zone: the zone of SUMO's car on that connection.
-    """
-
-    def __init__(self, zone: Zone) -> None:
-        self.centre_m = zone.y_of(zone.crossing.lane_centre_m)
-        half_m = zone.crossing.lane_width_m / 2
-        self.edges_m = (
-            max(self.centre_m - half_m, 0.0),
-            min(self.centre_m + half_m, zone.crossing.length_m),
-        )
-        self.coming: list[Passage] = []
-        """The vehicles, the first one first."""
-
-    def ahead(self, elapsed_s: float) -> Iterator[tuple[float, float, "Passage"]]:
-        """See ``LaneAhead.ahead``."""
-        for each in self.coming:
-            gain = each.acceleration_mps2
-            x_m = each.x_m + each.speed_mps * elapsed_s + gain * elapsed_s**2 / 2
-            if x_m < each.passed_at_m:
-                yield x_m, each.speed_mps + gain * elapsed_s, each
-                if not each.begun:
-                    return
-
-    def first(self, elapsed_s: float) -> "tuple[float, float, Passage] | None":
-        """See ``LaneAhead.first``."""
-        return next(self.ahead(elapsed_s), None)
-
-
 class OwnPeople:
     """The harness's people at one crosswalk.
 
@@ -125,11 +94,13 @@ class OwnPeople:
         self._cars = cars
         self._footpaths = [setup.town.footpath(crosswalk, end) for end in range(2)]
         self.arrivals = setup.arrivals(pair, crosswalk.id)
-        self._lanes: dict[str, SeenLane] = {}
+        self._lanes: dict[str, Lane] = {}
         for connection in crosswalk.connections:
             zone = zone_of(setup.town.path(connection), crosswalk, *CAR_M)
             if zone is not None:
-                self._lanes[connection.id] = SeenLane(zone)
+                road = zone.crossing
+                centre_m = zone.y_of(road.lane_centre_m)
+                self._lanes[connection.id] = Lane(centre_m, road.lane_width_m, road.length_m)
         length_m, lanes = crosswalk.length_m, [*self._lanes.values()]
         self._road = Crossing(length_m, crosswalk.width_m, length_m / 2, length_m)
         car = setup.vehicle(*CAR_M, *_CAR_MPS2)

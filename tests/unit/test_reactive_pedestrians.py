@@ -1,6 +1,5 @@
 """Pedestrians who look again every second: when they look, what they do, what is kept of it."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
@@ -8,7 +7,7 @@ import pytest
 from harness.core.encounter import Arrival, Ending, Side, Walk
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.crowd import Crowd
-from harness.encounter.deciding import Approaching
+from harness.encounter.deciding import Lane
 from harness.measures import measure
 from harness.results.rows import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, validate
@@ -109,20 +108,12 @@ def test_stops_before_the_cars_way_if_it_would_hit_him() -> None:
     assert record.min_gap_m == pytest.approx(6.0 - (2.25 + 0.9) - 0.25)
 
 
-class EmptyLane:
-    centre_m, edges_m = 2.25, (0.5, 4.0)
-
-    def ahead(self, _elapsed_s: float) -> Iterator[tuple[float, float, Approaching]]:
-        return iter(())
-
-    def first(self, _elapsed_s: float) -> None:
-        return None
-
-
 def test_who_sees_no_vehicle_walks_on() -> None:
     gone: list[int] = []
     people = [Arrival(0, 0.0, Side.NEAR, 0.5)]
-    crowd = Crowd(people, [EmptyLane()], lambda *_: 1.2, constants_of(scene()), gone.append)
+    crowd = Crowd(
+        people, [Lane(2.25, 3.5, 9.0)], lambda *_: 1.2, constants_of(scene()), gone.append
+    )
     for step in range(100):
         crowd.begin_step(step / 10)
         crowd.advance(step / 10, (step + 1) / 10)
