@@ -102,10 +102,10 @@ class Measured:
     pet_s: float | None = _measured(
         conflicts.pet_s,
         "s",
-        "time between the first road user's exit from the conflict area and the second's entry, "
-        "smallest over the pedestrians who stepped off before the record's end; the area is the "
-        "ego's width × the disc, at the pedestrian's x; pedestrians continue after the record's "
-        "end; 0 if both are in it at once without touching (at a corner)",
+        "time between the first road user's exit from the conflict area and the second's entry; "
+        "smallest over the pedestrians who stepped off before the record's end, who keep walking "
+        "after it; the area is the ego's width × the disc, at the pedestrian's x; 0 if both are in "
+        "the area at once without touching (at a corner)",
         about="conflict",
         undefined_when="crash, or one of the two never enters",
         worse="small",
@@ -182,9 +182,8 @@ class Measured:
         prevention.avoidable,
         "",
         "whether full braking (`max_deceleration_mps2`) from the moment at which the pedestrian "
-        "stepped off would have prevented the contact, if they walk as in the run; with "
-        "`[actuation]` the brakes obey as late as in the run; solved exactly, a lag in pieces of "
-        "at most 10 ms",
+        "stepped off would have prevented the contact, if the pedestrian walks as in the "
+        "run; with `[actuation]` the brakes obey as late as in the run",
         about="conflict",
         undefined_when="no contact",
         source="after UN Regulation 157: was the collision preventable?",
@@ -193,7 +192,7 @@ class Measured:
         efficiency.pedestrian_delay_s,
         "s",
         "mean wait at the kerb, until stepping off or the record's end, of those who arrived "
-        "within the record, without timed pedestrians",
+        "within the record; timed pedestrians do not count",
         about="comfort",
         undefined_when="nobody arrived",
         worse="large",
@@ -202,7 +201,7 @@ class Measured:
     arrivals: int = _measured(
         efficiency.arrivals,
         "",
-        "number of pedestrians who arrived within the record, without timed pedestrians",
+        "number of pedestrians who arrived within the record; timed pedestrians do not count",
         about="other",
     )
     pass_time_ignoring_contact_s: float | None = _measured(
@@ -222,10 +221,9 @@ class Measured:
     avoidable_attentive: bool | None = _measured(
         prevention.avoidable_attentive,
         "",
-        "whether an attentive human driver would have avoided the contact: from the moment at "
-        "which the pedestrian stepped off they keep the speed for 1.15 s, then brake with a jerk "
-        "of 12.65 m/s³ up to 0.774 g or `max_deceleration_mps2`, whichever is less; in pieces of "
-        "at most 10 ms, positions within 1 µm",
+        "whether an attentive human driver would have avoided the contact; from the moment at "
+        "which the pedestrian stepped off this driver keeps the speed for 1.15 s, then brakes with "
+        "a jerk of 12.65 m/s³ up to 0.774 g or `max_deceleration_mps2`, whichever is less",
         about="conflict",
         undefined_when="no contact",
         source="UN Regulation 157: the competent and careful human driver",
