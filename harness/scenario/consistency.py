@@ -191,9 +191,6 @@ def _check_simulation(scenario: Scenario) -> None:
         for key in _changed(section, type(section)(), others):
             problem = f"cannot be combined with [simulation], {why}"
             raise InputError(f"{name}.{key}", problem, ", ".join(kept) or "simulation.crossings")
-    if isinstance(scenario.pedestrians.flow_per_hour, tuple):
-        problem = "a list is not supported with [simulation]"
-        raise InputError("pedestrians.flow_per_hour", problem, "one flow")
     begin_s, end_s = simulation.begin, simulation.end
     if begin_s is not None and end_s is not None and end_s <= begin_s:
         allowed = f"after simulation.begin = {begin_s:g} s"

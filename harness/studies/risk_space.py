@@ -176,8 +176,8 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     """The random inputs of one arm's episodes.
 
     Raises:
-        InputError: the scenario has a varying flow, groups or drawn pedestrians, or nothing in an
-            episode is random.
+        InputError: the scenario has groups or drawn pedestrians, or nothing in an episode is
+            random.
     """
     people, perception = scenario.pedestrians, scenario.perception
     for key, odd, allowed in (
