@@ -127,7 +127,8 @@ class Actuator:
                 response, and the car's acceleration was that of the cut.
         """
         if self._at_once:
-            return max(0.0, speed_mps + command_mps2 * self._step_s)
+            speed_mps += command_mps2 * self._step_s
+            return speed_mps if speed_mps > 0 else 0.0
         if abs(speed_mps - self._state.speed_mps) > CUT_MPS:
             gain = (speed_mps - self._before_mps) / self._step_s
             self._state = CarState(speed_mps, gain)

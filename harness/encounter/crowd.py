@@ -2,9 +2,8 @@
 
 import math
 from collections.abc import Callable, Sequence
-from operator import methodcaller
 
-from harness.core.encounter import Arrival, Side
+from harness.core.encounter import Arrival, PedestrianView, Side
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.deciding import (
     Approaching,
@@ -22,9 +21,6 @@ from harness.encounter.walkers import (
     Walker,
     chosen_speed,
 )
-
-VIEW = methodcaller("view")
-"""A function that returns a walker's view."""
 
 
 class Crowd:
@@ -114,6 +110,13 @@ class Crowd:
                 walker.walk_until(then)
             self._next_look_s = min((walker.look_s for walker in self.walkers), default=math.inf)
         self.next_s = min(self._next_arrival_s, self._next_look_s)
+
+    def views(self) -> list[PedestrianView]:
+        """The pedestrians at the crosswalk, as a strategy sees them now."""
+        seen = []
+        for walker in self.walkers:  # a comprehension takes longer for one or two
+            seen.append(walker.view())
+        return seen
 
     def walk_until(self, then: float) -> list[tuple[int, float]]:
         """Move all pedestrians on to a time; return the index and y of each."""

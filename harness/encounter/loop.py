@@ -7,7 +7,6 @@ trace; the loop records only what cannot be computed later.
 import math
 from collections.abc import Generator, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,7 +24,7 @@ from harness.core.encounter import (
 )
 from harness.core.errors import EngineError, StrategyError
 from harness.encounter.cell_constants import CellConstants
-from harness.encounter.crowd import VIEW, Crowd
+from harness.encounter.crowd import Crowd
 from harness.encounter.deciding import Lane
 from harness.encounter.driver import Driver, answer_of
 from harness.encounter.walkers import ChooseSpeed
@@ -51,10 +50,10 @@ def drive(episode: "Episode", strategy: Strategy) -> Trace:
     """
     try:
         ending = _driven(episode.steps(), strategy)
-        trace = replace(episode.trace(ending), sumo_collision=episode.engine.end())
+        trace = episode.trace(ending, episode.engine.end())
     except EngineError as error:
         trace = failed(episode.trace(Ending.TIMED_OUT), error)
-    return replace(trace, fallback=bool(getattr(strategy, "fallback", False)))
+    return replace(trace, fallback=True) if getattr(strategy, "fallback", False) else trace
 
 
 def failed(trace: Trace, error: EngineError) -> Trace:
@@ -124,13 +123,13 @@ class Episode:
         self.speed_mps: list[float] = []
         self.places: list[tuple[int, float]] = []
         sensor = None if perception is None else self._perceived
-        self._driver = Driver(rules, rules.step_s, partial(map, VIEW, self.crowd.walkers), sensor)
+        self._driver = Driver(rules, rules.step_s, self.crowd.views, sensor)
 
     def _perceived(self, near: bool) -> Views:
         assert self.perception is not None
-        return self.perception.shown(near, self.x_m[-1], map(VIEW, self.crowd.walkers))
+        return self.perception.shown(near, self.x_m[-1], self.crowd.views())
 
-    def trace(self, ending: Ending) -> Trace:
+    def trace(self, ending: Ending, sumo_collision: bool | None = None) -> Trace:
         """The trace of what has been simulated so far, as if it ended now."""
         return Trace(
             vehicle=self.rules.vehicle,
@@ -140,6 +139,7 @@ class Episode:
             speed_mps=np.array(self.speed_mps),
             walks=tuple(walker.walk for walker in self.crowd.came),
             ending=ending,
+            sumo_collision=sumo_collision,
             shown=self._driver.shown,
         )
 

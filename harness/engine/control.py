@@ -4,7 +4,6 @@ docs/simulations.md explains the choices and has the
 measurements behind them.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
@@ -48,7 +47,8 @@ class SumoEngine:
         self._frame = RoadFrame.of(crossing.bearing_deg, crossing.length_m)
         self._session, self._api, self._lost = session, session.api, session.lost
         self.closed = self.automated = False
-        self._advance, self._get_speed = session.advance, session.vehicles.speed_mps
+        self._advance, self._collisions = session.advance, session.collisions
+        self._get_speed = session.vehicles.speed_mps
         self._set_speed, self._get_distance = (
             session.vehicles.set_speed,
             session.vehicles.odometer_m,
@@ -70,7 +70,7 @@ class SumoEngine:
         self._episode = 0
         self._ego = ""
         self._set_mps: float | None = None
-        """The speed that was last set."""
+        """The speed that was last set; it is not read back before the end."""
         self.people = HeldPeople(session, self._frame, crossing.length_m)
         self._api.route.add("drive", EGO_EDGES)
         self._limit_speed(EGO_EDGES, scenario.speed_limit_mps)
@@ -85,32 +85,36 @@ class SumoEngine:
         people.begin(arrivals, self._episode)
         with self._watched("could not set up the episode"):
             # Persons exist only after a step, so they are inserted a step before the ego.
-            people.before_step((), 2 * self._step_s)
+            people.announce(2 * self._step_s)
             self._advance()
             people.after_step()
             self._insert_ego()
-            people.before_step((), -math.inf)
+            people.place(())
             self._advance()
-            self._commanded = self._get_speed(self._ego)
-            return self._start_x_m + self._get_distance(self._ego), self._commanded
+            x = self._start_x_m + self._get_distance(self._ego)
+            return x, self._get_speed(self._ego)
 
     def step(self, speed_mps: float, pedestrians: Sequence[tuple[int, float]]) -> float:
         """See ``Engine.step``."""
-        people = self.people
+        people, ego = self.people, self._ego
         try:
             if speed_mps != self._set_mps:  # SUMO keeps the speed that was last set
-                self._set_speed(self._ego, speed_mps)
+                self._set_speed(ego, speed_mps)
                 self._set_mps = speed_mps
-            announced = people.before_step(pedestrians, (self._steps + 3) * self._step_s)
-            self._advance()
+            people.place(pedestrians)
+            until_s = (self._steps + 3) * self._step_s
             self._steps += 1
-            if announced:
+            if people.next_s <= until_s:
+                people.announce(until_s)
+                self._advance()
                 people.after_step()
-            x = self._start_x_m + self._get_distance(self._ego)
+            else:
+                self._advance()
+            x = self._start_x_m + self._get_distance(ego)
             if x > self._collisions_from_m and people.ids:
-                self._note_collisions()
-            # A set speed is not read back at every step; ``end`` checks that SUMO kept it.
-            self._commanded = speed_mps
+                # SUMO also lists two persons who pass each other.
+                for collision in self._collisions():
+                    self._collided |= collision.collider == ego
             return x
         except self._lost as error:
             raise EngineError(f"SUMO failed during the episode: {error}") from None
@@ -126,7 +130,7 @@ class SumoEngine:
         with self._watched("could not clear the road"):
             self.people.clear()
             if self._ego in self._api.vehicle.getIDList():
-                kept = self._get_speed(self._ego) == self._commanded
+                kept = self._set_mps in (None, self._get_speed(self._ego))
                 self._api.vehicle.remove(self._ego)
                 if not kept:
                     raise EngineError("SUMO did not keep the speed that was set")
@@ -161,9 +165,3 @@ class SumoEngine:
         self._api.vehicle.add(self._ego, "drive", typeID=kind, **self._departing)
         self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
         self._api.vehicle.setLaneChangeMode(self._ego, 0)
-
-    def _note_collisions(self) -> None:
-        # SUMO also lists two persons who pass each other; only collisions of the ego count.
-        for collision in self._api.simulation.getCollisions():
-            if collision.collider == self._ego:
-                self._collided = True

@@ -38,34 +38,39 @@ class HeldPeople:
         self._kerb_m = {Side.NEAR: 0.0, Side.FAR: length_m}
         self.ids: dict[int, str] = {}
         """SUMO's ids of the pedestrians in the simulation, by index."""
+        self.next_s = math.inf
+        """Arrival of the next pedestrian who is not yet announced."""
         self._waiting: dict[int, tuple[float, float]] = {}
         self._coming: dict[int, tuple[float, float]] = {}
 
     def begin(self, arrivals: Sequence[Arrival], run: int) -> None:
         """Begin an episode or hour with these arrivals; their ids contain its number ``run``."""
         self._arrivals, self._run, self._announced = arrivals, run, 0
-        self._next_s = arrivals[0].arrival_s if arrivals else math.inf
+        self.next_s = arrivals[0].arrival_s if arrivals else math.inf
         self._waiting.clear()
         self._coming.clear()
 
-    def before_step(self, places: Sequence[tuple[int, float]], until_s: float) -> bool:
-        """Set all positions at the step's end, and add the pedestrians who arrive by ``until_s``.
+    def place(self, places: Sequence[tuple[int, float]]) -> None:
+        """Move pedestrians to their positions; other announced pedestrians stay at their kerbs."""
+        origin_x, origin_y, across_x, across_y = self._line
+        move, ids, waiting = self._move, self.ids, self._waiting
+        for index, y in places:
+            x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
+            move(ids[index], "", x_net, y_net, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
+            if waiting:
+                waiting.pop(index, None)
+        for index, (x_net, y_net) in waiting.items():
+            move(ids[index], "", x_net, y_net, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
 
-        Returns:
-            Whether pedestrians were added; then ``after_step`` has to be called.
-        """
-        if places or self._waiting:
-            self._place(places)
-        if self._next_s > until_s:
-            return False
-        while self._next_s <= until_s:
+    def announce(self, until_s: float) -> None:
+        """Insert the pedestrians who arrive by ``until_s``; after the step they are waiting."""
+        while self.next_s <= until_s:
             arrival = self._arrivals[self._announced]
             self._announced += 1
             coming = self._announced < len(self._arrivals)
-            self._next_s = self._arrivals[self._announced].arrival_s if coming else math.inf
+            self.next_s = self._arrivals[self._announced].arrival_s if coming else math.inf
             self._add(arrival.index, arrival.side)
             self._coming[arrival.index] = self._first_place(arrival)
-        return True
 
     def after_step(self) -> None:
         """Note that the announced pedestrians now exist in SUMO."""
@@ -95,15 +100,3 @@ class HeldPeople:
         if arrival.path is not None:
             return self._to_network(arrival.path[0].x_m, arrival.path[0].y_m)
         return self._to_network(0.0, self._kerb_m[arrival.side])
-
-    def _place(self, places: Sequence[tuple[int, float]]) -> None:
-        """Move pedestrians to their positions; other announced pedestrians stay at their kerbs."""
-        origin_x, origin_y, across_x, across_y = self._line
-        move, ids, waiting = self._move, self.ids, self._waiting
-        for index, y in places:
-            x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
-            move(ids[index], "", x_net, y_net, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
-            if waiting:
-                waiting.pop(index, None)
-        for index, (x_net, y_net) in waiting.items():
-            move(ids[index], "", x_net, y_net, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)

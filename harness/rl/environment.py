@@ -3,7 +3,6 @@
 import math
 import weakref
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -174,7 +173,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         info: dict[str, Any] = {}
         if ending is not None:
             info["ending"] = ending.value
-            self._finished = replace(episode.trace(ending), sumo_collision=self._end())
+            self._finished = episode.trace(ending, self._end())
         crossed, crashed = ending is Ending.CROSSED, ending is Ending.CRASHED
         reward = float(self._reward(Transition(before, wanted, after, crossed, crashed)))
         vector = observation_vector(self._seen, self._nearest)
@@ -193,7 +192,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         from harness.report.top_view import top_view
 
         vehicle, crossing = self._seen.vehicle, self._seen.crossing
-        views = [walker.view() for walker in self._episode.crowd.walkers]
+        views = self._episode.crowd.views()
         people_y_m = [crossing.place_of(view.side, view.remaining_m) for view in views]
         return top_view(vehicle, crossing, self._episode.x_m[-1], people_y_m)
 

@@ -122,7 +122,7 @@ class PeopleAt:
         if self._now is None:
             self._now = [*map(self._view, self._here.values())]
             if self.own is not None:
-                self._now += [walker.view() for walker in self.own.crowd.walkers]
+                self._now += self.own.crowd.views()
             self._views.clear()
         if not self._now:
             return ()
