@@ -8,6 +8,7 @@ import copy
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,9 @@ CONFIDENCE = 0.95
 RESAMPLES, FEWEST_RESAMPLES = 4_999, 1_999
 """Bootstrap resamples: the first number up to 4,000 values, the second from 10,000 values on."""
 
-_DRAWS_IN_MEMORY = 2_000_000
+_DRAWS_IN_MEMORY, _KEPT = 2_000_000, 10_000
+"""Draws of a batch, and the most values whose resamples are kept (20 MB)."""
+
 _RESAMPLES_BEYOND = 20
 """At least this many resamples lie beyond each limit of an interval."""
 
@@ -281,11 +284,8 @@ def _of_means(
         return without
     with np.errstate(divide="ignore", invalid="ignore"):
         left_out = of((n * means[:, None] - columns) / (n - 1))
-        drawn_means = (
-            np.array([column.take(drawn).mean(-1) for column in columns])
-            for drawn in _draws(n, sampling)
-        )
-        resampled = np.concatenate([of(each) for each in drawn_means])
+        resamples = (_kept if n <= _KEPT else _resamples)(n, sampling.rng, sampling.confidence)
+        resampled = np.concatenate([of(columns @ times.T / n) for times in resamples])
     if not (np.isfinite(left_out).all() and np.isfinite(resampled).all()):
         return without
     # Sums of the same values in another order differ only in their last bits.
@@ -304,15 +304,20 @@ def _of_means(
     return Finding(value, float(low), float(high), informing, reliable=True)
 
 
-def _draws(n: int, sampling: Sampling) -> Iterator[np.ndarray]:
-    """Indices of the pairs in each resample, in batches of shape (some, n).
+def _resamples(n: int, rng: np.random.Generator, confidence: float) -> Iterator[np.ndarray]:
+    """How many times each pair is in each resample, in batches of shape (some, n).
 
     The generator is copied and keeps its state, so the same values always have the same interval.
     """
-    rng = copy.deepcopy(sampling.rng)
-    assert rng is not None
-    beyond = round(_RESAMPLES_BEYOND / ((1 - sampling.confidence) / 2))
+    beyond = round(_RESAMPLES_BEYOND / ((1 - confidence) / 2))
     total = max(FEWEST_RESAMPLES, min(RESAMPLES, 20_000_000 // n), beyond)
-    batch = max(1, _DRAWS_IN_MEMORY // n)
-    for begin in range(0, total, batch):
-        yield rng.integers(0, n, size=(min(batch, total - begin), n))
+    rng, batch = copy.deepcopy(rng), max(1, _DRAWS_IN_MEMORY // n)
+    for some in (min(batch, total - begin) for begin in range(0, total, batch)):
+        drawn = rng.integers(0, n, size=(some, n)) + n * np.arange(some)[:, None]
+        yield np.bincount(drawn.ravel(), minlength=some * n).reshape(some, n).astype(np.uint8)
+
+
+@lru_cache(maxsize=2)
+def _kept(n: int, rng: np.random.Generator, confidence: float) -> tuple[np.ndarray, ...]:
+    """The resamples, which most numbers of a cell share."""
+    return tuple(_resamples(n, rng, confidence))
