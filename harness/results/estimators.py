@@ -22,7 +22,7 @@ CONFIDENCE = 0.95
 RESAMPLES, FEWEST_RESAMPLES = 4_999, 1_999
 """Bootstrap resamples: the first number up to 4,000 values, the second from 10,000 values on."""
 
-_DRAWS_IN_MEMORY, _KEPT = 2_000_000, 10_000
+_DRAWS_IN_MEMORY, _KEPT = 500_000, 10_000
 """Draws of a batch, and the most values whose resamples are kept (20 MB)."""
 
 _RESAMPLES_BEYOND = 20
