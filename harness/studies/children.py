@@ -186,9 +186,9 @@ os.register_at_fork(after_in_child=_forget)
 
 
 def start_children(number: int) -> None:
-    """Start child processes, which import what they need while this process goes on."""
+    """Have so many child processes, which import what they need while this process goes on."""
     with _lock:
-        _idle.extend(Child() for _ in range(number))
+        _idle.extend(Child() for _ in range(number - len(_children)))
 
 
 def stop_children(owner: Event | None = None) -> None:
