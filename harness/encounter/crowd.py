@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 
-from harness.core.encounter import Arrival, PedestrianView, Side
+from harness.core.encounter import Arrival, Side, Views
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.deciding import (
     Approaching,
@@ -111,12 +111,12 @@ class Crowd:
             self._next_look_s = min((walker.look_s for walker in self.walkers), default=math.inf)
         self.next_s = min(self._next_arrival_s, self._next_look_s)
 
-    def views(self) -> list[PedestrianView]:
+    def views(self) -> Views:
         """The pedestrians at the crosswalk, as a strategy sees them now."""
         seen = []
         for walker in self.walkers:  # a comprehension takes longer for one or two
             seen.append(walker.view())
-        return seen
+        return tuple(seen)
 
     def walk_until(self, then: float) -> list[tuple[int, float]]:
         """Move all pedestrians on to a time; return the index and y of each."""

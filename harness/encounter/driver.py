@@ -5,7 +5,7 @@ strategies.  How the vehicle obeys the command is ``core.actuation.Actuator``.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from numbers import Real
 from typing import Protocol
 
@@ -14,7 +14,6 @@ from harness.core.encounter import (
     Crossing,
     EgoView,
     Observation,
-    PedestrianView,
     Strategy,
     Vehicle,
     Views,
@@ -50,7 +49,7 @@ class Driver:
         self,
         way: Way,
         step_s: float,
-        truth: Callable[[], Iterable[PedestrianView]],
+        truth: Callable[[], Views],
         sensor: Callable[[bool], Views] | None = None,
     ) -> None:
         self._way, self._step_s, self._truth, self._sensor = way, step_s, truth, sensor
@@ -72,7 +71,7 @@ class Driver:
         way = self._way
         near = -self._detection_m <= range_m <= self._detection_m
         if self._sensor is None:
-            seen = tuple(self._truth()) if near else ()
+            seen = self._truth() if near else ()
         else:
             seen = self._sensor(near)
             self._shown.append(seen)
