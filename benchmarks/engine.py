@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import libsumo
-import psutil
 import pyarrow.parquet as pq
 from rich.console import Console
 from rich.table import Table
@@ -97,14 +96,14 @@ class HarnessArm:
         pairs = range(self._next, self._next + episodes)
         self._next = pairs.stop
         self._model.spent_s = 0.0
-        begin = used_s()
+        begin = time.process_time()
         planned = {pair: self._runner._people(pair) for pair in pairs}
         traces: list[Trace] = []
         for pair, people in planned.items():
             traces.append(self._runner._run_arm(Arm.AV, pair, people))
-        simulated = used_s()
+        simulated = time.process_time()
         measure(traces)
-        end = used_s()
+        end = time.process_time()
         steps = [len(trace.x_m) - 1 for trace in traces]
         return Cost(end - begin, steps, self._model.spent_s, end - simulated)
 
@@ -122,7 +121,7 @@ class Bare:
 
     def turn(self, steps: Sequence[int]) -> Cost:
         """Episodes of so many steps, in the simulation that is open in this process."""
-        begin = used_s()
+        begin = time.process_time()
         for count in steps:
             self._number += 1
             person, ego = f"person-{self._number}", f"vehicle-{self._number}"
@@ -145,13 +144,7 @@ class Bare:
             libsumo.vehicle.remove(ego)
             if person in libsumo.person.getIDList():
                 libsumo.person.remove(person)
-        return Cost(used_s() - begin, steps)
-
-
-def used_s() -> float:
-    """Processor time of this process and of the SUMO processes it has started, so far."""
-    children = [process.cpu_times() for process in psutil.Process().children()]
-    return time.process_time() + sum((times.user + times.system for times in children), 0.0)
+        return Cost(time.process_time() - begin, steps)
 
 
 @contextmanager
@@ -200,12 +193,12 @@ def beside_restarts(turns: int) -> tuple[list[Cost], list[Cost]]:
             return engines[-1]
 
         arm = HarnessArm(AV, fresh)
-        begin, steps = used_s(), list[int]()
+        begin, steps = time.process_time(), list[int]()
         for _ in range(TURN):
             engines.pop().close()
             arm.forget_engine()
             steps += arm.turn(1).steps
-        started.append(Cost(used_s() - begin, steps))
+        started.append(Cost(time.process_time() - begin, steps))
         engines.pop().close()
     return kept, started
 
