@@ -388,7 +388,7 @@ def read_part(
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             if (file.schema_arrow.metadata or {}).get(_DIGEST) != manifest["digest"].encode():
                 raise InputError(str(path), "belongs to another run", "the parts of this run")
-            rows = file.read().select(table.schema.names)
+            rows = file.read(use_threads=False).select(table.schema.names)
         rows = rows.replace_schema_metadata().cast(table.schema)
         rows.validate(full=True)
     except FileNotFoundError:
