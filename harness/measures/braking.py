@@ -15,7 +15,7 @@ from harness.measures.ego import IntArray
 def max_deceleration_mps2(chunk: Chunk) -> FloatArray:
     """Largest −Δv/Δt over the steps of the record in m/s²; 0 if it never braked."""
     ego = chunk.ego
-    trace, state = chunk.record_steps()
+    trace, state = chunk.record_steps
     largest = np.zeros(len(chunk.traces))
     np.maximum.at(largest, trace, ego.speed_mps[state] - ego.speed_mps[state + 1])
     return largest / chunk.step_s
@@ -98,7 +98,7 @@ def _on_course_with_front(chunk: Chunk) -> np.ndarray:
 def _comfort(chunk: Chunk) -> tuple[IntArray, FloatArray, FloatArray]:
     """For every step of the records: its episode, Δv/Δt, and its change from the step before."""
     ego, step_s = chunk.ego, chunk.step_s
-    trace, state = chunk.record_steps()
+    trace, state = chunk.record_steps
     acceleration = (ego.speed_mps[state + 1] - ego.speed_mps[state]) / step_s
     before = np.concatenate(([0.0], acceleration[:-1]))[: len(acceleration)]
     before[state == ego.first[trace]] = 0.0

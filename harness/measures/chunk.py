@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from harness.measures.motion.contact import time_to_collision
 from harness.measures.steps import Legs, Rows, legs_of, rows_of
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Chunk:
     """Traces with the same vehicle, crossing and step, and arrays computed from them.
 
@@ -61,6 +62,7 @@ class Chunk:
         """(length, y of the right side, y of the left side) of the ego in m."""
         return body_of(self.traces[0])
 
+    @cached_property
     def record_steps(self) -> tuple[IntArray, IntArray]:
         """Number of the episode and index of the state in ``ego`` of every step."""
         trace = np.repeat(np.arange(len(self.traces)), self.steps)

@@ -38,7 +38,7 @@ def stopped_s(chunk: Chunk) -> FloatArray:
 
 def max_speed_mps(chunk: Chunk) -> FloatArray:
     """Largest speed within the record, in m/s; NaN without a step."""
-    trace, state = chunk.record_steps()
+    trace, state = chunk.record_steps
     before, after = chunk.ego.speed_mps[state], chunk.ego.speed_mps[state + 1]
     # The record ends within its last step, in which the speed is linear.
     number = state - chunk.ego.first[trace]
@@ -79,7 +79,7 @@ def _arrivals(chunk: Chunk) -> Iterator[tuple[int, Walk, float]]:
 
 def _standing(chunk: Chunk) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """For every step: its episode, and whether the ego stands at its beginning and at its end."""
-    trace, state = chunk.record_steps()
+    trace, state = chunk.record_steps
     # The first step at a0 often ends at 0.1 m/s, up to rounding.
     standing = chunk.ego.speed_mps < STANDING_MPS - ROUNDING
     return trace, standing[state], standing[state + 1]
