@@ -22,7 +22,7 @@ def network(
     settings: options.SetOption = None,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Build the scenario's SUMO network and its plain-XML sources."""
+    """Build a scenario's SUMO network and its plain-XML sources."""
     from harness.scenario import read_scenario_file
 
     file = read_scenario_file(scenario, options.settings_of(settings))
@@ -38,14 +38,16 @@ def crossings(
     file: Annotated[Path, Argument(help="A SUMO configuration (.sumocfg).")],
     write: options.WriteOption = None,
     edge: options.EdgeOption = None,
-    every: Annotated[bool, Option("--all", help="List those that are not usable, too.")] = False,
+    every: Annotated[
+        bool, Option("--all", help="Also list crosswalks that cannot be used.")
+    ] = False,
     as_json: options.JsonOption = False,
 ) -> None:
     """List the crosswalks of a SUMO configuration.
 
-    It is simulated once, untouched, to count who passes per hour; usable crosswalks
-    with most vehicles and people come first. --write simulates nothing: strategies drive in your
-    configuration, at the crosswalks of --edge.
+    One simulation counts the vehicles and people per hour at each crosswalk; usable crosswalks with
+    most of them come first. --write simulates nothing: it writes a scenario in which strategies
+    drive at the crosswalks of --edge.
     """
     from harness.engine.installation import scratch_folder
     from harness.simulation.listing import crossings_of, scenario_text
@@ -94,7 +96,7 @@ def strategies(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """List the strategies and their parameters; --check STRATEGY checks one."""
+    """List strategies with their parameters, or check one (--check)."""
     if check is None:
         if settings:
             raise InputError("--set", "needs --check", "--check STRATEGY --set KEY=VALUE")

@@ -22,14 +22,14 @@ def run(
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
     workers: options.WorkersOption = None,
-    traces: Annotated[bool, Option("--traces", help="Keep every time step.")] = False,
+    traces: Annotated[bool, Option("--traces", help="Keep the state at every step.")] = False,
     engine: options.EngineOption = "sumo",
     dask: options.DaskOption = None,
     full: options.FullOption = False,
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Run every pair with the AV and again with the human driver; with --vary, every cell."""
+    """Run every pair of every cell with the AV and the reference."""
     from harness.studies import children, workers as local
 
     if dask is None:
@@ -70,7 +70,7 @@ def resume(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Continue an interrupted run or risk."""
+    """Continue an interrupted run or risk estimate."""
     from harness.results.folder import read_manifest
     from harness.scenario.study import study_from
     from harness.studies import risk as risks, run as runs
@@ -90,7 +90,7 @@ def risk(
     scenario: options.ScenarioArgument,
     event: options.EventOption = "crashed",
     arm: options.ArmOption = "av",
-    target_cv: Annotated[float, Option(help="Target of standard error / probability.")] = 0.1,
+    target_cv: Annotated[float, Option(help="Target: standard error / probability.")] = 0.1,
     out: options.OutOption = None,
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
@@ -101,7 +101,7 @@ def risk(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Estimate how probable a rare event is in an episode."""
+    """Estimate the probability of a rare event in an episode."""
     from harness.core.encounter import Arm
     from harness.scenario import read_scenario_file, study_of
     from harness.studies.risk import risk as estimate

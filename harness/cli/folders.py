@@ -24,7 +24,7 @@ def show(
     full: options.FullOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Show the screen of a run or risk again."""
+    """Print the screen of a run or risk estimate again."""
     show_result(_result_of(run_folder), full, False, as_json)
 
 
@@ -53,7 +53,7 @@ def report(
     kappa0: options.Kappa0Option = None,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Write one HTML page: results, figures and a player for episodes.  It needs no network."""
+    """Write one HTML page: results, figures, a player of episodes."""
     from harness.report.page import write_page
     from harness.results.run import load_run
     from harness.results.tables import EVENTS
@@ -95,7 +95,7 @@ def compare(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Compare strategies pair by pair, within or between runs.
+    """Compare strategies pair by pair, within a run or between runs.
 
     With --mu0 and --kappa0 the values of a swept parameter are judged.
     """
@@ -116,12 +116,12 @@ def worst(
     by: options.ByOption = "pet_s",
     most: Annotated[int, Option("-n", help="Number of episodes.", metavar="N")] = 20,
     arm: options.ArmOption = "av",
-    cell: Annotated[int | None, Option(help="Only this cell.")] = None,
+    cell: Annotated[int | None, Option(help="List only this cell.")] = None,
     driver: options.DriverOption = None,
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """List the worst episodes, or passages of simulations, and the commands that replay them."""
+    """List the worst episodes or passages, with commands to replay."""
     from harness.results.run import load_run
     from harness.studies.worst import worst as worst_of
 
@@ -134,13 +134,13 @@ def replay(
     pair: Annotated[str, Option(help="Number of the pair, or a range: 1-20.")],
     out: options.NewFolderOption = None,
     cell: options.CellOption = 0,
-    arm: Annotated[Literal["av", "human", "both"], Option(help="Arm to repeat, or both.")] = "both",
+    arm: Annotated[Literal["av", "human", "both"], Option(help="Which arm.")] = "both",
     gui: options.GuiOption = False,
     screenshots: Annotated[Path | None, Option(help="With --gui: a new folder for PNGs.")] = None,
     debug: options.DebugOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Repeat episodes: with SUMO's output files, in sumo-gui, or in a debugger."""
+    """Simulate episodes again, with SUMO's outputs or in sumo-gui."""
     if sum((gui, debug, out is not None)) > 1:
         raise InputError("--out, --gui, --debug", "cannot be combined", "one of the three")
     if screenshots is not None and not gui:
@@ -197,7 +197,7 @@ def export(
     ego: options.EgoOption = "recorded",
     as_json: options.JsonOption = False,
 ) -> None:
-    """Write an arm of a pair as OpenSCENARIO with its road as OpenDRIVE."""
+    """Write an arm of a pair as OpenSCENARIO and OpenDRIVE."""
     from harness.core.encounter import Arm
     from harness.results.run import load_run
     from harness.studies.export import export as write

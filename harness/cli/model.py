@@ -23,7 +23,10 @@ def extract(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Extract the model's variables from recorded trajectories; --set changes a rule."""
+    """Extract the model's variables from recorded trajectories.
+
+    --set changes a rule of the extraction, e.g. --set min_angle_deg=60.
+    """
     _check_target(out, ".parquet")
     from harness.model.trajectories import extraction
     from harness.studies.model_card import extraction_result
@@ -37,7 +40,7 @@ def extract(
 
 
 def fit(
-    rows: Annotated[Path, Argument(help="Rows as `harness extract` writes them.")],
+    rows: Annotated[Path, Argument(help="Rows that `harness extract` wrote.")],
     out: Annotated[Path, Option(help="File for the model (.json).")],
     components: options.ComponentsOption = "1..20",
     choose: options.ChooseOption = "held-out",
@@ -52,7 +55,7 @@ def fit(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Fit the interaction model to extracted rows, for each number of components; choose one."""
+    """Fit the interaction model to rows, and choose the number K."""
     _check_target(out, ".json")
     from harness.studies.fitting import FitSettings, components_of
     from harness.studies.model_card import fit_model
@@ -70,12 +73,17 @@ def model(
     model: Annotated[str, Argument(help="A model file, or the name of a shipped model.")],
     out: options.ResultPageOption = None,
     figures: options.FiguresOption = None,
-    rows: Annotated[Path | None, Option(help="The fitted rows, drawn beside the model.")] = None,
+    rows: Annotated[
+        Path | None, Option(help="The fitted rows, to be drawn beside the model.")
+    ] = None,
     full: options.FullOption = False,
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Show a model: its card, every K, its marginals; --out and --figures: the paper's figures."""
+    """Print a model's card; with --out, write a page with figures.
+
+    The figures are the paper's; --figures writes them as files.
+    """
     from harness.model.interaction import load_model
     from harness.studies.model_card import model_result
 
@@ -99,7 +107,7 @@ def validate(
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Compare drivers with recordings: each drives in place of the recorded driver."""
+    """Compare strategies with recorded drivers, in their place."""
     from harness.studies.validation import validate as validated
 
     with progress_bar(quiet or as_json, "drivers") as advance:

@@ -38,7 +38,7 @@ _FLIPPED = 16
 EQUAL = "the same in every pair, so it has no interval"
 FEW = "too few informative pairs for an interval"
 FEW_BEYOND = "too few values lie beyond it for an interval"
-REPEATED = "all episodes are the same one, so the share has no interval"
+REPEATED = "all episodes are equal, so the share has no interval"
 
 
 class Sampling(NamedTuple):

@@ -82,10 +82,10 @@ def _failures(cell: CellFindings) -> Iterator[Said]:
     text = f"{count:,} of {2 * cell['pairs'].count:,} episodes failed ({_by_arm(cell, 'failed')}"
     if cell.kind == "simulations":
         text = text.replace("episodes", "simulations")
-        yield Said(f"{text}). No number has their pairs.", count)
+        yield Said(f"{text}). Every number leaves their pairs out.", count)
     else:
         text += f"; by the strategy {cell.total('failed_strategy'):,}). Times and crashes leave "
-        yield Said(f"{text}them out, the worst case counts them against the AV.", count)
+        yield Said(f"{text}them out; the worst case counts them against the AV.", count)
 
 
 def _nothing_tested(cell: CellFindings) -> Iterator[Said]:
@@ -115,8 +115,8 @@ def _few_pairs(cell: CellFindings) -> Iterator[Said]:
                 few.append(pairs if equal else found.n or 0)
     if few:
         least = ", ".join(f"{number:,} ({_listed(names[number])})" for number in sorted(names))
-        text = f"Few informative pairs (fewest: {min(few):,}): unreliable (*) or missing intervals."
-        yield Said(f"{text} They are reliable from so many on: {least}.", -min(few))
+        text = "Intervals are unreliable (*) or missing: too few informative pairs "
+        yield Said(f"{text}(fewest: {min(few):,}). Needed are {least}.", -min(few))
 
 
 def _opposite(cell: CellFindings) -> Iterator[Said]:
@@ -149,7 +149,7 @@ def _fallback(cell: CellFindings) -> Iterator[Said]:
         parts.append(f"{fallback_of(strategy)} drove in {count:,} of {pairs:,} {arm} passages{met}")
         weight = max(weight, percent or 100 * count / pairs)
     if parts:
-        text = f"{'; '.join(parts)}. The strategy of the scenario had no valid plan for these."
+        text = f"{'; '.join(parts)}. The scenario's strategy had no valid plan there."
         yield Said(text, weight)
 
 
@@ -157,7 +157,7 @@ def _outside_the_model(cell: CellFindings) -> Iterator[Said]:
     shares = [(float(s), who) for who, end in cell.arms if (s := cell[f"clamped_share{end}"].value)]
     if shares:
         used = " and ".join(f"{100 * part:.3g} % ({who})" for part, who in shares)
-        text = f"The model was used outside its data, in {used} of its uses. It answered for the "
+        text = f"The model was outside its data in {used} of its uses. It answered as for the "
         yield Said(f"{text}nearest vehicle in its data.", max(part for part, _ in shares))
 
 
@@ -178,8 +178,8 @@ def _speeding(cell: CellFindings) -> Iterator[Said]:
 
 def _repeated(cell: CellFindings) -> Iterator[Said]:
     if names := [who for who, end in cell.arms if cell[f"kappa{end}"].reason == REPEATED]:
-        text = f"All {cell['pairs'].count:,} episodes are the same one ({_listed(names)}). "
-        text += "More pairs add nothing about it, and its shares have no interval."
+        text = f"All {cell['pairs'].count:,} episodes are equal ({_listed(names)}). "
+        text += "More pairs add nothing, and shares have no interval."
         yield Said(text, len(names))
 
 
@@ -213,14 +213,15 @@ def _few_hours(cell: CellFindings) -> Iterator[Said]:
     ran = cell["people_wait_s_difference"].n or 0
     if ran < RELIABLE_FROM:
         rests = f"intervals rest on {ran:,} pairs" if ran > 1 else "one pair has no intervals"
-        text = f"Few pairs: {rests}. They are reliable from {RELIABLE_FROM} pairs on."
+        text = f"Few pairs: {rests}. Intervals are reliable from {RELIABLE_FROM} pairs on."
         yield Said(text, -ran)
 
 
 def _cut_off(cell: CellFindings) -> Iterator[Said]:
     if count := cell.total("cut_off"):
         text = f"Delays leave out {count:,} passages that did not end ({_by_arm(cell, 'cut_off')})"
-        text += f". {cell.total('never_went'):,} people who never went count with the wait so far."
+        text += f". People who never stepped off ({cell.total('never_went'):,}) count with their "
+        text += "wait until the end."
         yield Said(text, count)
 
 
@@ -232,7 +233,8 @@ def _who_drove(cell: CellFindings) -> Iterator[Said]:
     of_sumo = 1 - share - (cell["share_actuator"].value or 0.0)
     text = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps."
     if left := passages - driven.count:
-        text += f" It did not drive {left:,} of {passages:,} passages: {cell['not_driven'].reason}."
+        text += f" No strategy drove {left:,} of {passages:,} AV passages: "
+        text += f"{cell['not_driven'].reason}."
     yield Said(text, of_sumo)
 
 
@@ -242,10 +244,10 @@ def _fills(cell: CellFindings) -> Iterator[Said]:
     for who, end in cell.arms:
         share, due = cell[f"growth{end}"].value, cell[f"vehicles{end}"].count / 3
         if share is not None and share > max(GROWTH, 2.33 * math.sqrt(2.5 / max(due, 1))):
-            growth[f"{100 * share:.0f} % of those who come ({who})"] = share
+            growth[f"{100 * share:.0f} % of those due in a third of the time ({who})"] = share
     if growth:
-        text = f"The roads fill: their vehicles grow by {_listed([*growth])}. A longer time would "
-        yield Said(f"{text}have longer delays.", max(growth.values()))
+        text = f"The roads fill: the number of vehicles grows by {_listed([*growth])}. A longer "
+        yield Said(f"{text}simulation would have longer delays.", max(growth.values()))
     elif count := cell.total("long_trips"):
         text = "Trips last longer than a third of the time, so it is not known whether roads fill. "
         yield Said(f"{text}Simulations with such trips: {_by_arm(cell, 'long_trips')}.", count)
@@ -253,8 +255,8 @@ def _fills(cell: CellFindings) -> Iterator[Said]:
 
 def _people_of_sumo(cell: CellFindings) -> Iterator[Said]:
     if count := cell.total("sumo_people"):
-        text = "SUMO's people go only once the car stands, so slowing down does nothing for them; "
-        yield Said(f"{text}where they have priority they do not look.", count)
+        text = "SUMO's people without priority wait until the car stands, so slowing down does "
+        yield Said(f"{text}nothing for them; those with priority do not look.", count)
 
 
 RULES: tuple[Rule, ...] = (

@@ -345,9 +345,9 @@ def _notes(
         text += f" (similar in {others:,} more row{'s' * (others > 1)})." if others else "."
         notes.append(Note("more_crashes", rank_of("left_out"), "more crashes", text))
     if few:
-        text = f"In {len(few):,} {of} rows few pairs differ: A − B is unreliable (*); the fewest "
+        text = f"In {len(few):,} {of} rows A − B is unreliable (*): few pairs differ (fewest: "
         least = kind.differences[0].reliable_from or RELIABLE_FROM
-        text += f"here: {min(few):,}. It is so below {least:,}."
+        text += f"{min(few):,}). It is reliable from {least:,} on."
         notes.append(Note("few_differ", rank_of("few_pairs"), "few pairs differ", text))
     if cut:
         text = f"In {len(cut):,} {of} rows A − B is over the {_common(cut[0].a, cut[0].b):,} pairs "

@@ -231,7 +231,7 @@ def test_another_reference_says_the_opposite_at_any_number_of_pairs(
     tell: Callable[..., Told], pairs: int
 ) -> None:
     told = tell(usual, pairs)
-    assert "_yield is slower: it depends on the reference" in told.notes["opposite"]
+    assert "_yield is slower: the result depends on the reference" in told.notes["opposite"]
     assert told.notes["opposite"].count("Against human_recorded ") == 1
 
 
@@ -330,7 +330,7 @@ def test_all_episodes_are_the_same_one() -> None:
     drivers = {"arms__av": "constant_speed", "arms__human": "hard_yield"}
     cell = cell_of([(8.0, HUMAN_S)] * 30, **TIMED, **drivers)
     words = notes_by_key(cell)["repeated"].text
-    assert words.startswith("All 30 episodes are the same one (AV and hard_yield)")
+    assert words.startswith("All 30 episodes are equal (AV and hard_yield)")
     assert "repeated" not in notes_by_key(cell_of([usual(pair) for pair in range(3)]))
 
 

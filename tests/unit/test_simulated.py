@@ -241,7 +241,10 @@ SAID: dict[str, tuple[Pairs, str]] = {
         several({"vehicle_collisions": 2, "overlaps": 1}, {"overlaps": 4}),
         "collisions of vehicles (AV 12, human_yield 0)",
     ),
-    "fills": (filling(altered(several(), share_strategy=1.0)), "% of those who come (AV)"),
+    "fills": (
+        filling(altered(several(), share_strategy=1.0)),
+        "% of those due in a third of the time (AV)",
+    ),
     "fills (a jam)": (
         [*USUAL[1:], (arm([passage("a")], [trip("a", arrival_s=None)]), ordinary(0, False))],
         "whether roads fill. Simulations with such trips: AV 1, human_yield 0.",
@@ -268,7 +271,7 @@ def test_what_misleads_is_said_and_what_does_not_is_not(key: str) -> None:
 
 def test_passages_that_no_strategy_drove_are_named_with_the_reason(counted: CellFindings) -> None:
     (text,) = [note.text for note in notes_of([counted]) if note.key == "who_drove"]
-    assert "did not drive 2 of 6 passages: 2 it came late" in text
+    assert "No strategy drove 2 of 6 AV passages: 2 it came late" in text
 
 
 def written(folder: Path, *shares: float, pairs: int = 6, of: Pairs | None = None) -> Run:
