@@ -38,9 +38,7 @@ def crossings(
     file: Annotated[Path, Argument(help="A SUMO configuration (.sumocfg).")],
     write: options.WriteOption = None,
     edge: options.EdgeOption = None,
-    every: Annotated[
-        bool, Option("--all", help="Also list crosswalks that cannot be used.")
-    ] = False,
+    every: Annotated[bool, Option("--all", help="Also list unusable crosswalks.")] = False,
     as_json: options.JsonOption = False,
 ) -> None:
     """List the crosswalks of a SUMO configuration.

@@ -73,9 +73,7 @@ def model(
     model: Annotated[str, Argument(help="A model file, or the name of a shipped model.")],
     out: options.ResultPageOption = None,
     figures: options.FiguresOption = None,
-    rows: Annotated[
-        Path | None, Option(help="The fitted rows, to be drawn beside the model.")
-    ] = None,
+    rows: Annotated[Path | None, Option(help="Rows to draw beside the model.")] = None,
     full: options.FullOption = False,
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,

@@ -115,8 +115,8 @@ def _few_pairs(cell: CellFindings) -> Iterator[Said]:
                 few.append(pairs if equal else found.n or 0)
     if few:
         least = ", ".join(f"{number:,} ({_listed(names[number])})" for number in sorted(names))
-        text = "Intervals are unreliable (*) or missing: too few informative pairs "
-        yield Said(f"{text}(fewest: {min(few):,}). Needed are {least}.", -min(few))
+        text = f"Too few informative pairs (fewest: {min(few):,}): intervals unreliable (*) or "
+        yield Said(f"{text}missing. Needed: {least}.", -min(few))
 
 
 def _opposite(cell: CellFindings) -> Iterator[Said]:
@@ -220,8 +220,7 @@ def _few_hours(cell: CellFindings) -> Iterator[Said]:
 def _cut_off(cell: CellFindings) -> Iterator[Said]:
     if count := cell.total("cut_off"):
         text = f"Delays leave out {count:,} passages that did not end ({_by_arm(cell, 'cut_off')})"
-        text += f". People who never stepped off ({cell.total('never_went'):,}) count with their "
-        text += "wait until the end."
+        text += f". The {cell.total('never_went'):,} who never went count with their wait so far."
         yield Said(text, count)
 
 
@@ -233,8 +232,7 @@ def _who_drove(cell: CellFindings) -> Iterator[Said]:
     of_sumo = 1 - share - (cell["share_actuator"].value or 0.0)
     text = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps."
     if left := passages - driven.count:
-        text += f" No strategy drove {left:,} of {passages:,} AV passages: "
-        text += f"{cell['not_driven'].reason}."
+        text += f" Left to SUMO: {left:,} of {passages:,} passages: {cell['not_driven'].reason}."
     yield Said(text, of_sumo)
 
 

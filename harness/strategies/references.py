@@ -88,7 +88,7 @@ def opposite(scenario: Scenario, time_ratio: float) -> str | None:
     It is known in the scenarios of ``validated.json`` alone, where an interval excludes 1.
 
     >>> opposite(load_scenario("cctc", {"arms.av": "gap_yield"}), 0.7)
-    'Against human_recorded gap_yield is slower: the result depends on the reference.'
+    'With human_recorded as the reference gap_yield is slower.'
     >>> opposite(load_scenario("cctc", {"ego.initial_speed_mps": 6.0}), 0.7)
     """
     av, human, here = scenario.arms.av, scenario.arms.human, _but_for_arms(scenario)
@@ -98,7 +98,7 @@ def opposite(scenario: Scenario, time_ratio: float) -> str | None:
         other = row["reference"] != human and (slower or ratio["high"] < 1 < time_ratio)
         if other and row["av"] == av and studied == here:
             way = "slower" if slower else "faster"
-            return f"Against {row['reference']} {av} is {way}: the result depends on the reference."
+            return f"With {row['reference']} as the reference {av} is {way}."
     return None
 
 

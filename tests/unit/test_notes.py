@@ -166,7 +166,7 @@ def test_few_pairs_come_first_however_few(tell: Callable[..., Told], pairs: int)
     assert {"few_pairs", "opposite", "not_validated"} <= {*keys}
     assert {*keys[: keys.index("few_pairs")]} <= {"few_differ"}
     assert f"(fewest: {pairs:,})" in told.notes["few_pairs"]
-    assert "from so many on: 200 (delay" in told.notes["few_pairs"]
+    assert "Needed: 200 (delay" in told.notes["few_pairs"]
     assert "1,000 (time to cross, ratio of times, μ" in told.notes["few_pairs"]
 
     # Those that are all equal have no interval that could be unreliable, and say even less.
@@ -214,7 +214,7 @@ def test_the_model_outside_its_data(tell: Callable[..., Told]) -> None:
         return {**asked, "clamped": 1}, {**asked, "clamped": 3}
 
     words = tell(news).notes["outside_model"]
-    assert "outside its data, in 25 % (AV) and 75 % (human_gmm) of its uses" in words
+    assert "outside its data in 25 % (AV) and 75 % (human_gmm) of its uses" in words
     inside = {"pass_time_s": 8.0, "conditionings": 4, "clamped": 0}
     assert "outside_model" not in tell(lambda _: (inside, inside)).notes
 
@@ -231,15 +231,17 @@ def test_another_reference_says_the_opposite_at_any_number_of_pairs(
     tell: Callable[..., Told], pairs: int
 ) -> None:
     told = tell(usual, pairs)
-    assert "_yield is slower: the result depends on the reference" in told.notes["opposite"]
-    assert told.notes["opposite"].count("Against human_recorded ") == 1
+    assert " as the reference " in told.notes["opposite"]
+    assert told.notes["opposite"].count("With human_recorded ") == 1
 
 
 def test_the_opposite_is_known_where_it_was_measured() -> None:
     def said(changes: dict[str, object], value: float, name: str = "cctc") -> str | None:
         return opposite(load_scenario(name, changes), value)
 
-    assert "human_gmm soft_yield is faster" in str(said({"arms.human": "human_recorded"}, 1.2))
+    assert "human_gmm as the reference soft_yield is faster" in str(
+        said({"arms.human": "human_recorded"}, 1.2)
+    )
     # With a flow only the other way was measured.
     assert said({"arms.human": "human_recorded"}, 1.2, "cctc_flow") is None
     assert "is slower" in str(said({}, 0.8, "cctc_flow"))

@@ -250,7 +250,7 @@ SAID: dict[str, tuple[Pairs, str]] = {
         "whether roads fill. Simulations with such trips: AV 1, human_yield 0.",
     ),
     "who_drove": (several(), "SUMO decided 30 % of soft_yield's steps."),
-    "people_of_sumo": (several({"sumo_people": 3}), "only once the car stands"),
+    "people_of_sumo": (several({"sumo_people": 3}), "until the car stands"),
     "fallback": (altered(USUAL, fallback=True), "AV passages (100 % of"),
     "left_out": (
         [(arm([passage("a"), passage("b", rear_s=None)], [trip("a")]), arm([passage("a")]))] * 6,
@@ -271,7 +271,7 @@ def test_what_misleads_is_said_and_what_does_not_is_not(key: str) -> None:
 
 def test_passages_that_no_strategy_drove_are_named_with_the_reason(counted: CellFindings) -> None:
     (text,) = [note.text for note in notes_of([counted]) if note.key == "who_drove"]
-    assert "No strategy drove 2 of 6 AV passages: 2 it came late" in text
+    assert "Left to SUMO: 2 of 6 passages: 2 it came late" in text
 
 
 def written(folder: Path, *shares: float, pairs: int = 6, of: Pairs | None = None) -> Run:
