@@ -296,7 +296,7 @@ def _roads(run: Run) -> "list[ArrayLike]":
         return []
     try:
         net = read_config(Path(simulation.file), simulation.step_s).net
-        return [*Town.read(net).roads]
+        return [lane.shape for name, lane in Town.read(net).lanes.items() if name[0] != ":"]
     except HarnessError:
         return []
 

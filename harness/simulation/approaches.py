@@ -1,13 +1,14 @@
 """Vehicles that come near a crosswalk; the limits and SUMO's right of way ahead of them."""
 
+import math
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 from harness.core.encounter import Arm
 from harness.engine.session import Session
 from harness.simulation.cars import Car, Link, Passage
 from harness.simulation.setup import Setup
-from harness.site.town import Connection, Crosswalk
+from harness.site.town import Connection, Crosswalk, Town
 from harness.site.zone import zone_of
 
 _SIGHT_M = 200.0
@@ -50,7 +51,7 @@ class Approaches:
         zebras = [each for each in others if each.prioritized]
         self._minds = {connection for each in zebras for connection in each.over}
         ends = [edge for edges in self.before.values() for edge in edges]
-        watched = setup.town.upstream(ends, self._reach_m)
+        watched = sorted(_upstream(setup.town, ends, self._reach_m))
         self._on_edge: dict[str, Sequence[str]] = dict.fromkeys(watched, ())
 
     def found(self, step: int) -> Iterator[str]:
@@ -107,19 +108,19 @@ class Approaches:
         """Find the limits and connections ahead of a vehicle whose lane began at ``at_m``."""
         town, last = self._setup.town, ""
         car.limits, car.links = [], []
-        until_m = at_m + town.lane(car.lane).length_m
+        until_m = at_m + town.lanes[car.lane].length_m
         for name in self._lanes(car.name, car.lane):
             lanes: tuple[str, ...] = (name,)
             if last:
-                way = next((each for each in town.ahead[last] if each.to_lane == name), None)
+                way = town.connections.get((last, name))
                 if way is None or at_m > until_m + self._reach_m:
                     break
-                inside_m = sum(town.lane(each).length_m for each in way.via)
+                inside_m = sum(town.lanes[each].length_m for each in way.via)
                 car.links.append(Link(at_m, at_m + inside_m, way, self._yields(way)))
                 lanes = (*way.via, name)
             for each in lanes:
-                car.limits.append((at_m, car.limit_mps(town.lane(each).limit_mps)))
-                at_m += town.lane(each).length_m
+                car.limits.append((at_m, car.limit_mps(town.lanes[each].limit_mps)))
+                at_m += town.lanes[each].length_m
             last = name
         car.least_mps = min(limit for _, limit in car.limits)
 
@@ -143,6 +144,24 @@ class Approaches:
             # It has to change lane before the junction.
             row = rows[index + row[3]]
         return [lane, *row[5][1:]]
+
+
+def _upstream(town: Town, ends: Sequence[str], reach_m: float) -> Collection[str]:
+    """The edges from which a vehicle comes to the end of one of some edges within a distance."""
+    before = defaultdict[str, list[Connection]](list)
+    for each in town.connections.values():
+        before[_edge(each.to_lane)].append(each)
+    away_m = dict.fromkeys(ends, 0.0)
+    todo = [*away_m]
+    while todo:
+        edge = todo.pop()
+        for each in before[edge]:
+            name = _edge(each.from_lane)
+            through_m = away_m[edge] + town.lanes[each.to_lane].length_m
+            if through_m <= reach_m and through_m < away_m.get(name, math.inf):
+                away_m[name] = through_m
+                todo.append(name)
+    return away_m
 
 
 def _edge(lane: str) -> str:

@@ -24,8 +24,8 @@ SPEED_MODE_FREE = 23
 SPEED_MODE_YIELDING = 31
 """SUMO's own driver's mode: it also yields where its connection has to."""
 
-_LOWER_MPS = 1e-3
-"""SUMO's speed is lower than the commanded one if it differs by more than this."""
+_ROUNDING_MPS = 1e-3
+"""Differences of speed below this are rounding."""
 _LEADER_M = 1.0
 """A leader decides if the gap is at most this much longer than the one that SUMO keeps."""
 
@@ -126,9 +126,9 @@ class Control:
             before_mps: the speed before the step.
         """
         limited_by = car.limited_by
-        if car.speed_mps < asked_mps - _LOWER_MPS:
+        if car.speed_mps < asked_mps - _ROUNDING_MPS:
             # What holds a standing vehicle is not asked for again.
-            if car.held_by is None or before_mps > 0.0:
+            if car.held_by is None or before_mps > _ROUNDING_MPS:
                 car.held_by = LEADER if self._follows(car, before_mps) else RIGHT_OF_WAY
             limited_by = car.held_by
         else:

@@ -8,12 +8,7 @@ from pathlib import Path
 
 from harness.core.errors import InputError, nearest_name, unknown_name
 from harness.encounter.arms import asks_model
-from harness.engine.configuration import (
-    SumoConfig,
-    defined_types,
-    people_come,
-    read_config,
-)
+from harness.engine.configuration import SumoConfig, defined_types, people_come, read_config
 from harness.engine.installation import scratch_folder
 from harness.model.interaction import InteractionModel, check_support
 from harness.scenario import Scenario

@@ -16,9 +16,9 @@ from harness.engine.session import Module, Session
 from harness.model.interaction import InteractionModel
 from harness.simulation.arm import SimulatedArm
 from harness.simulation.files import TRIPS_FILE, write_config
-from harness.simulation.own_people import Walked
 from harness.simulation.passages import PassageRow, passages
 from harness.simulation.setup import Setup
+from harness.simulation.walk import Walked
 from harness.site.town import Crosswalk
 
 Columns = dict[str, list[Any]]

@@ -27,10 +27,9 @@ from harness.measures.contacts import Strike
 from harness.measures.efficiency import beyond
 from harness.measures.ego import ego_state
 from harness.simulation.cars import Passage
-from harness.simulation.own_people import Walked
+from harness.simulation.walk import Walked, moved
 from harness.site.path import Path
 from harness.site.town import Town
-from harness.site.walk import moved
 
 PassageRow = Mapping[str, Any]
 

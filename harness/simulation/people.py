@@ -2,48 +2,16 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 from harness.core.encounter import STANDING_MPS, PedestrianView, Side, Views, quick_tuple
 from harness.engine.session import Session
 from harness.simulation.cars import Passage
-from harness.simulation.own_people import OWN_CROSSES, OwnPeople, Walked
+from harness.simulation.own_people import OWN_CROSSES, OwnPeople
 from harness.simulation.shares import number_of
+from harness.simulation.walk import WAITING_M, SumoPerson, Walked
 from harness.site.town import Crosswalk
-from harness.site.walk import WAITING_M, walk_of
 from harness.strategies.perception.sensor import Sensor
 from harness.strategies.perception.updates import Updates, track_from
-
-
-@dataclass(slots=True, eq=False)
-class SumoPerson:
-    """Somebody whom SUMO moves, from the walking area before the crosswalk to the one beyond.
-
-    Attributes:
-        id: SUMO's id.
-        index: their number in observations.
-        near: whether they came from the beginning of the axis.
-        states: (time, x, y, whether SUMO had them on the crosswalk) at the ends of steps.
-    """
-
-    id: str
-    index: int
-    near: bool
-    states: list[tuple[float, float, float, bool]] = field(default_factory=list)
-
-    @property
-    def on(self) -> bool:
-        """Whether SUMO has them on the crosswalk."""
-        return self.states[-1][3]
-
-    def walked(self, crosswalk: Crosswalk) -> Walked | None:
-        """Their way over it; None for those who only passed beside the kerb."""
-        found = walk_of(self.states, self.near, self.index, crosswalk)
-        if found is None:
-            return None
-        walk, cleared_s = found
-        until_s = self.states[-1][0] if cleared_s is None else cleared_s
-        return Walked(self.id, False, walk, cleared_s, until_s)
 
 
 class PeopleAt:
@@ -62,7 +30,7 @@ class PeopleAt:
 
     def __init__(self, session: Session, crosswalk: Crosswalk, own: OwnPeople | None) -> None:
         self._session, self._people = session, session.people
-        self.crosswalk, self._areas = crosswalk, sorted({*crosswalk.ends[0], *crosswalk.ends[1]})
+        self.crosswalk, self._areas = crosswalk, crosswalk.areas
         self.own, self.changed, self.watched = own, False, 0
         self._first = 0 if own is None else len(own.arrivals)
         self._here: dict[str, SumoPerson] = {}
@@ -76,11 +44,8 @@ class PeopleAt:
         if time_s == self._noted_s:
             return
         self._noted_s, self._now, here = time_s, None, self._here
-        ids, next_edge, crossing = (
-            self._session.people_on,
-            self._people.next_edge,
-            self.crosswalk.id,
-        )
+        ids, next_edge = self._session.people_on, self._people.next_edge
+        crossing = self.crosswalk.id
         there = dict.fromkeys(ids(crossing), True)
         for area in self._areas:
             for name in ids(area):
@@ -97,14 +62,14 @@ class PeopleAt:
             self.changed = True
         self._here = {}
         for name, on in there.items():
-            x, y = self._people.position(name)
+            at = complex(*self._people.position(name))
             person = here.get(name)
             if person is None:
-                near = self.crosswalk.foot(x, y)[0] < self.crosswalk.length_m / 2
+                near = self.crosswalk.line.foot(at)[0] < self.crosswalk.length_m / 2
                 person = SumoPerson(name, self._first + len(self._came), near)
                 self._came.append(person)
             self._here[name] = person
-            person.states.append((time_s, x, y, on))
+            person.states.append((time_s, at, on))
 
     def names(self) -> list[str]:
         """Ids of everybody who is here."""
@@ -150,8 +115,8 @@ class PeopleAt:
         SUMO draws them beyond it: its curves on walking areas cut corners by up to 1 m, and end in
         a jump back.  Within 1 m of the kerb, people slower than 0.1 m/s wait; others who come walk.
         """
-        length_m, (_, x, y, on) = self.crosswalk.length_m, person.states[-1]
-        speed_mps, ahead_m = self._people.speed_mps(person.id), self.crosswalk.foot(x, y)[0]
+        length_m, (_, at, on) = self.crosswalk.length_m, person.states[-1]
+        speed_mps, ahead_m = self._people.speed_mps(person.id), self.crosswalk.line.foot(at)[0]
         if not person.near:
             ahead_m = length_m - ahead_m
         ahead_m = min(ahead_m, length_m if on else 0.0)

@@ -1,18 +1,22 @@
-"""A vehicle's line over a crosswalk, by its arc length s in SUMO's lane metres."""
+"""A line by its arc length s in SUMO's lane metres: a vehicle's way, or a crosswalk's axis."""
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from harness.core.encounter import FloatArray
 
+Places = NDArray[np.complex128]
+"""Places or directions in the network's plane, x + iy."""
+
 _BEYOND_M = 1000.0
 """Length by which the line goes straight on beyond both ends."""
-_SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
 _SAMPLE_M = 0.25
 """Distance of places at which the speed of a free drive is computed."""
 
@@ -34,36 +38,26 @@ class Lane(NamedTuple):
     limit_mps: float
     width_m: float = 3.2
 
-    @property
-    def drawn_m(self) -> FloatArray:
-        """The length of its shape up to each point."""
-        parts_m = np.hypot(*np.diff(np.array(self.shape), axis=0).T)
-        return np.concatenate([[0.0], np.cumsum(parts_m)])
 
-    @property
-    def scale(self) -> float:
-        """SUMO's length over that of the shape; 1 for a lane drawn as a point."""
-        return self.length_m / (float(self.drawn_m[-1]) or self.length_m)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Path:
     """Successive lanes as one line; s is 0 at the stop line and negative before it.
 
     Every lane's shape is scaled linearly to the lane's length, as SUMO does, so that s differs from
-    a position on a lane by a constant.  Beyond both ends the line goes straight on.
+    a position on a lane by a constant.  Beyond both ends the line goes straight on.  Places and
+    directions in the network's plane are complex numbers x + iy.
 
     Attributes:
         lanes: the lanes in order of travel.
         starts_m: s at the beginning of each, and at the end of the last one, shape (lanes + 1,).
         knots_m: s of each point, shape (points,), never decreasing.
-        points: x and y of the points in the network, shape (points, 2).
+        points: the points, shape (points,).
     """
 
     lanes: tuple[Lane, ...]
     starts_m: FloatArray
     knots_m: FloatArray
-    points: FloatArray
+    points: Places
 
     @classmethod
     def along(cls, lanes: Sequence[Lane], before: int = 1) -> "Path":
@@ -73,38 +67,69 @@ class Path:
             lanes: successive lanes, including those inside junctions.
             before: the number of them that lie before the stop line.
         """
-        ends_m = np.cumsum([lane.length_m for lane in lanes])
-        starts_m = np.concatenate([[0.0], ends_m]) - ends_m[before - 1]
-        knots = []
+        starts_m = np.concatenate([[0.0], np.cumsum([lane.length_m for lane in lanes])])
+        starts_m -= starts_m[before]
+        knots, shapes = [], []
         for lane, at_m in zip(lanes, starts_m, strict=False):
-            done = lane.drawn_m
+            shape = np.array(lane.shape) @ [1, 1j]
+            done = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(shape)))])
             # A lane between two edges that meet without a gap is drawn as a point.
             share = done / done[-1] if done[-1] else np.linspace(0.0, 1.0, len(done))
             knots.append(at_m + share * lane.length_m)
-        shapes = [np.array(lane.shape, dtype=float) for lane in lanes]
-        knots_m, points = _straight_on(np.concatenate(knots), np.concatenate(shapes))
+            shapes.append(shape)
+        points = np.concatenate(shapes)
+        steps = np.diff(points)
+        first, last = steps[steps != 0][[0, -1]]
+        begin, end = first / abs(first) * _BEYOND_M, last / abs(last) * _BEYOND_M
+        points = np.concatenate([points[:1] - begin, points, points[-1:] + end])
+        knots_m = np.concatenate([[starts_m[0] - _BEYOND_M], *knots, [starts_m[-1] + _BEYOND_M]])
         for each in (starts_m, knots_m, points):
             each.setflags(write=False)
         return cls(tuple(lanes), starts_m, knots_m, points)
 
-    def position(self, s: ArrayLike) -> FloatArray:
-        """x and y of a front bumper at s, shape of s + (2,)."""
-        at = np.asarray(s, dtype=float)
-        x, y = (np.interp(at, self.knots_m, of) for of in self.points.T)
-        return np.stack([x, y], axis=-1)
+    def position(self, s: ArrayLike) -> Places:
+        """The place of a front bumper at s, shape of s."""
+        place: Places = np.interp(np.asarray(s, dtype=float), self.knots_m, self.points)
+        return place
+
+    def heading(self, s: ArrayLike) -> Places:
+        """The direction at s, of length 1, shape of s."""
+        piece = np.clip(np.searchsorted(self.knots_m, s), 1, len(self.knots_m) - 1)
+        ahead = self.points[piece] - self.points[piece - 1]
+        return ahead / np.abs(ahead)
 
     def outline(self, s: ArrayLike, length_m: float, width_m: float) -> FloatArray:
-        """The corners of a vehicle's body with its front at s, shape of s + (4, 2).
+        """x and y of the corners of a vehicle's body with its front at s, shape of s + (4, 2).
 
         The body is a rectangle along the chord from s − length to s, as in SUMO.  Its corners are
         front right, front left, rear left, rear right.  It is longer than a lane drawn as a point.
         """
         front = self.position(s)
         chord = front - self.position(np.subtract(s, length_m))
-        ahead = chord / np.hypot(chord[..., 0], chord[..., 1])[..., None]
-        left = np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1) * (width_m / 2)
-        rear = front - length_m * ahead
-        return np.stack([front - left, front + left, rear + left, rear - left], axis=-2)
+        ahead = chord / np.abs(chord)
+        left, rear = 1j * ahead * width_m / 2, front - length_m * ahead
+        corners = np.stack([front - left, front + left, rear + left, rear - left], axis=-1)
+        return np.stack([corners.real, corners.imag], axis=-1)
+
+    @cached_property
+    def _pieces(self) -> Sequence[tuple[float, float, complex, complex]]:
+        """s at the beginning and at the end of each straight piece, its first point and d/ds."""
+        knots = pairwise(zip(self.knots_m.tolist(), self.points.tolist(), strict=True))
+        return [
+            (a_m, b_m, a, (b - a) / (b_m - a_m))
+            for (a_m, a), (b_m, b) in knots
+            if a_m < b_m and a != b
+        ]
+
+    def foot(self, at: complex) -> tuple[float, float]:
+        """s of the place of the line that is nearest to a point, and how far it is to the left."""
+        best = (math.inf, 0.0, 0.0)
+        for begin_m, end_m, start, ahead in self._pieces:
+            off = (at - start) / ahead
+            inside_m = min(max(off.real, 0.0), end_m - begin_m)
+            scale = abs(ahead)
+            best = min(best, (abs(off - inside_m) * scale, begin_m + inside_m, off.imag * scale))
+        return best[1:]
 
     def free_s(
         self,
@@ -127,22 +152,12 @@ class Path:
         starts = self.starts_m[:-1]
         s = np.unique(np.concatenate((even, starts[(starts > begin_m) & (starts < end_m)])))
         limits = np.array([own_mps(lane.limit_mps) for lane in self.lanes])
-        sides = (np.searchsorted(starts, s, side) - 1 for side in _SIDES)
-        most = np.minimum(*(limits[np.maximum(each, 0)] for each in sides))
+        # Where a lane begins, the lower limit counts.
+        before, behind = (np.searchsorted(starts, s, side) - 1 for side in ("left", "right"))
+        most = np.minimum(limits[np.maximum(before, 0)], limits[np.maximum(behind, 0)])
         # v² changes by at most 2a for each metre.
         gain, loss = 2 * gain_mps2 * s, 2 * loss_mps2 * s
         rising = np.minimum.accumulate(most**2 - gain) + gain
         falling = np.minimum.accumulate((most**2 + loss)[::-1])[::-1] - loss
         speed = np.sqrt(np.minimum(rising, falling))
         return float(np.sum(2 * np.diff(s) / (speed[1:] + speed[:-1])))
-
-
-def _straight_on(knots_m: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A line with a far point before its beginning, and one beyond its end."""
-    steps = np.diff(points, axis=0)
-    long = np.flatnonzero(np.hypot(*steps.T) > 0.0)
-    first, last = (steps[i] / np.hypot(*steps[i]) for i in (long[0], long[-1]))
-    return (
-        np.concatenate([[knots_m[0] - _BEYOND_M], knots_m, [knots_m[-1] + _BEYOND_M]]),
-        np.concatenate([[points[0] - _BEYOND_M * first], points, [points[-1] + _BEYOND_M * last]]),
-    )

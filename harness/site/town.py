@@ -1,17 +1,12 @@
 """Every crosswalk of a SUMO network, and the connections of lanes whose vehicles pass it."""
 
-import math
-import xml.etree.ElementTree as ET
-import zlib
-from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import chain, pairwise
 from pathlib import Path as FilePath
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal, NamedTuple
-from xml.sax import SAXException
+from typing import TYPE_CHECKING, Literal
 
 import shapely
 
@@ -20,7 +15,6 @@ from harness.site.path import Lane, Path
 
 if TYPE_CHECKING:
     from sumolib.net import Net
-    from sumolib.net.connection import Connection as Link
     from sumolib.net.edge import Edge
     from sumolib.net.lane import Lane as NetLane
     from sumolib.net.node import Node
@@ -40,21 +34,8 @@ _ON_FOOT = {"pedestrian", "wheelchair"}
 
 _PATH_M = 40.0
 """Length of a path before the stop line, longer than a body."""
-_INSIDE_M = 2.0
-"""Distance from a junction at which people come onto a sidewalk."""
-
 _NEAR_M = 6.0
 """A body touches only crosswalks that are this near to its front's line."""
-
-_MOST = 1e9
-"""Upper limit of every length, width, speed and coordinate of a network."""
-
-# sumolib does not check that attributes and references exist.
-_DAMAGED = (
-    *(ET.ParseError, SAXException, EOFError, zlib.error),
-    *(AttributeError, LookupError, TypeError, ValueError),
-)
-"""What is raised for a file that is cut off, or is no network."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +43,6 @@ class Connection:
     """A connection of two lanes at a junction.
 
     Attributes:
-        id: ids of the first and the last lane, e.g. ``a_0>b_0``.
         from_lane: the lane before the junction.
         via: the lanes inside the junction, in order of travel.
         to_lane: the lane beyond it.
@@ -74,7 +54,6 @@ class Connection:
         refused: why no strategy can drive on it, or None.
     """
 
-    id: str
     from_lane: str
     via: tuple[str, ...]
     to_lane: str
@@ -83,6 +62,11 @@ class Connection:
     line: shapely.LineString
     limit_mps: float
     refused: str | None = None
+
+    @property
+    def id(self) -> str:
+        """Ids of the first and the last lane, e.g. ``a_0>b_0``."""
+        return f"{self.from_lane}>{self.to_lane}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +81,8 @@ class Crosswalk:
         prioritized: whether vehicles have to give way to people.
         signalled: whether a traffic light controls the people on it.
         roads: ids of the edges that it crosses.
-        connections: those for vehicles on which a long body may touch it.
-        ends: ids of the walking areas at the axis's beginning, and at its end.
+        areas: ids of the walking areas at its ends.
+        junction: the connections for vehicles at its junction.
     """
 
     id: str
@@ -107,9 +91,9 @@ class Crosswalk:
     left_hand: bool = False
     prioritized: bool = False
     signalled: bool = False
-    roads: tuple[str, ...] = ()
-    connections: tuple[Connection, ...] = ()
-    ends: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+    roads: Sequence[str] = ()
+    areas: Sequence[str] = ()
+    junction: Sequence[Connection] = ()
 
     @cached_property
     def length_m(self) -> float:
@@ -117,14 +101,24 @@ class Crosswalk:
         return float(self.axis.length)
 
     @cached_property
+    def line(self) -> Path:
+        """The axis; s is 0 at its beginning."""
+        return Path.along([Lane(self.id, [*self.axis.coords], self.length_m, 0.0)], 0)
+
+    @cached_property
     def area(self) -> shapely.Polygon:
         """The area in which people walk."""
         return self.axis.buffer(self.width_m / 2, cap_style="flat")
 
+    @cached_property
+    def connections(self) -> Sequence[Connection]:
+        """The connections for vehicles on which a long body may touch it."""
+        return [each for each in self.junction if self.area.dwithin(each.line, _NEAR_M)]
+
     @property
     def over(self) -> Sequence[Connection]:
         """The connections whose line leads over it."""
-        return [each for each in self.connections if each.line.intersects(self.area)]
+        return [each for each in self.junction if each.line.intersects(self.area)]
 
     @property
     def refused(self) -> str | None:
@@ -139,65 +133,21 @@ class Crosswalk:
         """The speed limits of the lanes before it, the lowest first."""
         return sorted({each.limit_mps for each in self.connections})
 
-    @cached_property
-    def _pieces(self) -> Sequence[tuple[complex, complex, float, float]]:
-        """Start, direction, length and place of each straight piece of the axis."""
-        pieces, at_m = list[tuple[complex, complex, float, float]](), 0.0
-        for a, b in pairwise(complex(*point[:2]) for point in self.axis.coords):
-            if a != b:
-                pieces.append((a, (b - a) / abs(b - a), abs(b - a), at_m))
-                at_m += abs(b - a)
-        return pieces
-
-    def foot(self, x: float, y: float) -> tuple[float, float]:
-        """The place of a point, and how far it is to the left of the axis.
-
-        A place is a distance along the axis: here of the point's foot on the nearest piece, which
-        may be beyond the axis's ends.
-        """
-        at, last = complex(x, y), len(self._pieces) - 1
-        best_m, place = math.inf, (0.0, 0.0)
-        for number, (start, ahead, length_m, from_m) in enumerate(self._pieces):
-            off = (at - start) * ahead.conjugate()
-            low = off.real if number == 0 else max(off.real, 0.0)
-            inside_m = low if number == last else min(low, length_m)
-            away_m = math.hypot(off.real - inside_m, off.imag)
-            if away_m < best_m:
-                best_m, place = away_m, (from_m + inside_m, off.imag)
-        return place
-
-    def point(self, along_m: float, left_m: float = 0.0) -> tuple[float, float]:
-        """x and y of a place on the axis, or to its left."""
-        pieces = (piece for piece in self._pieces if along_m <= piece[2] + piece[3])
-        start, ahead, _, from_m = next(pieces, self._pieces[-1])
-        at = start + (along_m - from_m + left_m * 1j) * ahead
-        return at.real, at.imag
-
-
-class Footpath(NamedTuple):
-    """Where people come from or go to at an end of a crosswalk.
-
-    ``edge`` is a sidewalk, ``inside_m`` a position on it near its end, and ``areas`` the walking
-    areas and crossings from there to the crosswalk.
-    """
-
-    edge: str
-    inside_m: float
-    areas: tuple[str, ...]
-
 
 @dataclass(frozen=True, eq=False)
 class Town:
-    """A network's crosswalks and connections.
+    """A network's crosswalks, connections and lanes.
 
     Attributes:
         crosswalks: by id, in the file's order.
-        ahead: the connections for vehicles from each lane, also where there is no crosswalk.
+        connections: those for vehicles, by their first and last lane, also where there is no
+            crosswalk.
+        lanes: all lanes, by id.
     """
 
     crosswalks: Mapping[str, Crosswalk]
-    ahead: Mapping[str, Sequence[Connection]]
-    _net: "Net" = field(repr=False)
+    connections: Mapping[tuple[str, str], Connection]
+    lanes: Mapping[str, Lane]
 
     @classmethod
     def read(cls, net: FilePath) -> "Town":
@@ -210,31 +160,31 @@ class Town:
         import sumolib.net
 
         try:
-            left_hand = _keeps_left(net)
+            # sumolib does not read on which side traffic keeps.
+            with sumolib.openz(str(net), "rb") as file:
+                left_hand = bool(re.search(rb'<net [^>]*lefthand="(true|1)"', file.read()))
             # With lxml, sumolib leaves out what the crossings cross.
             network = sumolib.net.readNet(
                 net, withPedestrianConnections=True, withFoes=True, lxml=False, maxcache=0
             )
-            _check(network)
             passing = {node: [*_passing(network, node)] for node in network.getNodes()}
-            edges = [edge for edge in network.getEdges() if edge.getFunction() == "crossing"]
-            found = {
-                edge.getID(): _crosswalk(edge, passing[edge.getToNode()], left_hand)
-                for edge in edges
-            }
+            crosswalks = [
+                _crosswalk(edge, passing[edge.getToNode()], left_hand)
+                for edge in network.getEdges()
+                if edge.getFunction() == "crossing"
+            ]
+            lanes = [_lane(lane) for edge in network.getEdges() for lane in edge.getLanes()]
         except OSError as error:
             raise InputError(str(net), f"cannot be read ({error.strerror or error})") from None
-        except _DAMAGED as error:
+        # sumolib does not check that a file is whole, nor that what it names exists.
+        except Exception as error:
             raise InputError(str(net), f"is not a complete SUMO network ({error})") from None
-        ahead = defaultdict[str, list[Connection]](list)
-        for each in chain.from_iterable(passing.values()):
-            ahead[each.from_lane].append(each)
-        return cls(MappingProxyType(found), ahead, network)
-
-    @property
-    def roads(self) -> Sequence[Sequence[tuple[float, float]]]:
-        """The shapes of all edges outside junctions."""
-        return [edge.getShape() for edge in self._net.getEdges(withInternal=False)]
+        ways = [each for at in passing.values() for each in at]
+        return cls(
+            MappingProxyType({each.id: each for each in crosswalks}),
+            MappingProxyType({(each.from_lane, each.to_lane): each for each in ways}),
+            MappingProxyType({each.id: each for each in lanes}),
+        )
 
     @cache  # noqa: B019 - as long as the town
     def path(self, connection: Connection) -> Path:
@@ -243,154 +193,69 @@ class Town:
         It begins later, with the connection's first lane or upstream of it, where several lanes or
         none lead to the next one.
         """
-        lanes = [self._net.getLane(connection.from_lane)]
-        before_m = _PATH_M - lanes[0].getLength()
-        while before_m > 0.0:
-            links = list(filter(_for_vehicles, lanes[0].getIncomingConnections()))
-            if len(links) != 1 or links[0].getFromLane() in lanes:
+        before = [self.lanes[connection.from_lane]]
+        while sum(lane.length_m for lane in before) < _PATH_M:
+            ways = [each for each in self.connections.values() if each.to_lane == before[0].id]
+            if len(ways) != 1 or self.lanes[ways[0].from_lane] in before:
                 break
-            ahead = [links[0].getFromLane(), *_via(self._net, links[0])]
-            before_m -= sum(lane.getLength() for lane in ahead)
-            lanes = [*ahead, *lanes]
-        names = [*(lane.getID() for lane in lanes), *connection.via, connection.to_lane]
-        return Path.along([self.lane(name) for name in names], len(lanes))
-
-    @cache  # noqa: B019
-    def lane(self, name: str) -> Lane:
-        """A lane of the network."""
-        lane = self._net.getLane(name)
-        length_m, limit_mps, width_m = lane.getLength(), lane.getSpeed(), lane.getWidth()
-        return Lane(name, lane.getShape(), length_m, limit_mps, width_m)
-
-    def upstream(self, edges: Iterable[str], reach_m: float) -> Sequence[str]:
-        """The edges from which a vehicle comes to the end of one of these within a distance."""
-        away_m = dict.fromkeys(edges, 0.0)
-        todo = [*away_m]
-        while todo:
-            edge = todo.pop()
-            lanes = filter(_classes, self._net.getEdge(edge).getLanes())
-            through_m = away_m[edge] + min((lane.getLength() for lane in lanes), default=0.0)
-            before = self._net.getEdge(edge).getIncoming() if through_m <= reach_m else ()
-            for name in (each.getID() for each in before):
-                if through_m < away_m.get(name, math.inf):
-                    away_m[name] = through_m
-                    todo.append(name)
-        return sorted(away_m)
-
-    def footpath(self, crosswalk: Crosswalk, end: int) -> Footpath:
-        """Where people come from at the beginning (0) or the end (1) of a crosswalk's axis.
-
-        An end without a sidewalk, a refuge, has the nearest one beyond other crossings.
-
-        Raises:
-            InputError: no sidewalk leads to the end.
-        """
-        ways: list[tuple[str, ...]] = [(area,) for area in crosswalk.ends[end]]
-        seen = {crosswalk.id}.union(*crosswalk.ends)
-        for way in ways:
-            area = self._net.getEdge(way[0]).getLane(0)
-            beside = [link.getFromLane() for link in area.getIncomingConnections()]
-            beside += [link.getToLane() for link in area.getOutgoing()]
-            further = {lane.getEdge() for lane in beside if lane.getEdge().isSpecial()}
-            roads = [
-                (lane.getLength(), lane.getEdge().getID())
-                for lane in beside
-                if lane.getEdge() not in further
-                and (lane.allows("pedestrian") or lane.allows("all"))
-            ]
-            if roads:
-                length_m, name = max(roads)
-                inside_m = min(_INSIDE_M, length_m / 2)
-                comes = self._net.getEdge(name).getToNode() is area.getEdge().getToNode()
-                return Footpath(name, length_m - inside_m if comes else inside_m, way)
-            new = sorted({edge.getID() for edge in further} - seen)
-            seen.update(new)
-            ways += [(each, *way) for each in new]
-        allowed = "a lane for pedestrians at each end (netconvert --sidewalks.guess adds them)"
-        raise InputError(crosswalk.id, "no footpath leads to an end of it", allowed)
+            before = [*(self.lanes[name] for name in (ways[0].from_lane, *ways[0].via)), *before]
+        beyond = [self.lanes[name] for name in (*connection.via, connection.to_lane)]
+        return Path.along([*before, *beyond], len(before))
 
 
-def _keeps_left(net: FilePath) -> bool:
-    """Whether traffic keeps left, which sumolib does not read."""
-    import sumolib
-
-    with sumolib.openz(str(net), "rb") as file:
-        root = next(ET.iterparse(file, ("start",)))[1]
-    if root.tag != "net":
-        raise ValueError(f"its first element is <{root.tag[:40]}>, not <net>")
-    return root.get("lefthand") in ("true", "1")
-
-
-def _check(net: "Net") -> None:
-    """Refuse edges without two junctions, and lanes whose shape or size is not valid."""
-    for edge in net.getEdges():
-        if edge.getFromNode() is None or edge.getToNode() is None:
-            raise ValueError(f"edge {edge.getID()} does not join two junctions")
-        for lane in edge.getLanes():
-            line = lane.getShape()
-            numbers = [lane.getLength(), lane.getWidth(), lane.getSpeed()]
-            numbers += [coordinate for point in line for coordinate in point]
-            if len(line) < 2 or not max(map(abs, numbers)) < _MOST or any(map(math.isnan, numbers)):
-                raise ValueError(f"lane {lane.getID()} has an invalid shape or size")
+def _lane(lane: "NetLane") -> Lane:
+    length_m, limit_mps, width_m = lane.getLength(), lane.getSpeed(), lane.getWidth()
+    return Lane(lane.getID(), lane.getShape(), length_m, limit_mps, width_m)
 
 
 def _passing(net: "Net", node: "Node") -> Iterator[Connection]:
     """The connections for vehicles through a junction."""
-    internal = list(filter(None, node.getInternal()))
-    feet = {name for name in internal if net.getLane(name).getEdge().getFunction() == "crossing"}
-    for link in node.getConnections():
-        via = _via(net, link)
-        if not via or not _for_vehicles(link):
-            continue
-        names = tuple(lane.getID() for lane in via)
-        before, end = link.getFromLane(), link.getToLane().getID()
-        # Of a connection with a place to wait inside, SUMO lists one of the lanes.
-        index = next((i for i, name in enumerate(internal) if name in names), None)
+    links = [
+        link
+        for link in node.getConnections()
+        if link.getViaLaneID() and _on_road(link.getFromLane()) and _on_road(link.getToLane())
+    ]
+    numbers = [node.getLinkIndex(link) for link in links]
+    for number, link in zip(numbers, links, strict=True):
+        before, via = link.getFromLane(), _via(net, link.getViaLaneID())
         # The last bit is that of the first link.
-        response: str = node._prohibits.get(index, "")[::-1]
-        refused = SIGNAL if link.getTLSID() else RAIL if _classes(via[0]) <= _RAIL else None
+        response: str = node._prohibits.get(number, "")[::-1]
+        yields_to = {index for index, bit in enumerate(response) if bit == "1"}
         yield Connection(
-            id=f"{before.getID()}>{end}",
             from_lane=before.getID(),
-            via=names,
-            to_lane=end,
+            via=tuple(lane.getID() for lane in via),
+            to_lane=link.getToLane().getID(),
             manoeuvre=_WAYS.get(link.getDirection(), "turn"),
-            gives_way=any(
-                bit == "1" and name not in feet
-                for bit, name in zip(response, internal, strict=False)
-            ),
+            gives_way=not yields_to.isdisjoint(numbers),
             line=shapely.LineString([point for lane in via for point in lane.getShape()]),
             limit_mps=before.getSpeed(),
-            refused=refused,
+            refused=SIGNAL if link.getTLSID() else RAIL if _classes(via[0]) <= _RAIL else None,
         )
 
 
-def _crosswalk(edge: "Edge", passing: Sequence[Connection], left_hand: bool) -> Crosswalk:
+def _crosswalk(edge: "Edge", junction: Sequence[Connection], left_hand: bool) -> Crosswalk:
     lane = edge.getLane(0)
-    walked, beyond = lane.getIncomingConnections(), lane.getOutgoing()
-    start = tuple(link.getFromLane().getEdge().getID() for link in walked)
-    found = Crosswalk(
+    walked = lane.getIncomingConnections()
+    ends = [link.getFromLane() for link in walked] + lane.getOutgoingLanes()
+    return Crosswalk(
         id=edge.getID(),
         axis=shapely.LineString(lane.getShape()),
         width_m=lane.getWidth(),
         left_hand=left_hand,
         prioritized=any(link.getState() == "M" for link in walked),
         signalled=any(link.getTLSID() for link in walked),
-        roads=tuple(road.getID() for road in edge.getCrossingEdges()),
-        ends=(start, tuple(link.getToLane().getEdge().getID() for link in beyond)),
+        roads=[road.getID() for road in edge.getCrossingEdges()],
+        areas=sorted({lane.getEdge().getID() for lane in ends}),
+        junction=junction,
     )
-    near = (each for each in passing if found.area.dwithin(each.line, _NEAR_M))
-    return replace(found, connections=tuple(near))
 
 
-def _via(net: "Net", link: "Link") -> list["NetLane"]:
-    """The lanes of a connection inside the junction."""
-    lanes: list[NetLane] = []
-    name = link.getViaLaneID()
-    while name:
-        lanes.append(net.getLane(name))
-        name = next((each.getViaLaneID() for each in lanes[-1].getOutgoing()), "")
-    return lanes
+def _via(net: "Net", name: str) -> list["NetLane"]:
+    """The lanes of a connection inside the junction, from one of them on."""
+    if not name:
+        return []
+    lane = net.getLane(name)
+    return [lane, *_via(net, lane.getOutgoing()[0].getViaLaneID())]
 
 
 def _classes(lane: "NetLane") -> set[str]:
@@ -398,7 +263,6 @@ def _classes(lane: "NetLane") -> set[str]:
     return set(lane.getPermissions()) - _ON_FOOT
 
 
-def _for_vehicles(link: "Link") -> bool:
-    """Whether a connection leads vehicles from one road to another."""
-    ends = (link.getFromLane(), link.getToLane())
-    return all(_classes(lane) and not lane.getEdge().isSpecial() for lane in ends)
+def _on_road(lane: "NetLane") -> bool:
+    """Whether vehicles may use a lane outside junctions."""
+    return bool(_classes(lane)) and not lane.getEdge().isSpecial()

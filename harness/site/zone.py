@@ -15,8 +15,6 @@ from harness.site.town import Crosswalk
 _SAMPLE_M = 0.2
 _MARGIN_M = 10.0
 """Length of the path that is searched before the stop line, and beyond the junction."""
-_SHORT_M = 0.5
-"""Length of a body that shows the direction of the path."""
 _STEP_S = 0.1
 _REFINEMENTS = 4
 """Each makes a sample 32 times finer; four end at 0.2 µm."""
@@ -75,9 +73,11 @@ def zone_of(path: Path, crosswalk: Crosswalk, length_m: float, width_m: float) -
         crosswalk: the crosswalk.
         length_m, width_m: the vehicle's.
     """
-    near = path.lanes[int(np.argmax(path.starts_m[1:] > -_MARGIN_M)) :]
     before = path.lanes[int(np.argmax(path.starts_m[1:] > -1e-6))]
-    scale = max(1.0, *(lane.scale for lane in near))
+    drawn_m = np.abs(np.diff(path.points))
+    near = (path.knots_m[1:] > -_MARGIN_M) & (drawn_m > 0.0)
+    # The line is as long as it is drawn beyond its ends.
+    scale = float((np.diff(path.knots_m)[near] / drawn_m[near]).max())
 
     def touching(what: shapely.Geometry) -> _Touches:
         return lambda s: np.asarray(
@@ -138,7 +138,6 @@ def _covered(outlines: FloatArray, crosswalk: Crosswalk) -> tuple[float, float]:
 
 def _begins_far(path: Path, s: float, crosswalk: Crosswalk) -> bool:
     """Whether the axis begins at the kerb opposite to the side on which traffic keeps."""
-    right, left, *_ = path.outline(s, _SHORT_M, 1.0)
-    axis = np.subtract(crosswalk.axis.coords[-1][:2], crosswalk.axis.coords[0][:2])
-    leads_left = bool((left - right) @ axis > 0.0)
+    begin, *_, end = (complex(*point[:2]) for point in crosswalk.axis.coords)
+    leads_left = bool(((end - begin) / path.heading(s)).imag > 0.0)
     return leads_left == crosswalk.left_hand

@@ -136,9 +136,9 @@ def test_crossing_spans_kerb_to_kerb(case: tuple[CrossingSection, Path]) -> None
     assert (ends[0], ends[-1]) in (near_to(near, far), near_to(far, near))
     assert crosswalk.width_m == pytest.approx(geometry.width_m, abs=2e-6)
     for name, centre in (("approach_0", length / 4), ("oncoming_approach_0", length * 3 / 4)):
-        ys = [to_road(*point)[1] for point in town.lane(name).shape]
+        ys = [to_road(*point)[1] for point in town.lanes[name].shape]
         assert ys == pytest.approx([centre] * 2, abs=2e-6)
-        assert town.lane(name).width_m == pytest.approx(length / 2)
+        assert town.lanes[name].width_m == pytest.approx(length / 2)
 
 
 def test_crosswalk_is_unsignalized_and_vehicles_yield(nets: dict[str, Path]) -> None:

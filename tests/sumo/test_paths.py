@@ -3,7 +3,6 @@
 import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -104,7 +103,7 @@ def test_vehicles_are_where_their_path_says(
     assert {each.refused for each in here.crosswalks.values()} == {None}
     assert {each.prioritized for each in here.crosswalks.values()} == {kind == "zebras"}
     zones, crosswalks = {}, {}
-    for way in chain.from_iterable(here.ahead.values()):
+    for way in here.connections.values():
         junction = way.via[0].rsplit("_", 2)[0]
         crosswalks[way] = [
             each for name, each in here.crosswalks.items() if name.rsplit("_", 1)[0] == junction
@@ -112,7 +111,8 @@ def test_vehicles_are_where_their_path_says(
     fronts, firsts, lasts, manoeuvres = Counter(), Counter(), Counter(), Counter()
     for each in seen(here, config, end_s):
         road = here.path(each.connection)
-        np.testing.assert_allclose(road.position(each.s), each.place, atol=1e-3)
+        place = each.place[:, 0] + 1j * each.place[:, 1]
+        np.testing.assert_allclose(road.position(each.s), place, atol=1e-3)
         outlines = road.outline(each.s, each.length_m, each.width_m)
         known = each.s - each.length_m > road.starts_m[0]  # before it, the rear is on another lane
         np.testing.assert_allclose(outlines[known], each.bodies[known], atol=2e-3)
@@ -249,7 +249,7 @@ def test_a_signal_is_a_reason(tmp_path: Path) -> None:
 def test_a_path_begins_upstream_where_one_lane_leads_on(junctions: Path) -> None:
     here = Town.read(junctions)
     # Of the lanes at the junction c, only c_e is entered from two lanes, w_c and n_c.
-    path = here.path(here.ahead["w_c_1"][0])
+    path = here.path(next(way for way in here.connections.values() if way.from_lane == "w_c_1"))
     assert path.lanes[0].id == "w_c_1"  # nothing is upstream
     assert path.starts_m[0] == pytest.approx(-100.0, abs=10.0)
 

@@ -19,8 +19,8 @@ import pytest
 CHECKOUT = Path(__file__).parents[2]
 CODE = {"harness": 19_000, "tests": 13_000, "benchmarks": 1_700, "docs": 600, "examples": 201}
 ROOMS = {
-    "simulation": 1_610,
-    "site": 550,
+    "simulation": 1_700,
+    "site": 377,
     "results": 1_950,
     "report": 1_900,
     "rl": 170,

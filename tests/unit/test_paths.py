@@ -72,7 +72,8 @@ def test_a_straight_road() -> None:
     assert [lane.limit_mps for lane in road.lanes] == [LIMIT_MPS, LIMIT_MPS - 1, LIMIT_MPS - 2]
     assert road.starts_m.tolist() == [-60.0, 0.0, 8.0, 80.0]
     # The road goes straight on beyond both of its ends.
-    np.testing.assert_allclose(road.position([-70.0, 3.5, 90.0]), [[-70, 0], [3.5, 0], [90, 0]])
+    np.testing.assert_allclose(road.position([-70.0, 3.5, 90.0]), [-70, 3.5, 90])
+    np.testing.assert_allclose(road.heading([-70.0, 3.5, 90.0]), 1.0)
     body = road.outline(2.0, 5.0, 1.8)
     np.testing.assert_allclose(body, [[2, -0.9], [2, 0.9], [-3, 0.9], [-3, -0.9]])
 
@@ -120,7 +121,7 @@ def test_lanes_that_are_longer_than_they_are_drawn() -> None:
     """A lane's metres are 1.5 × those of its shape, and so are those of the zone."""
     road = straight(stretched=1.5)
     assert road.starts_m[0] == -90.0
-    np.testing.assert_allclose(road.position(road.starts_m[2] + 15.0), [18.0, 0.0])
+    assert road.position(road.starts_m[2] + 15.0) == pytest.approx(18.0)
     zone = zone_of(road, walk(2 - 3j, 2 + 6j), 5.0, 1.8)
     assert zone is not None
     # The body is drawn 5 m long; the front goes 4 + 5 drawn metres.
@@ -153,9 +154,9 @@ def test_a_quarter_circle(radius: float, length: float, share: float) -> None:
     if s > math.pi / 2 * radius:
         return
     angle = s / radius
-    np.testing.assert_allclose(
-        road.position(s), [radius * math.sin(angle), radius * (1 - math.cos(angle))], atol=2e-3
-    )
+    place = radius * complex(math.sin(angle), 1 - math.cos(angle))
+    assert road.position(s) == pytest.approx(place, abs=2e-3)
+    assert np.angle(road.heading(s)) == pytest.approx(angle, abs=4e-3)
     front_right, front_left, rear_left, _ = road.outline(s, length, 1.8)
     ahead = front_left - rear_left
     assert math.atan2(ahead[1], ahead[0]) == pytest.approx(angle - length / radius / 2, abs=1e-3)
@@ -229,11 +230,11 @@ def test_positions_on_lanes_and_on_the_path(road: Path, share: float) -> None:
         s = start_m + share * (end_m - start_m)
         inside = (road.knots_m > start_m + 1e-9) & (road.knots_m < end_m - 1e-9)
         ends = road.position([start_m, end_m])
-        shape = shapely.LineString([ends[0], *road.points[inside], ends[1]])
+        points = np.array([ends[0], *road.points[inside], ends[1]])
+        shape = shapely.LineString(np.column_stack([points.real, points.imag]))
         expected = shape.interpolate(share, normalized=True)
-        np.testing.assert_allclose(road.position(s), [expected.x, expected.y], atol=1e-6)
-        if 0.01 < share < 0.99:
-            assert lane.scale == pytest.approx((end_m - start_m) / shape.length)
+        assert road.position(s) == pytest.approx(complex(expected.x, expected.y), abs=1e-6)
+        assert lane.length_m == pytest.approx(end_m - start_m)
         assert (s < 0.0) == (n == 0 and s != 0.0)
 
 

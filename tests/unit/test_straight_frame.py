@@ -14,18 +14,15 @@ from scipy.optimize import brentq
 from harness.core.encounter import Arrival, Ending, Leg, Side, Trace, Vehicle, Walk
 from harness.measures import measure
 from harness.simulation.cars import PASSED, Car, Passage
-from harness.simulation.own_people import Walked
 from harness.simulation.passages import free_pass_s, passages, strike_of
+from harness.simulation.walk import Walked, moved
 from harness.site.path import Lane, Path
 from harness.site.town import Connection, Crosswalk
-from harness.site.walk import moved
 from harness.site.zone import zone_of
 
 STEP_S = 0.1
 CAR = Vehicle(10.0, 30.0, 30.0, 5.0, 1.8, 2.6, 4.5, 1.0)
-CONNECTION = Connection(
-    "a_0>b_0", "a_0", (":J_0_0",), "b_0", "straight", False, shapely.LineString(), 10.0
-)
+CONNECTION = Connection("a_0", (":J_0_0",), "b_0", "straight", False, shapely.LineString(), 10.0)
 
 
 def straight(limit: float = 10.0, inner: float = 10.0) -> Path:
@@ -154,6 +151,7 @@ def test_free_passage_through_a_curve() -> None:
 def test_a_bent_axis(along_m: float) -> None:
     """A place's point has that place, also on a bent crosswalk."""
     bent = replace(crosswalk(), axis=shapely.LineString([(0, 0), (0, 5), (3, 9), (3, 11)]))
-    assert bent.foot(*bent.point(along_m)) == pytest.approx((along_m, 0.0), abs=1e-9)
-    assert bent.foot(0.5, -2.0) == pytest.approx((-2.0, -0.5))
-    assert bent.foot(3.0, 13.0) == pytest.approx((14.0, 0.0))
+    line = bent.line
+    assert line.foot(complex(line.position(along_m))) == pytest.approx((along_m, 0.0), abs=1e-9)
+    assert line.foot(0.5 - 2j) == pytest.approx((-2.0, -0.5))
+    assert line.foot(3 + 13j) == pytest.approx((14.0, 0.0))

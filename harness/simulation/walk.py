@@ -1,17 +1,18 @@
-"""A person's places on the way over a crosswalk in; their walk between the kerbs out.
+"""People's ways over a crosswalk: from the places where SUMO had them to a walk between the kerbs.
 
 Every place is a distance along the crosswalk's axis: 0 at its beginning, ``length_m`` at its end.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import starmap
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.encounter import STANDING_MPS, Arrival, FloatArray, Leg, Side, Walk
+from harness.core.encounter import STANDING_MPS, Arrival, Crossing, FloatArray, Leg, Side, Walk
+from harness.measures.motion.walking import states_at
+from harness.site.path import Places
 from harness.site.town import Crosswalk
 
 WAITING_M = 1.0
@@ -21,43 +22,89 @@ KERB_M = 0.02
 _ROUNDING_S = 1e-7
 
 
-def walk_of(
-    states: Sequence[tuple[float, float, float, bool]], near: bool, index: int, crosswalk: Crosswalk
-) -> tuple[Walk, float | None] | None:
-    """A person's walk and when they reached the other kerb, None if they did not.
+@dataclass(frozen=True, slots=True)
+class Walked:
+    """One person's way over the crosswalk.
 
-    Args:
-        states: (time, x, y, whether they were on the crosswalk) at each step, from the walking area
-            before the crosswalk to the one beyond.
-        near: whether they came from the beginning of the axis.
-        index: their number.
-        crosswalk: the crosswalk.
-
-    Returns:
-        The walk in the axis's frame, where y = 0 is the axis's beginning, ``near`` the kerb there,
-        and x the way to the axis's left.  None for those who only passed beside the kerb.
+    Attributes:
+        id: SUMO's id, or the one that a person of the harness has there.
+        own: whether the harness moved them.
+        walk: in the axis's frame, where y = 0 is the axis's beginning, ``near`` the kerb there, and
+            x the way to the axis's left; its times are SUMO's.
+        cleared_s: when they reached the other kerb; None if they did not.
+        until_s: when they reached it, or were last seen; infinite if they are there at the end.
+        let_go: whether they went before the first vehicle that kept them waiting; None if none did,
+            or if SUMO decided.
     """
-    time_s, *xy, on_it = np.array(states).T
-    places, on, length_m = np.column_stack(xy), np.flatnonzero(on_it), crosswalk.length_m
-    along_m, left_m = np.array([crosswalk.foot(*at) for at in places.tolist()]).T
-    side, ahead_m = (Side.NEAR, along_m) if near else (Side.FAR, length_m - along_m)
-    points = _from_kerb_to_kerb(time_s, ahead_m, on, length_m)
-    waits_s = _waits_from(time_s, ahead_m, places, int(on[0]) if len(on) else len(time_s))
-    if len(points) < 2:
-        if len(on) or waits_s is None:
-            return None
-        # There is no quantile; NaN distinguishes them from timed pedestrians.
-        return Walk(Arrival(index, waits_s, side, math.nan)), None
-    (start_s, from_m), (end_s, to_m) = points[0].tolist(), points[-1].tolist()
-    came_s = start_s if waits_s is None else min(waits_s, start_s)
-    y_m = points[:, 1] if near else length_m - points[:, 1]
-    walk = Walk(
-        Arrival(index, came_s, side, math.nan),
-        start_s,
-        max((to_m - from_m) / (end_s - start_s), 1e-3),
-        legs=_legs(points[:, 0], np.interp(points[:, 0], time_s, left_m), y_m),
-    )
-    return walk, end_s if to_m >= length_m - KERB_M else None
+
+    id: str
+    own: bool
+    walk: Walk
+    cleared_s: float | None
+    until_s: float
+    let_go: bool | None = None
+
+    def places(self, time_s: FloatArray, crosswalk: Crosswalk) -> FloatArray:
+        """x and y between the kerbs at some times, shape (n, 2); NaN at other times."""
+        assert self.walk.start_s is not None
+        found = np.full((len(time_s), 2), np.nan)
+        on = (time_s >= self.walk.start_s) & (time_s <= self.until_s)
+        if on.any():
+            road = Crossing(crosswalk.length_m, 1.0, 0.0, 1.0)
+            left_m, along_m, *_ = states_at(self.walk, road, time_s[on])
+            line = crosswalk.line
+            places = line.position(along_m) + 1j * left_m * line.heading(along_m)
+            found[on] = np.stack([places.real, places.imag], axis=-1)
+        return found
+
+
+@dataclass(slots=True, eq=False)
+class SumoPerson:
+    """Somebody whom SUMO moves, from the walking area before the crosswalk to the one beyond.
+
+    Attributes:
+        id: SUMO's id.
+        index: their number in observations.
+        near: whether they came from the beginning of the axis.
+        states: (time, x + iy, whether SUMO had them on the crosswalk) at the ends of steps.
+    """
+
+    id: str
+    index: int
+    near: bool
+    states: list[tuple[float, complex, bool]] = field(default_factory=list)
+
+    @property
+    def on(self) -> bool:
+        """Whether SUMO has them on the crosswalk."""
+        return self.states[-1][2]
+
+    def walked(self, crosswalk: Crosswalk) -> Walked | None:
+        """Their way over it; None for those who only passed beside the kerb."""
+        time_s, places, on_it = map(np.array, zip(*self.states, strict=True))
+        on, length_m = np.flatnonzero(on_it), crosswalk.length_m
+        along_m, left_m = np.array([*map(crosswalk.line.foot, places.tolist())]).T
+        near, last_s = self.near, float(time_s[-1])
+        side, ahead_m = (Side.NEAR, along_m) if near else (Side.FAR, length_m - along_m)
+        points = _from_kerb_to_kerb(time_s, ahead_m, on, length_m)
+        waits_s = _waits_from(time_s, ahead_m, places, int(on[0]) if len(on) else len(time_s))
+        if len(points) < 2:
+            if len(on) or waits_s is None:
+                return None
+            # There is no quantile; NaN distinguishes them from timed pedestrians.
+            walk = Walk(Arrival(self.index, waits_s, side, math.nan))
+            return Walked(self.id, False, walk, None, last_s)
+        (start_s, from_m), (end_s, to_m) = points[0].tolist(), points[-1].tolist()
+        came_s = start_s if waits_s is None else min(waits_s, start_s)
+        y_m = points[:, 1] if near else length_m - points[:, 1]
+        walk = Walk(
+            Arrival(self.index, came_s, side, math.nan),
+            start_s,
+            max((to_m - from_m) / (end_s - start_s), 1e-3),
+            legs=_legs(points[:, 0], np.interp(points[:, 0], time_s, left_m), y_m),
+        )
+        cleared_s = end_s if to_m >= length_m - KERB_M else None
+        return Walked(self.id, False, walk, cleared_s, last_s if cleared_s is None else cleared_s)
 
 
 def moved(
@@ -92,12 +139,12 @@ def moved(
 
 
 def _waits_from(
-    time_s: FloatArray, ahead_m: FloatArray, places: FloatArray, first: int
+    time_s: FloatArray, ahead_m: FloatArray, places: Places, first: int
 ) -> float | None:
     """When they began to stand within 1 m of the kerb, before record ``first``; None if never."""
     away = np.flatnonzero(ahead_m[:first] < -WAITING_M)
     since = int(away[-1]) if len(away) else 0
-    moved_m = np.hypot(*np.diff(places[since:first], axis=0).T)
+    moved_m = np.abs(np.diff(places[since:first]))
     stands = np.flatnonzero(moved_m < STANDING_MPS * np.diff(time_s[since:first]))
     return float(time_s[since + stands[0]]) if len(stands) else None
 
