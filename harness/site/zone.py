@@ -15,6 +15,8 @@ from harness.site.town import Crosswalk
 _SAMPLE_M = 0.2
 _MARGIN_M = 10.0
 """Length of the path that is searched before the stop line, and beyond the junction."""
+_SHORT_M = 0.5
+"""Length of the path that shows its direction."""
 _STEP_S = 0.1
 _REFINEMENTS = 4
 """Each makes a sample 32 times finer; four end at 0.2 µm."""
@@ -139,5 +141,6 @@ def _covered(outlines: FloatArray, crosswalk: Crosswalk) -> tuple[float, float]:
 def _begins_far(path: Path, s: float, crosswalk: Crosswalk) -> bool:
     """Whether the axis begins at the kerb opposite to the side on which traffic keeps."""
     begin, *_, end = (complex(*point[:2]) for point in crosswalk.axis.coords)
-    leads_left = bool(((end - begin) / path.heading(s)).imag > 0.0)
+    ahead = path.position(s) - path.position(s - _SHORT_M)
+    leads_left = bool(((end - begin) / ahead).imag > 0.0)
     return leads_left == crosswalk.left_hand
