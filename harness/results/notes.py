@@ -149,8 +149,7 @@ def _fallback(cell: CellFindings) -> Iterator[Said]:
         parts.append(f"{fallback_of(strategy)} drove in {count:,} of {pairs:,} {arm} passages{met}")
         weight = max(weight, percent or 100 * count / pairs)
     if parts:
-        text = f"{'; '.join(parts)}. The scenario's strategy had no valid plan there."
-        yield Said(text, weight)
+        yield Said(f"{'; '.join(parts)}. The scenario's strategy had no valid plan there.", weight)
 
 
 def _outside_the_model(cell: CellFindings) -> Iterator[Said]:
@@ -202,10 +201,10 @@ def _nobody_met(cell: CellFindings) -> Iterator[Said]:
 
 
 def _collisions(cell: CellFindings) -> Iterator[Said]:
-    names = {"vehicle_collisions": "collisions of vehicles", "teleports": "teleports"}
-    names |= {"emergency_stops": "emergency stops", "overlaps": "overlaps inside junctions"}
-    more = {key: cell[key].count - cell[f"{key}_human"].count for key in names}
-    if parts := [f"{names[key]} ({_by_arm(cell, key)})" for key in names if more[key] > 0]:
+    keys = ("vehicle_collisions", "teleports", "emergency_stops", "overlaps")
+    more = {key: cell[key].count - cell[f"{key}_human"].count for key in keys}
+    named = (f"{key.replace('_', ' ')} ({_by_arm(cell, key)})" for key in keys if more[key] > 0)
+    if parts := [*named]:
         yield Said(f"More than with the reference: {_listed(parts)}.", sum(more.values()))
 
 
@@ -246,6 +245,8 @@ def _fills(cell: CellFindings) -> Iterator[Said]:
     if growth:
         text = f"The roads fill: the number of vehicles grows by {_listed([*growth])}. A longer "
         yield Said(f"{text}simulation would have longer delays.", max(growth.values()))
+    elif count := cell.total("teleports"):
+        yield Said(f"A jam: SUMO teleported vehicles ({_by_arm(cell, 'teleports')}).", count)
     elif count := cell.total("long_trips"):
         text = "Trips last longer than a third of the time, so it is not known whether roads fill. "
         yield Said(f"{text}Simulations with such trips: {_by_arm(cell, 'long_trips')}.", count)
@@ -323,7 +324,7 @@ def _by_arm(cell: CellFindings, key: str) -> str:
 
 def _name(heading: str) -> str:
     """A heading without its unit and explanation."""
-    return heading.partition(", ")[0]
+    return heading.partition(", ")[0].partition(" {")[0]
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -23,6 +23,8 @@ from harness.scenario.traffic import TrafficSection
 
 SUMO_DRIVER = "sumo_driver"
 """The strategy that leaves the driving to SUMO."""
+PROGRAM = "exec:"
+"""How the name of a strategy in another process begins."""
 
 _OF_A_CONFIGURATION = {
     "crossing": ((), "whose network defines it"),
@@ -139,9 +141,13 @@ def _check_grade(scenario: Scenario) -> None:
 
 
 def _check_drivers(scenario: Scenario) -> None:
-    """Refuse SUMO's own driver where it cannot drive, or does not mind the people who come."""
+    """Refuse SUMO's own driver, and a program, where they cannot drive."""
     for arm in Arm:
-        if scenario.arms.driver(arm) != SUMO_DRIVER:
+        driver = scenario.arms.driver(arm)
+        if driver.startswith(PROGRAM) and scenario.kind == "simulations":
+            problem = f"{driver!r}: a program drives one vehicle, not those of a simulation"
+            raise InputError(f"arms.{arm}", problem, "a strategy in Python")
+        if driver != SUMO_DRIVER:
             continue
         if scenario.simulation is None:
             problem = f"{SUMO_DRIVER} drives only with [simulation]"
@@ -151,7 +157,7 @@ def _check_drivers(scenario: Scenario) -> None:
             problem = f"{SUMO_DRIVER} does not obey late: [actuation] cannot apply to it"
         else:
             continue
-        raise InputError(f"arms.{arm}", problem, "another strategy")
+        raise InputError(f"arms.{arm}", problem, "another strategy, such as human_yield")
 
 
 def _check_traffic(scenario: Scenario, traffic: TrafficSection) -> None:

@@ -16,8 +16,7 @@ from typing import Any, ClassVar
 
 from harness.core.encounter import Crossing, Observation, StrategyFactory, Vehicle
 from harness.core.errors import InputError
-
-PREFIX = "exec:"
+from harness.scenario.consistency import PROGRAM
 
 SCHEMA_FILE = Path(__file__).with_name("observation.schema.json")
 """The schema of a line."""
@@ -29,7 +28,7 @@ _LONGEST_ANSWER = 1_000
 
 def is_program(name: str) -> bool:
     """Whether a strategy's name stands for a program."""
-    return name.startswith(PREFIX)
+    return name.startswith(PROGRAM)
 
 
 @lru_cache
@@ -44,7 +43,7 @@ def load_program(name: str, where: str) -> StrategyFactory:
     """
     allowed = "exec:./PROGRAM ARGUMENTS, a program below the working directory"
     try:
-        words = shlex.split(name.removeprefix(PREFIX))
+        words = shlex.split(name.removeprefix(PROGRAM))
     except ValueError as error:
         raise InputError(where, f"{name!r} is not a command ({error})", allowed) from None
     if not words:

@@ -126,11 +126,11 @@ class Play:
         return self
 
     def decide(self, observation: Observation, /) -> float:
-        """The strategy's answer; None, SUMO's own driver, keeps the speed in these scenes."""
+        """The strategy's answer, which is noted."""
         self.observations.append(observation)
         answer = self._decide(observation)
         self.answers.append(answer)
-        return 0.0 if answer is None and observation.vehicle.obeys_at_once else answer
+        return answer
 
     def stopped(self, problem: str) -> BrokenRuleError:
         """The error for a scene that does not come to its end."""

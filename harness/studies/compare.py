@@ -317,7 +317,7 @@ def _of_all(of: Difference, rows: Sequence[ComparedPair], p_holm: Sequence[float
     found = [row.found[of.key] for row in rows]
     differ = [each.n if each.events is None else each.events for each in found]
     return _table(
-        f"Difference of {of.heading}",
+        f"Difference of {of.heading}".format(**rows[0].a.cell.scenario.conflicts.model_dump()),
         rows,
         _difference(of, rows),
         (Column("n", "pairs that differ"), differ),

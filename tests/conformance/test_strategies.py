@@ -69,6 +69,11 @@ class Infinite(Steady):
         return math.inf if seen.pedestrians else 0.0
 
 
+class Nothing(Steady):
+    def decide(self, _seen):
+        return None
+
+
 class Text(Steady):
     def decide(self, _seen):
         return "0.0"
@@ -113,6 +118,7 @@ BROKEN = {
     DividesByTheirSpeed: "plays every scene to its end",
     NeedsTenths: "plays every scene to its end",
     Infinite: "answers with a finite number",
+    Nothing: "answers with a finite number",
     Text: "answers with a finite number",
     Stops: "crosses an empty road",
     Speeds: "keeps to the road's speed limit, or to v0 without a limit",

@@ -255,6 +255,7 @@ def test_a_written_scenario_runs_and_its_worst_passage_is_replayed(
         ({"ego.length_m": 4.0}, "whose vehicle types define it"),
         ({"crossing.length_m": 4.0}, "whose network defines it"),
         ({"pedestrians.flow_per_hour": 100.0}, "sumo_driver passes people of the harness"),
+        ({"arms.av": "exec:./driver"}, "a program drives one vehicle"),
         (
             {"pedestrians.flow_per_hour": 100.0, "arms.human": "human_yield"},
             "the limit before :B1_c0",

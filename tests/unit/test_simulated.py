@@ -239,11 +239,15 @@ SAID: dict[str, tuple[Pairs, str]] = {
     "few_pairs": (USUAL[:1], "one pair has no intervals"),
     "collisions": (
         several({"vehicle_collisions": 2, "overlaps": 1}, {"overlaps": 4}),
-        "collisions of vehicles (AV 12, human_yield 0)",
+        "vehicle collisions (AV 12, human_yield 0)",
     ),
     "fills": (
         filling(altered(several(), share_strategy=1.0)),
         "% of those due in a third of the time (AV)",
+    ),
+    "fills (teleports)": (
+        altered(several({"teleports": 1}, {"teleports": 1}), share_strategy=1.0),
+        "A jam: SUMO teleported vehicles (AV 6, human_yield 6).",
     ),
     "fills (a jam)": (
         [*USUAL[1:], (arm([passage("a")], [trip("a", arrival_s=None)]), ordinary(0, False))],
