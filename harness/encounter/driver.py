@@ -1,4 +1,4 @@
-"""One step of one vehicle: what its driver sees, and their command within the limits of Vehicle.
+"""One step of one vehicle: what is seen; the command within Vehicle's limits (core/encounter.py).
 
 The step is the same in encounters, simulations, reinforcement learning, validation and checks of
 strategies.  How the vehicle obeys the command is ``core.actuation.Actuator``.

@@ -1,4 +1,4 @@
-"""The record of an episode: the measures of ``catalogue.py``, computed from traces."""
+"""The record of an episode: the columns of ``episodes``, computed from traces by catalogue.py."""
 
 from collections import namedtuple
 from collections.abc import Sequence

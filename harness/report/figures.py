@@ -1,4 +1,4 @@
-"""The figures of runs: functions that draw numbers into axes, for pages and notebooks.
+"""The figures of runs: functions that draw numbers into axes; pictures.py puts them on a page.
 
 >>> from matplotlib.figure import Figure
 >>> axes = Figure().subplots()

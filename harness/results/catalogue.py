@@ -1,4 +1,4 @@
-"""Every number that a run reports, each defined once.
+"""Every reported number, an entry of ``ENTRIES`` each: a column, an estimator, first screen or not.
 
 To report another number, add an entry: it names a column and an estimator.  Screens, page, JSON,
 CSV and the reference in the documentation follow.

@@ -1,4 +1,4 @@
-"""The folder of a run: its manifest, its lock, its log, and its findings."""
+"""The folder of a run: its manifest with the tables' ``SCHEMA``, its lock, log and findings."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""Notes of runs, the worst news first: the sentences without which the numbers mislead.
+"""Notes of runs, one rule each, the worst news first; references.py and studies have others.
 
 Comparisons, risks, validations and fits have notes of their own, in ``studies``.
 

@@ -1,4 +1,4 @@
-"""Episodes in; rows of episodes, pedestrians and traces out.
+"""Episodes in; rows of the tables episodes (measures/record.py), pedestrians and traces out.
 
 The columns of a simulation come from ``simulation/passages.py`` and ``pairing.py``; those that no
 table declares are left out.

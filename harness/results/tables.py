@@ -1,4 +1,4 @@
-"""The tables of a run, each column declared once, and their parts: a Parquet file for each task.
+"""The columns of the tables, declared once (``SCHEMA``: folder.py), and their parts on disk.
 
 ``pd.read_parquet("RUN/episodes")`` reads a whole table.  A part appears complete or not at all,
 that of ``episodes`` or ``arms`` last: if it exists, its task is done.

@@ -1,4 +1,4 @@
-"""Every key of ``[pedestrians]`` with its meaning and default: arrivals, decisions, speeds."""
+"""Every key of ``[pedestrians]``; read by encounter/{arrivals,crowd,deciding,walking_speeds}.py."""
 
 from bisect import bisect_right
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Every key of a scenario file except those of ``[pedestrians]``, with its meaning and default.
+"""Every key of a scenario except ``[pedestrians]`` and ``[traffic]``: limits, perception and so on.
 
 A section is frozen.  Each key is checked on its own; ``consistency`` checks them together.
 """

@@ -1,4 +1,4 @@
-"""Vehicles that come near a crosswalk; the limits and SUMO's right of way ahead of them."""
+"""Vehicles that come near a crosswalk; lanes, curves and SUMO's right of way ahead of them."""
 
 import math
 from collections import defaultdict

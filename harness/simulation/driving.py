@@ -1,4 +1,4 @@
-"""How strategies drive vehicles over crosswalks: commands, curves and limits ahead, and SUMO.
+"""Rules of driven vehicles, turning ones too: commands, curves, SUMO; arm.py picks the driver.
 
 The lowest of three speeds applies: the strategy's, that of lanes and curves ahead, and SUMO's for
 leaders and junctions.  SUMO does not mind people at the crosswalks that a strategy has taken over;

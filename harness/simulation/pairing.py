@@ -1,4 +1,4 @@
-"""One arm of a pair: one configuration, run with the pair's seed; the tables of the arm out."""
+"""One arm of a pair: one configuration in; rows of arms, vehicles, people and crosswalks out."""
 
 import xml.etree.ElementTree as ET
 from bisect import bisect_right

@@ -1,4 +1,4 @@
-"""Vehicles' states and people's walks in, of a simulation or a file; measures of passages out.
+"""The rows of the table ``passages``: states and walks in, of a simulation or a file; measures out.
 
 A passage is measured as an encounter in its straight frame, where x = s − centre and the path is
 straight.  Only contacts are found in the plane, by the vehicle's oriented outline.

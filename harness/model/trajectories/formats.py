@@ -1,4 +1,4 @@
-"""The data formats: what their columns are called, in which units, and how they make rows.
+"""The recorded formats, an entry of ``FORMATS`` each; docs/model.md; tests/data/encounter has each.
 
 ``vci``: vehicle–crowd interaction files like DUT's (Yang et al. 2019). A clip is a pair of files
 from a fixed camera, with one record per object and video frame, ``<clip>_traj_veh_filtered.csv``

@@ -1,4 +1,4 @@
-"""Constants of an arm's sensor, from [perception] and the step; its errors are in updates.py."""
+"""Constants of perception errors, from ``[perception]`` and the step; updates.py applies them."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The errors of a sensor: the true pedestrians in; those whom it detects at its updates out."""
+"""Perception errors at each update; keys: scenario/sections.py, documented: docs/strategies.md."""
 
 import math
 from collections import deque
