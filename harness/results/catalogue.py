@@ -51,7 +51,8 @@ class Entry:
         paper: the value in Chen, Zhao, Peng (2017), section III-E, as it is printed there.
         kinds: the kinds of run that have it.
         network: whether it is of the whole network, so that there is none by crosswalk.
-        optional: whether the first screen has it only where it is defined.
+        optional: whether the first screen has it only where it is defined, and other than the one
+            before: the contacts of AVs where all vehicles are.
     """
 
     key: str
@@ -277,27 +278,33 @@ ENTRIES: tuple[Entry, ...] = (
            "mean passages.delay_s other", screen=True, optional=True),
     _HOURS("people_wait_s", "people's wait", "At the kerb, until stepping off or the end.",
            "mean people.wait_s", screen=True),
-    _HOURS("people_delay_s", "people's delay", "Against an undisturbed walk.",
-           "mean people.delay_s", screen=True),
+    _HOURS("people_delay_s", "people's delay", "Against an undisturbed walk; of SUMO's people "
+           "their wait.", "mean people.delay_s", screen=True, optional=True),
     _HOURS("queue_p95", "queue, 95 %, vehicles", "Vehicles below 5 km/h before the crosswalk, "
-           "quantile over seconds; in all that of the longest queue.", "max crosswalks.queue_p95",
-           unit="", screen=True),
+           "quantile over seconds; of several crosswalks that of the longest queue.",
+           "max crosswalks.queue_p95", unit="", screen=True),
     _HOURS("throughput_per_hour", "throughput", "Vehicles over the crosswalks; with a queue that "
            "grows, the capacity.", "throughput_per_hour", unit="1/h", digits=0, screen=True),
     _PASSAGES("conflicts_pet", "PET below {pet_s:g} s", "Share of passages with a conflict or a "
               f"contact. {_REACHED}", "count passages pet", screen=True),
     _PASSAGES("contacts", "contacts with people", f"By the vehicle's oriented outline. {_REACHED}",
               "count passages touched", form=Form.EVENTS, screen=True),
+    *(_PASSAGES(f"{who}_{key}", f"{whose}' {words}", "In both arms of the same vehicles.",
+                f"count passages {who} {rows}", weight=f"count passages {who} reached", form=form,
+                screen=f"{who}_{key}" == "av_contacts", optional=True)
+      for key, words, rows, form in (("contacts", "contacts", "touched", Form.EVENTS),
+                                     ("conflicts_pet", "PET below {pet_s:g} s", "pet", Form.SHARE))
+      for who, whose in (("av", "AVs"), ("other", "other vehicles"))),
     *(_PASSAGES(f"share_{name}", f"AVs' steps by {words}", "Share that it decided of the steps in "
                 "which a strategy drove AVs, in the reference's arm the same vehicles.",
-                f"sum passages.{name} av_driven", weight="sum passages.steps av_driven", digits=0,
+                f"sum passages.{name} av driven", weight="sum passages.steps av driven", digits=0,
                 screen=name == "strategy", optional=True)
       for name, words in zip(LIMITED_BY, ("the strategy", "the actuator", "lanes and curves",
                                           "leaders", "right of way"), strict=True)),
-    _PASSAGES("driven", "AVs' passages driven", "By a strategy.", "count passages av_driven",
+    _PASSAGES("driven", "AVs' passages driven", "By a strategy.", "count passages av driven",
               weight="count passages av"),
     _TOTAL("not_driven", "AVs' passages not driven", "In the AV's arm, with the reasons.",
-           "count passages av_left", of="av"),
+           "count passages av left", of="av"),
     _PASSAGES("conflicts_ttc", "TTC below {ttc_s:g} s", "As PET.", "count passages ttc"),
     _PASSAGES("conflicts_drac", "DRAC above {drac_mps2:g} m/s²", "As PET.", "count passages drac"),
     _HOURS("people_los", "level of service, people", "Of the HCM (2010, exhibit 19-2), by "

@@ -64,13 +64,14 @@ def on_first_screen(cell: CellFindings) -> list[Entry]:
 
     A mean that is 0 in every episode of both arms, such as the wait if nobody waits, has no row.
     """
-    worst = bool(worst_cases([cell]))
+    worst, entries = bool(worst_cases([cell])), entries_of(cell.kind)
+    found = [[cell[key] for key in entry.keys] for entry in entries]
     return [
         entry
-        for entry in entries_of(cell.kind)
+        for entry, before, own in zip(entries, [[], *found], found, strict=False)
         if (entry.screen or (entry.worst_case and worst))
-        and not all((cell[key].value, cell[key].reason) == (0, EQUAL) for key in entry.keys)
-        and not (entry.optional and all(cell[key].value is None for key in entry.keys))
+        and not all((each.value, each.reason) == (0, EQUAL) for each in own)
+        and not (entry.optional and (own == before or all(each.value is None for each in own)))
     ]
 
 
@@ -82,10 +83,8 @@ def cell_findings(cell: Cell, tables: Tables, confidence: float) -> CellFindings
         tables: its rows by pair, the AV's first, with at least one pair: see ``sample_of``.
         confidence: two-sided confidence of each interval; 0: no intervals.
     """
-    entries, sample = (
-        entries_of(kind_of(cell.scenario)),
-        sample_of(tables, cell.scenario, confidence),
-    )
+    entries = entries_of(kind_of(cell.scenario))
+    sample = sample_of(tables, cell.scenario, confidence)
 
     def found(sample: AnySample, entries: Sequence[Entry]) -> dict[str, Finding]:
         return {key: of for entry in entries for key, of in entry.findings(sample).items()}

@@ -139,11 +139,11 @@ def _left_out(cell: CellFindings) -> Iterator[Said]:
 
 
 def _fallback(cell: CellFindings) -> Iterator[Said]:
-    of = "pairs" if cell.kind == "encounters" else "passages"
-    pairs, parts, weight, arms = cell[of].count, [], 0.0, cell.scenario.arms
+    parts, weight, arms = [], 0.0, cell.scenario.arms
     for arm, strategy, end in (("AV", arms.av, ""), ("reference", arms.human, "_human")):
         if not (count := cell[f"fallbacks{end}"].count):
             continue
+        pairs = cell["pairs" if cell.kind == "encounters" else f"driven{end}"].count
         percent = 100 * (cell[f"fallback_share{end}"].value or 0)
         met = f" ({percent:.3g} % of those that met someone)" if percent else ""
         parts.append(f"{fallback_of(strategy)} drove in {count:,} of {pairs:,} {arm} passages{met}")

@@ -22,7 +22,7 @@ _SWEEP: Mapping[RunKind, Sequence[str]] = {
     "simulations": (
         *("av_delay_s", "av_delay_s_difference", "other_delay_s_difference"),
         *("people_delay_s_difference", "queue_p95", "throughput_per_hour"),
-        *("conflicts_pet", "contacts", "share_strategy"),
+        *("conflicts_pet", "contacts", "av_contacts", "share_strategy"),
     ),
 }
 """The numbers of a sweep's row, after the swept keys; worst cases follow if pairs are left out."""

@@ -18,24 +18,20 @@ from harness.scenario.sections import ConflictsSection
 _OF = pc.field
 _TOUCHED = _OF("contact_person").is_valid()
 _REACHED = _OF("front_s").is_valid() | _TOUCHED
-_DRIVEN = _OF("automated") & _OF("driven")
-_MET = _OF("pedestrians") > 0
 
 
 def which(name: str, limits: ConflictsSection) -> pc.Expression:
     """The rows of a table that a column counts; a contact is a conflict of every kind."""
     # fmt: off
     return {
-        "all": pc.scalar(True), "failed": _OF("reason").is_valid(),
-        "av": _OF("automated"), "other": ~_OF("automated"),
-        "av_driven": _DRIVEN, "av_left": _OF("automated") & ~_OF("driven"),
+        "failed": _OF("reason").is_valid(), "av": _OF("automated"), "other": ~_OF("automated"),
+        "driven": _OF("driven"), "left": ~_OF("driven"), "fell_back": _OF("fallback"),
         "reached": _REACHED, "passed": _OF("rear_s").is_valid(),
         "cut_off": _OF("rear_s").is_null(), "touched": _TOUCHED,
         "pet": _REACHED & ((_OF("pet_s") < limits.pet_s) | _TOUCHED),
         "ttc": _REACHED & ((_OF("min_ttc_s") < limits.ttc_s) | _TOUCHED),
         "drac": _REACHED & ((_OF("max_drac_mps2") > limits.drac_mps2) | _TOUCHED),
-        "met": _MET, "av_met": _DRIVEN & _MET, "fell_back": _DRIVEN & _MET & _OF("fallback"),
-        "waited": _OF("let_go").is_valid(), "let_go": _OF("let_go"),
+        "met": _OF("pedestrians") > 0, "waited": _OF("let_go").is_valid(), "let_go": _OF("let_go"),
         "never_went": _OF("start_s").is_null(), "unfinished": _OF("arrival_s").is_null(),
     }[name]
     # fmt: on
@@ -47,7 +43,7 @@ class SimulationSample(dict[str, np.ndarray]):
     A column is of both arms, shape (2, n) with the AV's first, or of the pairs, shape (n,); it is
     made when it is asked for.  Its name is a key of ``COLUMNS``, or says how it is found: ``mean``,
     ``max``, ``sum``, ``count`` or ``count_distinct``, then ``TABLE.COLUMN``, or the table alone if
-    rows are counted, and at most one name of ``which``, for example ``mean passages.delay_s av``.
+    rows are counted, and names of ``which`` that all hold, as in ``count passages av touched``.
     Means and maxima are NaN where no row counts, and all but ``failed`` where an arm failed.
 
     Args:
@@ -93,10 +89,11 @@ class SimulationSample(dict[str, np.ndarray]):
         return values
 
     def _found(self, name: str) -> FloatArray:
-        how, place, rows, *_ = [*name.split(), "all", "all"]
+        how, place, *rows = name.split()
         table, _, column = place.partition(".")
-        column = column or "pair"
-        kept = self.tables[table].filter(which(rows, self.scenario.conflicts))
+        column, kept = column or "pair", self.tables[table]
+        for each in rows:
+            kept = kept.filter(which(each, self.scenario.conflicts))
         found = kept.group_by(["pair", "arm"]).aggregate([(column, how)])
         values = np.full((2, self.n), np.nan if how in ("mean", "max") else 0.0)
         arm = pc.equal(found["arm"], Arm.HUMAN.value).to_numpy().astype(int)
@@ -117,7 +114,7 @@ class SimulationSample(dict[str, np.ndarray]):
 
     def why_not_driven(self) -> str | None:
         """Why no strategy drove AVs in the AV's arm, with the numbers of passages, in words."""
-        left = which("av_left", self.scenario.conflicts) & (_OF("arm") == Arm.AV.value)
+        left = _OF("automated") & ~_OF("driven") & (_OF("arm") == Arm.AV.value)
         whys = self.tables["passages"].filter(left)["not_driven_because"].to_pylist()
         found = Counter(why or "for no known reason" for why in whys)
         return "; ".join(f"{count:,} {why}" for why, count in found.most_common()) or None
@@ -126,14 +123,12 @@ class SimulationSample(dict[str, np.ndarray]):
 COLUMNS: Mapping[str, str | Callable[[SimulationSample], np.ndarray]] = {
     "every": lambda sample: np.ones(sample.n),
     "failed": "count arms failed",
-    "met": "count passages av_met",
-    "fell_back": "count passages fell_back",
+    "met": "count passages av driven met",
+    "fell_back": "count passages av driven met fell_back",
     "conditionings": "sum arms.conditionings",
     "clamped": "sum arms.clamped",
     "growth": SimulationSample.growth,
     "long_trips": lambda sample: np.isnan(sample["growth"]) & (sample["count vehicles"] > 0),
-    "throughput_per_hour": lambda sample: (
-        3600 * sample["count passages passed"] / sample["sum arms.counted_s"]
-    ),
+    "throughput_per_hour": lambda s: 3600 * s["count passages passed"] / s["sum arms.counted_s"],
 }
 """Columns with a name of their own."""

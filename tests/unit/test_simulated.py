@@ -15,7 +15,7 @@ from harness.report.screen import screen_text
 from harness.results.catalogue import entries_of
 from harness.results.estimators import EQUAL
 from harness.results.finding import Finding
-from harness.results.findings import CellFindings
+from harness.results.findings import CellFindings, on_first_screen
 from harness.results.folder import (
     manifest_of,
     write_findings,
@@ -168,6 +168,9 @@ def counted() -> CellFindings:
         ("conflicts_pet_human", 0.0),
         ("contacts", 1 / 4),
         ("contacts_difference", 1 / 4),
+        ("av_contacts", 0 / 3),
+        ("other_contacts", 1 / 1),
+        ("av_conflicts_pet", 1 / 3),
         ("share_strategy", 150 / 200),
         ("share_leader", 50 / 200),
         ("driven", 2 / 3),
@@ -203,6 +206,13 @@ def test_numbers_of_a_crosswalk_by_hand(counted: CellFindings) -> None:
     assert counted["not_driven"].reason == "2 it came late"
 
 
+def test_the_first_screen_does_not_repeat_a_row() -> None:
+    alike = arm([passage("a")], [trip("a")], [person("p")])
+    both = {"people_delay_s", "av_contacts"}
+    assert both <= {entry.key for entry in on_first_screen(findings_of(*USUAL))}
+    assert not both & {entry.key for entry in on_first_screen(findings_of(*[(alike, alike)] * 6))}
+
+
 def several(*more: dict[str, Any]) -> Pairs:
     """Six ordinary pairs, with changes to the AV's and the reference's arm."""
     pairs = [(ordinary(pair), ordinary(pair, False)) for pair in range(6)]
@@ -229,6 +239,7 @@ def filling(pairs: Pairs) -> Pairs:
 
 
 USUAL = altered(several(), share_strategy=1.0)
+DRIVEN = sum(each["driven"] for av, _ in USUAL for each in av["passages"])
 
 SAID: dict[str, tuple[Pairs, str]] = {
     "failures": (
@@ -255,7 +266,7 @@ SAID: dict[str, tuple[Pairs, str]] = {
     ),
     "who_drove": (several(), "SUMO decided 30 % of soft_yield's steps."),
     "people_of_sumo": (several({"sumo_people": 3}), "until the car stands"),
-    "fallback": (altered(USUAL, fallback=True), "AV passages (100 % of"),
+    "fallback": (altered(USUAL, fallback=True), f"{DRIVEN} of {DRIVEN} AV passages (100 %"),
     "left_out": (
         [(arm([passage("a"), passage("b", rear_s=None)], [trip("a")]), arm([passage("a")]))] * 6,
         "6 passages that did not end (AV 6, human_yield 0)",
