@@ -84,7 +84,8 @@ class SimulatedArm:
         session, setup = self.session, self.setup
         empties = setup.scenario.traffic is not None
         sample, stroll = (max(1, round(each / session.step_s)) for each in (SAMPLE_S, STROLL_S))
-        while session.goes_on(setup.config.end_s):
+        end_s = setup.config.end_s
+        while session.goes_on(end_s):
             if empties and session.time_s >= setup.end_s and not session.goes_on(None):
                 break
             self._begin_step()

@@ -168,7 +168,10 @@ def _within_stopping(observation: Observation, wanted: float) -> float:
         return wanted
     slowing = _slowing(observation)
     half, left = slowing * step / 2, to_edge - speed * step / 2
-    squared = half**2 + _edge_speed(observation) ** 2 + 2 * slowing * left
+    squared = half**2 + 2 * slowing * left
+    if (speed + wanted * step + half) ** 2 < squared:
+        return wanted  # far away even v_e = 0 limits nothing
+    squared += _edge_speed(observation) ** 2
     return min(wanted, (math.sqrt(max(0.0, squared)) - half - speed) / step)
 
 
