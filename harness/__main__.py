@@ -1,4 +1,4 @@
-"""``harness`` and ``python -m harness``."""
+"""``harness`` and ``python -m harness``: starts the first local worker, then the command."""
 
 import os
 import sys

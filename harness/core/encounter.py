@@ -1,4 +1,4 @@
-"""The vocabulary of an encounter: Vehicle and its limits, Arrival, Observation, LIMITED_BY, traces.
+"""The vocabulary of an encounter: Vehicle's limits, Arrival, Observation, LIMITED_BY, traces.
 
 Frame (SI units): x points along the road in the ego's direction and is 0 at the crosswalk's centre
 line; y points across the road and is 0 at the kerb on the ego's right and ``length_m`` at the other
@@ -106,8 +106,15 @@ class Vehicle:
         return road_m / self.initial_speed_mps
 
 
-LIMITED_BY = ("strategy", "actuator", "lane", "leader", "right_of_way")
-"""What decides a driven vehicle's speed in a step of a simulation; lanes include curves."""
+LIMITED_BY = {
+    "strategy": "the strategy",
+    "actuator": "the actuator",
+    "lane": "lanes and curves",
+    "leader": "leaders",
+    "right_of_way": "right of way",
+}
+"""What decides a driven vehicle's speed in a step of a simulation, with its words."""
+STRATEGY, ACTUATOR, LANE, LEADER, RIGHT_OF_WAY = range(len(LIMITED_BY))
 
 
 @dataclass(frozen=True, slots=True)

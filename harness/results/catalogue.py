@@ -1,4 +1,4 @@
-"""Every reported number, an entry of ``ENTRIES`` each: a column, an estimator, first screen or not.
+"""Every reported number, an entry each: column, estimator, first screen (shown in README) or not.
 
 To report another number, add an entry: it names a column and an estimator.  Screens, page, JSON,
 CSV and the reference in the documentation follow.
@@ -299,8 +299,7 @@ ENTRIES: tuple[Entry, ...] = (
                 "which a strategy drove AVs, in the reference's arm the same vehicles.",
                 f"sum passages.{name} av driven", weight="sum passages.steps av driven", digits=0,
                 screen=name == "strategy", optional=True)
-      for name, words in zip(LIMITED_BY, ("the strategy", "the actuator", "lanes and curves",
-                                          "leaders", "right of way"), strict=True)),
+      for name, words in LIMITED_BY.items()),
     _PASSAGES("driven", "AVs' passages driven", "By a strategy.", "count passages av driven",
               weight="count passages av"),
     _TOTAL("not_driven", "AVs' passages not driven", "In the AV's arm, with the reasons.",

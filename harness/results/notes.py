@@ -1,4 +1,4 @@
-"""Notes of runs, one rule each, the worst news first; references.py and studies have others.
+"""Notes of runs, one rule each, the worst first; others: references.py, screens.py, studies.
 
 Comparisons, risks, validations and fits have notes of their own, in ``studies``.
 

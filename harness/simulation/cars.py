@@ -13,12 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.core.actuation import Actuator
-from harness.core.encounter import LIMITED_BY, Crossing, FloatArray, Strategy, Vehicle
+from harness.core.encounter import LIMITED_BY, STRATEGY, Crossing, FloatArray, Strategy, Vehicle
 from harness.encounter.driver import Driver
 from harness.site.town import Connection, Crosswalk
 from harness.site.zone import Zone
-
-STRATEGY, ACTUATOR, LANE, LEADER, RIGHT_OF_WAY = range(len(LIMITED_BY))
 
 PASSED = "passed"
 

@@ -1,4 +1,4 @@
-"""Rules of driven vehicles, turning ones too: commands, curves, SUMO; arm.py picks the driver.
+"""Rules of driven vehicles, turning too: commands, curves, SUMO; docs/method.md, "Who drives".
 
 The lowest of three speeds applies: the strategy's, that of lanes and curves ahead, and SUMO's for
 leaders and junctions.  SUMO does not mind people at the crosswalks that a strategy has taken over;
@@ -9,12 +9,12 @@ import math
 from collections.abc import Mapping
 
 from harness.core.actuation import CUT_MPS, Actuator
-from harness.core.encounter import Strategy
+from harness.core.encounter import ACTUATOR, LANE, LEADER, RIGHT_OF_WAY, STRATEGY, Strategy
 from harness.core.errors import StrategyError
 from harness.encounter.driver import Driver, answer_of
 from harness.engine.plain import slowing_mps
 from harness.engine.session import Session
-from harness.simulation.cars import ACTUATOR, LANE, LEADER, RIGHT_OF_WAY, STRATEGY, Car, Passage
+from harness.simulation.cars import Car, Passage
 from harness.simulation.people import PeopleAt
 from harness.simulation.setup import Setup
 from harness.site.town import Crosswalk

@@ -1,4 +1,4 @@
-"""Perception errors at each update; keys: scenario/sections.py, documented: docs/strategies.md."""
+"""Perception errors at updates; keys: scenario/sections, streams: seeding; docs/strategies.md."""
 
 import math
 from collections import deque
