@@ -1,4 +1,4 @@
-"""``harness`` and ``python -m harness``: starts the first local worker, then the command."""
+"""``harness``, ``python -m harness``: a first worker, unless ``--dask``, and the command."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""The vocabulary of an encounter: Vehicle's limits, Arrival, Observation, LIMITED_BY, traces.
+"""Vehicle's limits, Arrival, Observation, traces; LIMITED_BY, of each a column (SCHEMA: folder.py).
 
 Frame (SI units): x points along the road in the ego's direction and is 0 at the crosswalk's centre
 line; y points across the road and is 0 at the kerb on the ego's right and ``length_m`` at the other

@@ -1,4 +1,4 @@
-"""A scenario and a pair's number in; its pedestrians, with all that is drawn for each, out."""
+"""A scenario and a pair's number in; its pedestrians out, with all that is drawn (``Arrival``)."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator

@@ -1,4 +1,4 @@
-"""Rules of driven vehicles, turning too: commands, curves, SUMO; docs/method.md, "Who drives".
+"""Rules of driven vehicles, turning too, counted by LIMITED_BY; docs/method.md, "Who drives".
 
 The lowest of three speeds applies: the strategy's, that of lanes and curves ahead, and SUMO's for
 leaders and junctions.  SUMO does not mind people at the crosswalks that a strategy has taken over;

@@ -1,4 +1,4 @@
-"""Perception errors at updates; keys: scenario/sections, streams: seeding; docs/strategies.md."""
+"""Perception errors, made for perception.py, simulation/people.py; keys: scenario/sections.py."""
 
 import math
 from collections import deque
