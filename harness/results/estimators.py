@@ -48,11 +48,13 @@ class Sampling(NamedTuple):
         rng: the generator of resamples; None: there are no bootstrap intervals.
         confidence: two-sided confidence; 0: there are no intervals.
         repeated: whether all trials of a share repeat the same one; they are no sample then.
+        tested: whether a mean or ratio has a p: of the interval that ends at 0.
     """
 
     rng: np.random.Generator | None
     confidence: float = CONFIDENCE
     repeated: bool = False
+    tested: bool = False
 
 
 def mean(values: FloatArray, sampling: Sampling) -> Finding:
@@ -180,19 +182,24 @@ def zero_bound(high: float, confidence: float = CONFIDENCE) -> float:
 def difference(
     a: FloatArray, b: FloatArray, sampling: Sampling, over: FloatArray | None = None
 ) -> Finding:
-    """The mean of a − b over the pairs in which both are defined, with the sign-flip test's p.
+    """The mean of a − b over the pairs in which both are defined, with a p that it is 0.
 
     With ``over`` it is Σ(a − b) / Σ over, of the pairs in which all are defined.  ``n`` is the
-    number of pairs that differ.  The interval is extended to 0 if the test does not reject at
-    1 − confidence: a bootstrap's interval excludes 0 whenever few pairs differ and all of them in
-    one direction.
+    number of pairs that differ.  p is the larger of two, that of the sign-flip test and that of the
+    BCa interval that ends at 0, and below 1 − confidence only where the interval excludes 0.  The
+    sign-flip test needs both, because a bootstrap's interval excludes 0 whenever few pairs differ
+    and all of them in one direction; the interval, because few large differences against many
+    small ones are no sign of a mean.
     """
     over = np.ones(len(a)) if over is None else over
     differences = np.where(np.abs(a - b) < _ROUNDING, 0.0, a - b)
-    found, known = ratio(differences, over, sampling), differences[~np.isnan(differences + over)]
-    p, low, high = sign_flip_p(known), found.low, found.high
-    if low is not None and high is not None and p >= 1 - sampling.confidence:
-        low, high = min(low, 0.0), max(high, 0.0)
+    found = ratio(differences, over, sampling._replace(tested=True))
+    known, low, high = differences[~np.isnan(differences + over)], found.low, found.high
+    p, least = max(sign_flip_p(known), found.p or 0.0), 1 - sampling.confidence
+    if low is not None and high is not None:
+        p = max(p, least * (low <= 0.0 <= high))
+        if p >= least:
+            low, high = min(low, 0.0), max(high, 0.0)
     return replace(found, low=low, high=high, n=int(np.count_nonzero(known)), p=p)
 
 
@@ -290,18 +297,28 @@ def _of_means(
         return without
     # Sums of the same values in another order differ only in their last bits.
     same = _ROUNDING * np.ptp(resampled)
-    below = (np.mean(resampled < value - same) + np.mean(resampled <= value + same)) / 2
-    bias = special.ndtri(below)
+
+    def normal(at: float) -> float:
+        """The standard normal quantile of the share of resamples below a value."""
+        share = np.mean(resampled < at - same) + np.mean(resampled <= at + same)
+        return float(special.ndtri(share / 2))
+
+    bias = normal(value)
     influence = np.mean(left_out) - left_out
     scale = np.sum(influence**2) ** 1.5
     acceleration = np.sum(influence**3) / (6 * scale) if scale > 0 else 0.0
-    tail = (1 - sampling.confidence) / 2
+    tail, p = (1 - sampling.confidence) / 2, None
     z = bias + special.ndtri(np.array([tail, 1 - tail]))
     levels = special.ndtr(bias + z / (1 - acceleration * z))
     if not np.isfinite(levels).all():
         return without
+    if sampling.tested:
+        # The level at which an end is 0; there is none if no resample lies beyond 0.
+        w = normal(0.0) - bias
+        reached = math.isfinite(w) and 1 + acceleration * w > 0
+        p = 2 * float(special.ndtr(-abs(w / (1 + acceleration * w) - bias))) if reached else 0.0
     low, high = np.quantile(resampled, levels)
-    return Finding(value, float(low), float(high), informing, reliable=True)
+    return Finding(value, float(low), float(high), informing, reliable=True, p=p)
 
 
 def _resamples(n: int, rng: np.random.Generator, confidence: float) -> Iterator[np.ndarray]:

@@ -111,10 +111,7 @@ class Result:
             "about": self.about,
             "facts": dict(self.facts),
             "records": [
-                {
-                    key: finding_to_dict(value) if isinstance(value, Finding) else value
-                    for key, value in record.items()
-                }
+                {k: finding_to_dict(v) if isinstance(v, Finding) else v for k, v in record.items()}
                 for record in self.records
             ],
             "notes": [note._asdict() for note in self.notes],

@@ -93,16 +93,12 @@ def run_result(
 
 def records_of(cell: CellFindings) -> list[dict[str, Plain | Finding]]:
     """The numbers of a cell, then of each of its crosswalks, with who drove."""
-    who = {"av": cell.scenario.arms.av, "reference": cell.scenario.arms.human}
-    names: list[tuple[str | None, Findings]] = [(None, cell.findings), *cell.by_crosswalk.items()]
-    return [
-        {
-            **{"cell": cell.number, **cell.varied, **who},
-            **({"crosswalk": name} if cell.by_crosswalk else {}),
-            **found,
-        }
-        for name, found in names
-    ]
+    arms = cell.scenario.arms
+    first = {"cell": cell.number, **cell.varied, "av": arms.av, "reference": arms.human}
+    if not cell.by_crosswalk:
+        return [{**first, **cell.findings}]
+    at = [{**first, "crosswalk": name, **found} for name, found in cell.by_crosswalk.items()]
+    return [{**first, "crosswalk": None, **cell.findings}, *at]
 
 
 def shown(entry: Entry, found: CellFindings | Findings, key: str = "") -> Shown:

@@ -97,10 +97,7 @@ class Table:
     @property
     def schema(self) -> pa.Schema:
         """Its schema in Arrow."""
-        return pa.schema(
-            pa.field(column.name, column.type, nullable=not column.required)
-            for column in self.columns
-        )
+        return pa.schema(pa.field(c.name, c.type, nullable=not c.required) for c in self.columns)
 
     def of(self, rows: Sequence[Row]) -> pa.Table:
         """Rows as a table; columns that a row lacks are null."""

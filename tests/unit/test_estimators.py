@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy import stats
 
 from harness.results import estimators as of
@@ -297,6 +297,24 @@ def test_differences_of_undefined_equal_and_no_pairs() -> None:
         np.array([10.0, 5.0, 8.0, nan]),
     )
     assert times.value == pytest.approx(1 / 15)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.integers(8, 60), st.floats(0.0, 1.0), st.floats(0.0, 2.0))
+def test_an_interval_leaves_out_0_where_p_is_below_5_percent(
+    seed: int, n: int, shift: float, skewness: float
+) -> None:
+    values = rng(seed).lognormal(0.0, skewness + 0.1, n) - shift * np.exp(skewness**2 / 2)
+    found = of.difference(values, np.zeros(n), at())
+    assert (found.p < 0.05) == (not found.low <= 0.0 <= found.high)
+
+
+@pytest.mark.parametrize("times", [1.1, 1.15, 1.2])
+def test_p_is_that_of_the_interval_that_ends_at_0(times: float) -> None:
+    values = SAMPLES["heavy"] - times * np.mean(SAMPLES["heavy"])
+    found = of.difference(values, 0 * values, at())
+    assert of.sign_flip_p(values) < found.p
+    assert of.mean(values, at(1 - found.p)).high == pytest.approx(0.0, abs=2e-3)
 
 
 def test_an_interval_leaves_out_0_only_where_the_test_rejects() -> None:
