@@ -5,13 +5,12 @@ from types import MappingProxyType
 
 import numpy as np
 
-from harness.core.encounter import Arm, Strategy
+from harness.core.encounter import NO_MODEL_USE, Arm, ModelUse, Strategy
 from harness.core.errors import InputError, in_one_line
 from harness.core.seeding import Given, GivenFirst, Purpose, stream
-from harness.model.interaction import InteractionModel, check_support
+from harness.model.interaction import InteractionModel, ModelUseCounter, check_support
 from harness.scenario import Scenario
-from harness.strategies.human_gmm import HumanDriver
-from harness.strategies.parameters import check_parameters, needs
+from harness.strategies.parameters import check_parameters, knows_the_model, needs
 from harness.strategies.perception.sensor import sensor_of
 from harness.strategies.registry import STRATEGIES, find_strategy, table_key
 
@@ -91,10 +90,16 @@ def named_strategy(
     return factory(**{key: given[key]() for key in needs(factory)}, **parameters)
 
 
+def uses_of(strategy: Strategy) -> ModelUse:
+    """How often a strategy has asked the model, if it counts that in ``model_use``."""
+    counter = getattr(strategy, "model_use", None)
+    return counter.counts if isinstance(counter, ModelUseCounter) else NO_MODEL_USE
+
+
 def asks_model(scenario: Scenario) -> bool:
     """Whether the model is used with the ego's state, for walking speeds or for a driver."""
     arms = scenario.arms.model_dump().items()
-    if HumanDriver in [find_strategy(name, f"arms.{key}") for key, name in arms]:
+    if any(knows_the_model(find_strategy(name, f"arms.{key}")) for key, name in arms):
         return True
     return scenario.walks_by_model and scenario.model.pedestrian_reading != "unconditional"
 

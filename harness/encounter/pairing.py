@@ -11,7 +11,7 @@ import numpy as np
 from harness.core.encounter import Arm, Arrival, Ending, Trace
 from harness.core.errors import StrategyError, in_one_line
 from harness.core.seeding import Given
-from harness.encounter.arms import check_arms, make_strategy
+from harness.encounter.arms import check_arms, make_strategy, uses_of
 from harness.encounter.arrivals import already_walking, planned_arrivals
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.loop import Episode, drive, failed
@@ -20,7 +20,6 @@ from harness.engine.protocol import Engine
 from harness.measures import Outcome, measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
-from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.perception.sensor import sensor_of
 
 CHUNK_PAIRS = 50
@@ -178,9 +177,7 @@ class PairRunner:
         self._speeds.model_use.begin()
         begins(pair, arm, episode)
         trace = drive(episode, strategy)
-        conditionings = self._speeds.model_use.counts
-        if isinstance(strategy, HumanDriver):
-            conditionings = conditionings.joined(strategy.model_use.counts)
+        conditionings = self._speeds.model_use.counts.joined(uses_of(strategy))
         if trace.ending is Ending.ENGINE_FAILED:
             # The next episode needs a new simulation.
             episode.engine.close()

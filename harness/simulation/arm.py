@@ -4,7 +4,8 @@ import math
 from collections import Counter, defaultdict
 from functools import partial
 
-from harness.core.encounter import ROUNDING, Arm
+from harness.core.encounter import ROUNDING, Arm, ModelUse
+from harness.encounter.arms import uses_of
 from harness.encounter.driver import Driver
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.session import Collision, Session
@@ -105,8 +106,7 @@ class SimulatedArm:
                 self._sample()
         for car in [*self._near.values()]:
             self._drop(car, ENDED)
-        use = self._speeds.model_use.counts
-        self.counts.update(conditionings=use.uses, clamped=use.clamped)
+        self._note_uses(self._speeds.model_use.counts)
         self.passages.sort(key=lambda each: (each.begin_s, each.car.name, each.crosswalk.id))
 
     def __len__(self) -> int:
@@ -272,7 +272,12 @@ class SimulatedArm:
         people.watched += 1
         self.passages.append(passage)
 
+    def _note_uses(self, use: ModelUse) -> None:
+        self.counts.update(conditionings=use.uses, clamped=use.clamped)
+
     def _end(self, passage: Passage, why: str) -> None:
+        if passage.strategy is not None:
+            self._note_uses(uses_of(passage.strategy))
         passage.end(why)
         self.people[passage.crosswalk.id].watched -= passage.begun
         passage.car.passages.remove(passage)
