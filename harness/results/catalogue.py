@@ -310,6 +310,8 @@ ENTRIES: tuple[Entry, ...] = (
            "`people_wait_s`; JSON has the wait.", "mean people.wait_s", of="arms", form=Form.LEVEL),
     _PASSAGES("let_go", "people for whom the first driver yielded", "Of those who waited.",
               "count people let_go", weight="count people waited", digits=0),
+    _HOURS("vehicles_delay_s", "all vehicles' delay", "Of AVs and others at the crosswalks.",
+           "mean passages.delay_s"),
     _HOURS("av_time_loss_s", "time loss of AVs", "Of trips through the whole network with the wait "
            "for departure.", "mean vehicles.time_loss_s av", network=True),
     _HOURS("other_time_loss_s", "time loss of other vehicles", "As that of AVs.",

@@ -64,8 +64,7 @@ class Sample(dict[str, np.ndarray]):
     def _same(self, arm: int) -> bool:
         """Whether all episodes of an arm are equal; one alone is not."""
         own = self._episodes.drop_columns(["pair"]).take(np.arange(self.n) * 2 + arm)
-        distinct: int = own.group_by(own.column_names).aggregate([]).num_rows
-        return self.n > 1 and distinct == 1
+        return bool(self.n > 1 and own.group_by(own.column_names).aggregate([]).num_rows == 1)
 
 
 def _draws(name: str) -> bool:

@@ -54,8 +54,7 @@ class Run:
     @property
     def confidence(self) -> float:
         """The two-sided confidence of each interval."""
-        confidence: float = self.manifest["confidence"]
-        return confidence
+        return float(self.manifest["confidence"])
 
     def scenario_of(self, cell: int) -> Scenario:
         """The scenario of one cell."""

@@ -51,6 +51,12 @@ class Candidate:
         """Its name among the cells of all groups and runs."""
         return ", ".join(filter(None, [name_of(self.shared), self.label]))
 
+    @property
+    def av_share(self) -> float:
+        """The share of AVs; of encounters 1."""
+        section = self.cell.scenario.traffic or self.cell.scenario.simulation
+        return 1.0 if section is None else section.av_share
+
     def sample(self, pairs: int) -> AnySample:
         """The columns of its first pairs, without intervals of its own."""
         number, scenario = self.cell.number, self.cell.scenario

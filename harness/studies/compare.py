@@ -98,7 +98,15 @@ def _of_simulations(entry: Entry) -> Difference:
 
 
 _SHOWN = ("av_delay_s", "contacts", "conflicts_pet", "share_strategy")
-_OTHERS = ("other_delay_s", "people_delay_s", "people_wait_s", "queue_p95", "av_time_loss_s")
+_OTHERS = (
+    "vehicles_delay_s",
+    "other_delay_s",
+    "av_contacts",
+    "people_delay_s",
+    "people_wait_s",
+    "queue_p95",
+    "av_time_loss_s",
+)
 _SIMULATED = (*_SHOWN, *_OTHERS)
 
 
@@ -337,18 +345,27 @@ def _notes(
     of_times = [row.found[kind.differences[0].key] for row in rows]
     few = [each.n or 0 for each in of_times if each.reliable is False or each.reason == FEW]
     equal, of = sum(each.reason == EQUAL for each in of_times), f"of {len(rows):,}"
+    shares = sum(row.a.av_share != row.b.av_share for row in rows)
     cut = [row for row in rows if row.a.cell["pairs"].count != row.b.cell["pairs"].count]
     notes = []
     if worse:
         (more, less), others = worse[0], len(worse) - 1
         text = f"{more.name} {does} more often than {less.label}"
         text += f" (similar in {others:,} more row{'s' * (others > 1)})." if others else "."
-        notes.append(Note("more_crashes", rank_of("left_out"), "more crashes", text))
+        notes.append(Note("more_crashes", rank_of("collisions"), "more crashes", text))
     if few:
         text = f"In {len(few):,} {of} rows A − B is unreliable (*): few pairs differ (fewest: "
         least = kind.differences[0].reliable_from or RELIABLE_FROM
         text += f"{min(few):,}). It is reliable from {least:,} on."
         notes.append(Note("few_differ", rank_of("few_pairs"), "few pairs differ", text))
+    if shares:
+        text = (
+            f"In {shares:,} {of} rows A and B have different shares of AVs, so numbers of AVs and "
+        )
+        text += (
+            "of other vehicles are of different vehicles. Compare those of all vehicles (--full)."
+        )
+        notes.append(Note("other_avs", rank_of("few_pairs"), "other vehicles are AVs", text))
     if cut:
         text = f"In {len(cut):,} {of} rows A − B is over the {_common(cut[0].a, cut[0].b):,} pairs "
         text += "that both cells have, and a cell's own number over all of its pairs."

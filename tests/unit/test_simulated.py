@@ -353,6 +353,7 @@ def test_cells_are_compared_by_their_avs_over_pairs(tmp_path: Path) -> None:
     adjusted = sorted(record["av_delay_s_a_minus_b_p_holm"] for record in result.records)  # type: ignore[type-var]
     assert adjusted[0] == pytest.approx(3 * ps[0])
     assert "A − B" in screen_text(result, 100)
+    assert "In 3 of 3 rows A and B have different shares of AVs" in screen_text(result, 200)
 
 
 def test_a_page_has_the_figures_of_simulations(tmp_path: Path) -> None:
