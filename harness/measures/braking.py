@@ -13,24 +13,21 @@ from harness.measures.ego import IntArray
 
 
 def max_deceleration_mps2(chunk: Chunk) -> FloatArray:
-    """Largest −Δv/Δt over the steps of the record in m/s²; 0 if it never braked."""
+    """Largest −Δv/Δt over the steps in m/s²; 0 if it never braked, NaN without a step."""
     ego = chunk.ego
     trace, state = chunk.record_steps
-    largest = np.zeros(len(chunk.traces))
-    np.maximum.at(largest, trace, ego.speed_mps[state] - ego.speed_mps[state + 1])
-    return largest / chunk.step_s
+    largest = chunk.largest(trace, ego.speed_mps[state] - ego.speed_mps[state + 1])
+    return np.maximum(largest, 0.0) / chunk.step_s
 
 
 def max_jerk_mps3(chunk: Chunk) -> FloatArray:
-    """Largest abs(Δa)/Δt from one step of the record to the next, in m/s³.
+    """Largest abs(Δa)/Δt from one step of the record to the next, in m/s³; NaN without a step.
 
     Before the trigger the ego drove at constant speed.  Acceleration changes within one step, so
     the value depends on the length of the step.
     """
     trace, _, jerk = _comfort(chunk)
-    largest = np.zeros(len(chunk.traces))
-    np.maximum.at(largest, trace, np.abs(jerk))
-    return largest
+    return chunk.largest(trace, np.abs(jerk))
 
 
 def rms_acceleration_mps2(chunk: Chunk) -> FloatArray:

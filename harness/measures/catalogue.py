@@ -111,11 +111,12 @@ class Measured:
         worse="small",
         source="Allen, Shin, Cooper 1978",
     )
-    max_deceleration_mps2: float = _measured(
+    max_deceleration_mps2: float | None = _measured(
         braking.max_deceleration_mps2,
         "m/s²",
         "largest −Δv/Δt over the steps; 0 if it never braked",
         about="comfort",
+        undefined_when="the record has no step",
         worse="large",
     )
     stops: int = _measured(
@@ -127,11 +128,12 @@ class Measured:
         worse="large",
         source="SUMO's waiting-time threshold",
     )
-    stopped_s: float = _measured(
+    stopped_s: float | None = _measured(
         efficiency.stopped_s,
         "s",
         "number of steps that end below 0.1 m/s, times the length of a step",
         about="comfort",
+        undefined_when="the record has no step",
         on_step="steps",
         worse="large",
         source="SUMO's waiting-time threshold",
@@ -169,11 +171,12 @@ class Measured:
         worse="large",
         source="constant deceleration to a stop at distance d",
     )
-    max_jerk_mps3: float = _measured(
+    max_jerk_mps3: float | None = _measured(
         braking.max_jerk_mps3,
         "m/s³",
         "largest abs(Δa)/Δt from one step to the next, a = 0 before the trigger",
         about="comfort",
+        undefined_when="the record has no step",
         on_step="steps",
         worse="large",
         source="finite difference; the value depends on the length of the step",
@@ -216,7 +219,7 @@ class Measured:
         "m/s",
         "largest speed within the record",
         about="other",
-        undefined_when="failed before its first step",
+        undefined_when="the record has no step",
     )
     avoidable_attentive: bool | None = _measured(
         prevention.avoidable_attentive,

@@ -30,10 +30,10 @@ def stops(chunk: Chunk) -> FloatArray:
 
 
 def stopped_s(chunk: Chunk) -> FloatArray:
-    """Number of steps that end below 0.1 m/s, times the step, in s."""
+    """Number of steps that end below 0.1 m/s, times the step, in s; NaN without a step."""
     trace, _, after = _standing(chunk)
-    count = np.bincount(trace[after], minlength=len(chunk.traces)).astype(float)
-    return count * chunk.step_s
+    count = np.bincount(trace[after], minlength=len(chunk.traces))
+    return np.where(chunk.steps > 0, count * chunk.step_s, np.nan)
 
 
 def max_speed_mps(chunk: Chunk) -> FloatArray:

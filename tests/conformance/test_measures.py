@@ -90,8 +90,8 @@ def test_is_finite_of_its_type_or_none_and_empty_without_states(entry) -> None:
         assert None in values.values()
     assert any(value is not None for value in values.values())
     record: EpisodeRecord = RECORDS["failed at once"]
-    # What is counted is 0; whatever else is never undefined is an extreme over no steps, 0 too.
-    expected = 0 if entry.undefined_when == "never" else None
+    # Only what is counted is 0.
+    expected = 0 if entry.kind is int else None
     assert getattr(record, entry.column) == expected
 
 
