@@ -246,7 +246,7 @@ class Arrival(NamedTuple):
     applies.  With behaviour ``threshold``, ``threshold_s`` is the least margin of time with which
     they decide to go, and ``latency_s`` the time from that decision until they set off.  ``path``
     is the whole walk of a timed pedestrian, who has no ``quantile``; it is None
-    for all others.  ``detection_quantile`` is the quantile of the time to their first detection; it
+    for all others (SUMO's people have no ``quantile`` either).  ``detection_quantile`` is the quantile of the time to their first detection; it
     is None if detection is certain.  ``looks_from_s`` is given for a pedestrian who has been at the
     kerb before they may decide: they decide at steps from this time on, and not on arrival.
     ``walking_class`` is the number of their class of walking speeds, if they are in one.

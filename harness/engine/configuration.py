@@ -199,9 +199,10 @@ def write_xml(path: Path, root: ET.Element) -> None:
     ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
 
 
-def people_come(config: SumoConfig) -> bool:
-    """Whether the route files or additional files of a configuration have people."""
-    return any(element.tag in _PEOPLE for element in elements_of(*config.demand))
+def people_in(config: SumoConfig) -> Iterator[str]:
+    """The ids of people and of their flows in a configuration's demand."""
+    people = (each for each in elements_of(*config.demand) if each.tag in _PEOPLE)
+    return (each.get("id", "") for each in people)
 
 
 def elements_of(*files: Path) -> Iterator[ET.Element]:

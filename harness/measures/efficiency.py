@@ -73,7 +73,7 @@ def _arrivals(chunk: Chunk) -> Iterator[tuple[int, Walk, float]]:
     """Episode's number, walk and record's end for everyone who arrived within the record."""
     for number, (trace, end_s) in enumerate(zip(chunk.traces, chunk.end_s.tolist(), strict=True)):
         for walk in trace.walks:
-            if 0 <= walk.arrival.arrival_s <= end_s and walk.arrival.quantile is not None:
+            if 0 <= walk.arrival.arrival_s <= end_s and walk.arrival.path is None:
                 yield number, walk, end_s
 
 

@@ -335,7 +335,7 @@ ENTRIES: tuple[Entry, ...] = (
           ("unfinished", "trips that did not end", "count vehicles unfinished"),
           *((name, name.replace("_", " "), f"sum arms.{name}") for name in (
               "sumo_people", "vehicle_collisions", "person_collisions", "teleports",
-              "emergency_stops", "overlaps")))),
+              "emergency_stops", "overlaps", "people_left_out")))),
     _RISK("probability", "probability of the event", "That an episode ends in the event, by the "
           "ways to it that were found.", form=Form.SHARE, digits=2, undefined=_NO_EVENT),
     _RISK("all_ways_high", "upper bound with other ways", "One-sided bound on the probability by "

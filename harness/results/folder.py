@@ -25,7 +25,7 @@ from harness.scenario import Cell, EngineName, Study
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
 
-SCHEMA = 7
+SCHEMA = 8
 """Version of the folder's format."""
 
 MANIFEST, SUMMARY, LOG = "manifest.json", "summary.csv", "log.jsonl"

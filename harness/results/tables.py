@@ -175,6 +175,7 @@ ARMS = Table("arms", (
     Column("overlaps", int, "", "overlaps behind a vehicle that waits inside a junction"),
     Column("harness_people", int, "", "the harness's people who arrived"),
     Column("sumo_people", int, "", "SUMO's people who came to a chosen crosswalk"),
+    Column("people_left_out", int, "", "more of them, seen too briefly on it for a row"),
     Column("conditionings", int, "", "uses of the interaction model"),
     Column("clamped", int, "", "of these, with a vehicle faster or farther than in its data"),
 ))

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from harness.engine.configuration import SumoConfig, people_come, read_config, write_xml
+from harness.engine.configuration import SumoConfig, people_in, read_config, write_xml
 from harness.scenario.sections import EgoSection
 from harness.simulation.files import run_untouched
 from harness.simulation.opening import chosen, town_of
@@ -105,7 +105,7 @@ def scenario_text(file: Path, crossings: Sequence[str], written: Path) -> str:
     town = town_of(config)
     crosswalks = [chosen(town, name, "--edge") for name in dict.fromkeys(crossings)]
     fastest_mps = max(each.limits_mps[-1] for each in crosswalks)
-    walked = people_come(config)
+    walked = any(people_in(config))
     return _TEMPLATE.read_text(encoding="utf-8").format(
         crosswalks="\n".join(f"# {line}" for each in crosswalks for line in _described(town, each)),
         file=_quoted(written.as_posix()),

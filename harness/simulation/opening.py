@@ -8,7 +8,7 @@ from pathlib import Path
 
 from harness.core.errors import InputError, nearest_name, unknown_name
 from harness.encounter.arms import asks_model
-from harness.engine.configuration import SumoConfig, defined_types, people_come, read_config
+from harness.engine.configuration import SumoConfig, defined_types, people_in, read_config
 from harness.engine.installation import scratch_folder
 from harness.model.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
@@ -16,6 +16,7 @@ from harness.scenario.consistency import check_perception
 from harness.scenario.sections import EgoSection, SimulationSection
 from harness.simulation import demand
 from harness.simulation.files import run_untouched
+from harness.simulation.own_people import OWN_PREFIX
 from harness.simulation.setup import CROSSWALK, Setup
 from harness.simulation.shares import sumo_seed
 from harness.site.town import Crosswalk, Town
@@ -93,7 +94,11 @@ def check(setup: Setup, model: InteractionModel) -> None:
         if config.end_s is None and setup.simulation.end is None:
             problem = "is not given, nor an end in the configuration: people would come for ever"
             raise InputError("simulation.end", problem, "a time, with pedestrians.flow_per_hour")
-    elif not people_come(config):
+        for name in people_in(config):
+            if name.startswith(OWN_PREFIX):
+                problem = f"a person is named {name!r}, as the harness names its own people"
+                raise InputError(str(config.path), problem, f"a name without {OWN_PREFIX!r}")
+    elif not any(people_in(config)):
         allowed = "people in its files, or pedestrians.flow_per_hour"
         raise InputError(str(config.path), "nobody comes on foot", allowed)
     known = {*defined_types(config)}

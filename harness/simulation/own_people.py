@@ -23,8 +23,8 @@ from harness.site.zone import zone_of
 
 HELD_M = 0.05
 """The harness's people are moved in SUMO only this far from both kerbs."""
-OWN_CROSSES = "own:"
-"""The ids of the harness's people begin so; a crossing's id begins with ``:``."""
+OWN_PREFIX = "own:"
+"""How the ids of the harness's people begin in SUMO; no other person's id may."""
 WALKER_TYPE = "DEFAULT_PEDTYPE"
 """SUMO's type of the harness's people."""
 
@@ -73,7 +73,7 @@ class OwnPeople:
 
     def name_of(self, index: int) -> str:
         """SUMO's id of one of them."""
-        return f"own{self._crosswalk.id}-{index}"
+        return f"{OWN_PREFIX}{self._crosswalk.id.removeprefix(':')}-{index}"
 
     def _see(self) -> None:
         """Look at the vehicles that come."""

@@ -113,6 +113,7 @@ def _tables(setup: Setup, arm: SimulatedArm, trips: Path) -> dict[str, Columns]:
         "counted_s": min(setup.end_s, end_s) - setup.begin_s,
         "harness_people": own,
         "sumo_people": len(walked) - own,
+        "people_left_out": sum(each.left_out for each in arm.people.values()),
         **{name: arm.counts[name] for name in _COUNTS},
     }
     vehicles = _vehicles(trips, arm.automated, end_s)

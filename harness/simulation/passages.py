@@ -49,15 +49,14 @@ def passages(
     """The rows of the table ``passages``.
 
     Args:
-        vehicles: the passages; those with less than two states are left out.
+        vehicles: the passages; what one of a single state measures is undefined.
         people: everybody at each crosswalk.
         town: has the vehicles' paths.
         step_s: time between two states.
         motion: how vehicles move between two states.
     """
-    kept = [each for each in vehicles if len(each.xs_m) > 1]
     traces, strikes, ids = [], [], []
-    for each in kept:
+    for each in vehicles:
         end_s = each.begin_s + (len(each.xs_m) - 1) * step_s
         here = [
             person
@@ -70,8 +69,8 @@ def passages(
         path = town.path(each.connection)
         strikes.append(strike_of(trace, each, path, walkers))
     records = _records(traces, strikes)
-    free_s = [free_pass_s(each, town.path(each.connection)) for each in kept]
-    return [*map(_row, kept, traces, records, ids, free_s)]
+    free_s = [free_pass_s(each, town.path(each.connection)) for each in vehicles]
+    return [*map(_row, vehicles, traces, records, ids, free_s)]
 
 
 def _row(

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from harness.core.encounter import STANDING_MPS, PedestrianView, Side, Views, quick_tuple
 from harness.engine.session import Session
 from harness.simulation.cars import Passage
-from harness.simulation.own_people import OWN_CROSSES, OwnPeople
+from harness.simulation.own_people import OWN_PREFIX, OwnPeople
 from harness.simulation.shares import number_of
 from harness.simulation.walk import WAITING_M, SumoPerson, Walked
 from harness.site.town import Crosswalk
@@ -26,12 +26,13 @@ class PeopleAt:
         crosswalk, own: the same.
         changed: whether somebody has come or gone; whoever has seen to it resets it.
         watched: the number of vehicles that are on their ways over it.
+        left_out: the number of SUMO's people who stepped off, but have no way; once it has ended.
     """
 
     def __init__(self, session: Session, crosswalk: Crosswalk, own: OwnPeople | None) -> None:
         self._session, self._people = session, session.people
         self.crosswalk, self._areas = crosswalk, crosswalk.areas
-        self.own, self.changed, self.watched = own, False, 0
+        self.own, self.changed, self.watched, self.left_out = own, False, 0, 0
         self._first = 0 if own is None else len(own.arrivals)
         self._here: dict[str, SumoPerson] = {}
         self._came: list[SumoPerson] = []
@@ -57,7 +58,7 @@ class PeopleAt:
         if not there and not here:
             return
         if self.own is not None:
-            there = {name: on for name, on in there.items() if not name.startswith(OWN_CROSSES)}
+            there = {name: on for name, on in there.items() if not name.startswith(OWN_PREFIX)}
         if there.keys() != here.keys():
             self.changed = True
         self._here = {}
@@ -130,8 +131,9 @@ class PeopleAt:
     def walked(self) -> list[Walked]:
         """Everybody who stepped off or waited, the harness's first."""
         own = [] if self.own is None else [*self.own.walked()]
-        sumos = (each.walked(self.crosswalk) for each in self._came)
-        return own + [each for each in sumos if each is not None]
+        found = [(each, each.walked(self.crosswalk)) for each in self._came]
+        self.left_out = sum(walk is None and each.stepped_off for each, walk in found)
+        return own + [walk for _, walk in found if walk is not None]
 
 
 def _turned(view: PedestrianView, passage: Passage) -> PedestrianView:

@@ -3,7 +3,6 @@
 Every place is a distance along the crosswalk's axis: 0 at its beginning, ``length_m`` at its end.
 """
 
-import math
 from dataclasses import dataclass, field, replace
 from itertools import starmap
 
@@ -79,8 +78,16 @@ class SumoPerson:
         """Whether SUMO has them on the crosswalk."""
         return self.states[-1][2]
 
+    @property
+    def stepped_off(self) -> bool:
+        """Whether SUMO ever had them on the crosswalk."""
+        return any(on for *_, on in self.states)
+
     def walked(self, crosswalk: Crosswalk) -> Walked | None:
-        """Their way over it; None for those who only passed beside the kerb."""
+        """Their way over it; None for those who only passed beside the kerb.
+
+        It is also None for those who stepped off and were seen too briefly for a way.
+        """
         time_s, places, on_it = map(np.array, zip(*self.states, strict=True))
         on, length_m = np.flatnonzero(on_it), crosswalk.length_m
         along_m, left_m = np.array([*map(crosswalk.line.foot, places.tolist())]).T
@@ -91,14 +98,13 @@ class SumoPerson:
         if len(points) < 2:
             if len(on) or waits_s is None:
                 return None
-            # There is no quantile; NaN distinguishes them from timed pedestrians.
-            walk = Walk(Arrival(self.index, waits_s, side, math.nan))
+            walk = Walk(Arrival(self.index, waits_s, side, None))
             return Walked(self.id, False, walk, None, last_s)
         (start_s, from_m), (end_s, to_m) = points[0].tolist(), points[-1].tolist()
         came_s = start_s if waits_s is None else min(waits_s, start_s)
         y_m = points[:, 1] if near else length_m - points[:, 1]
         walk = Walk(
-            Arrival(self.index, came_s, side, math.nan),
+            Arrival(self.index, came_s, side, None),
             start_s,
             max((to_m - from_m) / (end_s - start_s), 1e-3),
             legs=_legs(points[:, 0], np.interp(points[:, 0], time_s, left_m), y_m),

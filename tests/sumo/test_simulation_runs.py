@@ -181,8 +181,10 @@ HOSTILE = {
     # As SUMO has them by default.
     "Euler's steps of a second": ("", 'step-length value="0.1"', 'step-length value="1"', ""),
     "teleports": ("", 'action value="warn"', 'action value="teleport"', ""),
+    "a person's name": ("people.trips.xml", '<person id="', '<person id="own:', "person is named"),
 }
 """The file, or else the configuration; what is put in whose place; how it is refused, if it is."""
+HARNESS_PEOPLE = "[pedestrians]\nflow_per_hour = 99\nwalking_speed = {mean_mps = 1, std_mps = 0.1}"
 
 
 @pytest.mark.parametrize("name", HOSTILE)
@@ -193,7 +195,7 @@ def test_a_hostile_configuration_is_refused_in_one_line_or_works(tmp_path: Path,
     text = path.read_text()
     assert find in text
     path.write_text(text.replace(find, replace) if find else text[:20_000])
-    file = own(tmp_path, config.name, USABLE)
+    file = own(tmp_path, config.name, USABLE, HARNESS_PEOPLE)
     if refused:
         refuses(refused, lambda: run(file, pairs=1, out=tmp_path / "run", workers=0))
         assert not (tmp_path / "run").exists()

@@ -124,8 +124,12 @@ def test_the_rear_of_a_turning_body() -> None:
     for number in range(1, 50):
         car.note(100.0 - 33.0 + number * 10.0 * STEP_S, 10.0)
     each.end(PASSED)
+    late = replace(each, xs_m=each.xs_m[:1], speeds_mps=each.speeds_mps[:1], ended="ended")
     town: Any = SimpleNamespace(path=lambda _: path)
-    (found,) = passages([each], {walked.id: []}, town, STEP_S, "euler")
+    found, alone = passages([each, late], {walked.id: []}, town, STEP_S, "euler")
+    # A passage that began when the simulation ended has a row: it did not end.
+    undefined = ("front_s", "rear_s", "delay_s", "max_deceleration_mps2", "pet_s")
+    assert [alone[name] for name in ("steps", *undefined)] == [0, *[None] * 5]
     leaves_m = brentq(corner_m, 2.0, CAR.length_m)
     assert found["rear_s"] == pytest.approx(20.0 + (33.0 + leaves_m) / 10.0, abs=1e-3)
 
