@@ -245,10 +245,11 @@ class Arrival(NamedTuple):
     ``critical_gap_s`` is the shortest gap that they accept; it is None if only the kerb rule
     applies.  With behaviour ``threshold``, ``threshold_s`` is the least margin of time with which
     they decide to go, and ``latency_s`` the time from that decision until they set off.  ``path``
-    is the whole walk of a timed pedestrian, who has no ``quantile``; it is None
-    for all others (SUMO's people have no ``quantile`` either).  ``detection_quantile`` is the quantile of the time to their first detection; it
-    is None if detection is certain.  ``looks_from_s`` is given for a pedestrian who has been at the
-    kerb before they may decide: they decide at steps from this time on, and not on arrival.
+    is the whole walk of a timed pedestrian; it is None for all others.  Timed pedestrians and
+    SUMO's people have no ``quantile``.  ``detection_quantile`` is the quantile of the time to their
+    first detection; it is None if detection is certain.  ``looks_from_s`` is given for a pedestrian
+    who has been at the kerb before they may decide: they decide at steps from this time on, and not
+    on arrival.
     ``walking_class`` is the number of their class of walking speeds, if they are in one.
     ``leader`` is the first member of their group, if that is somebody else: with behaviour
     ``threshold`` the group decides by the leader's walking speed.

@@ -66,7 +66,8 @@ class PeopleAt:
             at = complex(*self._people.position(name))
             person = here.get(name)
             if person is None:
-                near = self.crosswalk.line.foot(at)[0] < self.crosswalk.length_m / 2
+                ends = (begins for area, begins in self._areas.items() if name in ids(area))
+                near = next(ends, self.crosswalk.line.foot(at)[0] < self.crosswalk.length_m / 2)
                 person = SumoPerson(name, self._first + len(self._came), near)
                 self._came.append(person)
             self._here[name] = person

@@ -176,10 +176,11 @@ def _from_kerb_to_kerb(
     start_s = _kerb(walk[:2], 0.0, before_s, walk[1, 0])
     end_s = _kerb(walk[-2:], length_m, walk[-2, 0], after_s)
     # Who is on the crosswalk at the first or the last record has no such kerb.
-    begins = [(start_s, 0.0)] if rows[0] > on[0] or on[0] > 0 else []
-    ends = [(end_s, length_m)] if rows[-1] < on[-1] or on[-1] < last else []
-    between = walk[(walk[:, 0] > start_s) & (walk[:, 0] < end_s)].tolist()
-    return np.array([*begins, *between, *ends]).reshape(-1, 2)
+    if rows[0] > on[0] or on[0] > 0:
+        walk = np.vstack(((start_s, 0.0), walk[walk[:, 0] > start_s]))
+    if rows[-1] < on[-1] or on[-1] < last:
+        walk = np.vstack((walk[walk[:, 0] < end_s], (end_s, length_m)))
+    return walk
 
 
 def _kerb(line: FloatArray, kerb_m: float, low_s: float, high_s: float) -> float:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path as FilePath
 from types import MappingProxyType
@@ -81,7 +81,7 @@ class Crosswalk:
         prioritized: whether vehicles have to give way to people.
         signalled: whether a traffic light controls the people on it.
         roads: ids of the edges that it crosses.
-        areas: ids of the walking areas at its ends.
+        areas: by the ids of the walking areas at its ends, whether it is at the axis's beginning.
         junction: the connections for vehicles at its junction.
     """
 
@@ -92,7 +92,7 @@ class Crosswalk:
     prioritized: bool = False
     signalled: bool = False
     roads: Sequence[str] = ()
-    areas: Sequence[str] = ()
+    areas: Mapping[str, bool] = field(default_factory=dict)
     junction: Sequence[Connection] = ()
 
     @cached_property
@@ -236,7 +236,8 @@ def _passing(net: "Net", node: "Node") -> Iterator[Connection]:
 def _crosswalk(edge: "Edge", junction: Sequence[Connection], left_hand: bool) -> Crosswalk:
     lane = edge.getLane(0)
     walked = lane.getIncomingConnections()
-    ends = [link.getFromLane() for link in walked] + lane.getOutgoingLanes()
+    ends = {each.getEdge().getID(): False for each in lane.getOutgoingLanes()}
+    ends |= {link.getFrom().getID(): True for link in walked}
     return Crosswalk(
         id=edge.getID(),
         axis=shapely.LineString(lane.getShape()),
@@ -245,7 +246,7 @@ def _crosswalk(edge: "Edge", junction: Sequence[Connection], left_hand: bool) ->
         prioritized=any(link.getState() == "M" for link in walked),
         signalled=any(link.getTLSID() for link in walked),
         roads=[road.getID() for road in edge.getCrossingEdges()],
-        areas=sorted({lane.getEdge().getID() for lane in ends}),
+        areas=MappingProxyType(ends),
         junction=junction,
     )
 

@@ -126,7 +126,7 @@ def test_everybody_driven(tmp_path: Path) -> None:
     everybody = outcome["people"]
     assert (everybody["wait_s"] >= 0.0).all()
     assert not everybody["own"].any()
-    assert outcome["arms"]["people_left_out"].item() <= 0.01 * len(everybody)
+    assert outcome["arms"]["people_left_out"].item() == 0
 
 
 def test_both_arms_have_the_same_avs(tmp_path: Path) -> None:
