@@ -10,10 +10,7 @@ from harness.core.encounter import Arm
 from harness.results.findings import CellFindings, cell_findings
 from harness.results.rows import simulation_rows
 from harness.results.tables import TABLES_OF, Tables
-from harness.scenario import (
-    Cell,
-    load_scenario,
-)
+from harness.scenario import Cell, load_scenario
 
 BEGIN_S, COUNTED_S = 100.0, 600.0
 PLACES = {":a_c0": False, ":b_c0": True}

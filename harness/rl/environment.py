@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
-from harness.core.errors import EngineError, unknown_name
+from harness.core.errors import EngineError, InputError, unknown_name
 from harness.encounter.loop import Episode, Steps
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, open_engine
@@ -65,8 +65,8 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
 
     - *Observation*: ``observation_vector`` of the state with the ``nearest`` pedestrians; once the
       ego has crossed or the time is up, it has the ego alone.
-    - *Action*: shape (1,).  -1 is the hardest braking, 0 keeps the speed, and 1 is full
-      acceleration (``acceleration_of``).
+    - *Action*: shape (1,), or a number.  -1 is the hardest braking, 0 keeps the speed, and 1 is
+      full acceleration; values outside are clipped (``acceleration_of``).
     - *Reward*: ``reward`` of the ``Transition``.
     - *End*: ``terminated`` when the ego has crossed or after a contact (detected within the step,
       as in the harness); ``truncated`` on a time-out.  The info of the last step holds the
@@ -150,12 +150,20 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         self._seen = next(self._steps)
         return observation_vector(self._seen, self._nearest), {"pair": pair}
 
-    def step(self, action: Vector) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
-        """Drive one simulation step; see the class."""
+    def step(self, action: Vector | float) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
+        """Drive one simulation step; see the class.
+
+        Raises:
+            EngineError: no episode is running, or the action is NaN.
+            InputError: the action is neither a number nor an array of one.
+        """
         if self._steps is None or self._episode is None:
             raise EngineError("no episode is running: call reset first")
         before, episode = self._seen, self._episode
-        wanted = acceleration_of(float(action[0]), before.vehicle)
+        try:
+            wanted = acceleration_of(np.asarray(action, dtype=float).item(), before.vehicle)
+        except (TypeError, ValueError):
+            raise InputError("action", repr(action), "a number or an array of one") from None
         after, ending = None, None
         try:
             after = self._steps.send(wanted)

@@ -39,7 +39,7 @@ def load_program(name: str, where: str) -> StrategyFactory:
     can start only programs that you put there.
 
     Raises:
-        InputError: the program does not exist or cannot be executed.
+        InputError: the program does not exist, cannot be executed, or is a text without ``#!``.
     """
     allowed = "exec:./PROGRAM ARGUMENTS, a program below the working directory"
     try:
@@ -56,6 +56,11 @@ def load_program(name: str, where: str) -> StrategyFactory:
         raise InputError(where, f"there is no program {words[0]!r}", allowed)
     if not os.access(path, os.X_OK):
         raise InputError(where, f"{words[0]!r} cannot be executed", f"chmod +x {words[0]}")
+    with path.open("rb") as file:
+        head = file.read(_LONGEST_ANSWER)
+    if not head.startswith(b"#!") and b"\0" not in head:  # a compiled program has zeros
+        first = "a first line such as #!/usr/bin/env python3"
+        raise InputError(where, f"{words[0]!r} does not say what runs it", first)
     return type("Program", (ProgramDriver,), {"COMMAND": (str(path), *words[1:])})
 
 
@@ -113,7 +118,11 @@ _programs: "dict[tuple[str, ...], subprocess.Popen[bytes]]" = {}
 def _running_program(command: tuple[str, ...]) -> "subprocess.Popen[bytes]":
     if command not in _programs:
         pipe = subprocess.PIPE
-        _programs[command] = subprocess.Popen(command, stdin=pipe, stdout=pipe)
+        try:
+            _programs[command] = subprocess.Popen(command, stdin=pipe, stdout=pipe)
+        except OSError as error:
+            why = f"the program cannot be started ({error.strerror}): does what its #! names exist?"
+            raise ChildProcessError(why) from None
     return _programs[command]
 
 

@@ -29,6 +29,7 @@ from harness.engine.plain import PlainEngine
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario, Setting, load_scenario, validate
 from harness.strategies.parameters import check_parameters
+from harness.strategies.program import is_program
 from harness.strategies.registry import find_strategy, table_key
 
 LIMIT_S = 60.0
@@ -186,7 +187,13 @@ def check_strategy(
     # A daemon thread that hangs does not keep the process alive.
     Thread(target=play_all, daemon=True).start()
     if not wait([done], timeout=limit_s).done:
-        return _verdicts([], plays[-1].stopped(f"not all scenes were played within {limit_s:g} s"))
+        if plays[0].answers:
+            late = plays[-1].stopped(f"not all scenes were played within {limit_s:g} s")
+        else:
+            problem = f"no answer to the first observation within {limit_s:g} s"
+            problem += ": is the program's output flushed?" * is_program(name)
+            late = BrokenRuleError(problem, rule=_SURVIVES)
+        return _verdicts([], late)
     error = done.exception()
     if error is not None and not isinstance(error, BrokenRuleError):
         raise error

@@ -160,7 +160,7 @@ def test_one_that_hangs_ends_with_a_line(made_up: str) -> None:
     finally:
         Hangs.over.set()
     found = {v.rule: v.problem for v in verdicts if v.checked}
-    late = "an empty road, step 0.1 s: not all scenes were played within 1 s"
+    late = "no answer to the first observation within 1 s"
     assert found == {BROKEN[NeedsSomebody]: late}
 
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.risk import (
-    estimate,
-)
+from benchmarks.risk import estimate
 from harness.studies.risk_space import Space
 from tests.risks import CROWD, FLAT, crowd, fault, found, gain, half_space, holds, is_true, union
 

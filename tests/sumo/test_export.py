@@ -20,16 +20,7 @@ from harness.site.town import Town
 from harness.studies.run import run
 from tests import towns
 from tests.batches import printed, refusal
-from tests.exported import (
-    Read,
-    checked,
-    entity_of,
-    front,
-    lanes_in,
-    off_centre_m,
-    places,
-    read,
-)
+from tests.exported import Read, checked, entity_of, front, lanes_in, off_centre_m, places, read
 from tests.sites import frame_of
 
 

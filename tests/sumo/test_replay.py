@@ -12,15 +12,7 @@ from harness.core.encounter import Arm
 from harness.results.run import Run
 from harness.studies.replay import replay
 from harness.studies.run import run as simulate
-from tests.batches import (
-    CHECKOUT,
-    FLOW,
-    HARNESS,
-    QUICK,
-    here,
-    one_process,
-    options_of,
-)
+from tests.batches import CHECKOUT, FLOW, HARNESS, QUICK, here, one_process, options_of
 from tests.sites import frame_of
 
 FLOW_PER_HOUR = "pedestrians.flow_per_hour"

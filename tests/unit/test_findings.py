@@ -15,17 +15,7 @@ from harness.results.finding import Finding, finding_to_dict
 from harness.results.findings import CellFindings
 from harness.results.result import flat
 from harness.results.screens import run_result
-from tests.cells import (
-    FAILED,
-    FREE_S,
-    HUMAN_S,
-    TIMED,
-    Fate,
-    cell_of,
-    episodes,
-    noisy,
-    study,
-)
+from tests.cells import FAILED, FREE_S, HUMAN_S, TIMED, Fate, cell_of, episodes, noisy, study
 
 FRONT = {"ending": "crashed", "avoidable": True, "avoidable_attentive": True}
 SIDE = {"ending": "crashed", "contact": "side", "avoidable": False}

@@ -11,10 +11,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.encounter import (
-    Ending,
-    Side,
-)
+from harness.core.encounter import Ending, Side
 from harness.core.seeding import stream
 from harness.measures import measure
 from harness.measures.ego import crossing_time

@@ -17,6 +17,7 @@ from harness.scenario import load_scenario
 from harness.strategies import program
 from harness.strategies.registry import find_strategy, source_digests
 from harness.strategies.vector import observation_vector
+from harness.studies.checks import check_strategy
 from tests.scenes import on_plain, refusal_of
 
 EXAMPLES = Path(driver.__file__).parent
@@ -167,12 +168,24 @@ def test_a_program_that_ended_is_started_again(model) -> None:
         ("exec:../../bin/cat", "is not below the working directory"),
         ("exec:cat", "there is no program 'cat'"),
         ("exec:./plain.txt", "cannot be executed; allowed: chmod"),
+        (
+            "exec:./text.py",
+            "'./text.py' does not say what runs it; allowed: a first line such as #!",
+        ),
         ("exec:./driver.py 'x", "is not a command (No closing quotation)"),
     ],
 )
 def test_refused(name: str, said: str) -> None:
     Path("plain.txt").write_text("text", encoding="utf-8")
+    Path("text.py").touch(0o755)
     assert refusal_of(lambda: find_strategy(name, "arms.av"), said).where == "arms.av"
+
+
+def test_a_program_that_is_silent_or_does_not_start_is_told_why(model) -> None:
+    first, *_ = check_strategy(write("silent.py", "sys.stdin.read()"), limit_s=1.0)
+    assert str(first.problem).endswith("within 1 s: is the program's output flushed?")
+    Path(write("none.py", "")[5:]).write_text("#!none", encoding="utf-8")
+    assert "cannot be started" in str(traces("exec:./none.py", model, 1)[0].reason)
 
 
 def test_the_manifest_says_which_program_it_was() -> None:

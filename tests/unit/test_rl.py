@@ -155,6 +155,9 @@ def test_misuse_is_refused_in_words():
     refuses("seed", lambda: environment().reset(seed=1.5))
     env = environment()
     env.reset()
+    assert env.step(0.5)[0][1] > env.step(np.float32(-9.0))[0][1]
+    with pytest.raises(InputError, match="a number or an array of one"):
+        env.step(np.array([0.1, 0.2]))
     with pytest.raises(EngineError, match="the strategy returned nan"):
         env.step(np.array([math.nan]))
     with pytest.raises(EngineError, match="no episode has ended"):

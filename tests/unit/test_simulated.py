@@ -16,11 +16,7 @@ from harness.results.catalogue import entries_of
 from harness.results.estimators import EQUAL
 from harness.results.finding import Finding
 from harness.results.findings import CellFindings, on_first_screen
-from harness.results.folder import (
-    manifest_of,
-    write_findings,
-    write_manifest,
-)
+from harness.results.folder import manifest_of, write_findings, write_manifest
 from harness.results.notes import notes_of
 from harness.results.run import Run, load_run
 from harness.results.student import ALONE, ONE, clustered_share, t_mean, t_ratio_difference
