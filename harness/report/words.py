@@ -70,6 +70,8 @@ def interval_text(shown: Shown, confidence: float = CONFIDENCE) -> str:
     'below 5.8 %'
     >>> interval_text(Shown(Finding(11.0, 4.9, 17.1), Style(Form.LEVEL)))
     'A … C'
+    >>> interval_text(Shown(Finding(0.06, 1e-18, 0.98), Style(Form.SHARE, 1)))  # of two pairs
+    '0.0 … 98.0 %'
     """
     finding, style = shown
     low, high = finding.low, finding.high
@@ -81,6 +83,7 @@ def interval_text(shown: Shown, confidence: float = CONFIDENCE) -> str:
     if style.form is Form.LEVEL:
         return f"{level_of_service(low)} … {level_of_service(high)}"
     decimals = _decimals(finding, style)
+    low = 0.0 if abs(low) < 1e-6 * abs(finding.value) else low
     percent = " %" if style.form in _SHARES else ""
     return f"{_number(low, decimals, style)} … {_number(high, decimals, style)}{percent}"
 

@@ -88,7 +88,8 @@ def _people(scenario: Scenario) -> str:
         return "one pedestrian, at the trigger"
     size = people.mean_group_size
     groups = f" in groups of {size:.3g} on average" if len(people.group_size) > 1 else ""
-    return f"{as_written(people.flow_per_hour)} people/h{groups}"
+    sumos = " and SUMO's people" * (scenario.simulation is not None)
+    return f"{as_written(people.flow_per_hour)} people/h{groups}{sumos}"
 
 
 def _behaviour(scenario: Scenario) -> str:
