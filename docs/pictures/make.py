@@ -107,19 +107,13 @@ def sumo_gui() -> None:
     save(frame("flow", 0, 9.0), "sumo-gui", (360, 210, 920, 650))
 
 
-def town() -> None:
-    """The scenario file of the SUMO scenario in ``examples/own_simulation``."""
-    config = ROOT / "examples" / "own_simulation" / "town.sumocfg"
-    Path("town.toml").write_text(
-        f'[simulation]\nfile = "{config}"\ncrossings = [":J7_c0", ":J9_c1"]\nstep_s = 0.1\n'
-        '[arms]\nav = "soft_yield"\nhuman = "sumo_driver"\n'
-    )
-
-
 def own_simulation() -> None:
-    """The page of a run of a user's own simulation: its first screen and figures."""
-    town()
-    harness("run", "town.toml", "--pairs", 5, "--quiet", "--out", "own")
+    """The page of the run of docs/simulations.md: its first screen and figures."""
+    config = ROOT / "examples" / "own_simulation" / "town.sumocfg"
+    edges = ("--edge", ":J7_c0", "--edge", ":J9_c1")
+    harness("crossings", config, "--write", "town.toml", *edges)
+    chosen = ("--set", "arms.av=soft_yield", "--pairs", 5)
+    harness("run", "town.toml", *chosen, "--quiet", "--out", "own")
     harness("report", "own")
     with sync_playwright() as browsers:
         chromium = shutil.which("chromium")

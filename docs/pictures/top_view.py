@@ -19,7 +19,7 @@ def top_view(folder: Path, picture: Path) -> None:
     """Draw the road of ``road.xodr`` and everybody of ``scenario.xosc`` around the ego's end."""
     scenario = parse(folder / "scenario.xosc").getroot()
     with styled():
-        figure, (axes,) = new_figure(height=4.2)
+        figure, (axes,) = new_figure(height=3.6)
         for road in parse(folder / "road.xodr").getroot().iter("road"):
             draw_road(axes, road)
         for entity in scenario.iter("ScenarioObject"):
