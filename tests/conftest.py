@@ -12,6 +12,8 @@ from harness.scenario import Scenario
 
 # pytest-xdist gives its workers 80 columns; screens are tested as in a pipe.
 os.environ.pop("COLUMNS", None)
+# Every core has a worker already: threads of its arithmetic would wait for each other.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 MakeEngine = Callable[[Scenario], Engine]
 

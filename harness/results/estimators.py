@@ -292,7 +292,7 @@ def _of_means(
     with np.errstate(divide="ignore", invalid="ignore"):
         left_out = of((n * means[:, None] - columns) / (n - 1))
         resamples = (_kept if n <= _KEPT else _resamples)(n, sampling.rng, sampling.confidence)
-        resampled = np.concatenate([of(columns @ times.T / n) for times in resamples])
+        resampled = np.concatenate([of(columns @ times.astype(float).T / n) for times in resamples])
     if not (np.isfinite(left_out).all() and np.isfinite(resampled).all()):
         return without
     # Sums of the same values in another order differ only in their last bits.

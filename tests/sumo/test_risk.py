@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import harness
-from tests.batches import here, printed, refusal
+from tests.batches import QUICK, here, options_of, printed, refusal
 
 UNHINDERED = ("risk", "cctc", "--set", "arms.av=constant_speed", "--target-cv", 0.3)
 
@@ -48,14 +48,6 @@ def test_its_page_has_the_estimate_and_plays_its_events(finished: Path, tmp_path
         assert "is a risk estimate" in refusal(*command, *["--gui"] * (command[0] == "replay"))
 
 
-def test_without_an_event_there_is_no_page_and_none_is_named(tmp_path: Path) -> None:
-    out = tmp_path / "risk"
-    quick = ("--event", "contact_speed_mps>400", "--target-cv", 1)
-    assert "harness report" not in printed("risk", "cctc", *quick, "--out", out)
-    assert "no episode ended in the event" in refusal("report", out)
-    assert not (out / "report.html").exists()
-
-
 def test_a_finished_one_is_only_shown_and_an_edited_one_is_refused(
     finished: Path, tmp_path: Path
 ) -> None:
@@ -89,9 +81,22 @@ def test_failures_are_said_and_end_with_exit_code_1(tmp_path: Path) -> None:
     assert draws["reason"].str.contains("too fast").sum() == record["failures"]["value"]
 
 
+def test_without_an_event_there_is_no_page_and_none_is_named(tmp_path: Path) -> None:
+    """Nothing ends in an event if all fails."""
+    (tmp_path / "raising.py").write_text(RAISES.replace("1.6", "0.0"))
+    words = ("risk", "cctc", "--set", "arms.av=raising:Raises", "--out", "out")
+    done = here(*words, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "probability" in done.stdout
+    assert "harness report" not in done.stdout
+    assert "no episode ended in the event" in refusal("report", "out", cwd=tmp_path)
+    assert [path.name for path in tmp_path.rglob("*.html")] == []
+
+
 def test_draws_that_are_not_sampled_are_said(tmp_path: Path) -> None:
     """The human driver that samples its speed draws at every decision."""
-    settings = ["--set", "arms.av=human_gmm", "--set", "strategies.human_gmm.speed=sampled"]
+    sampled = {"arms.av": "human_gmm", "strategies.human_gmm.speed": "sampled"}
+    settings = options_of({**QUICK, **sampled})
     words = ("risk", "cctc", *settings, "--event", "min_gap_m<1000", "--target-cv", 0.5)
     document = json.loads(printed(*words, "--out", tmp_path / "risk", "--json"))
     # Everybody who steps off is nearer than a kilometre.
