@@ -6,7 +6,7 @@ value of an episode does not depend on the other episodes of the chunk.  The mea
 """
 
 from harness.measures.catalogue import MEASURES, Measure
-from harness.measures.ego import crossing_time
+from harness.measures.ego import crossing_time_s
 from harness.measures.record import EpisodeRecord, Outcome, has_contact, measure
 
 __all__ = [
@@ -14,7 +14,7 @@ __all__ = [
     "EpisodeRecord",
     "Measure",
     "Outcome",
-    "crossing_time",
+    "crossing_time_s",
     "has_contact",
     "measure",
 ]

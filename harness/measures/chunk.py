@@ -9,7 +9,7 @@ import numpy as np
 
 from harness.core.encounter import ROUNDING, Crossing, Ending, FloatArray, Trace, Vehicle
 from harness.measures.contacts import Strike, strikes_of
-from harness.measures.ego import EgoStates, IntArray, body_of, crossing_time, ego_states
+from harness.measures.ego import EgoStates, IntArray, body_of, crossing_time_s, ego_states
 from harness.measures.motion.contact import time_to_collision
 from harness.measures.steps import Legs, Rows, legs_of, rows_of
 
@@ -133,7 +133,7 @@ def _pass_time(trace: Trace) -> float | None:
         return None
     # The episode ends within rounding of that point.
     passed_at = trace.vehicle.length_m + trace.crossing.width_m / 2
-    return crossing_time(trace, min(passed_at, float(trace.x_m[-1])))
+    return crossing_time_s(trace, min(passed_at, float(trace.x_m[-1])))
 
 
 def _end(trace: Trace, strike: Strike | None, pass_time_s: float | None) -> float:

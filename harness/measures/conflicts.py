@@ -8,9 +8,9 @@ import numpy as np
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, STANDING_MPS, FloatArray, Side
 from harness.measures.chunk import Chunk
-from harness.measures.ego import crossing_time
+from harness.measures.ego import crossing_time_s
 from harness.measures.motion.contact import gap
-from harness.measures.steps import time_at, x_range
+from harness.measures.steps import time_at_s, x_range
 
 
 def contact_speed_mps(chunk: Chunk) -> FloatArray:
@@ -63,8 +63,8 @@ def pet_s(chunk: Chunk) -> FloatArray:
     near, far = (crossing.to_lane_m(side) for side in (Side.NEAR, Side.FAR))
     to_lane = np.where(legs.from_far, far, near)
     length = crossing.length_m
-    enters = time_at(legs, np.maximum(0.0, to_lane - half), length)
-    leaves = time_at(legs, np.minimum(length, to_lane + half), length)
+    enters = time_at_s(legs, np.maximum(0.0, to_lane - half), length)
+    leaves = time_at_s(legs, np.minimum(length, to_lane + half), length)
     began = np.array([walk.start_s for walk in legs.walks], dtype=float)
     # A pedestrian who leaves the area without entering it was in it from the start.
     enters = np.where(np.isnan(enters) & ~np.isnan(leaves), began, enters)
@@ -84,7 +84,7 @@ def _bumper_at(chunk: Chunk, x_m: FloatArray) -> FloatArray:
     times = []
     for key in zip(chunk.legs.walk_trace.tolist(), x_m.tolist(), strict=True):
         if key not in known:
-            time = crossing_time(chunk.traces[key[0]], key[1])
+            time = crossing_time_s(chunk.traces[key[0]], key[1])
             known[key] = np.nan if time is None else time
         times.append(known[key])
     return np.array(times)

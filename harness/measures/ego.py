@@ -43,7 +43,7 @@ def ego_states(traces: Sequence[Trace]) -> EgoStates:
     )
 
 
-def crossing_time(trace: Trace, x_m: float) -> float | None:
+def crossing_time_s(trace: Trace, x_m: float) -> float | None:
     """The exact time at which the front bumper reaches ``x_m``; None if it never does."""
     step = int(trace.x_m.searchsorted(x_m))
     if step >= len(trace.x_m):

@@ -118,7 +118,7 @@ def legs_of(traces: Sequence[Trace]) -> Legs:
     )
 
 
-def time_at(legs: Legs, across_m: FloatArray, length_m: float) -> FloatArray:
+def time_at_s(legs: Legs, across_m: FloatArray, length_m: float) -> FloatArray:
     """The time at which each walk first reaches a distance across the road, in s; NaN if never.
 
     Args:

@@ -21,7 +21,7 @@ from harness.model.interaction import load_model
 from harness.scenario import EngineName, Scenario
 from harness.scenario.arguments import engine_named, whole_number
 from harness.scenario.file import scenario_of_encounters
-from harness.strategies.driving import half_path
+from harness.strategies.driving import half_path_width_m
 from harness.strategies.vector import acceleration_of, observation_vector
 
 Vector = NDArray[np.float32]
@@ -237,7 +237,7 @@ def _touched(episode: Episode) -> bool:
     ahead_m = crossing.width_m / 2 + PEDESTRIAN_RADIUS_M
     if episode.x_m[-1] < -ahead_m or episode.x_m[-2] > vehicle.length_m + ahead_m:
         return False
-    beside_m = half_path(vehicle) + _FASTEST_WALK_MPS * episode.rules.step_s
+    beside_m = half_path_width_m(vehicle) + _FASTEST_WALK_MPS * episode.rules.step_s
     if any(abs(y - crossing.lane_centre_m) <= beside_m for _, y in episode.places):
         return has_contact(episode.trace(Ending.TIMED_OUT))
     return False

@@ -197,10 +197,10 @@ def _check_simulation(scenario: Scenario) -> None:
         for key in _changed(section, type(section)(), others):
             problem = f"cannot be combined with [simulation], {why}"
             raise InputError(f"{name}.{key}", problem, ", ".join(kept) or "simulation.crossings")
-    begin_s, end_s = simulation.begin, simulation.end
+    begin_s, end_s = simulation.begin_s, simulation.end_s
     if begin_s is not None and end_s is not None and end_s <= begin_s:
-        allowed = f"after simulation.begin = {begin_s:g} s"
-        raise InputError("simulation.end", f"{end_s:g} s", allowed)
+        allowed = f"after simulation.begin_s = {begin_s:g} s"
+        raise InputError("simulation.end_s", f"{end_s:g} s", allowed)
 
 
 def _check_pedestrians(scenario: Scenario) -> None:

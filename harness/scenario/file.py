@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from harness.core.documents import check_form, parse_toml, shortened
+from harness.core.encounter import SECONDS_PER_HOUR
 from harness.core.errors import InputError, nearest_name
 from harness.core.files import read_file, shipped_directory
 from harness.scenario.consistency import check_consistency
@@ -23,8 +24,8 @@ from harness.scenario.scenario import Scenario
 
 UNITS = {
     "m/s": (1.0, 1.0),
-    "km/h": (1000.0, 3600.0),
-    "mph": (1609.344, 3600.0),
+    "km/h": (1000.0, SECONDS_PER_HOUR),
+    "mph": (1609.344, SECONDS_PER_HOUR),
     "ft/s": (0.3048, 1.0),
 }
 """Units of speed as (metres, seconds); they are exact by definition."""

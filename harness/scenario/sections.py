@@ -271,10 +271,10 @@ class SimulationSection(Section):
     """Share of the vehicles of ``av_types`` that ``arms.av`` drives in the AV's arm."""
     av_types: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("passenger",)
     """Vehicle types or vehicle classes that may be AVs."""
-    begin: NonNegative | None = None
-    """Time in s from which trips and passages count; if not given, the simulation's begin."""
-    end: Positive | None = None
-    """Time in s until which trips and passages count; if not given, the simulation's end."""
+    begin_s: NonNegative | None = None
+    """Time from which trips and passages count; if not given, the simulation's begin."""
+    end_s: Positive | None = None
+    """Time until which trips and passages count; if not given, the simulation's end."""
     step_s: Annotated[float, Field(ge=0.001, le=1)] | None = None
     """Step of both arms; if not given, the configuration's, which is then at most 1 s."""
 

@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from harness.core.encounter import SECONDS_PER_HOUR
 from harness.engine.configuration import SumoConfig, people_in, read_config, write_xml
 from harness.scenario.sections import EgoSection
 from harness.simulation.files import run_untouched
@@ -82,10 +83,11 @@ def _counts(config: SumoConfig, folder: Path) -> Counts:
     run_untouched(config, folder, {"additional-files": str(file)})
     for who in _COUNTED:
         for interval in ET.parse(folder / f"{who}.xml").iter("interval"):
-            hours = (float(interval.attrib["end"]) - float(interval.attrib["begin"])) / 3600.0
-            lanes = interval.iter("lane")
+            begin_s, end_s = (float(interval.attrib[name]) for name in ("begin", "end"))
+            hours = (end_s - begin_s) / SECONDS_PER_HOUR
             counts[who] = {
-                lane.attrib["id"]: float(lane.get("entered", 0)) / hours for lane in lanes
+                lane.attrib["id"]: float(lane.get("entered", 0)) / hours
+                for lane in interval.iter("lane")
             }
     return counts
 

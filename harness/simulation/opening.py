@@ -43,8 +43,8 @@ def opened_traffic(scenario: Scenario, pair: int, folder: Path) -> Setup:
         crossings=(CROSSWALK,),
         av_share=traffic.av_share,
         av_types=(demand.CAR,),
-        begin=traffic.warm_up_s,
-        end=traffic.warm_up_s + traffic.duration_s,
+        begin_s=traffic.warm_up_s,
+        end_s=traffic.warm_up_s + traffic.duration_s,
     )
     return _setup(scenario, config, simulation)
 
@@ -91,9 +91,9 @@ def check(setup: Setup, model: InteractionModel) -> None:
     for crosswalk in setup.crosswalks.values():
         _check_limits(crosswalk, scenario.ego.trigger_range_m, model if asks else None)
     if scenario.pedestrians.anyone_comes:
-        if config.end_s is None and setup.simulation.end is None:
+        if config.end_s is None and setup.simulation.end_s is None:
             problem = "is not given, nor an end in the configuration: people would come for ever"
-            raise InputError("simulation.end", problem, "a time, with pedestrians.flow_per_hour")
+            raise InputError("simulation.end_s", problem, "a time, with pedestrians.flow_per_hour")
         for name in people_in(config):
             if name.startswith(OWN_PREFIX):
                 problem = f"a person is named {name!r}, as the harness names its own people"
@@ -162,13 +162,13 @@ def _check_limits(crosswalk: Crosswalk, range_m: float, model: InteractionModel 
 def _counted_s(simulation: SimulationSection, config: SumoConfig) -> tuple[float, float]:
     """Begin and end of the counted time; the end may be infinite."""
     first_s, last_s = config.begin_s, math.inf if config.end_s is None else config.end_s
-    begin_s = first_s if simulation.begin is None else simulation.begin
-    end_s = last_s if simulation.end is None else simulation.end
+    begin_s = first_s if simulation.begin_s is None else simulation.begin_s
+    end_s = last_s if simulation.end_s is None else simulation.end_s
     for key, time_s, right in (
-        ("begin", begin_s, first_s <= begin_s < last_s),
-        ("end", end_s, begin_s < end_s <= last_s),
+        ("begin_s", begin_s, first_s <= begin_s < last_s),
+        ("end_s", end_s, begin_s < end_s <= last_s),
     ):
         if not right:
-            allowed = f"begin < end, within {first_s:g} to {last_s:g} s"
+            allowed = f"begin_s < end_s, within {first_s:g} to {last_s:g} s"
             raise InputError(f"simulation.{key}", f"{time_s:g} s", allowed)
     return begin_s, end_s

@@ -22,7 +22,7 @@ from harness.core.encounter import (
     Trace,
     Walk,
 )
-from harness.measures import EpisodeRecord, crossing_time, measure
+from harness.measures import EpisodeRecord, crossing_time_s, measure
 from harness.measures.contacts import Strike
 from harness.measures.efficiency import beyond
 from harness.measures.ego import ego_state
@@ -82,7 +82,7 @@ def _row(
 ) -> PassageRow:
     car, begin_s = passage.car, passage.begin_s
     driven = sum(passage.limited)
-    front_s = crossing_time(trace, -trace.crossing.width_m / 2)
+    front_s = crossing_time_s(trace, -trace.crossing.width_m / 2)
     rear_s = record.pass_time_ignoring_contact_s
     trigger_s = begin_s - passage.trace_offset_s
     values = record.values._asdict()  # type: ignore[attr-defined]  # a named tuple

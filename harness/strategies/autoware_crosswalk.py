@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from harness.core.encounter import ROUNDING, Observation, PedestrianView
 from harness.scenario.sections import Positive
-from harness.strategies.driving import AT_KERB_M, half_path, resume, stop_after
+from harness.strategies.driving import AT_KERB_M, half_path_width_m, resume, stop_after
 from harness.strategies.emergency_brake import EmergencyBrake
 
 _STILL_MPS, _STILL_S = 0.25, 1.0
@@ -68,7 +68,7 @@ class AutowareCrosswalk:
 
     def _yields(self, observation: Observation, person: PedestrianView) -> bool:
         """Whether the rule wants to stop for somebody."""
-        ego, half = observation.ego, half_path(observation.vehicle)
+        ego, half = observation.ego, half_path_width_m(observation.vehicle)
         behind_kerb_m = max(0.0, person.remaining_m - observation.crossing.length_m)
         ego_stands_s = self._stands_s(None, ego.speed_mps, observation.time_s)
         stands_s = self._stands_s(person.index, person.speed_mps, observation.time_s)

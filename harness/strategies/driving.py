@@ -60,7 +60,7 @@ def stop_after(distance_m: float, speed_mps: float, step_s: float) -> float:
     return -((steps - 0.5) * speed_mps - distance_m / step_s) / (step_s * steps * (steps - 1) / 2)
 
 
-def full_braking_distance(speed_mps: float, deceleration_mps2: float, step_s: float) -> float:
+def full_braking_distance_m(speed_mps: float, deceleration_mps2: float, step_s: float) -> float:
     """Distance in which braking at the maximum stops on the time grid, in metres.
 
     The last step brakes only as hard as it takes to reach zero at its end, so this is up to
@@ -91,23 +91,23 @@ def stop_at(observation: Observation, range_m: float) -> float | None:
 def can_stop_before_disc(observation: Observation) -> bool:
     """Whether full braking stops the ego before a pedestrian on the centre line."""
     ego, limit = observation.ego, observation.vehicle.max_deceleration_mps2
-    needed = full_braking_distance(ego.speed_mps, limit, observation.step_s)
+    needed = full_braking_distance_m(ego.speed_mps, limit, observation.step_s)
     return needed < ego.range_m - PEDESTRIAN_RADIUS_M
 
 
-def clearing_time(pedestrian: PedestrianView) -> float:
+def clearing_time_s(pedestrian: PedestrianView) -> float:
     """t_L, the time until the pedestrian reaches the far kerb; infinite if they stand."""
     if pedestrian.speed_mps <= 0:
         return math.inf
     return pedestrian.remaining_m / pedestrian.speed_mps
 
 
-def half_path(vehicle: Vehicle) -> float:
+def half_path_width_m(vehicle: Vehicle) -> float:
     """Half the width within which the ego touches a pedestrian's disc: w/2 + 0.25 m."""
     return vehicle.width_m / 2 + PEDESTRIAN_RADIUS_M
 
 
-def time_in_path(pedestrian: PedestrianView, half_path_m: float) -> tuple[float, float]:
+def time_in_path_s(pedestrian: PedestrianView, half_path_m: float) -> tuple[float, float]:
     """When a pedestrian who keeps their velocity enters and leaves the ego's path, in s from now.
 
     Returns:
@@ -132,15 +132,15 @@ class InPath(NamedTuple):
 
 def times_in_path(observation: Observation, spare_m: float) -> list[InPath]:
     """When those who walk or are on the crossing are in the path, with space on both sides."""
-    half = half_path(observation.vehicle) + spare_m
+    half = half_path_width_m(observation.vehicle) + spare_m
     return [
-        InPath(pedestrian.index, *time_in_path(pedestrian, half))
+        InPath(pedestrian.index, *time_in_path_s(pedestrian, half))
         for pedestrian in observation.pedestrians
         if pedestrian.on_crossing or pedestrian.speed_mps > 0
     ]
 
 
-def lane_free_in(observation: Observation, pedestrian: PedestrianView) -> float:
+def lane_free_in_s(observation: Observation, pedestrian: PedestrianView) -> float:
     """Time in s until the whole disc of a pedestrian has left the ego's lane.
 
     If the lane ends at a kerb, they leave it at the kerb.  The time is 0 or less if they have left
@@ -167,7 +167,7 @@ def speeding_up(
     return (reached - speed_mps) / gain + left / max(top, speed_mps), reached
 
 
-def time_over_line(
+def times_over_line_s(
     observation: Observation, spare_m: float, acceleration_mps2: float | None = None
 ) -> tuple[float, float]:
     """When the ego covers the centre line, from ``spare_m`` before to behind it, if it drives on.

@@ -2,7 +2,7 @@
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, Observation, PedestrianView
 from harness.scenario.sections import Positive
-from harness.strategies.driving import full_braking, half_path, resume, time_in_path
+from harness.strategies.driving import full_braking, half_path_width_m, resume, time_in_path_s
 
 
 class EmergencyBrake:
@@ -35,7 +35,7 @@ class EmergencyBrake:
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²."""
         ego, vehicle = observation.ego, observation.vehicle
-        half = half_path(vehicle)
+        half = half_path_width_m(vehicle)
         threats = set()
         if ego.range_m > PEDESTRIAN_RADIUS_M + ROUNDING:
             for pedestrian in observation.pedestrians:
@@ -57,7 +57,7 @@ def _time_to_collision(
     ego = observation.ego
     if not pedestrian.on_crossing or ego.speed_mps <= 0:
         return float("inf")
-    enters, leaves = time_in_path(pedestrian, half_path_m)
+    enters, leaves = time_in_path_s(pedestrian, half_path_m)
     arrives = (ego.range_m - PEDESTRIAN_RADIUS_M) / ego.speed_mps
     clears = (ego.range_m + observation.vehicle.length_m + PEDESTRIAN_RADIUS_M) / ego.speed_mps
     first = max(enters, arrives, 0.0)
@@ -65,5 +65,5 @@ def _time_to_collision(
 
 
 def _in_or_before_path(pedestrian: PedestrianView, half_path_m: float) -> bool:
-    enters, leaves = time_in_path(pedestrian, half_path_m)
+    enters, leaves = time_in_path_s(pedestrian, half_path_m)
     return leaves >= 0 and enters < float("inf")

@@ -11,13 +11,13 @@ from harness.strategies.driving import (
     can_stop_at_line,
     can_stop_before_disc,
     full_braking,
-    half_path,
-    lane_free_in,
+    half_path_width_m,
+    lane_free_in_s,
     resume,
     speeding_up,
     stop_at,
     stop_at_line,
-    time_in_path,
+    time_in_path_s,
 )
 
 ROLLING_MPS = 1.0
@@ -90,14 +90,14 @@ class _Person(NamedTuple):
 
 def _people(observation: Observation) -> list[_Person]:
     """All pedestrians on the crossing who are or will be in the ego's lane."""
-    half = half_path(observation.vehicle)
+    half = half_path_width_m(observation.vehicle)
     people = []
     for pedestrian in observation.pedestrians:
         if not pedestrian.on_crossing:
             continue
-        enters, leaves = time_in_path(pedestrian, half)
+        enters, leaves = time_in_path_s(pedestrian, half)
         if pedestrian.speed_mps > 0:
-            leaves = lane_free_in(observation, pedestrian)
+            leaves = lane_free_in_s(observation, pedestrian)
         if leaves > 0 and enters < math.inf:
             people.append(_Person(enters, leaves))
     return people

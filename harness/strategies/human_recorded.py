@@ -3,11 +3,11 @@
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, Observation
 from harness.strategies.driving import (
     InPath,
-    full_braking_distance,
+    full_braking_distance_m,
     resume,
     stop_after,
-    time_over_line,
     times_in_path,
+    times_over_line_s,
     towards,
 )
 
@@ -73,13 +73,13 @@ class HumanRecorded:
         limit, room = vehicle.max_deceleration_mps2, ego.range_m - _LINE_M
         pulling = min(PULLING_AWAY_MPS2, vehicle.max_acceleration_mps2)
         people = times_in_path(observation, SPARE_M)
-        if full_braking_distance(ego.speed_mps, limit, step) > room + ROUNDING:
+        if full_braking_distance_m(ego.speed_mps, limit, step) > room + ROUNDING:
             first = people and ego.range_m > -vehicle.length_m
             return towards(observation, vehicle.initial_speed_mps, pulling if first else None)
         counting = [
             person for person in people if person.leaves_s > 0 and person.enters_s <= HORIZON_S
         ]
-        arrives, leaves = time_over_line(observation, _LINE_M, pulling)
+        arrives, leaves = times_over_line_s(observation, _LINE_M, pulling)
         yields = self._yields(observation, counting, arrives)
         go = resume(observation)
         if counting:
@@ -92,7 +92,7 @@ class HumanRecorded:
         braking = min(limit, YIELDING_MPS2) if yields else limit
         after = max(0.0, ego.speed_mps + go * step)
         left = room - (ego.speed_mps + after) / 2 * step
-        if full_braking_distance(after, braking, step) <= left:
+        if full_braking_distance_m(after, braking, step) <= left:
             return go
         return min(go, max(-limit, stop_after(room, ego.speed_mps, step)))
 

@@ -16,13 +16,13 @@ from harness.strategies.driving import (
     can_stop_at_line,
     can_stop_before_disc,
     full_braking,
-    lane_free_in,
+    lane_free_in_s,
     resume,
     speeding_up,
     stop_at,
     stop_at_line,
-    time_over_line,
     times_in_path,
+    times_over_line_s,
 )
 
 MEAN_YIELD_RATE = 0.74
@@ -137,14 +137,14 @@ def _somebody_to_yield_to(observation: Observation) -> bool:
     to_edge = max(0.0, observation.ego.range_m - crossing.width_m / 2)
     at_edge, _ = speeding_up(observation, to_edge, observation.ego.speed_mps)
     return anybody_waits(observation) or any(
-        pedestrian.on_crossing and lane_free_in(observation, pedestrian) > at_edge
+        pedestrian.on_crossing and lane_free_in_s(observation, pedestrian) > at_edge
         for pedestrian in observation.pedestrians
     )
 
 
 def _people_met(observation: Observation) -> list[InPath]:
     """The pedestrians whom it would meet if it drove on."""
-    arrives, clears = time_over_line(observation, CLEARANCE_M)
+    arrives, clears = times_over_line_s(observation, CLEARANCE_M)
     return [
         person
         for person in times_in_path(observation, CLEARANCE_M - PEDESTRIAN_RADIUS_M)

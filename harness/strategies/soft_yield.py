@@ -4,7 +4,7 @@ import math
 from typing import ClassVar, NamedTuple
 
 from harness.core.encounter import ROUNDING, Observation, PedestrianView
-from harness.strategies.driving import clearing_time, resume
+from harness.strategies.driving import clearing_time_s, resume
 from harness.strategies.hard_yield import HardYield
 
 
@@ -72,7 +72,7 @@ class SoftYield:
             return resume(observation)
         if last.index != self._target:
             self._target = last.index
-            self._plan = self._make_plan(observation, clearing_time(last) + self._margin_s)
+            self._plan = self._make_plan(observation, clearing_time_s(last) + self._margin_s)
             self._hard_yield = HardYield()
             self.fallback = self.fallback or self._plan is None
         if self._plan is None:
@@ -160,6 +160,6 @@ def _gain(observation: Observation, duration_s: float, speed_mps: float) -> floa
 def _last_to_leave(pedestrians: tuple[PedestrianView, ...]) -> PedestrianView | None:
     last, cleared_s = None, -math.inf
     for pedestrian in pedestrians:
-        if pedestrian.on_crossing and (needed_s := clearing_time(pedestrian)) > cleared_s:
+        if pedestrian.on_crossing and (needed_s := clearing_time_s(pedestrian)) > cleared_s:
             last, cleared_s = pedestrian, needed_s
     return last

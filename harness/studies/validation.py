@@ -23,7 +23,7 @@ from harness.encounter.cell_constants import CellConstants
 from harness.encounter.loop import Episode, drive
 from harness.engine.plain import PlainEngine
 from harness.measures import measure
-from harness.measures.ego import crossing_time
+from harness.measures.ego import crossing_time_s
 from harness.model.interaction import InteractionModel, load_model
 from harness.model.sample import independent_vehicles, make_sample, row_weights
 from harness.model.trajectories.extraction import VEHICLE_KEY, extract, read_clips
@@ -264,8 +264,8 @@ def _passing(passage: RecordedPassage, trace: Trace) -> tuple[float, np.ndarray]
 
     The rear has left the crosswalk then, or the time limit is reached.
     """
-    passed_s = crossing_time(trace, passage.crossing.width_m / 2 + passage.vehicle.length_m)
-    at = [(crossing_time(trace, person.conflict_x_m), person) for person in passage.to_come]
+    passed_s = crossing_time_s(trace, passage.crossing.width_m / 2 + passage.vehicle.length_m)
+    at = [(crossing_time_s(trace, person.conflict_x_m), person) for person in passage.to_come]
     first = np.array([time is not None and time <= person.passing_s for time, person in at])
     # An engine ends within 1 nm of the edge, so the rear may not quite have left.
     return (len(trace.x_m) - 1) * trace.step_s if passed_s is None else passed_s, first

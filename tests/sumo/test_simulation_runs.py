@@ -79,7 +79,7 @@ def test_the_written_file_of_a_pair_gives_the_same_passages_as_a_file_of_her_own
     """And runs in plain SUMO without a warning."""
     config = min(whole.path.rglob(TRAFFIC_FILE))
     people = "[ego]\ntrigger_range_m = 30.0\n[pedestrians]\nflow_per_hour = 200.0\n"
-    counted = 'av_types = ["car"]\nbegin = 60.0\nend = 300.0'
+    counted = 'av_types = ["car"]\nbegin_s = 60.0\nend_s = 300.0'
     file = own(tmp_path, str(config), ":crosswalk_c0", counted, f'{people}behaviour = "threshold"')
     again = run(file, pairs=1, out=tmp_path / "own", workers=0)
     assert len(rows(again, "passages")) > 60
@@ -250,7 +250,7 @@ def test_a_written_scenario_runs_and_its_worst_passage_is_replayed(
         ({"simulation.crossings": [":B1_c9"]}, "unknown crosswalk ':B1_c9'"),
         ({"simulation.crossings": [":C2_c0"]}, "a traffic light controls it"),
         ({"simulation.av_types": ["bus"]}, "unknown vehicle type or class 'bus'"),
-        ({"simulation.end": 100.0}, "simulation.end: 100 s; .* within 0 to 90 s"),
+        ({"simulation.end_s": 100.0}, "simulation.end_s: 100 s; .* within 0 to 90 s"),
         ({"simulation.av_shares": 1}, "did you mean 'av_share'"),
         ({"simulation.step_s": 1.5}, "simulation.step_s"),
         ({"ego.trigger_range_m": 10.0}, "nobody stops within 10 m from 13.89 m/s"),

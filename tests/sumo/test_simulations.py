@@ -107,7 +107,7 @@ def test_everybody_driven(tmp_path: Path) -> None:
 
     Every contact that SUMO reports is one of ours, or of a corner of SUMO's larger person.
     """
-    setup = setup_at(grid(tmp_path / "town", END_S), simulation={"begin": 50.0})
+    setup = setup_at(grid(tmp_path / "town", END_S), simulation={"begin_s": 50.0})
     outcome = run(setup, tmp_path / "arm")
     passed = outcome["passages"]
     assert len(passed) > 300
@@ -146,7 +146,7 @@ def test_a_passage_begun_before_the_counted_time(tmp_path: Path) -> None:
     """The counted passages are those of a whole run whose front passed R0 from then on."""
     config = grid(tmp_path / "town", END_S)
     whole, part = (
-        run(setup_at(config, simulation={"begin": begin_s}), tmp_path / str(begin_s))["passages"]
+        run(setup_at(config, simulation={"begin_s": begin_s}), tmp_path / str(begin_s))["passages"]
         for begin_s in (0.0, 100.0)
     )
     later = whole[whole["trigger_s"] >= 100.0].reset_index(drop=True)

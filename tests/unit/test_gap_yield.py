@@ -12,7 +12,7 @@ import pytest
 
 from harness.core.encounter import Side
 from harness.measures import measure
-from harness.measures.ego import crossing_time
+from harness.measures.ego import crossing_time_s
 from harness.strategies.gap_yield import GapYield
 from tests.scenes import play, scenario
 
@@ -41,7 +41,7 @@ def test_slows_down_for_an_empty_crosswalk() -> None:
     # From 5 to 3.42 m/s at 3 m/s² and back at 1 m/s²: Δv²/2v0 (1/3 + 1) longer than 7.4 s, and the
     # step or so in which it rolls at v_e.
     lost = (5 - edge_speed()) ** 2 / 10 * (1 / 3 + 1)
-    passed = crossing_time(EMPTY, 7.0)
+    passed = crossing_time_s(EMPTY, 7.0)
     assert 7.4 + lost - 0.01 < passed < 7.4 + lost + 0.06
 
 
@@ -95,7 +95,7 @@ def test_nobody_who_steps_off_whenever_he_likes_is_hit(walking_speed: float, sid
 @pytest.mark.parametrize("critical_gap", [0.0, 1.5, 3.0])
 def test_goes_first_where_the_time_advantage_exceeds_the_gap(critical_gap: float) -> None:
     # On an empty road its rear leaves their line at a time that the trace shows.
-    clear = crossing_time(EMPTY, REAR_CLEAR_M)
+    clear = crossing_time_s(EMPTY, REAR_CLEAR_M)
     for advantage, goes in ((critical_gap + 0.1, True), (critical_gap - 0.1, False)):
         # 5.6 m from the far kerb to the path.
         walker = (4.5, Side.FAR, 5.6 / (clear + advantage - 4.5))
@@ -107,7 +107,7 @@ def test_goes_first_where_the_time_advantage_exceeds_the_gap(critical_gap: float
 
 def test_waits_as_long_as_its_lane_is_not_free() -> None:
     # They have left the lane at 4.75 m/0.9 m/s = 5.28 s; it is at the edge at 5.68 s.
-    assert crossing_time(EMPTY, -EDGE_M) == pytest.approx(5.68, abs=0.01)
+    assert crossing_time_s(EMPTY, -EDGE_M) == pytest.approx(5.68, abs=0.01)
     trace = play(GapYield(), [(0.0, Side.NEAR, 0.9)])
     np.testing.assert_array_equal(trace.speed_mps, EMPTY.speed_mps)
     # 4.75 m/0.6 m/s = 7.9167 s for 28 m from 5 m/s: one constant deceleration.
@@ -118,7 +118,7 @@ def test_waits_as_long_as_its_lane_is_not_free() -> None:
     changes = np.diff(trace.speed_mps) / STEP
     np.testing.assert_allclose(changes[:70], deceleration, atol=1e-9)
     # In the last moments going on at a0 gets it there no earlier, and it does.
-    assert crossing_time(trace, -EDGE_M) == pytest.approx(free, abs=0.1)
+    assert crossing_time_s(trace, -EDGE_M) == pytest.approx(free, abs=0.1)
     np.testing.assert_allclose(changes[82:90], 1.0, atol=1e-9)
     free = 9 / 1.0
     trace = play(GapYield(), [(0.0, Side.FAR, 1.0)])
@@ -137,7 +137,7 @@ def test_stops_where_slowing_down_is_not_enough() -> None:
     standing = np.flatnonzero(trace.speed_mps == 0)
     np.testing.assert_allclose(-trace.x_m[standing], 3.0, atol=1e-3)
     assert standing[-1] == math.ceil((free - math.sqrt(2)) / STEP)
-    assert crossing_time(trace, -EDGE_M) == pytest.approx(free, abs=0.15)
+    assert crossing_time_s(trace, -EDGE_M) == pytest.approx(free, abs=0.15)
 
 
 @pytest.mark.parametrize(("critical_gap", "stops"), [(1.5, True), (0.5, False)])

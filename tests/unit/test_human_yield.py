@@ -14,7 +14,7 @@ from scipy import stats
 from harness.core.encounter import Ending, Side
 from harness.core.seeding import stream
 from harness.measures import measure
-from harness.measures.ego import crossing_time
+from harness.measures.ego import crossing_time_s
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_yield import HumanYield
@@ -60,7 +60,7 @@ def test_does_not_wait_for_somebody_who_will_have_left_its_lane() -> None:
     slow = play(driver(yields=True), [(0.0, Side.NEAR, 0.8)])
     assert braking_steps(slow)[0] == 45
     assert slow.speed_mps.min() > 1.0
-    assert crossing_time(slow, -2.0) == pytest.approx(4.75 / 0.8, abs=0.1)
+    assert crossing_time_s(slow, -2.0) == pytest.approx(4.75 / 0.8, abs=0.1)
 
 
 @pytest.mark.parametrize(("reaction", "stops"), [(0.5, True), (0.45, True), (0.6, False)])

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from harness.core.encounter import Side
-from harness.measures.ego import crossing_time
+from harness.measures.ego import crossing_time_s
 from harness.scenario import Setting, read_scenario_file, study_of, validate
 from harness.scenario.variation import parse_variation
 from harness.strategies.gap_yield import GapYield
@@ -52,7 +52,7 @@ def test_gap_yield_waits_until_its_own_lane_is_free() -> None:
         trace = play(GapYield(), [(0.0, side, 0.8)], scene)
         free = free_m / 0.8
         assert (trace.speed_mps[1] - 5) / 0.1 == pytest.approx(2 * (28 - 5 * free) / free**2)
-        assert crossing_time(trace, -2.0) == pytest.approx(free, abs=0.1)
+        assert crossing_time_s(trace, -2.0) == pytest.approx(free, abs=0.1)
 
 
 def test_a_speed_takes_a_unit_wherever_it_is_said(tmp_path) -> None:

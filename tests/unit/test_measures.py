@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from harness.core.encounter import Arrival, Ending, Leg, Side, Walk
-from harness.measures import EpisodeRecord, crossing_time, measure
+from harness.measures import EpisodeRecord, crossing_time_s, measure
 from tests.scenes import Walker, drive
 
 
@@ -43,10 +43,10 @@ def test_times_of_acceleration_of_a_place_and_of_a_time_out() -> None:
     # 5 t − t²/4: at t = 10 s the ego has come 25 m and stands; it never reaches x = 0.
     trace = drive([-0.5] * 100)
     assert trace.speed_mps[-1] == pytest.approx(0.0, abs=1e-9)
-    assert crossing_time(trace, 0.0) is None
+    assert crossing_time_s(trace, 0.0) is None
     # 5 t − t²/4 = 9: t = 2 (of 2 and 18).
-    assert crossing_time(trace, -21.0) == pytest.approx(2.0, abs=1e-9)
-    assert crossing_time(trace, -30.0) == 0.0
+    assert crossing_time_s(trace, -21.0) == pytest.approx(2.0, abs=1e-9)
+    assert crossing_time_s(trace, -30.0) == 0.0
     result = record([-0.5] * 100, ending=Ending.TIMED_OUT)
     assert (result.ending, result.pass_time_s, result.delay_s) == ("timed_out", None, None)
     assert result.end_s == pytest.approx(10.0)

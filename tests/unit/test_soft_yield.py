@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.core.encounter import PedestrianView, Side
-from harness.measures import crossing_time, measure
+from harness.measures import crossing_time_s, measure
 from harness.strategies.soft_yield import SoftYield
 from tests.scenes import play, scenario, shown
 
@@ -34,7 +34,7 @@ def test_arrives_that_much_after_the_pedestrian_has_left(walking_speed, margin, 
     trace = play(SoftYield(time_margin_s=margin), [(0.0, side, walking_speed)])
     until = L0 / walking_speed + margin
     assert not trace.fallback
-    assert crossing_time(trace, 0.0) == pytest.approx(until, abs=1e-6)
+    assert crossing_time_s(trace, 0.0) == pytest.approx(until, abs=1e-6)
     # One deceleration until T1, one speed from then until the arrival.
     t1 = deceleration_time(until)
     whole = int(t1 / 0.1)
@@ -72,7 +72,7 @@ def test_never_brakes_for_a_fast_walker(walking_speed: float) -> None:
 def test_plans_for_the_last_to_leave() -> None:
     # 1.4 m/s leaves at 6.43 s; 1.2 m/s, half a second later, at 8 s: arrival then.
     trace = play(SoftYield(), [(0.0, Side.NEAR, 1.4), (0.5, Side.FAR, 1.2)])
-    assert crossing_time(trace, 0.0) == pytest.approx(0.5 + 9 / 1.2, abs=1e-6)
+    assert crossing_time_s(trace, 0.0) == pytest.approx(0.5 + 9 / 1.2, abs=1e-6)
 
 
 def test_no_answer_where_the_regression_would_accelerate() -> None:

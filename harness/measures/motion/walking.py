@@ -34,14 +34,14 @@ def cleared_s(walk: Walk, crossing: Crossing) -> float | None:
     kerb_m = crossing.length_m if walk.arrival.side is Side.NEAR else 0.0
     ends = [leg.time_s for leg in walk.legs[1:]] + [math.inf]
     for leg, end_s in zip(walk.legs, ends, strict=True):
-        time_s = leg.time_s + time_over(leg, kerb_m - leg.y_m)
+        time_s = leg.time_s + time_over_s(leg, kerb_m - leg.y_m)
         # The kerb may lie beyond the leg's end by a rounding error.
         if math.isfinite(time_s) and time_s <= end_s + ROUNDING:
             return time_s
     return None
 
 
-def time_over(leg: Leg, across_m: float) -> float:
+def time_over_s(leg: Leg, across_m: float) -> float:
     """Time on a leg until y has changed by ``across_m``; infinite if it never does."""
     reach = leg.y_mps**2 + 2 * leg.y_mps2 * across_m
     if across_m == 0:
