@@ -1,7 +1,6 @@
 """An encounter in SUMO: the ego's speed and the pedestrians' positions in, the ego's state out.
 
-docs/simulations.md explains the choices and has the
-measurements behind them.
+docs/simulations.md explains the choices and has the measurements behind them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,15 +9,12 @@ from contextlib import contextmanager
 from harness.core.encounter import Arrival
 from harness.core.errors import EngineError
 from harness.engine.people import HeldPeople
-from harness.engine.session import Session
+from harness.engine.session import Session, lane_of
 from harness.engine.sources import APPROACH_M
 from harness.scenario import Scenario
 from harness.site.road_frame import RoadFrame
 
-EGO_EDGES = ("approach", "exit")
-
-SPEED_MODE_EXTERNAL = 32
-"""SUMO neither brakes for pedestrians nor limits accelerations; only the strategy drives."""
+_ROUTE, _EDGES = "drive", ("approach", "exit")
 
 COLLISION_REACH_M = 5.0
 """SUMO's collisions are read only when the ego's front is this near to the crosswalk.
@@ -45,26 +41,19 @@ class SumoEngine:
     def __init__(self, session: Session, scenario: Scenario) -> None:
         crossing = scenario.crossing
         self._frame = RoadFrame.of(crossing.bearing_deg, crossing.length_m)
-        self._session, self._api, self._lost = session, session.api, session.lost
+        self._session, self._lost = session, session.lost
         self.closed = self.automated = False
         self._advance, self._collisions = session.advance, session.collisions
-        self._get_speed = session.vehicles.speed_mps
-        self._set_speed, self._get_distance = (
-            session.vehicles.set_speed,
-            session.vehicles.odometer_m,
-        )
+        self._get_speed, self._set_speed = session.vehicles.speed_mps, session.vehicles.set_speed
+        self._get_distance = session.vehicles.odometer_m
         vehicle, self._step_s = scenario.vehicle(), scenario.experiment.step_s
+        self._lane = scenario.ego.lane
+        if crossing.kerb_strip_m > 0:
+            self._lane += 1  # in SUMO a strip at the kerb is a lane
         # The least R0 is the lane's end, but for the rounding of its length.
-        position_m = min(
-            APPROACH_M - vehicle.trigger_range_m, self._api.lane.getLength("approach_0")
-        )
-        self._departing = {
-            "depart": "now",
-            # In SUMO a strip at the kerb is a lane.
-            "departLane": str(scenario.ego.lane + (crossing.kerb_strip_m > 0)),
-            "departPos": repr(position_m),
-            "departSpeed": repr(vehicle.initial_speed_mps),
-        }
+        length_m = session.lane_length_m(lane_of(_EDGES[0]))
+        self._from_m = min(APPROACH_M - vehicle.trigger_range_m, length_m)
+        self._v0_mps, self._steps, self._collided = vehicle.initial_speed_mps, 0, False
         self._start_x_m = -vehicle.trigger_range_m
         self._collisions_from_m = -crossing.width_m / 2 - COLLISION_REACH_M
         self._episode = 0
@@ -72,8 +61,8 @@ class SumoEngine:
         self._set_mps: float | None = None
         """The speed that was last set; it is not read back before the end."""
         self.people = HeldPeople(session, self._frame, crossing.length_m)
-        self._api.route.add("drive", EGO_EDGES)
-        self._limit_speed(EGO_EDGES, scenario.speed_limit_mps)
+        session.add_route(_ROUTE, _EDGES)
+        session.limit_speed(_EDGES, scenario.speed_limit_mps)
 
     def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
         """See ``Engine.begin``."""
@@ -88,7 +77,8 @@ class SumoEngine:
             people.announce(2 * self._step_s)
             self._advance()
             people.after_step()
-            self._insert_ego()
+            kind, at = "av" if self.automated else "ego", (self._lane, self._from_m, self._v0_mps)
+            self._session.add_commanded(self._ego, _ROUTE, kind, *at)
             people.place(())
             self._advance()
             x = self._start_x_m + self._get_distance(self._ego)
@@ -129,9 +119,9 @@ class SumoEngine:
         self._episode += 1
         with self._watched("could not clear the road"):
             self.people.clear()
-            if self._ego in self._api.vehicle.getIDList():
+            if self._ego in self._session.vehicles.ids():
                 kept = self._set_mps in (None, self._get_speed(self._ego))
-                self._api.vehicle.remove(self._ego)
+                self._session.vehicles.remove(self._ego)
                 if not kept:
                     raise EngineError("SUMO did not keep the speed that was set")
         return self._collided
@@ -148,20 +138,3 @@ class SumoEngine:
             yield
         except self._lost as error:
             raise EngineError(f"SUMO {what}: {error}") from None
-
-    def _limit_speed(self, road: Sequence[str], limit_mps: float) -> None:
-        """Set the speed limit of a road's successive edges and of the lanes that connect them."""
-        api = self._api
-        counts = {edge: api.edge.getLaneNumber(edge) for edge in road}
-        lanes = [f"{edge}_{index}" for edge, count in counts.items() for index in range(count)]
-        while lanes:
-            lane = lanes.pop()
-            api.lane.setMaxSpeed(lane, limit_mps)
-            # Inside a junction several lanes may follow one after another.
-            lanes += [inside for *_, inside, _, _, _ in api.lane.getLinks(lane) if inside]
-
-    def _insert_ego(self) -> None:
-        kind = "av" if self.automated else "ego"
-        self._api.vehicle.add(self._ego, "drive", typeID=kind, **self._departing)
-        self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
-        self._api.vehicle.setLaneChangeMode(self._ego, 0)

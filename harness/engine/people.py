@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from harness.core.encounter import Arrival, Side
-from harness.engine.session import KEEP_ROUTE, MATCH_THRESHOLD_M, NO_ANGLE, Session
+from harness.engine.session import KEEP_ROUTE, MATCH_THRESHOLD_M, NO_ANGLE, Session, lane_of
 from harness.site.road_frame import RoadFrame
 
 WALKER = "walker"
@@ -28,9 +28,9 @@ class HeldPeople:
     """
 
     def __init__(self, session: Session, frame: RoadFrame, length_m: float) -> None:
-        self._person, self._move = session.api.person, session.move
+        self._session, self._people, self._move = session, session.people, session.move
         # Both footpaths lead from the near side to the far side.
-        near_m = session.api.lane.getLength("near_0") - _BESIDE_M
+        near_m = session.lane_length_m(lane_of("near")) - _BESIDE_M
         self._places = {Side.NEAR: ("near", near_m), Side.FAR: ("far", _BESIDE_M)}
         self._to_network = frame.to_network
         # Network coordinates of (0, y) are origin + y · across.
@@ -40,6 +40,8 @@ class HeldPeople:
         """SUMO's ids of the pedestrians in the simulation, by index."""
         self.next_s = math.inf
         """Arrival of the next pedestrian who is not yet announced."""
+        self._arrivals: Sequence[Arrival] = ()
+        self._run = self._announced = 0
         self._waiting: dict[int, tuple[float, float]] = {}
         self._coming: dict[int, tuple[float, float]] = {}
 
@@ -81,18 +83,18 @@ class HeldPeople:
         """Insert a pedestrian on the footpath of their side, with a route to the other side."""
         name = f"pedestrian-{self._run}-{index}"
         (origin, from_m), (goal, to_m) = self._places[side], self._places[side.other]
-        self._person.add(name, origin, from_m, typeID=WALKER)
-        self._person.appendWalkingStage(name, [origin, goal], to_m)
+        self._session.add_person(name, origin, from_m, WALKER)
+        self._people.walk(name, [origin, goal], to_m)
         self.ids[index] = name
 
     def remove(self, index: int) -> None:
         """Remove a pedestrian who has reached the other kerb."""
-        self._person.remove(self.ids.pop(index))
+        self._people.remove(self.ids.pop(index))
 
     def clear(self) -> None:
         """Remove all pedestrians."""
         for name in self.ids.values():
-            self._person.remove(name)
+            self._people.remove(name)
         self.ids.clear()
 
     def _first_place(self, arrival: Arrival) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module, metadata
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol, TypeVar, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, Protocol, TypeVar, get_type_hints
 
 from harness.core.encounter import ROUNDING
 from harness.core.errors import EngineError, one_line
@@ -17,6 +17,14 @@ Module = Literal["libsumo", "traci", "gui"]
 
 _VIEW = "View #0"
 _DEPART_NOW = -3.0
+_COMMANDED = 32
+"""Speed mode: SUMO neither brakes for anybody nor limits accelerations."""
+_PRIVILEGED = 23
+"""SUMO keeps leaders, limits and red lights; the vehicle has the right of way among vehicles."""
+_YIELDING = 31
+"""SUMO's own driver's mode: it also yields where its connection has to."""
+_NO_COMMAND = -1.0
+"""The speed that gives a vehicle back to SUMO's driver."""
 
 NO_ANGLE = -1073741824.0
 """SUMO's INVALID_DOUBLE_VALUE: the angle follows from the movement."""
@@ -45,11 +53,6 @@ class Vehicles:
     angle_deg: Annotated[Callable[[str], float], "getAngle"]
     speed_factor: Annotated[Callable[[str], float], "getSpeedFactor"]
     max_speed_mps: Annotated[Callable[[str], float], "getMaxSpeed"]
-    leader: Annotated[Callable[[str, float], tuple[str, float] | None], "getLeader"]
-    best_lanes: Annotated[
-        Callable[[str], Sequence[tuple[str, float, float, int, bool, Sequence[str]]]],
-        "getBestLanes",
-    ]
     type: Annotated[Callable[[str], str], "getTypeID"]
     vehicle_class: Annotated[Callable[[str], str], "getVehicleClass"]
     length_m: Annotated[Callable[[str], float], "getLength"]
@@ -57,8 +60,7 @@ class Vehicles:
     acceleration_limit_mps2: Annotated[Callable[[str], float], "getAccel"]
     deceleration_limit_mps2: Annotated[Callable[[str], float], "getDecel"]
     set_speed: Annotated[Callable[[str, float], object], "setSpeed"]
-    set_speed_mode: Annotated[Callable[[str, int], object], "setSpeedMode"]
-    set_parameter: Annotated[Callable[[str, str, str], object], "setParameter"]
+    remove: Annotated[Callable[[str], object], "remove"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +88,42 @@ class Collision(Protocol):
     pos: float
 
 
+class Leader(NamedTuple):
+    """The vehicle ahead, and the gap to it without the follower's minGap."""
+
+    name: str
+    gap_m: float
+
+
+class VehicleType(NamedTuple):
+    """What the vehicles of a type are and can do."""
+
+    length_m: float
+    width_m: float
+    acceleration_mps2: float
+    deceleration_mps2: float
+    max_speed_mps: float
+
+
+def edge_of(lane: str) -> str:
+    """The id of the edge of a lane, which is empty where a vehicle is on none.
+
+    >>> edge_of("A0_B0_1"), edge_of("")
+    ('A0_B0', '')
+    """
+    return lane.rpartition("_")[0]
+
+
+def lane_of(edge: str, number: int = 0) -> str:
+    """The id of a lane of an edge; lanes are counted from the right."""
+    return f"{edge}_{number}"
+
+
+def is_inside_junction(lane: str) -> bool:
+    """Whether a lane or an edge is inside a junction."""
+    return lane.startswith(":")
+
+
 _Functions = TypeVar("_Functions", Vehicles, People)
 
 
@@ -103,10 +141,11 @@ class Session:
             began to teleport, or had to stop as in an emergency in the last step.
         collisions: those of the last step; one hit may last several steps.
         vehicles_on, people_on: ids of those on an edge at the last step.
+        lane_length_m: the length of a lane.
         step_s: length of a step.
         time_s: the time at the end of the last step.
-        api, lost, advance, move: the module, its exceptions, and its functions for a step and for a
-            person's place; for ``SumoEngine`` only.
+        lost, advance, move: SUMO's exceptions, and its functions for a step and for a person's
+            place; for the loop of an encounter in ``control`` and ``people`` only.
 
     Raises:
         EngineError: SUMO does not start, or another simulation runs in this process.
@@ -119,7 +158,7 @@ class Session:
         command += [
             part for name, value in (options or {}).items() for part in (f"--{name}", value)
         ]
-        self.api = api = _started(module, command)
+        self._api = api = _started(module, command)
         self.lost = (api.TraCIException, api.FatalTraCIError)
         self.advance = self._function("simulation", "step")
         self._now = self._function("simulation", "getTime")
@@ -130,6 +169,11 @@ class Session:
         self.people_on: Callable[[str], Sequence[str]]
         self.people_on = self._function("edge", "getLastStepPersonIDs")
         self.move = self._function("person", "moveToXY")
+        self.lane_length_m: Callable[[str], float] = self._function("lane", "getLength")
+        self._leader = self._function("vehicle", "getLeader")
+        self._best_lanes = self._function("vehicle", "getBestLanes")
+        self._set_speed_mode = self._function("vehicle", "setSpeedMode")
+        self._set_parameter = self._function("vehicle", "setParameter")
         ids: dict[str, Callable[[], Sequence[str]]] = {
             name: self._function("simulation", f"get{name}IDList")
             for name in ("Departed", "Arrived", "StartingTeleport", "EmergencyStoppingVehicles")
@@ -141,11 +185,11 @@ class Session:
         self.step_s: float = api.simulation.getDeltaT()
 
     def _function(self, domain: str, name: str) -> Callable[..., Any]:
-        if self.api.__name__ == "libsumo" and name != _WRAPPED:
+        if self._api.__name__ == "libsumo" and name != _WRAPPED:
             # Without the wrapper in Python, which takes as long as the function.
-            compiled: Callable[..., Any] = getattr(self.api._libsumo, f"{domain}_{name}")
+            compiled: Callable[..., Any] = getattr(self._api._libsumo, f"{domain}_{name}")
             return compiled
-        public: Callable[..., Any] = getattr(getattr(self.api, domain), name)
+        public: Callable[..., Any] = getattr(getattr(self._api, domain), name)
         return public
 
     def _functions(self, domain: str, kind: type[_Functions]) -> _Functions:
@@ -172,7 +216,7 @@ class Session:
         """
         if end_s is not None:
             return self.time_s < end_s - ROUNDING
-        api = self.api
+        api = self._api
         expected = api.simulation.getMinExpectedNumber()
         if not expected or api.vehicle.getIDCount():
             return bool(expected)
@@ -184,14 +228,73 @@ class Session:
 
     def ignore(self, vehicle: str, people: Sequence[str]) -> None:
         """Let a vehicle not mind these people, by their ids."""
-        self.vehicles.set_parameter(vehicle, "junctionModel.ignoreIDs", " ".join(people))
+        self._set_parameter(vehicle, "junctionModel.ignoreIDs", " ".join(people))
+
+    def let_yield(self, vehicle: str, yields: bool) -> None:
+        """Let SUMO keep a commanded vehicle's duty to yield, or not; it keeps leaders and limits."""
+        self._set_speed_mode(vehicle, _YIELDING if yields else _PRIVILEGED)
+
+    def release(self, vehicle: str) -> None:
+        """Give a commanded vehicle back to SUMO's driver, who minds everybody."""
+        self.vehicles.set_speed(vehicle, _NO_COMMAND)
+        self.let_yield(vehicle, True)
+        self.ignore(vehicle, ())
+
+    def leader(self, vehicle: str, sight_m: float) -> Leader | None:
+        """The vehicle ahead within a distance; None if there is none."""
+        found = self._leader(vehicle, sight_m)
+        return Leader(*found) if found and found[0] else None
+
+    def lanes_ahead(self, vehicle: str, lane: str) -> Sequence[str]:
+        """The lanes that a vehicle will follow on its route, that on which it is first."""
+        # A row has the lane, two lengths, the changes of lane to the best one, a flag and the way.
+        rows = self._best_lanes(vehicle)
+        index = next((i for i, row in enumerate(rows) if row[0] == lane), None)
+        if index is None:
+            return [lane]
+        *_, changes, _, ahead = rows[index]
+        if len(ahead) < 2 and changes:
+            # It has to change lane before the junction.
+            *_, ahead = rows[index + changes]
+        return [lane, *ahead[1:]]
+
+    def add_route(self, name: str, edges: Sequence[str]) -> None:
+        """Add a route for vehicles."""
+        self._api.route.add(name, edges)
+
+    def limit_speed(self, road: Sequence[str], limit_mps: float) -> None:
+        """Set the speed limit of a road's successive edges and of the lanes that connect them."""
+        api = self._api
+        counts = {edge: api.edge.getLaneNumber(edge) for edge in road}
+        lanes = [lane_of(edge, number) for edge, count in counts.items() for number in range(count)]
+        while lanes:
+            lane = lanes.pop()
+            api.lane.setMaxSpeed(lane, limit_mps)
+            # Inside a junction several lanes may follow one after another.
+            lanes += [inside for *_, inside, _, _, _ in api.lane.getLinks(lane) if inside]
+
+    def add_commanded(
+        self, name: str, route: str, type_id: str, lane: int, position_m: float, speed_mps: float
+    ) -> None:
+        """Add a vehicle whose speed is commanded alone; it exists after the next step."""
+        self._api.vehicle.add(
+            name,
+            route,
+            typeID=type_id,
+            depart="now",
+            departLane=str(lane),
+            departPos=repr(position_m),
+            departSpeed=repr(speed_mps),
+        )
+        self._set_speed_mode(name, _COMMANDED)
+        self._api.vehicle.setLaneChangeMode(name, 0)
 
     def add_person(self, name: str, edge: str, position_m: float, type_id: str) -> None:
         """Add a person; they exist, and may be moved, after the next step but one.
 
         They need a way (``people.walk``) in the same step.
         """
-        self.api.person.add(name, edge, position_m, depart=_DEPART_NOW, typeID=type_id)
+        self._api.person.add(name, edge, position_m, depart=_DEPART_NOW, typeID=type_id)
 
     def move_person(self, name: str, x: float, y: float) -> None:
         """Put a person who exists on a point of a crosswalk's axis, 0.05 m or more from its ends.
@@ -200,25 +303,25 @@ class Session:
         """
         self.move(name, "", x, y, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
 
-    def vehicle_types(self) -> Mapping[str, tuple[float, float, float, float, float]]:
-        """Length, width, acceleration, deceleration and top speed of each type, by its id."""
-        of = self.api.vehicletype
+    def vehicle_types(self) -> Mapping[str, VehicleType]:
+        """Every type of vehicles, by its id."""
+        of = self._api.vehicletype
         asked = (of.getLength, of.getWidth, of.getAccel, of.getDecel, of.getMaxSpeed)
-        return {name: tuple(each(name) for each in asked) for name in of.getIDList()}
+        return {name: VehicleType(*(each(name) for each in asked)) for name in of.getIDList()}
 
     def look(self, x: float, y: float, reach_m: float) -> None:
         """Show a square of the network in the window."""
-        self.api.gui.setBoundary(_VIEW, x - reach_m, y - reach_m, x + reach_m, y + reach_m)
+        self._api.gui.setBoundary(_VIEW, x - reach_m, y - reach_m, x + reach_m, y + reach_m)
 
     def screenshot(self, file: Path, width: int, height: int) -> None:
         """Order a picture of the window at the end of the next step."""
-        self.api.gui.screenshot(_VIEW, str(file.absolute()), width, height)
+        self._api.gui.screenshot(_VIEW, str(file.absolute()), width, height)
 
     def close(self) -> None:
         """End the simulation; only then are its output files complete."""
         # The user may have closed the window.
-        with contextlib.suppress(self.api.FatalTraCIError):
-            self.api.close()
+        with contextlib.suppress(self._api.FatalTraCIError):
+            self._api.close()
 
 
 def _started(module: Module, command: Sequence[str]) -> Any:

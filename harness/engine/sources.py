@@ -22,6 +22,8 @@ EXIT_M = APPROACH_M
 """Length of road after the crosswalk's centre line: the approach of oncoming vehicles."""
 FOOTPATH_M = 10.0
 """Length of a footpath, from the kerb to its outer end."""
+CROSSWALK = ":crosswalk_c0"
+"""SUMO's id of the crosswalk of such a site."""
 
 
 def plain_sources(crossing: CrossingSection, name: str) -> dict[str, str]:

@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
 
 from harness.core.encounter import Arm
-from harness.engine.session import Session
+from harness.engine.session import Session, edge_of, is_inside_junction
 from harness.simulation.cars import Car, Link, Passage
 from harness.simulation.setup import Setup
 from harness.site.town import Connection, Crosswalk, Town
@@ -40,7 +40,7 @@ class Approaches:
         self._reach_m = self._near_m + _MOST_MPS * max(_LOOK_S, self._step_s)
         self._every = max(1, round(_LOOK_S / self._step_s))
         self.before = {
-            name: sorted({_edge(each.from_lane) for each in crosswalk.connections})
+            name: sorted({edge_of(each.from_lane) for each in crosswalk.connections})
             for name, crosswalk in setup.crosswalks.items()
         }
         self._over = defaultdict[Connection, list[Crosswalk]](list)
@@ -57,7 +57,7 @@ class Approaches:
     def found(self, step: int) -> Iterator[str]:
         """The vehicles that departed on watched edges, or came onto them since the last look."""
         for name in self._session.departed():
-            if _edge(self._vehicles.lane(name)) in self._on_edge:
+            if edge_of(self._vehicles.lane(name)) in self._on_edge:
                 yield name
         for edge, before in self._on_edge.items() if step % self._every == 0 else ():
             names = self._session.vehicles_on(edge)
@@ -92,7 +92,7 @@ class Approaches:
         if lane == car.lane:
             return None
         car.lane = lane
-        if lane.startswith(":") or not lane:
+        if is_inside_junction(lane) or not lane:
             return None
         self._look_ahead(car, car.odometer_m - self._vehicles.lane_position_m(car.name))
         found = []
@@ -109,7 +109,7 @@ class Approaches:
         town, last = self._setup.town, ""
         car.limits, car.links = [], []
         until_m = at_m + town.lanes[car.lane].length_m
-        for name in self._lanes(car.name, car.lane):
+        for name in self._session.lanes_ahead(car.name, car.lane):
             lanes: tuple[str, ...] = (name,)
             if last:
                 way = town.connections.get((last, name))
@@ -133,36 +133,20 @@ class Approaches:
         zebra = any(each.prioritized for each in self._over.get(way, ()))
         return way.gives_way or way in self._minds or not zebra
 
-    def _lanes(self, name: str, lane: str) -> Sequence[str]:
-        """The lanes that a vehicle will follow, its own first."""
-        rows = self._vehicles.best_lanes(name)
-        index = next((i for i, row in enumerate(rows) if row[0] == lane), None)
-        if index is None:
-            return [lane]
-        row = rows[index]
-        if len(row[5]) < 2 and row[3]:
-            # It has to change lane before the junction.
-            row = rows[index + row[3]]
-        return [lane, *row[5][1:]]
-
 
 def _upstream(town: Town, ends: Sequence[str], reach_m: float) -> Collection[str]:
     """The edges from which a vehicle comes to the end of one of some edges within a distance."""
     before = defaultdict[str, list[Connection]](list)
     for each in town.connections.values():
-        before[_edge(each.to_lane)].append(each)
+        before[edge_of(each.to_lane)].append(each)
     away_m = dict.fromkeys(ends, 0.0)
     todo = [*away_m]
     while todo:
         edge = todo.pop()
         for each in before[edge]:
-            name = _edge(each.from_lane)
+            name = edge_of(each.from_lane)
             through_m = away_m[edge] + town.lanes[each.to_lane].length_m
             if through_m <= reach_m and through_m < away_m.get(name, math.inf):
                 away_m[name] = through_m
                 todo.append(name)
     return away_m
-
-
-def _edge(lane: str) -> str:
-    return lane.rpartition("_")[0]

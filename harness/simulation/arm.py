@@ -8,7 +8,7 @@ from harness.core.encounter import ROUNDING, Arm, ModelUse
 from harness.encounter.arms import uses_of
 from harness.encounter.driver import Driver
 from harness.encounter.walking_speeds import WalkingSpeeds
-from harness.engine.session import Collision, Session
+from harness.engine.session import Collision, Session, is_inside_junction
 from harness.model.interaction import InteractionModel
 from harness.simulation.approaches import Approaches
 from harness.simulation.cars import PASSED, Car, Passage
@@ -156,7 +156,7 @@ class SimulatedArm:
             passage.collided |= passage.crosswalk.id in places
         if places or hit.victim not in self.automated:
             return ["person_collisions"]
-        return ["vehicle_collisions", *["overlaps"] * hit.lane.startswith(":")]
+        return ["vehicle_collisions", *["overlaps"] * is_inside_junction(hit.lane)]
 
     def _read(self) -> list[Car]:
         """Read all vehicles near a chosen crosswalk at the step's end.

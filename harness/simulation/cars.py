@@ -49,7 +49,7 @@ class Car:
         limits: (odometer, speed in m/s) where each lane ahead begins, for this vehicle.
         least_mps: the lowest of the limits.
         links: the connections ahead, by the odometer.
-        mode: the speed mode while a strategy drives, else None.
+        yields: whether SUMO keeps its duty to yield while a strategy drives, else None.
         asked_mps: the command that SUMO has; None: it drives.
         odometers_m, speeds_mps: its states at the ends of all steps since it came near.
         limited: the number of driven steps by what limited them (``LIMITED_BY``).
@@ -73,7 +73,7 @@ class Car:
     limits: list[tuple[float, float]] = field(default_factory=list)
     least_mps: float = math.inf
     links: list[Link] = field(default_factory=list)
-    mode: int | None = None
+    yields: bool | None = None
     asked_mps: float | None = None
     # Unlike lists, arrays take no time of the garbage collector.
     odometers_m: "array[float]" = field(default_factory=lambda: array("d"))

@@ -19,11 +19,6 @@ from harness.simulation.people import PeopleAt
 from harness.simulation.setup import Setup
 from harness.site.town import Crosswalk
 
-SPEED_MODE_FREE = 23
-"""SUMO keeps leaders, limits and red lights; the vehicle has the right of way among vehicles."""
-SPEED_MODE_YIELDING = 31
-"""SUMO's own driver's mode: it also yields where its connection has to."""
-
 _ROUNDING_MPS = 1e-3
 """Differences of speed below this are rounding."""
 _LEADER_M = 1.0
@@ -64,10 +59,9 @@ class Control:
             link.yields and link.begin_m < end_m and car.odometer_m < link.end_m
             for link in car.links
         )
-        mode = SPEED_MODE_YIELDING if yields else SPEED_MODE_FREE
-        if mode != car.mode:
-            car.mode = mode
-            self._vehicles.set_speed_mode(car.name, mode)
+        if yields != car.yields:
+            car.yields = yields
+            self._session.let_yield(car.name, yields)
 
     def ignore_at(self, crosswalk: Crosswalk) -> None:
         """Let SUMO not mind those who are at a crosswalk now."""
@@ -84,11 +78,9 @@ class Control:
         """Give a vehicle back to SUMO."""
         if self._driven.pop(car.name, None) is None:
             return
-        car.mode = car.asked_mps = car.actuator = None
+        car.yields = car.asked_mps = car.actuator = None
         if exists:
-            self._vehicles.set_speed(car.name, -1.0)
-            self._vehicles.set_speed_mode(car.name, SPEED_MODE_YIELDING)
-            self._session.ignore(car.name, ())
+            self._session.release(car.name)
 
     def command(self, now_s: float) -> None:
         """Let every strategy decide, and give SUMO the lowest command for each vehicle."""
@@ -161,10 +153,10 @@ class Control:
         """Whether the vehicle ahead was so near that SUMO kept its distance."""
         decel = car.vehicle.max_deceleration_mps2
         sight_m = speed_mps * 2 + speed_mps**2 / (2 * decel) + 10.0
-        leader = self._vehicles.leader(car.name, sight_m)
-        if leader is None or not leader[0]:
+        leader = self._session.leader(car.name, sight_m)
+        if leader is None:
             return False
-        ahead_mps = self._vehicles.speed_mps(leader[0])
-        # SUMO's gap is less minGap already; a second is the headway of its default driver.
+        ahead_mps = self._vehicles.speed_mps(leader.name)
+        # A second is the headway of SUMO's default driver.
         keeps_m = speed_mps * (1.0 + self._step_s) + (speed_mps**2 - ahead_mps**2) / (2 * decel)
-        return leader[1] <= max(keeps_m, 0.0) + _LEADER_M
+        return leader.gap_m <= max(keeps_m, 0.0) + _LEADER_M

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from harness.core.encounter import SECONDS_PER_HOUR
 from harness.engine.configuration import SumoConfig, people_in, read_config, write_xml
+from harness.engine.session import lane_of
 from harness.scenario.sections import EgoSection
 from harness.simulation.files import run_untouched
 from harness.simulation.opening import chosen, town_of
@@ -63,7 +64,7 @@ def _row(crosswalk: Crosswalk, counts: Counts) -> CrosswalkRow:
         "crosswalk": crosswalk.id,
         "roads": " / ".join(crosswalk.roads),
         "vehicles/h": round(sum(ways.values())),
-        "people/h": round(counts["people"].get(f"{crosswalk.id}_0", 0.0)),
+        "people/h": round(counts["people"].get(lane_of(crosswalk.id), 0.0)),
         **{name: round(ways[name]) for name in _MANOEUVRES},
         "priority": "people" if crosswalk.prioritized else "vehicles",
         "length, m": round(crosswalk.length_m, 1),

@@ -10,6 +10,7 @@ from harness.core.errors import InputError, nearest_name, unknown_name
 from harness.encounter.arms import asks_model
 from harness.engine.configuration import SumoConfig, defined_types, people_in, read_config
 from harness.engine.installation import scratch_folder
+from harness.engine.sources import CROSSWALK
 from harness.model.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
 from harness.scenario.consistency import check_perception
@@ -17,7 +18,7 @@ from harness.scenario.sections import EgoSection, SimulationSection
 from harness.simulation import demand
 from harness.simulation.files import run_untouched
 from harness.simulation.own_people import OWN_PREFIX
-from harness.simulation.setup import CROSSWALK, Setup
+from harness.simulation.setup import Setup
 from harness.simulation.shares import sumo_seed
 from harness.site.town import Crosswalk, Town
 

@@ -8,6 +8,7 @@ from harness.core.errors import StrategyError, in_one_line
 from harness.encounter.arms import make_strategy
 from harness.encounter.arrivals import planned_arrivals
 from harness.engine.configuration import SumoConfig
+from harness.engine.sources import CROSSWALK
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
 from harness.scenario.consistency import SUMO_DRIVER
@@ -17,8 +18,6 @@ from harness.site.town import Crosswalk, Town
 
 CAR_M = (5.0, 1.8)
 """Length and width of SUMO's car."""
-CROSSWALK = ":crosswalk_c0"
-"""The crosswalk of every network of the harness."""
 
 
 @dataclass(frozen=True, slots=True)
