@@ -231,7 +231,7 @@ class Session:
         self._set_parameter(vehicle, "junctionModel.ignoreIDs", " ".join(people))
 
     def let_yield(self, vehicle: str, yields: bool) -> None:
-        """Let SUMO keep a commanded vehicle's duty to yield, or not; it keeps leaders and limits."""
+        """Let SUMO keep a commanded vehicle's duty to yield; in any case it keeps leaders."""
         self._set_speed_mode(vehicle, _YIELDING if yields else _PRIVILEGED)
 
     def release(self, vehicle: str) -> None:
