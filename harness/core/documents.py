@@ -3,13 +3,16 @@
 Values that a parser accepts but that would break a program or a terminal later are refused.
 """
 
+import copyreg
 import json
 import re
 import tomllib
 import unicodedata
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, TypeVar, get_args
 
+import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from harness.core.errors import InputError, unknown_name
@@ -128,6 +131,28 @@ def shortened(value: Any) -> str:
     """A value in the form in which messages show it: at most 60 characters."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+# Read-only mappings of a scenario go to other processes.
+copyreg.pickle(MappingProxyType, lambda mapping: (MappingProxyType, (dict(mapping),)))
+
+
+def frozen_tables(value: Any) -> Any:
+    """A value in which tables, and tables in tables, are read-only; arrays stay lists."""
+    if not isinstance(value, Mapping):
+        return value
+    return MappingProxyType({key: frozen_tables(part) for key, part in value.items()})
+
+
+def as_plain(value: Any) -> Any:
+    """A copy of a value in Python's own types: numbers, lists and dictionaries, all of them new."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [as_plain(part) for part in value]
+    if isinstance(value, Mapping):
+        return {key: as_plain(part) for key, part in value.items()}
+    return value
 
 
 def _parsed(parse: Callable[[Any], Any], content: str | bytes) -> Any:

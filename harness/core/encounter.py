@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 Behaviour = Literal["constant", "gap_acceptance", "threshold", "reactive"]
 """How pedestrians decide and walk (docs/method.md, Pedestrians)."""
@@ -316,6 +318,14 @@ class ModelUse(NamedTuple):
 NO_MODEL_USE = ModelUse()
 
 
+def freeze_arrays(record: object, *names: str) -> None:
+    """Replace arrays of a frozen record by read-only views; the caller's own stay as they are."""
+    for name in names:
+        view = getattr(record, name).view()
+        view.setflags(write=False)
+        object.__setattr__(record, name, view)
+
+
 @dataclass(frozen=True, slots=True)
 class Trace:
     """One simulated episode: the ego's states at every step and the pedestrians' walks.
@@ -350,5 +360,4 @@ class Trace:
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
-        self.x_m.setflags(write=False)
-        self.speed_mps.setflags(write=False)
+        freeze_arrays(self, "x_m", "speed_mps")

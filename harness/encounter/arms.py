@@ -5,6 +5,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from harness.core.documents import as_plain
 from harness.core.encounter import NO_MODEL_USE, Arm, ModelUse, Strategy
 from harness.core.errors import InputError, in_one_line
 from harness.core.seeding import Given, GivenFirst, Purpose, stream
@@ -35,7 +36,7 @@ def arm_key(scenario: Scenario, arm: Arm) -> str | None:
     name = scenario.arms.driver(arm)
     if name not in STRATEGIES:
         return None
-    drives = name, scenario.strategies.get(name, {}), draws_from(scenario, arm)
+    drives = name, as_plain(scenario.strategies.get(name, {})), draws_from(scenario, arm)
     return repr((arm, drives, sensor_of(scenario, arm), scenario.vehicle(arm)))
 
 
@@ -85,7 +86,7 @@ def named_strategy(
         model, rng: arguments for strategies that need them.
     """
     factory = find_strategy(name, "arms")
-    parameters = scenario.strategies.get(name, {})
+    parameters = as_plain(scenario.strategies.get(name, {}))
     given = {"model": lambda: model, "step_s": lambda: scenario.experiment.step_s, "rng": rng}
     return factory(**{key: given[key]() for key in needs(factory)}, **parameters)
 

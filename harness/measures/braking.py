@@ -7,9 +7,14 @@ contact in which the pedestrian walks into the side of the ego.
 
 import numpy as np
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, FloatArray
+from harness.core.encounter import (
+    PEDESTRIAN_RADIUS_M,
+    ROUNDING,
+    BoolArray,
+    FloatArray,
+    IntArray,
+)
 from harness.measures.chunk import Chunk
-from harness.measures.ego import IntArray
 
 
 def max_deceleration_mps2(chunk: Chunk) -> FloatArray:
@@ -83,7 +88,7 @@ def required_deceleration_mps2(chunk: Chunk) -> FloatArray:
     return chunk.largest(met.trace[first], met.closing_mps[first] ** 2 / (2 * ahead))
 
 
-def _on_course_with_front(chunk: Chunk) -> np.ndarray:
+def _on_course_with_front(chunk: Chunk) -> BoolArray:
     """For every row of ``met``: whether it is on a collision course with the front."""
     met, ttc = chunk.met, chunk.ttc_s
     with np.errstate(invalid="ignore"):

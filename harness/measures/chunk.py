@@ -7,11 +7,26 @@ from functools import cached_property
 
 import numpy as np
 
-from harness.core.encounter import ROUNDING, Crossing, Ending, FloatArray, Trace, Vehicle
+from harness.core.encounter import (
+    ROUNDING,
+    BoolArray,
+    Crossing,
+    Ending,
+    FloatArray,
+    IntArray,
+    Trace,
+    Vehicle,
+    freeze_arrays,
+)
 from harness.measures.contacts import Strike, strikes_of
-from harness.measures.ego import EgoStates, IntArray, body_of, crossing_time_s, ego_states
+from harness.measures.ego import EgoStates, body_of, crossing_time_s, ego_states
 from harness.measures.motion.contact import time_to_collision
 from harness.measures.steps import Legs, Rows, legs_of, rows_of
+
+_ARRAYS = (
+    *("ttc_s", "crashed", "pass_time_s", "pass_time_ignoring_contact_s", "end_s"),
+    "steps",
+)
 
 
 @dataclass(frozen=True)
@@ -31,16 +46,20 @@ class Chunk:
     ttc_s: FloatArray
     """Time to collision of every row of ``met``; infinite off a collision course."""
     strikes: tuple[Strike | None, ...]
-    crashed: np.ndarray
+    crashed: BoolArray
     pass_time_s: FloatArray
     """Time from the trigger until the rear bumper leaves the far edge; NaN after a contact, or
     if the ego did not cross."""
     pass_time_ignoring_contact_s: FloatArray
     """The pass time if contacts are ignored: the simulation continues after a contact."""
     end_s: FloatArray
-    """The time of the record's end: the contact, the pass, the time-out or the failure."""
+    """The record's end: the contact, the pass, the time-out or the failure; 0 without a state."""
     steps: IntArray
     """Steps of the record."""
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        freeze_arrays(self, *_ARRAYS)
 
     @property
     def vehicle(self) -> Vehicle:

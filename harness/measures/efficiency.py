@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from harness.core.encounter import ROUNDING, STANDING_MPS, FloatArray, Walk
+from harness.core.encounter import ROUNDING, STANDING_MPS, BoolArray, FloatArray, IntArray, Walk
 from harness.measures.chunk import Chunk
 
 
@@ -77,7 +77,7 @@ def _arrivals(chunk: Chunk) -> Iterator[tuple[int, Walk, float]]:
                 yield number, walk, end_s
 
 
-def _standing(chunk: Chunk) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _standing(chunk: Chunk) -> tuple[IntArray, BoolArray, BoolArray]:
     """For every step: its episode, and whether the ego stands at its beginning and at its end."""
     trace, state = chunk.record_steps
     # The first step at a0 often ends at 0.1 m/s, up to rounding.

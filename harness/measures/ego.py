@@ -8,12 +8,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from harness.core.encounter import ROUNDING, FloatArray, Trace
+from harness.core.encounter import (
+    ROUNDING,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Trace,
+    freeze_arrays,
+)
 from harness.measures.motion.contact import Motion
-
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +32,11 @@ class EgoStates:
     speed_mps: FloatArray
     first: IntArray
     steps: IntArray
-    euler: np.ndarray
+    euler: BoolArray
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        freeze_arrays(self, *self.__slots__)
 
 
 def ego_states(traces: Sequence[Trace]) -> EgoStates:

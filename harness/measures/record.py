@@ -1,6 +1,5 @@
 """The record of an episode: the columns of ``episodes``, computed from traces by catalogue.py."""
 
-from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,9 +12,6 @@ from harness.measures.ego import ego_states
 from harness.measures.steps import legs_of, rows_of
 
 Value = float | int | bool | None
-
-Values = namedtuple("Values", COLUMNS)  # type: ignore[misc]  # the names come from the catalogue
-"""The measures of an episode, named as their columns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,9 +40,9 @@ class EpisodeRecord(Measured):
     clamped_range_excess_m: float | None
 
     @property
-    def values(self) -> tuple[Value, ...]:
-        """The measures in the order of ``MEASURES``, accessible by their columns' names."""
-        return Values(*(getattr(self, column) for column in COLUMNS))
+    def values(self) -> dict[str, Value]:
+        """The measures by their columns, in the order of ``MEASURES``."""
+        return {column: getattr(self, column) for column in COLUMNS}
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """Traces in; the states of ego and pedestrians at every step out.
 
-Only this module of the measures knows the form of a walk: straight legs with constant velocity
+This module and ``avoidable`` know the form of a walk: straight legs with constant velocity
 along the road and constant acceleration across it.
 """
 
@@ -9,8 +9,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.core.encounter import ROUNDING, FloatArray, Leg, Side, Trace, Walk
-from harness.measures.ego import EgoStates, IntArray
+from harness.core.encounter import (
+    ROUNDING,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Leg,
+    Side,
+    Trace,
+    Walk,
+    freeze_arrays,
+)
+from harness.measures.ego import EgoStates
 from harness.measures.motion import walking
 
 
@@ -36,7 +46,11 @@ class Legs:
     """The walks by number; ``walk_trace`` and ``from_far`` have an entry for each walk."""
     walk_trace: IntArray
     """Number of the walk's trace."""
-    from_far: np.ndarray
+    from_far: BoolArray
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        freeze_arrays(self, *(name for name in self.__slots__ if name != "walks"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +77,10 @@ class Rows:
     walker_y_mps: FloatArray
     walker_y_mps2: FloatArray
 
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        freeze_arrays(self, *self.__slots__)
+
     @property
     def ahead_m(self) -> FloatArray:
         """The pedestrian's distance ahead of the bumper; negative beside the body."""
@@ -73,7 +91,7 @@ class Rows:
         """The rate at which ``ahead_m`` falls."""
         return self.speed_mps - self.walker_x_mps
 
-    def where(self, keep: np.ndarray) -> "Rows":
+    def where(self, keep: BoolArray) -> "Rows":
         """The rows that a mask keeps."""
         return Rows(*(getattr(self, name)[keep] for name in Rows.__slots__))
 

@@ -4,7 +4,6 @@ Every key has a default and unknown keys are refused, so a file holds only what 
 defaults.  Users name a key by its dotted path (``pedestrians.flow_per_hour``).
 """
 
-import copy
 import math
 import os
 import re
@@ -13,9 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from harness.core.documents import check_form, parse_toml, shortened
+from harness.core.documents import as_plain, check_form, frozen_tables, parse_toml, shortened
 from harness.core.encounter import SECONDS_PER_HOUR
 from harness.core.errors import InputError, nearest_name
 from harness.core.files import read_file, shipped_directory
@@ -50,8 +47,8 @@ class ScenarioFile:
 
     name: str
     source: str
-    tree: dict[str, Any]
-    sweep: dict[str, Any] | None
+    tree: Mapping[str, Any]
+    sweep: Mapping[str, Any] | None
     settings: tuple[Setting, ...]
     folder: Path
 
@@ -61,7 +58,7 @@ class ScenarioFile:
         Raises:
             InputError: a key or value is not accepted.
         """
-        tree = copy.deepcopy(self.tree)
+        tree = as_plain(self.tree)
         sources = {}
         for setting in (*self.settings, *more):
             apply_setting(tree, setting)
@@ -108,7 +105,8 @@ def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> Sce
         raise InputError(f"{path.name}: sweep", f"{shortened(sweep)} is not accepted", "a table")
     if isinstance(settings, Mapping):
         settings = [Setting(key, value, "settings") for key, value in settings.items()]
-    return ScenarioFile(path.stem, path.name, tree, sweep, tuple(settings), path.parent)
+    tables = frozen_tables(tree), frozen_tables(sweep)
+    return ScenarioFile(path.stem, path.name, *tables, tuple(settings), path.parent)
 
 
 def load_scenario(name_or_path: str | Path, settings: Settings = ()) -> Scenario:
@@ -224,17 +222,6 @@ def _anchor_paths(tree: dict[str, Any], folder: Path) -> None:
         section = tree.get(name)
         if isinstance(section, dict) and isinstance(section.get(key), str):
             section[key] = os.path.normpath(folder.absolute() / section[key])
-
-
-def as_plain(value: Any) -> Any:
-    """A value with NumPy's numbers and arrays converted to Python's numbers and lists."""
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    if isinstance(value, list | tuple):
-        return [as_plain(part) for part in value]
-    if isinstance(value, Mapping):
-        return {key: as_plain(part) for key, part in value.items()}
-    return value
 
 
 def _in_si(value: Any, key: str = "") -> Any:

@@ -1,11 +1,13 @@
 """The whole scenario, and the quantities that follow from several of its keys."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, JsonValue
+from pydantic import AfterValidator, Field, JsonValue, PlainSerializer
 
+from harness.core.documents import as_plain, frozen_tables
 from harness.core.encounter import (
     PEDESTRIAN_RADIUS_M,
     ROUNDING,
@@ -32,6 +34,10 @@ from harness.scenario.sections import (
 )
 from harness.scenario.traffic import TrafficSection
 
+_Tables = Annotated[
+    Mapping[str, Mapping[str, JsonValue]], AfterValidator(frozen_tables), PlainSerializer(as_plain)
+]
+
 
 class Scenario(Section):
     """One complete experiment: a run needs nothing else."""
@@ -43,7 +49,7 @@ class Scenario(Section):
     actuation: ActuationSection = ActuationSection()
     model: ModelSection = ModelSection()
     arms: ArmsSection = ArmsSection()
-    strategies: dict[str, dict[str, JsonValue]] = Field(default_factory=dict)
+    strategies: _Tables = Field(default_factory=lambda: frozen_tables({}))
     """Parameters of each strategy, by the strategy's name."""
     conflicts: ConflictsSection = ConflictsSection()
     experiment: ExperimentSection = ExperimentSection()

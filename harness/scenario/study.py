@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
+from harness.core.documents import frozen_tables
 from harness.core.errors import InputError, nearest_name
 from harness.scenario.file import ScenarioFile, Setting, apply_setting, parts_of, validate
 from harness.scenario.scenario import Scenario
@@ -25,11 +25,7 @@ class Cell:
 
     def __post_init__(self) -> None:
         """Copy ``varied`` into a read-only mapping."""
-        object.__setattr__(self, "varied", MappingProxyType(dict(self.varied)))
-
-    def __reduce__(self) -> tuple[type["Cell"], tuple[int, dict[str, Any], Scenario]]:
-        """Pickle the constructor's arguments, since a read-only mapping cannot be pickled."""
-        return Cell, (self.number, dict(self.varied), self.scenario)
+        object.__setattr__(self, "varied", frozen_tables(self.varied))
 
 
 @dataclass(frozen=True)

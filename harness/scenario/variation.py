@@ -6,9 +6,9 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from harness.core.documents import parse_toml, shortened
+from harness.core.documents import as_plain, parse_toml, shortened
 from harness.core.errors import InputError
-from harness.scenario.file import ScenarioFile, Setting, as_plain, parts_of, toml_value
+from harness.scenario.file import ScenarioFile, Setting, parts_of, toml_value
 
 MAX_CELLS = 100_000
 
@@ -119,7 +119,7 @@ def flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested tables as dotted keys."""
     flat: dict[str, Any] = {}
     for key, value in table.items():
-        if isinstance(value, dict):
+        if isinstance(value, Mapping):
             flat |= flatten(value, f"{prefix}{_part(key)}.")
         else:
             flat[f"{prefix}{_part(key)}"] = value

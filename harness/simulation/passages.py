@@ -85,7 +85,7 @@ def _row(
     front_s = crossing_time_s(trace, -trace.crossing.width_m / 2)
     rear_s = record.pass_time_ignoring_contact_s
     trigger_s = begin_s - passage.trace_offset_s
-    values = record.values._asdict()  # type: ignore[attr-defined]  # a named tuple
+    values = record.values
     if record.pass_time_s is not None:
         values["delay_s"] = float(beyond(record.pass_time_s, free_s))
     return {

@@ -7,9 +7,17 @@ from dataclasses import dataclass, field, replace
 from itertools import starmap
 
 import numpy as np
-from numpy.typing import NDArray
 
-from harness.core.encounter import STANDING_MPS, Arrival, Crossing, FloatArray, Leg, Side, Walk
+from harness.core.encounter import (
+    STANDING_MPS,
+    Arrival,
+    Crossing,
+    FloatArray,
+    IntArray,
+    Leg,
+    Side,
+    Walk,
+)
 from harness.measures.motion.walking import states_at
 from harness.site.path import Places
 from harness.site.town import Crosswalk
@@ -156,7 +164,7 @@ def _waits_from(
 
 
 def _from_kerb_to_kerb(
-    time_s: FloatArray, ahead_m: FloatArray, on: NDArray[np.int_], length_m: float
+    time_s: FloatArray, ahead_m: FloatArray, on: IntArray, length_m: float
 ) -> FloatArray:
     """(time, way ahead) of a walk over the crosswalk, from one kerb to the other, shape (n, 2).
 

@@ -6,9 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from harness.core.encounter import Crossing, FloatArray
+from harness.core.encounter import BoolArray, Crossing, FloatArray
 from harness.site.path import Path
 from harness.site.town import Crosswalk
 
@@ -21,7 +20,7 @@ _STEP_S = 0.1
 _REFINEMENTS = 4
 """Each makes a sample 32 times finer; four end at 0.2 µm."""
 
-_Touches = Callable[[FloatArray], NDArray[np.bool_]]
+_Touches = Callable[[FloatArray], BoolArray]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from typing import Any, get_type_hints
 from pydantic import BaseModel, ConfigDict, create_model
 from pydantic.errors import PydanticUserError
 
-from harness.core.documents import check_form
+from harness.core.documents import as_plain, check_form
 from harness.core.encounter import StrategyFactory
 from harness.core.errors import InputError
 
@@ -74,7 +74,7 @@ def check_parameters(strategy: StrategyFactory, parameters: Mapping[str, Any], w
         InputError: a key is unknown or missing, or a value is not what its annotation allows.
     """
     try:
-        check_form(form_of(strategy), dict(parameters), "")
+        check_form(form_of(strategy), as_plain(parameters), "")
     except InputError as error:
         place = f"{where}.{error.where}"
         raise InputError(place, error.problem, error.allowed, error.nearest) from None

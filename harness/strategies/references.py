@@ -38,7 +38,7 @@ def keeps_its_defaults(scenario: Scenario, strategy: str) -> bool:
     if strategy not in STRATEGIES:
         return False
     defaults = defaults_of(STRATEGIES[strategy])
-    return defaults | scenario.strategies.get(strategy, {}) == defaults
+    return {**defaults, **scenario.strategies.get(strategy, {})} == defaults
 
 
 def is_the_papers(scenario: Scenario) -> bool:

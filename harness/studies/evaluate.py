@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from harness.core.documents import as_plain
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError, refused_at
 from harness.encounter.arms import arm_key
@@ -20,7 +21,6 @@ from harness.results.findings import cell_findings
 from harness.results.result import flat
 from harness.scenario import Cell, EngineName, Scenario, Setting
 from harness.scenario.arguments import engine_named, whole_number
-from harness.scenario.file import as_plain
 from harness.strategies.registry import source_digests
 from harness.studies.run import checked_models, scenario_file
 from harness.studies.tasks import Task, but_for_drivers

@@ -91,7 +91,7 @@ def test_contacts_with_the_front_the_side_and_a_corner() -> None:
     assert result.end_s == result.contact_time_s
     assert result.steps == 60  # the step in which it happened is the sixtieth
     assert result.min_gap_m == 0.0
-    assert (result.pass_time_s, result.delay_s, result.values.pet_s) == (None, None, None)
+    assert (result.pass_time_s, result.delay_s, result.values["pet_s"]) == (None, None, None)
     # Their disc meets the right side (y = 1.10 m) at 6.5 s; the bumper is 2.5 m past them.
     result = cruise((5.4, Side.NEAR, 1.0))
     assert (result.ending, result.contact) == ("crashed", "side")
@@ -129,7 +129,7 @@ def test_at_every_contact_gap_and_time_to_collision_are_nothing() -> None:
 def test_post_encroachment_time_by_hand() -> None:
     # Their disc leaves the ego's path at 3.40 m / 1.5 m/s; the bumper is at −0.25 m at 5.95 s.
     first = cruise((0.0, Side.NEAR, 1.5)).values
-    assert first._asdict()["pet_s"] == pytest.approx(5.95 - 3.4 / 1.5, abs=1e-9)
+    assert first["pet_s"] == pytest.approx(5.95 - 3.4 / 1.5, abs=1e-9)
     # From the far side they leave it 6.75 + 1.15 = 7.9 m from their kerb.
     assert cruise((0.0, Side.FAR, 2.0)).pet_s == pytest.approx(5.95 - 7.9 / 2, abs=1e-9)
     # The rear bumper is 0.25 m past them at 35.25/5 = 7.05 s; they enter at 1.10 m.
