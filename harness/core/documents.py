@@ -133,15 +133,15 @@ def shortened(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-# Read-only mappings of a scenario go to other processes.
-copyreg.pickle(MappingProxyType, lambda mapping: (MappingProxyType, (dict(mapping),)))
-
-
 def frozen_tables(value: Any) -> Any:
     """A value in which tables, and tables in tables, are read-only; arrays stay lists."""
     if not isinstance(value, Mapping):
         return value
     return MappingProxyType({key: frozen_tables(part) for key, part in value.items()})
+
+
+# Read-only tables go to other processes.
+copyreg.pickle(MappingProxyType, lambda table: (frozen_tables, (dict(table),)))
 
 
 def as_plain(value: Any) -> Any:
