@@ -7,19 +7,28 @@ group, if it describes one), unless the stream is keyed by the pedestrian too.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-Purpose = str
-"""What random numbers are for: a key of ``_PURPOSES``."""
+# fmt: off
+Purpose = Literal[
+    "arrival", "side", "quantile", "strategy", "critical_gap", "vehicle_arrival", "detection",
+    "timed_detection", "redetection", "dropout", "perception_error", "warm_up", "av_strategy",
+    "threshold", "latency", "group_size", "walking_class", "risk",
+]
+# fmt: on
+"""What random numbers of a pair are for."""
+
+Resampled = Literal["folds", "summary", "comparison", "validation", "risk"]
+"""What random numbers that belong to no pair are for."""
 
 Given = Mapping[Purpose, Sequence[float]]
 """Uniforms in (0, 1) that replace the first draws of a pair's streams: one for each pedestrian (two
 in ``perception_error``), and at most ``GIVEN_DRAWS`` for a strategy."""
 
 # The seeds depend on these numbers: changing one changes every result.
-_PURPOSES = {
+_PURPOSES: Mapping[Purpose, int] = {
     "arrival": 1,
     "side": 2,
     "quantile": 3,
@@ -40,9 +49,9 @@ _PURPOSES = {
     "risk": 21,
 }
 
-
 # These seeds have another form than those of the streams above, so no two coincide.
-_RESAMPLINGS = {
+_RESAMPLINGS: Mapping[Resampled, int] = {
+    "folds": 1,
     "summary": 5,
     "comparison": 6,
     "validation": 7,
@@ -91,11 +100,24 @@ class GivenFirst(np.random.Generator):
         return drawn
 
 
-def resampling(root_seed: int, purpose: str) -> np.random.Generator:
+def resampling(root_seed: int, purpose: Resampled) -> np.random.Generator:
     """The generator of random numbers that belong to no pair; the same for every cell of a run.
 
     Args:
-        root_seed: the experiment's seed, ≥ 0.
-        purpose: the bootstrap of a summary, comparison or validation, or the points of a risk.
+        root_seed: the experiment's or the fit's seed, ≥ 0.
+        purpose: the folds of a fit, the bootstrap of a summary, comparison or validation, or the
+            points of a risk.
     """
     return np.random.default_rng((root_seed, _RESAMPLINGS[purpose]))
+
+
+def start_of_fit(root_seed: int, *key: int) -> np.random.Generator:
+    """The generator of one start of a fit.
+
+    A stream of a run with the same seed may have the same numbers; nothing relies on both.
+
+    Args:
+        root_seed: the fit's seed, ≥ 0.
+        key: the numbers of the fit and of its start, ≥ 0.
+    """
+    return np.random.default_rng(np.random.SeedSequence(root_seed, spawn_key=key))

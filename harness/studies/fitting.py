@@ -23,6 +23,7 @@ import numpy as np
 
 from harness.core.encounter import FloatArray
 from harness.core.errors import HarnessError, InputError
+from harness.core.seeding import resampling
 from harness.model.interaction import (
     DRIVING_GIVEN,
     PEDESTRIAN_SPEED,
@@ -293,7 +294,8 @@ def fit_weighted(
         sample.upper,
         sample_weight=weights[used],
         n_init=settings.starts,
-        seed=np.random.SeedSequence(settings.seed, spawn_key=key),
+        seed=settings.seed,
+        key=key,
         names=LABELS,
     )
     if used.all() or sample.vehicle is None:
@@ -325,7 +327,7 @@ def vehicle_folds(vehicle: np.ndarray, weights: FloatArray, folds: int, seed: in
         seed: the seed of the order of vehicles with equal weight.
     """
     mass = np.bincount(vehicle, weights)
-    order = np.random.default_rng((seed, 1)).permutation(mass.size)
+    order = resampling(seed, "folds").permutation(mass.size)
     filled, fold_of = np.zeros(folds), np.empty(mass.size, dtype=np.intp)
     for index in order[np.argsort(-mass[order], kind="stable")]:
         fold_of[index] = int(np.argmin(filled))

@@ -37,6 +37,8 @@ def test_constants_for_strategies_of_an_immutable_scenario() -> None:
     scenario = validate({}, "test")
     with pytest.raises(ValueError, match="frozen"):
         scenario.ego.length_m = 4.0  # type: ignore[misc]
+    with pytest.raises(TypeError, match="mappingproxy"):
+        scenario.strategies["soft_yield"] = {}  # type: ignore[index]
 
 
 @pytest.mark.parametrize(

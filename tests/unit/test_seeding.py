@@ -1,15 +1,16 @@
 """Named random streams: the same numbers for the same name, unrelated ones for another."""
 
 import itertools
+from typing import get_args
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.seeding import GivenFirst, stream
+from harness.core.seeding import GivenFirst, Purpose, Resampled, resampling, stream
 from harness.simulation.opening import sumo_seed
 
-PURPOSES = ("arrival", "side", "quantile", "strategy", "critical_gap", "av_strategy")
+PURPOSES = get_args(Purpose)
 
 
 def test_the_same_name_gives_the_same_numbers_however_many_are_drawn() -> None:
@@ -24,9 +25,11 @@ def test_the_same_name_gives_the_same_numbers_however_many_are_drawn() -> None:
 
 @pytest.mark.parametrize("seed", [0, 1, 2**32 - 1, 2**63 - 1])
 def test_every_name_has_its_own_numbers(seed: int) -> None:
-    names = itertools.product((seed, seed // 2 + 5), PURPOSES, range(40))
+    roots, others = (seed, seed // 2 + 5), get_args(Resampled)
+    names = itertools.product(roots, PURPOSES, range(40))
     first = {stream(root, purpose, pair).random() for root, purpose, pair in names}
-    assert len(first) == 2 * len(PURPOSES) * 40
+    first |= {resampling(root, each).random() for root in roots for each in others}
+    assert len(first) == 2 * (len(PURPOSES) * 40 + len(others))
 
 
 def test_pairs_are_independent_and_uniform() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from harness.core.errors import InputError
+from harness.core.seeding import start_of_fit
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.likelihood import Coordinates, Evaluation, Likelihood
 from harness.model.mixture.normals import Normals, clustered_normals
@@ -54,7 +55,8 @@ def fit_mixture(
     lower: ArrayLike,
     upper: ArrayLike,
     *,
-    seed: int | np.random.SeedSequence,
+    seed: int,
+    key: Sequence[int] = (),
     sample_weight: ArrayLike | None = None,
     tol: float = 1e-7,
     n_init: int = 5,
@@ -73,7 +75,7 @@ def fit_mixture(
         data: (n, d) finite rows inside the box, d from 1 to 4; values on a bound are inside.
         n_components: K ≥ 1.
         lower, upper: (d,), may be infinite.
-        seed: seed of the starts; an integer or a SeedSequence.
+        seed, key: seed of the starts, ≥ 0, and the numbers of this fit among those of the seed.
         sample_weight: (n,) ≥ 0; by default 1. The sum counts as the number of rows.
         tol: the fit stops when `gradient_norm` is below this.
         n_init: number of starts from clusters. All climb until their gradient is below 1e-4; the
@@ -93,7 +95,6 @@ def fit_mixture(
     if len(rows) < n_components:
         problem = f"{len(rows)} rows for {n_components} components"
         raise InputError(_WHERE, problem, "at least one row each")
-    root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     # Imported here, because episodes load this package without fitting.
     from threadpoolctl import threadpool_limits
 
@@ -104,10 +105,9 @@ def fit_mixture(
         rows = (rows - centre) / spread
         likelihood = Likelihood(rows, weights, (low - centre) / spread, (high - centre) / spread)
         begun: list[Climb] = []
-        # ``SeedSequence.spawn`` would change the caller's sequence, so a second fit would differ.
         for i in range(n_init):
-            child = np.random.SeedSequence(root.entropy, spawn_key=(*root.spawn_key, i))
-            first = clustered_normals(rows, weights, n_components, np.random.default_rng(child))
+            rng = start_of_fit(seed, *key, i)
+            first = clustered_normals(rows, weights, n_components, rng)
             mixed = (first.weights + _EQUAL / n_components) / (1.0 + _EQUAL)
             first = first._replace(weights=mixed)
             begun += climb(likelihood, first, max(tol, _LOOSE_TOL), max_iter)
