@@ -66,11 +66,8 @@ def check_form(form: type[Form], document: Any, where: str) -> Form:
     try:
         return form.model_validate(document)
     except ValidationError as error:
-        first, *others = error.errors(include_url=False)
-    # A number or a list of numbers: pydantic reports an error for each of the two.
-    if _NUMBER in first["loc"] and isinstance(first["input"], list | tuple):
-        first = others[0]
-    path = [str(part) for part in first["loc"] if part not in _KINDS]
+        first = error.errors(include_url=False)[0]
+    path = _path_in(document, first["loc"], missing=first["type"] == "missing")
     key = ".".join(part if _BARE.fullmatch(part) else f'"{part}"' for part in path)
     key = f"{where}: {key}" if where and key else where or key
     if first["type"] == "extra_forbidden":
@@ -83,10 +80,6 @@ def check_form(form: type[Form], document: Any, where: str) -> Form:
         allowed += f", in {named_unit[1]}"
     raise InputError(key, f"{shortened(first['input'])} is not accepted", allowed)
 
-
-_NUMBER = "constrained-float"
-_KINDS = (_NUMBER, "tuple[constrained-float, ...]", "float", "list", "dict")
-"""Pydantic's names of alternatives, which are no keys."""
 
 _BARE = re.compile(r"[\w-]+")
 """A part of a key that needs no quotes in TOML."""
@@ -103,6 +96,17 @@ _TOML_WORDS = {
     "too_long": "a shorter array",
 }
 """TOML's names for types that pydantic calls by Python's names."""
+
+
+def _path_in(document: Any, place: Sequence[str | int], *, missing: bool) -> list[str]:
+    """The keys of a place; where a form has alternatives, pydantic puts their names among them."""
+    path, node = [], document
+    for part in place:
+        is_index = isinstance(part, int) and isinstance(node, list | tuple)
+        if is_index or (isinstance(node, Mapping) and part in node):
+            path.append(str(part))
+            node = node[part]
+    return [*path, str(place[-1])] if missing else path
 
 
 def _keys_of(form: Any, path: Sequence[str]) -> list[str]:

@@ -52,7 +52,7 @@ class EngineError(HarnessError):
     """The simulation engine could not simulate an episode (not the user's fault)."""
 
 
-class StrategyError(EngineError):
+class StrategyError(HarnessError):
     """A strategy raised an exception, or returned a command that is not an acceleration.
 
     Args:

@@ -51,12 +51,12 @@ def drive(episode: "Episode", strategy: Strategy) -> Trace:
     try:
         ending = _driven(episode.steps(), strategy)
         trace = episode.trace(ending, episode.engine.end())
-    except EngineError as error:
+    except (EngineError, StrategyError) as error:
         trace = failed(episode.trace(Ending.TIMED_OUT), error)
     return replace(trace, fallback=True) if getattr(strategy, "fallback", False) else trace
 
 
-def failed(trace: Trace, error: EngineError) -> Trace:
+def failed(trace: Trace, error: EngineError | StrategyError) -> Trace:
     """The trace of an episode that an error ended."""
     if isinstance(error, StrategyError):
         trace = replace(trace, failed_in="strategy", traceback=error.traceback)
@@ -150,7 +150,8 @@ class Episode:
         returns the ending.
 
         Raises:
-            EngineError: the engine failed, or the command is not a number.
+            EngineError: the engine failed.
+            StrategyError: the command is not a number.
         """
         rules, engine = self.rules, self.engine
         vehicle, crossing, step = rules.vehicle, rules.crossing, rules.step_s

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
-from harness.core.errors import EngineError, InputError, unknown_name
+from harness.core.errors import EngineError, InputError, StrategyError, unknown_name
 from harness.encounter.loop import Episode, Steps
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, open_engine
@@ -154,7 +154,8 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         """Drive one simulation step; see the class.
 
         Raises:
-            EngineError: no episode is running, or the action is NaN.
+            EngineError: no episode is running, or the engine failed.
+            StrategyError: the action is NaN.
             InputError: the action is neither a number nor an array of one.
         """
         if self._steps is None or self._episode is None:
@@ -169,7 +170,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
             after = self._steps.send(wanted)
         except StopIteration as finished:
             ending = finished.value
-        except EngineError:
+        except (EngineError, StrategyError):
             self._end()
             raise
         if _touched(episode):

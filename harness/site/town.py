@@ -1,7 +1,7 @@
 """Every crosswalk of a SUMO network, and the connections of lanes whose vehicles pass it."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path as FilePath
@@ -15,6 +15,7 @@ from harness.site.path import Lane, Path
 
 if TYPE_CHECKING:
     from sumolib.net import Net
+    from sumolib.net.connection import Connection as NetConnection
     from sumolib.net.edge import Edge
     from sumolib.net.lane import Lane as NetLane
     from sumolib.net.node import Node
@@ -167,18 +168,19 @@ class Town:
             network = sumolib.net.readNet(
                 net, withPedestrianConnections=True, withFoes=True, lxml=False, maxcache=0
             )
-            passing = {node: [*_passing(network, node)] for node in network.getNodes()}
-            crosswalks = [
-                _crosswalk(edge, passing[edge.getToNode()], left_hand)
-                for edge in network.getEdges()
-                if edge.getFunction() == "crossing"
-            ]
-            lanes = [_lane(lane) for edge in network.getEdges() for lane in edge.getLanes()]
+            links = {node: _links(network, node) for node in network.getNodes()}
         except OSError as error:
             raise InputError(str(net), f"cannot be read ({error.strerror or error})") from None
         # sumolib does not check that a file is whole, nor that what it names exists.
         except Exception as error:
             raise InputError(str(net), f"is not a complete SUMO network ({error})") from None
+        passing = {node: [*_passing(node, found)] for node, found in links.items()}
+        crosswalks = [
+            _crosswalk(edge, passing[edge.getToNode()], left_hand)
+            for edge in network.getEdges()
+            if edge.getFunction() == "crossing"
+        ]
+        lanes = [_lane(lane) for edge in network.getEdges() for lane in edge.getLanes()]
         ways = [each for at in passing.values() for each in at]
         return cls(
             MappingProxyType({each.id: each for each in crosswalks}),
@@ -186,13 +188,16 @@ class Town:
             MappingProxyType({each.id: each for each in lanes}),
         )
 
-    @cache  # noqa: B019 - as long as the town
-    def path(self, connection: Connection) -> Path:
+    @cached_property
+    def path(self) -> Callable[[Connection], Path]:
         """The path of a connection, which begins 40 m before the stop line, or a little earlier.
 
         It begins later, with the connection's first lane or upstream of it, where several lanes or
-        none lead to the next one.
+        none lead to the next one.  A path is made once.
         """
+        return cache(self._path)
+
+    def _path(self, connection: Connection) -> Path:
         before = [self.lanes[connection.from_lane]]
         while sum(lane.length_m for lane in before) < _PATH_M:
             ways = [each for each in self.connections.values() if each.to_lane == before[0].id]
@@ -208,17 +213,24 @@ def _lane(lane: "NetLane") -> Lane:
     return Lane(lane.getID(), lane.getShape(), length_m, limit_mps, width_m)
 
 
-def _passing(net: "Net", node: "Node") -> Iterator[Connection]:
-    """The connections for vehicles through a junction."""
-    links = [
-        link
+_Link = tuple[int, "NetConnection", list["NetLane"]]
+
+
+def _links(net: "Net", node: "Node") -> list[_Link]:
+    """The connections for vehicles through a junction: number, connection and inner lanes."""
+    return [
+        (node.getLinkIndex(link), link, _via(net, link.getViaLaneID()))
         for link in node.getConnections()
         if link.getViaLaneID() and _on_road(link.getFromLane()) and _on_road(link.getToLane())
     ]
-    numbers = [node.getLinkIndex(link) for link in links]
-    for number, link in zip(numbers, links, strict=True):
-        before, via = link.getFromLane(), _via(net, link.getViaLaneID())
-        # The last bit is that of the first link.
+
+
+def _passing(node: "Node", links: Sequence[_Link]) -> Iterator[Connection]:
+    """The connections for vehicles through a junction."""
+    numbers = {number for number, *_ in links}
+    for number, link, via in links:
+        before = link.getFromLane()
+        # sumolib has no public function for it; the last bit is that of the first link.
         response: str = node._prohibits.get(number, "")[::-1]
         yields_to = {index for index, bit in enumerate(response) if bit == "1"}
         yield Connection(

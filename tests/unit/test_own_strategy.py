@@ -19,7 +19,7 @@ MODULE = '''
 class Steady:
     """Drives on."""
 
-    def __init__(self, *, gap_s: float = 3.0, side: str | None = None):
+    def __init__(self, *, gap_s: float = 3.0, side: str | list[float] | None = None):
         if gap_s < 0:
             from harness.core.errors import InputError
             raise InputError("gap_s", f"{gap_s!r} s", "0 or more")
@@ -109,7 +109,7 @@ def test_modules_in_the_working_directory_and_annotations_for_type_checkers(writ
     check_arms(scene("pack_a.deep.mine:Steady"), model)
     write("mine_e", f"from __future__ import annotations\n{MODULE}")
     check_arms(scene("mine_e:Anything", {"one": 1, "two": "x"}), model)
-    write("mine_f", MODULE.replace("str | None", "'Unheard'"))
+    write("mine_f", MODULE.replace("str | list[float] | None", "'Unheard'"))
     check_arms(scene("mine_f:Steady", {"side": [1]}), model)
 
 

@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from examples.policies import NEAREST, YieldToTheNearest, yield_to_the_nearest  # noqa: E402
 from harness.core.encounter import Arm, Crossing, EgoView, Ending, Observation, PedestrianView, Side  # noqa: E402
-from harness.core.errors import EngineError, InputError  # noqa: E402
+from harness.core.errors import EngineError, InputError, StrategyError  # noqa: E402
 from harness.model.interaction import load_model  # noqa: E402
 from harness.scenario import Setting, load_scenario  # noqa: E402
 from harness.strategies.registry import STRATEGIES  # noqa: E402
@@ -158,7 +158,7 @@ def test_misuse_is_refused_in_words():
     assert env.step(0.5)[0][1] > env.step(np.float32(-9.0))[0][1]
     with pytest.raises(InputError, match="a number or an array of one"):
         env.step(np.array([0.1, 0.2]))
-    with pytest.raises(EngineError, match="the strategy returned nan"):
+    with pytest.raises(StrategyError, match="the strategy returned nan"):
         env.step(np.array([math.nan]))
     with pytest.raises(EngineError, match="no episode has ended"):
         _ = environment().unwrapped.record
