@@ -252,12 +252,13 @@ def draw_map(
         axes: where to draw.
         roads: the shape (n, 2) of each road.
         places: x and y of each crosswalk.
-        sizes: a number ≥ 0 of each, which the area of its mark stands for.
+        sizes: a number ≥ 0 of each, which the area of its mark stands for; undefined ones are
+            hollow.
         slower: a difference of each, whose interval's sign its colour and marker stand for.
     """
     for road in roads:
         axes.plot(*np.asarray(road, dtype=float)[:, :2].T, color=style.GRID, lw=1.2, zorder=1)
-    most = max((size for size in sizes.values() if size), default=0.0)
+    largest = max((size for size in sizes.values() if size is not None), default=0.0)
     looks = {
         "longer delay": style.HUMAN,
         "shorter delay": style.SERIES[2],
@@ -266,13 +267,13 @@ def draw_map(
     for words, look in looks.items():
         if not (names := [name for name in places if _sign(slower[name]) == words]):
             continue
-        area = [30 + (300 * (sizes[name] or 0.0) / most if most else 0) for name in names]
-        at = np.array([places[name] for name in names])
+        known, at = [sizes[name] for name in names], np.array([places[name] for name in names])
         axes.scatter(
             at[:, 0],
             at[:, 1],
-            area,
-            color=look.colour,
+            [30.0 + (300.0 * size / largest if size else 0.0) for size in known],
+            facecolors=["none" if size is None else look.colour for size in known],
+            edgecolors=look.colour,
             marker=look.marker,
             alpha=0.75,
             label=words,

@@ -153,9 +153,9 @@ def bounds_of(blocks: Sequence[Block]) -> list[str]:
     for columns, layout in blocks:
         for column, gap in zip(columns, layout.gaps, strict=True):
             for number in filter(words.is_bound, column.numbers):
-                if bound := words.interval_text(number, column.confidence):
-                    text = f"{words.value_text(number)}: {bound}"
-                    said[bool(gap)][text] = number.finding.high or 0.0
+                bound, high = words.interval_text(number, column.confidence), number.finding.high
+                if bound and high is not None:
+                    said[bool(gap)][f"{words.value_text(number)}: {bound}"] = high
     left = {text: high for text, high in said[False].items() if text not in said[True]}
     texts = sorted(left, key=left.__getitem__, reverse=True)
     if not texts:

@@ -23,7 +23,7 @@ from harness.report.style import HEIGHT_INCH, MUTED, SERIES, new_figure
 from harness.report.words import counted, level_text, plain_text
 from harness.results.catalogue import ENTRY_OF
 from harness.results.estimators import CONFIDENCE
-from harness.results.finding import Finding, Form
+from harness.results.finding import Finding, Form, number_of
 from harness.results.findings import CellFindings
 from harness.results.result import Result, Shown
 from harness.results.run import Run
@@ -142,7 +142,7 @@ def _across(run: Run) -> str | None:
     numeric = {
         key: len(found)
         for key, found in values.items()
-        if len(found) > 1 and all(type(value) in (int, float) for value in found)
+        if len(found) > 1 and None not in map(number_of, found)
     }
     if not numeric:
         return None
@@ -160,7 +160,8 @@ def _lines(run: Run, name: str) -> dict[str, list[tuple[float, Finding]]]:
     others = [other for other in run.cells[0].varied if other != key]
     reference: dict[float, Finding] = {}
     for cell in run.cells:
-        value = float(cell.varied[key] or 0)
+        if (value := number_of(cell.varied[key])) is None:
+            continue
         label = ", ".join(plain_text(cell.varied[other]) for other in others)
         lines.setdefault(label or cell.scenario.arms.av, []).append((value, cell[name]))
         if f"{name}_human" in cell.findings:
@@ -285,7 +286,8 @@ def _map(axes: Sequence[Axes], scene: PictureSource) -> str:
     draw.draw_map(axes[0], _roads(scene.run), places, sizes, slower)
     return (
         f"Area: {_title('conflicts_pet', scene.run)[0]} in the AV's arm. Colour and "
-        "marker: the AVs' delay against that of the same vehicles in the reference's arm."
+        "marker: the AVs' delay against that of the same vehicles in the reference's arm. Hollow: "
+        "the share is undefined."
     )
 
 

@@ -165,7 +165,7 @@ def _episode(run: Run, pair: "ShownPair") -> JsonObject:
         "result": result,
         "small": ", ".join([result, *_small(records)]),
         "note": " ".join([*([note] if pair.repeated else []), *pair.differences]),
-        "until": _short(pair.traces["time_s"].max()) or 0.0,
+        "until": 0.0 if pair.traces.empty else _short(pair.traces["time_s"].max()),
         "step": cell.scenario.experiment.step_s,
         "arms": arms,
     }

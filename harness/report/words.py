@@ -48,12 +48,12 @@ def value_text(shown: Shown) -> str:
     star = "*" if finding.reliable is False else ""
     if style.form is Form.LEVEL:
         return f"{level_of_service(finding.value)}{star}"
-    if style.form is Form.EVENTS:
-        return f"{finding.events or 0:,} of {finding.n or 0:,}{star}"
+    if style.form is Form.EVENTS and finding.events is not None and finding.n is not None:
+        return f"{finding.events:,} of {finding.n:,}{star}"
     decimals = _decimals(finding, style)
     if style.form is Form.NUMBER and finding.low is None and 0 < 2 * finding.value < 10**-decimals:
         return f"< {10**-decimals:g}"
-    percent = " %" if style.form is Form.SHARE else ""
+    percent = " %" if style.form in _SHARES else ""
     return f"{_number(finding.value, decimals, style)}{percent}{star}"
 
 
@@ -78,8 +78,8 @@ def interval_text(shown: Shown, confidence: float = CONFIDENCE) -> str:
     if finding.value is None or low is None or high is None:
         return ""
     if is_bound(shown):
-        bound = Finding(zero_bound(high, confidence))
-        return f"below {_number(bound.value or 0.0, _decimals(bound, style), style)} %"
+        bound = zero_bound(high, confidence)
+        return f"below {_number(bound, _decimals(Finding(bound), style), style)} %"
     if style.form is Form.LEVEL:
         return f"{level_of_service(low)} … {level_of_service(high)}"
     decimals = _decimals(finding, style)
@@ -161,7 +161,7 @@ def _decimals(finding: Finding, style: Style) -> int:
     """
     if style.form is Form.COUNT:
         return 0
-    size = 100 * abs(finding.value or finding.high or 0.0)
+    size = next((100 * abs(of) for of in (finding.value, finding.high) if of), 0.0)
     if style.form not in _SHARES or not _SMALLEST_PER_CENT < size < 10.0 ** (1 - style.digits):
         return style.digits
     return max(style.digits, 1 - math.floor(math.log10(size)))

@@ -60,22 +60,31 @@ class Finding:
         >>> Finding(1.0, 0.9, 1.1, 40, reliable=True).reliable_above(200, "pairs").reason
         'unreliable below 200 pairs (has 40)'
         """
-        n = self.n or 0
-        if self.low is None or n >= least:
+        if self.low is None or self.n is None or self.n >= least:
             return self
-        few = f"unreliable below {least:,} {of} (has {n:,})"
+        few = f"unreliable below {least:,} {of} (has {self.n:,})"
         return replace(self, reliable=False, reason=few)
 
     @property
     def count(self) -> int:
-        """A count, or the events of a share; 0 if it is undefined."""
-        if self.events is not None:
-            return self.events
-        return 0 if self.value is None else int(self.value)
+        """A count, or the events of a share.
+
+        Raises:
+            ValueError: it is undefined.
+        """
+        count = self.value if self.events is None else self.events
+        if count is None:
+            raise ValueError("a number that is undefined has no count")
+        return int(count)
 
 
 Findings = Mapping[str, Finding]
 """The findings of one cell by key, in the catalogue's order."""
+
+
+def number_of(value: Plain) -> float | None:
+    """A value of a scenario's key if it is a number."""
+    return None if value is None or isinstance(value, str | bool) else float(value)
 
 
 def finding_to_dict(finding: Finding) -> dict[str, Plain]:

@@ -45,7 +45,7 @@ class CellFindings:
         return ("AV", ""), (self.scenario.arms.human, "_human")
 
     def total(self, key: str) -> int:
-        """A count, or the events of a share, of both arms or of the pairs; 0 if there is none."""
+        """A count, or the events of a share, of both arms or of the pairs; 0 without the key."""
         return sum(self.findings[of].count for of in (key, f"{key}_human") if of in self.findings)
 
 

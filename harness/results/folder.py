@@ -255,6 +255,11 @@ def read_findings(
     return tuple(found)
 
 
+def unfinished(folder: Path) -> InputError:
+    """The refusal of a run that is not finished."""
+    return InputError(str(folder), "is not finished", f"`{resume_command(folder)}` finishes it")
+
+
 def _sealed(document: JsonObject) -> JsonObject:
     """A document with the digest of its content."""
     content = {key: value for key, value in document.items() if key != "digest"}

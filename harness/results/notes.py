@@ -1,4 +1,4 @@
-"""Notes of runs, one rule each, the worst first; others: references.py, screens.py, studies.
+"""Notes of runs, one rule each, the worst first; others: references.py, results/run.py, studies.
 
 Comparisons, risks, validations and fits have notes of their own, in ``studies``.
 
@@ -110,9 +110,10 @@ def _few_pairs(cell: CellFindings) -> Iterator[Said]:
     for entry in on_first_screen(cell):
         for found in (cell[key] for key in entry.keys):
             equal = found.reason == EQUAL and sampled and pairs < entry.reliable_from
-            if equal or found.reliable is False or found.reason == FEW:
+            doubtful = equal or found.reliable is False or found.reason == FEW
+            if doubtful and found.n is not None:
                 names.setdefault(entry.reliable_from, []).append(_name(entry.heading))
-                few.append(pairs if equal else found.n or 0)
+                few.append(pairs if equal else found.n)
     if few:
         least = ", ".join(f"{number:,} ({_listed(names[number])})" for number in sorted(names))
         text = f"Too few informative pairs (fewest: {min(few):,}): intervals unreliable (*) or "
@@ -144,10 +145,10 @@ def _fallback(cell: CellFindings) -> Iterator[Said]:
         if not (count := cell[f"fallbacks{end}"].count):
             continue
         pairs = cell["pairs" if cell.kind == "encounters" else f"driven{end}"].count
-        percent = 100 * (cell[f"fallback_share{end}"].value or 0)
-        met = f" ({percent:.3g} % of those that met someone)" if percent else ""
+        share = cell[f"fallback_share{end}"].value
+        met = f" ({100 * share:.3g} % of those that met someone)" if share else ""
         parts.append(f"{fallback_of(strategy)} drove in {count:,} of {pairs:,} {arm} passages{met}")
-        weight = max(weight, percent or 100 * count / pairs)
+        weight = max(weight, 100 * (share if share else count / pairs))
     if parts:
         yield Said(f"{'; '.join(parts)}. The scenario's strategy had no valid plan there.", weight)
 
@@ -167,8 +168,9 @@ def _not_validated(cell: CellFindings) -> Iterator[Said]:
 
 def _speeding(cell: CellFindings) -> Iterator[Said]:
     limit_mps = cell.scenario.speed_limit_mps
-    speeds = ((cell[f"max_speed_mps{end}"].value or 0.0, who) for who, end in cell.arms)
-    fastest, who = max(speeds)
+    speeds = [(cell[f"max_speed_mps{end}"].value, who) for who, end in cell.arms]
+    known = [(speed, who) for speed, who in speeds if speed is not None]
+    fastest, who = max(known, default=(0.0, ""))
     if fastest > limit_mps * (1 + SPEED_ROUNDING):
         limit = "v0" if cell.scenario.crossing.road_speed_limit_mps is None else "the road's limit"
         text = f"The {who} drove at up to {fastest:.3g} m/s, above {limit} of {limit_mps:g} m/s."
@@ -209,7 +211,8 @@ def _collisions(cell: CellFindings) -> Iterator[Said]:
 
 
 def _few_hours(cell: CellFindings) -> Iterator[Said]:
-    ran = cell["people_wait_s_difference"].n or 0
+    ran = cell["people_wait_s_difference"].n
+    ran = cell["pairs"].count if ran is None else ran  # nobody came
     if ran < RELIABLE_FROM:
         rests = f"intervals rest on {ran:,} pairs" if ran > 1 else "one pair has no intervals"
         text = f"Few pairs: {rests}. Intervals are reliable from {RELIABLE_FROM} pairs on."
@@ -224,11 +227,13 @@ def _cut_off(cell: CellFindings) -> Iterator[Said]:
 
 
 def _who_drove(cell: CellFindings) -> Iterator[Said]:
-    share, driven = cell["share_strategy"].value, cell["driven"]
-    passages = driven.n or 0
-    if share is None or (share > MOSTLY and driven.count > DRIVEN * passages):
+    share, actuator = cell["share_strategy"].value, cell["share_actuator"].value
+    driven, passages = cell["driven"], cell["driven"].n
+    if share is None or actuator is None or passages is None:
         return
-    of_sumo = 1 - share - (cell["share_actuator"].value or 0.0)
+    if share > MOSTLY and driven.count > DRIVEN * passages:
+        return
+    of_sumo = 1 - share - actuator
     text = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps."
     if left := passages - driven.count:
         text += f" Left to SUMO: {left:,} of {passages:,} passages: {cell['not_driven'].reason}."

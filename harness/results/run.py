@@ -4,6 +4,7 @@ run = harness.load_run("runs/cctc-1")
 run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean()
 """
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,11 +18,13 @@ from harness.core.encounter import Arm
 from harness.core.errors import InputError, resume_command, unknown_name
 from harness.results.catalogue import entries_of
 from harness.results.findings import CellFindings, cell_findings
-from harness.results.folder import read_findings, read_manifest
+from harness.results.folder import read_findings, read_manifest, unfinished
+from harness.results.notes import FIRST, Note, notes_of
 from harness.results.result import Result
-from harness.results.screens import run_result
+from harness.results.screens import drivers, records_of, scope_of, tables_of
 from harness.results.tables import COUNTED, EVENTS, TABLES_OF, RunKind, kind_of, read_cell
 from harness.scenario import Scenario, Study, study_from
+from harness.scenario.place import name_of, place_in_words
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -118,6 +121,11 @@ class Run:
             for row in self.rows(table, cell.number).filter(failed).to_pylist()
         )
 
+    def refuse_unfinished(self) -> None:
+        """Raise an ``InputError`` if pairs are missing."""
+        if not self.finished:
+            raise unfinished(self.path)
+
     def result(self) -> Result:
         """What ``harness run`` shows of it.
 
@@ -127,18 +135,36 @@ class Run:
         if not self.cells:
             allowed = f"a run with results: {resume_command(self.path)}"
             raise InputError(str(self.path), "no pair is finished yet", allowed)
-        facts = {key: self.manifest[key] for key in ("seed", "confidence", "engine")}
-        facts["failed"] = sum(cell.total("failed") for cell in self.cells)
+        cells, folder, notes = self.cells, shlex.quote(str(self.path)), list[Note]()
+        facts: dict[str, Any] = {
+            "name": self.name,
+            "folder": str(self.path),
+            "finished": self.finished,
+        }
+        facts |= {key: self.manifest[key] for key in ("seed", "confidence", "engine")}
+        facts["failed"] = sum(cell.total("failed") for cell in cells)
         if facts["failed"]:
-            cell, pair, arm, why = self.failures[0]
-            facts["failure"] = f"cell {cell} pair {pair} {arm}: {why}"
-        return run_result(
-            self.name,
-            self.path,
-            self.cells,
-            planned=sum(cell.scenario.experiment.pairs for cell in self.study.cells),
-            finished=self.finished,
+            number, pair, arm, why = self.failures[0]
+            facts["failure"] = f"cell {number} pair {pair} {arm}: {why}"
+        if not self.finished:
+            done = sum(cell["pairs"].count for cell in cells)
+            planned = sum(cell.scenario.experiment.pairs for cell in self.study.cells)
+            text = f"The run is not finished: {done:,} of {planned:,} pairs are done; "
+            text += f"{resume_command(self.path)} continues it."
+            notes.append(Note("unfinished", FIRST, "unfinished", text))
+        which = name_of(cells[0].varied) if len(cells) == 1 else f"{len(cells)} cells"
+        screen, full = tables_of(cells)
+        return Result(
+            command="run",
+            title=f"{self.name}: {', '.join(filter(None, [which, drivers(cells)]))}",
+            scope=scope_of(cells, facts),
+            about=place_in_words([cell.scenario for cell in cells]),
+            screen=screen,
+            full=full,
+            notes=notes_of(cells, notes),
+            closing=(f"All measures: harness show {folder} --full. Page: harness report {folder}",),
             facts=facts,
+            records=[record for cell in cells for record in records_of(cell)],
         )
 
 

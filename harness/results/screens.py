@@ -1,19 +1,15 @@
 """What ``run`` shows: one cell with a row for each measure, a sweep with a row for each cell."""
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from harness.core.encounter import Arm
-from harness.core.errors import resume_command
 from harness.results.catalogue import ENTRY_OF, Entry, entries_of
 from harness.results.finding import Finding, Findings, Form, Plain
 from harness.results.findings import CellFindings, on_first_screen, worst_cases
-from harness.results.notes import FIRST, Note, notes_of
-from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
+from harness.results.result import Column, Entered, Shown, Style, Table, Versus
 from harness.results.tables import RunKind
-from harness.scenario.place import name_of, place_in_words, short_names
+from harness.scenario.place import short_names
 from harness.strategies.references import is_the_papers
 from harness.strategies.registry import fallback_of
 
@@ -45,50 +41,13 @@ _MOST_TABLES = 50
 """Cells of a sweep whose every number stands in a table of ``--full``; CSV and JSON have all."""
 
 
-def run_result(
-    name: str,
-    folder: Path,
-    cells: Sequence[CellFindings],
-    *,
-    planned: int,
-    finished: bool,
-    facts: Mapping[str, Plain],
-) -> Result:
-    """The result of a run.
-
-    Args:
-        name: the run's name.
-        folder: its folder.
-        cells: the findings of all cells with a pair.
-        planned: planned pairs of all cells.
-        finished: whether all of them are done.
-        facts: what JSON says of the run: seed, confidence, engine and the like.
-    """
-    scenarios = [cell.scenario for cell in cells]
-    paper = len(cells) == 1 and is_the_papers(scenarios[0])
-    notes = []
-    done = sum(cell["pairs"].count for cell in cells)
-    if not finished:
-        text = f"The run is not finished: {done:,} of {planned:,} pairs are done; "
-        text += f"{resume_command(folder)} continues it."
-        notes.append(Note("unfinished", FIRST, "unfinished", text))
+def tables_of(cells: Sequence[CellFindings]) -> tuple[Table, tuple[Table, ...]]:
+    """The table of the first screen of some cells, and every number of each."""
     one = len(cells) == 1
-    which = name_of(cells[0].varied) if one else f"{len(cells)} cells"
+    paper = one and is_the_papers(cells[0].scenario)
     screen = _rows("", on_first_screen(cells[0]), cells[0], paper) if one else _sweep(cells)
-    path = shlex.quote(str(folder))
-    every = tuple(each for cell in cells for each in _every_number(cell, paper))
-    return Result(
-        command="run",
-        title=f"{name}: {', '.join(filter(None, [which, drivers(cells)]))}",
-        scope=scope_of(cells, facts),
-        about=place_in_words(scenarios),
-        screen=screen,
-        full=every[:_MOST_TABLES],
-        notes=notes_of(cells, notes),
-        closing=(f"All measures: harness show {path} --full. Page: harness report {path}",),
-        facts={"name": name, "folder": str(folder), "finished": finished, **facts},
-        records=[record for cell in cells for record in records_of(cell)],
-    )
+    every = [table for cell in cells for table in _every_number(cell, paper)]
+    return screen, tuple(every[:_MOST_TABLES])
 
 
 def records_of(cell: CellFindings) -> list[dict[str, Plain | Finding]]:

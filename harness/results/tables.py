@@ -5,7 +5,6 @@ that of ``episodes`` or ``arms`` last: if it exists, its task is done.
 """
 
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,25 +19,6 @@ from harness.core.errors import InputError, one_line, resume_command
 from harness.core.files import cannot_write, whole_file
 from harness.measures.catalogue import MEASURES
 from harness.scenario import Scenario
-
-
-class _NoPandas:
-    """Refuses pandas, which Arrow imports with its first array, in 0.13 s.
-
-    Arrow imports it again when it is asked for a frame.
-    """
-
-    @staticmethod
-    def find_spec(name: str, *_: object) -> None:
-        """See ``importlib.abc.MetaPathFinder``."""
-        if name == "pandas":
-            raise ImportError
-
-
-if "pandas" not in sys.modules:
-    sys.meta_path.insert(0, _NoPandas)
-    pa.array([])
-    sys.meta_path.remove(_NoPandas)
 
 Tables = dict[str, pa.Table]
 """Tables by name."""

@@ -13,7 +13,7 @@ from harness.core.errors import InputError
 from harness.core.seeding import resampling
 from harness.results import estimators
 from harness.results.columns import AV
-from harness.results.finding import Finding, Form
+from harness.results.finding import Finding, Form, number_of
 from harness.results.result import Column, Shown, Style, Table
 from harness.scenario.place import name_of
 
@@ -72,10 +72,7 @@ def allowed_in(
     """
     if mu0 is None and kappa0 is None:
         return []
-    for option, limit, most in (("--mu0", mu0, math.inf), ("--kappa0", kappa0, 1.0)):
-        if limit is None or not 0 < limit <= most or limit == math.inf:
-            problem = "is missing" if limit is None else f"{limit:g} is not accepted"
-            raise InputError(option, problem, "above 0" + ", at most 1" * (most == 1))
+    limits = _limit("--mu0", mu0, "above 0"), _limit("--kappa0", kappa0, "above 0, at most 1", 1.0)
     if any(each.run.kind != "encounters" for group in groups for each in group):
         raise InputError("--mu0", "is a limit of encounters", "a run of encounters")
     sweeps: dict[tuple[str, str], list[Candidate]] = {}
@@ -83,19 +80,30 @@ def allowed_in(
         if each.own and each.own[0].startswith(f"strategies.{each.cell.scenario.arms.av}."):
             where = ", ".join(filter(None, [name_of(each.shared), each.origin]))
             sweeps.setdefault((", ".join(each.own), where), []).append(each)
-    limits = mu0 or 0.0, kappa0 or 0.0
-    return [
-        Allowed(key, where, *limits, _judged(swept, key, limits, confidence))
-        for (key, where), swept in sweeps.items()
-        if len(swept) > 1 and all(type(each.cell.varied.get(key)) in (int, float) for each in swept)
-    ]
+    found = []
+    for (key, where), swept in sweeps.items():
+        values = [number_of(each.cell.varied.get(key)) for each in swept]
+        known = [value for value in values if value is not None]
+        if 1 < len(swept) == len(known):
+            found.append(Allowed(key, where, *limits, _judged(swept, known, limits, confidence)))
+    return found
+
+
+def _limit(option: str, limit: float | None, allowed: str, most: float = math.inf) -> float:
+    if limit is None or not 0 < limit <= most or limit == math.inf:
+        problem = "is missing" if limit is None else f"{limit:g} is not accepted"
+        raise InputError(option, problem, allowed)
+    return limit
 
 
 def _judged(
-    swept: "Sequence[Candidate]", key: str, limits: tuple[float, float], confidence: float
+    swept: "Sequence[Candidate]",
+    values: Sequence[float],
+    limits: tuple[float, float],
+    confidence: float,
 ) -> tuple[Judged, ...]:
     level, rows = 1 - (1 - confidence) / len(swept), []
-    for each in swept:
+    for each, value in zip(swept, values, strict=True):
         sample = each.sample(each.cell["pairs"].count)
         rng = resampling(each.cell.scenario.experiment.seed, "comparison")
         sampling = sample.samplings[AV]._replace(rng=rng, confidence=level)
@@ -103,7 +111,7 @@ def _judged(
         mu = mu.reliable_above(RELIABLE_FROM, "informative pairs")
         kappa = estimators.share(sample["missed"][AV], sample["tried"][AV], sampling)
         verdict = _verdict((mu, kappa), limits)
-        rows.append(Judged(float(each.cell.varied[key] or 0), mu, kappa, verdict))
+        rows.append(Judged(value, mu, kappa, verdict))
     return tuple(sorted(rows, key=lambda row: row.value))
 
 

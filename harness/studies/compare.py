@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from harness.core.errors import InputError, resume_command
+from harness.core.errors import InputError
 from harness.core.seeding import resampling
 from harness.results import estimators
 from harness.results.catalogue import ENTRY_OF, Entry
@@ -157,18 +157,19 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     """Compare every two cells that differ only in the AV's strategy, parameters or equipment.
 
     Args:
-        runs: finished runs of encounters: one with several cells, or several of the same people.
+        runs: finished runs of one kind: one with several cells, or several of the same people.
         mu0, kappa0: the paper's limits of μ (above 0) and κ (above 0, at most 1); with both, the
             values of a swept parameter are judged.
 
     Raises:
-        InputError: a run is not finished or is named twice, no two cells can be compared, a limit
-            is out of range, or the reference met other people in one of the runs.
+        InputError: a run is not finished, of another kind or named twice, no two cells can be
+            compared, a limit is out of range, or the reference met other people in one of the runs.
     """
     for number, run in enumerate(runs):
-        if not run.finished:
-            advice = f"`{resume_command(run.path)}` first"
-            raise InputError(str(run.path), "is not finished", advice)
+        run.refuse_unfinished()
+        if run.kind != runs[0].kind:
+            allowed = f"runs of {runs[0].kind}, as {runs[0].path}"
+            raise InputError(str(run.path), f"is a run of {run.kind}", allowed)
         if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:
             raise InputError(str(run.path), "is named twice", "different runs")
     groups = [group for group in groups_of(runs) if len(group) > 1]
@@ -343,7 +344,8 @@ def _notes(
         if value and p < SIGNIFICANT:
             worse.append((a, b) if value > 0 else (b, a))
     of_times = [row.found[kind.differences[0].key] for row in rows]
-    few = [each.n or 0 for each in of_times if each.reliable is False or each.reason == FEW]
+    unsure = [each for each in of_times if each.reliable is False or each.reason == FEW]
+    few = [each.n for each in unsure if each.n is not None]
     equal, of = sum(each.reason == EQUAL for each in of_times), f"of {len(rows):,}"
     shares = sum(row.a.av_share != row.b.av_share for row in rows)
     cut = [row for row in rows if row.a.cell["pairs"].count != row.b.cell["pairs"].count]

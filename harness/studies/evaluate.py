@@ -3,7 +3,6 @@
 import math
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +23,13 @@ from harness.scenario.arguments import engine_named, whole_number
 from harness.strategies.registry import source_digests
 from harness.studies.run import checked_models, scenario_file
 from harness.studies.tasks import Task, but_for_drivers
-from harness.studies.workers import QUICK_PAIRS, default_workers, executor_for, supervise
+from harness.studies.workers import (
+    QUICK_PAIRS,
+    OwnExecutor,
+    default_workers,
+    executor_for,
+    supervise,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -141,7 +146,7 @@ def _tasks(
     return tasks
 
 
-def _reference(task: Task, executor: Executor) -> pa.Table:
+def _reference(task: Task, executor: OwnExecutor) -> pa.Table:
     """The reference's rows of ``episodes`` by pair; those that are known are not driven again."""
     scenario = task.cells[0].scenario
     drives = arm_key(scenario, Arm.HUMAN)
@@ -152,10 +157,10 @@ def _reference(task: Task, executor: Executor) -> pa.Table:
     return _references[key]
 
 
-def _driven(tasks: Sequence[Task], executor: Executor) -> list[pa.Table]:
+def _driven(tasks: Sequence[Task], executor: OwnExecutor) -> list[pa.Table]:
     """The rows of ``episodes`` of one arm of each task by pair."""
-    pairs, threads = sum(task.count for task in tasks), getattr(executor, "_max_workers", 1)
-    size = max(1, min(_MOST_PAIRS, -(-pairs // (2 * threads))))
+    pairs = sum(task.count for task in tasks)
+    size = max(1, min(_MOST_PAIRS, -(-pairs // executor.at_once)))
     parts = [
         replace(task, first=first, count=min(size, task.pairs.stop - first))
         for task in tasks

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from harness.core.documents import JsonObject
 from harness.core.encounter import Arm, Ending, Trace
-from harness.core.errors import InputError, resume_command
+from harness.core.errors import InputError
 from harness.core.seeding import resampling
 from harness.encounter.loop import Episode
 from harness.encounter.pairing import PairRunner
@@ -263,7 +263,8 @@ def findings_of(rounds: Sequence[Units]) -> dict[str, Finding]:
         doubt = "; ".join(text for text, holds in doubts.items() if holds and weighted)
         of_draws = n, len(estimate.weights), not doubt, doubt or None
         told["probability"] = Finding(total / n, low, high, *of_draws)
-        told["all_ways_high"] = Finding(min(1.0, high + (bound or 1.0) * weighted))
+        by_others = 1.0 if bound is None else bound
+        told["all_ways_high"] = Finding(min(1.0, high + by_others) if weighted else high)
         told["coefficient_of_variation"] = Finding(cv)
         told["brute_force_episodes"] = Finding(round((n / total - 1) / cv**2) if cv else None)
     if told["failures"].value:
@@ -272,11 +273,16 @@ def findings_of(rounds: Sequence[Units]) -> dict[str, Finding]:
     return {of.key: of.judged(told.get(of.key, Finding(None))) for of in entries_of("risk")}
 
 
-def _notes(found: Findings, space: Space) -> Iterator[Note]:
+def _or_1(found: Finding) -> float:
+    """A bound of a probability; nothing is known of an undefined one."""
+    return 1.0 if found.value is None else found.value
+
+
+def risk_notes(found: Findings, space: Space) -> Iterator[Note]:
     """What a reader must know, the worst first."""
     p, every = found["probability"], f"{found['episodes'].count:,} episodes"
     failures, late = (found[key].count for key in ("failures", "timed_out_episodes"))
-    high, worst = (found[key].value or 1.0 for key in ("all_ways_high", "probability_worst"))
+    high, worst = (_or_1(found[key]) for key in ("all_ways_high", "probability_worst"))
     chance = "; ".join(space.by_chance)
     said = (
         ("failures", failures, f"{failures:,} of {every} failed and count as no event. If those of "
@@ -302,7 +308,7 @@ def read_risk(path: Path) -> Result:
     """
     manifest, study, found = _read(path)
     if found is None:
-        raise InputError(str(path), "is not finished", resume_command(path))
+        raise folders.unfinished(path)
     scenario, asked, quoted = study.cells[0].scenario, manifest["risk"], shlex.quote(str(path))
     arm = Arm(asked["arm"])
     columns = Column("measure", ""), Column("value", "", True)
@@ -321,7 +327,7 @@ def read_risk(path: Path) -> Result:
         about=place_in_words([scenario]),
         screen=Table("", columns, tuple(numbers)),
         full=(),
-        notes=tuple(_notes(found, space_of(scenario, arm))),
+        notes=tuple(risk_notes(found, space_of(scenario, arm))),
         closing=(shown,) * (found["probability"].value is not None),
         facts=facts | {key: manifest[key] for key in ("seed", "confidence", "engine")},
         records=[{"event": asked["event"], "strategy": scenario.arms.driver(arm), **found}],

@@ -360,7 +360,8 @@ def _learn(
                 each = sum(units.episodes for units in recent) / n
             if not (flow and space.fixed):
                 highest = min(highest, _high(_tried(recent, flow), lowest, len(value)))
-        highest = min(highest, bound(rounds)[0] or 1.0)
+        if (high := bound(rounds)[0]) is not None:
+            highest = min(highest, high)
         if spent > min(needed * each, _ALLOWANCE + _ALLOWED_SHARE / (highest * target_cv**2)):
             p = float(np.concatenate([units.value for units in learned]).mean())
             by_brute_force = _RESERVE_OF_BRUTE_FORCE * (1 / p - 1) / target_cv**2 if p else 0.0

@@ -39,8 +39,8 @@ from harness.scenario.study import Study, study_from, study_of
 from harness.studies.tasks import Rows, Task, part_pairs, tasks_of
 from harness.studies.workers import executor_for, supervise
 
-_EACH, _UNKNOWN = 3, 100
-"""Tasks that an executor has at a time for each worker, and workers of one that does not say."""
+_AT_ONCE = 300
+"""Tasks at a time of an executor of the caller's."""
 
 Part = tuple[int, int]
 """Cell and first pair."""
@@ -280,7 +280,7 @@ def written(
     tasks: Iterable[Task], executor: Executor, folder: folders.RunFolder, digest: str
 ) -> Iterator[tuple[Task, Rows]]:
     """Each task with its rows as soon as they are parts of the folder, in the order of the ends."""
-    most = _EACH * getattr(executor, "_max_workers", _UNKNOWN)  # of the standard library's
+    most = getattr(executor, "at_once", _AT_ONCE)
     waiting, running = iter(tasks), dict[Future[Rows], Task]()
     try:
         while True:

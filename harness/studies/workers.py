@@ -30,6 +30,9 @@ hundred quick pairs."""
 QUICK_PAIRS = 50
 """A further child starts without delay for each time this number of pairs."""
 
+_EACH = 3
+"""Tasks that an executor of this machine has at a time for each worker."""
+
 _here = local()
 """``ended``: an event that tells this thread to begin nothing more."""
 
@@ -56,11 +59,14 @@ class LocalExecutor(ThreadPoolExecutor):
     Args:
         workers: number of threads.
         pairs: number of pairs; of a few, further threads begin after ``LATER_S``.
+
+    ``at_once`` is the number of tasks that it has at a time.
     """
 
     def __init__(self, workers: int, pairs: int) -> None:
+        self.at_once = _EACH * workers
         self._ended, self._numbers = Event(), count()
-        self._at_once = -(-pairs // QUICK_PAIRS)
+        self._quick = -(-pairs // QUICK_PAIRS)
         super().__init__(workers, initializer=self._begin)
 
     def abort(self) -> None:
@@ -71,7 +77,7 @@ class LocalExecutor(ThreadPoolExecutor):
 
     def _begin(self) -> None:
         _here.ended = self._ended
-        if next(self._numbers) >= self._at_once:
+        if next(self._numbers) >= self._quick:
             self._ended.wait(LATER_S)
 
 
@@ -80,6 +86,8 @@ class InProcess(Executor):
 
     ``breakpoint()`` works in a strategy, and a strategy may be a class of a script or notebook.
     """
+
+    at_once = 1
 
     def submit(self, function: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
         """Run a task at once, without ``supervise``."""
@@ -102,9 +110,10 @@ class InProcess(Executor):
     abort = shutdown
 
 
-def executor_for(
-    workers: int | None, drivers: Iterable[str], pairs: int
-) -> LocalExecutor | InProcess:
+OwnExecutor = LocalExecutor | InProcess
+
+
+def executor_for(workers: int | None, drivers: Iterable[str], pairs: int) -> OwnExecutor:
     """An executor of this machine.
 
     Args:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal
 
 from harness.core.encounter import Arm, Ending
-from harness.core.errors import InputError, resume_command, unknown_name
+from harness.core.errors import InputError, unknown_name
 from harness.measures.catalogue import COLUMNS, MEASURES
 from harness.results.finding import Finding, Form, Plain
 from harness.results.notes import notes_of
@@ -97,9 +97,7 @@ def _ranked(
 
     Episodes that failed are left out, and passages that the end of the simulation cut off.
     """
-    if not run.finished:
-        advice = f"`{resume_command(run.path)}` finishes it"
-        raise InputError(str(run.path), "is not finished", advice)
+    run.refuse_unfinished()
     if run.kind == "simulations":
         rows = _passages(run, Arm(arm), driver)
     else:

@@ -18,6 +18,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from harness.results.tables import done_parts
 from harness.studies import workers
 from tests.batches import (
     CHECKOUT,
@@ -110,10 +111,11 @@ def test_between_two_tasks(
     words: list[object] = [*COMMANDS[name], "--out", "out", "--quiet"]
     with monkeypatch.context() as patch:
         patch.setattr(workers.InProcess, "submit", counted)
-        for left[0] in breaks:
+        for times, left[0] in enumerate(breaks, 1):
             done = here(*words, cwd=folder)
             said = "harness: interrupted; to continue: harness resume out\n"
             assert (done.returncode, done.stdout, done.stderr) == (130, "", said)
+            assert len(done_parts(folder / "out")) == sum(breaks[:times])
             words = ["resume", "out", "--quiet"]
     refused = "no pair is finished yet|is not finished"
     if breaks == [0, 4] or name == "risk":

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -160,6 +161,7 @@ def replace_fates(run: MadeRun, fate: Fate) -> MadeRun:
 def test_what_cannot_be_compared_is_refused_in_one_line() -> None:
     one, same_path = version("one", 9.0), version("one", 8.0)
     flows = run_of(study({}, FLOWS, name="cctc_flow"), by_hand, 3)
+    town = replace(one, path=Path("town"), study=study({}, name="traffic"))
     slower = run_of(one.study, lambda _, pair: (8.0, HUMAN_S + (pair == 7)), 30, name="other")
     fewer = run_of(
         one.study,
@@ -170,6 +172,7 @@ def test_what_cannot_be_compared_is_refused_in_one_line() -> None:
     for runs, words in (
         ((one, same_path), "is named twice"),
         ((one, replace(slower, finished=False)), "other: is not finished"),
+        ((one, town), "town: is a run of simulations; allowed: runs of encounters, as one"),
         ((one,), "has no two cells that differ only in the AV"),
         ((flows,), "has no two cells that differ only in the AV"),
         ((one, slower), "drove otherwise than one in pair 7"),

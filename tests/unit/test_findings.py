@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +13,18 @@ from harness.results.estimators import EQUAL, FEW, REPEATED
 from harness.results.finding import Finding, finding_to_dict
 from harness.results.findings import CellFindings
 from harness.results.result import flat
-from harness.results.screens import run_result
-from tests.cells import FAILED, FREE_S, HUMAN_S, TIMED, Fate, cell_of, episodes, noisy, study
+from tests.cells import (
+    FAILED,
+    FREE_S,
+    HUMAN_S,
+    TIMED,
+    Fate,
+    cell_of,
+    episodes,
+    noisy,
+    run_of,
+    study,
+)
 
 FRONT = {"ending": "crashed", "avoidable": True, "avoidable_attentive": True}
 SIDE = {"ending": "crashed", "contact": "side", "avoidable": False}
@@ -235,8 +244,7 @@ def test_a_sweep_has_a_row_a_cell_and_no_column_that_is_empty_or_equal() -> None
         cells.append(
             CellFindings(cell.number, cell.varied, cell.scenario, {**USUAL.findings, **own})
         )
-    facts = {"seed": 1, "confidence": 0.95}
-    result = run_result("made", Path("made"), cells, planned=40, finished=True, facts=facts)
+    result = replace(run_of(study({}), lambda *_: (8.0, HUMAN_S), 1), cells=tuple(cells)).result()
     table = result.screen
     columns = [column.key for column in table.columns]
     assert columns == ["pedestrians.flow_per_hour", "delay_s"]

@@ -14,7 +14,7 @@ from harness.measures import MEASURES, EpisodeRecord
 from harness.model.interaction import load_model
 from harness.results.tables import DRAWS
 from harness.scenario import Scenario, load_scenario, validate
-from harness.studies.risk import findings_of
+from harness.studies.risk import findings_of, risk_notes
 from harness.studies.risk_draws import (
     DrawInputs,
     DrawOutcome,
@@ -150,6 +150,9 @@ def test_what_a_risk_says_of_its_draws() -> None:
     assert numbers["probability"].value == 0.4
     assert numbers["probability_worst"].value == 0.5
     assert (numbers["nominal_high"].n, numbers["failures"].value) == (90, 10)
+    # Those of another round are not in the estimate: 0, not 1.
+    (note, *_) = risk_notes(findings_of([failing, rows([1.0] * 9, [1.0] * 9)]), FLAT)
+    assert note.text.endswith("its probability would be 0.")
     nothing = findings_of([rows([math.nan] * 9, [1.0] * 9)])
     assert (nothing["probability"].value, nothing["nominal_high"].value) == (None, None)
     assert nothing["brute_force_episodes"].value is None
