@@ -80,7 +80,8 @@ def run(
             limits, as do strategies that are classes of a script or notebook.
         engine: ``sumo``, or ``plain`` for the same kinematics without SUMO.
         executor: runs the tasks instead of processes of this machine, for example
-            ``dask_executor``'s; it is not shut down.
+            ``dask_executor``'s; it is not shut down.  Its attribute ``at_once``, if it has one, is
+            the number of tasks that it has at a time.
         progress: see ``Progress``.
 
     Raises:

@@ -279,6 +279,8 @@ def test_what_is_refused_writes_no_manifest(
 class Counting(ThreadPoolExecutor):
     """Counts the tasks that are submitted and have not ended, and those alive."""
 
+    at_once = 6
+
     def __init__(self) -> None:
         self.most, self._futures = 0, weakref.WeakSet[Future[Any]]()
         super().__init__(2)
