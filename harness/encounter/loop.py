@@ -182,6 +182,7 @@ class Episode:
             if crowd.next_s <= then:
                 ego.at(x, speed, acceleration)
                 crowd.advance(now, then)
+            # As ``crowd.walk_until``; a call and a comprehension would take longer here.
             self.places = places = []
             for walker in walkers:
                 places.append((walker.index, walker.walk_until(then)))

@@ -20,6 +20,9 @@ from harness.engine.installation import run_program, scratch_folder
 _LONGEST_STEP_S = 1.0
 """SUMO's default, and the longest step at which strategies drive."""
 
+DEFAULT_SEED = 23423
+"""SUMO's default seed."""
+
 _VEHICLES = ("vehicle", "trip", "flow")
 _PEOPLE = ("person", "personFlow")
 
@@ -77,8 +80,8 @@ class SumoConfig:
 
     @property
     def seed(self) -> int:
-        """The seed of SUMO's random numbers; SUMO's default is 23423."""
-        return int(self.options.get("seed", "23423"))
+        """The seed of SUMO's random numbers."""
+        return int(self.options.get("seed", DEFAULT_SEED))
 
     @property
     def ballistic(self) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from harness.core.errors import InputError
 from harness.core.files import shipped_directory
-from harness.engine.installation import run_program
+from harness.engine.installation import run_program, scratch_folder
 from harness.engine.sources import plain_sources
 from harness.scenario import Scenario
 from harness.scenario.sections import CrossingSection
@@ -90,8 +90,8 @@ def opendrive(net: Path) -> bytes:
     Raises:
         EngineError: netconvert is missing or failed.
     """
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as temporary:
-        path = Path(temporary) / "road.xodr"
+    with scratch_folder() as folder:
+        path = Path(folder) / "road.xodr"
         # The default precision of 1 cm would shift and turn the lanes.
         arguments = ["--sumo-net-file", str(net.absolute()), "--opendrive-output", path.name]
         run_program("netconvert", [*arguments, "--precision", "9"], path.parent)

@@ -110,6 +110,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         self._episode: Episode | None = None
         self._steps: Steps | None = None
         self._finished: Trace | None = None
+        self._seen: Observation | None = None
         step_s = self._scenario.experiment.step_s
         self.metadata = {**self.metadata, "render_fps": round(1 / step_s)}
         low, high = _bounds(self._scenario, self._nearest)
@@ -158,7 +159,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
             StrategyError: the action is NaN.
             InputError: the action is neither a number nor an array of one.
         """
-        if self._steps is None or self._episode is None:
+        if self._steps is None or self._episode is None or self._seen is None:
             raise EngineError("no episode is running: call reset first")
         before, episode = self._seen, self._episode
         try:
@@ -196,7 +197,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         """
         if self.render_mode is None:
             return None
-        if self._episode is None:
+        if self._episode is None or self._seen is None:
             raise EngineError("there is nothing to draw yet: call reset first")
         from harness.report.top_view import top_view
 

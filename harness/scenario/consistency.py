@@ -69,7 +69,7 @@ def check_consistency(scenario: Scenario) -> None:
     if abs(step_s * 1000 - round(step_s * 1000)) > ROUNDING:
         allowed = "whole milliseconds, SUMO's resolution"
         raise InputError("experiment.step_s", f"{step_s!r} s", allowed)
-    _check_steps("experiment.timeout_s", scenario.experiment.timeout_s, step_s, 1)
+    check_steps("experiment.timeout_s", scenario.experiment.timeout_s, step_s, 1)
     check_perception(scenario)
     if scenario.traffic is not None:
         _check_traffic(scenario, scenario.traffic)
@@ -88,8 +88,12 @@ def _changed(section: Section, default: Section, names: tuple[str, ...]) -> list
     return [name for name in names if getattr(section, name) != getattr(default, name)]
 
 
-def _check_steps(key: str, time_s: float, step_s: float, fewest: int = 0) -> None:
-    """Refuse a time that is not a whole number of steps or is shorter than ``fewest`` steps."""
+def check_steps(key: str, time_s: float, step_s: float, fewest: int = 0) -> None:
+    """Refuse a time that is not a whole number of steps or is shorter than ``fewest`` steps.
+
+    Raises:
+        InputError: at ``key``.
+    """
     steps = time_s / step_s
     if steps < fewest - ROUNDING or abs(steps - round(steps)) > 1e-6:
         allowed = f"whole steps of experiment.step_s = {step_s:g} s"
@@ -99,9 +103,9 @@ def _check_steps(key: str, time_s: float, step_s: float, fewest: int = 0) -> Non
 def check_perception(scenario: Scenario) -> None:
     """Refuse times of perception that are not whole steps."""
     perception, step_s = scenario.perception, scenario.experiment.step_s
-    _check_steps("perception.latency_s", perception.latency_s, step_s)
+    check_steps("perception.latency_s", perception.latency_s, step_s)
     if perception.update_s is not None:
-        _check_steps("perception.update_s", perception.update_s, step_s, 1)
+        check_steps("perception.update_s", perception.update_s, step_s, 1)
 
 
 def _check_lanes(scenario: Scenario) -> None:
@@ -167,7 +171,7 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection) -> None:
         why = f"{traffic.tau_s:g} s: vehicles would collide with each other"
         raise InputError("traffic.tau_s", why, f"at least experiment.step_s = {step_s:g} s")
     for key in ("duration_s", "warm_up_s"):
-        _check_steps(f"traffic.{key}", getattr(traffic, key), step_s)
+        check_steps(f"traffic.{key}", getattr(traffic, key), step_s)
     for key, oncoming in (("flow_per_hour", False), ("oncoming_per_hour", True)):
         lanes = scenario.crosswalk_from_lanes(oncoming=oncoming)
         if traffic.has_vehicles(oncoming=oncoming):
@@ -287,7 +291,6 @@ def _driven(scenario: Scenario) -> list[tuple[float, float]]:
     crossing, traffic = scenario.crosswalk(), scenario.traffic
     half_m, centres_m = scenario.ego.width_m / 2, [crossing.lane_centre_m]
     if traffic is not None:
-        half_m = scenario.ego.width_m / 2
         centres_m = [
             crossing.length_m - lane.lane_centre_m if oncoming else lane.lane_centre_m
             for oncoming in (False, True)

@@ -10,8 +10,7 @@ from pydantic import Field
 
 from harness.core.encounter import Behaviour
 from harness.core.seeding import GIVEN_DRAWS, Given
-from harness.scenario.sections import NonNegative, Positive, Section, Share
-from harness.scenario.traffic import Flow
+from harness.scenario.sections import Flow, NonNegative, Positive, Section, Share
 
 SLOWEST_MPS = 0.3
 """Least walking speed that is drawn from ``[pedestrians.walking_speed]``."""
@@ -171,7 +170,7 @@ class PedestriansSection(Section):
     """``[pedestrians]``: the flow of pedestrians, their kerbs, decisions and walking speeds."""
 
     flow_per_hour: Flow = 250.0
-    """λ, pedestrians per hour from both kerbs together."""
+    """λ, pedestrians per hour from both kerbs together; with ``[simulation]``, if not given, 0."""
     group_size: Annotated[tuple[Share, ...], Field(strict=False, min_length=1)] = (1.0,)
     """Shares of the groups that have 1, 2, 3 … pedestrians; they sum to 1."""
     max_count: Annotated[int, Field(ge=0)] | None = None

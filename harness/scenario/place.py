@@ -54,9 +54,8 @@ def name_of(varied: Mapping[str, Any]) -> str:
 def _road(scenario: Scenario) -> str:
     if scenario.simulation is not None:
         places, name = scenario.simulation.crossings, Path(scenario.simulation.file).name
-        return (
-            f"{', '.join(places[:3])}{f' and {len(places) - 3} more' * (len(places) > 3)} of {name}"
-        )
+        more = f" and {len(places) - 3} more" if len(places) > 3 else ""
+        return f"{', '.join(places[:3])}{more} of {name}"
     crossing = scenario.crossing
     lanes = f"{crossing.lanes} + {crossing.oncoming_lanes} lanes"
     hiding = len(scenario.obstacles())

@@ -17,9 +17,14 @@ from harness.core.encounter import ROUNDING, Arm, Vehicle
 MAX_TRIGGER_RANGE_M = 300.0
 """Longest range at which the ego can be inserted: the length of every network's approach road."""
 
+MAX_SPEED_MPS = 60.0
+"""Highest v0, and highest speed limit before a crosswalk of a simulation."""
+
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
+Flow = Annotated[float, Field(ge=0, le=100_000)]
+"""Vehicles or people per hour."""
 
 
 class Section(BaseModel):
@@ -124,7 +129,7 @@ class EgoSection(Section):
 
     lane: Annotated[int, Field(ge=0)] = 0
     """The ego's lane, counted from the near kerb; below ``crossing.lanes``."""
-    initial_speed_mps: Annotated[float, Field(gt=0, le=60)] = 5.0
+    initial_speed_mps: Annotated[float, Field(gt=0, le=MAX_SPEED_MPS)] = 5.0
     """v0."""
     trigger_range_m: Annotated[float, Field(gt=0, le=MAX_TRIGGER_RANGE_M)] = 30.0
     """R0: t = 0 when the front bumper is this far from the centre line; at least half the

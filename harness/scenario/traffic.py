@@ -4,9 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from harness.scenario.sections import NonNegative, Positive, Section, Share
-
-Flow = Annotated[float, Field(ge=0, le=100_000)]
+from harness.scenario.sections import Flow, NonNegative, Positive, Section, Share
 
 
 class TrafficSection(Section):

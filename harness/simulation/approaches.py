@@ -35,8 +35,8 @@ class Approaches:
     def __init__(self, setup: Setup, session: Session) -> None:
         self._setup, self._session, self._vehicles = setup, session, session.vehicles
         self._step_s = session.step_s
-        self._near_m = max(setup.scenario.ego.trigger_range_m, _SIGHT_M * setup.own_people)
-        self._near_m += _MARGIN_M
+        sight_m = _SIGHT_M if setup.own_people else 0.0
+        self._near_m = max(setup.scenario.ego.trigger_range_m, sight_m) + _MARGIN_M
         self._reach_m = self._near_m + _MOST_MPS * max(_LOOK_S, self._step_s)
         self._every = max(1, round(_LOOK_S / self._step_s))
         self.before = {

@@ -156,7 +156,8 @@ class SimulatedArm:
             passage.collided |= passage.crosswalk.id in places
         if places or hit.victim not in self.automated:
             return ["person_collisions"]
-        return ["vehicle_collisions", *["overlaps"] * is_inside_junction(hit.lane)]
+        inside = is_inside_junction(hit.lane)
+        return ["vehicle_collisions", "overlaps"] if inside else ["vehicle_collisions"]
 
     def _read(self) -> list[Car]:
         """Read all vehicles near a chosen crosswalk at the step's end.
@@ -279,7 +280,8 @@ class SimulatedArm:
         if passage.strategy is not None:
             self._note_uses(uses_of(passage.strategy))
         passage.end(why)
-        self.people[passage.crosswalk.id].watched -= passage.begun
+        if passage.begun:
+            self.people[passage.crosswalk.id].watched -= 1
         passage.car.passages.remove(passage)
 
     def _drop(self, car: Car | None, why: str, *, exists: bool = False) -> None:

@@ -198,9 +198,10 @@ class Passage:
         car, self.ended = self.car, why
         self.xs_m = np.array(car.odometers_m[self.first :]) - self.centre_m
         self.speeds_mps = np.array(car.speeds_mps[self.first :])
-        steps = (now - before for now, before in zip(car.limited, self.limited, strict=True))
-        self.limited = [each * (self.strategy is not None) for each in steps]
-        if self.strategy is not None:
+        if self.strategy is None:
+            self.limited = (0,) * len(LIMITED_BY)
+        else:
+            self.limited = np.subtract(car.limited, self.limited).tolist()
             self.fallback = bool(getattr(self.strategy, "fallback", False))
             self.strategy = None
 

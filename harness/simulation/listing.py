@@ -5,6 +5,7 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from harness.core.encounter import SECONDS_PER_HOUR
 from harness.engine.configuration import SumoConfig, people_in, read_config, write_xml
@@ -26,7 +27,7 @@ _MANOEUVRES = ("straight", "left", "right", "turn")
 _COUNTED = {"vehicles": "none", "people": "walk"}
 """Who is counted, by the value of ``detectPersons`` of SUMO's ``laneData``."""
 
-CrosswalkRow = dict[str, str | float | None]
+CrosswalkRow = dict[str, Any]
 Counts = Mapping[str, Mapping[str, float]]
 """For vehicles and people: how many per hour enter a lane, by its id."""
 
@@ -51,7 +52,7 @@ def crossings_of(file: Path, folder: Path) -> list[CrosswalkRow]:
 
 
 def _rank(row: CrosswalkRow) -> tuple[bool, float, float]:
-    vehicles, people = float(row["vehicles/h"] or 0), float(row["people/h"] or 0)
+    vehicles, people = row["vehicles/h"], row["people/h"]
     return row["not usable"] is not None, -vehicles * people, -vehicles - people
 
 

@@ -8,25 +8,25 @@ from pathlib import Path
 
 from harness.core.errors import InputError, nearest_name, unknown_name
 from harness.encounter.arms import asks_model
-from harness.engine.configuration import SumoConfig, defined_types, people_in, read_config
+from harness.engine.configuration import (
+    DEFAULT_SEED,
+    SumoConfig,
+    defined_types,
+    people_in,
+    read_config,
+)
 from harness.engine.installation import scratch_folder
 from harness.engine.sources import CROSSWALK
 from harness.model.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
 from harness.scenario.consistency import check_perception
-from harness.scenario.sections import EgoSection, SimulationSection
+from harness.scenario.sections import MAX_SPEED_MPS, SimulationSection
 from harness.simulation import demand
 from harness.simulation.files import run_untouched
 from harness.simulation.own_people import OWN_PREFIX
-from harness.simulation.setup import Setup
+from harness.simulation.setup import CAR_DECEL_MPS2, Setup
 from harness.simulation.shares import sumo_seed
 from harness.site.town import Crosswalk, Town
-
-_BASE_SEED = 23423
-"""SUMO's default seed, of ``[traffic]``."""
-_CAR_DECEL_MPS2 = EgoSection().max_deceleration_mps2
-_FASTEST_MPS = 60.0
-"""No road allows more, as for ``ego.initial_speed_mps``."""
 
 
 @lru_cache(1)
@@ -37,7 +37,7 @@ def _town(net: Path, _digest: str) -> Town:
 def opened_traffic(scenario: Scenario, pair: int, folder: Path) -> Setup:
     """The simulation of a pair of ``[traffic]``, whose files are written into a folder."""
     traffic = scenario.known_traffic
-    seed = sumo_seed(scenario.experiment.seed, _BASE_SEED, pair)
+    seed = sumo_seed(scenario.experiment.seed, DEFAULT_SEED, pair)
     config = demand.write_demand(scenario, pair, seed, folder)
     simulation = SimulationSection(
         file=str(config.path),
@@ -147,10 +147,10 @@ def chosen(town: Town, name: str, where: str) -> Crosswalk:
 def _check_limits(crosswalk: Crosswalk, range_m: float, model: InteractionModel | None) -> None:
     limits_mps, name = crosswalk.limits_mps, crosswalk.id
     fastest_mps = limits_mps[-1]
-    if fastest_mps > _FASTEST_MPS:
+    if fastest_mps > MAX_SPEED_MPS:
         problem = f"the limit before {name} is {fastest_mps:g} m/s"
-        raise InputError("simulation.crossings", problem, f"at most {_FASTEST_MPS:g} m/s")
-    needed_m = math.ceil(fastest_mps**2 / (2 * _CAR_DECEL_MPS2) + crosswalk.width_m / 2)
+        raise InputError("simulation.crossings", problem, f"at most {MAX_SPEED_MPS:g} m/s")
+    needed_m = math.ceil(fastest_mps**2 / (2 * CAR_DECEL_MPS2) + crosswalk.width_m / 2)
     if range_m < needed_m:
         problem = f"nobody stops within {range_m:g} m from {fastest_mps:g} m/s before {name}"
         raise InputError("ego.trigger_range_m", problem, f"at least {needed_m:g} m")

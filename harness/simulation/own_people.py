@@ -16,7 +16,7 @@ from harness.encounter.walkers import ChooseSpeed, Walker
 from harness.engine.session import Session
 from harness.measures.motion.walking import cleared_s
 from harness.simulation.cars import Car, Passage
-from harness.simulation.setup import CAR_M, Setup
+from harness.simulation.setup import CAR_ACCEL_MPS2, CAR_DECEL_MPS2, CAR_M, Setup
 from harness.simulation.walk import Walked
 from harness.site.town import Crosswalk
 from harness.site.zone import zone_of
@@ -27,9 +27,6 @@ OWN_PREFIX = "own:"
 """How the ids of the harness's people begin in SUMO; no other person's id may."""
 WALKER_TYPE = "DEFAULT_PEDTYPE"
 """SUMO's type of the harness's people."""
-
-_CAR_MPS2 = (2.6, 4.5)
-"""Acceleration and deceleration of SUMO's car."""
 
 
 class OwnPeople:
@@ -65,7 +62,7 @@ class OwnPeople:
                 self._lanes[connection.id] = Lane(centre_m, road.lane_width_m, road.length_m)
         length_m, lanes = crosswalk.length_m, [*self._lanes.values()]
         self._road = Crossing(length_m, crosswalk.width_m, length_m / 2, length_m)
-        car = setup.vehicle(*CAR_M, *_CAR_MPS2)
+        car = setup.vehicle(*CAR_M, CAR_ACCEL_MPS2, CAR_DECEL_MPS2)
         rules = replace(constants_of(setup.scenario), vehicle=car, crossing=self._road)
         self.crowd = Crowd(self.arrivals, lanes, choose_speed, rules, self._leave)
         self.moved: set[int] = set()

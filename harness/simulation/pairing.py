@@ -16,7 +16,7 @@ from harness.engine.session import Module, Session
 from harness.model.interaction import InteractionModel
 from harness.simulation.arm import SimulatedArm
 from harness.simulation.files import TRIPS_FILE, write_config
-from harness.simulation.passages import PassageRow, passages
+from harness.simulation.passages import Row, passages
 from harness.simulation.setup import Setup
 from harness.simulation.walk import Walked
 from harness.site.town import Crosswalk
@@ -117,7 +117,7 @@ def _tables(setup: Setup, arm: SimulatedArm, trips: Path) -> dict[str, Columns]:
         **{name: arm.counts[name] for name in _COUNTS},
     }
     vehicles = _vehicles(trips, arm.automated, end_s)
-    tables: dict[str, list[PassageRow]] = {
+    tables: dict[str, list[Row]] = {
         "arms": [arms],
         "passages": passed,
         "vehicles": [row for row in vehicles if setup.counts(row["due_s"])],
@@ -131,7 +131,7 @@ def _tables(setup: Setup, arm: SimulatedArm, trips: Path) -> dict[str, Columns]:
     }
 
 
-def _vehicles(trips: Path, automated: Mapping[str, bool], end_s: float) -> Iterator[PassageRow]:
+def _vehicles(trips: Path, automated: Mapping[str, bool], end_s: float) -> Iterator[Row]:
     """The rows of the table ``vehicles``, from SUMO's tripinfo: trips that never began too.
 
     A trip that has not ended counts with the time until the end.  Delays before the departure are
@@ -163,7 +163,7 @@ def _vehicles(trips: Path, automated: Mapping[str, bool], end_s: float) -> Itera
 
 def _people(
     people: Iterable[Walked], crosswalk: Crosswalk, fronts_s: Sequence[float], end_s: float
-) -> Iterator[PassageRow]:
+) -> Iterator[Row]:
     """The rows of the table ``people`` at one crosswalk: one for each way over it.
 
     Who crosses two crosswalks has two rows with one ``person``.  ``side`` is the end of the
@@ -201,7 +201,7 @@ def _people(
         }
 
 
-def _crosswalk(crosswalk: Crosswalk, queues: Mapping[str, Sequence[int]]) -> PassageRow:
+def _crosswalk(crosswalk: Crosswalk, queues: Mapping[str, Sequence[int]]) -> Row:
     """The row of the table ``crosswalks``, with the queue before it."""
     centre, queue = crosswalk.axis.interpolate(0.5, normalized=True), queues[crosswalk.id]
     return {

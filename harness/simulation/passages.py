@@ -31,7 +31,7 @@ from harness.simulation.walk import Walked, moved
 from harness.site.path import Path
 from harness.site.town import Town
 
-PassageRow = Mapping[str, Any]
+Row = Mapping[str, Any]
 
 _SAMPLE_S = 0.0125
 """Longest time between two outlines that are compared with people."""
@@ -45,7 +45,7 @@ def passages(
     town: Town,
     step_s: float,
     motion: StepMotion,
-) -> list[PassageRow]:
+) -> list[Row]:
     """The rows of the table ``passages``.
 
     Args:
@@ -79,7 +79,7 @@ def _row(
     record: EpisodeRecord,
     names: Mapping[int, str],
     free_s: float,
-) -> PassageRow:
+) -> Row:
     car, begin_s = passage.car, passage.begin_s
     driven = sum(passage.limited)
     front_s = crossing_time_s(trace, -trace.crossing.width_m / 2)

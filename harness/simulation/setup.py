@@ -18,6 +18,8 @@ from harness.site.town import Crosswalk, Town
 
 CAR_M = (5.0, 1.8)
 """Length and width of SUMO's car."""
+CAR_ACCEL_MPS2, CAR_DECEL_MPS2 = 2.6, 4.5
+"""Its acceleration and deceleration."""
 
 
 @dataclass(frozen=True, slots=True)

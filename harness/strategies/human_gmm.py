@@ -5,8 +5,8 @@ from typing import Literal
 import numpy as np
 
 from harness.core.encounter import ROUNDING, Observation, PedestrianView
-from harness.core.errors import InputError
 from harness.model.interaction import InteractionModel, ModelUseCounter
+from harness.scenario.consistency import check_steps
 
 
 class HumanDriver:
@@ -38,13 +38,7 @@ class HumanDriver:
         reading: Literal["given_time_advantage", "marginal"] = "given_time_advantage",
         speed: Literal["mode", "sampled"] = "mode",
     ) -> None:
-        steps = decision_interval_s / step_s
-        if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
-            raise InputError(
-                "human_gmm.decision_interval_s",
-                f"{decision_interval_s!r} s",
-                f"whole steps of experiment.step_s = {step_s:g} s",
-            )
+        check_steps("human_gmm.decision_interval_s", decision_interval_s, step_s, 1)
         self._model, self._rng = model, rng
         self.model_use = ModelUseCounter(model)
         self._interval_s = decision_interval_s

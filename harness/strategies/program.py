@@ -31,7 +31,6 @@ def is_program(name: str) -> bool:
     return name.startswith(PROGRAM)
 
 
-@lru_cache
 def load_program(name: str, where: str) -> StrategyFactory:
     """The strategy that a name such as ``exec:./my_driver --flag`` stands for.
 
@@ -41,6 +40,11 @@ def load_program(name: str, where: str) -> StrategyFactory:
     Raises:
         InputError: the program does not exist, cannot be executed, or is a text without ``#!``.
     """
+    return _program_below(Path.cwd().resolve(), name, where)
+
+
+@lru_cache
+def _program_below(here: Path, name: str, where: str) -> StrategyFactory:
     allowed = "exec:./PROGRAM ARGUMENTS, a program below the working directory"
     try:
         words = shlex.split(name.removeprefix(PROGRAM))
@@ -48,7 +52,6 @@ def load_program(name: str, where: str) -> StrategyFactory:
         raise InputError(where, f"{name!r} is not a command ({error})", allowed) from None
     if not words:
         raise InputError(where, f"{name!r} has no program", allowed)
-    here = Path.cwd().resolve()
     path = (here / words[0]).resolve()
     if not path.is_relative_to(here):
         raise InputError(where, f"{words[0]!r} is not below the working directory", allowed)

@@ -24,17 +24,12 @@ def observation_vector(observation: Observation, nearest: int) -> NDArray[np.flo
     """
     vector = np.zeros(len(EGO_ENTRIES) + nearest * len(PEDESTRIAN_ENTRIES), dtype=np.float32)
     vector[: len(EGO_ENTRIES)] = observation.ego
-    views = observation.pedestrians
-    if views:
-        if len(views) > 1:
-            views = tuple(sorted(views, key=lambda view: (abs(view.lateral_m), view.index)))[
-                :nearest
-            ]
-        at = len(EGO_ENTRIES)
-        for view in views[:nearest]:
-            entries = (1.0, view.lateral_m, view.remaining_m, view.speed_mps, view.on_crossing)
-            vector[at : at + len(PEDESTRIAN_ENTRIES)] = entries
-            at += len(PEDESTRIAN_ENTRIES)
+    views = sorted(observation.pedestrians, key=lambda view: (abs(view.lateral_m), view.index))
+    at = len(EGO_ENTRIES)
+    for view in views[:nearest]:
+        entries = (1.0, view.lateral_m, view.remaining_m, view.speed_mps, view.on_crossing)
+        vector[at : at + len(PEDESTRIAN_ENTRIES)] = entries
+        at += len(PEDESTRIAN_ENTRIES)
     return vector
 
 

@@ -63,7 +63,9 @@ class SensorTrack:
         self._sensor, self._key = sensor, (pair, *vehicle, index)
         self._wait_given = given.get("redetection", ())[index : index + 1]
         section = self._section = sensor.section
-        self._wait = updates_until_found(quantile or 0.0, section.detection_probability)
+        self._wait = 1.0
+        if quantile is not None:
+            self._wait = updates_until_found(quantile, section.detection_probability)
         self._found = False
         self._again: np.random.Generator | None = None
         self._dropout = self._stream("dropout") if section.dropout_probability > 0 else None
