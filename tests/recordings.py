@@ -11,7 +11,7 @@ from harness.encounter.loop import Episode, drive
 from harness.engine.plain import PlainEngine
 from harness.results.result import Result
 from harness.scenario import Setting
-from harness.scenario.people import PedestriansSection
+from harness.scenario.pedestrians import PedestriansSection
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield

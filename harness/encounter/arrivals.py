@@ -13,7 +13,7 @@ from harness.core.encounter import SECONDS_PER_HOUR, Arrival, Leg, Side
 from harness.core.seeding import Given, Purpose, stream
 from harness.encounter.deciding import lognormal_s
 from harness.scenario import Scenario
-from harness.scenario.people import GapAcceptanceSection, PedestriansSection
+from harness.scenario.pedestrians import GapAcceptanceSection, PedestriansSection
 
 _BLOCK = 32
 

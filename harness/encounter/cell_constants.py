@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from harness.core.encounter import Arm, Crossing, Vehicle
 from harness.scenario import Scenario
-from harness.scenario.people import PedestriansSection
+from harness.scenario.pedestrians import PedestriansSection
 
 
 @dataclass(frozen=True, slots=True)

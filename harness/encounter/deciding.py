@@ -11,7 +11,7 @@ from statistics import NormalDist
 from typing import NamedTuple, Protocol
 
 from harness.core.encounter import ROUNDING, STANDING_MPS, Vehicle
-from harness.scenario.people import ThresholdSection
+from harness.scenario.pedestrians import ThresholdSection
 
 REFERENCE_MPS = 50 / 3.6
 """The speed at which the weight of the distance changes nothing."""

@@ -2,11 +2,11 @@
 
 All traces of a chunk are measured together, because numpy's cost is per call.  To the last bit, a
 value of an episode does not depend on the other episodes of the chunk.  The measures are listed in
-``catalogue.MEASURES`` and docs/measures.md.
+``measured.MEASURES`` and docs/measures.md.
 """
 
-from harness.measures.catalogue import MEASURES, Measure
 from harness.measures.ego import crossing_time_s
+from harness.measures.measured import MEASURES, Measure
 from harness.measures.record import EpisodeRecord, Outcome, has_contact, measure
 
 __all__ = [

@@ -1,14 +1,14 @@
-"""The record of an episode: the columns of ``episodes``, computed from traces by catalogue.py."""
+"""The record of an episode: the columns of ``episodes``, computed from traces by measured.py."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from harness.core.encounter import Arm, Contact, Ending, FailedIn, Trace
-from harness.measures.catalogue import COLUMNS, MEASURES, Measure, Measured
 from harness.measures.chunk import Chunk, chunk_of
 from harness.measures.contacts import Strike, strikes_of
 from harness.measures.ego import ego_states
+from harness.measures.measured import COLUMNS, MEASURES, Measure, Measured
 from harness.measures.steps import legs_of, rows_of
 
 Value = float | int | bool | None

@@ -1,7 +1,7 @@
 """Episodes in; rows of the tables episodes (measures/record.py), pedestrians and traces out.
 
-The columns of a simulation come from ``simulation/passages.py`` and ``pairing.py``; those that no
-table declares are left out.
+The columns of a simulation come from ``simulation/passages.py`` and ``arm_tables.py``; those that
+no table declares are left out.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

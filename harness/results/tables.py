@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from harness.core.encounter import LIMITED_BY, Arm, Contact, Ending, Leg, Side
 from harness.core.errors import InputError, one_line, resume_command
 from harness.core.files import cannot_write, whole_file
-from harness.measures.catalogue import MEASURES
+from harness.measures.measured import MEASURES
 from harness.scenario import Scenario
 
 Tables = dict[str, pa.Table]

@@ -21,7 +21,7 @@ from harness.model.interaction import load_model
 from harness.scenario import EngineName, Scenario
 from harness.scenario.arguments import engine_named, whole_number
 from harness.scenario.file import scenario_of_encounters
-from harness.strategies.driving import half_path_width_m
+from harness.strategies.manoeuvres import half_path_width_m
 from harness.strategies.vector import acceleration_of, observation_vector
 
 Vector = NDArray[np.float32]

@@ -16,7 +16,7 @@ from harness.core.encounter import (
     Side,
 )
 from harness.core.errors import InputError, unknown_name
-from harness.scenario.people import PedestriansSection
+from harness.scenario.pedestrians import PedestriansSection
 from harness.scenario.scenario import Scenario, path_of
 from harness.scenario.sections import Section
 from harness.scenario.traffic import TrafficSection

@@ -17,7 +17,7 @@ from harness.core.encounter import (
     Side,
     Vehicle,
 )
-from harness.scenario.people import PedestriansSection, TimedSection
+from harness.scenario.pedestrians import PedestriansSection, TimedSection
 from harness.scenario.sections import (
     ActuationSection,
     ArmsSection,

@@ -14,7 +14,7 @@ from harness.simulation.approaches import Approaches
 from harness.simulation.cars import PASSED, Car, Passage
 from harness.simulation.driving import Control
 from harness.simulation.own_people import OwnPeople
-from harness.simulation.people import PeopleAt
+from harness.simulation.people_at import PeopleAt
 from harness.simulation.setup import Setup
 from harness.simulation.shares import is_automated
 from harness.site.town import Crosswalk

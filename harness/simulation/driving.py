@@ -15,7 +15,7 @@ from harness.encounter.driver import Driver, answer_of
 from harness.engine.plain import slowing_mps
 from harness.engine.session import Session
 from harness.simulation.cars import Car, Passage
-from harness.simulation.people import PeopleAt
+from harness.simulation.people_at import PeopleAt
 from harness.simulation.setup import Setup
 from harness.site.town import Crosswalk
 

@@ -11,7 +11,7 @@ from harness.core.encounter import SECONDS_PER_HOUR
 from harness.engine.configuration import SumoConfig, people_in, read_config, write_xml
 from harness.engine.session import lane_of
 from harness.scenario.sections import EgoSection
-from harness.simulation.files import run_untouched
+from harness.simulation.arm_configuration import run_untouched
 from harness.simulation.opening import chosen, town_of
 from harness.simulation.setup import CAR_M
 from harness.site.town import Crosswalk, Town

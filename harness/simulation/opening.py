@@ -22,7 +22,7 @@ from harness.scenario import Scenario
 from harness.scenario.consistency import check_perception
 from harness.scenario.sections import MAX_SPEED_MPS, SimulationSection
 from harness.simulation import demand
-from harness.simulation.files import run_untouched
+from harness.simulation.arm_configuration import run_untouched
 from harness.simulation.own_people import OWN_PREFIX
 from harness.simulation.setup import CAR_DECEL_MPS2, Setup
 from harness.simulation.shares import sumo_seed

@@ -5,8 +5,8 @@ from typing import ClassVar
 
 from harness.core.encounter import ROUNDING, Observation, PedestrianView
 from harness.scenario.sections import Positive
-from harness.strategies.driving import AT_KERB_M, half_path_width_m, resume, stop_after
 from harness.strategies.emergency_brake import EmergencyBrake
+from harness.strategies.manoeuvres import AT_KERB_M, half_path_width_m, resume, stop_after
 
 _STILL_MPS, _STILL_S = 0.25, 1.0
 """Who is slower stands; the ego goes on once it has stood this long for somebody who stands."""

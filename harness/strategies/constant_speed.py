@@ -1,7 +1,7 @@
 """The control case: no yielding at all."""
 
 from harness.core.encounter import Observation
-from harness.strategies.driving import resume
+from harness.strategies.manoeuvres import resume
 
 
 class ConstantSpeed:

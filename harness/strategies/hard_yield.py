@@ -1,7 +1,7 @@
 """Hard-Yield: a strategy that stops before the crosswalk and waits until it is clear."""
 
 from harness.core.encounter import Observation
-from harness.strategies.driving import (
+from harness.strategies.manoeuvres import (
     anybody_waits,
     can_stop_at_line,
     can_stop_before_disc,

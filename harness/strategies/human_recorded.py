@@ -1,7 +1,7 @@
 """The second reference: a driver fitted to recorded encounters."""
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, Observation
-from harness.strategies.driving import (
+from harness.strategies.manoeuvres import (
     InPath,
     full_braking_distance_m,
     resume,

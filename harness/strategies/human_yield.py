@@ -8,7 +8,7 @@ from scipy.special import ndtri
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, Observation
 from harness.scenario.sections import NonNegative, Positive, Share
-from harness.strategies.driving import (
+from harness.strategies.manoeuvres import (
     CLEARANCE_M,
     COMFORTABLE_MPS2,
     InPath,

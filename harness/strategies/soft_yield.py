@@ -4,8 +4,8 @@ import math
 from typing import ClassVar, NamedTuple
 
 from harness.core.encounter import ROUNDING, Observation, PedestrianView
-from harness.strategies.driving import clearing_time_s, resume
 from harness.strategies.hard_yield import HardYield
+from harness.strategies.manoeuvres import clearing_time_s, resume
 
 
 class _Plan(NamedTuple):

@@ -38,7 +38,7 @@ from harness.measures.motion.walking import cleared_s, states_at
 from harness.results.run import Run
 from harness.results.tables import TABLES_OF, Row, Tables
 from harness.scenario import Scenario
-from harness.simulation.files import CONFIG_FILE
+from harness.simulation.arm_configuration import CONFIG_FILE
 from harness.site.road_frame import RoadFrame
 from harness.studies.replay import refuse_in_use, replayed, stored_tasks, traced
 from harness.studies.simulations import REPLAYED

@@ -16,6 +16,7 @@ from harness.model.interaction import InteractionModel, load_model
 from harness.results.rows import simulation_rows
 from harness.results.tables import Row, Tables
 from harness.scenario import Cell, Scenario, Study
+from harness.simulation.arm_tables import ArmTables, run_arm
 from harness.simulation.opening import (
     check,
     check_demand,
@@ -23,7 +24,6 @@ from harness.simulation.opening import (
     opened,
     opened_traffic,
 )
-from harness.simulation.pairing import ArmTables, run_arm
 from harness.simulation.setup import Setup
 from harness.studies.tasks import EpisodeId, Rows, Task, Tell
 

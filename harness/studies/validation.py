@@ -35,7 +35,7 @@ from harness.results.finding import Finding, Form, Plain
 from harness.results.notes import Note
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.scenario import Scenario, Setting, load_scenario
-from harness.scenario.people import PedestriansSection
+from harness.scenario.pedestrians import PedestriansSection
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy

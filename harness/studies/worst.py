@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError, unknown_name
-from harness.measures.catalogue import COLUMNS, MEASURES
+from harness.measures.measured import COLUMNS, MEASURES
 from harness.results.finding import Finding, Form, Plain
 from harness.results.notes import notes_of
 from harness.results.result import Column, Result, Shown, Style, Table

@@ -28,7 +28,7 @@ from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.model.interaction import load_model
 from harness.scenario import Scenario, validate
-from harness.strategies.driving import stop_after
+from harness.strategies.manoeuvres import stop_after
 from harness.studies.run import run
 from tests.scenes import episode
 

@@ -14,9 +14,9 @@ from harness.engine.installation import program
 from harness.engine.shared import close_engine
 from harness.model.interaction import load_model
 from harness.scenario import validate
-from harness.simulation.files import CONFIG_FILE, TRIPS_FILE, write_config
+from harness.simulation.arm_configuration import CONFIG_FILE, TRIPS_FILE, write_config
+from harness.simulation.arm_tables import run_arm
 from harness.simulation.opening import opened
-from harness.simulation.pairing import run_arm
 from harness.simulation.setup import Setup
 from harness.site.town import Town
 from tests.towns import call, grid

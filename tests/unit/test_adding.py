@@ -32,7 +32,7 @@ def halved_time_s(chunk: Chunk) -> FloatArray:
     return chunk.pass_time_s / 2
 ''',
     ),
-    "harness/measures/catalogue.py": (
+    "harness/measures/measured.py": (
         'each with its definition; undefined values are None."""\n',
         """
     halved_time_s: float | None = _measured(

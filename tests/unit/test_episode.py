@@ -10,7 +10,7 @@ from harness.core.encounter import Arrival, Ending, Observation, Side, Trace
 from harness.core.errors import EngineError
 from harness.engine.plain import PlainEngine
 from harness.measures import measure
-from harness.scenario.people import PedestriansSection
+from harness.scenario.pedestrians import PedestriansSection
 from harness.strategies.constant_speed import ConstantSpeed
 from tests.scenes import Recorder, episode, play, scenario
 

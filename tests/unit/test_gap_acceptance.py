@@ -9,7 +9,7 @@ from scipy import stats
 from harness.core.encounter import Arrival, Side
 from harness.encounter.arrivals import critical_gap_s, planned_arrivals
 from harness.scenario import Scenario, validate
-from harness.scenario.people import GapAcceptanceSection
+from harness.scenario.pedestrians import GapAcceptanceSection
 from tests.scenes import Recorder, episode
 
 

@@ -18,7 +18,7 @@ from harness.core.encounter import Arrival, Side, Walk
 from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.deciding import Threat, blocking, effective_time_s
 from harness.scenario import Scenario, validate
-from harness.scenario.people import ThresholdSection
+from harness.scenario.pedestrians import ThresholdSection
 from tests.scenes import Recorder, episode
 
 LOG_THETA, LOG_LATENCY = stats.norm(1.430, 0.405), stats.norm(0.0166, 0.604)

@@ -1,4 +1,4 @@
-"""Perception errors, made for perception.py, simulation/people.py; keys: scenario/sections.py."""
+"""Perception errors, for perception.py and simulation/people_at.py; keys: scenario/sections.py."""
 
 import math
 from collections import deque

@@ -15,7 +15,7 @@ from harness.core.errors import EngineError, StrategyError
 from harness.engine.session import Module, Session
 from harness.model.interaction import InteractionModel
 from harness.simulation.arm import SimulatedArm
-from harness.simulation.files import TRIPS_FILE, write_config
+from harness.simulation.arm_configuration import TRIPS_FILE, write_config
 from harness.simulation.passages import Row, passages
 from harness.simulation.setup import Setup
 from harness.simulation.walk import Walked
