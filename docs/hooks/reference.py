@@ -26,7 +26,7 @@ UNITS = {
 }
 """Units by the ending of a name; longer endings come first."""
 
-KEY_MODULES = (sections, people, traffic)
+KEY_MODULES = (sections, pedestrians, traffic)
 """The modules with the keys of a scenario."""
 
 TYPES = {"number": "number", "integer": "whole number", "boolean": "`true` or `false`"}
