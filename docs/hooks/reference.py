@@ -13,7 +13,7 @@ from pydantic import BaseModel
 import harness
 from harness.cli.app import application
 from harness.results import catalogue as results_catalogue, tables as results
-from harness.scenario import Scenario, sections, traffic
+from harness.scenario import Scenario, pedestrians, sections, traffic
 
 UNITS = {
     "_per_hour": "1/h",
