@@ -34,7 +34,7 @@ from harness.core.encounter import FloatArray
 from harness.core.seeding import stream
 from harness.results.estimators import CONFIDENCE, clopper_pearson
 from harness.results.tables import Row
-from harness.studies.risk_normals import Normals, fitted, standard_normal
+from harness.studies.risk_normals import NormalMixture, fitted, standard_normal
 from harness.studies.risk_space import NEVER, Space
 
 NOMINAL_SHARE = 0.1
@@ -132,8 +132,8 @@ class Proposal(NamedTuple):
     their mean number K where the ego passes.
     """
 
-    fixed: Normals | None = None
-    placed: Normals | None = None
+    fixed: NormalMixture | None = None
+    placed: NormalMixture | None = None
     many: float = 0.0
 
     def rates(self, space: Space, points: FloatArray) -> FloatArray:
@@ -413,15 +413,15 @@ def _fit(
         ways = fitted(tried.points[near], np.ones(int(near.sum())), standard, rng)
         placed = placed.mixed_with(ways, _OTHER_WAYS)
     if placed is not None and size:
-        means, covariances = placed.means[:, :size], placed.covariances[:, :size, :size]
-        marginal = Normals(placed.shares, means, covariances)
+        locations, scales = placed.locations[:, :size], placed.scales[:, :size, :size]
+        marginal = NormalMixture(placed.weights, locations, scales)
         fixed = marginal if fixed is None else fixed.mixed_with(marginal, 0.5)
     return proposal._replace(fixed=fixed, placed=placed)
 
 
 def _fitted(
     tried: _Tried, standard: NDArray[np.bool_], lowest: int, rng: np.random.Generator
-) -> Normals | None:
+) -> NormalMixture | None:
     """The density of those with an event or one of the lowest scores; None without any."""
     chosen = tried.due.copy()
     for column in tried.own.T:

@@ -7,22 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.encounter import FloatArray
-from harness.model.mixture.clusters import k_means
+from harness.model.mixture.normals import Normals, clustered_normals
 
 _POINTS, _MOST = 15, 24
 """Number of points per component, or four for each dimension if that is more; and the most
 components."""
 
-_ROUNDS = 30
-
-_PRIOR = 0.1
-"""The prior variance of a component, as a share of that of all points; it weighs as one point."""
-
 _DIVERGENCE = 0.1
 """A number counts as nominal if its divergence in nats from a standard normal one is below this."""
 
 _NARROWEST = 1e-5
-"""Smallest variance that is added to every direction."""
+"""Added to every variance before it is compared."""
 
 _WIDER, _WIDE_SHARE = 3.0, 0.3
 """The second copy of each component has this multiple of its standard deviations, and this share
@@ -32,12 +27,10 @@ _UNLIKELY = -30.0
 """Logarithm of a share below which a component is not distinguished from the others."""
 
 
-class Normals(NamedTuple):
-    """Shares (k,), means (k, d) and covariances (k, d, d) of a mixture of normal densities."""
+class NormalMixture(Normals):
+    """A mixture of normal densities that can be conditioned."""
 
-    shares: FloatArray
-    means: FloatArray
-    covariances: FloatArray
+    __slots__ = ()
 
     def given(self, known: FloatArray) -> "Conditional":
         """The densities of the other numbers given the first ones, ``known`` (n, c).
@@ -45,7 +38,7 @@ class Normals(NamedTuple):
         A point far from every component chooses among them as if they were equally far.
         """
         size, logs, means, factors = known.shape[1], [], [], []
-        for share, mean, covariance in zip(self.shares, self.means, self.covariances, strict=True):
+        for share, mean, covariance in zip(*self, strict=True):
             upper, cross = covariance[:size, :size], covariance[size:, :size]
             slope = cross @ np.linalg.inv(upper)
             logs.append(np.log(share) + _log_normal(known - mean[:size], upper))
@@ -56,13 +49,11 @@ class Normals(NamedTuple):
         chances /= chances.sum(axis=1, keepdims=True)
         return Conditional(chances, np.array(means), np.array(factors))
 
-    def mixed_with(self, other: "Normals", share: float) -> "Normals":
+    def mixed_with(self, other: Normals, share: float) -> "NormalMixture":
         """A mixture in which the other one has a share."""
-        return Normals(
-            np.concatenate([(1 - share) * self.shares, share * other.shares]),
-            np.concatenate([self.means, other.means]),
-            np.concatenate([self.covariances, other.covariances]),
-        )
+        weights = np.concatenate([(1 - share) * self.weights, share * other.weights])
+        parts = zip(self[1:], other[1:], strict=True)
+        return NormalMixture(weights, *map(np.concatenate, parts))
 
 
 class Conditional(NamedTuple):
@@ -93,7 +84,7 @@ class Conditional(NamedTuple):
 
 def fitted(
     y: FloatArray, weights: FloatArray, standard: NDArray[np.bool_], rng: np.random.Generator
-) -> Normals:
+) -> NormalMixture:
     """A mixture fitted to weighted points around the clusters of k-means.
 
     A number whose nominal density is standard normal, and which is nearly so among the points too,
@@ -107,53 +98,27 @@ def fitted(
         standard: whose nominal density is standard normal, (d,).
         rng: generator for the clusters.
     """
-    weights, size = weights / weights.sum(), y.shape[1]
-    mean, covariance = _moments(y, weights)
-    variances = covariance.diagonal() + _NARROWEST
+    size, share = y.shape[1], weights / weights.sum()
+    mean = share @ y
+    variances = share @ (y - mean) ** 2 + _NARROWEST
     free = standard & ((mean**2 + variances - 1 - np.log(variances)) / 2 < _DIVERGENCE)
     if free.all():
-        return Normals(np.ones(1), np.zeros((1, size)), np.eye(size)[None])
-    shares, means, covariances = _clusters(y[:, ~free], weights, rng)
+        return NormalMixture(np.ones(1), np.zeros((1, size)), np.eye(size)[None])
     used = np.flatnonzero(~free)
-    whole_means = np.zeros((2 * len(shares), size))
-    whole_means[:, used] = np.tile(means, (2, 1))
-    whole = np.tile(np.eye(size), (2 * len(shares), 1, 1))
-    whole[:, used[:, None], used] = np.concatenate([covariances, _WIDER**2 * covariances])
-    both = np.concatenate([(1 - _WIDE_SHARE) * shares, _WIDE_SHARE * shares])
-    return Normals(both, whole_means, whole)
+    count = min(_MOST, 1 + len(y) // max(_POINTS, 4 * used.size))
+    near = clustered_normals(y[:, used], weights, count, rng)
+    near = Normals(*(part[near.weights > 0] for part in near))
+    locations = np.zeros((2 * len(near.weights), size))
+    locations[:, used] = np.tile(near.locations, (2, 1))
+    scales = np.tile(np.eye(size), (2 * len(near.weights), 1, 1))
+    scales[:, used[:, None], used] = np.concatenate([near.scales, _WIDER**2 * near.scales])
+    both = np.concatenate([(1 - _WIDE_SHARE) * near.weights, _WIDE_SHARE * near.weights])
+    return NormalMixture(both, locations, scales)
 
 
 def standard_normal(z: FloatArray) -> FloatArray:
     """The standard normal density at z (n, d), shape (n,)."""
     return np.exp(_log_normal(z, np.eye(z.shape[1])))
-
-
-def _clusters(
-    y: FloatArray, weights: FloatArray, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Shares, means and covariances of clusters."""
-    scale = np.sqrt(_moments(y, weights)[1].diagonal() + _NARROWEST)
-    count = min(_MOST, 1 + len(y) // max(_POINTS, 4 * y.shape[1]))
-    _, clusters = k_means(y / scale, weights, count, _ROUNDS, rng)
-    members = [clusters == k for k in np.unique(clusters)]
-    parts = [(weights[of].sum(), *_component(y[of], weights[of], scale)) for of in members]
-    shares, means, covariances = (np.array(part) for part in zip(*parts, strict=True))
-    return shares, means, covariances
-
-
-def _component(
-    y: FloatArray, weights: FloatArray, scale: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Mean and covariance of weighted points, shrunk more for few points."""
-    size = float(weights.sum()) ** 2 / float(np.sum(weights**2))
-    mean, scatter = _moments(y, weights / weights.sum())
-    prior = np.diag(_PRIOR * scale**2)
-    return mean, (size * scatter + prior) / (size + 1) + _NARROWEST * np.eye(len(mean))
-
-
-def _moments(y: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    mean: FloatArray = weights @ y
-    return mean, (y - mean).T @ ((y - mean) * weights[:, None])
 
 
 def _log_normal(away: FloatArray, covariance: FloatArray) -> FloatArray:

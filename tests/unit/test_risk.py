@@ -23,7 +23,7 @@ from harness.studies.risk_draws import (
     Units,
     draw_units,
 )
-from harness.studies.risk_normals import Normals, fitted
+from harness.studies.risk_normals import NormalMixture, fitted
 from harness.studies.risk_space import EVENTS, Space, parse_event, space_of
 from tests.risks import (
     CROWD,
@@ -92,8 +92,8 @@ def test_the_mean_weight_is_the_probability_whatever_the_density(mean_s, culprit
         )
 
     place = POINTS + np.array([0.0, 0.0, 1.0 + mean_s, 0.0])
-    placed = Normals(np.ones(1), place, np.diag([1.0, 0.1, 4.0, 2.0])[None])
-    fixed = Normals(np.ones(1), np.array([[1.0]]), np.array([[[0.5]]]))
+    placed = NormalMixture(np.ones(1), place, np.diag([1.0, 0.1, 4.0, 2.0])[None])
+    fixed = NormalMixture(np.ones(1), np.array([[1.0]]), np.array([[[0.5]]]))
     proposal = Proposal(fixed, placed, 1.5)
     units = drawn(proposal, CROWD, 0, 6_000, lambda episodes: [*map(outcome, episodes)])
     error = units.value.std() / math.sqrt(6_000)
@@ -185,7 +185,7 @@ def test_a_risk_of_which_every_episode_fails_ends_with_its_first_look() -> None:
 def test_a_mixture_of_normals_is_conditioned_and_fitted() -> None:
     rng = np.random.default_rng(5)
     covariance = np.array([[1.0, 0.6], [0.6, 2.0]])
-    one = Normals(np.ones(1), np.array([[1.0, -1.0]]), covariance[None])
+    one = NormalMixture(np.ones(1), np.array([[1.0, -1.0]]), covariance[None])
     known = np.empty((20_000, 0))
     y = one.given(known).points(rng.random(20_000), rng.standard_normal((20_000, 2)))
     exact = stats.multivariate_normal([1.0, -1.0], covariance)
@@ -200,8 +200,8 @@ def test_a_mixture_of_normals_is_conditioned_and_fitted() -> None:
     third = rng.standard_normal((20_000, 1))
     standard = np.array([False, False, True])
     mixture = fitted(np.hstack([points, third]), weights, standard, rng)
-    assert mixture.shares @ mixture.means == pytest.approx([1.0, -1.0, 0.0], abs=0.1)
-    assert (mixture.covariances[:, 2] == np.array([0.0, 0.0, 1.0])).all()
+    assert mixture.weights @ mixture.locations == pytest.approx([1.0, -1.0, 0.0], abs=0.1)
+    assert (mixture.scales[:, 2] == np.array([0.0, 0.0, 1.0])).all()
 
 
 class Record:
