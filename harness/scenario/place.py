@@ -15,10 +15,11 @@ def place_in_words(scenarios: Sequence[Scenario]) -> str:
     What differs between the scenarios is "varied".
 
     >>> place_in_words([Scenario()])
-    'Road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people/h.'
+    'Road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people/h from the trigger on.'
     >>> late = Scenario.model_validate({"actuation": {"dead_time_s": 0.3}})
     >>> place_in_words([late])
-    'Road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people/h; actuation of AV: dead_time_s 0.3.'
+    'Road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people/h from the trigger on; actuation of AV: \
+dead_time_s 0.3.'
     """
     parts = []
     for name, words in _PARTS.items():
@@ -87,8 +88,13 @@ def _people(scenario: Scenario) -> str:
         return "one pedestrian, at the trigger"
     size = people.mean_group_size
     groups = f" in groups of {size:.3g} on average" if len(people.group_size) > 1 else ""
-    sumos = " and SUMO's people" * (scenario.simulation is not None)
-    return f"{as_written(people.flow_per_hour)} people/h{groups}{sumos}"
+    before_s = people.warm_up_s
+    since = " from the trigger on"
+    if before_s:
+        since = f" from {as_written(before_s)} s before the trigger"
+    if scenario.simulation is not None:
+        since = " and SUMO's people"
+    return f"{as_written(people.flow_per_hour)} people/h{groups}{since}"
 
 
 def _behaviour(scenario: Scenario) -> str:
