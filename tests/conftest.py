@@ -14,6 +14,9 @@ from harness.scenario import Scenario
 os.environ.pop("COLUMNS", None)
 # Every core has a worker already: threads of its arithmetic would wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Many processes are started: what they import is compiled once.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 MakeEngine = Callable[[Scenario], Engine]
 

@@ -85,16 +85,16 @@ class SimulationSample(dict[str, np.ndarray]):
         values = self._found(own) if isinstance(own, str) else own(self)
         if name not in ("every", "failed"):
             values = np.where(self["failed"].any(axis=0), np.nan, values)
-        self[name] = values
-        return values
+        return self.setdefault(name, values)
 
     def _found(self, name: str) -> FloatArray:
         how, place, *rows = name.split()
-        table, _, column = place.partition(".")
-        column, kept = column or "pair", self.tables[table]
+        kept, column, *_ = [*place.split("."), "pair"]
         for each in rows:
-            kept = kept.filter(which(each, self.scenario.conflicts))
-        found = kept.group_by(["pair", "arm"]).aggregate([(column, how)])
+            whole, kept = self.tables[kept], f"{kept} {each}"
+            if kept not in self.tables:  # many columns are of the same rows
+                self.tables[kept] = whole.filter(which(each, self.scenario.conflicts))
+        found = self.tables[kept].group_by(["pair", "arm"]).aggregate([(column, how)])
         values = np.full((2, self.n), np.nan if how in ("mean", "max") else 0.0)
         arm = pc.equal(found["arm"], Arm.HUMAN.value).to_numpy().astype(int)
         values[arm, found["pair"].to_numpy()] = found[f"{column}_{how}"].cast(pa.float64())

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +33,12 @@ if __name__ == "__main__":
 """A scheduler and a worker with two threads, until standard input ends."""
 
 
-@contextmanager
-def started_cluster(folder: Path) -> "Iterator[tuple[str, subprocess.Popen[str]]]":
+@pytest.fixture(scope="module")
+def started(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> "Iterator[tuple[str, subprocess.Popen[str]]]":
     """A cluster in another folder: its address and its process."""
+    folder = tmp_path_factory.mktemp("cluster")
     (folder / "cluster.py").write_text(CLUSTER)
     process = subprocess.Popen(
         [sys.executable, "cluster.py"],
@@ -51,10 +53,9 @@ def started_cluster(folder: Path) -> "Iterator[tuple[str, subprocess.Popen[str]]
     process.communicate("\n", timeout=60)
 
 
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with started_cluster(tmp_path_factory.mktemp("cluster")) as (address, _):
-        yield address
+@pytest.fixture
+def cluster(started: "tuple[str, subprocess.Popen[str]]") -> str:
+    return started[0]
 
 
 WORDS = options_of(QUICK)
@@ -116,18 +117,20 @@ def test_nobody_there(tmp_path: Path, address: str) -> None:
     assert re.fullmatch(rf"harness: --dask {re.escape(given)}: .*\n", done.stderr)
 
 
-def test_finished_work_is_kept_if_the_cluster_goes_away(tmp_path: Path) -> None:
-    folder = tmp_path / "run"
+def test_finished_work_is_kept_if_the_cluster_goes_away(
+    started: "tuple[str, subprocess.Popen[str]]", tmp_path: Path
+) -> None:
+    """The last test of this file, because it ends the cluster."""
+    folder, (address, process) = tmp_path / "run", started
     words = ("--pairs", 300, "-q", *WORDS)
-    with started_cluster(tmp_path) as (address, process):
-        running = start("run", "cctc", *words, "--dask", address, "--out", folder)
-        try:
-            while not [*folder.glob("episodes/*.parquet")] and running.poll() is None:
-                time.sleep(0.01)
-            process.kill()
-            errors = running.communicate(timeout=120)[1]
-        finally:
-            running.kill()
+    running = start("run", "cctc", *words, "--dask", address, "--out", folder)
+    try:
+        while not [*folder.glob("episodes/*.parquet")] and running.poll() is None:
+            time.sleep(0.01)
+        process.kill()
+        errors = running.communicate(timeout=120)[1]
+    finally:
+        running.kill()
     assert running.returncode == 1, errors
     assert re.fullmatch(r"harness: .*harness resume .*\n", errors)
     assert "given up" not in (folder / "log.jsonl").read_text(encoding="utf-8")

@@ -148,7 +148,7 @@ def test_the_same_pair_gives_the_same_bytes_simulated_again_or_not(
 def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of a left-hand town in which all cars and trucks are AVs."""
     folder = tmp_path_factory.mktemp("town")
-    config = towns.town(folder, seed=3, end_s=140, kind="left")
+    config = towns.town(folder, seed=3, end_s=110, kind="left")
     # Crosswalks of this town at which people walk when vehicles come.
     crossings = [":17_c1", ":35_c1", ":246_c1"]
     simulated = {"file": str(config), "crossings": crossings, "av_share": 1.0}

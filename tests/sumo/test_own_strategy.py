@@ -47,7 +47,7 @@ def test_a_run_is_not_resumed_with_another_strategy_of_that_name(
     run("cctc", settings={**QUICK, "arms.av": name}, pairs=1, workers=0, out=out)
     manifest = json.loads((out / "manifest.json").read_text())
     assert len(manifest["simulated_with"]["strategies"][name]) == 64
-    module.write_text(STEADY.replace("0.0", "0.1"), encoding="utf-8")
+    module.write_text(STEADY.replace("0.0", "0.25"), encoding="utf-8")
     # One that is finished is only read.
     assert len(resume(out, workers=0).pairs) == 1
     (out / "findings.json").unlink()
