@@ -34,9 +34,7 @@ if __name__ == "__main__":
 
 
 @pytest.fixture(scope="module")
-def started(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> "Iterator[tuple[str, subprocess.Popen[str]]]":
+def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Any]]:
     """A cluster in another folder: its address and its process."""
     folder = tmp_path_factory.mktemp("cluster")
     (folder / "cluster.py").write_text(CLUSTER)
@@ -53,16 +51,11 @@ def started(
     process.communicate("\n", timeout=60)
 
 
-@pytest.fixture
-def cluster(started: "tuple[str, subprocess.Popen[str]]") -> str:
-    return started[0]
-
-
 WORDS = options_of(QUICK)
 
 
 def test_rows_are_those_of_one_process_and_faults_cost_the_cluster_no_worker(
-    cluster: str, tmp_path: Path
+    started: tuple[str, Any], tmp_path: Path
 ) -> None:
     settings = {**QUICK, **struck({"segfaults": 2, "nan": 7})}
     del settings["arms.av"]
@@ -70,9 +63,9 @@ def test_rows_are_those_of_one_process_and_faults_cost_the_cluster_no_worker(
         **{"settings": settings, "pairs": 25, "traces": True},
         "vary": {"arms.av": [NAME, "constant_speed"]},
     }
-    with distributed.Client(cluster, set_as_default=False) as client:
+    with distributed.Client(started[0], set_as_default=False) as client:
         before = client.run(os.getpid)
-        executor = dask_executor(cluster, [])
+        executor = dask_executor(started[0], [])
         there = run("cctc", executor=executor, out=tmp_path / "there", **options)
         assert client.run(os.getpid) == before
     same_rows(there, run("cctc", workers=1, out=tmp_path / "here", **options))
@@ -87,7 +80,7 @@ class Mine:
 
 
 def test_a_strategy_in_a_module_is_uploaded_as_it_is_now(
-    cluster: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    started: tuple[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The workers run in another folder.
     monkeypatch.chdir(tmp_path)
@@ -95,7 +88,7 @@ def test_a_strategy_in_a_module_is_uploaded_as_it_is_now(
     found = []
     for command in (-0.5, -1.5):
         Path("mine_on_dask.py").write_text(STRATEGY.format(command=command))
-        done = shell("run", "cctc", *WORDS, *own, "--dask", cluster, "--out", f"{command}")
+        done = shell("run", "cctc", *WORDS, *own, "--dask", started[0], "--out", f"{command}")
         assert done.returncode == 0, done.stderr
         found.append(load_run(Path(f"{command}")))
     assert here("run", "cctc", *WORDS, *own, "--out", "here").returncode == 0
@@ -118,7 +111,7 @@ def test_nobody_there(tmp_path: Path, address: str) -> None:
 
 
 def test_finished_work_is_kept_if_the_cluster_goes_away(
-    started: "tuple[str, subprocess.Popen[str]]", tmp_path: Path
+    started: tuple[str, Any], tmp_path: Path
 ) -> None:
     """The last test of this file, because it ends the cluster."""
     folder, (address, process) = tmp_path / "run", started
