@@ -7,9 +7,8 @@ from types import MappingProxyType
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from harness.core.encounter import SECONDS_PER_HOUR, Arrival, Leg, Side
+from harness.core.encounter import SECONDS_PER_HOUR, Arrival, FloatArray, Leg, Side
 from harness.core.seeding import Given, Purpose, stream
 from harness.encounter.deciding import lognormal_s
 from harness.scenario import Scenario
@@ -179,7 +178,7 @@ class _Uniforms:
     def __init__(self, seed: int, key: tuple[int, ...], given: Given) -> None:
         self._seed, self._key, self._given = seed, key, given
 
-    def first(self, purpose: Purpose, count: int) -> NDArray[np.float64]:
+    def first(self, purpose: Purpose, count: int) -> FloatArray:
         """The first ``count`` uniforms of a purpose."""
         values = stream(self._seed, purpose, *self._key).random(count)
         given = self._given.get(purpose, ())[:count]

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.core.encounter import LIMITED_BY, Arm, FloatArray
+from harness.core.encounter import LIMITED_BY, SECONDS_PER_HOUR, Arm, FloatArray
 from harness.measures.queues import growth
 from harness.results.columns import AV
 from harness.results.estimators import Sampling
@@ -129,6 +129,8 @@ COLUMNS: Mapping[str, str | Callable[[SimulationSample], np.ndarray]] = {
     "clamped": "sum arms.clamped",
     "growth": SimulationSample.growth,
     "long_trips": lambda sample: np.isnan(sample["growth"]) & (sample["count vehicles"] > 0),
-    "throughput_per_hour": lambda s: 3600 * s["count passages passed"] / s["sum arms.counted_s"],
+    "throughput_per_hour": lambda s: (
+        SECONDS_PER_HOUR * s["count passages passed"] / s["sum arms.counted_s"]
+    ),
 }
 """Columns with a name of their own."""

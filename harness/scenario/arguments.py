@@ -1,7 +1,7 @@
 """The engine's name and the numbers that a caller gives, checked; none changes a pair's result."""
 
 import operator
-from typing import Literal, cast, get_args
+from typing import Literal, SupportsIndex, cast, get_args
 
 from harness.core.errors import InputError, unknown_name
 
@@ -27,9 +27,9 @@ def whole_number(where: str, value: object, least: int) -> int:
         InputError: the value is anything else; ``where`` names the option.
     """
     try:
-        if isinstance(value, bool):
+        if isinstance(value, bool) or not isinstance(value, SupportsIndex):
             raise TypeError
-        number = operator.index(value)  # type: ignore[arg-type]  # raises unless it is an integer
+        number = operator.index(value)
     except TypeError:
         number = least - 1
     if number < least:
