@@ -29,7 +29,6 @@ BUSY = {"pedestrians.flow_per_hour": 800, "experiment.timeout_s": 60.0}
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A working directory with the example; programs end with the test."""
     monkeypatch.chdir(tmp_path)
-    program.load_program.cache_clear()
     shutil.copy(EXAMPLES / "driver.py", tmp_path)
     yield tmp_path
     for command in [*program._programs]:
