@@ -233,8 +233,9 @@ def _placed(
     inside &= (np.abs(who[:, 1:]) < _FARTHEST).all(axis=1)
     again = []
     for k, arrival, marks in zip(row[inside], arrival_s[inside], who[inside, 1:], strict=True):
-        place = int(np.searchsorted(begun[k].people[:, 0], arrival))
-        joined = np.insert(begun[k].people, place, [arrival, *marks], axis=0)
+        people = begun[k].people
+        place = int(np.searchsorted(people[:, 0], arrival))
+        joined = np.concatenate([people[:place], [[arrival, *marks]], people[place:]])
         again.append(begun[k]._replace(people=joined, asked=place))
     return np.column_stack([known, who])[inside], row[inside].tolist(), again
 

@@ -294,5 +294,5 @@ class Counting(ThreadPoolExecutor):
 
 def test_few_tasks_and_rows_are_in_memory_at_a_time(tmp_path: Path) -> None:
     with Counting() as executor:
-        run("cctc", settings=QUICK, pairs=790, out=tmp_path / "run", executor=executor)
+        run("cctc", settings=QUICK, pairs=190, out=tmp_path / "run", executor=executor)
     assert executor.most <= 4 * 2

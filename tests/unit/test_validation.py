@@ -243,7 +243,7 @@ def model_of(folder: Path, path: Path) -> str:
     """A model fitted on recordings, by ``harness extract`` and ``harness fit``."""
     rows, reader = path.with_suffix(".parquet"), f"frame_rate_hz={RATE_HZ:g}"
     printed("extract", "--format", "vci", folder, "--set", reader, "--out", rows)
-    printed("fit", rows, "--components", "1", "--starts", "1", "--out", path)
+    printed("fit", rows, "--components", 1, "--starts", 1, "--folds", 0, "--out", path)
     return str(path)
 
 

@@ -105,7 +105,8 @@ def fit_mixture(
         rows = (rows - centre) / spread
         likelihood = Likelihood(rows, weights, (low - centre) / spread, (high - centre) / spread)
         begun: list[Climb] = []
-        for i in range(n_init):
+        # One component has the same start each time.
+        for i in range(n_init if n_components > 1 else 1):
             rng = start_of_fit(seed, *key, i)
             first = clustered_normals(rows, weights, n_components, rng)
             mixed = (first.weights + _EQUAL / n_components) / (1.0 + _EQUAL)
