@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from harness.core.encounter import SPEED_ROUNDING
+from harness.encounter.arms import asks_model
 from harness.results.estimators import EQUAL, FEW, REPEATED
 from harness.results.findings import CellFindings, on_first_screen
 from harness.results.student import RELIABLE_FROM
@@ -166,6 +167,14 @@ def _not_validated(cell: CellFindings) -> Iterator[Said]:
         yield Said(text)
 
 
+def _model_fit(cell: CellFindings) -> Iterator[Said]:
+    scenario = cell.scenario
+    if scenario.walks_by_model or asks_model(scenario):
+        name = scenario.model.path or scenario.model.name
+        text = f"The error of the fit of the model {name} is in no interval, and may be larger. "
+        yield Said(f"{text}Compare several models: --vary model.path=….")
+
+
 def _speeding(cell: CellFindings) -> Iterator[Said]:
     limit_mps = cell.scenario.speed_limit_mps
     speeds = [(cell[f"max_speed_mps{end}"].value, who) for who, end in cell.arms]
@@ -277,6 +286,7 @@ RULES: tuple[Rule, ...] = (
     Rule("left_out", "left out", _left_out, _cut_off),
     Rule("outside_model", "outside the model's data", _outside_the_model, _outside_the_model),
     Rule("not_validated", "reference not validated", _not_validated, _not_validated),
+    Rule("model_fit", "model's fit", _model_fit, _model_fit),
     Rule("speeding", "speeding", _speeding),
     Rule("repeated", "repeated episodes", _repeated),
     Rule("equal", "equal numbers", _equal, _equal),

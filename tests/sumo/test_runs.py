@@ -203,6 +203,7 @@ def test_parts_of_another_run_are_refused_and_kept(tmp_path: Path) -> None:
 def test_a_full_disk_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("COVERAGE_PROCESS_START", "COVERAGE_PROCESS_CONFIG"):
         monkeypatch.delenv(name, raising=False)  # its files are too large, too
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")  # compiled modules would be cut off
     whole = run("cctc", settings=QUICK, pairs=250, out=tmp_path / "whole", workers=0)
     arguments = ("run", "cctc", "--pairs", 250, "-q", "--out", tmp_path / "run", "--workers", 1)
     with longest_file(8_000):

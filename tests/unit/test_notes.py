@@ -333,6 +333,7 @@ def test_all_episodes_are_the_same_one() -> None:
     cell = cell_of([(8.0, HUMAN_S)] * 30, **TIMED, **drivers)
     words = notes_by_key(cell)["repeated"].text
     assert words.startswith("All 30 episodes are equal (AV and hard_yield)")
+    assert "model_fit" not in notes_by_key(cell)  # neither driver asks it, and speeds are given
     assert "repeated" not in notes_by_key(cell_of([usual(pair) for pair in range(3)]))
 
 
@@ -345,9 +346,10 @@ def test_the_worse_the_news_the_higher() -> None:
     found = notes_of([cell_of(bad)])
     keys = [note.key for note in found]
     order = ["failures", "few_pairs", "opposite", "fallback", "left_out"]
-    order += ["outside_model", "not_validated", "speeding", "repeated", "equal"]
+    order += ["outside_model", "not_validated", "model_fit", "speeding", "repeated", "equal"]
     assert keys == [key for key in order if key in keys]
-    assert {"failures", "few_pairs", "opposite", "left_out", "fallback", "speeding"} <= {*keys}
+    seen = {"failures", "few_pairs", "opposite", "left_out", "fallback", "model_fit", "speeding"}
+    assert seen <= {*keys}
     first = [rule.key for rule in RULES][:5]
     assert first == ["failures", "nothing_tested", "selected", "few_pairs", "opposite"]
 
