@@ -170,9 +170,8 @@ def _not_validated(cell: CellFindings) -> Iterator[Said]:
 def _model_fit(cell: CellFindings) -> Iterator[Said]:
     scenario = cell.scenario
     if scenario.walks_by_model or asks_model(scenario):
-        name = scenario.model.path or scenario.model.name
-        text = f"The error of the fit of the model {name} is in no interval, and may be larger. "
-        yield Said(f"{text}Compare several models: --vary model.path=….")
+        text = "The error of the model's fit is in no interval, and may be larger. Compare "
+        yield Said(f"{text}several models: --vary model.path=….")
 
 
 def _speeding(cell: CellFindings) -> Iterator[Said]:
@@ -286,10 +285,10 @@ RULES: tuple[Rule, ...] = (
     Rule("left_out", "left out", _left_out, _cut_off),
     Rule("outside_model", "outside the model's data", _outside_the_model, _outside_the_model),
     Rule("not_validated", "reference not validated", _not_validated, _not_validated),
-    Rule("model_fit", "model's fit", _model_fit, _model_fit),
+    Rule("model_fit", "model fit", _model_fit, _model_fit),
     Rule("speeding", "speeding", _speeding),
     Rule("repeated", "repeated episodes", _repeated),
-    Rule("equal", "equal numbers", _equal, _equal),
+    Rule("equal", "equal", _equal, _equal),
 )
 """The rules, the worst news first; notes about a run as a whole come before them."""
 
