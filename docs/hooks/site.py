@@ -20,7 +20,7 @@ SHOWN = (*PAGES_BESIDE, "LICENSE", "CITATION.cff", "scenarios/*.toml", "examples
 IN_THE_SITE = {
     **{
         f"](../harness/scenario/{name}.py)": "](reference/keys.md)"
-        for name in ("sections", "people", "traffic")
+        for name in ("sections", "pedestrians", "traffic")
     },
     "](hooks/reference.py)": "](reference/columns.md)",
 }
