@@ -28,8 +28,7 @@ from rich.table import Table
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, open_engine
 from harness.model.interaction import load_model
-from harness.results.folder import MANIFEST, read_manifest
-from harness.results.tables import done_parts
+from harness.results.folder import MANIFEST, done_parts, read_manifest
 from harness.scenario import load_scenario
 
 COMMAND = "command"

@@ -14,6 +14,7 @@ from .core.encounter import (
 from .core.errors import HarnessError as HarnessError, InputError as InputError
 from .model.interaction import InteractionModel as InteractionModel, load_model as load_model
 from .report import figures as figures
+from .report.page import Written as Written, write_report as write_report
 from .results.finding import Finding as Finding
 from .results.result import Result as Result
 from .results.run import Run as Run, load_run as load_run

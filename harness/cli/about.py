@@ -10,6 +10,12 @@ from harness.cli.interruption import unwinding
 from harness.cli.output import say, show_rows
 from harness.core.errors import InputError
 
+_HEADINGS = {
+    **{"vehicles_per_hour": "vehicles/h", "people_per_hour": "people/h"},
+    **{"length_m": "length, m", "limit_mps": "limit, m/s", "refused": "not usable"},
+}
+"""Headings of crosswalks that differ from the names."""
+
 _NO_CROSSWALK = (
     "note: the network has no crossing: netconvert -s THIS --sidewalks.guess --crossings.guess "
     "-o NEW adds crossings at junctions with sidewalks"
@@ -62,13 +68,12 @@ def crossings(
         rows = crossings_of(file, Path(scratch))
     if not rows:
         say(_NO_CROSSWALK)
-    usable = [row for row in rows if row["not usable"] is None]
-    known = [{name: row[name] for name in row if name != "not usable"} for row in usable]
-    shown = rows if every or as_json else known
+    usable = [row for row in rows if row.refused is None]
+    shown = [row._asdict() for row in (rows if every or as_json else usable)]
     left = len(rows) - len(shown)
-    title = f"{file}: {len(rows)} crosswalks, {len(usable)} usable"
+    said = {"title": f"{file}: {len(rows)} crosswalks, {len(usable)} usable", "headings": _HEADINGS}
     closing = [f"--all lists the other {left}, with the reasons"] if left else []
-    show_rows("crossings", shown, False, as_json, title=title, closing=closing)
+    show_rows("crossings", shown, False, as_json, closing=closing, **said)
 
 
 def _seen_from(file: Path, folder: Path) -> Path:

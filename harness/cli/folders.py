@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 from typer import Argument, Option
@@ -10,10 +10,7 @@ from typer import Argument, Option
 from harness.cli import options
 from harness.cli.interruption import unwinding
 from harness.cli.output import say, show as show_result, show_rows
-from harness.core.errors import HarnessError, InputError, one_line
-
-if TYPE_CHECKING:
-    from harness.results.result import Result
+from harness.core.errors import InputError, one_line
 
 _MOST_DIFFERENCES = 3
 """Differences of a replay from its record that are printed."""
@@ -21,28 +18,23 @@ _MOST_DIFFERENCES = 3
 
 def show(
     run_folder: options.RunArgument,
+    settings: options.ThresholdOption = None,
     full: options.FullOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Print the screen of a run or risk estimate again."""
-    show_result(_result_of(run_folder), full, False, as_json)
-
-
-def _result_of(folder: Path) -> "Result":
-    """The result of a run or a risk."""
-    if _is_risk(folder):
-        from harness.studies.risk import read_risk
-
-        return read_risk(folder)
-    from harness.results.run import load_run
-
-    return load_run(folder).result()
-
-
-def _is_risk(folder: Path) -> bool:
+    """Print the screen of a run or risk estimate again, or with other thresholds of conflicts."""
     from harness.results.folder import read_manifest
 
-    return bool(read_manifest(folder)["kind"] == "risk")
+    changes = {setting.key: setting.value for setting in options.settings_of(settings)}
+    if read_manifest(run_folder)["kind"] == "risk" and not changes:
+        from harness.studies.risk import read_risk
+
+        result = read_risk(run_folder)
+    else:
+        from harness.results.run import load_run
+
+        result = load_run(run_folder, changes).result()
+    show_result(result, full, False, as_json)
 
 
 def report(
@@ -54,34 +46,12 @@ def report(
     as_json: options.JsonOption = False,
 ) -> None:
     """Write one HTML page: results, figures, a player of episodes."""
-    from harness.report.page import write_page
-    from harness.results.run import load_run
-    from harness.results.tables import EVENTS
-    from harness.studies.allowed import allowed_in
-    from harness.studies.candidates import groups_of
-    from harness.studies.compare import compare as compare_cells
-    from harness.studies.shown import shown_pairs
+    from harness.report.page import write_report
 
-    result, out = _result_of(run_folder), out or run_folder / "report.html"
-    if (risk := _is_risk(run_folder)) and not result.closing:
-        allowed = "a risk with events; `harness show` has the numbers of this one"
-        raise InputError(str(run_folder), "no episode ended in the event", allowed)
-    run = load_run(run_folder / EVENTS if risk else run_folder)
     with unwinding():
-        groups = groups_of([run]) if run.finished else []
-        several = any(len(group) > 1 for group in groups)
-        compared = compare_cells(run, mu0=mu0, kappa0=kappa0) if several else None
-        judged = allowed_in(groups, mu0, kappa0, run.confidence)
-        try:
-            shown = shown_pairs(run) if run.kind == "encounters" else []
-        except HarnessError as error:
-            shown = []
-            say(one_line(f"harness: the page shows no episodes: {error}"))
-        written = write_page(run, result, out, figures, shown, compared, judged)
-    for pair in shown:
-        for difference in pair.differences[:1]:
-            where = f"cell {pair.cell} pair {pair.pair}"
-            say(one_line(f"harness: {where} differs from its record: {difference}"))
+        written = write_report(run_folder, out, figures, mu0=mu0, kappa0=kappa0)
+    for warning in written.warnings:
+        say(one_line(f"harness: {warning}"))
     files = [{"file": str(path)} for path in (written.page, *written.figures)]
     show_rows("report", files, True, as_json)
 
@@ -153,9 +123,7 @@ def replay(
     run = load_run(run_folder)
     with unwinding():
         if gui:
-            from harness.studies.watch import watch
-
-            replayed = watch(run, *chosen, screenshots=screenshots)
+            replayed = again.watch(run, *chosen, screenshots=screenshots)
         elif debug:
             replayed = again.debug(run, *chosen)
         elif out is not None:

@@ -29,7 +29,7 @@ def extract(
     """
     _check_target(out, ".parquet")
     from harness.model.trajectories import extraction
-    from harness.studies.model_card import extraction_result
+    from harness.report.model_screens import extraction_result
 
     rules = {setting.key: setting.value for setting in options.settings_of(settings)}
     with unwinding():
@@ -57,6 +57,7 @@ def fit(
 ) -> None:
     """Fit the interaction model to rows, and choose the number K."""
     _check_target(out, ".json")
+    from harness.report.model_screens import model_result
     from harness.studies.fitting import FitSettings, components_of
     from harness.studies.model_card import fit_model
     from harness.studies.workers import default_workers
@@ -65,7 +66,8 @@ def fit(
     how = FitSettings(components_of(components), choose, starts, folds, seed)
     with progress_bar(quiet or as_json, "fits") as advance, unwinding():
         made = name or out.stem, _command(), how, weigh, bounds or (), number, advance
-        result = fit_model(rows, out, *made)
+        fitted = fit_model(rows, out, *made)
+    result = model_result("fit", fitted, str(out), [f"Model: {out}"])
     show(result, full, quiet, as_json, [out])
 
 
@@ -83,7 +85,7 @@ def model(
     The figures are the paper's; --figures writes them as files.
     """
     from harness.model.interaction import load_model
-    from harness.studies.model_card import model_result
+    from harness.report.model_screens import model_result
 
     loaded = load_model(model, model if model.endswith(".json") or Path(model).exists() else None)
     result, written = model_result("model", loaded, model), list[Path]()

@@ -1,11 +1,14 @@
 """The options of all commands."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Option
 
 from harness.core.files import shipped_directory
+
+if TYPE_CHECKING:
+    from harness.scenario import Setting
 
 _SHIPPED = ", ".join(sorted(file.stem for file in shipped_directory("scenarios").glob("*.toml")))
 _SCENARIO = f"A scenario file (TOML), or the name of a shipped scenario: {_SHIPPED}."
@@ -23,6 +26,10 @@ _CHECK = "Check whether a strategy keeps the rules; your own is my_module:MyStra
 CheckOption = Annotated[str | None, Option(help=_CHECK, metavar="STRATEGY")]
 ScenarioOption = Annotated[str, Option(help="With --check: scenario with crosswalk and ego.")]
 SetOption = Annotated[list[str] | None, Option("--set", help=_SET, metavar="KEY=VALUE")]
+ThresholdOption = Annotated[
+    list[str] | None,
+    Option("--set", help="Another threshold, e.g. conflicts.pet_s=1.", metavar="KEY=VALUE"),
+]
 VaryOption = Annotated[list[str] | None, Option("--vary", help=_VARY, metavar="KEY=V1,V2,…")]
 OutOption = Annotated[Path | None, Option(help="Folder; default runs/<scenario>-<next number>.")]
 SeedOption = Annotated[int | None, Option(help="Root seed, instead of the scenario's.")]
@@ -83,7 +90,7 @@ QuietOption = Annotated[bool, Option("--quiet", "-q", help="Print only paths or 
 
 def settings_of(
     settings: list[str] | None, pairs: int | None = None, seed: int | None = None
-) -> list[Any]:
+) -> "list[Setting]":
     """The changes of --set, --pairs and --seed in the order of application."""
     from harness.scenario import Setting
     from harness.scenario.file import parse_setting

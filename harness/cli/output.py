@@ -42,7 +42,7 @@ def show_rows(
 ) -> None:
     """Print rows of text, whose first column stands for a row with ``quiet``.
 
-    ``said`` is what the result has besides: ``title``, ``closing``.
+    ``said`` is what the result has besides: ``title``, ``closing``, ``headings``.
     """
     from harness.results.result import listed
 

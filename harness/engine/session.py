@@ -324,9 +324,14 @@ class Session:
             self._api.close()
 
 
+def interface(module: Module) -> Any:
+    """SUMO's functions: libsumo, or TraCI's for a SUMO in another process."""
+    return import_module("libsumo" if module == "libsumo" else "traci")
+
+
 def _started(module: Module, command: Sequence[str]) -> Any:
     """The module that SUMO's functions are in, once SUMO runs."""
-    api = import_module("libsumo" if module == "libsumo" else "traci")
+    api = interface(module)
     if module == "libsumo":
         # The module path may lead to another SUMO, e.g. that of SUMO_HOME/tools.
         version, wanted = api.getVersion()[1], f"SUMO {metadata.version('libsumo')}"

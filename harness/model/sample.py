@@ -32,11 +32,15 @@ speeds are the extraction's; they keep E[1/T_adv] and passing times finite."""
 
 
 class RowFile(NamedTuple):
-    """Rows, the sha256 of their file, and what ``harness extract`` says of them: {} otherwise."""
+    """Rows, the sha256 of their file, and what ``harness extract`` says of them: {} otherwise.
+
+    ``damaged``: what it says cannot be read.
+    """
 
     rows: pd.DataFrame
     sha256: str
     extraction: Mapping[str, Any]
+    damaged: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,11 +105,15 @@ def read_rows(path: Path) -> RowFile:
     rows = rows.assign(**{name: identifiers(rows[name]) for name in TEXT_COLUMNS if name in rows})
     try:
         metadata = pq.read_schema(path).metadata or {}
-        extraction = parse_json(metadata.get(EXTRACTION_KEY, b"{}"))
-    except (OSError, ValueError, pa.ArrowException):
-        extraction = {}
-    about = extraction if isinstance(extraction, dict) else {}
-    return RowFile(rows, hashlib.sha256(path.read_bytes()).hexdigest(), about)
+    except (OSError, pa.ArrowException):  # it is CSV
+        metadata = {}
+    try:
+        about = parse_json(metadata.get(EXTRACTION_KEY, b"{}"))
+    except ValueError:
+        about = None
+    known = isinstance(about, dict)
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    return RowFile(rows, sha256, about if known else {}, not known)
 
 
 def box_of(texts: Sequence[str]) -> tuple[FloatArray, FloatArray]:

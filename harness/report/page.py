@@ -2,30 +2,33 @@
 
 import base64
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jinja2
 
+from harness.core.errors import HarnessError, InputError
 from harness.core.files import write_file
 from harness.core.versions import versions_of_runs
 from harness.report.pictures import DrawnPicture, PictureSource, pictures_of, pictures_of_result
 from harness.report.player import player_of
 from harness.report.screen import below, confidence_of, filled
+from harness.report.shown import ShownPair, shown_pairs
 from harness.report.style import save, styled
 from harness.report.svg import inline_svg
 from harness.report.words import numbers_of, parts_of, plain_text
+from harness.results.folder import EVENTS, read_manifest
 from harness.results.notes import Note
 from harness.results.result import Entered, Result, Table
-from harness.results.run import Run
+from harness.results.run import Run, load_run
 from harness.results.tables import TABLES_OF
 from harness.scenario.variation import flatten
-
-if TYPE_CHECKING:
-    from harness.studies.allowed import Allowed
-    from harness.studies.shown import ShownPair
+from harness.studies.allowed import Allowed, allowed_in
+from harness.studies.candidates import groups_of
+from harness.studies.compare import compare
+from harness.studies.risk import read_risk
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _NO_BREAK = "\N{NO-BREAK SPACE}"
@@ -34,10 +37,11 @@ _MOST_VALUES = 12
 
 
 class Written(NamedTuple):
-    """The files of a page."""
+    """The files of a page, and what its reader should know about its episodes."""
 
     page: Path
     figures: tuple[Path, ...]
+    warnings: tuple[str, ...] = ()
 
 
 class _Cell(NamedTuple):
@@ -57,14 +61,65 @@ class _Table(NamedTuple):
     sortable: bool = False
 
 
+def write_report(
+    folder: Path | str,
+    out: Path | None = None,
+    figures: Path | None = None,
+    *,
+    mu0: float | None = None,
+    kappa0: float | None = None,
+) -> Written:
+    """Write the page of a run or risk: results, comparison, figures and a player of episodes.
+
+    Args:
+        folder: the folder of a run or of a risk with events.
+        out: the file; by default ``report.html`` in the folder.
+        figures: a folder for the figures, made if it is missing.
+        mu0, kappa0: as for ``compare``.
+
+    Returns:
+        The files.  A warning says why there are no episodes, or which differ from their record.
+
+    Raises:
+        InputError: the folder holds no run, no pair is finished, or a limit is out of range.
+        HarnessError: a file cannot be written.
+    """
+    folder = Path(folder)
+    if read_manifest(folder)["kind"] == "risk":
+        result = read_risk(folder)
+        if not result.closing:
+            allowed = "a risk with events; `harness show` has the numbers of this one"
+            raise InputError(str(folder), "no episode ended in the event", allowed)
+        run = load_run(folder / EVENTS)
+    else:
+        run = load_run(folder)
+        result = run.result()
+    groups = groups_of([run]) if run.finished else []
+    compared = None
+    if any(len(group) > 1 for group in groups):
+        compared = compare(run, mu0=mu0, kappa0=kappa0)
+    judged = allowed_in(groups, mu0, kappa0, run.confidence)
+    shown, warnings = list[ShownPair](), list[str]()
+    try:
+        shown = shown_pairs(run) if run.kind == "encounters" else []
+    except HarnessError as error:
+        warnings.append(f"the page shows no episodes: {error}")
+    for pair in shown:
+        where = f"cell {pair.cell} pair {pair.pair}"
+        warnings += [f"{where} differs from its record: {each}" for each in pair.differences[:1]]
+    page = out or folder / "report.html"
+    written = write_page(run, result, page, figures, shown, compared, judged)
+    return written._replace(warnings=tuple(warnings))
+
+
 def write_page(
     run: Run,
     result: Result,
     out: Path | None = None,
     figures: Path | None = None,
-    shown: "Sequence[ShownPair]" = (),
+    shown: Sequence[ShownPair] = (),
     compared: Result | None = None,
-    allowed: "Sequence[Allowed]" = (),
+    allowed: Sequence[Allowed] = (),
 ) -> Written:
     """Write a run's page, and on request its figures as PNG and PDF.
 
@@ -217,7 +272,7 @@ def _facts(run: Run, result: Result) -> Iterator[tuple[str, str]]:
         yield name, plain_text(value)
     for key in run.study.cells[0].varied:
         yield f"varied: {key}", _listed(plain_text(cell.varied[key]) for cell in run.study.cells)
-    made: Mapping[str, Mapping[str, str]] = run.manifest["simulated_with"]
+    made = run.manifest["simulated_with"]
     yield "simulated with", ", ".join(f"{name} {of}" for name, of in made["versions"].items())
     for name, digest in made["strategies"].items():
         yield f"strategy {name}", f"sha256 {digest[:16]}…"

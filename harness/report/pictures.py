@@ -4,6 +4,7 @@ To add a picture, add a function that draws into axes and returns a caption, and
 ``PICTURES``.
 """
 
+import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike
 from harness.core.documents import unit_of
 from harness.core.encounter import Arm
 from harness.core.errors import HarnessError
+from harness.core.files import read_file
 from harness.engine.configuration import read_config
 from harness.report import figures as draw
 from harness.report.player import pair_name
@@ -23,7 +25,7 @@ from harness.report.style import HEIGHT_INCH, MUTED, SERIES, new_figure
 from harness.report.words import counted, level_text, plain_text
 from harness.results.catalogue import ENTRY_OF
 from harness.results.estimators import CONFIDENCE
-from harness.results.finding import Finding, Form, number_of
+from harness.results.finding import Finding, Form, as_number
 from harness.results.findings import CellFindings
 from harness.results.result import Result, Shown
 from harness.results.run import Run
@@ -33,8 +35,8 @@ from harness.strategies.references import is_the_papers
 from harness.strategies.registry import aggressiveness_of
 
 if TYPE_CHECKING:
+    from harness.report.shown import ShownPair
     from harness.studies.allowed import Allowed
-    from harness.studies.shown import ShownPair
 
 _FLOW = "pedestrians.flow_per_hour"
 _MOST_CELLS = 40
@@ -142,7 +144,7 @@ def _across(run: Run) -> str | None:
     numeric = {
         key: len(found)
         for key, found in values.items()
-        if len(found) > 1 and None not in map(number_of, found)
+        if len(found) > 1 and None not in map(as_number, found)
     }
     if not numeric:
         return None
@@ -160,7 +162,7 @@ def _lines(run: Run, name: str) -> dict[str, list[tuple[float, Finding]]]:
     others = [other for other in run.cells[0].varied if other != key]
     reference: dict[float, Finding] = {}
     for cell in run.cells:
-        if (value := number_of(cell.varied[key])) is None:
+        if (value := as_number(cell.varied[key])) is None:
             continue
         label = ", ".join(plain_text(cell.varied[other]) for other in others)
         lines.setdefault(label or cell.scenario.arms.av, []).append((value, cell[name]))
@@ -283,24 +285,28 @@ def _map(axes: Sequence[Axes], scene: PictureSource) -> str:
     found, places = scene.run.cells[0].by_crosswalk, _places(scene.run)
     sizes = {name: found[name]["conflicts_pet"].value for name in places}
     slower = {name: found[name]["av_delay_s_difference"] for name in places}
-    draw.draw_map(axes[0], _roads(scene.run), places, sizes, slower)
+    roads, problem = _roads(scene.run)
+    draw.draw_map(axes[0], roads, places, sizes, slower)
     return (
         f"Area: {_title('conflicts_pet', scene.run)[0]} in the AV's arm. Colour and "
         "marker: the AVs' delay against that of the same vehicles in the reference's arm. Hollow: "
-        "the share is undefined."
+        f"the share is undefined.{problem}"
     )
 
 
-def _roads(run: Run) -> "list[ArrayLike]":
-    """The shapes of the network's edges; none if it is not where it was, or not the user's."""
-    simulation = run.cells[0].scenario.simulation
+def _roads(run: Run) -> "tuple[list[ArrayLike], str]":
+    """The shapes of the user's roads, and why there are none or other ones than in the run."""
+    simulation, made = run.cells[0].scenario.simulation, run.manifest["simulated_with"]["files"]
     if simulation is None:
-        return []
+        return [], " The roads, which the harness made, are not drawn."
     try:
         net = read_config(Path(simulation.file), simulation.step_s).net
-        return [lane.shape for name, lane in Town.read(net).lanes.items() if name[0] != ":"]
-    except HarnessError:
-        return []
+        lanes, now = Town.read(net).lanes, hashlib.sha256(read_file(net)).hexdigest()
+    except HarnessError as error:
+        return [], f" The roads are not drawn, because the network cannot be read: {error}."
+    roads: list[ArrayLike] = [lane.shape for name, lane in lanes.items() if name[0] != ":"]
+    same = made.get(str(net)) == now
+    return roads, "" if same else f" The roads are those of now: {net} has changed since the run."
 
 
 def _traces(scene: PictureSource) -> "Mapping[str, ShownPair]":

@@ -13,12 +13,13 @@ from jinja2.utils import htmlsafe_json_dumps
 from harness.core.documents import JsonObject
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, Ending, FloatArray
 from harness.report.words import counted, plain_text
+from harness.results.folder import read_cell
 from harness.results.run import Run
-from harness.results.tables import Row, read_cell
+from harness.results.tables import Row
 from harness.scenario import Scenario
 
 if TYPE_CHECKING:
-    from harness.studies.shown import ShownPair
+    from harness.report.shown import ShownPair
 
 MOST_STATES = 1_500
 """Most states of one arm of a pair; longer traces are thinned evenly."""

@@ -82,7 +82,7 @@ Findings = Mapping[str, Finding]
 """The findings of one cell by key, in the catalogue's order."""
 
 
-def number_of(value: Plain) -> float | None:
+def as_number(value: Plain) -> float | None:
     """A value of a scenario's key if it is a number."""
     return None if value is None or isinstance(value, str | bool) else float(value)
 

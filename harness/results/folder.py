@@ -1,195 +1,108 @@
-"""The folder of a run: its manifest with the tables' ``SCHEMA``, its lock, log and findings."""
+"""Files of a run folder: manifest (``SCHEMA``), parts, findings; claimed by studies/run_folder.py.
+
+``pd.read_parquet("RUN/episodes")`` reads a whole table.  A part appears complete or not at all,
+that of ``episodes`` or ``arms`` last: if it exists, its task is done.
+"""
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import UTC, datetime
+import re
+from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
+from typing import Any, NotRequired, TypedDict, cast
 
-import filelock
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from harness.core.documents import JsonObject, parse_json
+from harness.core.encounter import Arm
 from harness.core.errors import InputError, one_line, resume_command
-from harness.core.files import cannot_write, read_file, write_csv, write_file
-from harness.core.versions import versions_of_runs
-from harness.model.interaction import InteractionModel
-from harness.results.estimators import CONFIDENCE
-from harness.results.finding import Finding, finding_to_dict
+from harness.core.files import (
+    PACKAGE,
+    cannot_write,
+    read_file,
+    whole_file,
+    write_csv,
+    write_file,
+)
+from harness.results.finding import Finding, Plain, finding_to_dict
 from harness.results.findings import CellFindings
 from harness.results.result import flat
 from harness.results.screens import records_of
-from harness.results.tables import FINDINGS, kind_of
-from harness.scenario import Cell, EngineName, Study
-from harness.strategies.parameters import knows_the_model
-from harness.strategies.registry import find_strategy, source_digests
+from harness.results.tables import TABLES, TABLES_OF, RunKind, Table
+from harness.scenario import Cell, EngineName
 
 SCHEMA = 8
 """Version of the folder's format."""
 
 MANIFEST, SUMMARY, LOG = "manifest.json", "summary.csv", "log.jsonl"
 
-_LOCK = ".lock"
+FINDINGS = "findings.json"
+"""The file that is written last: a run is finished if it exists."""
+
+EVENTS = "events"
+"""The folder of the run that a risk makes of its events."""
+
+_COMPUTES = ("results/*.py", "measures/queues.py", "studies/risk*.py")
+"""The code that makes findings of rows."""
+
+_DIGEST = b"harness.digest"
+"""The key of the manifest's digest in a part's metadata."""
+
+_PART = re.compile(r"(\d{4,})-(\d{8,})\.parquet")
 
 
-class RunFolder:
-    """The folder of a run, locked by this process until ``close``.
+class SimulatedWith(TypedDict):
+    """What results depend on: versions by name, and the digests of what a user may change."""
 
-    Args:
-        path: an existing folder.
-
-    Raises:
-        InputError: another process works on this run, or the folder cannot be written.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._lock = filelock.FileLock(path / _LOCK, timeout=0)
-        try:
-            # The operating system releases the lock when the process ends, even if it is killed.
-            self._lock.acquire()
-        except filelock.Timeout:
-            raise InputError(str(path), "another process is working on this run") from None
-        except OSError as error:
-            why = f"cannot be written ({error.strerror})"
-            raise InputError(str(path), why, "a writable folder") from None
-
-    def close(self) -> None:
-        """Release the folder."""
-        # The file is removed while the lock is held; later it could be the next process's lock.
-        (self.path / _LOCK).unlink(missing_ok=True)
-        self._lock.release()
-
-    def note(self, event: str, **details: Any) -> None:
-        """Append a line to the log, the only file of a run with time stamps."""
-        now = datetime.now(UTC).isoformat(timespec="milliseconds")
-        try:
-            with (self.path / LOG).open("a", encoding="utf-8") as file:
-                file.write(json.dumps({"time": now, "event": event, **details}) + "\n")
-        except OSError as error:
-            raise cannot_write(self.path / LOG, error) from None
+    versions: dict[str, str]
+    strategies: dict[str, str]
+    models: dict[str, str]
+    files: dict[str, str]
 
 
-def claim_folder(out: Path | str | None, name: str) -> Path:
-    """Make the folder of a new run.
+class RiskAsked(TypedDict):
+    """What a risk is of."""
 
-    Args:
-        out: a new or empty folder, or None for ``runs/<name>-<next free number>``.
-        name: the scenario's name.
-
-    Raises:
-        InputError: the folder holds a run or anything else, is a file, or cannot be written.
-    """
-    number = 1
-    while out is None and (Path("runs") / f"{name}-{number}").exists():
-        number += 1
-    folder = Path("runs") / f"{name}-{number}" if out is None else Path(out)
-    where, empty = f"--out {folder}", "a new or empty folder"
-    try:
-        if folder.exists() and not folder.is_dir():
-            raise InputError(where, "is a file", empty)
-        folder.mkdir(parents=True, exist_ok=out is not None)
-        # A run that ended before its manifest was written leaves hidden files.
-        names = {file.name for file in folder.glob("[!.]*")}
-    except FileExistsError:
-        return claim_folder(out, name)  # another run took the number
-    except OSError as error:
-        why = f"cannot be written ({error.strerror})"
-        raise InputError(where, why, "a writable folder") from None
-    if MANIFEST in names:
-        raise InputError(where, "already holds a run", f"{empty}, or {resume_command(folder)}")
-    if names:
-        raise InputError(where, "is not empty", empty)
-    return folder
+    event: str
+    arm: str
+    target_cv: float
 
 
-def manifest_of(
-    study: Study,
-    models: Iterable[InteractionModel],
-    *,
-    traces: bool,
-    engine: EngineName,
-    pairs_per_part: int,
-    files: Mapping[str, str] = MappingProxyType({}),
-    **more: Any,
-) -> JsonObject:
-    """The manifest: everything on which a run depends.
+class Manifest(TypedDict):
+    """``manifest.json``, on which everything in a run depends; docs/files.md."""
 
-    Args:
-        study: the study.
-        models: the interaction model of each cell.
-        files: hashes of the user's files that are simulated, by their paths.
-        traces: whether traces are kept.
-        engine: the engine.
-        pairs_per_part: number of pairs of a part.
-        more: what a study adds or replaces, such as its kind.
-    """
-    know = [name for name in study.driven if knows_the_model(find_strategy(name, "arms"))]
-    document = {
-        "schema": SCHEMA,
-        "kind": kind_of(study.base),
-        "name": study.name,
-        "scenario": study.base.model_dump(),
-        "cells": [dict(cell.varied) for cell in study.cells],
-        "traces": traces,
-        "engine": engine,
-        "confidence": CONFIDENCE,
-        "pairs_per_part": pairs_per_part,
-        "seed": study.base.experiment.seed,
-        "know_the_model": know,
-        "simulated_with": simulated_with(study.driven, models, files),
-        **more,
-    }
-    return _sealed(document)
+    schema: int
+    kind: RunKind
+    name: str
+    scenario: JsonObject
+    cells: list[dict[str, Plain]]
+    traces: bool
+    engine: EngineName
+    confidence: float
+    pairs_per_part: int
+    seed: int
+    know_the_model: list[str]
+    simulated_with: SimulatedWith
+    risk: NotRequired[RiskAsked]
+    digest: str
 
 
-def write_manifest(folder: Path, document: JsonObject) -> None:
+class DamagedPartError(InputError):
+    """The file of a part cannot be read."""
+
+
+_LAST = tuple(tables[0] for tables in TABLES_OF.values())
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write ``manifest.json``."""
-    write_file(folder / MANIFEST, _json(document))
+    write_file(folder / MANIFEST, _json(manifest))
 
 
-def simulated_with(
-    drivers: Iterable[str],
-    models: Iterable[InteractionModel],
-    files: Mapping[str, str] = MappingProxyType({}),
-) -> JsonObject:
-    """The versions, the user's strategies and files, and the models on which results depend."""
-    return {
-        "versions": versions_of_runs(),
-        "strategies": source_digests(drivers),
-        "models": {model.name: model.sha256 for model in models},
-        "files": dict(files),
-    }
-
-
-_CHANGES = {
-    "strategies": "the strategy {} has been edited since the run",
-    "files": "{} has changed since the run",
-    "models": "the interaction model {} has changed since the run",
-    "versions": "the run was simulated with {} {}, this is {}",
-}
-
-
-def changes(then: JsonObject, now: JsonObject) -> Iterator[str]:
-    """What has changed since a run, in words, from two results of ``simulated_with``."""
-    for kind, words in _CHANGES.items():
-        for name, value in now[kind].items():
-            if (before := then[kind].get(name)) != value:
-                yield words.format(name, before, value)
-
-
-def refuse_other_versions(then: JsonObject, now: JsonObject) -> None:
-    """Refuse to resume a run if versions, strategies or models have changed since it began.
-
-    Raises:
-        InputError: names the first change.
-    """
-    for change in changes(then, now):
-        raise InputError("resume", change, "the versions, strategies and model of its beginning")
-
-
-def read_manifest(folder: Path) -> JsonObject:
+def read_manifest(folder: Path) -> Manifest:
     """The manifest of a run folder.
 
     Raises:
@@ -203,10 +116,130 @@ def read_manifest(folder: Path) -> JsonObject:
     if document.get("schema") != SCHEMA:
         advice = f"version {SCHEMA}: run its scenario again"
         raise InputError(str(path), f"format version {document.get('schema')!r}", advice)
-    return document
+    return cast(Manifest, document)
 
 
-def write_findings(folder: Path, manifest: JsonObject, cells: Sequence[CellFindings]) -> None:
+def part_name(cell: int, first: int) -> str:
+    """The file name of the part of a cell that begins with pair ``first``."""
+    return f"{cell:04d}-{first:08d}.parquet"
+
+
+def done_parts(folder: Path) -> set[tuple[int, int]]:
+    """The finished parts of a run folder: cell and first pair."""
+    places = (folder / table.name for table in _LAST)
+    found = (_PART.fullmatch(path.name) for at in places for path in at.glob("*.parquet"))
+    return {(int(match[1]), int(match[2])) for match in found if match}
+
+
+def write_part(
+    folder: Path, cell: int, first: int, tables: Mapping[str, pa.Table], digest: str
+) -> None:
+    """Write the parts of a task's rows of one cell, ``episodes`` or ``arms`` last.
+
+    Args:
+        folder: the run's folder.
+        cell: number of the cell.
+        first: number of the first pair.
+        tables: the rows by the table's name.
+        digest: of the run's manifest.
+
+    Raises:
+        HarnessError: the file system refuses (full, read-only); no half-written file stays.
+    """
+    for name in sorted(tables, key=[table.name for table in _LAST].__contains__):
+        path = folder / name / part_name(cell, first)
+        try:
+            path.parent.mkdir(exist_ok=True)
+            with whole_file(path) as beside:
+                table = tables[name].replace_schema_metadata({_DIGEST: digest})
+                # Checksums reveal damaged bytes when the part is read.
+                pq.write_table(table, beside, write_page_checksum=True)
+        except OSError as error:
+            raise cannot_write(path, error) from None
+
+
+def read_cell(
+    folder: Path, name: str, cell: int, manifest: Manifest, pair: int | None = None
+) -> pa.Table:
+    """The rows of a cell in a table by pair, the AV's first, up to the first part that is missing.
+
+    No part may be missing of a run that is finished.
+
+    Args:
+        folder: the run's folder.
+        name: name of the table.
+        cell: number of the cell.
+        manifest: the run's manifest.
+        pair: the only pair to read; None: all.
+
+    Raises:
+        InputError: a part is damaged, is another run's, or has a value that no part has; or one
+            of a finished run is missing.
+    """
+    size, parts = manifest["pairs_per_part"], [TABLES[name].schema.empty_table()]
+    first = 0 if pair is None else pair // size * size
+    finished = is_finished(folder)
+    while _pairs_of(first, manifest) and (
+        finished or any((folder / of.name / part_name(cell, first)).is_file() for of in _LAST)
+    ):
+        parts.append(read_part(folder, name, cell, first, manifest))
+        if pair is not None:
+            break
+        first += size
+    rows = pa.concat_tables(parts)
+    return rows if pair is None else rows.filter(rows["pair"].to_numpy() == pair)
+
+
+def read_part(
+    folder: Path,
+    name: str,
+    cell: int,
+    first: int,
+    manifest: Manifest,
+    expected: range | None = None,
+) -> pa.Table:
+    """The rows of one part, with the pairs ``expected``, or those planned; see ``read_cell``."""
+    expected = expected or _pairs_of(first, manifest)
+    table, path = TABLES[name], folder / name / part_name(cell, first)
+    again = f"delete the file; `{resume_command(folder)}` simulates its pairs again"
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            if (file.schema_arrow.metadata or {}).get(_DIGEST) != manifest["digest"].encode():
+                raise InputError(str(path), "belongs to another run", "the parts of this run")
+            rows = file.read(use_threads=False).select(table.schema.names)
+        rows = rows.replace_schema_metadata().cast(table.schema)
+        rows.validate(full=True)
+    except FileNotFoundError:
+        ends = " to ".join(map(str, sorted({expected[0], expected[-1]})))
+        problem = f"{name} are missing: cell {cell}, pair {ends}"
+        raise DamagedPartError(str(folder), problem, resume_command(folder)) from None
+    except (pa.ArrowException, OSError, ValueError, KeyError) as error:
+        what = "has other columns" if isinstance(error, KeyError) else "is damaged"
+        raise DamagedPartError(str(path), f"{what} ({one_line(str(error))[:99]})", again) from None
+    _check(rows, table, cell, expected, str(path))
+    return rows
+
+
+def _pairs_of(first: int, manifest: Manifest) -> range:
+    """The pairs of the part that begins with pair ``first``."""
+    planned = manifest["scenario"]["experiment"]["pairs"]
+    return range(first, min(first + manifest["pairs_per_part"], planned))
+
+
+def _check(rows: pa.Table, table: Table, cell: int, expected: range, where: str) -> None:
+    """Refuse values that a part never holds; all code that reads a run relies on this."""
+    pairs = rows["pair"].to_numpy()
+    whole = {*rows["cell"].unique().to_pylist()} <= {cell}
+    if "arm" in rows.schema.names and table in _LAST:
+        whole = whole and np.array_equal(pairs, np.repeat(expected, 2))
+        whole = whole and rows["arm"].to_pylist() == [*Arm] * len(expected)
+    else:
+        whole = whole and not (np.diff(pairs) < 0).any() and {*pairs.tolist()} <= {*expected}
+    if not whole:
+        raise InputError(where, "has other rows than its name says", "each pair once, av and human")
+
+
+def write_findings(folder: Path, manifest: Manifest, cells: Sequence[CellFindings]) -> None:
     """Write the findings of all cells, after ``summary.csv`` with a row for each cell.
 
     Each cell has an object for each of a simulation's crosswalks, after that of all of it, whose
@@ -228,24 +261,41 @@ def write_findings(folder: Path, manifest: JsonObject, cells: Sequence[CellFindi
         for cell in cells
     }
     write_csv(folder / SUMMARY, [flat(row) for cell in cells for row in records_of(cell)])
-    write_file(folder / FINDINGS, _json(_sealed({"run": manifest["digest"], "cells": written})))
+    document = {"run": manifest["digest"], "code": code_digest(), "cells": written}
+    write_file(folder / FINDINGS, _json(sealed(document)))
+
+
+def is_finished(folder: Path) -> bool:
+    """Whether a run is finished."""
+    return (folder / FINDINGS).is_file()
 
 
 def read_findings(
-    folder: Path, manifest: JsonObject, cells: Sequence[Cell]
+    folder: Path, manifest: Manifest, cells: Sequence[Cell], old: bool = False
 ) -> tuple[CellFindings, ...] | None:
-    """The findings of a finished run; None if it is not finished.
+    """The stored findings of a run.
+
+    Args:
+        folder: its folder.
+        manifest: its manifest.
+        cells: its cells.
+        old: whether findings of other code than today's are wanted.
+
+    Returns:
+        None if the run is not finished, or if the code that makes findings of rows has changed.
 
     Raises:
         InputError: the file is damaged, has been edited, or belongs to another run.
     """
-    path = folder / FINDINGS
-    if not path.is_file():
+    if not is_finished(folder):
         return None
+    path = folder / FINDINGS
     advice = f"delete it; `{resume_command(folder)}` computes it again"
     document, found = _read(path, advice), []
     if document.get("run") != manifest["digest"]:
         raise InputError(str(path), "belongs to another run", advice)
+    if document["code"] != code_digest() and not old:
+        return None
     for cell in cells:
         own = {
             name: {key: Finding(**of) for key, of in each.items()}
@@ -255,12 +305,19 @@ def read_findings(
     return tuple(found)
 
 
+@cache
+def code_digest() -> str:
+    """The digest of the code that makes findings of rows."""
+    files = [file for pattern in _COMPUTES for file in sorted(PACKAGE.glob(pattern))]
+    return hashlib.sha256(b"".join(map(read_file, files))).hexdigest()
+
+
 def unfinished(folder: Path) -> InputError:
     """The refusal of a run that is not finished."""
     return InputError(str(folder), "is not finished", f"`{resume_command(folder)}` finishes it")
 
 
-def _sealed(document: JsonObject) -> JsonObject:
+def sealed(document: Mapping[str, Any]) -> JsonObject:
     """A document with the digest of its content."""
     content = {key: value for key, value in document.items() if key != "digest"}
     return {**content, "digest": hashlib.sha256(_json(content)).hexdigest()}
@@ -270,13 +327,13 @@ def _read(path: Path, allowed: str) -> JsonObject:
     """A document that was written with its digest."""
     try:
         document: JsonObject = parse_json(read_file(path))
-        if not isinstance(document, dict) or document != _sealed(document):
+        if not isinstance(document, dict) or document != sealed(document):
             raise ValueError("it was edited: its digest differs")
     except ValueError as error:
         raise InputError(str(path), f"is damaged ({one_line(str(error))[:99]})", allowed) from None
     return document
 
 
-def _json(document: JsonObject) -> bytes:
+def _json(document: Mapping[str, Any]) -> bytes:
     text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
     return f"{text}\n".encode()

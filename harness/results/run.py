@@ -16,14 +16,23 @@ import pyarrow.compute as pc
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, resume_command, unknown_name
-from harness.results.catalogue import entries_of
 from harness.results.findings import CellFindings, cell_findings
-from harness.results.folder import read_findings, read_manifest, unfinished
+from harness.results.folder import (
+    EVENTS,
+    MANIFEST,
+    Manifest,
+    is_finished,
+    read_cell,
+    read_findings,
+    read_manifest,
+    unfinished,
+)
 from harness.results.notes import FIRST, Note, notes_of
 from harness.results.result import Result
 from harness.results.screens import drivers, records_of, scope_of, tables_of
-from harness.results.tables import COUNTED, EVENTS, TABLES_OF, RunKind, kind_of, read_cell
-from harness.scenario import Scenario, Study, study_from
+from harness.results.tables import COUNTED, TABLES_OF, RunKind, kind_of
+from harness.scenario import Scenario, Setting, Study, study_from
+from harness.scenario.file import apply_setting
 from harness.scenario.place import name_of, place_in_words
 
 if TYPE_CHECKING:
@@ -42,7 +51,7 @@ class Run:
     """
 
     path: Path
-    manifest: Mapping[str, Any]
+    manifest: Manifest
     """``manifest.json``: scenario, versions, models (docs/files.md)."""
     study: Study
     finished: bool
@@ -168,27 +177,34 @@ class Run:
         )
 
 
-def load_run(path: Path | str) -> Run:
+def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run:
     """Read a run folder, finished or not.
 
+    Args:
+        path: the folder.
+        settings: other thresholds of conflicts by dotted key, e.g. ``conflicts.pet_s``, for which
+            all numbers are computed anew; nothing is written.
+
     Raises:
-        InputError: the folder holds no run, or its files are damaged.
+        InputError: the folder holds no run, its files are damaged, or a setting is refused.
     """
     path = Path(path)
     manifest = read_manifest(path)
     if manifest["kind"] == "risk":
         allowed = f"{path / EVENTS}, the run of its events, or `harness show {path}`"
         raise InputError(str(path), "is a risk estimate", allowed)
-    study = study_from(manifest, str(path / "manifest.json"))
-    stored = found = read_findings(path, manifest, study.cells)
-    keys = {key for entry in entries_of(kind_of(study.base)) for key in entry.keys}
-    if found is None or any(cell.findings.keys() != keys for cell in found):
-        # The run is unfinished, or the catalogue has other numbers than it had.
-        found = computed(path, manifest, study)
-    return Run(path, manifest, study, stored is not None, found)
+    for key, value in (settings or {}).items():
+        if not key.startswith("conflicts.") or key in manifest["cells"][0]:
+            allowed = "thresholds of [conflicts] that are not swept; another run has the others"
+            raise InputError(key, "cannot change after a run", allowed)
+        apply_setting(manifest["scenario"], Setting(key, value))
+    study = study_from(manifest, "settings" if settings else str(path / MANIFEST))
+    stored = None if settings else read_findings(path, manifest, study.cells)
+    found = computed(path, manifest, study) if stored is None else stored
+    return Run(path, manifest, study, is_finished(path), found)
 
 
-def computed(path: Path, manifest: Mapping[str, Any], study: Study) -> tuple[CellFindings, ...]:
+def computed(path: Path, manifest: Manifest, study: Study) -> tuple[CellFindings, ...]:
     """The findings of every cell that has a pair, from the tables."""
     found, names = [], COUNTED[manifest["kind"]]
     for cell in study.cells:

@@ -1,22 +1,12 @@
-"""The columns of the tables, declared once (``SCHEMA``: folder.py), and their parts on disk.
+"""The columns of the tables, declared once; a change needs a higher ``SCHEMA`` (folder.py)."""
 
-``pd.read_parquet("RUN/episodes")`` reads a whole table.  A part appears complete or not at all,
-that of ``episodes`` or ``arms`` last: if it exists, its task is done.
-"""
-
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from harness.core.encounter import LIMITED_BY, Arm, Contact, Ending, Leg, Side
-from harness.core.errors import InputError, one_line, resume_command
-from harness.core.files import cannot_write, whole_file
 from harness.measures.measured import MEASURES
 from harness.scenario import Scenario
 
@@ -31,20 +21,6 @@ _TYPES: Mapping[Any, pa.DataType] = {
     **{float: pa.float64(), int: pa.int64(), bool: pa.bool_()},
     **{Leg: _LEGS, list: pa.list_(pa.float64())},
 }
-_DIGEST = b"harness.digest"
-"""The key of the manifest's digest in a part's metadata."""
-
-FINDINGS = "findings.json"
-"""The file that is written last: a run is finished if it exists."""
-
-EVENTS = "events"
-"""The folder of the run that a risk makes of its events."""
-
-_PART = re.compile(r"(\d{4,})-(\d{8,})\.parquet")
-
-
-class DamagedPartError(InputError):
-    """The file of a part cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -274,126 +250,3 @@ TABLES: Mapping[str, Table] = {each.name: each for of in TABLES_OF.values() for 
 def kind_of(scenario: Scenario) -> RunKind:
     """The kind of a run of this scenario."""
     return "encounters" if scenario.kind == "encounters" else "simulations"
-
-
-_LAST = tuple(tables[0] for tables in TABLES_OF.values())
-
-
-def part_name(cell: int, first: int) -> str:
-    """The file name of the part of a cell that begins with pair ``first``."""
-    return f"{cell:04d}-{first:08d}.parquet"
-
-
-def done_parts(folder: Path) -> set[tuple[int, int]]:
-    """The finished parts of a run folder: cell and first pair."""
-    places = (folder / table.name for table in _LAST)
-    found = (_PART.fullmatch(path.name) for at in places for path in at.glob("*.parquet"))
-    return {(int(match[1]), int(match[2])) for match in found if match}
-
-
-def write_part(
-    folder: Path, cell: int, first: int, tables: Mapping[str, pa.Table], digest: str
-) -> None:
-    """Write the parts of a task's rows of one cell, ``episodes`` or ``arms`` last.
-
-    Args:
-        folder: the run's folder.
-        cell: number of the cell.
-        first: number of the first pair.
-        tables: the rows by the table's name.
-        digest: of the run's manifest.
-
-    Raises:
-        HarnessError: the file system refuses (full, read-only); no half-written file stays.
-    """
-    for name in sorted(tables, key=[table.name for table in _LAST].__contains__):
-        path = folder / name / part_name(cell, first)
-        try:
-            path.parent.mkdir(exist_ok=True)
-            with whole_file(path) as beside:
-                table = tables[name].replace_schema_metadata({_DIGEST: digest})
-                # Checksums reveal damaged bytes when the part is read.
-                pq.write_table(table, beside, write_page_checksum=True)
-        except OSError as error:
-            raise cannot_write(path, error) from None
-
-
-def read_cell(
-    folder: Path, name: str, cell: int, manifest: Mapping[str, Any], pair: int | None = None
-) -> pa.Table:
-    """The rows of a cell in a table by pair, the AV's first, up to the first part that is missing.
-
-    No part may be missing of a run that is finished.
-
-    Args:
-        folder: the run's folder.
-        name: name of the table.
-        cell: number of the cell.
-        manifest: the run's manifest.
-        pair: the only pair to read; None: all.
-
-    Raises:
-        InputError: a part is damaged, is another run's, or has a value that no part has; or one
-            of a finished run is missing.
-    """
-    size, parts = manifest["pairs_per_part"], [TABLES[name].schema.empty_table()]
-    first = 0 if pair is None else pair // size * size
-    finished = (folder / FINDINGS).is_file()
-    while _pairs_of(first, manifest) and (
-        finished or any((folder / of.name / part_name(cell, first)).is_file() for of in _LAST)
-    ):
-        parts.append(read_part(folder, name, cell, first, manifest))
-        if pair is not None:
-            break
-        first += size
-    rows = pa.concat_tables(parts)
-    return rows if pair is None else rows.filter(rows["pair"].to_numpy() == pair)
-
-
-def read_part(
-    folder: Path,
-    name: str,
-    cell: int,
-    first: int,
-    manifest: Mapping[str, Any],
-    expected: range | None = None,
-) -> pa.Table:
-    """The rows of one part, with the pairs ``expected``, or those planned; see ``read_cell``."""
-    expected = expected or _pairs_of(first, manifest)
-    table, path = TABLES[name], folder / name / part_name(cell, first)
-    again = f"delete the file; `{resume_command(folder)}` simulates its pairs again"
-    try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            if (file.schema_arrow.metadata or {}).get(_DIGEST) != manifest["digest"].encode():
-                raise InputError(str(path), "belongs to another run", "the parts of this run")
-            rows = file.read(use_threads=False).select(table.schema.names)
-        rows = rows.replace_schema_metadata().cast(table.schema)
-        rows.validate(full=True)
-    except FileNotFoundError:
-        ends = " to ".join(map(str, sorted({expected[0], expected[-1]})))
-        problem = f"{name} are missing: cell {cell}, pair {ends}"
-        raise DamagedPartError(str(folder), problem, resume_command(folder)) from None
-    except (pa.ArrowException, OSError, ValueError, KeyError) as error:
-        what = "has other columns" if isinstance(error, KeyError) else "is damaged"
-        raise DamagedPartError(str(path), f"{what} ({one_line(str(error))[:99]})", again) from None
-    _check(rows, table, cell, expected, str(path))
-    return rows
-
-
-def _pairs_of(first: int, manifest: Mapping[str, Any]) -> range:
-    """The pairs of the part that begins with pair ``first``."""
-    planned = manifest["scenario"]["experiment"]["pairs"]
-    return range(first, min(first + manifest["pairs_per_part"], planned))
-
-
-def _check(rows: pa.Table, table: Table, cell: int, expected: range, where: str) -> None:
-    """Refuse values that a part never holds; all code that reads a run relies on this."""
-    pairs = rows["pair"].to_numpy()
-    whole = {*rows["cell"].unique().to_pylist()} <= {cell}
-    if "arm" in rows.schema.names and table in _LAST:
-        whole = whole and np.array_equal(pairs, np.repeat(expected, 2))
-        whole = whole and rows["arm"].to_pylist() == [*Arm] * len(expected)
-    else:
-        whole = whole and not (np.diff(pairs) < 0).any() and {*pairs.tolist()} <= {*expected}
-    if not whole:
-        raise InputError(where, "has other rows than its name says", "each pair once, av and human")

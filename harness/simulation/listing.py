@@ -5,7 +5,7 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 from harness.core.encounter import SECONDS_PER_HOUR
 from harness.engine.configuration import SumoConfig, people_in, read_config, write_xml
@@ -27,7 +27,24 @@ _MANOEUVRES = ("straight", "left", "right", "turn")
 _COUNTED = {"vehicles": "none", "people": "walk"}
 """Who is counted, by the value of ``detectPersons`` of SUMO's ``laneData``."""
 
-CrosswalkRow = dict[str, Any]
+
+class CrosswalkRow(NamedTuple):
+    """A crosswalk, who passes it, the road's limit, and why it is refused."""
+
+    crosswalk: str
+    roads: str
+    vehicles_per_hour: int
+    people_per_hour: int
+    straight: int
+    left: int
+    right: int
+    turn: int
+    priority: str
+    length_m: float
+    limit_mps: float | None
+    refused: str | None
+
+
 Counts = Mapping[str, Mapping[str, float]]
 """For vehicles and people: how many per hour enter a lane, by its id."""
 
@@ -51,9 +68,9 @@ def crossings_of(file: Path, folder: Path) -> list[CrosswalkRow]:
     return sorted(rows, key=_rank)
 
 
-def _rank(row: CrosswalkRow) -> tuple[bool, float, float]:
-    vehicles, people = row["vehicles/h"], row["people/h"]
-    return row["not usable"] is not None, -vehicles * people, -vehicles - people
+def _rank(row: CrosswalkRow) -> tuple[bool, int, int]:
+    vehicles, people = row.vehicles_per_hour, row.people_per_hour
+    return row.refused is not None, -vehicles * people, -vehicles - people
 
 
 def _row(crosswalk: Crosswalk, counts: Counts) -> CrosswalkRow:
@@ -61,17 +78,14 @@ def _row(crosswalk: Crosswalk, counts: Counts) -> CrosswalkRow:
     for each in crosswalk.over:
         ways[each.manoeuvre] += counts["vehicles"].get(each.via[0], 0.0)
     limits = crosswalk.limits_mps
-    return {
-        "crosswalk": crosswalk.id,
-        "roads": " / ".join(crosswalk.roads),
-        "vehicles/h": round(sum(ways.values())),
-        "people/h": round(counts["people"].get(lane_of(crosswalk.id), 0.0)),
-        **{name: round(ways[name]) for name in _MANOEUVRES},
-        "priority": "people" if crosswalk.prioritized else "vehicles",
-        "length, m": round(crosswalk.length_m, 1),
-        "limit, m/s": round(limits[-1], 1) if limits else None,
-        "not usable": crosswalk.refused,
-    }
+    people = round(counts["people"].get(lane_of(crosswalk.id), 0.0))
+    numbers = round(sum(ways.values())), people, *(round(ways[name]) for name in _MANOEUVRES)
+    priority = "people" if crosswalk.prioritized else "vehicles"
+    length_m, limit_mps = round(crosswalk.length_m, 1), round(limits[-1], 1) if limits else None
+    roads = " / ".join(crosswalk.roads)
+    return CrosswalkRow._make(
+        (crosswalk.id, roads, *numbers, priority, length_m, limit_mps, crosswalk.refused)
+    )
 
 
 def _counts(config: SumoConfig, folder: Path) -> Counts:

@@ -8,6 +8,7 @@ from typing import cast
 
 from harness.core.encounter import StrategyFactory
 from harness.core.errors import InputError, nearest_name
+from harness.core.files import read_file
 from harness.strategies.autoware_crosswalk import AutowareCrosswalk
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.emergency_brake import EmergencyBrake
@@ -91,7 +92,7 @@ def source_digests(names: Iterable[str]) -> dict[str, str]:
 def _source_of(strategy: StrategyFactory) -> bytes | None:
     """The source of a strategy's module or, in a notebook, of its methods; None without either."""
     if isinstance(strategy, type) and issubclass(strategy, ProgramDriver):
-        return Path(strategy.COMMAND[0]).read_bytes()
+        return read_file(Path(strategy.COMMAND[0]))
     try:
         file = inspect.getsourcefile(cast(type, strategy))
         return Path(file).read_bytes() if file else None

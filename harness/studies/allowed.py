@@ -13,7 +13,7 @@ from harness.core.errors import InputError
 from harness.core.seeding import resampling
 from harness.results import estimators
 from harness.results.columns import AV
-from harness.results.finding import Finding, Form, number_of
+from harness.results.finding import Finding, Form, as_number
 from harness.results.result import Column, Shown, Style, Table
 from harness.scenario.place import name_of
 
@@ -82,7 +82,7 @@ def allowed_in(
             sweeps.setdefault((", ".join(each.own), where), []).append(each)
     found = []
     for (key, where), swept in sweeps.items():
-        values = [number_of(each.cell.varied.get(key)) for each in swept]
+        values = [as_number(each.cell.varied.get(key)) for each in swept]
         known = [value for value in values if value is not None]
         if 1 < len(swept) == len(known):
             found.append(Allowed(key, where, *limits, _judged(swept, known, limits, confidence)))

@@ -275,7 +275,7 @@ def serve(pipe: int, state: int) -> None:
 
     def answer() -> tuple[str | None, "Rows | None"]:
         try:
-            from harness.studies.kinds import run_task
+            from harness.studies.episodes import run_task
 
             return None, run_task(connection.recv(), tell)
         except BaseException as error:
@@ -284,9 +284,9 @@ def serve(pipe: int, state: int) -> None:
     # A broken pipe means that the parent has ended.
     with suppress(EOFError, OSError):
         with suppress(Exception):  # the task raises it again
-            import_module("libsumo")
+            import_module("harness.engine.session").interface("libsumo")
             import_arrow()
-            import_module("harness.studies.encounters")
+            import_module("harness.studies.episodes")
         while connection.poll(_IDLE_S):
             connection.send(answer())
 

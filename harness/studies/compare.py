@@ -189,7 +189,7 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     candidates = [candidate for group in groups for candidate in group]
     cells = [candidate.cell for candidate in candidates]
     judged = allowed_in(groups, mu0, kappa0, confidence)
-    facts = {"seed": runs[0].manifest["seed"], "confidence": confidence}
+    facts: dict[str, Plain] = {"seed": runs[0].manifest["seed"], "confidence": confidence}
     facts |= {each.title: each.values for each in judged}
     more = len(rows) - MOST_ROWS
     return Result(

@@ -1,26 +1,30 @@
-"""Repeats stored episodes or simulations, each in a SUMO that writes its outputs, or here."""
+"""Repeats stored episodes or simulations: with SUMO's outputs, in sumo-gui, or in this process."""
 
 import math
+import os
 import shutil
+import sys
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
 from harness.core.encounter import Arm, Ending
-from harness.core.errors import InputError
+from harness.core.errors import EngineError, InputError
 from harness.core.files import cannot_write
 from harness.engine.installation import check_packages
 from harness.engine.network import network_of
 from harness.engine.shared import close_engine
 from harness.model.interaction import load_model
-from harness.results.folder import changes, simulated_with
+from harness.results.folder import read_cell
 from harness.results.run import Run
-from harness.results.tables import TABLES_OF, Tables, read_cell
+from harness.results.tables import TABLES_OF, Tables
 from harness.strategies.registry import source_digests
-from harness.studies.kinds import run_task
+from harness.studies.episodes import run_episodes, run_task
+from harness.studies.run_folder import changes, simulated_with
 from harness.studies.tasks import Rows, Task
 from harness.studies.workers import carried_out
 
@@ -30,6 +34,8 @@ TOLERANCE = 1e-6
 RECORDS = ("episodes", "pedestrians")
 """The tables of encounters that are compared; of simulations all are."""
 
+_SHOW = {"start": "true", "quit-on-end": "true", "delay": "100"}
+"""Options of sumo-gui for a simulation."""
 
 Key = tuple[int, int]
 """Cell and pair."""
@@ -100,6 +106,60 @@ def debug(run: Run, cell: int, pairs: range, arms: Sequence[Arm]) -> list[Replay
         return [replayed(run, task, run_task(task)) for task in tasks]
     finally:
         close_engine()
+
+
+def watch(
+    run: Run,
+    cell: int,
+    pairs: range,
+    arms: Sequence[Arm],
+    screenshots: Path | None = None,
+) -> list[Replayed]:
+    """Run episodes again in sumo-gui in real time, one after the other.
+
+    Args:
+        run: a run.
+        cell: number of the cell.
+        pairs: numbers of the pairs.
+        arms: the arms.
+        screenshots: a new or empty folder for PNG files; several episodes each have one in it.
+
+    Raises:
+        InputError: the cell or a pair does not exist, there is no display, or the folder is not
+            empty.
+        EngineError: sumo-gui did not start, or its window was closed.
+    """
+    if screenshots is not None:
+        refuse_in_use(screenshots, "--screenshots")
+    tasks = stored_tasks(run, cell, pairs, arms)
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        raise InputError(
+            "--gui",
+            "there is no display (DISPLAY is not set)",
+            "a desktop session, or a virtual one: install Xvfb and run `xvfb-run -a harness …`",
+        )
+    # What a run does not simulate is not imported.
+    if run.kind == "simulations":
+        if screenshots is not None:
+            raise InputError("--screenshots", "is of encounters", "--gui without it")
+        from harness.studies import simulations
+
+        shown = (simulations.run_task(task, module="gui", more=_SHOW) for task in tasks)
+        return [replayed(run, task, rows) for task, rows in zip(tasks, shown, strict=True)]
+    from harness.engine.window import Window
+
+    found = []
+    for task in tasks:
+        folder, (arm,) = screenshots, task.arms
+        if folder is not None:
+            folder = folder / f"{task.first}-{arm}" if len(tasks) > 1 else folder
+            folder.mkdir(parents=True, exist_ok=True)
+        rows = run_episodes(task, make_engine=partial(Window, arm=arm, screenshots=folder))
+        (episode,) = rows.tables[cell]["episodes"].to_pylist()
+        if episode["ending"] == Ending.ENGINE_FAILED:
+            raise EngineError(f"sumo-gui: {episode['reason']}")
+        found.append(replayed(run, task, rows))
+    return found
 
 
 def stored_tasks(run: Run, cell: int, pairs: Sequence[int], arms: Sequence[Arm]) -> list[Task]:

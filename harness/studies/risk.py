@@ -16,7 +16,6 @@ import pyarrow as pa
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
-from harness.core.documents import JsonObject
 from harness.core.encounter import Arm, Ending, Trace
 from harness.core.errors import InputError
 from harness.core.seeding import resampling
@@ -26,7 +25,7 @@ from harness.engine.shared import open_engine
 from harness.measures import Outcome, measure
 from harness.results import folder as folders, tables
 from harness.results.catalogue import entries_of
-from harness.results.finding import Finding, Findings
+from harness.results.finding import Finding, Findings, Plain
 from harness.results.findings import CellFindings
 from harness.results.notes import Note
 from harness.results.result import Column, Result, Shown, Style, Table
@@ -36,6 +35,12 @@ from harness.scenario.study import study_from
 from harness.studies import risk_draws, run as runs
 from harness.studies.risk_draws import DrawInputs, DrawOutcome, Proposal, Units
 from harness.studies.risk_space import Event, Space, parse_event, space_of
+from harness.studies.run_folder import (
+    claim_folder,
+    manifest_of,
+    refuse_other_versions,
+    simulated_with,
+)
 from harness.studies.tasks import EpisodeId, Rows, Task, Tell, part_pairs
 
 DRAWS = tables.DRAWS.name
@@ -163,10 +168,10 @@ def risk(
     scenario = study.cells[0].scenario
     models = runs.checked_models([scenario])
     space_of(scenario, arm)
-    manifest = folders.manifest_of(
+    manifest = manifest_of(
         study, models, traces=False, engine=engine, pairs_per_part=0, kind="risk", risk=asked
     )
-    path = folders.claim_folder(out, f"{study.name}-risk")
+    path = claim_folder(out, f"{study.name}-risk")
     folders.write_manifest(path, manifest)
     return resume(path, workers, executor, progress)
 
@@ -178,12 +183,12 @@ def resume(
     progress: runs.Progress = runs.quiet,
 ) -> Result:
     """Continue an interrupted risk; parts that were lost or damaged are drawn again."""
-    manifest, study, found = _read(path)
-    if found is not None:
+    manifest, study = _read(path)
+    if folders.is_finished(path):
         return read_risk(path)
     scenario, asked, known = study.cells[0].scenario, manifest["risk"], manifest["simulated_with"]
     (model,), arm = runs.checked_models([scenario]), Arm(asked["arm"])
-    folders.refuse_other_versions(known, folders.simulated_with(study.driven, [model]))
+    refuse_other_versions(known, simulated_with(study.driven, [model]))
     space, event = space_of(scenario, arm), parse_event(asked["event"])
     whole = Task((), model, 0, 0, (arm,), engine=manifest["engine"], code=known["strategies"])
     with runs.at_work(path, study, workers, executor, MOST_DRAWS) as (folder, chosen):
@@ -195,10 +200,10 @@ def resume(
                 units = min(size, count - first)
                 task = replace(whole, cells=cells, first=first, count=units, own=own)
                 try:
-                    drawn[first] = tables.read_part(
+                    drawn[first] = folders.read_part(
                         path, DRAWS, round_, first, manifest, task.pairs
                     )
-                except tables.DamagedPartError:  # or there is none
+                except folders.DamagedPartError:  # or there is none
                     tasks.append(task)
             for task, rows in runs.written(tasks, chosen, folder, manifest["digest"]):
                 drawn[task.first] = rows.tables[round_][DRAWS]
@@ -216,18 +221,16 @@ def resume(
     return read_risk(path)
 
 
-def _read(path: Path) -> tuple[JsonObject, Study, Findings | None]:
+def _read(path: Path) -> tuple[folders.Manifest, Study]:
     manifest = folders.read_manifest(path)
-    study = study_from(manifest, str(path / folders.MANIFEST))
-    cells = folders.read_findings(path, manifest, study.cells)
-    return manifest, study, None if cells is None else cells[0].findings
+    return manifest, study_from(manifest, str(path / folders.MANIFEST))
 
 
 def _run_events(
     path: Path, study: Study, engine: EngineName, estimate: Units, executor: Executor
 ) -> None:
     """Run a systematic sample of the events by their weights; each once."""
-    events = path / tables.EVENTS
+    events = path / folders.EVENTS
     if (events / folders.MANIFEST).is_file():
         runs.resume(events, executor=executor)
     elif len(estimate.weights):
@@ -236,8 +239,8 @@ def _run_events(
         tree = study.cells[0].scenario.model_dump()
         tree["pedestrians"]["drawn"] = [json.loads(estimate.uniforms[k]) for k in chosen]
         tree["experiment"]["pairs"] = len(chosen)
-        scenario = validate(tree, tables.EVENTS)
-        again = Study(f"{study.name}-{tables.EVENTS}", scenario, (Cell(0, {}, scenario),))
+        scenario = validate(tree, folders.EVENTS)
+        again = Study(f"{study.name}-{folders.EVENTS}", scenario, (Cell(0, {}, scenario),))
         runs.run(again, out=events, engine=engine, executor=executor)
 
 
@@ -278,8 +281,14 @@ def _or_1(found: Finding) -> float:
     return 1.0 if found.value is None else found.value
 
 
-def risk_notes(found: Findings, space: Space) -> Iterator[Note]:
-    """What a reader must know, the worst first."""
+def risk_notes(found: Findings, space: Space, current: bool = True) -> Iterator[Note]:
+    """What a reader must know, the worst first.
+
+    Args:
+        found: the numbers.
+        space: what is random.
+        current: whether the code of this version computed them.
+    """
     p, every = found["probability"], f"{found['episodes'].count:,} episodes"
     failures, late = (found[key].count for key in ("failures", "timed_out_episodes"))
     high, worst = (_or_1(found[key]) for key in ("all_ways_high", "probability_worst"))
@@ -293,6 +302,8 @@ def risk_notes(found: Findings, space: Space) -> Iterator[Note]:
         ("unreliable", p.reliable is False, f"The interval is too narrow: {p.reason}."),
         ("other ways", found["weighted"].count, "The interval is of the ways to the event that "
          f"were found. With all others the probability is at most {high:.2g} (95 %)."),
+        ("another version", not current, "The code that makes these numbers of draws has changed: "
+         "they are those of the version that drew."),
         ("time-outs", late, f"{late:,} of {every} timed out and count as no event."),
         ("not sampled", chance, f"Random, but not sampled: {chance}. A way to the event that needs "
          "rare values of these is found only by chance."),
@@ -306,9 +317,12 @@ def read_risk(path: Path) -> Result:
     Raises:
         InputError: it is not finished, or its findings are damaged.
     """
-    manifest, study, found = _read(path)
-    if found is None:
+    manifest, study = _read(path)
+    current = folders.read_findings(path, manifest, study.cells)
+    cells = current or folders.read_findings(path, manifest, study.cells, old=True)
+    if cells is None:
         raise folders.unfinished(path)
+    found = cells[0].findings
     scenario, asked, quoted = study.cells[0].scenario, manifest["risk"], shlex.quote(str(path))
     arm = Arm(asked["arm"])
     columns = Column("measure", ""), Column("value", "", True)
@@ -317,9 +331,12 @@ def read_risk(path: Path) -> Result:
         for each in entries_of("risk")
         if found[each.key].value is not None or each.key == "probability"
     ]
-    facts = {"name": study.name, "folder": str(path), "failed": found["failures"].count, **asked}
+    facts: dict[str, Plain] = {"name": study.name, "folder": str(path)}
+    facts |= {"failed": found["failures"].count, "event": asked["event"], "arm": asked["arm"]}
+    facts |= {"target_cv": asked["target_cv"], "seed": manifest["seed"]}
+    facts |= {"confidence": manifest["confidence"], "engine": manifest["engine"]}
     how = "weighted draws" if found["weighted"].count else "brute force"
-    shown = f"Events: harness worst {quoted}/{tables.EVENTS}. Page: harness report {quoted}"
+    shown = f"Events: harness worst {quoted}/{folders.EVENTS}. Page: harness report {quoted}"
     return Result(
         command="risk",
         title=f"{study.name}: {asked['event']}, {scenario.arms.driver(arm)}",
@@ -327,8 +344,8 @@ def read_risk(path: Path) -> Result:
         about=place_in_words([scenario]),
         screen=Table("", columns, tuple(numbers)),
         full=(),
-        notes=tuple(risk_notes(found, space_of(scenario, arm))),
+        notes=tuple(risk_notes(found, space_of(scenario, arm), current is not None)),
         closing=(shown,) * (found["probability"].value is not None),
-        facts=facts | {key: manifest[key] for key in ("seed", "confidence", "engine")},
+        facts=facts,
         records=[{"event": asked["event"], "strategy": scenario.arms.driver(arm), **found}],
     )

@@ -9,7 +9,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from harness.core.documents import JsonObject
 from harness.core.errors import (
     HarnessError,
     InputError,
@@ -22,20 +21,27 @@ from harness.encounter.arms import check_arms
 from harness.engine.installation import check_packages
 from harness.model.interaction import InteractionModel, load_model
 from harness.results import folder as folders
-from harness.results.run import Run, computed, load_run
-from harness.results.tables import (
-    TABLES_OF,
-    TRACES,
+from harness.results.folder import (
     DamagedPartError,
+    Manifest,
     done_parts,
     part_name,
     read_part,
     write_part,
 )
+from harness.results.run import Run, computed, load_run
+from harness.results.tables import TABLES_OF, TRACES
 from harness.scenario import EngineName, Scenario
 from harness.scenario.arguments import engine_named
 from harness.scenario.file import ScenarioFile, Setting, read_scenario_file
 from harness.scenario.study import Study, study_from, study_of
+from harness.studies.run_folder import (
+    RunFolder,
+    claim_folder,
+    manifest_of,
+    refuse_other_versions,
+    simulated_with,
+)
 from harness.studies.tasks import Rows, Task, part_pairs, tasks_of
 from harness.studies.workers import executor_for, supervise
 
@@ -110,8 +116,8 @@ def run(
     if study.long_pairs and (traces or engine != "sumo"):
         key = "traces" if traces else "engine"
         raise InputError(key, "is not supported with simulations", "SUMO, without traces")
-    manifest = folders.manifest_of(study, models, pairs_per_part=size, files=files, **kept)
-    path = folders.claim_folder(out, study.name)
+    manifest = manifest_of(study, models, pairs_per_part=size, files=files, **kept)
+    path = claim_folder(out, study.name)
     with at_work(path, study, workers, executor) as (folder, chosen):
         folders.write_manifest(path, manifest)
         return _carried_out(folder, study, manifest, models, (), chosen, progress)
@@ -137,9 +143,9 @@ def resume(
         if done >= planned and folders.read_findings(path, manifest, study.cells) is not None:
             return load_run(path)
         models, files = _checked(study)
-        now = folders.simulated_with(study.driven, models, files)
+        now = simulated_with(study.driven, models, files)
         if done < planned:
-            folders.refuse_other_versions(manifest["simulated_with"], now)
+            refuse_other_versions(manifest["simulated_with"], now)
         folder.note("resumed")
         return _carried_out(folder, study, manifest, models, done, chosen, progress)
 
@@ -186,7 +192,7 @@ def _checked(study: Study) -> tuple[list[InteractionModel], Mapping[str, str]]:
 
 
 def _whole_parts(
-    folder: folders.RunFolder, study: Study, manifest: JsonObject
+    folder: RunFolder, study: Study, manifest: Manifest
 ) -> tuple[set[Part], set[Part]]:
     """The finished parts and the planned ones; a damaged part is removed, with a line in the log.
 
@@ -218,7 +224,7 @@ def at_work(
     workers: int | None,
     executor: Executor | None,
     pairs: int | None = None,
-) -> Iterator[tuple[folders.RunFolder, Executor]]:
+) -> Iterator[tuple[RunFolder, Executor]]:
     """The folder, locked, and the executor; says how a run continues that ends early.
 
     Args:
@@ -230,7 +236,7 @@ def at_work(
     """
     pairs = pairs or study.base.experiment.pairs * len(study.cells)
     own = executor_for(workers, study.driven, pairs)  # starts nothing yet
-    folder = folders.RunFolder(path)
+    folder = RunFolder(path)
     try:
         for left in path.rglob(".*.partial"):  # by a process that was killed
             left.unlink()
@@ -250,9 +256,9 @@ def at_work(
 
 
 def _carried_out(
-    folder: folders.RunFolder,
+    folder: RunFolder,
     study: Study,
-    manifest: JsonObject,
+    manifest: Manifest,
     models: Sequence[InteractionModel],
     done: Container[Part],
     executor: Executor,
@@ -278,7 +284,7 @@ def _carried_out(
 
 
 def written(
-    tasks: Iterable[Task], executor: Executor, folder: folders.RunFolder, digest: str
+    tasks: Iterable[Task], executor: Executor, folder: RunFolder, digest: str
 ) -> Iterator[tuple[Task, Rows]]:
     """Each task with its rows as soon as they are parts of the folder, in the order of the ends."""
     most = getattr(executor, "at_once", _AT_ONCE)

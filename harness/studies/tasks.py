@@ -3,12 +3,13 @@
 from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from harness.core.encounter import Arm, FailedIn
 
 if TYPE_CHECKING:
     from harness.model.interaction import InteractionModel
+    from harness.results.folder import Manifest
     from harness.results.tables import Row, Tables
     from harness.scenario import Cell, EngineName, Scenario, Study
 
@@ -117,7 +118,7 @@ def part_pairs(pairs: int) -> int:
 
 
 def tasks_of(
-    study: "Study", models: "Sequence[InteractionModel]", manifest: Mapping[str, Any]
+    study: "Study", models: "Sequence[InteractionModel]", manifest: "Manifest"
 ) -> list[Task]:
     """All tasks of a study, by the cells' numbers and pairs.
 
@@ -130,16 +131,15 @@ def tasks_of(
     for cell, model in zip(study.cells, models, strict=True):
         groups.setdefault((but_for_drivers(cell.scenario), model.sha256), []).append(cell)
     pairs, size = study.base.experiment.pairs, manifest["pairs_per_part"]
-    kept = {name: manifest[name] for name in ("traces", "engine")}
-    code = manifest["simulated_with"]["strategies"]
     return [
         Task(
             tuple(cells),
             models[cells[0].number],
             first,
             min(size, pairs - first),
-            code=code,
-            **kept,
+            traces=manifest["traces"],
+            engine=manifest["engine"],
+            code=manifest["simulated_with"]["strategies"],
         )
         for cells in groups.values()
         for first in range(0, pairs, size)

@@ -91,7 +91,7 @@ class InProcess(Executor):
 
     def submit(self, function: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
         """Run a task at once, without ``supervise``."""
-        from harness.studies.kinds import run_task
+        from harness.studies.episodes import run_task
 
         assert function is supervise
         future: Future[Any] = Future()

@@ -40,13 +40,7 @@ _NAMED_PLACES = st.sampled_from(["0,0", "0,0 0,0", "1e308,0 -1e308,0", "nan,nan 
 
 def hostile(content: bytes, suffix: str) -> st.SearchStrategy[bytes]:
     """A file's content spoilt, or other values where it has good ones."""
-    by_kind = {
-        ".json": _json,
-        ".toml": _toml,
-        ".parquet": _parquet,
-        ".csv": _csv,
-        ".xml": _xml,
-    }
+    by_kind = {".json": _json, ".toml": _toml, ".parquet": _parquet, ".csv": _csv, ".xml": _xml}
     spoilt = cut_and_flipped(content)
     return st.one_of(by_kind[suffix](content), spoilt) if suffix in by_kind else spoilt
 

@@ -39,20 +39,11 @@ ONE = "--pair 0 --arm av --out out"
 KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
     "scenario": (10_000, ("run {file} --out out", "run {file} --vary experiment.seed=1,2")),
     "model": (10_000, ("model {file}", "run cctc --set model.path={file} --out out")),
-    "run": (
-        10_000,
-        (f"compare {RUN}", f"show {RUN} --full", f"resume {RUN}"),
-    ),
+    "run": (10_000, (f"compare {RUN}", f"show {RUN} --full", f"resume {RUN}")),
     "run, shown": (400, (f"report {RUN} --out out/page.html", f"replay {RUN} {ONE}")),
     "model, shown": (200, ("model {file} --figures out",)),
     "rows": (2_500, (FIT,)),
-    "network": (
-        5_000,
-        (
-            "crossings {file}",
-            "crossings {file} --json",
-        ),
-    ),
+    "network": (5_000, ("crossings {file}", "crossings {file} --json")),
     "hours": (600, ("report hours --out out/page.html",)),
     "town": (
         1_000,

@@ -8,12 +8,12 @@ import pytest
 
 from harness.core.encounter import Observation
 from harness.report.page import write_page
+from harness.report.shown import shown_pairs
 from harness.results.run import Run
 from harness.studies.allowed import allowed_in
 from harness.studies.candidates import groups_of
 from harness.studies.compare import compare
 from harness.studies.run import run
-from harness.studies.shown import shown_pairs
 from tests.report.test_screens import PAPER, result as made_result
 
 HOSTILE = '</script><script>document.title = "owned"</script><img src=x onerror=alert(1)> & $\\x$'

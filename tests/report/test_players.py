@@ -13,10 +13,10 @@ import pytest
 
 from harness.report import page as pages
 from harness.report.page import write_page
+from harness.report.shown import shown_pairs
 from harness.results.run import Run
 from harness.studies.compare import compare
 from harness.studies.run import run
-from harness.studies.shown import shown_pairs
 from tests.report.test_pages import HOSTILE, Failing
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")

@@ -130,11 +130,7 @@ def test_a_free_ego_starts_at_r0_and_everybody_waits_for_it(flow: Path, tmp_path
 def test_the_same_pair_gives_the_same_bytes_simulated_again_or_not(
     flow: Path, tmp_path: Path
 ) -> None:
-    again = ran(
-        {"experiment": {"pairs": 3}, "pedestrians": PEOPLE},
-        tmp_path / "run",
-        traces=False,
-    )
+    again = ran({"experiment": {"pairs": 3}, "pedestrians": PEOPLE}, tmp_path / "run", traces=False)
     one, other = tmp_path / "one", tmp_path / "other"
     exported(flow, one, "--pair", 1)
     exported(again, other, "--pair", 1)

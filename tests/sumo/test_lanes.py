@@ -93,8 +93,7 @@ def compare(seed: int, model) -> int:
 
 
 @pytest.mark.parametrize(
-    ("seeds", "least"),
-    [(range(10), 20), pytest.param(range(10, 210), 400, marks=pytest.mark.slow)],
+    ("seeds", "least"), [(range(10), 20), pytest.param(range(10, 210), 400, marks=pytest.mark.slow)]
 )
 @pytest.mark.usefixtures("no_simulation")
 def test_random_roads(tmp_path: Path, monkeypatch, model, seeds: range, least: int) -> None:

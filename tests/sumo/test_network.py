@@ -154,10 +154,7 @@ def test_bad_names_and_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text('<net version="1.20"/>')
     refuses("cannot be written", lambda: build_network(CCTC, tmp_path / "file", "site"))
     (tmp_path / "cut").write_text((SHIPPED / "cctc.net.xml").read_text()[:3000])
-    for name, words in (
-        ("missing", "cannot be read"),
-        ("cut", "is not a complete SUMO network"),
-    ):
+    for name, words in (("missing", "cannot be read"), ("cut", "is not a complete SUMO network")):
         with pytest.raises(InputError, match=words):
             Town.read(tmp_path / name)
 

@@ -7,11 +7,11 @@ import pytest
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
+from harness.report.shown import chosen_pairs, shown_pairs
+from harness.results.folder import read_cell
 from harness.results.run import Run
-from harness.results.tables import read_cell
 from harness.studies.replay import replay
 from harness.studies.run import run
-from harness.studies.shown import chosen_pairs, shown_pairs
 from harness.studies.worst import worst
 
 FILES = {"fcd.xml", "tripinfo.xml", "collisions.xml", "site.net.xml"}

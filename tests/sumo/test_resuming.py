@@ -18,7 +18,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from harness.results.tables import done_parts
+from harness.results.folder import done_parts
 from harness.studies import workers
 from tests.batches import (
     CHECKOUT,

@@ -13,7 +13,9 @@ import pytest
 
 from harness.core.errors import InputError
 from harness.core.seeding import stream
-from harness.results.run import Run
+from harness.report.pictures import PictureSource, pictures_of
+from harness.report.style import styled
+from harness.results.run import Run, load_run
 from harness.scenario import load_scenario
 from harness.simulation.demand import TRAFFIC_FILE, vehicles_due
 from harness.simulation.shares import number_of
@@ -166,6 +168,19 @@ def test_a_run_is_not_resumed_with_other_files(tmp_path: Path) -> None:
     trips.write_text(trips.read_text().replace("<trip ", "<trip  ", 1))
     with pytest.raises(InputError, match=r"vehicles.trips.xml has changed since the run"):
         resume(tmp_path / "run", workers=0)
+    net = tmp_path / "net.net.xml"
+    assert "roads" not in said_of_the_map(tmp_path / "run")
+    net.write_text(net.read_text() + "<!-- new -->")
+    assert "The roads are those of now: " in said_of_the_map(tmp_path / "run")
+    net.unlink()
+    assert "cannot be read: " in said_of_the_map(tmp_path / "run")
+
+
+def said_of_the_map(folder: Path) -> str:
+    with styled():
+        pictures = [*pictures_of(PictureSource(load_run(folder)))]
+    (said,) = [caption for picture, caption, _ in pictures if picture.name == "map"]
+    return said
 
 
 def _stop(*_: int) -> None:

@@ -10,8 +10,8 @@ from PIL import Image
 
 from harness.core.encounter import Arm
 from harness.results.run import Run
+from harness.studies.replay import watch
 from harness.studies.run import run
-from harness.studies.watch import watch
 from tests.batches import HARNESS
 from tests.scenes import refuses
 

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 
 from harness.model.interaction import VARIABLES, read_model
+from harness.model.trajectories.extraction import EXTRACTION_KEY
 from harness.report import model_figures
-from harness.studies.model_card import model_result
+from harness.report.model_screens import model_result
 from tests.batches import here, printed
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -179,6 +181,21 @@ def test_model_shows_the_moments_and_quantiles_of_each_variable(model_file):
         assert of["mean"].finding.value == pytest.approx(drawn[:, i].mean(), abs=5 * error)
         assert of["sd"].finding.value == pytest.approx(drawn[:, i].std(), abs=10 * error)
         assert of["50 %"].finding.value == pytest.approx(np.median(drawn[:, i]), abs=10 * error)
+
+
+def test_a_card_of_another_form_and_a_damaged_record_of_the_extraction_are_said(
+    harness, model_file, tmp_path
+):
+    card = json.loads(model_file.read_text())
+    card["provenance"]["candidates"][0]["bic"] = "low"
+    (tmp_path / "odd.json").write_text(json.dumps(card))
+    code, _, err = harness("model", "odd.json")
+    assert (code, "provenance: candidates.0.bic: 'low' is not accepted" in err) == (2, True)
+    rows = pq.read_table(model_file.parent / "rows.parquet")
+    pq.write_table(rows.replace_schema_metadata({EXTRACTION_KEY: b"{"}), tmp_path / "odd.parquet")
+    words = "fit odd.parquet --components 1 --folds 0 --starts 1 --out m.json"
+    _, out, _ = harness(*words.split())
+    assert "What the rows' file says of its extraction is damaged." in out
 
 
 def test_show_draws_the_papers_figures(harness, model_file, tmp_path, monkeypatch):

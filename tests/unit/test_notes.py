@@ -104,12 +104,7 @@ def some(fate: Fate, others: Callable[[int], Pair] = usual) -> Callable[[int], P
             "3 of 80 episodes failed (AV 3, human_gmm 0; by the strategy 3)",
             ("3 failures", "3 pairs not in the ratio of times"),
         ),
-        (
-            "timed_out",
-            "left_out",
-            "had time-outs (AV 3, human_gmm 0)",
-            ("3 time-outs",),
-        ),
+        ("timed_out", "left_out", "had time-outs (AV 3, human_gmm 0)", ("3 time-outs",)),
         (
             "crashed",
             "left_out",

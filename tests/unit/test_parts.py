@@ -13,18 +13,18 @@ from harness.model.interaction import InteractionModel
 from harness.results import folder as folders
 from harness.results.finding import Finding
 from harness.results.findings import CellFindings
-from harness.results.run import load_run
-from harness.results.tables import (
-    EPISODES,
+from harness.results.folder import (
     FINDINGS,
-    PEDESTRIANS,
     DamagedPartError,
     done_parts,
     part_name,
     read_cell,
     write_part,
 )
+from harness.results.run import load_run
+from harness.results.tables import EPISODES, PEDESTRIANS
 from harness.scenario import Cell, Scenario, Study, load_scenario
+from harness.studies.run_folder import RunFolder, claim_folder, manifest_of, refuse_other_versions
 from harness.studies.tasks import part_pairs
 from tests.scenes import refuses
 
@@ -148,7 +148,7 @@ def study_of_cells(**changes: Any) -> tuple[Study, Any]:
 
 def manifest_in(folder: Path, model: InteractionModel) -> dict[str, Any]:
     study, _ = study_of_cells()
-    made = folders.manifest_of(study, [model, model], traces=False, engine="sumo", pairs_per_part=5)
+    made = manifest_of(study, [model, model], traces=False, engine="sumo", pairs_per_part=5)
     folders.write_manifest(folder, made)
     return made
 
@@ -160,7 +160,7 @@ def test_a_resumed_run_needs_its_versions_strategies_and_model() -> None:
         "models": {"dut": "1"},
         "files": {"town.net.xml": "1"},
     }
-    folders.refuse_other_versions(then, then)
+    refuse_other_versions(then, then)
     for part, now in (
         ("simulated with sumo 1, this is 2", {**then, "versions": {"sumo": "2"}}),
         ("own:A has been edited", {**then, "strategies": {"own:A": "y"}}),
@@ -168,21 +168,21 @@ def test_a_resumed_run_needs_its_versions_strategies_and_model() -> None:
         ("model other has changed", {**then, "models": {"other": "1"}}),
     ):
         with pytest.raises(InputError, match=part):
-            folders.refuse_other_versions(then, now)
+            refuse_other_versions(then, now)
 
 
 def test_a_folder_is_one_runs(
     tmp_path: Path, model: InteractionModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert folders.claim_folder(None, "cctc") == Path("runs/cctc-1")
-    assert folders.claim_folder(None, "cctc") == Path("runs/cctc-2")
-    held = folders.RunFolder(folders.claim_folder("out", "cctc"))
+    assert claim_folder(None, "cctc") == Path("runs/cctc-1")
+    assert claim_folder(None, "cctc") == Path("runs/cctc-2")
+    held = RunFolder(claim_folder("out", "cctc"))
     with pytest.raises(InputError, match="another process is working"):
-        folders.RunFolder(Path("out"))
+        RunFolder(Path("out"))
     held.close()
     # A run that ended before its manifest was written is no obstacle.
-    assert folders.claim_folder("out", "cctc") == Path("out")
+    assert claim_folder("out", "cctc") == Path("out")
     manifest_in(Path("out"), model)
     Path("full").mkdir()
     Path("full", "mine.txt").touch()
@@ -193,7 +193,7 @@ def test_a_folder_is_one_runs(
         ("full/mine.txt/below", "cannot be written"),
     ):
         with pytest.raises(InputError, match=line):
-            folders.claim_folder(place, "cctc")
+            claim_folder(place, "cctc")
     assert Path("full", "mine.txt").is_file()
 
 
@@ -261,32 +261,37 @@ def whole(half: Path) -> Path:
     made = folders.read_manifest(half)
     for cell in (0, 1):
         for first in range(0, 40, 5):
-            of = EPISODES.of(rows(first, 5, cell=cell, delay_s=1.0))
+            of = EPISODES.of(rows(first, 5, cell=cell, delay_s=1.0, pet_s=2.0))
             tables = {"episodes": of, "pedestrians": PEDESTRIANS.of([])}
             write_part(half, cell, first, tables, made["digest"])
     folders.write_findings(half, made, load_run(half).cells)
     return half
 
 
-def test_findings_of_another_catalogue_are_computed_again(whole: Path) -> None:
-    made, computed = folders.read_manifest(whole), load_run(whole).cells
-
-    def stored(cell: int, **changes: Finding | None) -> None:
-        own = {**computed[cell].findings, **changes}
-        kept = {key: finding for key, finding in own.items() if finding is not None}
-        cells = [*computed]
-        cells[cell] = replace(computed[cell], findings=kept)
-        folders.write_findings(whole, made, cells)
-
-    stored(0, mu=Finding(7.0))
+def test_findings_of_other_code_are_computed_again(
+    whole: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, (first, second) = folders.read_manifest(whole), load_run(whole).cells
+    odd = replace(first, findings={**first.findings, "mu": Finding(7.0)})
+    folders.write_findings(whole, made, [odd, second])
     assert load_run(whole).cells[0]["mu"].value == 7.0  # as stored
-    for changes in ({"of_another_version": Finding(1)}, {"kappa": None}):
-        stored(1, **changes)
-        assert load_run(whole).finished
-        assert load_run(whole).cells == computed
+    monkeypatch.setattr(folders, "code_digest", lambda: "of another version")
+    run = load_run(whole)
+    assert run.finished
+    assert run.cells == (first, second)
     (whole / "episodes" / part_name(1, 5)).unlink()
     with pytest.raises(InputError, match="episodes are missing: cell 1, pair 5 to 9"):
         load_run(whole)
+
+
+def test_other_thresholds_of_conflicts(whole: Path) -> None:
+    shares = (
+        [cell["conflict_pet"].value for cell in load_run(whole, settings).cells]
+        for settings in ({}, {"conflicts.pet_s": 2.5})
+    )
+    assert [*shares] == [[0.0, 0.0], [1.0, 1.0]]
+    refuses("experiment.pairs: cannot change", lambda: load_run(whole, {"experiment.pairs": 3}))
+    refuses("did you mean 'pet_s'", lambda: load_run(whole, {"conflicts.pets": 3}))
 
 
 @pytest.mark.parametrize("table", ["episodes", "pedestrians"])

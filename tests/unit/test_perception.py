@@ -34,8 +34,7 @@ def watched(
 
 
 def play(
-    scene: Scenario,
-    walkers: Sequence[tuple[float, Side, float]],
+    scene: Scenario, walkers: Sequence[tuple[float, Side, float]]
 ) -> tuple[list[Observation], Trace]:
     """One episode of an ego that never brakes; walkers: when, from where, how fast."""
     arrivals = [Arrival(i, at, side, 0.5) for i, (at, side, _) in enumerate(walkers)]

@@ -1,6 +1,6 @@
-"""Simulates the pairs of a task one after another in the one SUMO of this process."""
+"""Simulates a task in the one SUMO of this process; one of simulations in simulations.py."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
 from dataclasses import replace
 from functools import partial
 
@@ -21,9 +21,25 @@ from harness.studies.tasks import EpisodeId, Rows, Task, Tell
 Runner = tuple[Cell, PairRunner]
 
 
-def run_task(
+def _nobody(_episode: EpisodeId | None, _states: Sized | None) -> None:
+    """Nobody is told."""
+
+
+def run_task(task: Task, tell: Tell = _nobody) -> Rows:
+    """Simulate a task of any kind."""
+    if task.own is not None:
+        return task.own.run(task, tell)
+    if task.cells[0].scenario.kind == "encounters":
+        return run_episodes(task, tell)
+    # What a run does not simulate is not imported.
+    from harness.studies import simulations
+
+    return simulations.run_task(task, tell)
+
+
+def run_episodes(
     task: Task,
-    tell: Tell = lambda _episode, _states: None,
+    tell: Tell = _nobody,
     make_engine: Callable[[Scenario], Engine] | None = None,
 ) -> Rows:
     """Simulate every episode of a task; those that were given up are recorded as failed.
