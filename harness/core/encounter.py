@@ -1,4 +1,4 @@
-"""Vehicle's limits, Arrival, Observation, traces; LIMITED_BY, of each a column (SCHEMA: folder.py).
+"""Vehicle (as in observation.schema.json), Arrival, Observation, traces; LIMITED_BY, a column each.
 
 Frame (SI units): x points along the road in the ego's direction and is 0 at the crosswalk's centre
 line; y points across the road and is 0 at the kerb on the ego's right and ``length_m`` at the other
@@ -117,6 +117,8 @@ LIMITED_BY = {
 }
 """What decides a driven vehicle's speed in a step of a simulation, with its words."""
 STRATEGY, ACTUATOR, LANE, LEADER, RIGHT_OF_WAY = range(len(LIMITED_BY))
+BY_SUMO = ("lane", "leader", "right_of_way")
+"""Those of which a note says that SUMO decided."""
 
 
 @dataclass(frozen=True, slots=True)

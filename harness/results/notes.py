@@ -1,4 +1,4 @@
-"""Notes of runs, one rule each, the worst first; others: references.py, results/run.py, studies.
+"""Notes of runs, a rule each (README, simulations.md quote some); others: run, references, studies.
 
 Comparisons, risks, validations and fits have notes of their own, in ``studies``.
 
@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from harness.core.encounter import SPEED_ROUNDING
+from harness.core.encounter import BY_SUMO, SPEED_ROUNDING
 from harness.encounter.arms import asks_model
 from harness.results.estimators import EQUAL, FEW, REPEATED
 from harness.results.findings import CellFindings, on_first_screen
@@ -235,13 +235,13 @@ def _cut_off(cell: CellFindings) -> Iterator[Said]:
 
 
 def _who_drove(cell: CellFindings) -> Iterator[Said]:
-    share, actuator = cell["share_strategy"].value, cell["share_actuator"].value
+    share, by_sumo = cell["share_strategy"].value, [cell[f"share_{each}"].value for each in BY_SUMO]
     driven, passages = cell["driven"], cell["driven"].n
-    if share is None or actuator is None or passages is None:
+    if share is None or passages is None:
         return
     if share > MOSTLY and driven.count > DRIVEN * passages:
         return
-    of_sumo = 1 - share - actuator
+    of_sumo = sum(each for each in by_sumo if each is not None)
     text = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps."
     if left := passages - driven.count:
         text += f" Left to SUMO: {left:,} of {passages:,} passages: {cell['not_driven'].reason}."
