@@ -195,6 +195,8 @@ def difference(
     differences = np.where(np.abs(a - b) < _ROUNDING, 0.0, a - b)
     found = ratio(differences, over, sampling._replace(tested=True))
     known, low, high = differences[~np.isnan(differences + over)], found.low, found.high
+    if found.value is None:
+        return replace(found, n=0, p=None)
     p, least = max(sign_flip_p(known), found.p or 0.0), 1 - sampling.confidence
     if low is not None and high is not None:
         p = max(p, least * (low <= 0.0 <= high))
@@ -213,7 +215,7 @@ def share_difference(a: np.ndarray, b: np.ndarray, ran_a: np.ndarray, ran_b: np.
     only_a, only_b = (int(np.count_nonzero(ran & x & ~y)) for x, y in ((a, b), (b, a)))
     n, discordant = int(np.count_nonzero(ran)), only_a + only_b
     p = min(1.0, 2 * float(special.bdtr(min(only_a, only_b), discordant, 0.5)))
-    return Finding((only_a - only_b) / n if n else None, n=n, events=discordant, p=p)
+    return Finding((only_a - only_b) / n if n else None, n=n, events=discordant, p=p if n else None)
 
 
 def sign_flip_p(differences: FloatArray) -> float:

@@ -204,7 +204,9 @@ def _equal(cell: CellFindings) -> Iterator[Said]:
 
 
 def _nobody_met(cell: CellFindings) -> Iterator[Said]:
-    if not cell["avs"].count:
+    if max(cell["failed"].count, cell["failed_human"].count) == cell["pairs"].count:
+        yield Said("A simulation of every pair failed: nothing was tested.")
+    elif not cell["avs"].count:
         yield Said("No vehicle was an AV: nothing was tested.")
     elif not cell.total("met_somebody"):
         yield Said("No vehicle met a pedestrian at the crosswalks: nothing was tested.")
