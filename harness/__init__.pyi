@@ -16,8 +16,8 @@ from .model.interaction import InteractionModel as InteractionModel, load_model 
 from .report import figures as figures
 from .report.page import Written as Written, write_report as write_report
 from .results.finding import Finding as Finding
+from .results.loaded_run import Run as Run, load_run as load_run
 from .results.result import Result as Result
-from .results.run import Run as Run, load_run as load_run
 from .rl import CrosswalkEnv as CrosswalkEnv, Transition as Transition
 from .scenario import (
     Scenario as Scenario,

@@ -10,9 +10,9 @@ import pyarrow as pa
 
 from harness.core.encounter import Arm
 from harness.results.findings import CellFindings, cell_findings
+from harness.results.loaded_run import Run
 from harness.results.notes import Note, notes_of
 from harness.results.result import Result
-from harness.results.run import Run
 from harness.results.tables import EPISODES
 from harness.scenario import Cell, Scenario, Setting, Study, read_scenario_file, study_of
 from harness.scenario.variation import parse_variation

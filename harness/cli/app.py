@@ -17,7 +17,7 @@ from harness.core.errors import HarnessError, InputError, one_line
 COMMANDS: Mapping[str, str] = {
     command: module
     for module, commands in {
-        "cli.encounters": "run sweep resume risk",
+        "cli.runs": "run sweep resume risk",
         "cli.folders": "show report compare worst replay export",
         "cli.about": "network crossings strategies",
         "cli.model": "extract fit model validate",

@@ -31,7 +31,7 @@ def show(
 
         result = read_risk(run_folder)
     else:
-        from harness.results.run import load_run
+        from harness.results.loaded_run import load_run
 
         result = load_run(run_folder, changes).result()
     show_result(result, full, False, as_json)
@@ -69,7 +69,7 @@ def compare(
 
     With --mu0 and --kappa0 the values of a swept parameter are judged.
     """
-    from harness.results.run import load_run
+    from harness.results.loaded_run import load_run
     from harness.studies.compare import compare as compare_cells
 
     result = compare_cells(*map(load_run, run_folders), mu0=mu0, kappa0=kappa0)
@@ -92,7 +92,7 @@ def worst(
     as_json: options.JsonOption = False,
 ) -> None:
     """List the worst episodes or passages, with commands to replay."""
-    from harness.results.run import load_run
+    from harness.results.loaded_run import load_run
     from harness.studies.worst import worst as worst_of
 
     result = worst_of(load_run(run_folder), by, most, arm, cell, driver)
@@ -116,7 +116,7 @@ def replay(
     if screenshots is not None and not gui:
         raise InputError("--screenshots", "needs --gui", "--gui")
     from harness.core.encounter import Arm
-    from harness.results.run import load_run
+    from harness.results.loaded_run import load_run
     from harness.studies import replay as again
 
     chosen = cell, _range_of(pair), list(Arm) if arm == "both" else [Arm(arm)]
@@ -167,7 +167,7 @@ def export(
 ) -> None:
     """Write an arm of a pair as OpenSCENARIO and OpenDRIVE."""
     from harness.core.encounter import Arm
-    from harness.results.run import load_run
+    from harness.results.loaded_run import load_run
     from harness.studies.export import export as write
 
     run = load_run(run_folder)

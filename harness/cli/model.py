@@ -58,8 +58,8 @@ def fit(
     """Fit the interaction model to rows, and choose the number K."""
     _check_target(out, ".json")
     from harness.report.model_screens import model_result
-    from harness.studies.fitting import FitSettings, components_of
     from harness.studies.model_card import fit_model
+    from harness.studies.model_fits import FitSettings, components_of
     from harness.studies.workers import default_workers
 
     number = workers or default_workers()

@@ -20,9 +20,9 @@ from harness.report.style import save, styled
 from harness.report.svg import inline_svg
 from harness.report.words import numbers_of, parts_of, plain_text
 from harness.results.folder import EVENTS, read_manifest
+from harness.results.loaded_run import Run, load_run
 from harness.results.notes import Note
 from harness.results.result import Entered, Result, Table
-from harness.results.run import Run, load_run
 from harness.results.tables import TABLES_OF
 from harness.scenario.variation import flatten
 from harness.studies.allowed import Allowed, allowed_in

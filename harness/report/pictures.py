@@ -27,8 +27,8 @@ from harness.results.catalogue import ENTRY_OF
 from harness.results.estimators import CONFIDENCE
 from harness.results.finding import Finding, Form, as_number
 from harness.results.findings import CellFindings
+from harness.results.loaded_run import Run
 from harness.results.result import Result, Shown
-from harness.results.run import Run
 from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
 from harness.site.town import Town
 from harness.strategies.references import is_the_papers

@@ -14,7 +14,7 @@ from harness.core.documents import JsonObject
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, Ending, FloatArray
 from harness.report.words import counted, plain_text
 from harness.results.folder import read_cell
-from harness.results.run import Run
+from harness.results.loaded_run import Run
 from harness.results.tables import Row
 from harness.scenario import Scenario
 

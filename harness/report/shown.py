@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from harness.core.encounter import Arm, Ending
-from harness.results.run import Run
+from harness.results.loaded_run import Run
 from harness.studies.replay import Key, traced
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Notes of runs, a rule each (README, simulations.md quote some); others: run, references, studies.
+"""Notes of runs, a rule each (README, simulations.md quote some); others: references.py, studies.
 
 Comparisons, risks, validations and fits have notes of their own, in ``studies``.
 

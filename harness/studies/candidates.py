@@ -12,7 +12,7 @@ from harness.core.encounter import Arm
 from harness.results.catalogue import AnySample
 from harness.results.finding import Plain
 from harness.results.findings import CellFindings, sample_of
-from harness.results.run import Run
+from harness.results.loaded_run import Run
 from harness.results.screens import driver_of
 from harness.results.tables import COUNTED
 from harness.scenario import Scenario

@@ -16,9 +16,9 @@ from harness.results.columns import AV, REFERENCE, Sample
 from harness.results.estimators import EQUAL, FEW, Sampling
 from harness.results.finding import Finding, Form, Plain
 from harness.results.findings import worst_cases
+from harness.results.loaded_run import Run
 from harness.results.notes import Note, notes_of, rank_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
-from harness.results.run import Run
 from harness.results.screens import drivers, scope_of, shown, table_of
 from harness.results.simulated import SimulationSample
 from harness.results.student import RELIABLE_FROM

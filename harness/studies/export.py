@@ -35,7 +35,7 @@ from harness.engine.configuration import read_config, seconds
 from harness.engine.network import network_of, opendrive
 from harness.engine.session import Session
 from harness.measures.motion.walking import cleared_s, states_at
-from harness.results.run import Run
+from harness.results.loaded_run import Run
 from harness.results.tables import TABLES_OF, Row, Tables
 from harness.scenario import Scenario
 from harness.simulation.arm_configuration import CONFIG_FILE

@@ -24,7 +24,7 @@ from harness.model.sample import (
     make_sample,
     read_rows,
 )
-from harness.studies.fitting import (
+from harness.studies.model_fits import (
     RULE_SHARE,
     TARGETS,
     FitSettings,

@@ -20,7 +20,7 @@ from harness.engine.network import network_of
 from harness.engine.shared import close_engine
 from harness.model.interaction import load_model
 from harness.results.folder import read_cell
-from harness.results.run import Run
+from harness.results.loaded_run import Run
 from harness.results.tables import TABLES_OF, Tables
 from harness.strategies.registry import source_digests
 from harness.studies.episodes import run_episodes, run_task

@@ -29,7 +29,7 @@ from harness.results.folder import (
     read_part,
     write_part,
 )
-from harness.results.run import Run, computed, load_run
+from harness.results.loaded_run import Run, computed, load_run
 from harness.results.tables import TABLES_OF, TRACES
 from harness.scenario import EngineName, Scenario
 from harness.scenario.arguments import engine_named

@@ -9,9 +9,9 @@ from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError, unknown_name
 from harness.measures.measured import COLUMNS, MEASURES
 from harness.results.finding import Finding, Form, Plain
+from harness.results.loaded_run import Run
 from harness.results.notes import notes_of
 from harness.results.result import Column, Result, Shown, Style, Table
-from harness.results.run import Run
 from harness.results.tables import RunKind
 from harness.simulation.arm import ENDED
 

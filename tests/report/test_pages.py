@@ -9,7 +9,7 @@ import pytest
 from harness.core.encounter import Observation
 from harness.report.page import write_page
 from harness.report.shown import shown_pairs
-from harness.results.run import Run
+from harness.results.loaded_run import Run
 from harness.studies.allowed import allowed_in
 from harness.studies.candidates import groups_of
 from harness.studies.compare import compare

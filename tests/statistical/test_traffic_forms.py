@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.results.run import Run
+from harness.results.loaded_run import Run
 from harness.scenario import Scenario, validate
 from harness.studies.run import run
 from tests.closed_forms import gap_wait_s, priority_capacity_per_s

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from harness.results.run import load_run
+from harness.results.loaded_run import load_run
 from harness.studies.run import resume, run
 from harness.studies.workers import dask_executor
 from tests.batches import QUICK, here, options_of, shell, start

@@ -13,7 +13,7 @@ import pytest
 import shapely
 
 from harness.core.encounter import Arm
-from harness.results.run import load_run
+from harness.results.loaded_run import load_run
 from harness.scenario import Scenario, study_of
 from harness.scenario.file import ScenarioFile
 from harness.site.town import Town

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from harness.core.encounter import Arm
-from harness.results.run import Run
+from harness.results.loaded_run import Run
 from harness.studies.replay import replay
 from harness.studies.run import run as simulate
 from tests.batches import CHECKOUT, FLOW, HARNESS, QUICK, here, one_process, options_of

@@ -9,7 +9,7 @@ from harness.core.encounter import Arm
 from harness.core.errors import InputError
 from harness.report.shown import chosen_pairs, shown_pairs
 from harness.results.folder import read_cell
-from harness.results.run import Run
+from harness.results.loaded_run import Run
 from harness.studies.replay import replay
 from harness.studies.run import run
 from harness.studies.worst import worst

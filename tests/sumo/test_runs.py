@@ -5,6 +5,8 @@ import json
 import multiprocessing
 import re
 import resource
+import subprocess
+import sys
 import weakref
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -17,7 +19,7 @@ import pytest
 from harness.core.encounter import Observation
 from harness.core.errors import InputError
 from harness.encounter.pairing import PairRunner
-from harness.results.run import Run, load_run
+from harness.results.loaded_run import Run, load_run
 from harness.studies.evaluate import evaluate
 from harness.studies.run import resume, run
 from tests.batches import QUICK, options_of, refusal, shell
@@ -297,3 +299,29 @@ def test_few_tasks_and_rows_are_in_memory_at_a_time(tmp_path: Path) -> None:
     with Counting() as executor:
         run("cctc", settings=QUICK, pairs=190, out=tmp_path / "run", executor=executor)
     assert executor.most <= 4 * 2
+
+
+IMPORTED = 110
+"""Modules of the house that a run may import."""
+
+A_RUN = """
+import sys
+sys.argv = ["harness", "run", "cctc", "--pairs", "2", "--out", {out!r}]
+from harness.__main__ import main
+try:
+    main()
+except SystemExit as end:
+    assert end.code == 0, end.code
+names = [name for name in sys.modules if name.split(".")[0] == "harness"]
+print(len(names), file=sys.stderr)
+"""
+
+
+def test_a_run_imports_only_what_it_uses(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", A_RUN.format(out=str(tmp_path / "run"))]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert int(done.stderr.splitlines()[-1]) <= IMPORTED
+    child = "import sys, harness.engine.starting, harness.studies.episodes; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", child], capture_output=True, text=True, check=True)
+    names = [name for name in done.stdout.split() if name.split(".")[0] == "harness"]
+    assert 0 < len(names) <= IMPORTED

@@ -15,7 +15,7 @@ from harness.core.errors import InputError
 from harness.core.seeding import stream
 from harness.report.pictures import PictureSource, pictures_of
 from harness.report.style import styled
-from harness.results.run import Run, load_run
+from harness.results.loaded_run import Run, load_run
 from harness.scenario import load_scenario
 from harness.simulation.demand import TRAFFIC_FILE, vehicles_due
 from harness.simulation.shares import number_of

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from harness.core.encounter import Arm
-from harness.results.run import Run
+from harness.results.loaded_run import Run
 from harness.studies.replay import watch
 from harness.studies.run import run
 from tests.batches import HARNESS

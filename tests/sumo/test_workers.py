@@ -18,7 +18,7 @@ import psutil
 import pyarrow as pa
 import pytest
 
-from harness.results.run import Run
+from harness.results.loaded_run import Run
 from harness.studies.run import run
 from harness.studies.workers import workers_for
 from tests.batches import QUICK

@@ -6,7 +6,8 @@ import pytest
 from scipy.stats import norm, sem
 
 from harness.model.sample import RowFile, make_sample
-from harness.studies.fitting import (
+from harness.studies.model_card import card, near_state
+from harness.studies.model_fits import (
     FitSettings,
     HeldOut,
     by_held_out,
@@ -17,7 +18,6 @@ from harness.studies.fitting import (
     relative_gain,
     vehicle_folds,
 )
-from harness.studies.model_card import card, near_state
 from tests.scenes import refusal_of, refuses
 
 

@@ -21,7 +21,7 @@ from harness.results.folder import (
     read_cell,
     write_part,
 )
-from harness.results.run import load_run
+from harness.results.loaded_run import load_run
 from harness.results.tables import EPISODES, PEDESTRIANS
 from harness.scenario import Cell, Scenario, Study, load_scenario
 from harness.studies.run_folder import RunFolder, claim_folder, manifest_of, refuse_other_versions

@@ -17,8 +17,8 @@ from harness.results.estimators import EQUAL
 from harness.results.finding import Finding
 from harness.results.findings import CellFindings, on_first_screen
 from harness.results.folder import write_findings, write_manifest, write_part
+from harness.results.loaded_run import Run, load_run
 from harness.results.notes import notes_of
-from harness.results.run import Run, load_run
 from harness.results.student import ALONE, ONE, clustered_share, t_mean, t_ratio_difference
 from harness.scenario import Setting, read_scenario_file, study_of
 from harness.simulation.arm import ENDED
