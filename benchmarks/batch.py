@@ -23,7 +23,7 @@ from rich.table import Table
 
 from harness.scenario import Setting, Study, read_scenario_file, study_of
 from harness.scenario.variation import parse_variation
-from harness.studies.run import run
+from harness.studies.running.run import run
 
 FLOWS = "pedestrians.flow_per_hour=50,100,250,500,1000"
 STRATEGIES = "arms.av=soft_yield,hard_yield"

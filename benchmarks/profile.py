@@ -41,7 +41,7 @@ PARTS = {
     "rows of the tables": r"\(harness/results",
     "waiting": r"_recv \(multiprocessing/connection",
     "imports": r"importlib",
-    "supervision in the worker": r"\(harness/(studies/(workers|children)|episode/pairing)",
+    "supervision in the worker": r"\(harness/(studies/running/(workers|children)|encounter/pairing)",
 }
 """Each part of a worker's time and how a frame of it looks; of several the innermost counts."""
 
@@ -102,7 +102,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for stack, samples in record(options.scenario, options.pairs, options.workers, folder):
-            if "serve (harness/studies/children" not in stack:
+            if "serve (harness/studies/running/children" not in stack:
                 command[part_of(stack, COMMAND)] += samples
             elif "_end_with_parent" not in stack:
                 workers[part_of(stack, PARTS)] += samples

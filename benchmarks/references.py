@@ -19,8 +19,8 @@ from harness.scenario.study import study_of
 from harness.scenario.variation import parse_variation
 from harness.strategies import references
 from harness.strategies.registry import STRATEGIES
-from harness.studies.run import run
-from harness.studies.validation import validate
+from harness.studies.models.validation import validate
+from harness.studies.running.run import run
 
 DRIVERS = [name for name in STRATEGIES if name != "sumo_driver"]
 AVS, REFERENCES = "soft_yield,hard_yield,gap_yield,emergency_brake", "human_gmm,human_recorded"

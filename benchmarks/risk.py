@@ -41,7 +41,7 @@ from harness.engine.plain import PlainEngine
 from harness.model.interaction import load_model
 from harness.results.finding import Finding
 from harness.scenario import Cell, Scenario, Setting, Study, load_scenario
-from harness.studies.risk import risk
+from harness.studies.risk.estimate import risk
 
 DATA = Path(__file__).parent / "data"
 REFERENCE, SEEDS = DATA / "risk_reference.csv", DATA / "risk_seeds.csv"

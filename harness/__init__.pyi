@@ -37,5 +37,5 @@ from .studies.checks import check_strategy as check_strategy
 from .studies.compare import compare as compare
 from .studies.evaluate import evaluate as evaluate
 from .studies.one_pair import PairOutcome as PairOutcome, run_pair as run_pair
-from .studies.run import resume as resume, run as run
+from .studies.running.run import resume as resume, run as run
 from .studies.worst import worst as worst

@@ -19,7 +19,7 @@ def main() -> None:
     # Other threads of NumPy's linear algebra spin while a process starts, and are never needed.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if sys.argv[1:2] in (["run"], ["sweep"]) and "--dask" not in "".join(sys.argv):
-        from harness.studies.children import import_arrow, start_children
+        from harness.studies.running.children import import_arrow, start_children
 
         # The first worker imports its modules while this process imports its own.
         with suppress(HarnessError):  # the command will say it

@@ -53,7 +53,8 @@ def options_of(changes: dict[str, object]) -> list[str]:
 def one_process() -> Iterator[None]:
     """Workers' tasks run in this process, which saves starting Python for each worker."""
     from harness.engine.shared import close_engine
-    from harness.studies import children, evaluate, run, workers
+    from harness.studies import evaluate
+    from harness.studies.running import children, run, workers
     from tests.conftest import close_all
 
     close_all()

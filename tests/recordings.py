@@ -15,7 +15,7 @@ from harness.scenario.pedestrians import PedestriansSection
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
-from harness.studies.validation import validate
+from harness.studies.models.validation import validate
 
 RATE_HZ = 10.0
 LENGTH_M = 4.5

@@ -8,8 +8,8 @@ from scipy import stats
 
 from harness.results.finding import Finding
 from harness.results.tables import DRAWS
-from harness.studies.risk import MOST_DRAWS, findings_of
-from harness.studies.risk_draws import (
+from harness.studies.risk.estimate import MOST_DRAWS, findings_of
+from harness.studies.risk.risk_draws import (
     DrawInputs,
     DrawOutcome,
     Proposal,
@@ -18,7 +18,7 @@ from harness.studies.risk_draws import (
     draw_units,
     rounds_of,
 )
-from harness.studies.risk_space import GRADINGS, Space
+from harness.studies.risk.risk_space import GRADINGS, Space
 
 DIMENSIONS = 6
 

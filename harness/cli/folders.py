@@ -27,7 +27,7 @@ def show(
 
     changes = {setting.key: setting.value for setting in options.settings_of(settings)}
     if read_manifest(run_folder)["kind"] == "risk" and not changes:
-        from harness.studies.risk import read_risk
+        from harness.studies.risk.estimate import read_risk
 
         result = read_risk(run_folder)
     else:
@@ -117,7 +117,7 @@ def replay(
         raise InputError("--screenshots", "needs --gui", "--gui")
     from harness.core.encounter import Arm
     from harness.results.loaded_run import load_run
-    from harness.studies import replay as again
+    from harness.studies.running import replay as again
 
     chosen = cell, _range_of(pair), list(Arm) if arm == "both" else [Arm(arm)]
     run = load_run(run_folder)

@@ -58,9 +58,9 @@ def fit(
     """Fit the interaction model to rows, and choose the number K."""
     _check_target(out, ".json")
     from harness.report.model_screens import model_result
-    from harness.studies.model_card import fit_model
-    from harness.studies.model_fits import FitSettings, components_of
-    from harness.studies.workers import default_workers
+    from harness.studies.models.model_card import fit_model
+    from harness.studies.models.model_fits import FitSettings, components_of
+    from harness.studies.running.workers import default_workers
 
     number = workers or default_workers()
     how = FitSettings(components_of(components), choose, starts, folds, seed)
@@ -108,7 +108,7 @@ def validate(
     as_json: options.JsonOption = False,
 ) -> None:
     """Compare strategies with recorded drivers, in their place."""
-    from harness.studies.validation import validate as validated
+    from harness.studies.models.validation import validate as validated
 
     with progress_bar(quiet or as_json, "drivers") as advance:
         names = drivers.split(",")

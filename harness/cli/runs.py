@@ -30,7 +30,7 @@ def run(
     as_json: options.JsonOption = False,
 ) -> None:
     """Run every pair of every cell with the AV and the reference."""
-    from harness.studies import children, workers as local
+    from harness.studies.running import children, workers as local
 
     if dask is None:
         # They import their modules while this process imports its own.
@@ -45,7 +45,7 @@ def run(
         study = study_of(file, variations)
         if vary and file.sweep is not None:
             say(f"note: --vary replaces the [sweep] of {file.source}")
-        from harness.studies.run import run as run_study
+        from harness.studies.running.run import run as run_study
 
         with progress_bar(quiet or as_json) as advance, unwinding():
             finished = run_study(
@@ -73,7 +73,8 @@ def resume(
     """Continue an interrupted run or risk estimate."""
     from harness.results.folder import read_manifest
     from harness.scenario.study import study_from
-    from harness.studies import risk as risks, run as runs
+    from harness.studies.risk import estimate as risks
+    from harness.studies.running import run as runs
 
     manifest = read_manifest(run_folder)
     driven = study_from(manifest, str(run_folder)).driven
@@ -104,7 +105,7 @@ def risk(
     """Estimate the probability of a rare event in an episode."""
     from harness.core.encounter import Arm
     from harness.scenario import read_scenario_file, study_of
-    from harness.studies.risk import risk as estimate
+    from harness.studies.risk.estimate import risk as estimate
 
     study = study_of(read_scenario_file(scenario, settings_of(settings, None, seed)))
     with progress_bar(quiet or as_json, "parts") as advance, unwinding():
@@ -119,6 +120,6 @@ def _cluster(address: str | None, workers: int | None, drivers: list[str]) -> "E
         return None
     if workers is not None:
         raise InputError("--workers", "cannot be combined with --dask", "one of the two")
-    from harness.studies.workers import dask_executor
+    from harness.studies.running.workers import dask_executor
 
     return dask_executor(address, drivers)

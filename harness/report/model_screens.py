@@ -1,4 +1,4 @@
-"""What ``harness extract``, ``fit`` and ``model`` show; the card is of studies/model_card.py."""
+"""What ``harness extract``, ``fit`` and ``model`` show; the card is of studies/models."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace

@@ -28,7 +28,7 @@ from harness.scenario.variation import flatten
 from harness.studies.allowed import Allowed, allowed_in
 from harness.studies.candidates import groups_of
 from harness.studies.compare import compare
-from harness.studies.risk import read_risk
+from harness.studies.risk.estimate import read_risk
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _NO_BREAK = "\N{NO-BREAK SPACE}"

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from harness.core.encounter import Arm, Ending
 from harness.results.loaded_run import Run
-from harness.studies.replay import Key, traced
+from harness.studies.running.replay import Key, traced
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,4 +1,4 @@
-"""Files of a run folder: manifest (``SCHEMA``), parts, findings; claimed by studies/run_folder.py.
+"""Files of a run folder: manifest (``SCHEMA``), parts, findings (studies/running claims it).
 
 ``pd.read_parquet("RUN/episodes")`` reads a whole table.  A part appears complete or not at all,
 that of ``episodes`` or ``arms`` last: if it exists, its task is done.
@@ -45,7 +45,7 @@ FINDINGS = "findings.json"
 EVENTS = "events"
 """The folder of the run that a risk makes of its events."""
 
-_COMPUTES = ("results/*.py", "measures/queues.py", "studies/risk*.py")
+_COMPUTES = ("results/*.py", "measures/queues.py", "studies/risk/*.py")
 """The code that makes findings of rows."""
 
 _DIGEST = b"harness.digest"

@@ -21,9 +21,9 @@ from harness.results.result import flat
 from harness.scenario import Cell, EngineName, Scenario, Setting
 from harness.scenario.arguments import engine_named, whole_number
 from harness.strategies.registry import source_digests
-from harness.studies.run import checked_models, scenario_file
-from harness.studies.tasks import Task, but_for_drivers
-from harness.studies.workers import (
+from harness.studies.running.run import checked_models, scenario_file
+from harness.studies.running.tasks import Task, but_for_drivers
+from harness.studies.running.workers import (
     QUICK_PAIRS,
     OwnExecutor,
     default_workers,

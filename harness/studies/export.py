@@ -40,10 +40,10 @@ from harness.results.tables import TABLES_OF, Row, Tables
 from harness.scenario import Scenario
 from harness.simulation.arm_configuration import CONFIG_FILE
 from harness.site.road_frame import RoadFrame
-from harness.studies.replay import refuse_in_use, replayed, stored_tasks, traced
-from harness.studies.simulations import REPLAYED
-from harness.studies.tasks import Task
-from harness.studies.workers import carried_out
+from harness.studies.running.replay import refuse_in_use, replayed, stored_tasks, traced
+from harness.studies.running.simulations import REPLAYED
+from harness.studies.running.tasks import Task
+from harness.studies.running.workers import carried_out
 
 SCENARIO, ROAD = "scenario.xosc", "road.xodr"
 """The files that are written."""

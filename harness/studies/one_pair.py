@@ -17,7 +17,7 @@ from harness.measures import Outcome
 from harness.results.rows import trace_rows
 from harness.scenario import EngineName, Scenario
 from harness.scenario.arguments import engine_named
-from harness.studies.run import checked_models, scenario_file
+from harness.studies.running.run import checked_models, scenario_file
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -13,7 +13,7 @@ from harness.results.loaded_run import Run
 from harness.studies.allowed import allowed_in
 from harness.studies.candidates import groups_of
 from harness.studies.compare import compare
-from harness.studies.run import run
+from harness.studies.running.run import run
 from tests.report.test_screens import PAPER, result as made_result
 
 HOSTILE = '</script><script>document.title = "owned"</script><img src=x onerror=alert(1)> & $\\x$'

@@ -16,7 +16,7 @@ from harness.report.page import write_page
 from harness.report.shown import shown_pairs
 from harness.results.loaded_run import Run
 from harness.studies.compare import compare
-from harness.studies.run import run
+from harness.studies.running.run import run
 from tests.report.test_pages import HOSTILE, Failing
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")

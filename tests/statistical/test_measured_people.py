@@ -29,7 +29,7 @@ from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.model.interaction import load_model
 from harness.scenario import Scenario, validate
 from harness.strategies.manoeuvres import stop_after
-from harness.studies.run import run
+from harness.studies.running.run import run
 from tests.scenes import episode
 
 pytestmark = pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 
 from harness.results.loaded_run import Run
 from harness.scenario import Scenario, validate
-from harness.studies.run import run
+from harness.studies.running.run import run
 from tests.closed_forms import gap_wait_s, priority_capacity_per_s
 
 STEP_S = 0.1

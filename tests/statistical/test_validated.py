@@ -10,7 +10,7 @@ import pytest
 from benchmarks.references import time_ratios, validated
 from harness.results.estimators import Sampling
 from harness.strategies.references import known
-from harness.studies.validation import RELIABLE_FROM, findings_of
+from harness.studies.models.validation import RELIABLE_FROM, findings_of
 from tests.docs.conftest import ROOT
 
 DUT = ROOT.parent / "shared" / "data" / "dut"

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from harness.results.loaded_run import load_run
-from harness.studies.run import resume, run
-from harness.studies.workers import dask_executor
+from harness.studies.running.run import resume, run
+from harness.studies.running.workers import dask_executor
 from tests.batches import QUICK, here, options_of, shell, start
 from tests.faulty import NAME, struck
 from tests.sumo.test_runs import same_rows

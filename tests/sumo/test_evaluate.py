@@ -8,7 +8,7 @@ import pytest
 from harness.core.errors import InputError
 from harness.studies import evaluate as evaluation
 from harness.studies.evaluate import evaluate
-from harness.studies.run import run
+from harness.studies.running.run import run
 
 SETTINGS = {"arms.av": "gap_yield"}
 GAP = "strategies.gap_yield.critical_gap_s"

@@ -17,7 +17,7 @@ from harness.results.loaded_run import load_run
 from harness.scenario import Scenario, study_of
 from harness.scenario.file import ScenarioFile
 from harness.site.town import Town
-from harness.studies.run import run
+from harness.studies.running.run import run
 from tests import towns
 from tests.batches import printed, refusal
 from tests.exported import Read, checked, entity_of, front, lanes_in, off_centre_m, places, read

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import InputError
-from harness.studies.run import resume, run
+from harness.studies.running.run import resume, run
 from tests.batches import CHECKOUT, QUICK, printed, shell
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from harness.core.encounter import Arm
 from harness.results.loaded_run import Run
-from harness.studies.replay import replay
-from harness.studies.run import run as simulate
+from harness.studies.running.replay import replay
+from harness.studies.running.run import run as simulate
 from tests.batches import CHECKOUT, FLOW, HARNESS, QUICK, here, one_process, options_of
 from tests.sites import frame_of
 

@@ -10,8 +10,8 @@ from harness.core.errors import InputError
 from harness.report.shown import chosen_pairs, shown_pairs
 from harness.results.folder import read_cell
 from harness.results.loaded_run import Run
-from harness.studies.replay import replay
-from harness.studies.run import run
+from harness.studies.running.replay import replay
+from harness.studies.running.run import run
 from harness.studies.worst import worst
 
 FILES = {"fcd.xml", "tripinfo.xml", "collisions.xml", "site.net.xml"}

@@ -19,7 +19,7 @@ import psutil
 import pytest
 
 from harness.results.folder import done_parts
-from harness.studies import workers
+from harness.studies.running import workers
 from tests.batches import (
     CHECKOUT,
     QUICK,

@@ -21,7 +21,7 @@ from harness.core.errors import InputError
 from harness.encounter.pairing import PairRunner
 from harness.results.loaded_run import Run, load_run
 from harness.studies.evaluate import evaluate
-from harness.studies.run import resume, run
+from harness.studies.running.run import resume, run
 from tests.batches import QUICK, options_of, refusal, shell
 from tests.faulty import NAME as FAULTY_NAME, struck
 
@@ -321,7 +321,9 @@ def test_a_run_imports_only_what_it_uses(tmp_path: Path) -> None:
     command = [sys.executable, "-c", A_RUN.format(out=str(tmp_path / "run"))]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert int(done.stderr.splitlines()[-1]) <= IMPORTED
-    child = "import sys, harness.engine.starting, harness.studies.episodes; print(*sys.modules)"
+    child = (
+        "import sys, harness.engine.starting, harness.studies.running.episodes; print(*sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", child], capture_output=True, text=True, check=True)
     names = [name for name in done.stdout.split() if name.split(".")[0] == "harness"]
     assert 0 < len(names) <= IMPORTED

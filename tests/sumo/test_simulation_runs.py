@@ -19,7 +19,7 @@ from harness.results.loaded_run import Run, load_run
 from harness.scenario import load_scenario
 from harness.simulation.demand import TRAFFIC_FILE, vehicles_due
 from harness.simulation.shares import number_of
-from harness.studies.run import resume, run
+from harness.studies.running.run import resume, run
 from tests import faulty, towns
 from tests.batches import content, here, printed
 from tests.scenes import refuses

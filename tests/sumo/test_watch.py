@@ -10,8 +10,8 @@ from PIL import Image
 
 from harness.core.encounter import Arm
 from harness.results.loaded_run import Run
-from harness.studies.replay import watch
-from harness.studies.run import run
+from harness.studies.running.replay import watch
+from harness.studies.running.run import run
 from tests.batches import HARNESS
 from tests.scenes import refuses
 

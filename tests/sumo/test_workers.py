@@ -19,8 +19,8 @@ import pyarrow as pa
 import pytest
 
 from harness.results.loaded_run import Run
-from harness.studies.run import run
-from harness.studies.workers import workers_for
+from harness.studies.running.run import run
+from harness.studies.running.workers import workers_for
 from tests.batches import QUICK
 from tests.faulty import NAME, struck
 
@@ -105,7 +105,7 @@ def test_the_log_has_one_line_a_fault_with_its_stacks_and_traceback(runs: tuple[
 
 SCRIPT = """
 import sys
-from harness.studies.run import run
+from harness.studies.running.run import run
 from tests.faulty import struck
 run("cctc", settings={**CHANGES, **struck(FAULTS)}, pairs=PAIRS, out=sys.argv[1], workers=2)
 """.replace("CHANGES", repr({**CHANGES, "experiment.decide_limit_s": 100.0}))

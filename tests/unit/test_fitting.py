@@ -6,8 +6,8 @@ import pytest
 from scipy.stats import norm, sem
 
 from harness.model.sample import RowFile, make_sample
-from harness.studies.model_card import card, near_state
-from harness.studies.model_fits import (
+from harness.studies.models.model_card import card, near_state
+from harness.studies.models.model_fits import (
     FitSettings,
     HeldOut,
     by_held_out,

@@ -27,7 +27,10 @@ ROOMS = {
     "cli": 700,
     "studies": 4_000,
 }
-RUNNING = "tasks episodes children workers run replay evaluate candidates compare worst"
+RUNNING = (
+    "running/tasks running/episodes running/children running/workers running/run running/replay "
+    "evaluate candidates compare worst"
+)
 MODULES, DOORS, PAGES, WEB = 200, 14, 2_800, 700
 PASSED = 15
 LINE, IGNORED, UNCOVERED, COVERED = 100, 5, 2, 96
@@ -195,7 +198,7 @@ NAMED = re.compile(r"`([\w./]+\.py)`")
 
 KAPPA = (
     "engine/control encounter/loop encounter/pairing measures/chunk measures/contacts "
-    "measures/record studies/episodes results/rows results/folder results/columns "
+    "measures/record studies/running/episodes results/rows results/folder results/columns "
     "results/estimators results/catalogue results/findings results/screens report/screen"
 )
 

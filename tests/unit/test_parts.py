@@ -24,8 +24,13 @@ from harness.results.folder import (
 from harness.results.loaded_run import load_run
 from harness.results.tables import EPISODES, PEDESTRIANS
 from harness.scenario import Cell, Scenario, Study, load_scenario
-from harness.studies.run_folder import RunFolder, claim_folder, manifest_of, refuse_other_versions
-from harness.studies.tasks import part_pairs
+from harness.studies.running.run_folder import (
+    RunFolder,
+    claim_folder,
+    manifest_of,
+    refuse_other_versions,
+)
+from harness.studies.running.tasks import part_pairs
 from tests.scenes import refuses
 
 

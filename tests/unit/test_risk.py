@@ -14,8 +14,8 @@ from harness.measures import MEASURES, EpisodeRecord
 from harness.model.interaction import load_model
 from harness.results.tables import DRAWS
 from harness.scenario import Scenario, load_scenario, validate
-from harness.studies.risk import findings_of, risk_notes
-from harness.studies.risk_draws import (
+from harness.studies.risk.estimate import findings_of, risk_notes
+from harness.studies.risk.risk_draws import (
     DrawInputs,
     DrawOutcome,
     Proposal,
@@ -23,8 +23,8 @@ from harness.studies.risk_draws import (
     Units,
     draw_units,
 )
-from harness.studies.risk_normals import NormalMixture, fitted
-from harness.studies.risk_space import EVENTS, Space, parse_event, space_of
+from harness.studies.risk.risk_normals import NormalMixture, fitted
+from harness.studies.risk.risk_space import EVENTS, Space, parse_event, space_of
 from tests.risks import (
     CROWD,
     FLAT,

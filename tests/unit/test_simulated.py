@@ -23,7 +23,7 @@ from harness.results.student import ALONE, ONE, clustered_share, t_mean, t_ratio
 from harness.scenario import Setting, read_scenario_file, study_of
 from harness.simulation.arm import ENDED
 from harness.studies.compare import compare
-from harness.studies.run_folder import manifest_of
+from harness.studies.running.run_folder import manifest_of
 from harness.studies.worst import WhoDrove, worst
 from tests.simulations import (
     Rows,

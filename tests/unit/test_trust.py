@@ -24,10 +24,10 @@ IMPORTERS = {
     "import_module": {
         "strategies/own.py",
         "engine/session.py",
-        "studies/children.py",
+        "studies/running/children.py",
         "cli/app.py",
     },
-    "find_spec": {"studies/workers.py"},
+    "find_spec": {"studies/running/workers.py"},
 }
 """Who may import by name: a strategy's module, SUMO's library or its client, and the command line
 the module of a command."""

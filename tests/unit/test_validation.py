@@ -18,8 +18,8 @@ from harness.scenario import load_scenario
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_recorded import HumanRecorded
-from harness.studies.recorded_passages import find_passages
-from harness.studies.validation import DRAWS, findings_of, models_without, pass_time_score
+from harness.studies.models.recorded_passages import find_passages
+from harness.studies.models.validation import DRAWS, findings_of, models_without, pass_time_score
 from tests.batches import printed
 from tests.recordings import DRIVERS, LENGTH_M, RATE_HZ, SCENES, held, write_set
 from tests.scenes import refusal_of
@@ -272,7 +272,7 @@ def test_recordings_that_a_model_was_fitted_on_are_known_whatever_they_are_calle
     # A strategy names the shipped model whose data it was fitted on.
     assert HumanRecorded.FITTED_ON == "dut"
     model = load_model("own", own["model.path"])
-    monkeypatch.setattr("harness.studies.validation.load_model", lambda *_: model)
+    monkeypatch.setattr("harness.studies.models.validation.load_model", lambda *_: model)
     found = held(other, drivers)
     assert optimistic(found) == {"human_recorded"}
     assert "human_recorded: fitted on these" in notes(found)["fitted_on_these_data"]

@@ -18,10 +18,10 @@ from threading import Event, local
 from typing import TYPE_CHECKING, Any
 
 from harness.core.errors import HarnessError, InputError
-from harness.studies.children import LostError, give_back, stop_children, take_child
+from harness.studies.running.children import LostError, give_back, stop_children, take_child
 
 if TYPE_CHECKING:
-    from harness.studies.tasks import EpisodeId, Rows, Task
+    from harness.studies.running.tasks import EpisodeId, Rows, Task
 
 LATER_S = 2.0
 """Further children start after this time, if there is still work: a start takes as long as some
@@ -91,7 +91,7 @@ class InProcess(Executor):
 
     def submit(self, function: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
         """Run a task at once, without ``supervise``."""
-        from harness.studies.episodes import run_task
+        from harness.studies.running.episodes import run_task
 
         assert function is supervise
         future: Future[Any] = Future()
@@ -153,7 +153,7 @@ def supervise(task: "Task") -> "Rows":
         CancelledError: the executor was ended.
     """
     from harness.strategies.registry import STRATEGIES
-    from harness.studies.tasks import GivenUp
+    from harness.studies.running.tasks import GivenUp
 
     died: set[EpisodeId | None] = set()
     events: list[dict[str, Any]] = []

@@ -23,10 +23,10 @@ from harness.results.folder import read_cell
 from harness.results.loaded_run import Run
 from harness.results.tables import TABLES_OF, Tables
 from harness.strategies.registry import source_digests
-from harness.studies.episodes import run_episodes, run_task
-from harness.studies.run_folder import changes, simulated_with
-from harness.studies.tasks import Rows, Task
-from harness.studies.workers import carried_out
+from harness.studies.running.episodes import run_episodes, run_task
+from harness.studies.running.run_folder import changes, simulated_with
+from harness.studies.running.tasks import Rows, Task
+from harness.studies.running.workers import carried_out
 
 TOLERANCE = 1e-6
 """Numbers are equal if they differ by at most this, absolutely or relatively."""
@@ -142,7 +142,7 @@ def watch(
     if run.kind == "simulations":
         if screenshots is not None:
             raise InputError("--screenshots", "is of encounters", "--gui without it")
-        from harness.studies import simulations
+        from harness.studies.running import simulations
 
         shown = (simulations.run_task(task, module="gui", more=_SHOW) for task in tasks)
         return [replayed(run, task, rows) for task, rows in zip(tasks, shown, strict=True)]

@@ -34,8 +34,8 @@ from harness.core.encounter import FloatArray
 from harness.core.seeding import stream
 from harness.results.estimators import CONFIDENCE, clopper_pearson
 from harness.results.tables import Row
-from harness.studies.risk_normals import NormalMixture, fitted, standard_normal
-from harness.studies.risk_space import NEVER, Space
+from harness.studies.risk.risk_normals import NormalMixture, fitted, standard_normal
+from harness.studies.risk.risk_space import NEVER, Space
 
 NOMINAL_SHARE = 0.1
 """Share of the nominal density in the mixture of fixed numbers."""

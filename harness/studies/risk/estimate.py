@@ -32,16 +32,17 @@ from harness.results.result import Column, Result, Shown, Style, Table
 from harness.scenario import Cell, EngineName, Study, validate
 from harness.scenario.place import place_in_words
 from harness.scenario.study import study_from
-from harness.studies import risk_draws, run as runs
-from harness.studies.risk_draws import DrawInputs, DrawOutcome, Proposal, Units
-from harness.studies.risk_space import Event, Space, parse_event, space_of
-from harness.studies.run_folder import (
+from harness.studies.risk import risk_draws
+from harness.studies.risk.risk_draws import DrawInputs, DrawOutcome, Proposal, Units
+from harness.studies.risk.risk_space import Event, Space, parse_event, space_of
+from harness.studies.running import run as runs
+from harness.studies.running.run_folder import (
     claim_folder,
     manifest_of,
     refuse_other_versions,
     simulated_with,
 )
-from harness.studies.tasks import EpisodeId, Rows, Task, Tell, part_pairs
+from harness.studies.running.tasks import EpisodeId, Rows, Task, Tell, part_pairs
 
 DRAWS = tables.DRAWS.name
 

@@ -16,7 +16,7 @@ from harness.measures import Outcome
 from harness.results.rows import encounter_rows
 from harness.results.tables import Row, Tables
 from harness.scenario import Cell, Scenario
-from harness.studies.tasks import EpisodeId, Rows, Task, Tell
+from harness.studies.running.tasks import EpisodeId, Rows, Task, Tell
 
 Runner = tuple[Cell, PairRunner]
 
@@ -32,7 +32,7 @@ def run_task(task: Task, tell: Tell = _nobody) -> Rows:
     if task.cells[0].scenario.kind == "encounters":
         return run_episodes(task, tell)
     # What a run does not simulate is not imported.
-    from harness.studies import simulations
+    from harness.studies.running import simulations
 
     return simulations.run_task(task, tell)
 

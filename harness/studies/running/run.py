@@ -35,15 +35,15 @@ from harness.scenario import EngineName, Scenario
 from harness.scenario.arguments import engine_named
 from harness.scenario.file import ScenarioFile, Setting, read_scenario_file
 from harness.scenario.study import Study, study_from, study_of
-from harness.studies.run_folder import (
+from harness.studies.running.run_folder import (
     RunFolder,
     claim_folder,
     manifest_of,
     refuse_other_versions,
     simulated_with,
 )
-from harness.studies.tasks import Rows, Task, part_pairs, tasks_of
-from harness.studies.workers import executor_for, supervise
+from harness.studies.running.tasks import Rows, Task, part_pairs, tasks_of
+from harness.studies.running.workers import executor_for, supervise
 
 _AT_ONCE = 300
 """Tasks at a time of an executor of the caller's."""
@@ -185,7 +185,7 @@ def _checked(study: Study) -> tuple[list[InteractionModel], Mapping[str, str]]:
     """The model of each cell and the hashes of the user's files, after all checks."""
     if not study.long_pairs:
         return checked_models(cell.scenario for cell in study.cells), {}
-    from harness.studies import simulations
+    from harness.studies.running import simulations
 
     check_packages()
     return simulations.checked(study)

@@ -25,7 +25,7 @@ from harness.simulation.opening import (
     opened_traffic,
 )
 from harness.simulation.setup import Setup
-from harness.studies.tasks import EpisodeId, Rows, Task, Tell
+from harness.studies.running.tasks import EpisodeId, Rows, Task, Tell
 
 REPLAYED = {"fcd-output": "fcd.xml.gz"}
 """Outputs of a replay besides those of the configuration."""

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 from harness.core.errors import HarnessError, in_one_line
 
 if TYPE_CHECKING:
-    from harness.studies.tasks import EpisodeId, Rows, Task
+    from harness.studies.running.tasks import EpisodeId, Rows, Task
 
 SLOW_S = 120.0
 """Longest time without news outside a strategy's ``decide``: imports, its constructor, measures."""
@@ -35,7 +35,7 @@ _IDLE_S = 600.0
 _START = """
 import sys
 sys.path[:] = sys.argv[3:]
-from harness.studies.children import serve
+from harness.studies.running.children import serve
 serve(int(sys.argv[1]), int(sys.argv[2]))
 """
 """A child's program, in a new interpreter: a libsumo simulation does not survive a fork, and
@@ -166,7 +166,7 @@ class Child:
 
 def _episode_in(state: bytes) -> "EpisodeId | None":
     from harness.core.encounter import Arm
-    from harness.studies.tasks import EpisodeId
+    from harness.studies.running.tasks import EpisodeId
 
     words = state.strip(b"\0 ").split()
     if len(words) < len(EpisodeId._fields):
@@ -275,7 +275,7 @@ def serve(pipe: int, state: int) -> None:
 
     def answer() -> tuple[str | None, "Rows | None"]:
         try:
-            from harness.studies.episodes import run_task
+            from harness.studies.running.episodes import run_task
 
             return None, run_task(connection.recv(), tell)
         except BaseException as error:
@@ -286,7 +286,7 @@ def serve(pipe: int, state: int) -> None:
         with suppress(Exception):  # the task raises it again
             import_module("harness.engine.session").interface("libsumo")
             import_arrow()
-            import_module("harness.studies.episodes")
+            import_module("harness.studies.running.episodes")
         while connection.poll(_IDLE_S):
             connection.send(answer())
 

@@ -24,7 +24,7 @@ from harness.model.sample import (
     make_sample,
     read_rows,
 )
-from harness.studies.model_fits import (
+from harness.studies.models.model_fits import (
     RULE_SHARE,
     TARGETS,
     FitSettings,

@@ -1,0 +1,1 @@
+"""How often something rare happens: importance sampling on what makes an encounter."""
