@@ -41,7 +41,7 @@ PARTS = {
     "rows of the tables": r"\(harness/results",
     "waiting": r"_recv \(multiprocessing/connection",
     "imports": r"importlib",
-    "supervision in the worker": r"\(harness/(studies/running/(workers|children)|encounter/pairing)",
+    "supervision in the worker": r"\(harness/(studies/running/|encounter/pairing)",
 }
 """Each part of a worker's time and how a frame of it looks; of several the innermost counts."""
 
