@@ -113,16 +113,7 @@ def strategies(
     from harness.studies.checks import check_strategy
 
     verdicts = check_strategy(check, None, scenario, options.settings_of(settings))
-    rows = [
-        {
-            "rule": each.rule,
-            "kept": "yes" if each.problem is None else "no" if each.checked else "-",
-            "problem": each.problem or "",
-            "shown": "" if each.observation is None else str(each.observation),
-            "why": each.why,
-        }
-        for each in verdicts
-    ]
+    rows = [each.row for each in verdicts]
     title = f"{check}: the rules that make results repeatable"
     closing = [KNOWS_THE_MODEL] if knows_the_model(find_strategy(check, "--check")) else []
     show_rows("strategies", rows, quiet, as_json, title=title, closing=closing)

@@ -95,7 +95,7 @@ def worst(
     from harness.results.loaded_run import load_run
     from harness.studies.worst import worst as worst_of
 
-    result = worst_of(load_run(run_folder), by, most, arm, cell, driver)
+    result = worst_of(load_run(run_folder), by, most, arm=arm, cell=cell, driver=driver)
     show_result(result, False, quiet, as_json, result.closing)
 
 
@@ -172,7 +172,9 @@ def export(
 
     run = load_run(run_folder)
     with unwinding():
-        files, differences = write(run, cell, pair, Arm(arm), out, passage, ego == "free")
+        files, differences = write(
+            run, cell, pair, Arm(arm), out, passage=passage, free=ego == "free"
+        )
     for difference in differences:
         say(one_line(f"harness: pair {pair} differs from its record: {difference}"))
     show_rows("export", [{"file": str(path)} for path in files], True, as_json)

@@ -65,8 +65,17 @@ def fit(
     number = workers or default_workers()
     how = FitSettings(components_of(components), choose, starts, folds, seed)
     with progress_bar(quiet or as_json, "fits") as advance, unwinding():
-        made = name or out.stem, _command(), how, weigh, bounds or (), number, advance
-        fitted = fit_model(rows, out, *made)
+        fitted = fit_model(
+            rows,
+            out,
+            name=name or out.stem,
+            command=_command(),
+            settings=how,
+            weigh=weigh,
+            bounds=bounds or (),
+            workers=number,
+            progress=advance,
+        )
     result = model_result("fit", fitted, str(out), [f"Model: {out}"])
     show(result, full, quiet, as_json, [out])
 
@@ -84,11 +93,11 @@ def model(
 
     The figures are the paper's; --figures writes them as files.
     """
-    from harness.model.interaction import load_model
+    from harness.model.interaction import model_named
     from harness.report.model_screens import model_result
 
-    loaded = load_model(model, model if model.endswith(".json") or Path(model).exists() else None)
-    result, written = model_result("model", loaded, model), list[Path]()
+    loaded, written = model_named(model), list[Path]()
+    result = model_result("model", loaded, model)
     if out or figures:
         from harness.report.model_figures import write_model_page
 

@@ -79,11 +79,12 @@ def resume(
     manifest = read_manifest(run_folder)
     driven = study_from(manifest, str(run_folder)).driven
     with progress_bar(quiet or as_json, "done") as advance, unwinding():
-        how = workers, _cluster(dask, workers, driven), advance
+        cluster = _cluster(dask, workers, driven)
         if manifest["kind"] == "risk":
-            result = risks.resume(run_folder, *how)
+            result = risks.resume(run_folder, workers=workers, executor=cluster, progress=advance)
         else:
-            result = runs.resume(run_folder, *how).result()
+            run = runs.resume(run_folder, workers=workers, executor=cluster, progress=advance)
+            result = run.result()
     show(result, full, quiet, as_json, [run_folder])
 
 
@@ -109,9 +110,17 @@ def risk(
 
     study = study_of(read_scenario_file(scenario, settings_of(settings, None, seed)))
     with progress_bar(quiet or as_json, "parts") as advance, unwinding():
-        cluster = _cluster(dask, workers, study.driven)
-        asked = Arm(arm), target_cv, out, engine
-        result = estimate(study, event, workers, cluster, advance, *asked)
+        result = estimate(
+            study,
+            event,
+            arm=Arm(arm),
+            target_cv=target_cv,
+            out=out,
+            engine=engine,
+            workers=workers,
+            executor=_cluster(dask, workers, study.driven),
+            progress=advance,
+        )
     show(result, full, quiet, as_json, [result.facts["folder"]])
 
 

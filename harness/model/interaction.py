@@ -233,6 +233,15 @@ def load_model(name: str, path: str | None = None) -> InteractionModel:
     return read_model(shipped[name])
 
 
+def model_named(text: str) -> InteractionModel:
+    """The model of a file, or a shipped model.
+
+    Raises:
+        InputError: see ``load_model``.
+    """
+    return load_model(text, text if text.endswith(".json") or Path(text).exists() else None)
+
+
 def read_model(path: Path) -> InteractionModel:
     """Read and check a model file (format: docs/files.md).
 

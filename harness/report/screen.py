@@ -68,7 +68,7 @@ def _parts(result: Result, full: bool, console: Console) -> Iterator[RenderableT
         yield Text()
         yield from _table(table, confidence, console, every=True)
     shown = len(result.notes) if full else MOST_NOTES
-    yield from (_marked(note.text if full else note.short) for note in result.notes[:shown])
+    yield from (_marked(note.text if full else note.first) for note in result.notes[:shown])
     if more := result.notes[shown:]:
         labels = "; ".join(dict.fromkeys(note.label for note in more))
         yield _marked(f"{len(more)} more with --full: {labels}.")

@@ -7,7 +7,7 @@ CSV and the reference in the documentation follow.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from harness.results import estimators, student
 from harness.results.columns import AV, REFERENCE, Sample
 from harness.results.estimators import Sampling
 from harness.results.finding import Finding, Form
-from harness.results.simulated import SimulationSample
+from harness.results.simulated import Of, SimulationSample, averaged, counted, summed
 from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
 
 AnySample = Sample | SimulationSample
@@ -37,7 +37,7 @@ class Entry:
         heading: its name on screens, without its unit.  It may hold a threshold of ``[conflicts]``
             in braces, see ``title``.
         meaning: for the reference in the documentation.
-        column: a column of ``Sample`` or ``SimulationSample``.
+        column: a column of ``Sample`` by its name, or of ``SimulationSample``.
         estimate: how the column becomes a number; None: a risk computes it from its draws.
         of: "arms", "av", "pair", or "both": each arm and the paired difference.
         weight: a second column: denominators of a ratio, trials of a share, steps.
@@ -58,10 +58,10 @@ class Entry:
     key: str
     heading: str
     meaning: str
-    column: str
+    column: str | Of
     estimate: Estimate | None
     of: Literal["arms", "av", "pair", "both"] = "arms"
-    weight: str = ""
+    weight: str | Of = ""
     met: bool = False
     form: Form = Form.NUMBER
     unit: str = ""
@@ -83,7 +83,7 @@ class Entry:
         return (self.key, f"{self.key}_human", f"{self.key}_difference")[:number]
 
     @property
-    def columns(self) -> tuple[str, ...]:
+    def columns(self) -> tuple[Any, ...]:
         """The column, and the weight if it has one."""
         return (self.column, self.weight) if self.weight else (self.column,)
 
@@ -160,7 +160,7 @@ def _t_share(events: np.ndarray, trials: np.ndarray, sampling: Sampling) -> Find
 
 _HOURS = partial(Entry, estimate=_t_mean, of="both", unit="s", digits=1, kinds=SIMULATIONS,
                  undefined="there is none of these")  # fmt: skip
-_PASSAGES = partial(_HOURS, estimate=_t_share, weight="count passages reached", unit="",
+_PASSAGES = partial(_HOURS, estimate=_t_share, weight=counted("passages", "reached"), unit="",
                     form=Form.SHARE)  # fmt: skip
 _REACHED = "Only vehicles that reached a crosswalk or touched somebody count."
 _MEAN = partial(Entry, estimate=estimators.mean, reliable_from=1_000)
@@ -273,67 +273,72 @@ ENTRIES: tuple[Entry, ...] = (
           "clamped", _average, form=Form.SHARE, weight="conditionings", kinds=_BOTH,
           undefined="the model was not used"),
     _HOURS("av_delay_s", "AVs' delay", "At the crosswalks, of the vehicles that `arms.av` drives; "
-           "in the reference's arm of the same.", "mean passages.delay_s av", screen=True),
+           "in the reference's arm of the same.", averaged("passages", "delay_s", "av"),
+           screen=True),
     _HOURS("other_delay_s", "other vehicles' delay", "Of all others at the crosswalks.",
-           "mean passages.delay_s other", screen=True, optional=True),
+           averaged("passages", "delay_s", "other"), screen=True, optional=True),
     _HOURS("people_wait_s", "people's wait", "At the kerb, until stepping off or the end.",
-           "mean people.wait_s", screen=True),
+           averaged("people", "wait_s"), screen=True),
     _HOURS("people_delay_s", "people's delay", "Against an undisturbed walk; of SUMO's people "
-           "their wait.", "mean people.delay_s", screen=True, optional=True),
+           "their wait.", averaged("people", "delay_s"), screen=True, optional=True),
     _HOURS("queue_p95", "queue, 95 %, vehicles", "Vehicles below 5 km/h before the crosswalk, "
            "quantile over seconds; of several crosswalks that of the longest queue.",
-           "max crosswalks.queue_p95", unit="", screen=True),
+           Of("max", "crosswalks", "queue_p95"), unit="", screen=True),
     _HOURS("throughput_per_hour", "throughput", "Vehicles over the crosswalks; with a queue that "
            "grows, the capacity.", "throughput_per_hour", unit="1/h", digits=0, screen=True),
     _PASSAGES("conflicts_pet", "PET below {pet_s:g} s", "Share of passages with a conflict or a "
-              f"contact. {_REACHED}", "count passages pet", screen=True),
+              f"contact. {_REACHED}", counted("passages", "pet"), screen=True),
     _PASSAGES("contacts", "contacts with people", f"By the vehicle's oriented outline. {_REACHED}",
-              "count passages touched", form=Form.EVENTS, screen=True),
+              counted("passages", "touched"), form=Form.EVENTS, screen=True),
     *(_PASSAGES(f"{who}_{key}", f"{whose}' {words}", "In both arms of the same vehicles.",
-                f"count passages {who} {rows}", weight=f"count passages {who} reached", form=form,
-                screen=f"{who}_{key}" == "av_contacts", optional=True)
+                counted("passages", who, rows), weight=counted("passages", who, "reached"),
+                form=form, screen=f"{who}_{key}" == "av_contacts", optional=True)
       for key, words, rows, form in (("contacts", "contacts", "touched", Form.EVENTS),
                                      ("conflicts_pet", "PET below {pet_s:g} s", "pet", Form.SHARE))
       for who, whose in (("av", "AVs"), ("other", "other vehicles"))),
     *(_PASSAGES(f"share_{name}", f"AVs' steps by {words}", "Share that it decided of the steps in "
                 "which a strategy drove AVs, in the reference's arm the same vehicles.",
-                f"sum passages.{name} av driven", weight="sum passages.steps av driven", digits=0,
+                summed("passages", name, "av", "driven"), digits=0,
+                weight=summed("passages", "steps", "av", "driven"),
                 screen=name == "strategy", optional=True)
       for name, words in LIMITED_BY.items()),
-    _PASSAGES("driven", "AVs' passages driven", "By a strategy.", "count passages av driven",
-              weight="count passages av"),
+    _PASSAGES("driven", "AVs' passages driven", "By a strategy.",
+              counted("passages", "av", "driven"), weight=counted("passages", "av")),
     _TOTAL("not_driven", "AVs' passages not driven", "In the AV's arm, with the reasons.",
-           "count passages av left", of="av"),
-    _PASSAGES("conflicts_ttc", "TTC below {ttc_s:g} s", "As PET.", "count passages ttc"),
-    _PASSAGES("conflicts_drac", "DRAC above {drac_mps2:g} m/s²", "As PET.", "count passages drac"),
+           counted("passages", "av", "left"), of="av"),
+    _PASSAGES("conflicts_ttc", "TTC below {ttc_s:g} s", "As PET.", counted("passages", "ttc")),
+    _PASSAGES("conflicts_drac", "DRAC above {drac_mps2:g} m/s²", "As PET.",
+              counted("passages", "drac")),
     _HOURS("people_los", "level of service, people", "Of the HCM (2010, exhibit 19-2), by "
-           "`people_wait_s`; JSON has the wait.", "mean people.wait_s", of="arms", form=Form.LEVEL),
+           "`people_wait_s`; JSON has the wait.", averaged("people", "wait_s"), of="arms",
+           form=Form.LEVEL),
     _PASSAGES("let_go", "people for whom the first driver yielded", "Of those who waited.",
-              "count people let_go", weight="count people waited", digits=0),
+              counted("people", "let_go"), weight=counted("people", "waited"), digits=0),
     _HOURS("vehicles_delay_s", "all vehicles' delay", "Of AVs and others at the crosswalks.",
-           "mean passages.delay_s"),
+           averaged("passages", "delay_s")),
     _HOURS("av_time_loss_s", "time loss of AVs", "Of trips through the whole network with the wait "
-           "for departure.", "mean vehicles.time_loss_s av", network=True),
+           "for departure.", averaged("vehicles", "time_loss_s", "av"), network=True),
     _HOURS("other_time_loss_s", "time loss of other vehicles", "As that of AVs.",
-           "mean vehicles.time_loss_s other", network=True),
-    _HOURS("depart_delay_s", "wait for departure", "Of all trips.", "mean vehicles.depart_delay_s",
-           network=True),
+           averaged("vehicles", "time_loss_s", "other"), network=True),
+    _HOURS("depart_delay_s", "wait for departure", "Of all trips.",
+           averaged("vehicles", "depart_delay_s"), network=True),
     _TOTAL("growth", "growth of the vehicles on the network", "From the second third of the time "
            "to the last, as a share of the vehicles due in a third: those not served.", "growth",
            estimate=estimators.mean, form=Form.SHARE, digits=1, network=True,
            undefined="trips are longer than a third of the counted time"),
     _TOTAL("long_trips", "simulations whose growth is not known", "Their mean trip is longer than "
            "a third of the counted time.", "long_trips", network=True),
-    *(_TOTAL(key, words, f"`{column}`.", column, network=column.partition(" ")[2][0] != "p")
-      for key, words, column in (
-          ("passages", "passages", "count passages"),
-          ("met_somebody", "passages that met someone", "count passages met"),
-          ("cut_off", "passages that did not end", "count passages cut_off"),
-          ("people", "people", "count_distinct people.person"),
-          ("never_went", "people who never went", "count people never_went"),
-          ("vehicles", "trips", "count vehicles"), ("avs", "trips of AVs", "count vehicles av"),
-          ("unfinished", "trips that did not end", "count vehicles unfinished"),
-          *((name, name.replace("_", " "), f"sum arms.{name}") for name in (
+    *(_TOTAL(key, words, f"`{column}`.", column) for key, words, column in (
+          ("passages", "passages", counted("passages")),
+          ("met_somebody", "passages that met someone", counted("passages", "met")),
+          ("cut_off", "passages that did not end", counted("passages", "cut_off")),
+          ("people", "people", Of("count_distinct", "people", "person")),
+          ("never_went", "people who never went", counted("people", "never_went")))),
+    *(_TOTAL(key, words, f"`{column}`.", column, network=True) for key, words, column in (
+          ("vehicles", "trips", counted("vehicles")),
+          ("avs", "trips of AVs", counted("vehicles", "av")),
+          ("unfinished", "trips that did not end", counted("vehicles", "unfinished")),
+          *((name, name.replace("_", " "), summed("arms", name)) for name in (
               "sumo_people", "vehicle_collisions", "person_collisions", "teleports",
               "emergency_stops", "overlaps", "people_left_out")))),
     _RISK("probability", "probability of the event", "That an episode ends in the event, by the "

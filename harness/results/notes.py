@@ -8,7 +8,7 @@ None.
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from harness.core.encounter import BY_SUMO, SPEED_ROUNDING
 from harness.encounter.arms import asks_model
@@ -33,22 +33,28 @@ class Note(NamedTuple):
     """Sentences without which the numbers mislead.
 
     Notes are ordered by ``rank``, the worst first, and at equal rank by ``weight``, the largest
-    first.  ``label`` stands for the note where it does not fit.  ``cells`` are the cells that it is
-    about: of a run their numbers, of a comparison their names.
+    first.  A first screen has its ``first`` sentence; ``label`` stands for the note where it does
+    not fit.  ``cells`` are the cells that it is about: of a run their numbers, of a comparison
+    their names.
     """
 
     key: str
     rank: int
     label: str
-    text: str
+    first: str
+    more: str = ""
     cells: tuple[int | str, ...] = ()
     weight: float = 0.0
 
     @property
-    def short(self) -> str:
-        """The first sentence, which a first screen shows."""
-        first, more, _ = self.text.partition(". ")
-        return f"{first}." if more else first
+    def text(self) -> str:
+        """All of it."""
+        return f"{self.first} {self.more}" if self.more else self.first
+
+    def to_dict(self) -> dict[str, Any]:
+        """The note as JSON."""
+        names = ("key", "rank", "label", "text", "cells", "weight")
+        return {name: getattr(self, name) for name in names}
 
 
 class Said(NamedTuple):
@@ -57,7 +63,8 @@ class Said(NamedTuple):
     Of several cells, those about the one of largest ``weight`` are shown.
     """
 
-    text: str
+    first: str
+    more: str = ""
     weight: float = 0.0
 
 
@@ -80,24 +87,23 @@ class Rule(NamedTuple):
 def _failures(cell: CellFindings) -> Iterator[Said]:
     if not (count := cell.total("failed")):
         return
-    text = f"{count:,} of {2 * cell['pairs'].count:,} episodes failed ({_by_arm(cell, 'failed')}"
-    if cell.kind == "simulations":
-        text = text.replace("episodes", "simulations")
-        yield Said(f"{text}). Every number leaves their pairs out.", count)
-    else:
-        text += f"; by the strategy {cell.total('failed_strategy'):,}). Times and crashes leave "
-        yield Said(f"{text}them out; the worst case counts them against the AV.", count)
+    noun, strategy, more = "simulations", "", "Every number leaves their pairs out."
+    if cell.kind == "encounters":
+        noun, strategy = "episodes", f"; by the strategy {cell.total('failed_strategy'):,}"
+        more = "Times and crashes leave them out; the worst case counts them against the AV."
+    every, by_arm = 2 * cell["pairs"].count, _by_arm(cell, "failed")
+    yield Said(f"{count:,} of {every:,} {noun} failed ({by_arm}{strategy}).", more, count)
 
 
 def _nothing_tested(cell: CellFindings) -> Iterator[Said]:
     if cell["kappa_met_someone"].n:
         return
     if cell["failed"].count == cell["pairs"].count:
-        yield Said("Every episode of the AV failed: nothing was tested.", 2)
+        yield Said("Every episode of the AV failed: nothing was tested.", weight=2)
     elif cell["failed"].count:
-        yield Said("Every pair that met a pedestrian failed: nothing was tested.", 2)
+        yield Said("Every pair that met a pedestrian failed: nothing was tested.", weight=2)
     else:
-        yield Said("Neither driver met a pedestrian: nothing was tested.", 1)
+        yield Said("Neither driver met a pedestrian: nothing was tested.", weight=1)
 
 
 def _selected(cell: CellFindings) -> Iterator[Said]:
@@ -118,7 +124,7 @@ def _few_pairs(cell: CellFindings) -> Iterator[Said]:
     if few:
         least = ", ".join(f"{number:,} ({_listed(names[number])})" for number in sorted(names))
         text = f"Too few informative pairs (fewest: {min(few):,}): intervals unreliable (*) or "
-        yield Said(f"{text}missing. Needed: {least}.", -min(few))
+        yield Said(f"{text}missing.", f"Needed: {least}.", -min(few))
 
 
 def _opposite(cell: CellFindings) -> Iterator[Said]:
@@ -136,8 +142,8 @@ def _left_out(cell: CellFindings) -> Iterator[Said]:
     ]
     if used < pairs:
         text = f"The ratio of times uses {pairs - cell['not_in_time_ratio'].count:,} of {pairs:,} "
-        text += f"pairs, μ and c_v use {used:,}. The others had {_listed(endings)}."
-        yield Said(text, pairs - used)
+        text += f"pairs, μ and c_v use {used:,}."
+        yield Said(text, f"The others had {_listed(endings)}.", pairs - used)
 
 
 def _fallback(cell: CellFindings) -> Iterator[Said]:
@@ -151,27 +157,29 @@ def _fallback(cell: CellFindings) -> Iterator[Said]:
         parts.append(f"{fallback_of(strategy)} drove in {count:,} of {pairs:,} {arm} passages{met}")
         weight = max(weight, 100 * (share if share else count / pairs))
     if parts:
-        yield Said(f"{'; '.join(parts)}. The scenario's strategy had no valid plan there.", weight)
+        more = "The scenario's strategy had no valid plan there."
+        yield Said(f"{'; '.join(parts)}.", more, weight)
 
 
 def _outside_the_model(cell: CellFindings) -> Iterator[Said]:
     shares = [(float(s), who) for who, end in cell.arms if (s := cell[f"clamped_share{end}"].value)]
     if shares:
         used = " and ".join(f"{100 * part:.3g} % ({who})" for part, who in shares)
-        text = f"The model was outside its data in {used} of its uses. It answered as for the "
-        yield Said(f"{text}nearest vehicle in its data.", max(part for part, _ in shares))
+        more = "It answered as for the nearest vehicle in its data."
+        largest = max(part for part, _ in shares)
+        yield Said(f"The model was outside its data in {used} of its uses.", more, largest)
 
 
 def _not_validated(cell: CellFindings) -> Iterator[Said]:
-    if text := not_validated(cell.scenario):
-        yield Said(text)
+    if sentences := not_validated(cell.scenario):
+        yield Said(*sentences)
 
 
 def _model_fit(cell: CellFindings) -> Iterator[Said]:
     scenario = cell.scenario
     if scenario.walks_by_model or asks_model(scenario):
-        text = "The error of the model's fit is in no interval, and may be larger. Compare "
-        yield Said(f"{text}several models: --vary model.path=….")
+        text = "The error of the model's fit is in no interval, and may be larger."
+        yield Said(text, "Compare several models: --vary model.path=….")
 
 
 def _speeding(cell: CellFindings) -> Iterator[Said]:
@@ -182,14 +190,13 @@ def _speeding(cell: CellFindings) -> Iterator[Said]:
     if fastest > limit_mps * (1 + SPEED_ROUNDING):
         limit = "v0" if cell.scenario.crossing.road_speed_limit_mps is None else "the road's limit"
         text = f"The {who} drove at up to {fastest:.3g} m/s, above {limit} of {limit_mps:g} m/s."
-        yield Said(text, fastest - limit_mps)
+        yield Said(text, weight=fastest - limit_mps)
 
 
 def _repeated(cell: CellFindings) -> Iterator[Said]:
     if names := [who for who, end in cell.arms if cell[f"kappa{end}"].reason == REPEATED]:
-        text = f"All {cell['pairs'].count:,} episodes are equal ({_listed(names)}). "
-        text += "More pairs add nothing, and shares have no interval."
-        yield Said(text, len(names))
+        text = f"All {cell['pairs'].count:,} episodes are equal ({_listed(names)})."
+        yield Said(text, "More pairs add nothing, and shares have no interval.", len(names))
 
 
 def _equal(cell: CellFindings) -> Iterator[Said]:
@@ -198,9 +205,11 @@ def _equal(cell: CellFindings) -> Iterator[Said]:
         ends = cell.arms[: len(entry.keys)]
         who = [who for who, end in ends if cell[f"{entry.key}{end}"].reason == EQUAL]
         if who:
-            names.append(_name(entry.heading) + f" ({_listed(who)})" * (entry.of == "arms"))
+            whose = f" ({_listed(who)})" if entry.of == "arms" else ""
+            names.append(_name(entry.heading) + whose)
     if names:
-        yield Said(f"The same in every pair, so without an interval: {_listed(names)}.", len(names))
+        text = f"The same in every pair, so without an interval: {_listed(names)}."
+        yield Said(text, weight=len(names))
 
 
 def _nobody_met(cell: CellFindings) -> Iterator[Said]:
@@ -217,7 +226,8 @@ def _collisions(cell: CellFindings) -> Iterator[Said]:
     more = {key: cell[key].count - cell[f"{key}_human"].count for key in keys}
     named = (f"{key.replace('_', ' ')} ({_by_arm(cell, key)})" for key in keys if more[key] > 0)
     if parts := [*named]:
-        yield Said(f"More than with the reference: {_listed(parts)}.", sum(more.values()))
+        text = f"More than with the reference: {_listed(parts)}."
+        yield Said(text, weight=sum(more.values()))
 
 
 def _few_hours(cell: CellFindings) -> Iterator[Said]:
@@ -225,15 +235,15 @@ def _few_hours(cell: CellFindings) -> Iterator[Said]:
     ran = cell["pairs"].count if ran is None else ran  # nobody came
     if ran < RELIABLE_FROM:
         rests = f"intervals rest on {ran:,} pairs" if ran > 1 else "one pair has no intervals"
-        text = f"Few pairs: {rests}. Intervals are reliable from {RELIABLE_FROM} pairs on."
-        yield Said(text, -ran)
+        more = f"Intervals are reliable from {RELIABLE_FROM} pairs on."
+        yield Said(f"Few pairs: {rests}.", more, -ran)
 
 
 def _cut_off(cell: CellFindings) -> Iterator[Said]:
     if count := cell.total("cut_off"):
-        text = f"Delays leave out {count:,} passages that did not end ({_by_arm(cell, 'cut_off')})"
-        text += f". The {cell.total('never_went'):,} who never went count with their wait so far."
-        yield Said(text, count)
+        by_arm, never = _by_arm(cell, "cut_off"), cell.total("never_went")
+        more = f"The {never:,} who never went count with their wait so far."
+        yield Said(f"Delays leave out {count:,} passages that did not end ({by_arm}).", more, count)
 
 
 def _who_drove(cell: CellFindings) -> Iterator[Said]:
@@ -244,10 +254,10 @@ def _who_drove(cell: CellFindings) -> Iterator[Said]:
     if share > MOSTLY and driven.count > DRIVEN * passages:
         return
     of_sumo = sum(each for each in by_sumo if each is not None)
-    text = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps."
+    text, more = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps.", ""
     if left := passages - driven.count:
-        text += f" Left to SUMO: {left:,} of {passages:,} passages: {cell['not_driven'].reason}."
-    yield Said(text, of_sumo)
+        more = f"Left to SUMO: {left:,} of {passages:,} passages: {cell['not_driven'].reason}."
+    yield Said(text, more, of_sumo)
 
 
 def _fills(cell: CellFindings) -> Iterator[Said]:
@@ -258,19 +268,23 @@ def _fills(cell: CellFindings) -> Iterator[Said]:
         if share is not None and share > max(GROWTH, 2.33 * math.sqrt(2.5 / max(due, 1))):
             growth[f"{100 * share:.0f} % of those due in a third of the time ({who})"] = share
     if growth:
-        text = f"The roads fill: the number of vehicles grows by {_listed([*growth])}. A longer "
-        yield Said(f"{text}simulation would have longer delays.", max(growth.values()))
+        text = f"The roads fill: the number of vehicles grows by {_listed([*growth])}."
+        more = "A longer simulation would have longer delays."
+        yield Said(text, more, max(growth.values()))
     elif count := cell.total("teleports"):
-        yield Said(f"A jam: SUMO teleported vehicles ({_by_arm(cell, 'teleports')}).", count)
+        text = f"A jam: SUMO teleported vehicles ({_by_arm(cell, 'teleports')})."
+        yield Said(text, weight=count)
     elif count := cell.total("long_trips"):
-        text = "Trips last longer than a third of the time, so it is not known whether roads fill. "
-        yield Said(f"{text}Simulations with such trips: {_by_arm(cell, 'long_trips')}.", count)
+        text = "Trips last longer than a third of the time, so it is not known whether roads fill."
+        more = f"Simulations with such trips: {_by_arm(cell, 'long_trips')}."
+        yield Said(text, more, count)
 
 
 def _people_of_sumo(cell: CellFindings) -> Iterator[Said]:
     if count := cell.total("sumo_people"):
         text = "SUMO's people without priority wait until the car stands, so slowing down does "
-        yield Said(f"{text}nothing for them; those with priority do not look.", count)
+        text += "nothing for them; those with priority do not look."
+        yield Said(text, weight=count)
 
 
 RULES: tuple[Rule, ...] = (
@@ -319,17 +333,17 @@ def notes_of(
         told = [(place, said) for place, each in by_cell for said in each]
         if not told:
             continue
-        worst, (text, weight) = max(told, key=lambda each: each[1].weight)
-        alike, others = len({words.text for _, words in told}) == 1, len(told) - 1
-        first, stop, more = text.removesuffix(".").partition(". ")
+        worst, (first, more, weight) = max(told, key=lambda each: each[1].weight)
+        alike, others = len({said[:2] for _, said in told}) == 1, len(told) - 1
         if len(cells) > 1 and not (alike and others):
             first = f"{called[worst]}: {first}"
         if others:
             same = "likewise" if alike else "similar"
-            first += f" ({same} in {others:,} more {'cell' if others == 1 else 'cells'})"
+            cell = "cell" if others == 1 else "cells"
+            first = f"{first.removesuffix('.')} ({same} in {others:,} more {cell})."
         about = tuple(names[place] if names else cells[place].number for place, _ in told)
         label = rule.label.format(weight)
-        notes.append(Note(rule.key, rank, label, f"{first}{stop}{more}.", about, weight))
+        notes.append(Note(rule.key, rank, label, first, more, about, weight))
     return tuple(sorted(notes, key=lambda note: (note.rank, -note.weight)))
 
 

@@ -115,7 +115,7 @@ class Result:
                 {k: finding_to_dict(v) if isinstance(v, Finding) else v for k, v in record.items()}
                 for record in self.records
             ],
-            "notes": [note._asdict() for note in self.notes],
+            "notes": [note.to_dict() for note in self.notes],
             "remarks": list(self.remarks),
         }
 

@@ -2,6 +2,8 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -11,7 +13,7 @@ from harness.core.encounter import LIMITED_BY, SECONDS_PER_HOUR, Arm, FloatArray
 from harness.measures.queues import growth
 from harness.results.columns import AV
 from harness.results.estimators import Sampling
-from harness.results.tables import Tables
+from harness.results.tables import TABLES, Tables
 from harness.scenario import Scenario
 from harness.scenario.sections import ConflictsSection
 
@@ -20,31 +22,74 @@ _TOUCHED = _OF("contact_person").is_valid()
 _REACHED = _OF("front_s").is_valid() | _TOUCHED
 
 
-def which(name: str, limits: ConflictsSection) -> pc.Expression:
-    """The rows of a table that a column counts; a contact is a conflict of every kind."""
-    # fmt: off
-    return {
-        "failed": _OF("reason").is_valid(), "av": _OF("automated"), "other": ~_OF("automated"),
-        "driven": _OF("driven"), "left": ~_OF("driven"), "fell_back": _OF("fallback"),
-        "reached": _REACHED, "passed": _OF("rear_s").is_valid(),
-        "cut_off": _OF("rear_s").is_null(), "touched": _TOUCHED,
-        "pet": _REACHED & ((_OF("pet_s") < limits.pet_s) | _TOUCHED),
-        "ttc": _REACHED & ((_OF("min_ttc_s") < limits.ttc_s) | _TOUCHED),
-        "drac": _REACHED & ((_OF("max_drac_mps2") > limits.drac_mps2) | _TOUCHED),
-        "met": _OF("pedestrians") > 0, "waited": _OF("let_go").is_valid(), "let_go": _OF("let_go"),
-        "never_went": _OF("start_s").is_null(), "unfinished": _OF("arrival_s").is_null(),
-    }[name]
-    # fmt: on
+# fmt: off
+ROWS: Mapping[str, Callable[[ConflictsSection], pc.Expression]] = {
+    "failed": lambda _: _OF("reason").is_valid(), "fell_back": lambda _: _OF("fallback"),
+    "av": lambda _: _OF("automated"), "other": lambda _: ~_OF("automated"),
+    "driven": lambda _: _OF("driven"), "left": lambda _: ~_OF("driven"),
+    "reached": lambda _: _REACHED, "touched": lambda _: _TOUCHED,
+    "passed": lambda _: _OF("rear_s").is_valid(), "cut_off": lambda _: _OF("rear_s").is_null(),
+    "pet": lambda limits: _REACHED & ((_OF("pet_s") < limits.pet_s) | _TOUCHED),
+    "ttc": lambda limits: _REACHED & ((_OF("min_ttc_s") < limits.ttc_s) | _TOUCHED),
+    "drac": lambda limits: _REACHED & ((_OF("max_drac_mps2") > limits.drac_mps2) | _TOUCHED),
+    "met": lambda _: _OF("pedestrians") > 0,
+    "waited": lambda _: _OF("let_go").is_valid(), "let_go": lambda _: _OF("let_go"),
+    "never_went": lambda _: _OF("start_s").is_null(),
+    "unfinished": lambda _: _OF("arrival_s").is_null(),
+}
+"""Which rows of a table a column counts; a contact is a conflict of every kind."""
+# fmt: on
 
 
-class SimulationSample(dict[str, np.ndarray]):
+@dataclass(frozen=True)
+class Of:
+    """A column of simulations: what is found of the rows of a table in each pair and arm.
+
+    Attributes:
+        how: a mean or maximum is NaN where no row counts.
+        table: name of the table.
+        column: its column.
+        rows: names of ``ROWS``, all of which hold of the rows that count.
+    """
+
+    how: Literal["mean", "max", "sum", "count", "count_distinct"]
+    table: str
+    column: str
+    rows: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse a column or name of rows that does not exist."""
+        columns = {*TABLES[self.table].schema.names, *LIMITED_BY}
+        if self.column not in columns or not {*self.rows} <= ROWS.keys():
+            raise ValueError(f"{self} is no column of simulations")
+
+    def __str__(self) -> str:
+        """How the reference in the documentation names it."""
+        place = self.table if self.how == "count" else f"{self.table}.{self.column}"
+        return " ".join((self.how, place, *self.rows))
+
+
+def counted(table: str, *rows: str) -> Of:
+    """The number of rows."""
+    return Of("count", table, "pair", rows)
+
+
+def summed(table: str, column: str, *rows: str) -> Of:
+    """The sum of a column."""
+    return Of("sum", table, column, rows)
+
+
+def averaged(table: str, column: str, *rows: str) -> Of:
+    """The mean of a column."""
+    return Of("mean", table, column, rows)
+
+
+class SimulationSample(dict[str | Of, np.ndarray]):
     """The simulations of one cell, over all chosen crosswalks or over one of them.
 
     A column is of both arms, shape (2, n) with the AV's first, or of the pairs, shape (n,); it is
-    made when it is asked for.  Its name is a key of ``COLUMNS``, or says how it is found: ``mean``,
-    ``max``, ``sum``, ``count`` or ``count_distinct``, then ``TABLE.COLUMN``, or the table alone if
-    rows are counted, and names of ``which`` that all hold, as in ``count passages av touched``.
-    Means and maxima are NaN where no row counts, and all but ``failed`` where an arm failed.
+    made when it is asked for, by a name of ``NAMED`` or by how it is found.  All but ``failed`` are
+    NaN where an arm failed.
 
     Args:
         tables: the tables of the cell by pair, from pair 0 on, the AV's first.
@@ -80,24 +125,23 @@ class SimulationSample(dict[str, np.ndarray]):
         """The sample's crosswalks, in the table's order."""
         return tuple(self.tables["crosswalks"]["crosswalk"].unique().to_pylist())
 
-    def __missing__(self, name: str) -> np.ndarray:
-        own = COLUMNS.get(name, name)
-        values = self._found(own) if isinstance(own, str) else own(self)
+    def __missing__(self, name: str | Of) -> np.ndarray:
+        own = NAMED[name] if isinstance(name, str) else name
+        values = self._found(own) if isinstance(own, Of) else own(self)
         if name not in ("every", "failed"):
             values = np.where(self["failed"].any(axis=0), np.nan, values)
         return self.setdefault(name, values)
 
-    def _found(self, name: str) -> FloatArray:
-        how, place, *rows = name.split()
-        kept, column, *_ = [*place.split("."), "pair"]
-        for each in rows:
+    def _found(self, of: Of) -> FloatArray:
+        kept = of.table
+        for each in of.rows:
             whole, kept = self.tables[kept], f"{kept} {each}"
             if kept not in self.tables:  # many columns are of the same rows
-                self.tables[kept] = whole.filter(which(each, self.scenario.conflicts))
-        found = self.tables[kept].group_by(["pair", "arm"]).aggregate([(column, how)])
-        values = np.full((2, self.n), np.nan if how in ("mean", "max") else 0.0)
+                self.tables[kept] = whole.filter(ROWS[each](self.scenario.conflicts))
+        found = self.tables[kept].group_by(["pair", "arm"]).aggregate([(of.column, of.how)])
+        values = np.full((2, self.n), np.nan if of.how in ("mean", "max") else 0.0)
         arm = pc.equal(found["arm"], Arm.HUMAN.value).to_numpy().astype(int)
-        values[arm, found["pair"].to_numpy()] = found[f"{column}_{how}"].cast(pa.float64())
+        values[arm, found["pair"].to_numpy()] = found[f"{of.column}_{of.how}"].cast(pa.float64())
         return values
 
     def growth(self) -> FloatArray:
@@ -120,17 +164,17 @@ class SimulationSample(dict[str, np.ndarray]):
         return "; ".join(f"{count:,} {why}" for why, count in found.most_common()) or None
 
 
-COLUMNS: Mapping[str, str | Callable[[SimulationSample], np.ndarray]] = {
+NAMED: Mapping[str, Of | Callable[[SimulationSample], np.ndarray]] = {
     "every": lambda sample: np.ones(sample.n),
-    "failed": "count arms failed",
-    "met": "count passages av driven met",
-    "fell_back": "count passages av driven met fell_back",
-    "conditionings": "sum arms.conditionings",
-    "clamped": "sum arms.clamped",
+    "failed": counted("arms", "failed"),
+    "met": counted("passages", "av", "driven", "met"),
+    "fell_back": counted("passages", "av", "driven", "met", "fell_back"),
+    "conditionings": summed("arms", "conditionings"),
+    "clamped": summed("arms", "clamped"),
     "growth": SimulationSample.growth,
-    "long_trips": lambda sample: np.isnan(sample["growth"]) & (sample["count vehicles"] > 0),
+    "long_trips": lambda s: np.isnan(s["growth"]) & (s[counted("vehicles")] > 0),
     "throughput_per_hour": lambda s: (
-        SECONDS_PER_HOUR * s["count passages passed"] / s["sum arms.counted_s"]
+        SECONDS_PER_HOUR * s[counted("passages", "passed")] / s[summed("arms", "counted_s")]
     ),
 }
 """Columns with a name of their own."""

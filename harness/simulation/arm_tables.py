@@ -53,6 +53,7 @@ def run_arm(
     pair: int,
     arm: Arm,
     folder: Path,
+    *,
     keeps: bool = False,
     module: Module = "libsumo",
     more: Mapping[str, str] = MappingProxyType({}),

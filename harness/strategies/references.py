@@ -64,10 +64,11 @@ def is_validated(scenario: Scenario) -> bool:
     return keeps_its_defaults(scenario, name)
 
 
-def not_validated(scenario: Scenario) -> str | None:
-    """A sentence if the reference was not validated in scenes like the scenario's; otherwise None.
+def not_validated(scenario: Scenario) -> tuple[str, str] | None:
+    """Says that the reference was not validated in scenes like the scenario's; None if it was.
 
     The recordings show crowds that decide for themselves; people who come at fixed times do not.
+    The second sentence is what is known of the reference; it may be empty.
     """
     name, people = scenario.arms.human, scenario.pedestrians
     here = is_validated(scenario)
@@ -75,11 +76,11 @@ def not_validated(scenario: Scenario) -> str | None:
     if here and crowd and people.flow_per_hour >= CROWD_PER_HOUR:
         return None
     settings = " with these settings" if not here and name in recorded() else ""
-    text = f"{name}{settings} was not validated against real drivers in such scenes"
-    if here:
-        order = recorded()[name]["order_right"]["value"]
-        text += f". In recorded crowds (DUT) its order of passing was right for {100 * order:.0f} %"
-    return f"{text}."
+    said = f"{name}{settings} was not validated against real drivers in such scenes."
+    if not here:
+        return said, ""
+    order = 100 * recorded()[name]["order_right"]["value"]
+    return said, f"In recorded crowds (DUT) its order of passing was right for {order:.0f} %."
 
 
 def opposite(scenario: Scenario, time_ratio: float) -> str | None:

@@ -89,6 +89,17 @@ class Verdict(NamedTuple):
     checked: bool = True
     observation: Observation | None = None
 
+    @property
+    def row(self) -> dict[str, str]:
+        """What a table says of it."""
+        return {
+            "rule": self.rule,
+            "kept": "yes" if self.problem is None else "no" if self.checked else "-",
+            "problem": self.problem or "",
+            "shown": "" if self.observation is None else str(self.observation),
+            "why": self.why,
+        }
+
 
 class Play:
     """A scene that a new object of a strategy plays: its observations, answers and trace."""

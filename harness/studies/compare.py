@@ -123,7 +123,7 @@ class _Kind(NamedTuple):
     differences: tuple[Difference, ...]
     shown: tuple[str, ...]
     worse: tuple[str, str]
-    reference: tuple[str, ...]
+    reference: tuple[Any, ...]
 
 
 _KINDS: Mapping[RunKind, _Kind] = {
@@ -351,23 +351,21 @@ def _notes(
     cut = [row for row in rows if row.a.cell["pairs"].count != row.b.cell["pairs"].count]
     notes = []
     if worse:
-        (more, less), others = worse[0], len(worse) - 1
-        text = f"{more.name} {does} more often than {less.label}"
-        text += f" (similar in {others:,} more row{'s' * (others > 1)})." if others else "."
+        (one, other), others = worse[0], len(worse) - 1
+        similar = "row" if others == 1 else "rows"
+        text = f"{one.name} {does} more often than {other.label}"
+        text += f" (similar in {others:,} more {similar})." if others else "."
         notes.append(Note("more_crashes", rank_of("collisions"), "more crashes", text))
     if few:
         text = f"In {len(few):,} {of} rows A − B is unreliable (*): few pairs differ (fewest: "
         least = kind.differences[0].reliable_from or RELIABLE_FROM
-        text += f"{min(few):,}). It is reliable from {least:,} on."
-        notes.append(Note("few_differ", rank_of("few_pairs"), "few pairs differ", text))
+        text, more = f"{text}{min(few):,}).", f"It is reliable from {least:,} on."
+        notes.append(Note("few_differ", rank_of("few_pairs"), "few pairs differ", text, more))
     if shares:
-        text = (
-            f"In {shares:,} {of} rows A and B have different shares of AVs, so numbers of AVs and "
-        )
-        text += (
-            "of other vehicles are of different vehicles. Compare those of all vehicles (--full)."
-        )
-        notes.append(Note("other_avs", rank_of("few_pairs"), "other vehicles are AVs", text))
+        text = f"In {shares:,} {of} rows A and B have different shares of AVs, so numbers of AVs "
+        text += "and of others are of different vehicles."
+        more = "Compare those of all vehicles (--full)."
+        notes.append(Note("other_avs", rank_of("few_pairs"), "other vehicles are AVs", text, more))
     if cut:
         text = f"In {len(cut):,} {of} rows A − B is over the {_common(cut[0].a, cut[0].b):,} pairs "
         text += "that both cells have, and a cell's own number over all of its pairs."

@@ -128,6 +128,7 @@ def export(
     pair: int,
     arm: Arm,
     out: Path,
+    *,
     passage: tuple[str, str] | None = None,
     free: bool = False,
 ) -> tuple[list[Path], tuple[str, ...]]:

@@ -46,6 +46,7 @@ def worst(
     run: Run,
     by: str = "pet_s",
     most: int = 20,
+    *,
     arm: Arm | str = Arm.AV,
     cell: int | None = None,
     driver: WhoDrove | None = None,

@@ -359,13 +359,13 @@ def test_a_note_of_a_sweep_is_about_its_worst_cell_and_counts_the_others() -> No
     cells = run_of(study({}, vary), fates, 10).cells
     (note,) = [note for note in notes_of(cells) if note.key == "failures"]
     assert note.text.startswith("flow_per_hour 100: 3 of 20 episodes failed")
-    assert note.short.endswith("(similar in 2 more cells).")
+    assert note.first.endswith("(similar in 2 more cells).")
     assert note.cells == (0, 1, 2)
     (note,) = [note for note in notes_of(cells[2:]) if note.key == "failures"]
     assert note.text.startswith("flow_per_hour 250: 2 of 20")
     (alike,) = [note for note in notes_of(cells[:1] * 2) if note.key == "failures"]
     assert alike.text.startswith("1 of 20")
-    assert alike.short.endswith("(likewise in 1 more cell).")
+    assert alike.first.endswith("(likewise in 1 more cell).")
 
 
 def test_json_and_csv_hide_nothing_that_the_screen_says(tell: Callable[..., Told]) -> None:

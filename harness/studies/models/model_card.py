@@ -169,6 +169,7 @@ def _candidates(fitted: Fitted, gain: Mapping[int, float]) -> Iterable[dict[str,
 def fit_model(
     rows: Path,
     out: Path,
+    *,
     name: str,
     command: str,
     settings: FitSettings,

@@ -137,25 +137,25 @@ def _passage(trace: Trace) -> tuple[float | None, float | None]:
 def risk(
     study: Study,
     event: str = "crashed",
-    workers: int | None = None,
-    executor: Executor | None = None,
-    progress: runs.Progress = runs.quiet,
+    *,
     arm: Arm = Arm.AV,
     target_cv: float = 0.1,
     out: Path | None = None,
     engine: EngineName = "plain",
+    workers: int | None = None,
+    executor: Executor | None = None,
+    progress: runs.Progress = runs.quiet,
 ) -> Result:
     """Estimate the probability that an episode ends in an event.
 
     Args:
         study: a study of one cell.
         event: see ``parse_event``.
-        workers, executor: as for ``run``.
-        progress: receives the numbers of finished and planned parts of a round.
         arm: who drives.
         target_cv: target of the standard error divided by the probability.
         out: a new or empty folder; default ``runs/<name>-risk-<next free number>``.
-        engine: as for ``run``.
+        engine, workers, executor: as for ``run``.
+        progress: receives the numbers of finished and planned parts of a round.
 
     Raises:
         InputError: the scenario, the strategy or the event is refused; nothing has been written.
@@ -174,11 +174,12 @@ def risk(
     )
     path = claim_folder(out, f"{study.name}-risk")
     folders.write_manifest(path, manifest)
-    return resume(path, workers, executor, progress)
+    return resume(path, workers=workers, executor=executor, progress=progress)
 
 
 def resume(
     path: Path,
+    *,
     workers: int | None = None,
     executor: Executor | None = None,
     progress: runs.Progress = runs.quiet,
@@ -295,21 +296,23 @@ def risk_notes(found: Findings, space: Space, current: bool = True) -> Iterator[
     high, worst = (_or_1(found[key]) for key in ("all_ways_high", "probability_worst"))
     chance = "; ".join(space.by_chance)
     said = (
-        ("failures", failures, f"{failures:,} of {every} failed and count as no event. If those of "
-         f"the estimate were events, its probability would be {worst:.3g}."),
-        ("no event", p.value is None, "No draw of the estimate ended in the event. In "
-         f"{every} no way to it was found, or none that draws could follow. Its probability is at "
-         f"most {high:.2g} (95 %)."),
-        ("unreliable", p.reliable is False, f"The interval is too narrow: {p.reason}."),
+        ("failures", failures, f"{failures:,} of {every} failed and count as no event.",
+         f"If those of the estimate were events, its probability would be {worst:.3g}."),
+        ("no event", p.value is None, "No draw of the estimate ended in the event.",
+         f"In {every} no way to it was found, or none that draws could follow. Its probability is "
+         f"at most {high:.2g} (95 %)."),
+        ("unreliable", p.reliable is False, f"The interval is too narrow: {p.reason}.", ""),
         ("other ways", found["weighted"].count, "The interval is of the ways to the event that "
-         f"were found. With all others the probability is at most {high:.2g} (95 %)."),
+         "were found.", f"With all others the probability is at most {high:.2g} (95 %)."),
         ("another version", not current, "The code that makes these numbers of draws has changed: "
-         "they are those of the version that drew."),
-        ("time-outs", late, f"{late:,} of {every} timed out and count as no event."),
-        ("not sampled", chance, f"Random, but not sampled: {chance}. A way to the event that needs "
-         "rare values of these is found only by chance."),
+         "they are those of the version that drew.", ""),
+        ("time-outs", late, f"{late:,} of {every} timed out and count as no event.", ""),
+        ("not sampled", chance, f"Random, but not sampled: {chance}.",
+         "A way to the event that needs rare values of these is found only by chance."),
     )  # fmt: skip
-    yield from (Note(key, k, key, text) for k, (key, holds, text) in enumerate(said) if holds)
+    for rank, (key, holds, first, more) in enumerate(said):
+        if holds:
+            yield Note(key, rank, key, first, more)
 
 
 def read_risk(path: Path) -> Result:

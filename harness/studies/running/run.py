@@ -125,6 +125,7 @@ def run(
 
 def resume(
     path: Path | str,
+    *,
     workers: int | None = None,
     executor: Executor | None = None,
     progress: Progress = quiet,

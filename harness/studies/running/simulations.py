@@ -98,10 +98,10 @@ def run_task(
                         pair,
                         arm,
                         arms / (arm if task.outputs is None else ""),
-                        task.outputs is not None,
-                        module,
-                        {**more, **({} if task.outputs is None else REPLAYED)},
-                        partial(tell, episode),
+                        keeps=task.outputs is not None,
+                        module=module,
+                        more={**more, **({} if task.outputs is None else REPLAYED)},
+                        begins=partial(tell, episode),
                     )
                     tell(None, None)
                     if key is not None:
