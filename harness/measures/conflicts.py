@@ -32,21 +32,28 @@ def min_ttc_s(chunk: Chunk) -> FloatArray:
     return np.where(chunk.crashed, 0.0, chunk.smallest(chunk.met.trace, chunk.ttc_s))
 
 
-def min_time_advantage_s(chunk: Chunk) -> FloatArray:
-    """Smallest abs(R/v − L/v_p) in s while both approach the point where their paths cross.
+def time_advantage_s(
+    range_m: FloatArray, speed_mps: FloatArray, lateral_m: FloatArray, walking_mps: FloatArray
+) -> FloatArray:
+    """abs(R/v − L/v_p) in s while both approach the point where their paths cross; else infinite.
 
     Nobody approaches it who stands: below 0.1 m/s, as SUMO has it.  Vehicles and people that have
     stopped keep speeds of rounding errors.
     """
+    both = (range_m > 0) & (lateral_m > 0)
+    both &= (speed_mps >= STANDING_MPS) & (walking_mps >= STANDING_MPS)
+    advantage = np.full(len(both), np.inf)
+    advantage[both] = np.abs(range_m[both] / speed_mps[both] - lateral_m[both] / walking_mps[both])
+    return advantage
+
+
+def min_time_advantage_s(chunk: Chunk) -> FloatArray:
+    """Smallest ``time_advantage_s`` of the record."""
     met = chunk.met
     lateral_m = (chunk.crossing.lane_centre_m - met.walker_y_m) * np.sign(met.walker_y_mps)
     walking_mps = np.abs(met.walker_y_mps)
-    both = (met.ahead_m > 0) & (lateral_m > 0)
-    both &= (met.speed_mps >= STANDING_MPS) & (walking_mps >= STANDING_MPS)
-    advantage = np.abs(
-        met.ahead_m[both] / met.speed_mps[both] - lateral_m[both] / walking_mps[both]
-    )
-    return chunk.smallest(met.trace[both], advantage)
+    advantage = time_advantage_s(met.ahead_m, met.speed_mps, lateral_m, walking_mps)
+    return chunk.smallest(met.trace, advantage)
 
 
 def pet_s(chunk: Chunk) -> FloatArray:

@@ -12,6 +12,7 @@ from jinja2.utils import htmlsafe_json_dumps
 
 from harness.core.documents import JsonObject
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, Ending, FloatArray
+from harness.measures.conflicts import time_advantage_s
 from harness.report.words import counted, plain_text
 from harness.results.folder import read_cell
 from harness.results.loaded_run import Run
@@ -81,22 +82,18 @@ def pair_name(pair: "ShownPair", several: bool) -> str:
     return f"cell {pair.cell}, pair {pair.pair}" if several else f"pair {pair.pair}"
 
 
-def time_advantage(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
-    """T_adv = |R/v − L/v_p| over time, the least over pedestrians.
+def _time_advantage_s(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
+    """The least ``time_advantage_s`` over pedestrians at each of the ego's rows.
 
     Args:
         rows: the rows of ``traces`` of one arm of one pair.
         crossing: the crosswalk from the ego's lane.
-
-    Returns:
-        Values in s, one for each of the ego's rows.  A value is NaN if R ≤ 0 or v = 0, or if nobody
-        on the crossing is walking and has L > 0.
     """
     parts = {str(name): part for name, part in rows.groupby("object", sort=False)}
     ego = parts.pop("ego", rows.iloc[:0])
     times = ego["time_s"].to_numpy()
-    distance, speed = -ego["x_m"].to_numpy(), ego["speed_mps"].to_numpy()
-    smallest = np.full(len(times), np.nan)
+    range_m, speed = -ego["x_m"].to_numpy(), ego["speed_mps"].to_numpy()
+    smallest = np.full(len(times), np.inf)
     for name, walker in parts.items():
         if not name.startswith("pedestrian-"):
             continue  # a pedestrian as the strategy perceives them
@@ -105,10 +102,8 @@ def time_advantage(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
         direction = np.sign(y[-1] - y[0]) or (1.0 if y[0] < crossing.length_m / 2 else -1.0)
         lateral = (crossing.lane_centre_m - y) * direction
         at = np.searchsorted(times, walker["time_s"].to_numpy()).clip(max=len(times) - 1)
-        ahead = (distance[at] > 0) & (lateral > 0) & (speed[at] > 0) & (walking > 0)
-        at = at[ahead]
-        advantage = np.abs(distance[at] / speed[at] - lateral[ahead] / walking[ahead])
-        smallest[at] = np.fmin(smallest[at], advantage)
+        found = time_advantage_s(range_m[at], speed[at], lateral, walking)
+        np.minimum.at(smallest, at, found)
     return smallest
 
 
@@ -185,7 +180,7 @@ def _arm(
     ego = tracks.get("ego", {"t": [], "x": [], "y": []})
     if "ego" in objects:
         ego |= {"v": _rounded(objects["ego"]["speed_mps"])}
-        ego |= {"gap": _rounded(time_advantage(rows, crossing))}
+        ego |= {"gap": _rounded(_time_advantage_s(rows, crossing))}
     walkers = [
         {
             "index": int(person["index"]),

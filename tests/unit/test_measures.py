@@ -13,6 +13,7 @@ import pytest
 
 from harness.core.encounter import Arrival, Ending, Leg, Side, Walk
 from harness.measures import EpisodeRecord, crossing_time_s, measure
+from harness.measures.conflicts import time_advantage_s
 from tests.scenes import Walker, drive
 
 
@@ -172,6 +173,10 @@ def test_post_encroachment_time_of_who_is_on_the_road_or_beside_the_centre_line(
 def test_time_advantage_and_time_to_collision_by_hand() -> None:
     # |R/v − L/v_p| with R/v = 6 − t, L/v_p = 2.25/1.5 − t: 4.5 s as long as both approach.
     assert cruise((0.0, Side.NEAR, 1.5)).min_time_advantage_s == pytest.approx(4.5, abs=1e-9)
+    # Who stands approaches nothing: 9 m at 0.1 m/s, 1 m at 1 m/s, and each slower than 0.1 m/s.
+    ego, walker = np.array([0.1, 0.09, 0.1]), np.array([1.0, 1.0, 0.09])
+    found = time_advantage_s(np.full(3, 9.0), ego, np.ones(3), walker)
+    np.testing.assert_allclose(found, [89.0, np.inf, np.inf])
     # They step off at 3.2 s: 1.3 s, after the ego by no more.
     result = cruise((3.2, Side.NEAR, 1.5))
     assert result.min_time_advantage_s == pytest.approx(6 - 3.2 - 1.5, abs=1e-9)
