@@ -158,9 +158,9 @@ def _t_share(events: np.ndarray, trials: np.ndarray, sampling: Sampling) -> Find
     return student.t_ratio_difference(av, human, sampling.confidence)
 
 
-_HOURS = partial(Entry, estimate=_t_mean, of="both", unit="s", digits=1, kinds=SIMULATIONS,
+_MEANS = partial(Entry, estimate=_t_mean, of="both", unit="s", digits=1, kinds=SIMULATIONS,
                  undefined="there is none of these")  # fmt: skip
-_PASSAGES = partial(_HOURS, estimate=_t_share, weight=counted("passages", "reached"), unit="",
+_PASSAGES = partial(_MEANS, estimate=_t_share, weight=counted("passages", "reached"), unit="",
                     form=Form.SHARE)  # fmt: skip
 _REACHED = "Only vehicles that reached a crosswalk or touched somebody count."
 _MEAN = partial(Entry, estimate=estimators.mean, reliable_from=1_000)
@@ -272,19 +272,19 @@ ENTRIES: tuple[Entry, ...] = (
           "for a vehicle that was faster or farther away than its data, among all uses.",
           "clamped", _average, form=Form.SHARE, weight="conditionings", kinds=_BOTH,
           undefined="the model was not used"),
-    _HOURS("av_delay_s", "AVs' delay", "At the crosswalks, of the vehicles that `arms.av` drives; "
+    _MEANS("av_delay_s", "AVs' delay", "At the crosswalks, of the vehicles that `arms.av` drives; "
            "in the reference's arm of the same.", averaged("passages", "delay_s", "av"),
            screen=True),
-    _HOURS("other_delay_s", "other vehicles' delay", "Of all others at the crosswalks.",
+    _MEANS("other_delay_s", "other vehicles' delay", "Of all others at the crosswalks.",
            averaged("passages", "delay_s", "other"), screen=True, optional=True),
-    _HOURS("people_wait_s", "people's wait", "At the kerb, until stepping off or the end.",
+    _MEANS("people_wait_s", "people's wait", "At the kerb, until stepping off or the end.",
            averaged("people", "wait_s"), screen=True),
-    _HOURS("people_delay_s", "people's delay", "Against an undisturbed walk; of SUMO's people "
+    _MEANS("people_delay_s", "people's delay", "Against an undisturbed walk; of SUMO's people "
            "their wait.", averaged("people", "delay_s"), screen=True, optional=True),
-    _HOURS("queue_p95", "queue, 95 %, vehicles", "Vehicles below 5 km/h before the crosswalk, "
+    _MEANS("queue_p95", "queue, 95 %, vehicles", "Vehicles below 5 km/h before the crosswalk, "
            "quantile over seconds; of several crosswalks that of the longest queue.",
            Of("max", "crosswalks", "queue_p95"), unit="", screen=True),
-    _HOURS("throughput_per_hour", "throughput", "Vehicles over the crosswalks; with a queue that "
+    _MEANS("throughput_per_hour", "throughput", "Vehicles over the crosswalks; with a queue that "
            "grows, the capacity.", "throughput_per_hour", unit="1/h", digits=0, screen=True),
     _PASSAGES("conflicts_pet", "PET below {pet_s:g} s", "Share of passages with a conflict or a "
               f"contact. {_REACHED}", counted("passages", "pet"), screen=True),
@@ -309,18 +309,18 @@ ENTRIES: tuple[Entry, ...] = (
     _PASSAGES("conflicts_ttc", "TTC below {ttc_s:g} s", "As PET.", counted("passages", "ttc")),
     _PASSAGES("conflicts_drac", "DRAC above {drac_mps2:g} m/s²", "As PET.",
               counted("passages", "drac")),
-    _HOURS("people_los", "level of service, people", "Of the HCM (2010, exhibit 19-2), by "
+    _MEANS("people_los", "level of service, people", "Of the HCM (2010, exhibit 19-2), by "
            "`people_wait_s`; JSON has the wait.", averaged("people", "wait_s"), of="arms",
            form=Form.LEVEL),
     _PASSAGES("let_go", "people for whom the first driver yielded", "Of those who waited.",
               counted("people", "let_go"), weight=counted("people", "waited"), digits=0),
-    _HOURS("vehicles_delay_s", "all vehicles' delay", "Of AVs and others at the crosswalks.",
+    _MEANS("vehicles_delay_s", "all vehicles' delay", "Of AVs and others at the crosswalks.",
            averaged("passages", "delay_s")),
-    _HOURS("av_time_loss_s", "time loss of AVs", "Of trips through the whole network with the wait "
+    _MEANS("av_time_loss_s", "time loss of AVs", "Of trips through the whole network with the wait "
            "for departure.", averaged("vehicles", "time_loss_s", "av"), network=True),
-    _HOURS("other_time_loss_s", "time loss of other vehicles", "As that of AVs.",
+    _MEANS("other_time_loss_s", "time loss of other vehicles", "As that of AVs.",
            averaged("vehicles", "time_loss_s", "other"), network=True),
-    _HOURS("depart_delay_s", "wait for departure", "Of all trips.",
+    _MEANS("depart_delay_s", "wait for departure", "Of all trips.",
            averaged("vehicles", "depart_delay_s"), network=True),
     _TOTAL("growth", "growth of the vehicles on the network", "From the second third of the time "
            "to the last, as a share of the vehicles due in a third: those not served.", "growth",

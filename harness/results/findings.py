@@ -49,6 +49,16 @@ class CellFindings:
         return sum(self.findings[of].count for of in (key, f"{key}_human") if of in self.findings)
 
 
+def records_of(cell: CellFindings) -> list[dict[str, Plain | Finding]]:
+    """The numbers of a cell, then of each of its crosswalks, with who drove."""
+    arms = cell.scenario.arms
+    first = {"cell": cell.number, **cell.varied, "av": arms.av, "reference": arms.human}
+    if not cell.by_crosswalk:
+        return [{**first, **cell.findings}]
+    at = [{**first, "crosswalk": name, **found} for name, found in cell.by_crosswalk.items()]
+    return [{**first, "crosswalk": None, **cell.findings}, *at]
+
+
 def worst_cases(cells: Sequence[CellFindings]) -> list[Entry]:
     """The worst cases that differ from the number itself in a cell, because pairs are left out."""
     return [

@@ -27,10 +27,10 @@ from harness.core.files import (
     write_csv,
     write_file,
 )
+from harness.core.versions import versions_of_fits
 from harness.results.finding import Finding, Plain, finding_to_dict
-from harness.results.findings import CellFindings
+from harness.results.findings import CellFindings, records_of
 from harness.results.result import flat
-from harness.results.screens import records_of
 from harness.results.tables import TABLES, TABLES_OF, RunKind, Table
 from harness.scenario import Cell, EngineName
 
@@ -45,8 +45,13 @@ FINDINGS = "findings.json"
 EVENTS = "events"
 """The folder of the run that a risk makes of its events."""
 
-_COMPUTES = ("results/*.py", "measures/queues.py", "studies/risk/*.py")
-"""The code that makes findings of rows."""
+COMPUTES = (
+    "core/* measures/* scenario/* studies/risk/* encounter/arms model/mixture/normals "
+    "strategies/parameters strategies/registry results/catalogue results/columns "
+    "results/estimators results/finding results/findings results/simulated results/student "
+    "results/tables"
+)
+"""The modules that make findings of rows; those of screens make none."""
 
 _DIGEST = b"harness.digest"
 """The key of the manifest's digest in a part's metadata."""
@@ -307,9 +312,10 @@ def read_findings(
 
 @cache
 def code_digest() -> str:
-    """The digest of the code that makes findings of rows."""
-    files = [file for pattern in _COMPUTES for file in sorted(PACKAGE.glob(pattern))]
-    return hashlib.sha256(b"".join(map(read_file, files))).hexdigest()
+    """The digest of the code that makes findings of rows, and of its libraries' versions."""
+    files = [file for name in COMPUTES.split() for file in sorted(PACKAGE.glob(f"{name}.py"))]
+    libraries = json.dumps(versions_of_fits()).encode()
+    return hashlib.sha256(b"".join([libraries, *map(read_file, files)])).hexdigest()
 
 
 def unfinished(folder: Path) -> InputError:

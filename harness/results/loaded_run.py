@@ -16,7 +16,7 @@ import pyarrow.compute as pc
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, resume_command, unknown_name
-from harness.results.findings import CellFindings, cell_findings
+from harness.results.findings import CellFindings, cell_findings, records_of
 from harness.results.folder import (
     EVENTS,
     MANIFEST,
@@ -29,7 +29,7 @@ from harness.results.folder import (
 )
 from harness.results.notes import FIRST, Note, notes_of
 from harness.results.result import Result
-from harness.results.screens import drivers, records_of, scope_of, tables_of
+from harness.results.screens import drivers, scope_of, tables_of
 from harness.results.tables import COUNTED, TABLES_OF, RunKind, kind_of
 from harness.scenario import Scenario, Setting, Study, study_from
 from harness.scenario.file import apply_setting

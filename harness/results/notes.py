@@ -230,7 +230,7 @@ def _collisions(cell: CellFindings) -> Iterator[Said]:
         yield Said(text, weight=sum(more.values()))
 
 
-def _few_hours(cell: CellFindings) -> Iterator[Said]:
+def _few_simulations(cell: CellFindings) -> Iterator[Said]:
     ran = cell["people_wait_s_difference"].n
     ran = cell["pairs"].count if ran is None else ran  # nobody came
     if ran < RELIABLE_FROM:
@@ -291,7 +291,7 @@ RULES: tuple[Rule, ...] = (
     Rule("failures", "failures", _failures, _failures),
     Rule("nothing_tested", "nothing tested", _nothing_tested, _nobody_met),
     Rule("selected", "selected pairs", _selected),
-    Rule("few_pairs", "few pairs", _few_pairs, _few_hours),
+    Rule("few_pairs", "few pairs", _few_pairs, _few_simulations),
     Rule("opposite", "another reference disagrees", _opposite),
     Rule("collisions", "collisions of vehicles", None, _collisions),
     Rule("fills", "roads fill", None, _fills),

@@ -75,7 +75,7 @@ class Result:
     """What a command found.
 
     Attributes:
-        command: ``run``, ``compare`` or ``worst``.
+        command: the name of the command.
         title: what was compared with what.
         scope: pairs, failures among them, seed.
         about: the place, the people and what is special, in one line; may be empty.

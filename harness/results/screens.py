@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from harness.core.encounter import Arm
 from harness.results.catalogue import ENTRY_OF, Entry, entries_of
-from harness.results.finding import Finding, Findings, Form, Plain
+from harness.results.finding import Findings, Form, Plain
 from harness.results.findings import CellFindings, on_first_screen, worst_cases
 from harness.results.result import Column, Entered, Shown, Style, Table, Versus
 from harness.results.tables import RunKind
@@ -48,16 +48,6 @@ def tables_of(cells: Sequence[CellFindings]) -> tuple[Table, tuple[Table, ...]]:
     screen = _rows("", on_first_screen(cells[0]), cells[0], paper) if one else _sweep(cells)
     every = [table for cell in cells for table in _every_number(cell, paper)]
     return screen, tuple(every[:_MOST_TABLES])
-
-
-def records_of(cell: CellFindings) -> list[dict[str, Plain | Finding]]:
-    """The numbers of a cell, then of each of its crosswalks, with who drove."""
-    arms = cell.scenario.arms
-    first = {"cell": cell.number, **cell.varied, "av": arms.av, "reference": arms.human}
-    if not cell.by_crosswalk:
-        return [{**first, **cell.findings}]
-    at = [{**first, "crosswalk": name, **found} for name, found in cell.by_crosswalk.items()]
-    return [{**first, "crosswalk": None, **cell.findings}, *at]
 
 
 def shown(entry: Entry, found: CellFindings | Findings, key: str = "") -> Shown:

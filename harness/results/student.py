@@ -1,4 +1,4 @@
-"""Estimators of simulations, a pair of which is an hour with many passages.
+"""Estimators of simulations, which have many passages a pair.
 
 Means and ratios have Student's t interval over pairs, and shares of passages that of Korn and
 Graubard (1998).
@@ -15,7 +15,7 @@ from harness.results.estimators import EQUAL, clopper_pearson, informative
 from harness.results.finding import Finding
 
 RELIABLE_FROM = 5
-"""Pairs from which on intervals are reliable; hours are skewed, and t is for normal ones."""
+"""Pairs from which on intervals are reliable; theirs are skewed, and t is for normal ones."""
 
 ONE = "one pair has no interval"
 ALONE = "of one pair, as if its passages were independent"

@@ -8,6 +8,9 @@ import pandas as pd
 import pytest
 
 import harness
+from harness.core.errors import InputError
+from harness.results import folder
+from harness.studies.risk.estimate import read_risk
 from tests.batches import QUICK, here, options_of, printed, refusal
 
 UNHINDERED = ("risk", "cctc", "--set", "arms.av=constant_speed", "--target-cv", 0.3)
@@ -49,10 +52,16 @@ def test_its_page_has_the_estimate_and_plays_its_events(finished: Path, tmp_path
 
 
 def test_a_finished_one_is_only_shown_and_an_edited_one_is_refused(
-    finished: Path, tmp_path: Path
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     again = Path(shutil.copytree(finished, tmp_path / "again"))
     assert printed("resume", again, "--quiet") == f"{again}\n"
+    stored = read_risk(again)
+    monkeypatch.setattr(folder, "code_digest", lambda: "of other code")
+    assert read_risk(again) == stored  # from the draws
+    min((again / "draws").iterdir()).unlink()
+    with pytest.raises(InputError, match="draws: parts are missing"):
+        read_risk(again)
     (again / "findings.json").write_text("{}")
     assert "findings.json: is damaged" in refusal("resume", again)
 

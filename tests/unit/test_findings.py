@@ -258,19 +258,8 @@ def test_a_sweep_has_a_row_a_cell_and_no_column_that_is_empty_or_equal() -> None
 
 def test_flat_names() -> None:
     """One column for each part that a number has; what it lacks has none."""
-    found = Finding(0.04, 0.005, 0.137, 50, 2, True, "a reason", 0.2)
-    row = flat({"cell": 3, "kappa": found, "mu": Finding(None, n=0, reason="why")})
-    assert row == {
-        "cell": 3,
-        "kappa": 0.04,
-        "kappa_ci_low": 0.005,
-        "kappa_ci_high": 0.137,
-        "kappa_n": 50,
-        "kappa_events": 2,
-        "kappa_reliable": True,
-        "kappa_reason": "a reason",
-        "kappa_p": 0.2,
-        "mu": None,
-        "mu_n": 0,
-        "mu_reason": "why",
-    }
+    parts = (0.04, 0.005, 0.137, 50, 2, True, "a reason", 0.2)
+    row = flat({"cell": 3, "kappa": Finding(*parts), "mu": Finding(None, n=0, reason="why")})
+    ends = ("", "_ci_low", "_ci_high", "_n", "_events", "_reliable", "_reason", "_p")
+    kappa = {f"kappa{end}": part for end, part in zip(ends, parts, strict=True)}
+    assert row == {"cell": 3, **kappa, "mu": None, "mu_n": 0, "mu_reason": "why"}

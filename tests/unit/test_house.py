@@ -16,6 +16,9 @@ from pathlib import Path
 
 import pytest
 
+from harness.core.files import PACKAGE
+from harness.results.folder import COMPUTES
+
 CHECKOUT = Path(__file__).parents[2]
 CODE = {"harness": 19_000, "tests": 13_000, "benchmarks": 1_700, "docs": 600, "examples": 201}
 ROOMS = {
@@ -228,3 +231,11 @@ def test_what_the_page_on_additions_names_exists() -> None:
 def test_a_modules_name_occurs_once() -> None:
     names = [path.stem for path in PATHS.values() if path.name != "__init__.py"]
     assert len(names) == len({*names})
+
+
+def test_findings_know_the_code_that_makes_them() -> None:
+    """What the modules that compute import inside the house is in the digest of findings."""
+    known = {path for name in COMPUTES.split() for path in PACKAGE.glob(f"{name}.py")}
+    makes = [path for path in known if path.match("results/*") or path.match("risk_*")]
+    used = {other for path in makes for other in imports_of(path) & PATHS.keys()}
+    assert [name for name in used if PATHS[name] not in known] == []

@@ -17,7 +17,7 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from harness.core.encounter import Arm, Ending, Trace
-from harness.core.errors import InputError
+from harness.core.errors import InputError, resume_command
 from harness.core.seeding import resampling
 from harness.encounter.loop import Episode
 from harness.encounter.pairing import PairRunner
@@ -283,18 +283,18 @@ def _or_1(found: Finding) -> float:
     return 1.0 if found.value is None else found.value
 
 
-def risk_notes(found: Findings, space: Space, current: bool = True) -> Iterator[Note]:
+def risk_notes(found: Findings, space: Space, target_cv: float = 1.0) -> Iterator[Note]:
     """What a reader must know, the worst first.
 
     Args:
         found: the numbers.
         space: what is random.
-        current: whether the code of this version computed them.
+        target_cv: see ``risk``.
     """
     p, every = found["probability"], f"{found['episodes'].count:,} episodes"
     failures, late = (found[key].count for key in ("failures", "timed_out_episodes"))
     high, worst = (_or_1(found[key]) for key in ("all_ways_high", "probability_worst"))
-    chance = "; ".join(space.by_chance)
+    chance, cv = "; ".join(space.by_chance), found["coefficient_of_variation"].value or 0.0
     said = (
         ("failures", failures, f"{failures:,} of {every} failed and count as no event.",
          f"If those of the estimate were events, its probability would be {worst:.3g}."),
@@ -304,8 +304,8 @@ def risk_notes(found: Findings, space: Space, current: bool = True) -> Iterator[
         ("unreliable", p.reliable is False, f"The interval is too narrow: {p.reason}.", ""),
         ("other ways", found["weighted"].count, "The interval is of the ways to the event that "
          "were found.", f"With all others the probability is at most {high:.2g} (95 %)."),
-        ("another version", not current, "The code that makes these numbers of draws has changed: "
-         "they are those of the version that drew.", ""),
+        ("target missed", cv > target_cv, "The coefficient of variation is "
+         f"{cv:.2g}, above the target of {target_cv:g}.", f"{p.n:,} draws did not suffice."),
         ("time-outs", late, f"{late:,} of {every} timed out and count as no event.", ""),
         ("not sampled", chance, f"Random, but not sampled: {chance}.",
          "A way to the event that needs rare values of these is found only by chance."),
@@ -315,18 +315,32 @@ def risk_notes(found: Findings, space: Space, current: bool = True) -> Iterator[
             yield Note(key, rank, key, first, more)
 
 
+def _found_again(path: Path, manifest: folders.Manifest, study: Study) -> Findings:
+    """The numbers of the stored draws, if other code than today's computed the stored numbers."""
+    stored = folders.read_findings(path, manifest, study.cells, old=True)
+    if stored is None:
+        raise folders.unfinished(path)
+    rounds, parts = dict[int, list[pa.Table]](), sorted(folders.done_parts(path))
+    for (round_, first), (_, end) in zip(parts, [*parts[1:], (0, 0)], strict=True):
+        units = range(first, end or first + MOST_DRAWS)  # a round begins with 0
+        rows = folders.read_part(path, DRAWS, round_, first, manifest, units)
+        rounds.setdefault(round_, []).append(rows)
+    drawn = [Units(pa.concat_tables(of)) for of in rounds.values()]
+    if sum(each.episodes for each in drawn) != stored[0]["episodes"].value:
+        advice = f"delete {folders.FINDINGS}; `{resume_command(path)}` draws them again"
+        raise InputError(str(path / DRAWS), "parts are missing", advice)
+    return findings_of(drawn)
+
+
 def read_risk(path: Path) -> Result:
     """What a finished risk says.
 
     Raises:
-        InputError: it is not finished, or its findings are damaged.
+        InputError: it is not finished, or its files are damaged.
     """
     manifest, study = _read(path)
-    current = folders.read_findings(path, manifest, study.cells)
-    cells = current or folders.read_findings(path, manifest, study.cells, old=True)
-    if cells is None:
-        raise folders.unfinished(path)
-    found = cells[0].findings
+    cells = folders.read_findings(path, manifest, study.cells)
+    found = _found_again(path, manifest, study) if cells is None else cells[0].findings
     scenario, asked, quoted = study.cells[0].scenario, manifest["risk"], shlex.quote(str(path))
     arm = Arm(asked["arm"])
     columns = Column("measure", ""), Column("value", "", True)
@@ -339,16 +353,18 @@ def read_risk(path: Path) -> Result:
     facts |= {"failed": found["failures"].count, "event": asked["event"], "arm": asked["arm"]}
     facts |= {"target_cv": asked["target_cv"], "seed": manifest["seed"]}
     facts |= {"confidence": manifest["confidence"], "engine": manifest["engine"]}
-    how = "weighted draws" if found["weighted"].count else "brute force"
+    how = "weighted draws" if found["weighted"].count else "draws by brute force"
+    drawn = f"{found['probability'].n or 0:,} {how}"
+    scope = f"{drawn}; {found['episodes'].count:,} episodes with earlier rounds"
     shown = f"Events: harness worst {quoted}/{folders.EVENTS}. Page: harness report {quoted}"
     return Result(
         command="risk",
         title=f"{study.name}: {asked['event']}, {scenario.arms.driver(arm)}",
-        scope=f"{found['episodes'].count:,} episodes, by {how}, seed {manifest['seed']}",
+        scope=f"{scope}; seed {manifest['seed']}",
         about=place_in_words([scenario]),
         screen=Table("", columns, tuple(numbers)),
         full=(),
-        notes=tuple(risk_notes(found, space_of(scenario, arm), current is not None)),
+        notes=tuple(risk_notes(found, space_of(scenario, arm), asked["target_cv"])),
         closing=(shown,) * (found["probability"].value is not None),
         facts=facts,
         records=[{"event": asked["event"], "strategy": scenario.arms.driver(arm), **found}],
