@@ -171,6 +171,9 @@ class EgoView(NamedTuple):
 class PedestrianView(NamedTuple):
     """One pedestrian as a strategy sees them.
 
+    ``index`` is the number of people whom the driver had seen before they first saw this one; it
+    stays the same for as long as the driver is on the way to this crosswalk.  (In the ground truth
+    and in ``Trace.shown`` it is that of their ``Arrival``.)
     ``lateral_m`` (L) is the distance, in their walking direction, to the centre of the ego's lane;
     it is negative once they are past it.  ``remaining_m`` is the distance to the kerb that they
     walk to.  ``speed_mps`` is 0 while they stand.  ``on_crossing`` is true if they have stepped off

@@ -14,6 +14,7 @@ from harness.core.encounter import (
     Crossing,
     EgoView,
     Observation,
+    PedestrianView,
     Strategy,
     Vehicle,
     Views,
@@ -58,10 +59,12 @@ class Driver:
         self._least_mps2 = -vehicle.max_deceleration_mps2
         self._most_mps2 = vehicle.max_acceleration_mps2
         self._shown: list[Views] = []
+        self._numbers: dict[int, int] = {}
+        self._unchanged: set[int] = set()  # whose number is their index
 
     @property
     def shown(self) -> tuple[Views, ...] | None:
-        """What their sensor has shown at each step; None if they see the truth."""
+        """What their sensor has shown at each step, by planned index; None if they see the truth."""
         return None if self._sensor is None else tuple(self._shown)
 
     def observe(
@@ -75,10 +78,29 @@ class Driver:
         else:
             seen = self._sensor(near)
             self._shown.append(seen)
+        for view in seen:
+            if view[0] not in self._unchanged:
+                seen = self._numbered(seen)
+                break
         ego = quick_tuple(EgoView, (range_m, speed_mps, acceleration_mps2))
         return quick_tuple(
             Observation, (time_s, self._step_s, ego, way.vehicle, way.crossing, seen)
         )
+
+    def _numbered(self, seen: Views) -> Views:
+        """These people by the order in which this driver first saw them.
+
+        Their planned indices would tell of people who are hidden or have not come yet.
+        """
+        numbers, told = self._numbers, []
+        for view in seen:
+            number = numbers.setdefault(view.index, len(numbers))
+            if number == view.index:
+                self._unchanged.add(number)
+                told.append(view)
+            else:
+                told.append(quick_tuple(PedestrianView, (number, *view[1:])))
+        return tuple(told)
 
     def command(self, answer: object, time_s: float) -> float:
         """A strategy's answer as a command in m/s², within the vehicle's limits.

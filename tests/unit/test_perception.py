@@ -10,6 +10,7 @@ from scipy import stats
 
 from harness.core.encounter import Arm, Arrival, Observation, PedestrianView, Side, Trace
 from harness.encounter.arrivals import planned_arrivals
+from harness.encounter.loop import drive
 from harness.measures import measure
 from harness.model.interaction import load_model
 from harness.results.rows import trace_rows
@@ -42,28 +43,19 @@ def play(
     return watched(scene, arrivals, lambda who, *_: walkers[who.index][2], eyes)
 
 
-@pytest.mark.parametrize("latency", [0.1, 0.3, 1.0])
-def test_what_is_shown_is_exactly_that_old(latency: float) -> None:
+@pytest.mark.parametrize(("every", "late"), [(1, 1), (1, 3), (1, 10), (4, 2)])
+def test_what_is_shown_is_exactly_that_old(every: int, late: int) -> None:
     walkers = [(0.33, Side.NEAR, 1.3), (1.0, Side.FAR, 2.0)]
     now, _ = play(scenario(), walkers)
-    late, trace = play(scenario(perception={"latency_s": latency}), walkers)
-    steps = round(latency / 0.1)
-    assert [o.pedestrians for o in late] == [()] * steps + [o.pedestrians for o in now[:-steps]]
-    # The ego's own state is current.
-    assert [o.ego for o in late] == [o.ego for o in now]
-    assert trace.shown == tuple(o.pedestrians for o in late)
-
-
-def test_between_updates_nothing_new_is_shown() -> None:
-    walkers = [(0.0, Side.NEAR, 1.0)]
-    now, _ = play(scenario(), walkers)
-    scene = scenario(perception={"update_s": 0.4, "latency_s": 0.2})
-    late, _ = play(scene, walkers)
+    keys = {"latency_s": late / 10, "update_s": every / 10}
+    then, trace = play(scenario(perception=keys), walkers)
     # Looks at 0, 0.4, 0.8 …, told 0.2 s later: at step n the look at 4 ⌊(n − 2)/4⌋.
-    for step, observation in enumerate(late):
-        looked = 4 * ((step - 2) // 4)
-        expected = now[looked].pedestrians if looked >= 0 else ()
-        assert observation.pedestrians == expected
+    looked = [every * ((step - late) // every) for step in range(len(now))]
+    expected = [now[step].pedestrians if step >= 0 else () for step in looked]
+    assert [o.pedestrians for o in then] == expected
+    # The ego's own state is current.
+    assert [o.ego for o in then] == [o.ego for o in now]
+    assert trace.shown == tuple(o.pedestrians for o in then)
 
 
 def test_the_human_sees_as_the_av_only_where_asked_for() -> None:
@@ -216,6 +208,21 @@ def test_a_sensor_without_faults_changes_no_record() -> None:
     assert [o.record for o in through] == [o.record for o in without]
     assert all(o.trace.shown is not None for o in through)
     assert all(o.trace.shown is None for o in without)
+
+
+@pytest.mark.parametrize("detection", [0.1, 1.0])
+def test_numbers_tell_of_nobody_who_has_not_been_seen(detection: float) -> None:
+    poor = [("perception.detection_probability", detection), ("perception.latency_s", 0.3)]
+    runner = on_plain(flow(("pedestrians.warm_up_s", 60.0), *poor), load_model("dut"))
+    for pair in range(6):
+        driver = Recorder()
+        trace = drive(runner.begin(pair), driver)
+        told = [view.index for seen in driver.seen for view in seen.pedestrians]
+        assert [*dict.fromkeys(told)] == [*range(len({*told}))]
+        # Everybody keeps their number, of which the trace's index says who they are.
+        planned = [view.index for views in trace.shown or () for view in views]
+        assert len({*zip(planned, told, strict=True)}) == len({*planned}) == len({*told}) > 1
+        assert planned != told
 
 
 def test_cells_share_their_draws_and_pairs_do_not() -> None:
