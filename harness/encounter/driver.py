@@ -64,7 +64,7 @@ class Driver:
 
     @property
     def shown(self) -> tuple[Views, ...] | None:
-        """What their sensor has shown at each step, by planned index; None if they see the truth."""
+        """What their sensor has shown at each step, by planned index; None: they see the truth."""
         return None if self._sensor is None else tuple(self._shown)
 
     def observe(

@@ -126,9 +126,19 @@ def scenario_of_encounters(
         scenario = load_scenario(scenario, settings or {})
     elif settings:
         raise InputError("settings", "are given with a Scenario", "a name or file, or no settings")
+    scenario = checked(scenario)
     if scenario.kind != "encounters":
         raise InputError("scenario", "is a simulation", "one without [traffic] and [simulation]")
     return scenario
+
+
+def checked(scenario: Scenario) -> Scenario:
+    """A scenario that was made in Python, checked as a file's.
+
+    Raises:
+        InputError: a key or value is not accepted.
+    """
+    return validate(scenario.model_dump(), "scenario")
 
 
 def parse_setting(text: str) -> Setting:
@@ -160,12 +170,7 @@ def validate(
         key_sources: name of the source of every key that is not from the file (``--set``).
     """
     try:
-        whole = _in_si(dict(tree))
-        people = whole.get("pedestrians", {})
-        if whole.get("simulation") is not None and isinstance(people, dict):
-            # SUMO's people come; the harness's do if a flow is given.
-            whole["pedestrians"] = {"flow_per_hour": 0.0, **people}
-        scenario = check_form(Scenario, whole, "")
+        scenario = check_form(Scenario, _in_si(dict(tree)), "")
         check_consistency(scenario)
     except InputError as error:
         key, sources = error.where, key_sources or {}

@@ -3,9 +3,9 @@
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, JsonValue, PlainSerializer
+from pydantic import AfterValidator, Field, JsonValue, PlainSerializer, model_validator
 
 from harness.core.documents import as_plain, frozen_tables
 from harness.core.encounter import (
@@ -55,6 +55,15 @@ class Scenario(Section):
     experiment: ExperimentSection = ExperimentSection()
     traffic: TrafficSection | None = None
     simulation: SimulationSection | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _whose_people(cls, keys: Any) -> Any:
+        """The keys; with ``[simulation]`` SUMO's people come, the harness's if a flow is given."""
+        people = keys.get("pedestrians", {})
+        if keys.get("simulation") is None or not isinstance(people, Mapping):
+            return keys
+        return {**keys, "pedestrians": {"flow_per_hour": 0.0, **people}}
 
     @property
     def known_traffic(self) -> TrafficSection:

@@ -6,7 +6,7 @@ from typing import Any
 
 from harness.core.documents import frozen_tables
 from harness.core.errors import InputError, nearest_name
-from harness.scenario.file import ScenarioFile, Setting, apply_setting, parts_of, validate
+from harness.scenario.file import ScenarioFile, Setting, apply_setting, checked, parts_of, validate
 from harness.scenario.scenario import Scenario
 from harness.scenario.variation import Variation, planned_cells
 
@@ -24,7 +24,8 @@ class Cell:
     scenario: Scenario
 
     def __post_init__(self) -> None:
-        """Copy ``varied`` into a read-only mapping."""
+        """Check the scenario, and copy ``varied`` into a read-only mapping."""
+        object.__setattr__(self, "scenario", checked(self.scenario))
         object.__setattr__(self, "varied", frozen_tables(self.varied))
 
 

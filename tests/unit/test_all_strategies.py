@@ -20,11 +20,6 @@ def test_they_do_not_stop_for_people_who_wait(strategy: type[Strategy]) -> None:
     np.testing.assert_array_equal(trace.speed_mps, play(strategy(), []).speed_mps)
 
 
-@pytest.mark.parametrize("strategy", [HardYield, EmergencyBrake])
-def test_before_an_empty_crosswalk_these_keep_their_speed(strategy: type[Strategy]) -> None:
-    np.testing.assert_array_equal(play(strategy(), []).speed_mps, 5.0)
-
-
 @pytest.mark.parametrize("speed_mps", [0.0, 2.0, 4.0])
 def test_constant_speed_drives_off_where_the_vehicle_before_has_slowed_it(speed_mps: float) -> None:
     scene = scenario(ego={"initial_speed_mps": 4.0})

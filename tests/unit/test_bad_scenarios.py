@@ -3,15 +3,16 @@
 A case is a shipped scenario with settings as of ``--set``, and what the line must have.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from harness.core.errors import InputError
+import harness
 from harness.encounter.arms import check_arms
 from harness.model.interaction import InteractionModel
-from harness.scenario import load_scenario, read_scenario_file, study_of
+from harness.scenario import Cell, Scenario, Study, load_scenario, read_scenario_file, study_of
 from harness.scenario.file import parse_setting
 from harness.scenario.variation import parse_variation
 from tests.scenes import refusal_of
@@ -183,6 +184,31 @@ def test_what_is_no_file(tmp_path: Path) -> None:
         refusal_of(lambda path=path: load_scenario(path), says, str(path))
 
 
+BAD = Scenario.model_validate({"ego": {"lane": 5}})
+"""On a road of one lane; each key alone is accepted."""
+
+
+@pytest.mark.parametrize(
+    "door",
+    [
+        lambda: harness.run(BAD, pairs=1, engine="plain"),
+        lambda: harness.run(Study("mine", BAD, (Cell(0, {}, BAD),)), engine="plain"),
+        lambda: harness.evaluate(BAD, [{"arms.av": "hard_yield"}], range(1), engine="plain"),
+        lambda: harness.run_pair(BAD, engine="plain"),
+        lambda: harness.check_strategy("hard_yield", scenario=BAD),
+        lambda: harness.CrosswalkEnv(BAD, engine="plain"),
+    ],
+)
+def test_every_door_refuses_what_a_file_may_not_say(door: Callable[[], object]) -> None:
+    refusal_of(door, "ego.lane: there is no lane 5")
+
+
+def test_who_comes_in_a_simulation_is_in_the_schema() -> None:
+    for people, flow in (({}, 0.0), ({"flow_per_hour": 9.0}, 9.0)):
+        tree = {"simulation": {"file": "my.sumocfg", "crossings": [":J_c0"]}, "pedestrians": people}
+        assert Scenario.model_validate(tree).pedestrians.flow_per_hour == flow
+
+
 def test_where_a_mistake_of_a_dictionary_is() -> None:
-    with pytest.raises(InputError, match=r"^settings ego.initial_speed_mps: 'fast'"):
-        load_scenario("cctc", {"ego.initial_speed_mps": "fast"})
+    key = "ego.initial_speed_mps"
+    refusal_of(lambda: load_scenario("cctc", {key: "fast"}), f"settings {key}: 'fast' is not")

@@ -39,17 +39,12 @@ def test_brakes_at_the_threshold_stands_and_goes_on() -> None:
 
 @pytest.mark.parametrize(
     ("side", "speed", "threshold", "at"),
-    [
-        # In the path from 2.2 s on, long before the ego: TTC = (R − 0.25)/5 = 5.95 − t.
-        (Side.NEAR, 0.5, 1.0, 5.0),
-        (Side.NEAR, 0.5, 2.0, 4.0),
-        (Side.NEAR, 0.5, 3.72, 2.3),
-        (Side.NEAR, 0.5, 9.0, 0.0),
-        # In the path only from 5.6 m / 0.93 m/s = 6.0215 s on: TTC = 6.0215 − t.
-        (Side.FAR, 0.93, 1.0, 5.1),
-        (Side.FAR, 0.93, 2.05, 4.0),
-    ],
-)
+    # In the path from 2.2 s on, long before the ego: TTC = (R − 0.25)/5 = 5.95 − t.
+    [(Side.NEAR, 0.5, 1.0, 5.0), (Side.NEAR, 0.5, 2.0, 4.0), (Side.NEAR, 0.5, 3.72, 2.3),
+     (Side.NEAR, 0.5, 9.0, 0.0),
+     # In the path only from 5.6 m / 0.93 m/s = 6.0215 s on: TTC = 6.0215 − t.
+     (Side.FAR, 0.93, 1.0, 5.1), (Side.FAR, 0.93, 2.05, 4.0)],
+)  # fmt: skip
 def test_the_threshold(side: Side, speed: float, threshold: float, at: float) -> None:
     trace = play(EmergencyBrake(ttc_threshold_s=threshold), [(0.0, side, speed)])
     assert first_braking(trace) == pytest.approx(at)
@@ -57,17 +52,12 @@ def test_the_threshold(side: Side, speed: float, threshold: float, at: float) ->
 
 @pytest.mark.parametrize(
     ("side", "speed", "brakes"),
-    [
-        # The ego is over their line from 5.95 s (front, 0.25 m before it) to 7.05 s (rear past it).
-        (Side.NEAR, 3.4 / 5.90, False),  # they have left its path just before
-        (Side.NEAR, 3.4 / 6.00, True),  # they have not
-        (Side.NEAR, 1.1 / 7.00, True),  # they walk into its flank
-        (Side.NEAR, 1.1 / 7.10, False),  # they enter when it has passed
-        (Side.FAR, 7.9 / 5.90, False),
-        (Side.FAR, 7.9 / 6.00, True),
-        (Side.FAR, 5.6 / 7.10, False),
-    ],
-)
+    # The ego is over their line from 5.95 s (front, 0.25 m before it) to 7.05 s (rear past it).
+    # They have left its path just before, or not; they walk into its flank, or when it has passed.
+    [(Side.NEAR, 3.4 / 5.90, False), (Side.NEAR, 3.4 / 6.00, True), (Side.NEAR, 1.1 / 7.00, True),
+     (Side.NEAR, 1.1 / 7.10, False), (Side.FAR, 7.9 / 5.90, False), (Side.FAR, 7.9 / 6.00, True),
+     (Side.FAR, 5.6 / 7.10, False)],
+)  # fmt: skip
 def test_only_for_whom_it_would_hit(side: Side, speed: float, brakes: bool) -> None:
     trace = play(EmergencyBrake(), [(0.0, side, speed)])
     hit = measure([play(EmergencyBrake(ttc_threshold_s=1e-9), [(0.0, side, speed)])])[0]

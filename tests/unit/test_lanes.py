@@ -31,7 +31,7 @@ def road(lane: int = 0, **crossing: Any):
             {"lanes": 2, "oncoming_lanes": 0, "length_m": 8.0, "lane_width_m": 3.0},
             0,
             2.5,
-            (1.0, 4.0, 7.0),
+            (1, 4, 7),
         ),
     ],
 )

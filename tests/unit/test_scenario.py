@@ -44,7 +44,6 @@ def test_constants_for_strategies_of_an_immutable_scenario() -> None:
 @pytest.mark.parametrize(
     ("text", "key", "value"),
     [
-        ("ego.initial_speed_mps=8", "ego.initial_speed_mps", 8),
         ("ego.initial_speed_mps = 8.5", "ego.initial_speed_mps", 8.5),
         ("arms.av=hard_yield", "arms.av", "hard_yield"),
         ('arms.av="hard_yield"', "arms.av", "hard_yield"),

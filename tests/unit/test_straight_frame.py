@@ -134,12 +134,6 @@ def test_the_rear_of_a_turning_body() -> None:
     assert found["rear_s"] == pytest.approx(20.0 + (33.0 + leaves_m) / 10.0, abs=1e-3)
 
 
-def test_free_passage_at_one_limit() -> None:
-    """(R0 + length + width/2)/v, as in an encounter."""
-    each = passage(straight())
-    assert free_pass_s(each, straight()) == pytest.approx((30 + 5 + 2) / 10, abs=1e-4)
-
-
 def test_free_passage_through_a_curve() -> None:
     """Brake from 10 to 5 m/s before the stop line, 8 m at 5 m/s, and speed up behind it."""
     path = straight(inner=5.0)
