@@ -9,6 +9,7 @@ from harness.cli import options
 from harness.cli.interruption import unwinding
 from harness.cli.output import say, show_rows
 from harness.core.errors import InputError
+from harness.core.files import seen_from, write_new
 
 _HEADINGS = {
     **{"vehicles_per_hour": "vehicles/h", "people_per_hour": "people/h"},
@@ -61,7 +62,7 @@ def crossings(
         raise InputError(option, f"needs {missing}", f"both, or neither to list {file}")
     if write is not None:
         with unwinding():
-            _write_new(write, scenario_text(file, edge or [], _seen_from(file, write.parent)))
+            write_new(write, scenario_text(file, edge or [], seen_from(file, write.parent)))
         show_rows("crossings", [{"scenario": str(write)}], not as_json, as_json)
         return
     with unwinding(), scratch_folder() as scratch:
@@ -74,22 +75,6 @@ def crossings(
     said = {"title": f"{file}: {len(rows)} crosswalks, {len(usable)} usable", "headings": _HEADINGS}
     closing = [f"--all lists the other {left}, with the reasons"] if left else []
     show_rows("crossings", shown, False, as_json, closing=closing, **said)
-
-
-def _seen_from(file: Path, folder: Path) -> Path:
-    """A file's path, relative to the folder of the scenario file if it lies inside."""
-    whole, here = file.absolute(), folder.absolute()
-    return whole.relative_to(here) if whole.is_relative_to(here) else whole
-
-
-def _write_new(path: Path, text: str) -> None:
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise InputError("--write", f"{path} exists", "a new file") from None
-    except OSError as error:
-        raise InputError("--write", f"{path} cannot be written ({error.strerror})") from None
 
 
 def strategies(

@@ -26,6 +26,14 @@ COMMANDS: Mapping[str, str] = {
 }
 """The commands with their modules; only that of the command which is asked for is imported."""
 
+_NAMED = (
+    "arm bounds by cell choose components driver drivers event kappa0 mu0 out pair passage "
+    "screenshots target_cv weigh"
+)
+_OPTIONS = {name: "--" + name.replace("_", "-") for name in _NAMED.split()}
+_OPTIONS |= {"most": "-n", "address": "--dask", "free": "--ego free"}
+"""The option of a parameter, with which errors of functions begin: ``parameter=value``."""
+
 _INTERRUPTED = 130
 """typer's exit code if a command did not catch the interruption."""
 
@@ -72,6 +80,9 @@ def main() -> None:
             raise KeyboardInterrupt
     except (InputError, TyperException) as error:
         text = error.format_message() if isinstance(error, TyperException) else str(error)
+        name, _, rest = text.partition("=")
+        if name in _OPTIONS:
+            text = f"{_OPTIONS[name]} {rest}".replace(" :", ":", 1)
         text = text.replace("Value error, ", "")  # from pydantic, with which typer checks choices
         # For `harness` or `harness model` alone typer answers with the whole help.
         say(text if text.startswith("Usage:") else one_line(f"harness: {text}"))

@@ -69,12 +69,14 @@ def compare(
 
     With --mu0 and --kappa0 the values of a swept parameter are judged.
     """
+    from harness.core.files import check_target, write_csv
     from harness.results.loaded_run import load_run
     from harness.studies.compare import compare as compare_cells
 
+    if out is not None:
+        check_target(out)
     result = compare_cells(*map(load_run, run_folders), mu0=mu0, kappa0=kappa0)
     if out is not None:
-        from harness.core.files import write_csv
         from harness.results.result import flat
 
         write_csv(out, [flat(record) for record in result.records])

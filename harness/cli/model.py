@@ -1,6 +1,5 @@
 """The commands about recordings and models of them: ``extract, fit, model, validate``."""
 
-import os
 import shlex
 import sys
 from pathlib import Path
@@ -11,7 +10,7 @@ from typer import Argument, Option
 from harness.cli import options
 from harness.cli.interruption import unwinding
 from harness.cli.output import progress_bar, show
-from harness.core.errors import InputError
+from harness.core.files import check_target
 
 
 def extract(
@@ -27,7 +26,7 @@ def extract(
 
     --set changes a rule of the extraction, e.g. --set min_angle_deg=60.
     """
-    _check_target(out, ".parquet")
+    check_target(out, ".parquet")
     from harness.model.trajectories import extraction
     from harness.report.model_screens import extraction_result
 
@@ -56,7 +55,7 @@ def fit(
     as_json: options.JsonOption = False,
 ) -> None:
     """Fit the interaction model to rows, and choose the number K."""
-    _check_target(out, ".json")
+    check_target(out, ".json")
     from harness.report.model_screens import model_result
     from harness.studies.models.model_card import fit_model
     from harness.studies.models.model_fits import FitSettings, components_of
@@ -96,6 +95,8 @@ def model(
     from harness.model.interaction import model_named
     from harness.report.model_screens import model_result
 
+    if out:
+        check_target(out)
     loaded, written = model_named(model), list[Path]()
     result = model_result("model", loaded, model)
     if out or figures:
@@ -119,8 +120,10 @@ def validate(
     """Compare strategies with recorded drivers, in their place."""
     from harness.studies.models.validation import validate as validated
 
-    with progress_bar(quiet or as_json, "drivers") as advance:
-        names = drivers.split(",")
+    if out:
+        check_target(out)
+    names = drivers.split(",")
+    with progress_bar(quiet or as_json, "drivers") as advance, unwinding():
         result = validated(data, format_, names, options.settings_of(settings), advance)
     if out is not None:
         from harness.report.page import write_result
@@ -131,9 +134,3 @@ def validate(
 
 def _command() -> str:
     return shlex.join(["harness", *sys.argv[1:]])
-
-
-def _check_target(path: Path, suffix: str) -> None:
-    """Refuse a file that cannot be written, before any work begins."""
-    if path.suffix != suffix or path.is_dir() or not os.access(path.parent, os.W_OK):
-        raise InputError(f"--out {path}", "cannot be written", f"a {suffix} in a writable folder")

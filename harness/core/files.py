@@ -67,6 +67,34 @@ def write_file(path: Path, content: bytes) -> None:
         raise cannot_write(path, error) from None
 
 
+def check_target(path: Path, suffix: str = "") -> None:
+    """Refuse a file that cannot be written, before any work begins.
+
+    Raises:
+        InputError: it is a folder, or has not the suffix, or its folder is none to write in.
+    """
+    if not path.name.endswith(suffix) or path.is_dir() or not os.access(path.parent, os.W_OK):
+        allowed = f"a {suffix or 'file'} in a writable folder"
+        raise InputError(f"out={path}", "cannot be written", allowed)
+
+
+def write_new(path: Path, text: str) -> None:
+    """Write a file whole that is not there yet.
+
+    Raises:
+        HarnessError: there is one, or the file system refuses.
+    """
+    if path.exists():
+        raise InputError(str(path), "exists", "a new file")
+    write_file(path, text.encode())
+
+
+def seen_from(path: Path, folder: Path) -> Path:
+    """A path as a file in a folder names it: relative if it lies inside."""
+    whole, here = path.absolute(), folder.absolute()
+    return whole.relative_to(here) if whole.is_relative_to(here) else whole
+
+
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write a CSV file whole, with every key of any row; undefined values are empty."""
     text, names = io.StringIO(), dict.fromkeys(name for row in rows for name in row)

@@ -234,12 +234,12 @@ def load_model(name: str, path: str | None = None) -> InteractionModel:
 
 
 def model_named(text: str) -> InteractionModel:
-    """The model of a file, or a shipped model.
+    """The model of a file, or a shipped model of that name.
 
     Raises:
         InputError: see ``load_model``.
     """
-    return load_model(text, text if text.endswith(".json") or Path(text).exists() else None)
+    return load_model(text, text if text.endswith(".json") or Path(text).is_file() else None)
 
 
 def read_model(path: Path) -> InteractionModel:

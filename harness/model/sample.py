@@ -129,7 +129,7 @@ def box_of(texts: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     for text in texts:
         name, _, values = text.partition("=")
         if name not in VARIABLES:
-            raise unknown_name(f"--bounds {text}", "variable", name, VARIABLES)
+            raise unknown_name(f"bounds={text}", "variable", name, VARIABLES)
         variable = VARIABLES.index(name)
         try:
             low, high = (
@@ -141,7 +141,7 @@ def box_of(texts: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         # R and passing times are finite.
         if not 0 <= low < high < np.inf or (low == 0 and variable in (0, 2)):
             allowed = "LOW:HIGH, e.g. 0.3:8 or 1/60:0.5, lower < upper, above 0"
-            raise InputError(f"--bounds {text}", "is not accepted", allowed)
+            raise InputError(f"bounds={text}", "is not accepted", allowed)
         box[:, variable] = low, high
     return box[0], box[1]
 
@@ -226,7 +226,7 @@ def row_weights(rows: pd.DataFrame, weigh: str) -> FloatArray:
             not identify their encounters.
     """
     if weigh not in WEIGHINGS:
-        raise unknown_name("--weigh", "weighing", weigh, WEIGHINGS)
+        raise unknown_name(f"weigh={weigh}", "weighing", weigh, WEIGHINGS)
     encounter, vehicle = _codes(rows, ENCOUNTER_KEY), _codes(rows, VEHICLE_KEY)
     if encounter is None or vehicle is None:
         if weigh == "row":

@@ -73,17 +73,17 @@ def worst(
     if by not in RANKED:
         if by in COLUMNS:
             problem = f"neither small nor large values of {by} are bad"
-            raise InputError("--by", problem, ", ".join(RANKED))
-        raise unknown_name("--by", "measure", by, RANKED)
+            raise InputError(f"by={by}", problem, ", ".join(RANKED))
+        raise unknown_name(f"by={by}", "measure", by, RANKED)
     if most < 1:
-        raise InputError("-n", f"{most}", "1 or more")
+        raise InputError(f"most={most}", "is not accepted", "1 or more")
     if arm not in (*Arm,):
-        raise unknown_name("--arm", "arm", str(arm), [*Arm])
+        raise unknown_name(f"arm={arm}", "arm", str(arm), [*Arm])
     if cell is not None and not 0 <= cell < len(run.study.cells):
-        raise InputError("--cell", f"{cell}", f"0 to {len(run.study.cells) - 1}")
+        raise InputError(f"cell={cell}", "there is none", f"0 to {len(run.study.cells) - 1}")
     simulated = run.kind == "simulations"
     if driver is not None and not simulated:
-        raise InputError("--driver", "is of simulations", "--arm")
+        raise InputError(f"driver={driver}", "is of simulations", "arm")
     rows = _ranked(run, by, arm, cell, driver)
     bad = rows[rows["badness"] > _least(by)]
     then = ["cell", "pair", *(["front_s"] if simulated else [])]

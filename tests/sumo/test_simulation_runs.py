@@ -238,6 +238,10 @@ def test_crossings_lists_who_passes_and_all_with_reasons(town: Path) -> None:
     done = here("crossings", town / "town.sumocfg", "--write", town / "no.toml", "--edge", ":C2_c0")
     assert (done.returncode, "a traffic light controls it" in done.stderr) == (2, True)
     assert not (town / "no.toml").exists()
+    again = here(
+        "crossings", town / "town.sumocfg", "--write", town / "town.toml", "--edge", USABLE
+    )
+    assert "town.toml: exists; allowed: a new file" in again.stderr
 
 
 def test_a_written_scenario_runs_and_its_worst_passage_is_replayed(

@@ -119,6 +119,8 @@ def test_what_the_files_do_not_say_is_said(harness):
         ("fit mine.csv --out m.json --components 200", ["--components"]),
         ("model dut-k11", ["dut-k11", "did you mean"]),
         ("model m.json", ["m.json", "cannot be read"]),
+        ("model dut --out no/page.html", ["--out", "folder"]),
+        ("validate no --format vci --drivers x --out no/page.html", ["--out", "folder"]),
         ("model mine.csv", ["mine.csv", "JSON"]),
     ],
 )  # fmt: skip

@@ -98,9 +98,11 @@ def validate(
     options = {setting.key: setting.value for setting in settings if "." not in setting.key}
     scenario = load_scenario("cctc", keys)
     model = load_model(scenario.model.name, scenario.model.path)
-    factories = {name: find_strategy(name, "--drivers") for name in drivers}
+    factories = {name: find_strategy(name, f"drivers={name}") for name in drivers}
     for name in factories:
-        check_arms(load_scenario("cctc", [*keys, Setting("arms.av", name, "--drivers")]), model)
+        check_arms(
+            load_scenario("cctc", [*keys, Setting("arms.av", name, f"drivers={name}")]), model
+        )
     seed, step_s, tally = scenario.experiment.seed, scenario.experiment.step_s, Tally()
     clips = read_clips(paths, format_, tally, **options)
     rules = {name: of for name, of in options.items() if name in ExtractionRules.model_fields}

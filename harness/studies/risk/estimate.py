@@ -164,7 +164,7 @@ def risk(
         settled = " ".join(f"--set {key}=…" for key in sorted(study.varied_keys))
         raise InputError(study.name, f"has {len(study.cells)} cells", f"one cell: {settled}")
     if not 0 < target_cv <= 1:
-        raise InputError("--target-cv", f"{target_cv:g}", "above 0, at most 1")
+        raise InputError(f"target_cv={target_cv:g}", "is not accepted", "above 0, at most 1")
     asked = {"event": parse_event(event).text, "arm": arm.value, "target_cv": target_cv}
     scenario = study.cells[0].scenario
     models = runs.checked_models([scenario])

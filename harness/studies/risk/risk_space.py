@@ -104,7 +104,7 @@ def parse_event(text: str) -> Event:
     match = _FORM.fullmatch(text)
     allowed = f"crashed, or a number after one of {' '.join(EVENTS)}"
     if match is None or match[1] + match[2] not in EVENTS:
-        raise InputError(f"--event {text}", "is not an event", allowed)
+        raise InputError(f"event={text}", "is not an event", allowed)
     return Event(f"{match[1]}{match[2]}{float(match[3]):g}", match[1], float(match[3]))
 
 

@@ -75,7 +75,7 @@ def replay(run: Run, cell: int, pairs: range, arms: Sequence[Arm], out: Path) ->
         InputError: the cell or a pair does not exist, or ``out`` is not empty or cannot be written.
     """
     tasks = stored_tasks(run, cell, pairs, arms)
-    refuse_in_use(out, "--out")
+    refuse_in_use(out, "out")
     folders = [out / f"{each.first}-{each.arms[0]}" for each in tasks] if len(tasks) > 1 else [out]
     tasks = [replace(task, outputs=place) for task, place in zip(tasks, folders, strict=True)]
     net = network_of(run.scenario_of(cell)) if run.kind == "encounters" else None
@@ -130,18 +130,18 @@ def watch(
         EngineError: sumo-gui did not start, or its window was closed.
     """
     if screenshots is not None:
-        refuse_in_use(screenshots, "--screenshots")
+        refuse_in_use(screenshots, "screenshots")
     tasks = stored_tasks(run, cell, pairs, arms)
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         raise InputError(
-            "--gui",
-            "there is no display (DISPLAY is not set)",
+            "DISPLAY",
+            "is not set, so there is no display",
             "a desktop session, or a virtual one: install Xvfb and run `xvfb-run -a harness …`",
         )
     # What a run does not simulate is not imported.
     if run.kind == "simulations":
         if screenshots is not None:
-            raise InputError("--screenshots", "is of encounters", "--gui without it")
+            raise InputError(f"screenshots={screenshots}", "is of encounters", "sumo-gui without")
         from harness.studies.running import simulations
 
         shown = (simulations.run_task(task, module="gui", more=_SHOW) for task in tasks)
@@ -170,10 +170,10 @@ def stored_tasks(run: Run, cell: int, pairs: Sequence[int], arms: Sequence[Arm])
     """
     check_packages()
     if not 0 <= cell < len(run.study.cells):
-        raise InputError("--cell", f"{cell}", f"0 to {len(run.study.cells) - 1}")
+        raise InputError(f"cell={cell}", "there is none", f"0 to {len(run.study.cells) - 1}")
     known = set(run.rows(TABLES_OF[run.kind][0].name, cell)["pair"].to_pylist())
     if (odd := next((pair for pair in pairs if pair not in known), None)) is not None:
-        raise InputError("--pair", f"{odd}", f"0 to {max(known, default=0)}")
+        raise InputError(f"pair={odd}", "there is none", f"0 to {max(known, default=0)}")
     of = run.study.cells[cell]
     model = load_model(of.scenario.model.name, of.scenario.model.path)
     code = source_digests(of.scenario.arms.model_dump().values())
@@ -207,10 +207,10 @@ def traced(
     return found
 
 
-def refuse_in_use(folder: Path, option: str) -> None:
+def refuse_in_use(folder: Path, name: str) -> None:
     """Raise if a folder for new files is a file or is not empty."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{option} {folder}", "is not empty", "a new or empty folder")
+        raise InputError(f"{name}={folder}", "is not empty", "a new or empty folder")
 
 
 def replayed(run: Run, task: Task, rows: Rows) -> Replayed:

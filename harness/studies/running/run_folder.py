@@ -75,7 +75,7 @@ def claim_folder(out: Path | str | None, name: str) -> Path:
     while out is None and (Path("runs") / f"{name}-{number}").exists():
         number += 1
     folder = Path("runs") / f"{name}-{number}" if out is None else Path(out)
-    where, empty = f"--out {folder}", "a new or empty folder"
+    where, empty = f"out={folder}", "a new or empty folder"
     try:
         if folder.exists() and not folder.is_dir():
             raise InputError(where, "is a file", empty)
