@@ -56,7 +56,6 @@ REFUSED = [
     ("run cctc --pairs 0", "--pairs", "0"),
     ("run none.toml", "none.toml", "No such file"),
     ("run ccct", "did you mean 'cctc'"),
-    ("run .", "not a regular file"),
     (f"run {LONG}", "xxx"),
     ("run broken.toml", "broken.toml", "not a TOML file"),
     # Files and folders.
@@ -64,13 +63,11 @@ REFUSED = [
     ("run cctc --set model.path=.", "cannot be read"),
     ("run cctc --set model.name=best", "model.name", "'best'"),
     ("run cctc --pairs 1 --out file", "--out", "file", "is a file"),
-    # Not even root can make a folder under a file, or under a link that leads to itself.
+    # Not even root can make a folder under a file.
     ("run cctc --pairs 1 --out file/run", "--out", "cannot be written"),
-    ("run cctc --pairs 1 --out loop/run", "--out", "cannot be written"),
     ("run cctc --pairs 1 --out mine", "--out", "already holds a run"),
     # A bad scenario does not even make the folder.
     ("run cctc --set arms.av=nobody --out new/one", "nobody"),
-    ("worst .", "is not a run folder"),
     ("worst mine", "manifest.json", "as the run wrote it"),
     ("network cctc --out file/net-of-mine", "file/net-of-mine"),
     # The command line itself.
@@ -85,7 +82,6 @@ REFUSED = [
     ("replay run --pair 3-1", "--pair 3-1", "e.g. 7 or 1-20"),
     ("run cctc --dask a:1 --workers 2", "--workers", "--dask", "one of the two"),
     ("show mine", "manifest.json"),
-    ("show .", "is not a run folder"),
     ("compare nowhere", "nowhere", "is not a run folder"),
     ("strategies --set ego.lane=0", "--set"),
 ]
@@ -96,7 +92,6 @@ def test_refused(refused: Refuse, tmp_path: Path, case: tuple[str, ...]) -> None
     (tmp_path / "mine.toml").write_text("[ego]\nspeed_mps = 5.0\n")
     (tmp_path / "broken.toml").write_text("[ego\nlength")
     (tmp_path / "file").write_text("kept")
-    (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "manifest.json").write_text("{}")
     (tmp_path / "mine" / "episodes.parquet").write_bytes(b"kept")

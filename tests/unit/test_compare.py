@@ -236,12 +236,10 @@ def test_bounds_hold_over_all_values_together(swept: MadeRun) -> None:
     assert found.mu[1].value == pytest.approx(tau.mean())
     assert found.mu[1].high - tau.mean() == pytest.approx(reach, rel=0.07)
     assert [each.n for each in found.mu] == [2_025, 2_700, 2_700]
-    (table,) = [
-        table for table in compare(swept, mu0=1.0, kappa0=0.05).full if "μ <" in table.title
-    ]
-    assert [(row[0], row[-1]) for row in table.rows] == list(
-        zip(found.values, found.verdicts, strict=True)
-    )
+    full = compare(swept, mu0=1.0, kappa0=0.05).full
+    (table,) = [table for table in full if "μ <" in table.title]
+    rows = [(row[0], row[-1]) for row in table.rows]
+    assert rows == [*zip(found.values, found.verdicts, strict=True)]
 
 
 @pytest.mark.parametrize(

@@ -256,11 +256,8 @@ def test_recordings_that_a_model_was_fitted_on_are_known_whatever_they_are_calle
     assert len(card["tracks"]) == card["vehicles"] == len(SCENES)
     drivers = ("human_gmm", "human_recorded", "hard_yield")
     other = renamed(recordings, tmp_path / "elsewhere", noise_m=9e-4)
-    for folder, options, known in (
-        (recordings, {"source": "x"}, len(SCENES)),
-        (other, {}, 2),
-        (other, {"frame_rate_hz": 12.0}, 2),
-    ):
+    cases = (recordings, {"source": "x"}, len(SCENES)), (other, {"frame_rate_hz": 12.0}, 2)
+    for folder, options, known in (*cases, (other, {}, 2)):
         found = held(folder, drivers, **own, **options)
         folds = {record["driver"]: record["folds"] for record in found.records}
         assert folds == {"human_gmm": known, "human_recorded": 0, "hard_yield": 0}, folder
@@ -291,10 +288,8 @@ def test_a_vehicle_is_driven_by_a_model_that_has_not_seen_it(tmp_path: Path) -> 
     changed = rows.copy()
     changed.loc[changed["clip"] == vehicles[0][1], "vehicle_speed_mps"] *= 0.9
     before, after = (models_without(model, of, len(vehicles), 1) for of in (rows, changed))
-    kept = [
-        np.array_equal(before[name].mixture.locations, after[name].mixture.locations)
-        for name in vehicles
-    ]
+    places = ([of[name].mixture.locations for name in vehicles] for of in (before, after))
+    kept = [np.array_equal(*pair) for pair in zip(*places, strict=True)]
     assert kept == [True] + [False] * (len(vehicles) - 1)
 
 
