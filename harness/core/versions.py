@@ -7,9 +7,13 @@ _LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow")
 
 
 def versions_of_runs() -> dict[str, str]:
-    """The versions that a run depends on."""
+    """The versions that a run depends on; without SUMO only the plain engine runs."""
     versions = versions_of_fits()
-    return {"harness": versions.pop("harness"), "sumo": metadata.version("libsumo"), **versions}
+    try:
+        sumo = metadata.version("libsumo")
+    except metadata.PackageNotFoundError:
+        sumo = "none"
+    return {"harness": versions.pop("harness"), "sumo": sumo, **versions}
 
 
 def versions_of_fits() -> dict[str, str]:

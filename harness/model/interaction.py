@@ -11,13 +11,15 @@ integrated out (``marginal``), or given as in the paper's figures (``given_time_
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from harness.core.documents import check_form, parse_json
+from harness.core.documents import check_form, frozen_tables, parse_json
 from harness.core.encounter import NO_MODEL_USE, FloatArray, ModelUse
 from harness.core.errors import InputError, nearest_name
 from harness.core.files import read_file, write_file
@@ -41,31 +43,33 @@ DRIVING_GIVEN = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
 """What a walking speed is drawn under, and what the human driver sees."""
 
 
+@dataclass(frozen=True, eq=False)
 class InteractionModel:
     """A fitted mixture with its name, provenance and hash.
 
     Conditions are clamped to the box in which the model was fitted.
 
-    Args:
+    Attributes:
         mixture: mixture of dimension 4, with variables in the order of ``VARIABLES``.
         name: name of the model.
         provenance: its origin in free form.
         sha256: hash of its file.
     """
 
-    def __init__(
-        self,
-        mixture: TruncatedGaussianMixture,
-        name: str,
-        provenance: Mapping[str, Any],
-        sha256: str,
-    ) -> None:
-        self.mixture = mixture
-        self.name = name
-        self.provenance = dict(provenance)
-        self.sha256 = sha256
-        self._limits = list(zip(mixture.lower.tolist(), mixture.upper.tolist(), strict=True))
-        self._conditionals: dict[tuple[int, ...], Conditional] = {}
+    mixture: TruncatedGaussianMixture
+    name: str
+    provenance: Mapping[str, Any]
+    sha256: str
+    _conditionals: dict[tuple[int, ...], Conditional] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        """Make the provenance read-only."""
+        object.__setattr__(self, "provenance", frozen_tables(self.provenance))
+
+    @cached_property
+    def _limits(self) -> list[tuple[float, float]]:
+        lower, upper = self.mixture.lower.tolist(), self.mixture.upper.tolist()
+        return list(zip(lower, upper, strict=True))
 
     def walking_speed(self, quantile: float, range_m: float, vehicle_speed_mps: float) -> float:
         """v_p at a quantile of f(v_p | 1/R, v), 1/T_adv integrated out (reading ``marginal``).

@@ -15,7 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from harness.core.documents import parse_json
-from harness.core.encounter import FloatArray
+from harness.core.encounter import FloatArray, freeze_arrays
 from harness.core.errors import InputError, unknown_name
 from harness.model.interaction import VARIABLES
 from harness.model.trajectories.extraction import ENCOUNTER_KEY, EXTRACTION_KEY, VEHICLE_KEY
@@ -76,6 +76,11 @@ class Sample:
     rows_read: int = 0
     outside: Mapping[str, int] | None = None
     weigh: str = "row"
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        known = [name for name in ("vehicle", "encounter") if getattr(self, name) is not None]
+        freeze_arrays(self, "data", "weights", "row", "lower", "upper", *known)
 
     @property
     def vehicles(self) -> int:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from harness.core.documents import check_form
+from harness.core.documents import as_plain, check_form
 from harness.model.interaction import VARIABLES, InteractionModel
 from harness.model.mixture.conditional import Conditional
 from harness.model.trajectories.extraction import Extraction
@@ -103,7 +103,7 @@ def model_result(
     if "candidates" not in model.provenance:  # by another program
         said = tuple(f"{key}: {value}" for key, value in model.provenance.items())
         return Result(command, title, "", "", marginals, (), (), tuple(closing), said, facts)
-    of = check_form(_Card, model.provenance, f"{file}: provenance")
+    of = check_form(_Card, as_plain(model.provenance), f"{file}: provenance")
     columns = ((name, n) for name, n in of.rows_outside_box.items() if n and name != "any")
     outside = ", ".join(f"{name} {n}" for name, n in columns)
     records = [

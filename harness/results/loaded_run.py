@@ -193,14 +193,15 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
     if manifest["kind"] == "risk":
         allowed = f"{path / EVENTS}, the run of its events, or `harness show {path}`"
         raise InputError(str(path), "is a risk estimate", allowed)
+    asked = read_manifest(path)  # a copy for other thresholds; the run's own is sealed
     for key, value in (settings or {}).items():
         if not key.startswith("conflicts.") or key in manifest["cells"][0]:
             allowed = "thresholds of [conflicts] that are not swept; another run has the others"
             raise InputError(key, "cannot change after a run", allowed)
-        apply_setting(manifest["scenario"], Setting(key, value))
-    study = study_from(manifest, "settings" if settings else str(path / MANIFEST))
+        apply_setting(asked["scenario"], Setting(key, value))
+    study = study_from(asked, "settings" if settings else str(path / MANIFEST))
     stored = None if settings else read_findings(path, manifest, study.cells)
-    found = computed(path, manifest, study) if stored is None else stored
+    found = stored or computed(path, manifest, study)
     return Run(path, manifest, study, is_finished(path), found)
 
 

@@ -249,9 +249,7 @@ def _cut_off(cell: CellFindings) -> Iterator[Said]:
 def _who_drove(cell: CellFindings) -> Iterator[Said]:
     share, by_sumo = cell["share_strategy"].value, [cell[f"share_{each}"].value for each in BY_SUMO]
     driven, passages = cell["driven"], cell["driven"].n
-    if share is None or passages is None:
-        return
-    if share > MOSTLY and driven.count > DRIVEN * passages:
+    if share is None or passages is None or (share > MOSTLY and driven.count > DRIVEN * passages):
         return
     of_sumo = sum(each for each in by_sumo if each is not None)
     text, more = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps.", ""

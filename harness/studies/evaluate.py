@@ -139,7 +139,7 @@ def _tasks(
             if (drawn := len(each.pedestrians.drawn)) and pairs.stop > drawn:
                 raise InputError("pairs", f"pair {pairs.stop - 1}", f"at most {drawn} are drawn")
         scenarios.append(each)
-    models, tasks = checked_models(scenarios, "candidates"), list[Task]()
+    models, tasks = checked_models(scenarios, engine, "candidates"), list[Task]()
     for number, (each, model) in enumerate(zip(scenarios, models, strict=True)):
         cells, code = (Cell(number, {}, each),), source_digests(each.arms.model_dump().values())
         tasks.append(Task(cells, model, pairs.start, len(pairs), engine=engine, code=code))

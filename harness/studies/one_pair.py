@@ -82,7 +82,7 @@ def run_pair(
     chosen, engine = scenario_file(scenario, settings or {}).scenario(), engine_named(engine)
     if pair < 0:
         raise InputError("pair", f"{pair}", "0 or more")
-    (model,) = checked_models([chosen])
+    (model,) = checked_models([chosen], engine)
     runner = PairRunner(chosen, model, lambda: open_engine(chosen, engine))
     try:
         return PairOutcome(chosen, pair, *(runner.run_arm(pair, arm) for arm in Arm))

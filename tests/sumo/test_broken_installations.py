@@ -11,6 +11,7 @@ import pytest
 
 from harness.core.errors import InputError
 from harness.engine import installation
+from harness.studies.running.run import run
 from tests.batches import CHECKOUT, QUICK, options_of, shell
 
 RUN = ["run", "cctc", "--pairs", 2, "--workers", 1, "-q", *options_of(QUICK)]
@@ -76,7 +77,7 @@ def test_no_netconvert(tmp_path: Path, source: str, reason: str) -> None:
     [("1.27.0", "version 1.27.0 is installed; allowed: 1.28.0"), (None, "is not installed")],
 )
 def test_packages_of_another_version_are_refused(
-    monkeypatch: pytest.MonkeyPatch, installed: str | None, reason: str
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, installed: str | None, reason: str
 ) -> None:
     metadata = installation.metadata
     version = metadata.version
@@ -93,3 +94,4 @@ def test_packages_of_another_version_are_refused(
     with pytest.raises(InputError, match=f"eclipse-sumo: {reason}") as caught:
         installation.check_packages()
     assert "pip install eclipse-sumo==1.28.0" in str(caught.value)
+    assert run("cctc", pairs=1, engine="plain", workers=0, out=tmp_path / "plain").finished

@@ -138,6 +138,8 @@ def test_refusals_are_one_line_and_leave_nothing(harness, rows, words, told):
 def test_the_card_tells_where_the_model_comes_from_and_how_to_make_it(model_file, tmp_path):
     model = read_model(model_file)
     card, rows = model.provenance, model_file.parent / "rows.parquet"
+    with pytest.raises(TypeError, match="mappingproxy"):
+        card["bounds"]["x"] = [0, 1]
     assert card["rows_sha256"] == hashlib.sha256(rows.read_bytes()).hexdigest()
     assert (card["rows_read"], card["rows"]) == (160, 156)
     assert card["rows_outside_box"]["vehicle_speed_mps"] == 4

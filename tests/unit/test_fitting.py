@@ -51,6 +51,8 @@ def test_rows_outside_the_box_are_dropped_and_counted_by_column():
     rows.loc[2, "time_advantage_s"] = 0.4  # 1/T = 2.5 > 2
     rows.loc[3, "pedestrian_speed_mps"] = 3.0  # on the bound: inside
     sample = make_sample(rows)
+    with pytest.raises(ValueError, match="read-only"):
+        sample.data[0] = 0.0
     columns = ["range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s"]
     assert sample.outside == dict(zip(columns, (2, 1, 0, 1), strict=True))
     assert sample.data.shape == (37, 4)

@@ -167,7 +167,7 @@ def risk(
         raise InputError(f"target_cv={target_cv:g}", "is not accepted", "above 0, at most 1")
     asked = {"event": parse_event(event).text, "arm": arm.value, "target_cv": target_cv}
     scenario = study.cells[0].scenario
-    models = runs.checked_models([scenario])
+    models = runs.checked_models([scenario], engine)
     space_of(scenario, arm)
     manifest = manifest_of(
         study, models, traces=False, engine=engine, pairs_per_part=0, kind="risk", risk=asked
@@ -189,7 +189,8 @@ def resume(
     if folders.is_finished(path):
         return read_risk(path)
     scenario, asked, known = study.cells[0].scenario, manifest["risk"], manifest["simulated_with"]
-    (model,), arm = runs.checked_models([scenario]), Arm(asked["arm"])
+    (model,) = runs.checked_models([scenario], manifest["engine"])
+    arm = Arm(asked["arm"])
     refuse_other_versions(known, simulated_with(study.driven, [model]))
     space, event = space_of(scenario, arm), parse_event(asked["event"])
     whole = Task((), model, 0, 0, (arm,), engine=manifest["engine"], code=known["strategies"])

@@ -110,8 +110,8 @@ def run(
     else:
         variations = [(key, [*values]) for key, values in (vary or {}).items()]
         study = study_of(scenario_file(scenario, changes), variations)
-    models, files = _checked(study)
     kept: Any = {"traces": bool(traces), "engine": engine_named(engine)}
+    models, files = _checked(study, engine)
     size = 1 if study.long_pairs else part_pairs(study.base.experiment.pairs)
     if study.long_pairs and (traces or engine != "sumo"):
         key = "traces" if traces else "engine"
@@ -143,7 +143,7 @@ def resume(
         done, planned = _whole_parts(folder, study, manifest)
         if done >= planned and folders.read_findings(path, manifest, study.cells) is not None:
             return load_run(path)
-        models, files = _checked(study)
+        models, files = _checked(study, manifest["engine"])
         now = simulated_with(study.driven, models, files)
         if done < planned:
             refuse_other_versions(manifest["simulated_with"], now)
@@ -159,18 +159,22 @@ def scenario_file(scenario: Scenario | str | Path, settings: Mapping[str, Any]) 
     return ScenarioFile("scenario", "scenario", scenario.model_dump(), None, given, Path.cwd())
 
 
-def checked_models(scenarios: Iterable[Scenario], what: str = "") -> list[InteractionModel]:
+def checked_models(
+    scenarios: Iterable[Scenario], engine: EngineName, what: str = ""
+) -> list[InteractionModel]:
     """The model of each scenario, after all checks of what a run needs.
 
     Args:
         scenarios: the scenarios.
+        engine: as for ``run``; ``plain`` needs no SUMO.
         what: name of the list of scenarios in messages, if it has one.
 
     Raises:
         InputError: a scenario is not one of encounters, or its model, strategies or network are
             refused.
     """
-    check_packages()
+    if engine == "sumo":
+        check_packages()
     load, models = cache(load_model), []
     for number, scenario in enumerate(scenarios):
         with refused_at(f"{what}[{number}]" if what else ""):
@@ -182,10 +186,10 @@ def checked_models(scenarios: Iterable[Scenario], what: str = "") -> list[Intera
     return models
 
 
-def _checked(study: Study) -> tuple[list[InteractionModel], Mapping[str, str]]:
+def _checked(study: Study, engine: EngineName) -> tuple[list[InteractionModel], Mapping[str, str]]:
     """The model of each cell and the hashes of the user's files, after all checks."""
     if not study.long_pairs:
-        return checked_models(cell.scenario for cell in study.cells), {}
+        return checked_models((cell.scenario for cell in study.cells), engine), {}
     from harness.studies.running import simulations
 
     check_packages()
