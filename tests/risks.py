@@ -16,8 +16,8 @@ from harness.studies.risk.risk_draws import (
     RunDraws,
     Units,
     draw_units,
-    rounds_of,
 )
+from harness.studies.risk.risk_learning import rounds_of
 from harness.studies.risk.risk_space import GRADINGS, Space
 
 DIMENSIONS = 6

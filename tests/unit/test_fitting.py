@@ -6,6 +6,7 @@ import pytest
 from scipy.stats import norm, sem
 
 from harness.model.sample import RowFile, make_sample
+from harness.studies.models.fit_processes import processes
 from harness.studies.models.model_card import card, near_state
 from harness.studies.models.model_fits import (
     FitSettings,
@@ -14,7 +15,6 @@ from harness.studies.models.model_fits import (
     by_rule,
     fit,
     log_scores,
-    processes,
     relative_gain,
     vehicle_folds,
 )

@@ -24,6 +24,7 @@ from harness.model.sample import (
     make_sample,
     read_rows,
 )
+from harness.studies.models.fit_processes import processes
 from harness.studies.models.model_fits import (
     RULE_SHARE,
     TARGETS,
@@ -33,7 +34,6 @@ from harness.studies.models.model_fits import (
     Progress,
     by_rule,
     fit,
-    processes,
     relative_gain,
 )
 

@@ -5,7 +5,7 @@ intervals over vehicles, because the passages of one vehicle are not independent
 """
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.core.encounter import Ending, FloatArray, Strategy, Trace
+from harness.core.encounter import Ending, FloatArray, Strategy, StrategyFactory, Trace
 from harness.core.errors import HarnessError, InputError
 from harness.core.seeding import resampling, stream
 from harness.core.versions import versions_of_fits
@@ -28,7 +28,7 @@ from harness.model.interaction import InteractionModel, load_model
 from harness.model.sample import independent_vehicles, make_sample, row_weights
 from harness.model.trajectories.extraction import VEHICLE_KEY, extract, read_clips
 from harness.model.trajectories.rules import ExtractionRules, Tally
-from harness.model.trajectories.tracks import fingerprint, fingerprints_of
+from harness.model.trajectories.tracks import Clip, fingerprint, fingerprints_of
 from harness.results import estimators
 from harness.results.estimators import Sampling
 from harness.results.finding import Finding, Form, Plain
@@ -98,11 +98,7 @@ def validate(
     options = {setting.key: setting.value for setting in settings if "." not in setting.key}
     scenario = load_scenario("cctc", keys)
     model = load_model(scenario.model.name, scenario.model.path)
-    factories = {name: find_strategy(name, f"drivers={name}") for name in drivers}
-    for name in factories:
-        check_arms(
-            load_scenario("cctc", [*keys, Setting("arms.av", name, f"drivers={name}")]), model
-        )
+    factories = _factories(drivers, keys, model)
     seed, step_s, tally = scenario.experiment.seed, scenario.experiment.step_s, Tally()
     clips = read_clips(paths, format_, tally, **options)
     rules = {name: of for name, of in options.items() if name in ExtractionRules.model_fields}
@@ -130,30 +126,50 @@ def validate(
         records.append(record | findings_of(drives_of(name, passages, models, scenario), sampling))
         progress(number, len(factories))
     records.sort(key=lambda record: record["pass_time_score_s"].value)
+    notes = _notes(records, left_out, tally, known is None)
+    return _result(records, notes, passages, {**_recordings(clips), "seed": seed})
+
+
+def _factories(
+    drivers: Sequence[str], keys: Sequence[Setting], model: InteractionModel
+) -> dict[str, StrategyFactory]:
+    """The strategies, each of which can drive with these keys."""
+    found = {name: find_strategy(name, f"drivers={name}") for name in drivers}
+    for name in found:
+        own = Setting("arms.av", name, f"drivers={name}")
+        check_arms(load_scenario("cctc", [*keys, own]), model)
+    return found
+
+
+def _recordings(clips: Sequence[Clip]) -> dict[str, Plain]:
+    """The names of the data sets, and a digest of their tracks."""
     tracks = sorted(fingerprint(track) for clip in clips for track in clip.vehicles.values())
-    facts: dict[str, Plain] = {
-        "data": ", ".join(sorted({clip.source for clip in clips})),
-        "tracks": hashlib.sha256("".join(tracks).encode()).hexdigest()[:16],
-        "passages": len(passages),
-        "vehicles": len({passage.vehicle_id for passage in passages}),
-        "encounters": sum(len(passage.to_come) for passage in passages),
-        "seed": seed,
-        "date": date.today().isoformat(),
-        **versions_of_fits(),
-    }
-    table = [
+    digest = hashlib.sha256("".join(tracks).encode()).hexdigest()[:16]
+    return {"data": ", ".join(sorted({clip.source for clip in clips})), "tracks": digest}
+
+
+def _result(
+    records: Sequence[Mapping[str, Any]],
+    notes: Iterable[Note],
+    passages: Sequence[RecordedPassage],
+    known: Mapping[str, Plain],
+) -> Result:
+    vehicles = len({passage.vehicle_id for passage in passages})
+    encounters = sum(len(passage.to_come) for passage in passages)
+    facts = {**known, "passages": len(passages), "vehicles": vehicles, "encounters": encounters}
+    facts |= {"date": date.today().isoformat(), **versions_of_fits()}
+    rows = (
         (of["driver"], *(Shown(of[column.key], style) for column, style in COLUMNS.items()))
         for of in records
-    ]
+    )
     return Result(
         command="validate",
-        title=f"Drivers in place of those recorded in {facts['data']}, the nearest first",
-        scope=f"{len(passages):,} passages of {facts['vehicles']} vehicles, "
-        f"{facts['encounters']:,} encounters",
+        title=f"Drivers in place of those recorded in {known['data']}, the nearest first",
+        scope=f"{len(passages):,} passages of {vehicles} vehicles, {encounters:,} encounters",
         about="",
-        screen=Table("", (Column("driver", ""), *COLUMNS), tuple(table)),
+        screen=Table("", (Column("driver", ""), *COLUMNS), tuple(rows)),
         full=(),
-        notes=tuple(_notes(records, left_out, tally, known is None)),
+        notes=tuple(notes),
         closing=("All notes: --full. Page: --out PAGE.html",),
         remarks=(_LEGEND,),
         facts=facts,

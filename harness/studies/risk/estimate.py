@@ -34,6 +34,7 @@ from harness.scenario.place import place_in_words
 from harness.scenario.study import study_from
 from harness.studies.risk import risk_draws
 from harness.studies.risk.risk_draws import DrawInputs, DrawOutcome, Proposal, Units
+from harness.studies.risk.risk_learning import rounds_of
 from harness.studies.risk.risk_space import Event, Space, parse_event, space_of
 from harness.studies.running import run as runs
 from harness.studies.running.run_folder import (
@@ -216,7 +217,7 @@ def resume(
         folder.note("started")
         rng = resampling(manifest["seed"], "risk")
         with threadpool_limits(1, user_api="blas"):  # the last bits depend on the number of threads
-            rounds = risk_draws.rounds_of(draw, space, rng, asked["target_cv"], MOST_DRAWS)
+            rounds = rounds_of(draw, space, rng, asked["target_cv"], MOST_DRAWS)
         _run_events(path, study, manifest["engine"], rounds[-1], chosen)
         cell = CellFindings(0, {}, scenario, findings_of(rounds))
         folders.write_findings(path, manifest, [cell])
