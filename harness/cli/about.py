@@ -38,7 +38,7 @@ def network(
 
     with unwinding():
         net = build_network(crossing, out, file.name)
-    show_rows("network", [{"file": str(net)}], True, as_json)
+    show_rows("network", [{"file": str(net)}], quiet=True, as_json=as_json)
 
 
 def crossings(
@@ -63,7 +63,7 @@ def crossings(
     if write is not None:
         with unwinding():
             write_new(write, scenario_text(file, edge or [], seen_from(file, write.parent)))
-        show_rows("crossings", [{"scenario": str(write)}], not as_json, as_json)
+        show_rows("crossings", [{"scenario": str(write)}], quiet=True, as_json=as_json)
         return
     with unwinding(), scratch_folder() as scratch:
         rows = crossings_of(file, Path(scratch))
@@ -72,9 +72,9 @@ def crossings(
     usable = [row for row in rows if row.refused is None]
     shown = [row._asdict() for row in (rows if every or as_json else usable)]
     left = len(rows) - len(shown)
-    said = {"title": f"{file}: {len(rows)} crosswalks, {len(usable)} usable", "headings": _HEADINGS}
+    title = f"{file}: {len(rows)} crosswalks, {len(usable)} usable"
     closing = [f"--all lists the other {left}, with the reasons"] if left else []
-    show_rows("crossings", shown, False, as_json, closing=closing, **said)
+    show_rows("crossings", shown, as_json=as_json, closing=closing, title=title, headings=_HEADINGS)
 
 
 def strategies(
@@ -91,7 +91,7 @@ def strategies(
         from harness.strategies.registry import listing
 
         closing = ["harness strategies --check my_module:MyStrategy checks your own one."]
-        show_rows("strategies", listing(), quiet, as_json, closing=closing)
+        show_rows("strategies", listing(), quiet=quiet, as_json=as_json, closing=closing)
         return
     from harness.strategies.parameters import knows_the_model
     from harness.strategies.registry import KNOWS_THE_MODEL, find_strategy
@@ -101,6 +101,6 @@ def strategies(
     rows = [each.row for each in verdicts]
     title = f"{check}: the rules that make results repeatable"
     closing = [KNOWS_THE_MODEL] if knows_the_model(find_strategy(check, "--check")) else []
-    show_rows("strategies", rows, quiet, as_json, title=title, closing=closing)
+    show_rows("strategies", rows, quiet=quiet, as_json=as_json, title=title, closing=closing)
     if any(each.problem for each in verdicts):
         raise Exit(1)

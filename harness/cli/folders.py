@@ -34,7 +34,7 @@ def show(
         from harness.results.loaded_run import load_run
 
         result = load_run(run_folder, changes).result()
-    show_result(result, full, False, as_json)
+    show_result(result, full=full, as_json=as_json)
 
 
 def report(
@@ -53,7 +53,7 @@ def report(
     for warning in written.warnings:
         say(one_line(f"harness: {warning}"))
     files = [{"file": str(path)} for path in (written.page, *written.figures)]
-    show_rows("report", files, True, as_json)
+    show_rows("report", files, quiet=True, as_json=as_json)
 
 
 def compare(
@@ -80,7 +80,7 @@ def compare(
         from harness.results.result import flat
 
         write_csv(out, [flat(record) for record in result.records])
-    show_result(result, full, quiet, as_json, [out] if out else [])
+    show_result(result, [out] if out else [], full=full, quiet=quiet, as_json=as_json)
 
 
 def worst(
@@ -98,7 +98,7 @@ def worst(
     from harness.studies.worst import worst as worst_of
 
     result = worst_of(load_run(run_folder), by, most, arm=arm, cell=cell, driver=driver)
-    show_result(result, False, quiet, as_json, result.closing)
+    show_result(result, result.closing, quiet=quiet, as_json=as_json)
 
 
 def replay(
@@ -121,15 +121,15 @@ def replay(
     from harness.results.loaded_run import load_run
     from harness.studies.running import replay as again
 
-    chosen = cell, _range_of(pair), list(Arm) if arm == "both" else [Arm(arm)]
+    pairs, arms = _range_of(pair), list(Arm) if arm == "both" else [Arm(arm)]
     run = load_run(run_folder)
     with unwinding():
         if gui:
-            replayed = again.watch(run, *chosen, screenshots=screenshots)
+            replayed = again.watch(run, cell, pairs, arms, screenshots=screenshots)
         elif debug:
-            replayed = again.debug(run, *chosen)
+            replayed = again.debug(run, cell, pairs, arms)
         elif out is not None:
-            replayed = again.replay(run, *chosen, out)
+            replayed = again.replay(run, cell, pairs, arms, out)
         else:
             allowed = "a new folder for SUMO's files, --gui or --debug"
             raise InputError("--out", "is missing", allowed)
@@ -143,7 +143,7 @@ def replay(
         }
         for each in replayed
     ]
-    show_rows("replay", rows, False, as_json)
+    show_rows("replay", rows, as_json=as_json)
     if any(each.problem or each.differences for each in replayed):
         raise typer.Exit(1)
 
@@ -179,6 +179,6 @@ def export(
         )
     for difference in differences:
         say(one_line(f"harness: pair {pair} differs from its record: {difference}"))
-    show_rows("export", [{"file": str(path)} for path in files], True, as_json)
+    show_rows("export", [{"file": str(path)} for path in files], quiet=True, as_json=as_json)
     if differences:
         raise typer.Exit(1)

@@ -35,7 +35,7 @@ def extract(
         extracted = extraction.extract(data, format_, **rules)
         result = extraction_result(extracted, [f"Rows: {out}"])
         extraction.write_rows(out, extracted, _command())
-    show(result, full, quiet, as_json, [out])
+    show(result, [out], full=full, quiet=quiet, as_json=as_json)
 
 
 def fit(
@@ -76,7 +76,7 @@ def fit(
             progress=advance,
         )
     result = model_result("fit", fitted, str(out), [f"Model: {out}"])
-    show(result, full, quiet, as_json, [out])
+    show(result, [out], full=full, quiet=quiet, as_json=as_json)
 
 
 def model(
@@ -104,7 +104,7 @@ def model(
 
         with unwinding():
             written = write_model_page(loaded, result, rows, out, figures)
-    show(result, full, quiet, as_json, written or [loaded.name])
+    show(result, written or [loaded.name], full=full, quiet=quiet, as_json=as_json)
 
 
 def validate(
@@ -122,14 +122,16 @@ def validate(
 
     if out:
         check_target(out)
-    names = drivers.split(",")
     with progress_bar(quiet or as_json, "drivers") as advance, unwinding():
-        result = validated(data, format_, names, options.settings_of(settings), advance)
+        result = validated(
+            data, format_, drivers.split(","), options.settings_of(settings), advance
+        )
     if out is not None:
         from harness.report.page import write_result
 
         write_result(result, out)
-    show(result, full, quiet, as_json, [str(record["driver"]) for record in result.records])
+    nearest = [str(record["driver"]) for record in result.records]
+    show(result, nearest, full=full, quiet=quiet, as_json=as_json)
 
 
 def _command() -> str:

@@ -14,8 +14,12 @@ if TYPE_CHECKING:
     from harness.results.result import Result
 
 
+Lines = Iterable[object]
+Rows = Sequence[Mapping[str, Any]]
+
+
 def show(
-    result: "Result", full: bool, quiet: bool, as_json: bool, lines: Iterable[object] = ()
+    result: "Result", lines: Lines = (), *, as_json: bool, full: bool = False, quiet: bool = False
 ) -> None:
     """Print a result: its screen, its JSON, or with ``quiet`` the given lines.
 
@@ -37,9 +41,7 @@ def show(
         raise Exit(1)
 
 
-def show_rows(
-    command: str, rows: Sequence[Mapping[str, Any]], quiet: bool, as_json: bool, **said: Any
-) -> None:
+def show_rows(command: str, rows: Rows, *, as_json: bool, quiet: bool = False, **said: Any) -> None:
     """Print rows of text, whose first column stands for a row with ``quiet``.
 
     ``said`` is what the result has besides: ``title``, ``closing``, ``headings``.
@@ -47,7 +49,7 @@ def show_rows(
     from harness.results.result import listed
 
     first = dict.fromkeys(str(next(iter(row.values()))) for row in rows)
-    show(listed(command, rows, **said), False, quiet, as_json, first)
+    show(listed(command, rows, **said), first, quiet=quiet, as_json=as_json)
 
 
 def print_line(text: str) -> None:

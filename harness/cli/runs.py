@@ -59,7 +59,7 @@ def run(
             )
     finally:
         children.stop_children()
-    show(finished.result(), full, quiet, as_json, [finished.path])
+    show(finished.result(), [finished.path], full=full, quiet=quiet, as_json=as_json)
 
 
 def resume(
@@ -85,7 +85,7 @@ def resume(
         else:
             run = runs.resume(run_folder, workers=workers, executor=cluster, progress=advance)
             result = run.result()
-    show(result, full, quiet, as_json, [run_folder])
+    show(result, [run_folder], full=full, quiet=quiet, as_json=as_json)
 
 
 def risk(
@@ -121,7 +121,7 @@ def risk(
             executor=_cluster(dask, workers, study.driven),
             progress=advance,
         )
-    show(result, full, quiet, as_json, [result.facts["folder"]])
+    show(result, [result.facts["folder"]], full=full, quiet=quiet, as_json=as_json)
 
 
 def _cluster(address: str | None, workers: int | None, drivers: list[str]) -> "Executor | None":

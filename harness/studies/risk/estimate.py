@@ -72,7 +72,8 @@ class _Drawing:
         scenario = cell.scenario
         runner = PairRunner(scenario, task.model, lambda: open_engine(scenario, task.engine))
         lost = {
-            each.pair: DrawOutcome(False, reason=why.reason) for each, why in task.given_up.items()
+            each.pair: DrawOutcome(event=False, reason=why.reason)
+            for each, why in task.given_up.items()
         }
 
         def run(episodes: Sequence[DrawInputs]) -> list[DrawOutcome]:
@@ -268,8 +269,8 @@ def findings_of(rounds: Sequence[Units]) -> dict[str, Finding]:
             f"{events:,} of {draws:,} nominal draws are events": min(tails) < _CHECK_TAIL,
         }
         doubt = "; ".join(text for text, holds in doubts.items() if holds and weighted)
-        of_draws = n, len(estimate.weights), not doubt, doubt or None
-        told["probability"] = Finding(total / n, low, high, *of_draws)
+        found = Finding(total / n, low, high, n, events=len(estimate.weights))
+        told["probability"] = replace(found, reliable=not doubt, reason=doubt or None)
         by_others = 1.0 if bound is None else bound
         told["all_ways_high"] = Finding(min(1.0, high + by_others) if weighted else high)
         told["coefficient_of_variation"] = Finding(cv)
@@ -345,7 +346,7 @@ def read_risk(path: Path) -> Result:
     found = _found_again(path, manifest, study) if cells is None else cells[0].findings
     scenario, asked, quoted = study.cells[0].scenario, manifest["risk"], shlex.quote(str(path))
     arm = Arm(asked["arm"])
-    columns = Column("measure", ""), Column("value", "", True)
+    columns = Column("measure", ""), Column("value", "", interval=True)
     numbers = [
         (each.heading, Shown(found[each.key], Style(each.form, each.digits)))
         for each in entries_of("risk")

@@ -67,7 +67,7 @@ class _Tried(NamedTuple):
     likely: FloatArray
 
 
-def _tried(rounds: Sequence[Units], placed: bool) -> _Tried:
+def _tried(rounds: Sequence[Units], *, placed: bool) -> _Tried:
     """The placed people of some rounds, or the fixed numbers of their first episodes."""
     rows = pa.concat_tables([units.rows for units in rounds])
     rows = rows.filter(pa.array(rows["placed"].to_numpy() == placed)).combine_chunks()
@@ -136,7 +136,7 @@ def _learn(
                 needed = _RESERVE * squared_cv / target_cv**2
                 each = sum(units.episodes for units in recent) / n
             if not (flow and space.fixed):
-                highest = min(highest, _high(_tried(recent, flow), lowest, len(value)))
+                highest = min(highest, _high(_tried(recent, placed=flow), lowest, len(value)))
         if (high := bound(rounds)[0]) is not None:
             highest = min(highest, high)
         if spent > min(needed * each, _ALLOWANCE + _ALLOWED_SHARE / (highest * target_cv**2)):
@@ -166,7 +166,7 @@ def _fit(
     proposal: Proposal, rounds: Sequence[Units], space: Space, lowest: int, rng: np.random.Generator
 ) -> Proposal:
     """The next proposal, fitted to the draws of all rounds."""
-    size, first, tried = len(space.fixed), _tried(rounds, False), _tried(rounds, True)
+    size, first, tried = len(space.fixed), _tried(rounds, placed=False), _tried(rounds, placed=True)
     # Only the sign of a side's number matters: its size is drawn anew, or fits would narrow it.
     names = np.array([*space.fixed, "speed", "arrival", *space.marks])
     for points in (first.points, tried.points):
