@@ -18,7 +18,8 @@ def main() -> None:
         return
     # Other threads of NumPy's linear algebra spin while a process starts, and are never needed.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if sys.argv[1:2] in (["run"], ["sweep"]) and "--dask" not in "".join(sys.argv):
+    elsewhere = any(word.startswith("--dask") for word in sys.argv)
+    if sys.argv[1:2] in (["run"], ["sweep"]) and not elsewhere:
         from harness.studies.running.children import import_arrow, start_children
 
         # The first worker imports its modules while this process imports its own.

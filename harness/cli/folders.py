@@ -12,9 +12,6 @@ from harness.cli.interruption import unwinding
 from harness.cli.output import say, show as show_result, show_rows
 from harness.core.errors import InputError, one_line
 
-_MOST_DIFFERENCES = 3
-"""Differences of a replay from its record that are printed."""
-
 
 def show(
     run_folder: options.RunArgument,
@@ -135,15 +132,7 @@ def replay(
             raise InputError("--out", "is missing", allowed)
     for traceback in filter(None, (each.traceback for each in replayed)):
         say(traceback.rstrip())
-    rows = [
-        {
-            "episode": each.name,
-            "record": each.problem or ("differs" if each.differences else "is the stored one"),
-            "differences": "; ".join(each.differences[:_MOST_DIFFERENCES]),
-        }
-        for each in replayed
-    ]
-    show_rows("replay", rows, as_json=as_json)
+    show_rows("replay", [each.row for each in replayed], as_json=as_json)
     if any(each.problem or each.differences for each in replayed):
         raise typer.Exit(1)
 

@@ -167,13 +167,15 @@ def risk(
         raise InputError(study.name, f"has {len(study.cells)} cells", f"one cell: {settled}")
     if not 0 < target_cv <= 1:
         raise InputError(f"target_cv={target_cv:g}", "is not accepted", "above 0, at most 1")
-    asked = {"event": parse_event(event).text, "arm": arm.value, "target_cv": target_cv}
+    asked: folders.RiskAsked = {
+        "event": parse_event(event).text,
+        "arm": arm.value,
+        "target_cv": target_cv,
+    }
     scenario = study.cells[0].scenario
     models = runs.checked_models([scenario], engine)
     space_of(scenario, arm)
-    manifest = manifest_of(
-        study, models, traces=False, engine=engine, pairs_per_part=0, kind="risk", risk=asked
-    )
+    manifest = manifest_of(study, models, traces=False, engine=engine, pairs_per_part=0, risk=asked)
     path = claim_folder(out, f"{study.name}-risk")
     folders.write_manifest(path, manifest)
     return resume(path, workers=workers, executor=executor, progress=progress)

@@ -37,6 +37,9 @@ RECORDS = ("episodes", "pedestrians")
 _SHOW = {"start": "true", "quit-on-end": "true", "delay": "100"}
 """Options of sumo-gui for a simulation."""
 
+_MOST_DIFFERENCES = 3
+"""Differences of a replay from its record that are printed."""
+
 Key = tuple[int, int]
 """Cell and pair."""
 
@@ -56,6 +59,13 @@ class Replayed:
     differences: tuple[str, ...] = ()
     problem: str | None = None
     traceback: str | None = None
+
+    @property
+    def row(self) -> dict[str, str]:
+        """What a table says of it."""
+        record = self.problem or ("differs" if self.differences else "is the stored one")
+        some = "; ".join(self.differences[:_MOST_DIFFERENCES])
+        return {"episode": self.name, "record": record, "differences": some}
 
 
 def replay(run: Run, cell: int, pairs: range, arms: Sequence[Arm], out: Path) -> list[Replayed]:

@@ -21,14 +21,6 @@ from harness.encounter.arms import check_arms
 from harness.engine.installation import check_packages
 from harness.model.interaction import InteractionModel, load_model
 from harness.results import folder as folders
-from harness.results.folder import (
-    DamagedPartError,
-    Manifest,
-    done_parts,
-    part_name,
-    read_part,
-    write_part,
-)
 from harness.results.loaded_run import Run, computed, load_run
 from harness.results.tables import TABLES_OF, TRACES
 from harness.scenario import EngineName, Scenario
@@ -110,13 +102,14 @@ def run(
     else:
         variations = [(key, [*values]) for key, values in (vary or {}).items()]
         study = study_of(scenario_file(scenario, changes), variations)
-    kept: Any = {"traces": bool(traces), "engine": engine_named(engine)}
-    models, files = _checked(study, engine)
+    models, files = _checked(study, engine_named(engine))
     size = 1 if study.long_pairs else part_pairs(study.base.experiment.pairs)
     if study.long_pairs and (traces or engine != "sumo"):
         key = "traces" if traces else "engine"
         raise InputError(key, "is not supported with simulations", "SUMO, without traces")
-    manifest = manifest_of(study, models, pairs_per_part=size, files=files, **kept)
+    manifest = manifest_of(
+        study, models, traces=bool(traces), engine=engine, pairs_per_part=size, files=files
+    )
     path = claim_folder(out, study.name)
     with at_work(path, study, workers, executor) as (folder, chosen):
         folders.write_manifest(path, manifest)
@@ -197,7 +190,7 @@ def _checked(study: Study, engine: EngineName) -> tuple[list[InteractionModel], 
 
 
 def _whole_parts(
-    folder: RunFolder, study: Study, manifest: Manifest
+    folder: RunFolder, study: Study, manifest: folders.Manifest
 ) -> tuple[set[Part], set[Part]]:
     """The finished parts and the planned ones; a damaged part is removed, with a line in the log.
 
@@ -206,16 +199,16 @@ def _whole_parts(
     """
     firsts = range(0, study.base.experiment.pairs, manifest["pairs_per_part"])
     planned = {(cell.number, first) for cell in study.cells for first in firsts}
-    done = done_parts(folder.path)
+    done = folders.done_parts(folder.path)
     for cell, first in sorted(done):
-        path = folder.path / TABLES_OF[manifest["kind"]][0].name / part_name(cell, first)
+        path = folder.path / TABLES_OF[manifest["kind"]][0].name / folders.part_name(cell, first)
         if (cell, first) not in planned:
             raise InputError(str(path), "is no part that this run plans", "the parts of this run")
         try:
             for table in TABLES_OF[manifest["kind"]]:
                 if table is not TRACES or manifest["traces"]:
-                    read_part(folder.path, table.name, cell, first, manifest)
-        except DamagedPartError as error:
+                    folders.read_part(folder.path, table.name, cell, first, manifest)
+        except folders.DamagedPartError as error:
             folder.note("part removed", reason=str(error))
             path.unlink()
             done.remove((cell, first))
@@ -263,7 +256,7 @@ def at_work(
 def _carried_out(
     folder: RunFolder,
     study: Study,
-    manifest: Manifest,
+    manifest: folders.Manifest,
     models: Sequence[InteractionModel],
     done: Container[Part],
     executor: Executor,
@@ -305,7 +298,7 @@ def written(
                 for event in rows.events:
                     folder.note(**event)
                 for number, tables in rows.tables.items():
-                    write_part(folder.path, number, task.first, tables, digest)
+                    folders.write_part(folder.path, number, task.first, tables, digest)
                 yield task, rows
     except HarnessError:
         raise

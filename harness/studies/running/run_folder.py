@@ -14,7 +14,7 @@ from harness.core.files import cannot_write
 from harness.core.versions import versions_of_runs
 from harness.model.interaction import InteractionModel
 from harness.results.estimators import CONFIDENCE
-from harness.results.folder import LOG, MANIFEST, SCHEMA, Manifest, SimulatedWith, sealed
+from harness.results.folder import LOG, MANIFEST, SCHEMA, Manifest, RiskAsked, SimulatedWith, sealed
 from harness.results.tables import kind_of
 from harness.scenario import EngineName, Study
 from harness.strategies.parameters import knows_the_model
@@ -102,7 +102,7 @@ def manifest_of(
     engine: EngineName,
     pairs_per_part: int,
     files: Mapping[str, str] = MappingProxyType({}),
-    **more: Any,
+    risk: RiskAsked | None = None,
 ) -> Manifest:
     """The manifest: everything on which a run depends.
 
@@ -113,12 +113,12 @@ def manifest_of(
         traces: whether traces are kept.
         engine: the engine.
         pairs_per_part: number of pairs of a part.
-        more: what a study adds or replaces, such as its kind.
+        risk: what a risk is of.
     """
     know = [name for name in study.driven if knows_the_model(find_strategy(name, "arms"))]
-    document = {
+    document: Manifest = {
         "schema": SCHEMA,
-        "kind": kind_of(study.base),
+        "kind": kind_of(study.base) if risk is None else "risk",
         "name": study.name,
         "scenario": study.base.model_dump(),
         "cells": [dict(cell.varied) for cell in study.cells],
@@ -129,8 +129,10 @@ def manifest_of(
         "seed": study.base.experiment.seed,
         "know_the_model": know,
         "simulated_with": simulated_with(study.driven, models, files),
-        **more,
+        "digest": "",
     }
+    if risk is not None:
+        document["risk"] = risk
     return cast(Manifest, sealed(document))
 
 

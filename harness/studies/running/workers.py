@@ -231,8 +231,12 @@ def _own_modules(where: str, drivers: Iterable[str]) -> Iterator[str]:
     import importlib.util
     import sysconfig
 
+    from harness.strategies.own import is_of_this_process
+    from harness.strategies.program import is_program
+
     installed = tuple(sysconfig.get_path(kind) for kind in ("purelib", "platlib", "stdlib"))
-    own = (name for name in drivers if ":" in name and not name.startswith(("exec:", "__main__:")))
+    others = (name for name in drivers if not is_program(name) and not is_of_this_process(name))
+    own = (name for name in others if ":" in name)
     for module in sorted({name.partition(":")[0].partition(".")[0] for name in own}):
         spec = importlib.util.find_spec(module)
         if spec is None or spec.origin is None or spec.origin.startswith(installed):
