@@ -43,6 +43,10 @@ class InputError(HarnessError):
             parts.append(f"did you mean {nearest!r}?")
         super().__init__(one_line("; ".join(parts)))
 
+    def at(self, where: str) -> "InputError":
+        """The same error at another place."""
+        return InputError(where, self.problem, self.allowed, self.nearest)
+
     def __reduce__(self) -> tuple[type["InputError"], tuple[str | None, ...]]:
         """Its parts, so that it may come from another process."""
         return InputError, (self.where, self.problem, self.allowed, self.nearest)
@@ -69,6 +73,12 @@ class StrategyError(HarnessError):
             lines = traceback.format_exception(type(cause), cause, frames, limit=-_FRAMES)
             self.traceback = "".join(lines)
 
+    def at(self, where: str) -> "StrategyError":
+        """The same error with a place before its message."""
+        error = StrategyError(f"{where}: {self}")
+        error.traceback = self.traceback
+        return error
+
 
 class InterruptedRunError(KeyboardInterrupt):
     """A run was interrupted; its folder keeps the finished pairs.
@@ -92,8 +102,7 @@ def refused_at(where: str) -> Iterator[None]:
     except InputError as error:
         if not where or error.where.startswith(where):
             raise
-        place = f"{where} {error.where}"
-        raise InputError(place, error.problem, error.allowed, error.nearest) from error
+        raise error.at(f"{where} {error.where}") from error
 
 
 _REFUSED = (ArithmeticError, LookupError, NotImplementedError, OSError, TypeError, ValueError)

@@ -127,9 +127,6 @@ def check_arms(scenario: Scenario, model: InteractionModel) -> None:
         try:
             make_strategy(scenario, Arm(key), 0, model)
         except InputError as error:
-            parameter = error.where.removeprefix(f"{name}.")
-            raise InputError(
-                f"{where}.{parameter}", error.problem, error.allowed, error.nearest
-            ) from None
+            raise error.at(f"{where}.{error.where.removeprefix(f'{name}.')}") from None
         except (Exception, SystemExit) as error:
             raise InputError(where, f"cannot be made: {in_one_line(error)}") from None

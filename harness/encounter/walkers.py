@@ -77,8 +77,7 @@ class Walker:
         self.due_s = time_s + self._length / speed_mps
 
     def look(self, seen: Seen | None) -> None:
-        """Decide again at ``look_s``; a steady walker never looks again."""
-        raise NotImplementedError
+        """Decide again at ``look_s``; a steady walker never does."""
 
     def walk_until(self, time_s: float) -> float:
         """Move on to a time and return y; the speed is 0 while they wait."""

@@ -20,7 +20,7 @@ class PlainEngine:
 
     def __init__(self, vehicle: Vehicle, step_s: float) -> None:
         self._start = (-vehicle.trigger_range_m, vehicle.initial_speed_mps)
-        self._step_s = step_s
+        self._step_s, self.closed = step_s, False
         self._x, self._speed = self._start
 
     def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:  # noqa: ARG002
@@ -46,7 +46,8 @@ class PlainEngine:
         return None
 
     def close(self) -> None:
-        """Nothing to release."""
+        """See ``Engine.close``; there is nothing to release."""
+        self.closed = True
 
 
 def slowing_mps(

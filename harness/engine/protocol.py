@@ -11,7 +11,10 @@ class Engine(Protocol):
 
     One engine serves any number of episodes, one after another: ``begin``, ``step`` until the
     episode is over, ``end``.  It is bound to one crosswalk, one vehicle and one step length.
+    ``closed`` says whether ``close`` was called.
     """
+
+    closed: bool
 
     def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
         """Insert the ego at the trigger.

@@ -59,6 +59,7 @@ class Vehicles:
     width_m: Annotated[Callable[[str], float], "getWidth"]
     acceleration_limit_mps2: Annotated[Callable[[str], float], "getAccel"]
     deceleration_limit_mps2: Annotated[Callable[[str], float], "getDecel"]
+    headway_s: Annotated[Callable[[str], float], "getTau"]
     set_speed: Annotated[Callable[[str, float], object], "setSpeed"]
     remove: Annotated[Callable[[str], object], "remove"]
 
@@ -125,6 +126,7 @@ def is_inside_junction(lane: str) -> bool:
 
 
 _Functions = TypeVar("_Functions", Vehicles, People)
+_Ids = Callable[[], Sequence[str]]
 
 
 class Session:
@@ -174,11 +176,11 @@ class Session:
         self._best_lanes = self._function("vehicle", "getBestLanes")
         self._set_speed_mode = self._function("vehicle", "setSpeedMode")
         self._set_parameter = self._function("vehicle", "setParameter")
-        ids: dict[str, Callable[[], Sequence[str]]] = {
-            name: self._function("simulation", f"get{name}IDList")
-            for name in ("Departed", "Arrived", "StartingTeleport", "EmergencyStoppingVehicles")
-        }
-        self.departed, self.arrived, self.teleported, self.emergency_stops = ids.values()
+        self.departed: _Ids = self._function("simulation", "getDepartedIDList")
+        self.arrived: _Ids = self._function("simulation", "getArrivedIDList")
+        self.teleported: _Ids = self._function("simulation", "getStartingTeleportIDList")
+        stopping = "getEmergencyStoppingVehiclesIDList"
+        self.emergency_stops: _Ids = self._function("simulation", stopping)
         self.collisions: Callable[[], Sequence[Collision]]
         self.collisions = self._function("simulation", "getCollisions")
         self.time_s: float = api.simulation.getTime()

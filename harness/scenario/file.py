@@ -180,7 +180,7 @@ def validate(
         where = f"{source}: {key}"
         if named:
             where = f"{sources[named[-1]]} {key if over else named[-1]}"
-        raise InputError(where, error.problem, error.allowed, error.nearest) from None
+        raise error.at(where) from None
     return scenario
 
 

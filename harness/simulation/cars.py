@@ -108,8 +108,8 @@ class Passage:
         driver: who drives, or ``sumo``.
         strategy: the strategy that drives, until the passage has ended.
         not_driven: why no strategy drives it, or None.
-        begun, begin_s, first: whether it has passed R0; the time of its first state, and its place
-            among those of the car.
+        begun, begin_s, first: whether it has passed R0; then, the time of its first state, and its
+            place among those of the car.
         xs_m, speeds_mps: once it has ended, its states in the straight frame at every step.
         trace_offset_s: time from R0 until the first of them.
         limited: number of driven steps by what limited them (``LIMITED_BY``), once it has ended.
@@ -128,7 +128,7 @@ class Passage:
     strategy: Strategy | None = None
     not_driven: str | None = None
     begun: bool = False
-    begin_s: float = math.nan
+    begin_s: float = field(init=False)
     first: int = 0
     xs_m: FloatArray = field(default_factory=lambda: np.empty(0))
     speeds_mps: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -143,12 +143,14 @@ class Passage:
     last_m: float = field(init=False)
     centre_m: float = field(init=False)
 
-    def __post_init__(self) -> None:
+    def _place(self) -> None:
         """Compute the odometer where the body first and last touches it, and at x = 0."""
         self.crossing = self.zone.crossing
         self.first_m = self.stop_m + self.zone.first_m
         self.last_m = self.stop_m + self.zone.last_m
         self.centre_m = self.stop_m + self.zone.centre_m
+
+    __post_init__ = _place
 
     # What the harness's people see of it (``encounter.deciding.Approaching``)
 
@@ -208,4 +210,4 @@ class Passage:
     def move_to(self, other: "Passage") -> None:
         """Go on, and be measured, on the connection of a lane to which the vehicle changed."""
         self.connection, self.zone, self.stop_m = other.connection, other.zone, other.stop_m
-        self.__post_init__()
+        self._place()

@@ -23,6 +23,8 @@ _ROUNDING_MPS = 1e-3
 """Differences of speed below this are rounding."""
 _LEADER_M = 1.0
 """A leader decides if the gap is at most this much longer than the one that SUMO keeps."""
+_SIGHT_M = 10.0
+"""Leaders are looked for this much farther; SUMO's search counts its minGap as way."""
 
 
 class Control:
@@ -93,8 +95,7 @@ class Control:
                         lowest = min(lowest, self._decision(passage, strategy, driver))
                     except StrategyError as error:
                         where = f"vehicle {car.name} at {passage.crosswalk.id}, {now_s:.3f} s"
-                        error.args = (f"{where}: {error}",)
-                        raise
+                        raise error.at(where) from error
             wish_mps = max(0.0, car.speed_mps + lowest * self._step_s)
             assert car.actuator is not None
             target_mps = car.actuator.speed_after(lowest, car.speed_mps)
@@ -151,12 +152,12 @@ class Control:
 
     def _follows(self, car: Car, speed_mps: float) -> bool:
         """Whether the vehicle ahead was so near that SUMO kept its distance."""
-        decel = car.vehicle.max_deceleration_mps2
-        sight_m = speed_mps * 2 + speed_mps**2 / (2 * decel) + 10.0
-        leader = self._session.leader(car.name, sight_m)
+        vehicles, twice_decel = self._vehicles, 2 * car.vehicle.max_deceleration_mps2
+        # The distance to a leader who stands.
+        keeps_m = speed_mps * (vehicles.headway_s(car.name) + self._step_s)
+        keeps_m += speed_mps**2 / twice_decel
+        leader = self._session.leader(car.name, keeps_m + _SIGHT_M)
         if leader is None:
             return False
-        ahead_mps = self._vehicles.speed_mps(leader.name)
-        # A second is the headway of SUMO's default driver.
-        keeps_m = speed_mps * (1.0 + self._step_s) + (speed_mps**2 - ahead_mps**2) / (2 * decel)
+        keeps_m -= vehicles.speed_mps(leader.name) ** 2 / twice_decel
         return leader.gap_m <= max(keeps_m, 0.0) + _LEADER_M

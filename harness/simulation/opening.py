@@ -7,6 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from harness.core.errors import InputError, nearest_name, unknown_name
+from harness.core.files import read_file
 from harness.encounter.arms import asks_model
 from harness.engine.configuration import (
     DEFAULT_SEED,
@@ -65,8 +66,8 @@ def opened(scenario: Scenario) -> Setup:
 def _setup(scenario: Scenario, config: SumoConfig, simulation: SimulationSection) -> Setup:
     town, where = town_of(config), "simulation.crossings"
     crosswalks = {name: chosen(town, name, where) for name in simulation.crossings}
-    counted_s = _counted_s(simulation, config)
-    return Setup(scenario, config, town, crosswalks, simulation, *counted_s)
+    begin_s, end_s = _counted_s(simulation, config)
+    return Setup(scenario, config, town, crosswalks, simulation, begin_s, end_s)
 
 
 def town_of(config: SumoConfig) -> Town:
@@ -125,7 +126,7 @@ def digests(config: SumoConfig) -> Mapping[str, str]:
 
 
 def _digest(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+    return hashlib.sha256(read_file(file)).hexdigest()
 
 
 def chosen(town: Town, name: str, where: str) -> Crosswalk:

@@ -28,7 +28,7 @@ from harness.measures.efficiency import beyond
 from harness.measures.ego import ego_state
 from harness.simulation.cars import Passage
 from harness.simulation.walk import Walked, moved
-from harness.site.path import Path
+from harness.site.path import FrontPath
 from harness.site.town import Town
 
 Row = Mapping[str, Any]
@@ -157,7 +157,7 @@ def _trace(
 
 
 def strike_of(
-    trace: Trace, passage: Passage, path: Path, walkers: Sequence[Walked]
+    trace: Trace, passage: Passage, path: FrontPath, walkers: Sequence[Walked]
 ) -> Strike | None:
     """The first contact of a vehicle's oriented outline with a person's disc between the kerbs.
 
@@ -211,7 +211,7 @@ def _records(traces: Sequence[Trace], strikes: Sequence[Strike | None]) -> list[
     return [records[number] for number in range(len(traces))]
 
 
-def free_pass_s(passage: Passage, path: Path) -> float:
+def free_pass_s(passage: Passage, path: FrontPath) -> float:
     """The time of a free passage from R0 until the rear has left, at the limits of its lanes."""
     vehicle, zone = passage.vehicle, passage.zone
     begin_m = zone.centre_m - vehicle.trigger_range_m

@@ -111,7 +111,7 @@ class PeopleAt:
         return lambda near: updates.shown(lambda: ((view, near) for view in self.views(passage)))
 
     def _view(self, person: SumoPerson) -> PedestrianView:
-        """One of SUMO's people in the axis's frame, without the lane.
+        """One of SUMO's people in the axis's frame, as from a lane in the middle.
 
         Whoever has not come to the crossing's edge has not stepped off, and is shown at the kerb if
         SUMO draws them beyond it: its curves on walking areas cut corners by up to 1 m, and end in
@@ -125,9 +125,8 @@ class PeopleAt:
         if not on and ahead_m >= -WAITING_M and speed_mps < STANDING_MPS:
             speed_mps = 0.0
         side, steps_off = Side.NEAR if person.near else Side.FAR, on and 0.0 <= ahead_m < length_m
-        return PedestrianView(
-            person.index, side, math.nan, length_m - ahead_m, max(0.0, speed_mps), steps_off
-        )
+        middle_m, end_m, speed_mps = length_m / 2 - ahead_m, length_m - ahead_m, max(0.0, speed_mps)
+        return PedestrianView(person.index, side, middle_m, end_m, speed_mps, steps_off)
 
     def walked(self) -> list[Walked]:
         """Everybody who stepped off or waited, the harness's first."""

@@ -67,11 +67,10 @@ class Setup:
         decel_mps2: float,
         driver: Arm | None = None,
     ) -> Vehicle:
-        """The constants of a vehicle apart from v0, as late as its driver's vehicle."""
+        """The constants of a vehicle, as late as its driver's; v0 and R0 are those of a passage."""
         ego = self.scenario.vehicle(driver)
         return replace(
             ego,
-            initial_speed_mps=1.0,
             length_m=length_m,
             width_m=width_m,
             max_acceleration_mps2=accel_mps2,

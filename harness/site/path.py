@@ -40,7 +40,7 @@ class Lane(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class FrontPath:
     """Successive lanes as one line; s is 0 at the stop line and negative before it.
 
     Every lane's shape is scaled linearly to the lane's length, as SUMO does, so that s differs from
@@ -60,7 +60,7 @@ class Path:
     points: Places
 
     @classmethod
-    def along(cls, lanes: Sequence[Lane], before: int = 1) -> "Path":
+    def along(cls, lanes: Sequence[Lane], before: int = 1) -> "FrontPath":
         """The path along some lanes.
 
         Args:

@@ -4,14 +4,14 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
-from pathlib import Path as FilePath
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
 import shapely
 
 from harness.core.errors import InputError
-from harness.site.path import Lane, Path
+from harness.site.path import FrontPath, Lane
 
 if TYPE_CHECKING:
     from sumolib.net import Net
@@ -102,9 +102,9 @@ class Crosswalk:
         return float(self.axis.length)
 
     @cached_property
-    def line(self) -> Path:
+    def line(self) -> FrontPath:
         """The axis; s is 0 at its beginning."""
-        return Path.along([Lane(self.id, [*self.axis.coords], self.length_m, 0.0)], 0)
+        return FrontPath.along([Lane(self.id, [*self.axis.coords], self.length_m, 0.0)], 0)
 
     @cached_property
     def area(self) -> shapely.Polygon:
@@ -151,7 +151,7 @@ class Town:
     lanes: Mapping[str, Lane]
 
     @classmethod
-    def read(cls, net: FilePath) -> "Town":
+    def read(cls, net: Path) -> "Town":
         """Read a network, packed by gzip or not.
 
         Raises:
@@ -189,7 +189,7 @@ class Town:
         )
 
     @cached_property
-    def path(self) -> Callable[[Connection], Path]:
+    def path(self) -> Callable[[Connection], FrontPath]:
         """The path of a connection, which begins 40 m before the stop line, or a little earlier.
 
         It begins later, with the connection's first lane or upstream of it, where several lanes or
@@ -197,7 +197,7 @@ class Town:
         """
         return cache(self._path)
 
-    def _path(self, connection: Connection) -> Path:
+    def _path(self, connection: Connection) -> FrontPath:
         before = [self.lanes[connection.from_lane]]
         while sum(lane.length_m for lane in before) < _PATH_M:
             ways = [each for each in self.connections.values() if each.to_lane == before[0].id]
@@ -205,7 +205,7 @@ class Town:
                 break
             before = [*(self.lanes[name] for name in (ways[0].from_lane, *ways[0].via)), *before]
         beyond = [self.lanes[name] for name in (*connection.via, connection.to_lane)]
-        return Path.along([*before, *beyond], len(before))
+        return FrontPath.along([*before, *beyond], len(before))
 
 
 def _lane(lane: "NetLane") -> Lane:

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from harness.core.encounter import BoolArray, Crossing, FloatArray
-from harness.site.path import Path
+from harness.site.path import FrontPath
 from harness.site.town import Crosswalk
 
 _SAMPLE_M = 0.2
@@ -66,7 +66,7 @@ class Zone:
 
 
 @lru_cache(10_000)
-def zone_of(path: Path, crosswalk: Crosswalk, length_m: float, width_m: float) -> Zone | None:
+def zone_of(path: FrontPath, crosswalk: Crosswalk, length_m: float, width_m: float) -> Zone | None:
     """The zone of a vehicle's body on its path over a crosswalk; None if it does not touch it.
 
     Args:
@@ -137,7 +137,7 @@ def _covered(outlines: FloatArray, crosswalk: Crosswalk) -> tuple[float, float]:
     return float(along.min()), float(along.max())
 
 
-def _begins_far(path: Path, s: float, crosswalk: Crosswalk) -> bool:
+def _begins_far(path: FrontPath, s: float, crosswalk: Crosswalk) -> bool:
     """Whether the axis begins at the kerb opposite to the side on which traffic keeps."""
     begin, *_, end = (complex(*point[:2]) for point in crosswalk.axis.coords)
     ahead = path.position(s) - path.position(s - _SHORT_M)

@@ -74,10 +74,11 @@ class AutowareCrosswalk:
         stands_s = self._stands_s(person.index, person.speed_mps, observation.time_s)
         if ego.range_m <= 0 or person.lateral_m < -half:
             return False
-        if stands_s >= 0 and behind_kerb_m > AT_KERB_M:
-            return False
-        if min(stands_s, ego_stands_s) >= _STILL_S - ROUNDING:
-            return False
+        if stands_s is not None:
+            if behind_kerb_m > AT_KERB_M:
+                return False
+            if ego_stands_s is not None and min(stands_s, ego_stands_s) >= _STILL_S - ROUNDING:
+                return False
         ttc_s = ego.range_m / max(ego.speed_mps, _LEAST_EGO_MPS)
         ttv_s = max(0.0, person.lateral_m) / max(person.speed_mps, _LEAST_PERSON_MPS)
         before = self._yields_to.get(person.index)
@@ -87,11 +88,11 @@ class AutowareCrosswalk:
         self._yields_to[person.index] = not (first or later)
         return self._yields_to[person.index]
 
-    def _stands_s(self, who: int | None, speed_mps: float, now_s: float) -> float:
-        """How long somebody has stood, or the ego (None), in s; −1 if they move."""
+    def _stands_s(self, who: int | None, speed_mps: float, now_s: float) -> float | None:
+        """How long somebody has stood, or the ego (None), in s; None if they move."""
         if speed_mps >= (_STILL_MPS if who is not None else ROUNDING):
             self._stand_since_s.pop(who, None)
-            return -1.0
+            return None
         return now_s - self._stand_since_s.setdefault(who, now_s)
 
 

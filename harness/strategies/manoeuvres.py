@@ -159,9 +159,15 @@ def speeding_up(
     speed_mps: float,
     acceleration_mps2: float | None = None,
 ) -> tuple[float, float]:
-    """Time in s and final speed in m/s over a distance ≥ 0, with a0 or a given value, up to v0."""
-    vehicle = observation.vehicle
-    gain, top = acceleration_mps2 or vehicle.resume_acceleration_mps2, vehicle.initial_speed_mps
+    """Time in s and final speed in m/s over a distance ≥ 0, up to v0.
+
+    The acceleration is above 0; None: a0.
+    """
+    a0_mps2, top = (
+        observation.vehicle.resume_acceleration_mps2,
+        observation.vehicle.initial_speed_mps,
+    )
+    gain = a0_mps2 if acceleration_mps2 is None else acceleration_mps2
     reached = max(speed_mps, min(top, math.sqrt(speed_mps**2 + 2 * gain * distance_m)))
     left = distance_m - (reached**2 - speed_mps**2) / (2 * gain)
     return (reached - speed_mps) / gain + left / max(top, speed_mps), reached

@@ -76,8 +76,7 @@ def check_parameters(strategy: StrategyFactory, parameters: Mapping[str, Any], w
     try:
         check_form(form_of(strategy), as_plain(parameters), "")
     except InputError as error:
-        place = f"{where}.{error.where}"
-        raise InputError(place, error.problem, error.allowed, error.nearest) from None
+        raise error.at(f"{where}.{error.where}") from None
 
 
 def defaults_of(strategy: StrategyFactory) -> dict[str, Any]:

@@ -18,6 +18,41 @@ def test_a_stop_that_needs_too_much_is_cancelled(speed: float) -> None:
         assert (wanted < 0) is stops
 
 
+NO, YES = False, True
+
+
+@pytest.mark.parametrize(
+    ("ttc_s", "ttv_s", "yields"),
+    # It passes first from TTC + 4 s < TTV on, and who is 13 s ahead is gone; ± 0.5 s once decided.
+    [(10.0, (13.9, 14.4, 14.6), [YES, YES, NO]), (10.0, (14.1, 13.6, 13.4), [NO, NO, YES]),
+     (20.0, (7.1, 6.6, 6.4), [YES, YES, NO]), (20.0, (6.9, 7.4, 7.6), [NO, NO, YES])],
+)  # fmt: skip
+@pytest.mark.parametrize(("drives", "walks"), [((4, 4), (2, 2)), ((1, 2), (1, 5 / 3.6))])
+def test_who_goes_first(ttc_s: float, ttv_s, yields, drives, walks) -> None:
+    """At a speed and the one of which its time is computed: at least 2 m/s, and 5 km/h."""
+    rule, found = AutowareCrosswalk(), []
+    for each_s in ttv_s:
+        person = PedestrianView(0, Side.FAR, each_s * walks[1], 30.0, walks[0], on_crossing=True)
+        seen = shown(scenario(), ttc_s * drives[1], drives[0], person)
+        # It slows down already, so that a stop goes on, however far away the crosswalk is.
+        slowing = seen._replace(ego=seen.ego._replace(acceleration_mps2=-0.1))
+        found.append(rule.decide(slowing) < 0)
+    assert found == yields
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "from_kerb_m", "stands"),
+    [(0.24, 0.9, [YES, YES, NO]), (0.26, 0.9, [YES] * 3), (0.24, 1.1, [NO] * 3)],
+)
+def test_it_goes_on_after_a_second_before_who_stands(speed_mps, from_kerb_m, stands) -> None:
+    rule, found = AutowareCrosswalk(), []
+    for time_s in (0.0, 0.9, 1.0):
+        at = 2.25 + from_kerb_m, 9.0 + from_kerb_m, speed_mps
+        person = PedestrianView(0, Side.NEAR, *at, on_crossing=False)
+        found.append(rule.decide(shown(scenario(), 5.5, 0.0, person, time_s=time_s)) == 0.0)
+    assert found == stands
+
+
 def test_it_stops_gently_before_the_line_and_the_brake_is_behind_it() -> None:
     trace = play(AutowareCrosswalk(), [(0.0, Side.FAR, 0.5)])
     standing_m = -trace.x_m[trace.speed_mps < 1e-9]

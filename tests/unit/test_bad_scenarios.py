@@ -73,7 +73,6 @@ BAD_SETTINGS = [
     ("cctc experiment.step_s=0.0333", "experiment.step_s | 0.0333 | whole milliseconds"),
     ("cctc experiment.timeout_s=0.05", "experiment.timeout_s | 0.05 | 0.1"),
     ("cctc crossing.lanes=2 crossing.lane_width_m=3.5", "crossing.lane_width_m | = 3 m"),
-    ("cctc crossing.lanes=2 ego.lane=2", "ego.lane | crossing.lanes = 2"),
     ("cctc crossing.lanes=3 crossing.oncoming_lanes=3", "ego.width_m | at most 1 m"),
     ("cctc crossing.grade=-0.2 crossing.friction=0.1", "crossing.grade | with -0.2 | not brake"),
     ("cctc crossing.grade=0.4", "crossing.grade | not drive on"),

@@ -141,19 +141,12 @@ def raises(_: Observation) -> float:
 
 @pytest.mark.parametrize(
     ("command", "says"),
-    [
-        (lambda _: math.nan, "returned nan"),
-        (lambda _: math.inf, "returned inf"),
-        (lambda _: -math.inf, "returned -inf"),
-        (lambda _: np.float32("inf"), "inf"),
-        (lambda _: True, "returned True"),
-        (lambda _: np.False_, "False"),
-        (lambda _: 10**400, "returned 1000"),
-        (raises, "no such number"),
-        (lambda _: "brake", "brake|str"),
-        (lambda _: None, "returned None"),
-    ],
-)
+    [(lambda _: math.nan, "returned nan"), (lambda _: math.inf, "returned inf"),
+     (lambda _: -math.inf, "returned -inf"), (lambda _: np.float32("inf"), "inf"),
+     (lambda _: True, "returned True"), (lambda _: np.False_, "False"),
+     (lambda _: 10**400, "returned 1000"), (raises, "no such number"),
+     (lambda _: "brake", "brake|str"), (lambda _: None, "returned None")],
+)  # fmt: skip
 def test_a_strategy_that_fails_ends_its_episode_with_a_reason(command, says: str) -> None:
     late = Recorder(lambda seen: command(seen) if seen.time_s > 1.05 else 0.0)
     trace = play(late, [(0.0, Side.NEAR, 1.0)])

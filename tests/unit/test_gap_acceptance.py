@@ -47,13 +47,6 @@ def test_waits_until_the_ego_yields_or_leaves_a_long_gap() -> None:
     assert cross(8.35, 3.05, slow).start_s is None
 
 
-@pytest.mark.parametrize(("deceleration", "goes_s"), [(0.5, 0.1), (0.45, 0.1), (0.44, None)])
-def test_goes_before_one_that_would_stop_before_the_edge(deceleration, goes_s) -> None:
-    # At the trigger, 28 m before the edge, it does not brake yet.  25/28/2 = 0.446 m/s².
-    walk = cross(1000.0, 0.0, lambda _: -deceleration)
-    assert walk.start_s == goes_s
-
-
 def lognormal(mean: float, std: float) -> object:
     """SciPy's lognormal with these two moments."""
     of = 1 + std**2 / mean**2

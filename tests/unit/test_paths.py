@@ -8,7 +8,7 @@ import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
 
-from harness.site.path import Lane, Path
+from harness.site.path import FrontPath, Lane
 from harness.site.town import Crosswalk
 from harness.site.zone import Zone, zone_of
 
@@ -28,16 +28,16 @@ def drawn_m(shape: Points) -> float:
     return sum(math.dist(a, b) for a, b in pairwise(shape))
 
 
-def path(*shapes: Points, stretched: float = 1.0) -> Path:
+def path(*shapes: Points, stretched: float = 1.0) -> FrontPath:
     """Successive lanes, of which the first one ends at the stop line."""
     lanes = [
         Lane(str(n), shape, stretched * drawn_m(shape), LIMIT_MPS - n)
         for n, shape in enumerate(shapes)
     ]
-    return Path.along(lanes)
+    return FrontPath.along(lanes)
 
 
-def straight(stretched: float = 1.0) -> Path:
+def straight(stretched: float = 1.0) -> FrontPath:
     """Along y = 0; the stop line is at x = 0."""
     points = [-60.0, 0.0, 8.0, 80.0]
     return path(*([(a, 0.0), (b, 0.0)] for a, b in pairwise(points)), stretched=stretched)
@@ -49,7 +49,7 @@ def arc(radius_m: float, degrees: float, sign: int = 1) -> Points:
     return [(radius_m * math.sin(a), sign * radius_m * (1 - math.cos(a))) for a in angles]
 
 
-def turning(radius_m: float, sign: int = 1) -> Path:
+def turning(radius_m: float, sign: int = 1) -> FrontPath:
     """Along y = 0 to the origin, then a quarter circle, then straight on."""
     quarter = arc(radius_m, 90.0, sign)
     x, y = quarter[-1]
@@ -207,7 +207,7 @@ def test_properties_of_a_turn(
 
 
 @st.composite
-def bent_lanes(draw: st.DrawFn) -> Path:
+def bent_lanes(draw: st.DrawFn) -> FrontPath:
     """Lanes with bends, each of another length than that of its shape."""
     steps = st.tuples(st.floats(0.5, 20.0), st.floats(-1.0, 1.0))
     at, lanes = (0.0, 0.0), []
@@ -217,12 +217,12 @@ def bent_lanes(draw: st.DrawFn) -> Path:
             at = (at[0] + along, at[1] + along * slope)
             shape.append(at)
         lanes.append(Lane(f"lane{n}", shape, drawn_m(shape) * draw(st.floats(0.5, 4.0)), 10.0))
-    return Path.along(lanes)
+    return FrontPath.along(lanes)
 
 
 @given(road=bent_lanes(), share=st.floats(0.0, 1.0))
 @settings(max_examples=80, deadline=None)
-def test_positions_on_lanes_and_on_the_path(road: Path, share: float) -> None:
+def test_positions_on_lanes_and_on_the_path(road: FrontPath, share: float) -> None:
     """A share of a lane's length is the same share of its shape, as SUMO has it."""
     for n, (lane, (start_m, end_m)) in enumerate(
         zip(road.lanes, pairwise(road.starts_m.tolist()), strict=True)

@@ -27,18 +27,11 @@ def document_of(found: Study) -> dict[str, object]:
 
 @pytest.mark.parametrize(
     ("text", "values"),
-    [
-        ("a.b=50,100,250", [50, 100, 250]),
-        ("a.b=0.5, 1", [0.5, 1]),
-        ("a.b=soft_yield,hard_yield", ["soft_yield", "hard_yield"]),
-        ('a.b="x,y",z', ['"x', 'y"', "z"]),
-        ('a.b="x,y","z"', ["x,y", "z"]),
-        ("a.b=true,false", [True, False]),
-        ("a.b=7", [7]),
-        ("a.b=x=y", ["x=y"]),
-        ("a.b=mine:Mine,exec:./it", ["mine:Mine", "exec:./it"]),
-    ],
-)
+    [("a.b=50,100,250", [50, 100, 250]), ("a.b=0.5, 1", [0.5, 1]), ("a.b=x=y", ["x=y"]),
+     ("a.b=soft_yield,hard_yield", ["soft_yield", "hard_yield"]), ("a.b=7", [7]),
+     ('a.b="x,y",z', ['"x', 'y"', "z"]), ('a.b="x,y","z"', ["x,y", "z"]),
+     ("a.b=true,false", [True, False]), ("a.b=mine:Mine,exec:./it", ["mine:Mine", "exec:./it"])],
+)  # fmt: skip
 def test_values_of_an_option(text: str, values: list[object]) -> None:
     key, parsed = parse_variation(text)
     assert key == "a.b"

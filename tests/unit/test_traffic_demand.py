@@ -12,11 +12,8 @@ from harness.simulation.demand import Due, vehicles_due
 
 
 def scenario_of(**traffic: Any) -> Scenario:
-    tree = {
-        "ego": {"initial_speed_mps": 8.0},
-        "traffic": {"duration_s": 3600.0, "warm_up_s": 0.0, **traffic},
-    }
-    return validate(tree, "traffic.toml")
+    tree = {"duration_s": 3600.0, "warm_up_s": 0.0, **traffic}
+    return validate({"ego": {"initial_speed_mps": 8.0}, "traffic": tree}, "traffic.toml")
 
 
 def lane_of(scenario: Scenario, pair: int) -> list[Due]:

@@ -22,10 +22,7 @@ FORBIDDEN_ATTRIBUTES = {
 }
 IMPORTERS = {
     "import_module": {
-        "strategies/own.py",
-        "engine/session.py",
-        "studies/running/children.py",
-        "cli/app.py",
+        *("strategies/own.py", "engine/session.py", "studies/running/children.py", "cli/app.py")
     },
     "find_spec": {"studies/running/workers.py"},
 }

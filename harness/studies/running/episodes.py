@@ -74,7 +74,7 @@ def run_episodes(
         raise
     finally:
         for engine in own:
-            if not getattr(engine, "closed", False):
+            if not engine.closed:
                 engine.close()
 
 
