@@ -143,14 +143,16 @@ class Passage:
     last_m: float = field(init=False)
     centre_m: float = field(init=False)
 
+    def __post_init__(self) -> None:
+        """See ``_place``."""
+        self._place()
+
     def _place(self) -> None:
         """Compute the odometer where the body first and last touches it, and at x = 0."""
         self.crossing = self.zone.crossing
         self.first_m = self.stop_m + self.zone.first_m
         self.last_m = self.stop_m + self.zone.last_m
         self.centre_m = self.stop_m + self.zone.centre_m
-
-    __post_init__ = _place
 
     # What the harness's people see of it (``encounter.deciding.Approaching``)
 

@@ -152,12 +152,11 @@ class Control:
 
     def _follows(self, car: Car, speed_mps: float) -> bool:
         """Whether the vehicle ahead was so near that SUMO kept its distance."""
-        vehicles, twice_decel = self._vehicles, 2 * car.vehicle.max_deceleration_mps2
+        twice_b, tau_s = 2 * car.vehicle.max_deceleration_mps2, self._vehicles.headway_s(car.name)
         # The distance to a leader who stands.
-        keeps_m = speed_mps * (vehicles.headway_s(car.name) + self._step_s)
-        keeps_m += speed_mps**2 / twice_decel
+        keeps_m = speed_mps * (tau_s + self._step_s + speed_mps / twice_b)
         leader = self._session.leader(car.name, keeps_m + _SIGHT_M)
         if leader is None:
             return False
-        keeps_m -= vehicles.speed_mps(leader.name) ** 2 / twice_decel
+        keeps_m -= self._vehicles.speed_mps(leader.name) ** 2 / twice_b
         return leader.gap_m <= max(keeps_m, 0.0) + _LEADER_M
