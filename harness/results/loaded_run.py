@@ -16,17 +16,8 @@ import pyarrow.compute as pc
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, resume_command, unknown_name
+from harness.results import folder as folders
 from harness.results.findings import CellFindings, cell_findings, records_of
-from harness.results.folder import (
-    EVENTS,
-    MANIFEST,
-    Manifest,
-    is_finished,
-    read_cell,
-    read_findings,
-    read_manifest,
-    unfinished,
-)
 from harness.results.notes import FIRST, Note, notes_of
 from harness.results.result import Result
 from harness.results.screens import drivers, scope_of, tables_of
@@ -51,7 +42,7 @@ class Run:
     """
 
     path: Path
-    manifest: Manifest
+    manifest: folders.Manifest
     """``manifest.json``: scenario, versions, models (docs/files.md)."""
     study: Study
     finished: bool
@@ -81,7 +72,7 @@ class Run:
         """
         if table not in (names := [each.name for each in TABLES_OF[self.kind]]):
             raise unknown_name(str(self.path), "table", table, names)
-        return read_cell(self.path, table, cell, self.manifest)
+        return folders.read_cell(self.path, table, cell, self.manifest)
 
     @property
     def kind(self) -> RunKind:
@@ -133,7 +124,7 @@ class Run:
     def refuse_unfinished(self) -> None:
         """Raise an ``InputError`` if pairs are missing."""
         if not self.finished:
-            raise unfinished(self.path)
+            raise folders.unfinished(self.path)
 
     def result(self) -> Result:
         """What ``harness run`` shows of it.
@@ -189,27 +180,27 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
         InputError: the folder holds no run, its files are damaged, or a setting is refused.
     """
     path = Path(path)
-    manifest = read_manifest(path)
+    manifest = folders.read_manifest(path)
     if manifest["kind"] == "risk":
-        allowed = f"{path / EVENTS}, the run of its events, or `harness show {path}`"
+        allowed = f"{path / folders.EVENTS}, the run of its events, or `harness show {path}`"
         raise InputError(str(path), "is a risk estimate", allowed)
-    asked = read_manifest(path)  # a copy for other thresholds; the run's own is sealed
+    asked = folders.read_manifest(path)  # a copy for other thresholds; the run's own is sealed
     for key, value in (settings or {}).items():
         if not key.startswith("conflicts.") or key in manifest["cells"][0]:
             allowed = "thresholds of [conflicts] that are not swept; another run has the others"
             raise InputError(key, "cannot change after a run", allowed)
         apply_setting(asked["scenario"], Setting(key, value))
-    study = study_from(asked, "settings" if settings else str(path / MANIFEST))
-    stored = None if settings else read_findings(path, manifest, study.cells)
+    study = study_from(asked, "settings" if settings else str(path / folders.MANIFEST))
+    stored = None if settings else folders.read_findings(path, manifest, study.cells)
     found = stored or computed(path, manifest, study)
-    return Run(path, manifest, study, is_finished(path), found)
+    return Run(path, manifest, study, folders.is_finished(path), found)
 
 
-def computed(path: Path, manifest: Manifest, study: Study) -> tuple[CellFindings, ...]:
+def computed(path: Path, manifest: folders.Manifest, study: Study) -> tuple[CellFindings, ...]:
     """The findings of every cell that has a pair, from the tables."""
     found, names = [], COUNTED[manifest["kind"]]
     for cell in study.cells:
-        tables = {name: read_cell(path, name, cell.number, manifest) for name in names}
+        tables = {name: folders.read_cell(path, name, cell.number, manifest) for name in names}
         if len(tables[names[0]]):
             found.append(cell_findings(cell, tables, manifest["confidence"]))
     return tuple(found)

@@ -124,7 +124,15 @@ def _few_pairs(cell: CellFindings) -> Iterator[Said]:
     if few:
         least = ", ".join(f"{number:,} ({_listed(names[number])})" for number in sorted(names))
         text = f"Too few informative pairs (fewest: {min(few):,}): intervals unreliable (*) or "
-        yield Said(f"{text}missing.", f"Needed: {least}.", -min(few))
+        bias = " From few pairs c_v is too small on average." * ("c_v" in least)
+        yield Said(f"{text}missing.", f"Needed: {least}.{bias}", -min(few))
+
+
+def _idle_flow(cell: CellFindings) -> Iterator[Said]:
+    people = cell.scenario.pedestrians
+    flows = "pedestrians.flow_per_hour" in cell.varied
+    if flows and people.first_at_trigger and people.max_count == 1:
+        yield Said("λ changes nothing: the only pedestrian comes at the trigger.")
 
 
 def _opposite(cell: CellFindings) -> Iterator[Said]:
@@ -291,6 +299,7 @@ RULES: tuple[Rule, ...] = (
     Rule("selected", "selected pairs", _selected),
     Rule("few_pairs", "few pairs", _few_pairs, _few_simulations),
     Rule("opposite", "another reference disagrees", _opposite),
+    Rule("idle_flow", "λ changes nothing", _idle_flow),
     Rule("collisions", "collisions of vehicles", None, _collisions),
     Rule("fills", "roads fill", None, _fills),
     Rule("who_drove", "SUMO drove", None, _who_drove),

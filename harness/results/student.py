@@ -84,8 +84,7 @@ def clustered_share(events: FloatArray, trials: FloatArray, confidence: float) -
     if not confidence or (pairs == 1 and happened):
         return Finding(value, n=n, events=happened, reason=ONE if confidence else None)
     if pairs == 1:
-        low, high = clopper_pearson(0, n, confidence)
-        return Finding(0.0, low, high, n, events=0, reliable=False, reason=ALONE)
+        return Finding(0.0, *clopper_pearson(0, n, confidence), n, 0, reliable=False, reason=ALONE)
     between = pairs / (pairs - 1) * float(np.sum((events - value * trials) ** 2))
     within, tail = n * value * (1 - value), (1 + confidence) / 2
     effect = max(1.0, between / within) if within else 1.0

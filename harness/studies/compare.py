@@ -33,7 +33,7 @@ MOST_ROWS = 40
 
 SIGNIFICANT = 0.05
 
-_SAME = 1e-9
+_SAME, _RESOLUTION = 1e-9, 1e-9
 
 
 class Difference(NamedTuple):
@@ -181,11 +181,7 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     confidence = max(run.confidence for run in runs)
     pairs = [pair for group in groups for pair in combinations(group, 2)]
     rows = [ComparedPair(a, b, _differences(a, b, confidence)) for a, b in pairs]
-    # An undefined difference is a test that was not made.
-    p_holm = {
-        of.key: estimators.holm([1.0 if (p := row.found[of.key].p) is None else p for row in rows])
-        for of in kind.differences
-    }
+    p_holm = {of.key: _adjusted([row.found[of.key].p for row in rows]) for of in kind.differences}
     candidates = [candidate for group in groups for candidate in group]
     cells = [candidate.cell for candidate in candidates]
     judged = allowed_in(groups, mu0, kappa0, confidence)
@@ -225,6 +221,12 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     )
 
 
+def _adjusted(p_values: Sequence[float | None]) -> list[float | None]:
+    """Each p by Holm; None of an undefined difference, a test of the family that was not made."""
+    adjusted = estimators.holm([1.0 if p is None else p for p in p_values])
+    return [None if p is None else found for p, found in zip(p_values, adjusted, strict=True)]
+
+
 def _of_cell(side: str, of: Candidate, kind: _Kind) -> dict[str, Plain | Finding]:
     """What a record says of one of its two cells."""
     said: dict[str, Plain | Finding] = {side: of.label, f"cell_{side}": of.cell.number}
@@ -260,6 +262,13 @@ def _nothing_to_compare(runs: Sequence[Run]) -> InputError:
     return InputError(str(runs[1].path), problem, "the same seed, people, ego and reference")
 
 
+def _apart(a: Candidate, b: Candidate) -> bool:
+    """Whether two cells' own numbers of times may be of different pairs."""
+    out = "not_in_time_ratio" if a.run.kind == "encounters" else "failed"
+    pairs = {each.cell["pairs"].count for each in (a, b)}
+    return len(pairs) > 1 or any(each.cell.total(out) for each in (a, b))
+
+
 def _common(a: Candidate, b: Candidate) -> int:
     """The number of pairs that both cells have: entry i of each is pair i."""
     return min(a.cell["pairs"].count, b.cell["pairs"].count)
@@ -293,7 +302,7 @@ def _table(title: str, rows: Sequence[ComparedPair], *columns: _Column, legend: 
     return table_of(title, filled, legend)
 
 
-def _screen(rows: Sequence[ComparedPair], p_holm: Sequence[float], kind: _Kind) -> Table:
+def _screen(rows: Sequence[ComparedPair], p_holm: Sequence[float | None], kind: _Kind) -> Table:
     """The first screen: each cell's own number, their paired difference, and one p."""
 
     def both(entry: Entry) -> _Column:
@@ -318,11 +327,13 @@ def _difference(of: Difference, rows: Sequence[ComparedPair]) -> _Column:
     return Column(of.key, "A − B", True), [Shown(row.found[of.key], of.style) for row in rows]
 
 
-def _p_values(heading: str, values: Sequence[float]) -> _Column:
-    return Column("p_holm", heading), [Shown(Finding(p), Style(digits=3)) for p in values]
+def _p_values(heading: str, values: Sequence[float | None]) -> _Column:
+    """A column of p; one of 0, with no resample beyond, is shown as below 0.001."""
+    found = [Finding(p if p is None else max(p, _RESOLUTION)) for p in values]
+    return Column("p_holm", heading), [Shown(each, Style(digits=3)) for each in found]
 
 
-def _of_all(of: Difference, rows: Sequence[ComparedPair], p_holm: Sequence[float]) -> Table:
+def _of_all(of: Difference, rows: Sequence[ComparedPair], p_holm: Sequence[float | None]) -> Table:
     found = [row.found[of.key] for row in rows]
     differ = [each.n if each.events is None else each.events for each in found]
     return _table(
@@ -335,20 +346,20 @@ def _of_all(of: Difference, rows: Sequence[ComparedPair], p_holm: Sequence[float
 
 
 def _notes(
-    rows: Sequence[ComparedPair], p_holm: Mapping[str, Sequence[float]], kind: _Kind
+    rows: Sequence[ComparedPair], p_holm: Mapping[str, Sequence[float | None]], kind: _Kind
 ) -> list[Note]:
     """Notes on rows: more crashes, an unreliable interval of A − B, or none."""
     worse, (key, does) = [], kind.worse
     for (a, b, found), p in zip(rows, p_holm[key], strict=True):
         value = found[key].value
-        if value and p < SIGNIFICANT:
+        if value and p is not None and p < SIGNIFICANT:
             worse.append((a, b) if value > 0 else (b, a))
     of_times = [row.found[kind.differences[0].key] for row in rows]
     unsure = [each for each in of_times if each.reliable is False or each.reason == FEW]
     few = [each.n for each in unsure if each.n is not None]
     equal, of = sum(each.reason == EQUAL for each in of_times), f"of {len(rows):,}"
     shares = sum(row.a.av_share != row.b.av_share for row in rows)
-    cut = [row for row in rows if row.a.cell["pairs"].count != row.b.cell["pairs"].count]
+    cut = [row for row in rows if _apart(row.a, row.b)]
     notes = []
     if worse:
         (one, other), others = worse[0], len(worse) - 1
@@ -367,9 +378,9 @@ def _notes(
         more = "Compare those of all vehicles (--full)."
         notes.append(Note("other_avs", rank_of("few_pairs"), "other vehicles are AVs", text, more))
     if cut:
-        text = f"In {len(cut):,} {of} rows A − B is over the {_common(cut[0].a, cut[0].b):,} pairs "
-        text += "that both cells have, and a cell's own number over all of its pairs."
-        notes.append(Note("common_pairs", rank_of("few_pairs"), "A − B over common pairs", text))
+        text = f"In {len(cut):,} {of} rows A − B is over the pairs that count in both cells, and a "
+        text += "cell's own number over all that count in it, so A − B may differ from these two."
+        notes.append(Note("common_pairs", rank_of("left_out"), "A − B over common pairs", text))
     if equal:
         text = f"In {equal:,} {of} rows A − B is the same in every pair, so it has no interval."
         notes.append(Note("equal_rows", rank_of("equal"), "equal in every pair", text))

@@ -109,7 +109,6 @@ BAD_SETTINGS = [
     ),
     ("cctc strategies.hard_yield.x=1", "--set strategies.hard_yield.x | drives in no cell"),
     # Sweeps.
-    ("cctc --vary=ego.lenght_m=1,2", "lenght_m | 'length_m'"),
     ("cctc --vary=ego.length_m=5 --vary=ego.length_m=6", "ego.length_m | twice"),
     ("cctc --vary=ego.length_m=5,4,5.0", "cells 0 and 2 are the same | ego.length_m=5.0"),
     ("cctc --vary=experiment.pairs=10,20", "experiment.pairs | cannot vary | --pairs"),

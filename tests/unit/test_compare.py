@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 from harness.core.errors import InputError
+from harness.report.screen import screen_text
 from harness.results.estimators import EQUAL, FEW
 from harness.results.finding import Finding
 from harness.results.result import Result
@@ -81,9 +82,10 @@ def test_crashes_by_hand_and_holm_over_the_table(result: Result) -> None:
     (table,) = [table for table in result.full if table.title == "Difference of crashes"]
     at = [column.key for column in table.columns].index("p_holm")
     assert [row[at].finding.value for row in table.rows] == pytest.approx(adjusted)
-    said = {note.key: note.text for note in result.notes}["more_crashes"]
+    said = {note.key: note.text for note in result.notes}
     more = "flow_per_hour 50, constant_speed crashes, times out or fails more often than soft_yield"
-    assert said.startswith(more)
+    assert said["more_crashes"].startswith(more)
+    assert "over the pairs that count in both cells" in said["common_pairs"]
 
 
 def drawn(scenario: Scenario, pair: int) -> Pair:
@@ -100,6 +102,14 @@ def test_a_difference_depends_on_neither_the_other_rows_nor_the_run() -> None:
     (between,) = compare(*apart).records
     for key in DIFFERENCES:
         assert alone[key] == among[key] == between[key]
+
+
+def test_a_p_of_0_is_shown_as_small() -> None:
+    """All of 2,000 differences have one sign: 2^−1999 is no number."""
+    of, mean_s = study({}, "arms.av=soft_yield,hard_yield"), {"soft_yield": 8, "hard_yield": 14}
+    times = [{name: noisy(pair, at, at) for name, at in mean_s.items()} for pair in range(2_000)]
+    made = run_of(of, lambda cell, pair: (times[pair][cell.arms.av], HUMAN_S), 2_000)
+    assert "< 0.001" in screen_text(compare(made), 120)
 
 
 @pytest.mark.parametrize(("pairs", "reliable"), [(499, False), (500, True)])

@@ -357,6 +357,7 @@ def test_a_note_of_a_sweep_is_about_its_worst_cell_and_counts_the_others() -> No
 
     vary = f"pedestrians.flow_per_hour={','.join(map(str, failures))}"
     cells = run_of(study({}, vary), fates, 10).cells
+    assert "idle_flow" in {note.key for note in notes_of(cells)}
     (note,) = [note for note in notes_of(cells) if note.key == "failures"]
     assert note.text.startswith("flow_per_hour 100: 3 of 20 episodes failed")
     assert note.first.endswith("(similar in 2 more cells).")
