@@ -135,7 +135,9 @@ def draw_tau(
         if beyond:
             axes.plot([], [], " ", label=f"last bar: {beyond:,} pairs up to τ = {values.max():.3g}")
     if mu is not None and mu.value is not None:
-        axes.axvline(mu.value, color=style.GREEN, lw=1.8, ls="-.", label=f"μ = {mu.value:.3f}")
+        star = "*" if mu.reliable is False else ""
+        label = f"μ = {mu.value:.3f}{star}"
+        axes.axvline(mu.value, color=style.GREEN, lw=1.8, ls="-.", label=label)
         if mu.low is not None and mu.high is not None:
             axes.axvspan(mu.low, mu.high, color=style.GREEN, alpha=0.2, lw=0, label="its interval")
     axes.axvline(1.0, color=style.MUTED, lw=1.0, ls=":", label=f"as fast as {driver}")
@@ -173,6 +175,7 @@ def draw_over(
         for artist in bars.get_children():
             # Lines are shifted after plotting, so that the axes' limits follow only the data.
             artist.set_transform(axes.transData + away)
+        _star(axes, x, value, [one for _, one in points])
     low, high = axes.get_ylim()
     if high - low < _LEAST_SPAN * abs(high + low) / 2:
         axes.set_ylim(low - _LEAST_SPAN * abs(low), high + _LEAST_SPAN * abs(high))
@@ -204,6 +207,7 @@ def draw_limit(
         label="bounds for all values together",
     )  # fmt: skip
     axes.axhline(limit, color=style.VERMILLION, ls="--", lw=1.3, label=f"{up}0 = {limit:g}")
+    _star(axes, x, value, [one for _, one in points])
     if any(allowed):
         at = np.asarray(allowed, dtype=bool)
         axes.plot(x[at], value[at], "s", ms=10, mfc="none", mec=style.GREEN, label="allowed")
@@ -234,6 +238,7 @@ def draw_cells(
             value, up, xerr=reach, color=look.colour, ls="none", marker=look.marker, ms=5.5,
             elinewidth=1.2, capsize=2.5, label="AV" if arm is Arm.AV else "reference",
         )  # fmt: skip
+        _star(axes, value, up, findings)
     axes.set_yticks(range(len(names)), [figure_text(name) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     finish(axes, across, "")
@@ -356,6 +361,13 @@ def _reach(points: Points, scale: float) -> tuple[FloatArray, FloatArray, FloatA
     x, value, low, high = np.asarray(rows, dtype=np.float64).reshape(-1, 4).T
     reach: FloatArray = np.nan_to_num(np.vstack((value - low, high - value))).clip(min=0)
     return x, value, reach
+
+
+def _star(axes: Axes, x: FloatArray, y: FloatArray, findings: Sequence[Finding]) -> None:
+    """Mark unreliable intervals as tables do."""
+    for at, up, one in zip(x, y, findings, strict=True):
+        if one.reliable is False and one.value is not None:
+            axes.annotate("*", (at, up), (5, 1), textcoords="offset points", fontsize=11)
 
 
 def _tick(axes: Axes, values: FloatArray) -> None:

@@ -83,6 +83,7 @@ def test_every_number_is_on_the_page_and_every_figure_in_the_folder(
     for words in (result.title, result.scope, result.about, *(n.text for n in result.notes)):
         assert words in page.text
     assert "crossing.length_m" in page.text
+    assert re.search(r">μ = 0\.\d+\*<", page.source)  # 12 pairs are few
     assert not [of for _, of in page.tags if {"src", "srcset"} & of.keys()]
     assert not re.findall(r"""(?:href|url\()=?["']?(?!#|data:)[a-z]+:""", page.source)
 
@@ -92,6 +93,7 @@ def test_a_sweep_has_its_numbers_over_its_key_and_under_limits_the_papers_figure
 ) -> None:
     page = written(swept, tmp_path / "page.html")
     assert page.figures() == OVER
+    assert page.source.count(">*<") > 3  # 8 pairs are few
     allowed = allowed_in(groups_of([swept]), 1.2, 0.5, swept.confidence)
     compared = compare(swept, mu0=1.2, kappa0=0.5)
     judged = written(swept, tmp_path / "judged.html", compared=compared, allowed=allowed)

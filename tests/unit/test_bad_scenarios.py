@@ -114,7 +114,6 @@ BAD_SETTINGS = [
     ("cctc --vary=experiment.pairs=10,20", "experiment.pairs | cannot vary | --pairs"),
     ("cctc --vary=arms=1,2", "arms"),
     ("cctc --vary=ego..x=1", "ego..x | dotted"),
-    ("cctc --vary==1,2", "--vary"),
     (
         "cctc arms.av=gap_yield --vary=strategies.gap_yeild.critical_gap_s=1,2",
         "--vary | gap_yeild drives in no cell",
@@ -152,7 +151,6 @@ BAD_FILES = [
     ("sweep = 3", "sweep | table"),
     ("[sweep]\ncells = 3", "sweep.cells"),
     ("[sweep]\ncells = []", "sweep.cells | [] | 1 to"),
-    ("[[sweep.cells]]\nego.lenght_m = 5.0", "lenght_m | 'length_m'"),
     ("[sweep]\narms.av = ['hard_yield']\n[[sweep.cells]]\nego.length_m = 5.0", "arms"),
 ]
 
