@@ -8,6 +8,7 @@ kerb.  Nothing here depends on an engine.
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from types import MappingProxyType
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -108,13 +109,15 @@ class Vehicle:
         return road_m / self.initial_speed_mps
 
 
-LIMITED_BY = {
-    "strategy": "the strategy",
-    "actuator": "the actuator",
-    "lane": "lanes and curves",
-    "leader": "leaders",
-    "right_of_way": "right of way",
-}
+LIMITED_BY = MappingProxyType(
+    {
+        "strategy": "the strategy",
+        "actuator": "the actuator",
+        "lane": "lanes and curves",
+        "leader": "leaders",
+        "right_of_way": "right of way",
+    }
+)
 """What decides a driven vehicle's speed in a step of a simulation, with its words."""
 STRATEGY, ACTUATOR, LANE, LEADER, RIGHT_OF_WAY = range(len(LIMITED_BY))
 BY_SUMO = ("lane", "leader", "right_of_way")

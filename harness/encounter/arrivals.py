@@ -59,25 +59,27 @@ def planned_arrivals(
     from_near = uniforms.first("side", len(times)) < pedestrians.near_side_share
     quantiles = uniforms.first("quantile", count)
     certain, behaviour = scenario.perception.detection_probability >= 1, pedestrians.behaviour
-    gap, times_s = pedestrians.gap_acceptance, pedestrians.threshold
+    gap_section, threshold = pedestrians.gap_acceptance, pedestrians.threshold
     classes = uniforms.each(
         "walking_class", count if pedestrians.walking_classes else 0, pedestrians.walking_class_at
     )
     gaps = uniforms.each(
         "critical_gap",
         len(times) if behaviour == "gap_acceptance" else 0,
-        lambda uniform: critical_gap_s(uniform, gap),
+        lambda uniform: critical_gap_s(uniform, gap_section),
     )
     thresholded = len(times) if behaviour == "threshold" else 0
     thresholds = uniforms.each(
         "threshold",
         thresholded,
-        lambda uniform: times_s.factor * lognormal_s(uniform, times_s.log_mean, times_s.log_sd),
+        lambda uniform: (
+            threshold.factor * lognormal_s(uniform, threshold.log_mean, threshold.log_sd)
+        ),
     )
     latencies = uniforms.each(
         "latency",
         thresholded,
-        lambda uniform: lognormal_s(uniform, times_s.latency_log_mean, times_s.latency_log_sd),
+        lambda uniform: lognormal_s(uniform, threshold.latency_log_mean, threshold.latency_log_sd),
     )
     walks = scenario.timed_walks()
     first_seen = uniforms.each("timed_detection", 0 if certain else len(walks), float)

@@ -138,23 +138,23 @@ def _still_hit(chunk: Chunk, number: int, strike: Strike, drive: _Drive) -> bool
     legs = chunk.legs
     legs_of_struck = np.flatnonzero(legs.walk == strike.walk)
     # If the pedestrian stepped off before the trace began, the drive begins with the trace.
-    begin = max(0.0, float(legs.begin_s[legs_of_struck[0]]))
-    pieces = [*drive(chunk.traces[number], begin)]
-    ends = [piece.begin_s for piece in pieces[1:]] + [math.inf]
+    begin_s = max(0.0, float(legs.begin_s[legs_of_struck[0]]))
+    pieces = [*drive(chunk.traces[number], begin_s)]
+    ends_s = [piece.begin_s for piece in pieces[1:]] + [math.inf]
     reached_m = [piece.motion.place_m for piece in pieces[1:]] + [math.inf]
     for leg in legs_of_struck.tolist():
-        leg_begin, leg_end = float(legs.begin_s[leg]), float(legs.end_s[leg])
+        leg_begin_s, leg_end_s = float(legs.begin_s[leg]), float(legs.end_s[leg])
         walker_x = Motion(float(legs.x_m[leg]), float(legs.x_mps[leg]))
         walker_y = Motion(float(legs.y_m[leg]), float(legs.y_mps[leg]), float(legs.y_mps2[leg]))
         # The ego moves forwards only, so a piece that ends short of the whole leg cannot touch.
-        nearest_m = min(walker_x.place_m, walker_x.at(leg_end - leg_begin))
+        nearest_m = min(walker_x.place_m, walker_x.at(leg_end_s - leg_begin_s))
         first = bisect_left(reached_m, nearest_m - _REACH_M)
-        for piece, end in zip(pieces[first:], ends[first:], strict=True):
-            since, until = max(piece.begin_s, leg_begin), min(end, leg_end)
-            if until < since:
+        for piece, end_s in zip(pieces[first:], ends_s[first:], strict=True):
+            since_s, until_s = max(piece.begin_s, leg_begin_s), min(end_s, leg_end_s)
+            if until_s < since_s:
                 continue
-            ego = piece.motion.after(since - piece.begin_s)
-            walkers = (walker_x.after(since - leg_begin), walker_y.after(since - leg_begin))
-            if first_contact_in_step(ego, *walkers, until - since, chunk.body) is not None:
+            ego = piece.motion.after(since_s - piece.begin_s)
+            walkers = (walker_x.after(since_s - leg_begin_s), walker_y.after(since_s - leg_begin_s))
+            if first_contact_in_step(ego, *walkers, until_s - since_s, chunk.body) is not None:
                 return True
     return False

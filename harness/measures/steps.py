@@ -119,11 +119,11 @@ def legs_of(traces: Sequence[Trace]) -> Legs:
             walks.append(walk)
             owners.append(owner)
     walk_trace, walk_numbers = (np.array(each, dtype=np.int64) for each in (owners, numbers))
-    begin, x, y, x_mps, y_mps, y_mps2 = np.array(legs, dtype=float).reshape(-1, 6).T
+    begin_s, x, y, x_mps, y_mps, y_mps2 = np.array(legs, dtype=float).reshape(-1, 6).T
     return Legs(
         trace=walk_trace[walk_numbers],
         walk=walk_numbers,
-        begin_s=begin,
+        begin_s=begin_s,
         end_s=np.array(ends, dtype=float),
         x_m=x,
         y_m=y,
@@ -167,12 +167,12 @@ def x_range(legs: Legs, since_s: FloatArray, until_s: FloatArray) -> tuple[Float
         until_s: end for each walk, shape (walks,); NaN for the walk's end.
     """
     until_s = np.where(np.isnan(until_s), np.inf, until_s)
-    begin = np.maximum(legs.begin_s, since_s[legs.walk])
-    end = np.minimum(legs.end_s, until_s[legs.walk])
-    within = begin <= end
+    begin_s = np.maximum(legs.begin_s, since_s[legs.walk])
+    end_s = np.minimum(legs.end_s, until_s[legs.walk])
+    within = begin_s <= end_s
     walk = legs.walk[within]
     low, high = np.full(len(legs.walks), np.inf), np.full(len(legs.walks), -np.inf)
-    for time in (begin, end):
+    for time in (begin_s, end_s):
         x = (legs.x_m + legs.x_mps * (time - legs.begin_s))[within]
         np.minimum.at(low, walk, x)
         np.maximum.at(high, walk, x)
@@ -197,25 +197,25 @@ def rows_of(legs: Legs, ego: EgoStates, step_s: float) -> Rows:
     number = first[leg] + within
     trace = legs.trace[leg]
     state = ego.first[trace] + number
-    begin = number * step_s
-    start = np.maximum(begin, legs.begin_s[leg])
-    elapsed = start - begin
+    begin_s = number * step_s
+    start_s = np.maximum(begin_s, legs.begin_s[leg])
+    elapsed_s = start_s - begin_s
     after = ego.speed_mps[state + 1]
     speed = np.where(ego.euler[trace], after, ego.speed_mps[state])
     acceleration = (after - speed) / step_s
-    walked = start - legs.begin_s[leg]
+    walked_s = start_s - legs.begin_s[leg]
     return Rows(
         trace=trace,
         walk=legs.walk[leg],
-        start_s=start,
-        stop_s=np.minimum(begin + step_s, legs.end_s[leg]),
-        x_m=ego.x_m[state] + speed * elapsed + acceleration * elapsed**2 / 2,
+        start_s=start_s,
+        stop_s=np.minimum(begin_s + step_s, legs.end_s[leg]),
+        x_m=ego.x_m[state] + speed * elapsed_s + acceleration * elapsed_s**2 / 2,
         x_stop_m=ego.x_m[state + 1],
-        speed_mps=speed + acceleration * elapsed,
+        speed_mps=speed + acceleration * elapsed_s,
         acceleration_mps2=acceleration,
-        walker_x_m=legs.x_m[leg] + legs.x_mps[leg] * walked,
-        walker_y_m=legs.y_m[leg] + legs.y_mps[leg] * walked + legs.y_mps2[leg] * walked**2 / 2,
+        walker_x_m=legs.x_m[leg] + legs.x_mps[leg] * walked_s,
+        walker_y_m=legs.y_m[leg] + legs.y_mps[leg] * walked_s + legs.y_mps2[leg] * walked_s**2 / 2,
         walker_x_mps=legs.x_mps[leg],
-        walker_y_mps=legs.y_mps[leg] + legs.y_mps2[leg] * walked,
+        walker_y_mps=legs.y_mps[leg] + legs.y_mps2[leg] * walked_s,
         walker_y_mps2=legs.y_mps2[leg],
     )

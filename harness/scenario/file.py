@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from harness.core.documents import as_plain, check_form, frozen_tables, parse_toml, shortened
@@ -19,12 +20,14 @@ from harness.core.files import read_file, shipped_directory
 from harness.scenario.consistency import check_consistency
 from harness.scenario.scenario import Scenario
 
-UNITS = {
-    "m/s": (1.0, 1.0),
-    "km/h": (1000.0, SECONDS_PER_HOUR),
-    "mph": (1609.344, SECONDS_PER_HOUR),
-    "ft/s": (0.3048, 1.0),
-}
+UNITS = MappingProxyType(
+    {
+        "m/s": (1.0, 1.0),
+        "km/h": (1000.0, SECONDS_PER_HOUR),
+        "mph": (1609.344, SECONDS_PER_HOUR),
+        "ft/s": (0.3048, 1.0),
+    }
+)
 """Units of speed as (metres, seconds); they are exact by definition."""
 
 _SPEED = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S+)\s*")

@@ -1,5 +1,7 @@
 """Autonomous emergency braking (AEB) alone: no reaction until a collision is near."""
 
+import math
+
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, Observation, PedestrianView
 from harness.scenario.sections import Positive
 from harness.strategies.manoeuvres import full_braking, half_path_width_m, resume, time_in_path_s
@@ -35,14 +37,14 @@ class EmergencyBrake:
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²."""
         ego, vehicle = observation.ego, observation.vehicle
-        half = half_path_width_m(vehicle)
+        half_m = half_path_width_m(vehicle)
         threats = set()
         if ego.range_m > PEDESTRIAN_RADIUS_M + ROUNDING:
             for pedestrian in observation.pedestrians:
-                time = _time_to_collision(observation, pedestrian, half)
-                near = time < self._threshold_s - ROUNDING
+                ttc_s = _ttc_s(observation, pedestrian, half_m)
+                near = ttc_s < self._threshold_s - ROUNDING
                 known = pedestrian.index in self._braking_for
-                if near or (known and _in_or_before_path(pedestrian, half)):
+                if near or (known and _in_or_before_path(pedestrian, half_m)):
                     threats.add(pedestrian.index)
         self._braking_for = threats
         if threats:
@@ -50,20 +52,18 @@ class EmergencyBrake:
         return resume(observation)
 
 
-def _time_to_collision(
-    observation: Observation, pedestrian: PedestrianView, half_path_m: float
-) -> float:
+def _ttc_s(observation: Observation, pedestrian: PedestrianView, half_path_m: float) -> float:
     """TTC in s; infinite without a collision course or if the pedestrian is not on the crossing."""
     ego = observation.ego
     if not pedestrian.on_crossing or ego.speed_mps <= 0:
-        return float("inf")
-    enters, leaves = time_in_path_s(pedestrian, half_path_m)
-    arrives = (ego.range_m - PEDESTRIAN_RADIUS_M) / ego.speed_mps
-    clears = (ego.range_m + observation.vehicle.length_m + PEDESTRIAN_RADIUS_M) / ego.speed_mps
-    first = max(enters, arrives, 0.0)
-    return first if first <= min(leaves, clears) else float("inf")
+        return math.inf
+    enters_s, leaves_s = time_in_path_s(pedestrian, half_path_m)
+    arrives_s = (ego.range_m - PEDESTRIAN_RADIUS_M) / ego.speed_mps
+    clears_s = (ego.range_m + observation.vehicle.length_m + PEDESTRIAN_RADIUS_M) / ego.speed_mps
+    first_s = max(enters_s, arrives_s, 0.0)
+    return first_s if first_s <= min(leaves_s, clears_s) else math.inf
 
 
 def _in_or_before_path(pedestrian: PedestrianView, half_path_m: float) -> bool:
-    enters, leaves = time_in_path_s(pedestrian, half_path_m)
-    return leaves >= 0 and enters < float("inf")
+    enters_s, leaves_s = time_in_path_s(pedestrian, half_path_m)
+    return leaves_s >= 0 and enters_s < math.inf

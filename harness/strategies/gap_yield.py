@@ -77,8 +77,8 @@ class GapYield:
         people = _people(observation)
         if not people or observation.ego.range_m <= PEDESTRIAN_RADIUS_M + ROUNDING:
             return go
-        until = _lane_free(observation, people, self._critical_gap_s)
-        return go if until is None else min(go, _yield(observation, until, go))
+        until_s = _lane_free_s(observation, people, self._critical_gap_s)
+        return go if until_s is None else min(go, _yield(observation, until_s, go))
 
 
 class _Person(NamedTuple):
@@ -95,57 +95,57 @@ def _people(observation: Observation) -> list[_Person]:
     for pedestrian in observation.pedestrians:
         if not pedestrian.on_crossing:
             continue
-        enters, leaves = time_in_path_s(pedestrian, half)
+        enters_s, leaves_s = time_in_path_s(pedestrian, half)
         if pedestrian.speed_mps > 0:
-            leaves = lane_free_in_s(observation, pedestrian)
-        if leaves > 0 and enters < math.inf:
-            people.append(_Person(enters, leaves))
+            leaves_s = lane_free_in_s(observation, pedestrian)
+        if leaves_s > 0 and enters_s < math.inf:
+            people.append(_Person(enters_s, leaves_s))
     return people
 
 
-def _lane_free(
+def _lane_free_s(
     observation: Observation, people: list[_Person], critical_gap_s: float
 ) -> float | None:
     """Time in s after which the ego may be at the near edge; None if nobody is in the way."""
     ego = observation.ego
-    to_edge = _to_edge(observation)
-    needed = critical_gap_s if to_edge > 0 else min(0.0, critical_gap_s)
-    at_edge, speed = _run_up(observation, max(0.0, to_edge), ego.speed_mps)
-    clear = at_edge + _passage(observation, min(0.0, to_edge), speed)
-    until = None
+    to_edge_m = _to_edge_m(observation)
+    needed_s = critical_gap_s if to_edge_m > 0 else min(0.0, critical_gap_s)
+    at_edge_s, speed = _run_up(observation, max(0.0, to_edge_m), ego.speed_mps)
+    clear_s = at_edge_s + _passage_s(observation, min(0.0, to_edge_m), speed)
+    until_s = None
     while True:
         # A pedestrian who leaves within this step does not count.
-        patience = max(at_edge, observation.step_s)
+        patience_s = max(at_edge_s, observation.step_s)
         in_the_way = [
             person.frees_s
             for person in people
-            if person.frees_s > patience and person.enters_s - clear <= needed
+            if person.frees_s > patience_s and person.enters_s - clear_s <= needed_s
         ]
-        if not in_the_way or until == math.inf:
-            return until
-        until = at_edge = max(in_the_way)
-        clear = until + _passage(observation, 0.0, _arrival_speed(observation, until))
+        if not in_the_way or until_s == math.inf:
+            return until_s
+        until_s = at_edge_s = max(in_the_way)
+        clear_s = until_s + _passage_s(observation, 0.0, _arrival_speed_mps(observation, until_s))
 
 
-def _arrival_speed(observation: Observation, until_s: float) -> float:
+def _arrival_speed_mps(observation: Observation, until_s: float) -> float:
     """Speed at the near edge if it gets there in ``until_s``, by rolling or after a stop."""
     ego, crossing = observation.ego, observation.crossing
-    to_edge = max(0.0, _to_edge(observation))
-    rolling = 2 * to_edge / until_s - ego.speed_mps
+    to_edge_m = max(0.0, _to_edge_m(observation))
+    rolling = 2 * to_edge_m / until_s - ego.speed_mps
     if rolling >= ROLLING_MPS:
         return rolling
-    start = min(to_edge, crossing.stop_line_m - crossing.width_m / 2)
+    start = min(to_edge_m, crossing.stop_line_m - crossing.width_m / 2)
     return math.sqrt(2 * observation.vehicle.resume_acceleration_mps2 * start)
 
 
 def _yield(observation: Observation, until_s: float, go: float) -> float:
     """The acceleration for reaching the near edge in ``until_s`` or for a stop, else ``go``."""
-    ego, to_edge = observation.ego, _to_edge(observation)
+    ego, to_edge_m = observation.ego, _to_edge_m(observation)
     if ego.speed_mps <= ROUNDING:
         # The ego stands; a stop may leave 1e-17 m/s, which must not count as rolling.
         return 0.0
-    if 2 * to_edge / until_s - ego.speed_mps >= ROLLING_MPS:
-        rolling = 2 * (to_edge - ego.speed_mps * until_s) / until_s**2
+    if 2 * to_edge_m / until_s - ego.speed_mps >= ROLLING_MPS:
+        rolling = 2 * (to_edge_m - ego.speed_mps * until_s) / until_s**2
         if rolling >= -observation.vehicle.max_deceleration_mps2:
             return rolling
     for range_m in (observation.crossing.stop_line_m, CLEARANCE_M):
@@ -163,54 +163,56 @@ def _within_stopping(observation: Observation, wanted: float) -> float:
     step before it.
     """
     speed, step = observation.ego.speed_mps, observation.step_s
-    to_edge = _to_edge(observation)
-    if to_edge <= 0:
+    to_edge_m = _to_edge_m(observation)
+    if to_edge_m <= 0:
         return wanted
-    slowing = _slowing(observation)
-    half, left = slowing * step / 2, to_edge - speed * step / 2
-    squared = half**2 + 2 * slowing * left
+    slowing_mps2 = _slowing_mps2(observation)
+    half, left = slowing_mps2 * step / 2, to_edge_m - speed * step / 2
+    squared = half**2 + 2 * slowing_mps2 * left
     if (speed + wanted * step + half) ** 2 < squared:
         return wanted  # far away even v_e = 0 limits nothing
-    squared += _edge_speed(observation) ** 2
+    squared += _edge_speed_mps(observation) ** 2
     return min(wanted, (math.sqrt(max(0.0, squared)) - half - speed) / step)
 
 
-def _to_edge(observation: Observation) -> float:
+def _to_edge_m(observation: Observation) -> float:
     """Distance to the near edge in m, negative once the bumper is over it."""
-    distance = observation.ego.range_m - observation.crossing.width_m / 2
-    return distance if abs(distance) > ROUNDING else 0.0
+    distance_m = observation.ego.range_m - observation.crossing.width_m / 2
+    return distance_m if abs(distance_m) > ROUNDING else 0.0
 
 
-def _edge_speed(observation: Observation) -> float:
+def _edge_speed_mps(observation: Observation) -> float:
     """v_e: the speed at the near edge from which the ego can still stop one step later."""
     limit, step = observation.vehicle.max_deceleration_mps2, observation.step_s
     room = observation.crossing.width_m / 2 - CLEARANCE_M - limit * step**2 / 8
     return limit * (math.sqrt(step**2 + 2 * max(0.0, room) / limit) - step)
 
 
-def _slowing(observation: Observation) -> float:
+def _slowing_mps2(observation: Observation) -> float:
     return min(COMFORTABLE_MPS2, observation.vehicle.max_deceleration_mps2)
 
 
 def _run_up(observation: Observation, distance_m: float, speed_mps: float) -> tuple[float, float]:
     """(time to the near edge, speed there) of the free approach: a0, v0, then down to v_e."""
-    vehicle, slowing, edge = observation.vehicle, _slowing(observation), _edge_speed(observation)
+    slowing_mps2, edge_mps = _slowing_mps2(observation), _edge_speed_mps(observation)
+    vehicle = observation.vehicle
     a0, top = vehicle.resume_acceleration_mps2, vehicle.initial_speed_mps
     # Squared speed at which slowing down has to begin at this distance.
-    on_curve = edge**2 + 2 * slowing * distance_m
+    on_curve = edge_mps**2 + 2 * slowing_mps2 * distance_m
     if speed_mps**2 >= on_curve:
-        return 2 * distance_m / (speed_mps + edge) if distance_m > 0 else 0.0, edge
+        return 2 * distance_m / (speed_mps + edge_mps) if distance_m > 0 else 0.0, edge_mps
     # Distance after which accelerating with a0 would meet that curve.
-    run = (on_curve - speed_mps**2) / (2 * (a0 + slowing))
-    if top <= edge or run >= distance_m:
+    run = (on_curve - speed_mps**2) / (2 * (a0 + slowing_mps2))
+    if top <= edge_mps or run >= distance_m:
         return speeding_up(observation, distance_m, speed_mps)
     peak = min(math.sqrt(speed_mps**2 + 2 * a0 * run), top)
-    ramps = (peak**2 - speed_mps**2) / (2 * a0) + (peak**2 - edge**2) / (2 * slowing)
-    return (peak - speed_mps) / a0 + (peak - edge) / slowing + (distance_m - ramps) / peak, edge
+    ramps = (peak**2 - speed_mps**2) / (2 * a0) + (peak**2 - edge_mps**2) / (2 * slowing_mps2)
+    changing_s = (peak - speed_mps) / a0 + (peak - edge_mps) / slowing_mps2
+    return changing_s + (distance_m - ramps) / peak, edge_mps
 
 
-def _passage(observation: Observation, to_edge_m: float, speed_mps: float) -> float:
+def _passage_s(observation: Observation, to_edge_m: float, speed_mps: float) -> float:
     """Time until the rear is past x = 0.25 m, from ``to_edge_m`` ≤ 0: the near edge or beyond."""
     length, width = observation.vehicle.length_m, observation.crossing.width_m
-    distance = width / 2 + to_edge_m + length + PEDESTRIAN_RADIUS_M
-    return speeding_up(observation, distance, speed_mps)[0]
+    distance_m = width / 2 + to_edge_m + length + PEDESTRIAN_RADIUS_M
+    return speeding_up(observation, distance_m, speed_mps)[0]

@@ -4,6 +4,7 @@ import hashlib
 import inspect
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import cast
 
 from harness.core.encounter import StrategyFactory
@@ -23,18 +24,20 @@ from harness.strategies.program import ProgramDriver, is_program, load_program
 from harness.strategies.soft_yield import SoftYield
 from harness.strategies.sumo_driver import SumoDriver
 
-STRATEGIES: dict[str, StrategyFactory] = {
-    "soft_yield": SoftYield,
-    "hard_yield": HardYield,
-    "constant_speed": ConstantSpeed,
-    "human_gmm": HumanDriver,
-    "human_yield": HumanYield,
-    "human_recorded": HumanRecorded,
-    "emergency_brake": EmergencyBrake,
-    "gap_yield": GapYield,
-    "autoware_crosswalk": AutowareCrosswalk,
-    "sumo_driver": SumoDriver,
-}
+STRATEGIES: Mapping[str, StrategyFactory] = MappingProxyType(
+    {
+        "soft_yield": SoftYield,
+        "hard_yield": HardYield,
+        "constant_speed": ConstantSpeed,
+        "human_gmm": HumanDriver,
+        "human_yield": HumanYield,
+        "human_recorded": HumanRecorded,
+        "emergency_brake": EmergencyBrake,
+        "gap_yield": GapYield,
+        "autoware_crosswalk": AutowareCrosswalk,
+        "sumo_driver": SumoDriver,
+    }
+)
 
 KNOWS_THE_MODEL = "It is given the model from which the pedestrians are drawn."
 """What is said of a strategy that knows more than real drivers do."""

@@ -94,20 +94,20 @@ class SoftYield:
         now, ego = observation.time_s, observation.ego
         if not math.isfinite(until_s):
             return None  # a pedestrian stands
-        shortfall = ego.range_m - ego.speed_mps * until_s
-        if shortfall >= 0:
+        shortfall_m = ego.range_m - ego.speed_mps * until_s
+        if shortfall_m >= 0:
             return _Plan(0.0, now, now + until_s)
-        a = self._p1 + self._p2 * ego.speed_mps + self._p3 * ego.range_m
-        if a >= 0 or -a > observation.vehicle.max_deceleration_mps2:
+        a_mps2 = self._p1 + self._p2 * ego.speed_mps + self._p3 * ego.range_m
+        if a_mps2 >= 0 or -a_mps2 > observation.vehicle.max_deceleration_mps2:
             return None
-        discriminant = until_s * until_s - 2 * shortfall / a
+        discriminant = until_s * until_s - 2 * shortfall_m / a_mps2
         # The discriminant is NaN if the margin is extremely large.
         if not discriminant >= 0:
             return None
-        t1 = until_s - math.sqrt(discriminant)
-        if ego.speed_mps + a * t1 < 0:
+        t1_s = until_s - math.sqrt(discriminant)
+        if ego.speed_mps + a_mps2 * t1_s < 0:
             return None
-        return _Plan(a, now + t1, now + until_s)
+        return _Plan(a_mps2, now + t1_s, now + until_s)
 
 
 def _follow(plan: _Plan, observation: Observation) -> float:
@@ -118,43 +118,43 @@ def _follow(plan: _Plan, observation: Observation) -> float:
     if plan.decelerate_until_s - now >= step:
         return plan.acceleration_mps2
     range_m, speed = observation.ego.range_m, observation.ego.speed_mps
-    until_arrival = plan.arrival_s - now
+    until_arrival_s = plan.arrival_s - now
     if plan.decelerate_until_s > now:
-        if until_arrival <= step:
-            return 2 * (range_m - speed * until_arrival) / until_arrival**2
-        coasting_speed = _coasting_speed(observation, until_arrival)
-        return (coasting_speed - speed) / step
-    if until_arrival < -ROUNDING:
+        if until_arrival_s <= step:
+            return 2 * (range_m - speed * until_arrival_s) / until_arrival_s**2
+        coasting_mps = _coasting_mps(observation, until_arrival_s)
+        return (coasting_mps - speed) / step
+    if until_arrival_s < -ROUNDING:
         return resume(observation)
-    if until_arrival <= step:
+    if until_arrival_s <= step:
         # It arrives within this step; the gain at a0 from then on is spread over the whole step.
-        return _gain(observation, step - until_arrival, speed) / step
+        return _gain_mps(observation, step - until_arrival_s, speed) / step
     return 0.0
 
 
-def _coasting_speed(observation: Observation, until_arrival: float) -> float:
+def _coasting_mps(observation: Observation, until_arrival_s: float) -> float:
     """The speed that it needs at the end of the step in which T1 ends to arrive on time.
 
     If it held ``a`` to the end of the step, it would arrive up to 34 ms late.  The formula includes
     the distance that the ego gains in the step of the arrival before it arrives.
     """
     step, range_m, speed = observation.step_s, observation.ego.range_m, observation.ego.speed_mps
-    before = math.fmod(until_arrival, step) or step
-    share = before**2 / (2 * step)
-    distance, duration = range_m - speed * step / 2, until_arrival - step / 2
-    initial = observation.vehicle.initial_speed_mps
-    gain = observation.vehicle.resume_acceleration_mps2 * (step - before)
-    coasting_speed = (distance - gain * share) / duration
-    if coasting_speed + gain > initial:
-        coasting_speed = (distance - initial * share) / (duration - share)
-    return coasting_speed
+    before_s = math.fmod(until_arrival_s, step) or step
+    share_s = before_s**2 / (2 * step)
+    distance_m, duration_s = range_m - speed * step / 2, until_arrival_s - step / 2
+    initial_mps = observation.vehicle.initial_speed_mps
+    gain_mps = observation.vehicle.resume_acceleration_mps2 * (step - before_s)
+    coasting_mps = (distance_m - gain_mps * share_s) / duration_s
+    if coasting_mps + gain_mps > initial_mps:
+        coasting_mps = (distance_m - initial_mps * share_s) / (duration_s - share_s)
+    return coasting_mps
 
 
-def _gain(observation: Observation, duration_s: float, speed_mps: float) -> float:
+def _gain_mps(observation: Observation, duration_s: float, speed_mps: float) -> float:
     """Speed gained in a time at a0, up to v0."""
     vehicle = observation.vehicle
-    wanted = vehicle.resume_acceleration_mps2 * duration_s
-    return min(wanted, vehicle.initial_speed_mps - speed_mps)
+    wanted_mps = vehicle.resume_acceleration_mps2 * duration_s
+    return min(wanted_mps, vehicle.initial_speed_mps - speed_mps)
 
 
 def _last_to_leave(pedestrians: tuple[PedestrianView, ...]) -> PedestrianView | None:

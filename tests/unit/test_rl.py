@@ -16,7 +16,7 @@ from harness.core.encounter import Arm, Crossing, EgoView, Ending, Observation, 
 from harness.core.errors import EngineError, InputError, StrategyError  # noqa: E402
 from harness.model.interaction import load_model  # noqa: E402
 from harness.scenario import Setting, load_scenario  # noqa: E402
-from harness.strategies.registry import STRATEGIES  # noqa: E402
+from harness.strategies import registry  # noqa: E402
 from harness.strategies.vector import observation_vector  # noqa: E402
 from tests.scenes import on_plain, refuses  # noqa: E402
 
@@ -99,7 +99,8 @@ POOR_EYES = {
 
 @pytest.mark.parametrize("eyes", [{}, POOR_EYES])
 def test_a_policy_drives_the_same_as_a_strategy(monkeypatch, eyes):
-    monkeypatch.setitem(STRATEGIES, "policy", YieldToTheNearest)
+    own = {"policy": YieldToTheNearest, **registry.STRATEGIES}
+    monkeypatch.setattr(registry, "STRATEGIES", own)
     expected = in_the_harness({**BUSY, **eyes}, "policy", range(40))
     env = environment({**BUSY, **eyes}, nearest=NEAREST)
     found = [drive(env, yield_to_the_nearest, options={"pair": pair})[0] for pair in range(40)]

@@ -32,6 +32,12 @@ def test_every_name_has_its_own_numbers(seed: int) -> None:
     assert len(first) == 2 * (len(PURPOSES) * 40 + len(others))
 
 
+def test_purposes_keep_their_numbers() -> None:
+    """Named last, it moves with any change of those before it."""
+    seeds = np.random.SeedSequence(5, spawn_key=(21, 3))
+    assert stream(5, "risk", 3).random() == np.random.default_rng(seeds).random()
+
+
 def test_pairs_are_independent_and_uniform() -> None:
     numbers = np.array([stream(5, "quantile", pair).random(2) for pair in range(4000)])
     assert stats.kstest(numbers[:, 0], "uniform").pvalue > 1e-3

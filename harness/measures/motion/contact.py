@@ -71,10 +71,10 @@ def first_contact_in_step(
         for edge in edges:
             if _near(span, edge, 0.0):
                 candidates += _times_at(path, edge)
-    for corner_x in (0.0, -length):
-        for corner_y in (right, left):
-            if _near(ahead_range, corner_x, radius) and _near(across_range, corner_y, radius):
-                candidates += _times_at_circle(front, walker_y, corner_x, corner_y)
+    for corner_x_m in (0.0, -length):
+        for corner_y_m in (right, left):
+            if _near(ahead_range, corner_x_m, radius) and _near(across_range, corner_y_m, radius):
+                candidates += _times_at_circle(front, walker_y, corner_x_m, corner_y_m)
     for time in sorted(candidates):
         if not 0 <= time <= duration_s:
             continue
@@ -100,11 +100,11 @@ def _times_at(path: Motion, edge_m: float) -> tuple[float, ...]:
 
 
 def _times_at_circle(
-    ahead: Motion, across: Motion, corner_x: float, corner_y: float
+    ahead: Motion, across: Motion, corner_x_m: float, corner_y_m: float
 ) -> list[float]:
     """The times at which a moving point is on the circle with the disc's radius around a corner."""
-    dx = (ahead.acceleration_mps2 / 2, ahead.speed_mps, ahead.place_m - corner_x)
-    dy = (across.acceleration_mps2 / 2, across.speed_mps, across.place_m - corner_y)
+    dx = (ahead.acceleration_mps2 / 2, ahead.speed_mps, ahead.place_m - corner_x_m)
+    dy = (across.acceleration_mps2 / 2, across.speed_mps, across.place_m - corner_y_m)
     circle = np.convolve(dx, dx) + np.convolve(dy, dy)
     circle[-1] -= PEDESTRIAN_RADIUS_M**2
     roots = np.roots(circle)
@@ -170,9 +170,10 @@ def time_to_collision(
                 (right - radius, left + radius),
             ),
         ]
-        for corner_x in (0.0, -length):
-            for corner_y in (right, left):
-                times.append(_enters_circle(ahead_m - corner_x, y_m - corner_y, ahead_mps, y_mps))
+        for corner_x_m in (0.0, -length):
+            for corner_y_m in (right, left):
+                place = ahead_m - corner_x_m, y_m - corner_y_m
+                times.append(_enters_circle(*place, ahead_mps, y_mps))
     result: FloatArray = np.minimum.reduce(times)
     return result
 
