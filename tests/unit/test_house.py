@@ -176,18 +176,14 @@ def knows_sumo(path: Path) -> bool:
                     return True
             case ast.Attribute(value, "api" | "_api") if ast.unparse(value) != "pd":
                 return True
-    return bool(INTERFACES & {*map(first_of, imports_of(path))})
-
-
-def first_of(name: str) -> str:
-    return name.partition(".")[0]
+    return bool(INTERFACES & {imported.split(".")[0] for imported in imports_of(path)})
 
 
 def test_one_module_knows_sumos_interfaces() -> None:
     assert [name for name, path in PATHS.items() if knows_sumo(path)] == [SESSION]
     # A town is read by SUMO's own library of networks.
-    reads = [name for name, path in PATHS.items() if "sumolib" in map(first_of, imports_of(path))]
-    assert reads == ["harness.site.town"]
+    reads = {name for name, path in PATHS.items() for of in imports_of(path) if "sumolib" in of}
+    assert reads == {"harness.site.town"}
 
 
 def test_help_imports_nothing_heavy() -> None:
