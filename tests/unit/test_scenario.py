@@ -55,20 +55,19 @@ def test_parsing_of_settings(text: str, key: str, value: object) -> None:
 
 
 def test_settings_are_applied_in_order_over_the_file_or_come_as_a_dictionary(tmp_path) -> None:
-    file = tmp_path / "mine.toml"
-    file.write_text("[ego]\nlength_m = 4.0\nwidth_m = 1.5\n")
+    path = tmp_path / "mine.toml"
+    path.write_text("[ego]\nlength_m = 4.0\nwidth_m = 1.5\n")
     settings = [
         parse_setting(t) for t in ("ego.length_m=6", "ego.length_m=7", "arms.av=hard_yield")
     ]
-    scenario = load_scenario(file, settings)
+    scenario = load_scenario(path, settings)
     assert (scenario.ego.length_m, scenario.ego.width_m) == (7.0, 1.5)
     assert scenario.arms.av == "hard_yield"
     file = read_scenario_file("cctc_flow", {"ego.initial_speed_mps": 8, "experiment.pairs": 3})
     scenario = file.scenario()
     assert (scenario.ego.initial_speed_mps, scenario.experiment.pairs) == (8.0, 3)
-    file = tmp_path / "mine.toml"
-    file.write_text('[model]\npath = "sub/m.json"\n')
-    assert load_scenario(file).model.path == str((tmp_path / "sub" / "m.json").resolve())
+    path.write_text('[model]\npath = "sub/m.json"\n')
+    assert load_scenario(path).model.path == str((tmp_path / "sub" / "m.json").resolve())
 
 
 def test_numbers_and_arrays_of_numpy_are_numbers() -> None:
