@@ -131,8 +131,8 @@ def crowd(p: float) -> Case:
         away += np.maximum(limit - marks, 0.0)
         (met,) = np.nonzero(away <= 0)
         asked = episode.asked
-        own = math.inf if asked is None or asked < 0 else float(away[asked])
-        first = int(met[0]) if len(met) else -1  # whoever of them comes first is the culprit
+        own = math.inf if asked is None else float(away[asked])
+        first = int(met[0]) if len(met) else None  # whoever of them comes first is the culprit
         return DrawOutcome(len(met) > 0, first, (own,) * GRADINGS, float(passed_s), 1.0)
 
     return lambda episodes: [*map(outcome, episodes)], truth

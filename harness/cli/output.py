@@ -79,8 +79,8 @@ def progress_bar(hidden: bool, what: str = "pairs") -> Iterator[Callable[..., No
     def advance(done: int, planned: int, *_: object) -> None:
         if hidden:
             return
-        bar.start()  # not before: a refusal prints one line only
         bar.update(task, completed=done, total=planned)
+        bar.start()  # not before: a refusal prints one line only
 
     try:
         yield advance

@@ -38,7 +38,7 @@ class Entry:
             in braces, see ``title``.
         meaning: for the reference in the documentation.
         column: a column of ``Sample`` by its name, or of ``SimulationSample``.
-        estimate: how the column becomes a number; None: a risk computes it from its draws.
+        estimate: how the column becomes a number.
         of: "arms", "av", "pair", or "both": each arm and the paired difference.
         weight: a second column: denominators of a ratio, trials of a share, steps.
         met: whether only pairs count in which someone stepped off, in either arm.
@@ -59,7 +59,7 @@ class Entry:
     heading: str
     meaning: str
     column: str | Of
-    estimate: Estimate | None
+    estimate: Estimate
     of: Literal["arms", "av", "pair", "both"] = "arms"
     weight: str | Of = ""
     met: bool = False
@@ -107,7 +107,6 @@ class Entry:
             values = [np.broadcast_to(each, (2, sample.n))[arm] for each in values]
         if self.met:
             values = [each[..., sample["met_someone"]] for each in values]
-        assert self.estimate is not None
         return self.estimate(*values, sample.samplings[arm or AV])
 
     def judged(self, finding: Finding) -> Finding:
@@ -117,6 +116,11 @@ class Entry:
         if finding.events is not None:
             return finding
         return finding.reliable_above(self.reliable_from, "informative pairs")
+
+
+def _of_draws(*_: Any) -> Finding:
+    """A risk computes its numbers from its draws."""
+    raise NotImplementedError
 
 
 def _average(values: np.ndarray, weights: np.ndarray, _: Sampling) -> Finding:
@@ -178,7 +182,7 @@ _NO_AV_TAU = "there is no pair in which the AV crossed and the reference passed"
 _NOT_CROSSED, _NOBODY = "no episode crossed", "nobody was met"
 _BOTH = (*ENCOUNTERS, *SIMULATIONS)
 _NO_EVENT = "no draw of the estimate ended in the event"
-_RISK = partial(Entry, column="", estimate=None, of="pair", kinds=("risk",), digits=0)
+_RISK = partial(Entry, column="", estimate=_of_draws, of="pair", kinds=("risk",), digits=0)
 _TOTAL = partial(_COUNT, kinds=SIMULATIONS)
 
 # fmt: off

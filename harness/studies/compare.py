@@ -88,7 +88,6 @@ def _of_simulations(entry: Entry) -> Difference:
     """The difference of an entry between the AVs' arms of two cells, with its t test."""
 
     def of(a: SimulationSample, b: SimulationSample, sampling: Sampling) -> Finding:
-        assert entry.estimate is not None
         both = (np.array([a[name][AV], b[name][AV]]) for name in entry.columns)
         return entry.estimate(*both, sampling)
 

@@ -88,7 +88,7 @@ def test_the_mean_weight_is_the_probability_whatever_the_density(mean_s, culprit
         event = len(episode.people) == 2
         passed_s = 4.0 + float(episode.fixed[0]) / 10 + early
         return DrawOutcome(
-            event, culprit if event else -1, passed_s=passed_s, passed_mps=1.5 - 0.1 * early
+            event, culprit if event else None, passed_s=passed_s, passed_mps=1.5 - 0.1 * early
         )
 
     place = POINTS + np.array([0.0, 0.0, 1.0 + mean_s, 0.0])

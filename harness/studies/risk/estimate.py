@@ -102,10 +102,11 @@ class _Drawing:
             traces.append(replace(each.trace, walks=tuple(alone)))
         for at, each, own in zip(drawn, measured, measure(traces), strict=True):
             event = self.event.holds(each.record)
+            culprit = self._culprit(each) if event else None
             given = self.space.given(*at[2:4], at.number) if event else {}
             yield DrawOutcome(
                 event,
-                at.place(self._culprit(each) - before) if event else -1,
+                None if culprit is None else at.place(culprit - before),
                 self.event.scores(own),
                 *_passage(each.trace),
                 each.record.reason,
@@ -113,18 +114,18 @@ class _Drawing:
                 json.dumps({"episode": at.number, **given}) if event else None,
             )
 
-    def _culprit(self, measured: Outcome) -> int:
+    def _culprit(self, measured: Outcome) -> int | None:
         """The index of the person to whom the event is due: whom the ego hit first.
 
         Without a contact it is the first one with whom alone the same motion of the ego would be in
-        the event; −1 if there is nobody like that.
+        the event; None if there is nobody like that.
         """
         if measured.record.contact_index is not None:
             return measured.record.contact_index
         walks = measured.trace.walks
         alone = measure([replace(measured.trace, walks=(walk,)) for walk in walks])
         whose = zip(walks, alone, strict=True)
-        return next((walk.arrival.index for walk, own in whose if self.event.holds(own)), -1)
+        return next((walk.arrival.index for walk, own in whose if self.event.holds(own)), None)
 
 
 def _passage(trace: Trace) -> tuple[float | None, float | None]:

@@ -47,7 +47,7 @@ _FARTHEST = 8.0
 class DrawInputs(NamedTuple):
     """An episode to run: its unit, its number, its random inputs (see ``Space``).
 
-    ``asked`` is the place among the people of the one whose own scores are wanted; −1: everybody
+    ``asked`` is the place among the people of the one whose own scores are wanted; None: everybody
     who is not of the flow.
     """
 
@@ -55,23 +55,23 @@ class DrawInputs(NamedTuple):
     number: int
     fixed: FloatArray
     people: FloatArray
-    asked: int = -1
+    asked: int | None = None
 
-    def place(self, rank: int) -> int:
-        """The place among the people of somebody of a rank in the flow; −1 if not of them."""
-        return rank if 0 <= rank < len(self.people) else -1
+    def place(self, rank: int) -> int | None:
+        """The place among the people of somebody of a rank in the flow; None if not of them."""
+        return rank if 0 <= rank < len(self.people) else None
 
 
 class DrawOutcome(NamedTuple):
     """How an episode ended; see the columns of ``draws``.
 
-    ``culprit`` is the place of the person to whom the event is due; −1 without one.  ``scores`` are
-    those of whom ``asked`` names alone.  ``passed_s`` and ``passed_mps`` are the time at which the
-    ego's front reached the crosswalk's centre line and its speed then; None if it did not.
+    ``culprit`` is the place of the person to whom the event is due; None without one.  ``scores``
+    are those of whom ``asked`` names alone.  ``passed_s`` and ``passed_mps`` are the time at which
+    the ego's front reached the crosswalk's centre line and its speed then; None if it did not.
     """
 
     event: bool
-    culprit: int = -1
+    culprit: int | None = None
     scores: tuple[float, ...] = NEVER
     passed_s: float | None = None
     passed_mps: float | None = None
@@ -139,25 +139,25 @@ def draw_units(
     passed = np.array([(each.passed_s, each.passed_mps) for each in first], dtype=float)
     tried, row, again = _placed(proposal, space, begun, passed, rngs)
     # Without its culprit an event says how often a placed person is drawn there.
-    whose = [k for k, outcome in enumerate(first) if outcome.culprit >= 0]
-    without = [np.delete(begun[k].people, first[k].culprit, axis=0) for k in whose]
+    whose = {k: of.culprit for k, of in enumerate(first) if of.culprit is not None}
+    without = [np.delete(begun[k].people, at, axis=0) for k, at in whose.items()]
     fewer = run([begun[k]._replace(people=of) for k, of in zip(whose, without, strict=True)])
     points = np.full((n, size + 2 + len(space.marks)), np.nan)
     points[:, :size] = f
-    for k, each in zip(whose, fewer, strict=True):
+    for (k, at), each in zip(whose.items(), fewer, strict=True):
         if each.passed_s is not None:
-            arrival_s, *marks = begun[k].people[first[k].culprit]
+            arrival_s, *marks = begun[k].people[at]
             points[k, size:] = each.passed_mps, arrival_s - each.passed_s, *marks
     rates, ratio = proposal.rates(space, tried), proposal.ratio(f)
     weights = 1 / (ratio * (1 + proposal.rates(space, points)))
     rows: list[Row] = []
     for k, each in enumerate(first):
-        due, episodes = each.event and each.culprit < 0, 1 + (each.culprit >= 0)
+        due, episodes = each.event and each.culprit is None, 1 + (each.culprit is not None)
         own = {"placed": False, "nominal": nominal[k], "due": due, "episodes": episodes}
         own |= {"weight": weights[k], "likely": 1 / ratio[k], "point": f[k].tolist()}
         rows.append({**each._asdict(), "cell": round_, "pair": units[k], **own})
-    for k, each, at, rate, point in zip(row, run(again), again, rates, tried, strict=True):
-        hit = each.event and each.culprit == at.asked
+    for k, each, asked, rate, point in zip(row, run(again), again, rates, tried, strict=True):
+        hit = each.event and each.culprit == asked.asked
         own = {"placed": True, "nominal": False, "event": hit, "due": hit, "episodes": 1}
         own |= {"weight": 1 / (ratio[k] * (1 + rate)), "likely": 1 / (ratio[k] * rate)}
         own |= {"cell": round_, "pair": units[k], "point": point.tolist()}
