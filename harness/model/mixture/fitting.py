@@ -1,8 +1,8 @@
 """Takes weighted rows inside a box and returns the fitted truncated Gaussian mixture."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,8 +22,17 @@ _COLLINEAR = 1e-10
 _EQUAL = 0.1
 # The climbs from all starts end at this gradient; only the best one goes on.
 _LOOSE_TOL = 1e-4
+# A start climbs from so many clusterings, because most climbs end at a lower local maximum.
+_CLIMBS = 2
 # Quasi-Newton steps before the first new reference of the coordinates.
 _FIRST_STEPS = 30
+# BFGS needs the fewest evaluations far from a maximum. Near it, L-BFGS needs as many, and has no
+# matrix of all parameters to update.
+_FAR: Mapping[str, Any] = {"method": "BFGS", "options": {}}
+_NEAR: Mapping[str, Any] = {
+    "method": "L-BFGS-B",
+    "options": {"maxcor": 30, "ftol": 0.0, "maxfun": np.inf},
+}
 
 
 @dataclass(frozen=True)
@@ -63,7 +72,7 @@ def fit_mixture(
     max_iter: int = 1000,
     names: Sequence[str] | None = None,
 ) -> FitResult:
-    """The truncated Gaussian mixture of maximum penalised likelihood, by BFGS.
+    """The truncated Gaussian mixture of maximum penalised likelihood, by BFGS and L-BFGS.
 
     The fit maximises Σ w_i log f(x_i) + Σ log α_k, where α_k is the mass of component k inside
     the box. Without this penalty a location could diverge, with a mass that tends to 0. Scale
@@ -78,8 +87,8 @@ def fit_mixture(
         seed, key: seed of the starts, ≥ 0, and the numbers of this fit among those of the seed.
         sample_weight: (n,) ≥ 0; by default 1. The sum counts as the number of rows.
         tol: the fit stops when `gradient_norm` is below this.
-        n_init: number of starts from clusters. All climb until their gradient is below 1e-4; the
-            one with the highest penalised likelihood goes on.
+        n_init: number of starts. Each climbs from two clusterings until the gradient is below 1e-4;
+            of all, the one with the highest penalised likelihood goes on.
         max_iter: maximum number of steps of each climb.
         names: names of the columns, for messages.
 
@@ -106,7 +115,7 @@ def fit_mixture(
         likelihood = Likelihood(rows, weights, (low - centre) / spread, (high - centre) / spread)
         begun: list[Climb] = []
         # One component has the same start each time.
-        for i in range(n_init if n_components > 1 else 1):
+        for i in range(_CLIMBS * n_init if n_components > 1 else 1):
             rng = start_of_fit(seed, *key, i)
             first = clustered_normals(rows, weights, n_components, rng)
             mixed = (first.weights + _EQUAL / n_components) / (1.0 + _EQUAL)
@@ -115,7 +124,7 @@ def fit_mixture(
         best = max(begun, key=lambda start: start.end.objective, default=None)
         if best is None:
             raise InputError(_WHERE, "no start has a finite likelihood", "fewer components")
-        (best,) = climb(likelihood, best.end.normals, tol, max_iter)
+        (best,) = climb(likelihood, best.end.normals, tol, max_iter, _NEAR)
     fitted, (count, dimension) = best.end.normals, best.end.normals.locations.shape
     scales = fitted.scales * spread[:, None] * spread
     mixture = TruncatedGaussianMixture(
@@ -141,10 +150,12 @@ class Climb(NamedTuple):
     steps: int
 
 
-def climb(likelihood: Likelihood, first: Normals, tol: float, max_iter: int) -> list[Climb]:
-    """Climb by BFGS until the gradient is nearly 0; empty if the start has no finite likelihood.
+def climb(
+    likelihood: Likelihood, first: Normals, tol: float, max_iter: int, by: Mapping[str, Any] = _FAR
+) -> list[Climb]:
+    """Climb until the gradient is nearly 0; empty if the start has no finite likelihood.
 
-    The coordinates get a new reference whenever BFGS ends. Near the maximum its line search may
+    The coordinates get a new reference whenever the quasi-Newton method ends. Near the maximum its line search may
     fail for rounding; then a step along the gradient is taken, unless the gradient doubles.
     """
     # Imported here, because episodes load this package without fitting.
@@ -160,8 +171,9 @@ def climb(likelihood: Likelihood, first: Normals, tol: float, max_iter: int) -> 
             coordinates.below,
             np.zeros(coordinates.size),
             jac=True,
-            method="BFGS",
-            options={"gtol": tol * likelihood.total, "maxiter": min(more, max_iter - steps)},
+            method=by["method"],
+            options=by["options"]
+            | {"gtol": tol * likelihood.total, "maxiter": min(more, max_iter - steps)},
         )
         z, least = (found.x, np.inf) if found.nit else (gradient, norm)
         at = likelihood.at(coordinates.normals(z))
