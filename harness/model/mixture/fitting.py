@@ -155,8 +155,9 @@ def climb(
 ) -> list[Climb]:
     """Climb until the gradient is nearly 0; empty if the start has no finite likelihood.
 
-    The coordinates get a new reference whenever the quasi-Newton method ends. Near the maximum its line search may
-    fail for rounding; then a step along the gradient is taken, unless the gradient doubles.
+    The coordinates get a new reference whenever the quasi-Newton method ends. Near the maximum its
+    line search may fail for rounding; then a step along the gradient is taken, unless the gradient
+    doubles.
     """
     # Imported here, because episodes load this package without fitting.
     from scipy import optimize
