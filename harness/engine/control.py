@@ -22,6 +22,10 @@ COLLISION_REACH_M = 5.0
 SUMO reports a hit only while the front is on the junction, which begins a few metres upstream.
 """
 
+_SHORT_M = 1e-6
+"""The ego departs this far before its place, so that a front on the junction's far border is on the
+junction: its state is that of its odometer."""
+
 
 class SumoEngine:
     """Simulates episodes in SUMO, one after another in the same simulation.
@@ -52,7 +56,7 @@ class SumoEngine:
             self._lane += 1  # in SUMO a strip at the kerb is a lane
         # The least R0 is the lane's end, but for the rounding of its length.
         length_m = session.lane_length_m(lane_of(_EDGES[0]))
-        self._from_m = min(APPROACH_M - vehicle.trigger_range_m, length_m)
+        self._from_m = min(APPROACH_M - vehicle.trigger_range_m, length_m) - _SHORT_M
         self._v0_mps, self._steps, self._collided = vehicle.initial_speed_mps, 0, False
         self._start_x_m = -vehicle.trigger_range_m
         self._collisions_from_m = -crossing.width_m / 2 - COLLISION_REACH_M
