@@ -79,8 +79,12 @@ def scope_of(cells: Sequence[CellFindings], facts: Mapping[str, Plain]) -> str:
     if each[-1] > each[0]:
         pairs = f"{each[0]:,} to {each[-1]:,} pairs"
     total = {words: sum(cell.total(key) for cell in cells) for words, key in _LEFT_OUT.items()}
-    left = ", ".join(f"{count:,} {words}" for words, count in total.items() if count)
+    left = ", ".join(_counted(count, words) for words, count in total.items() if count)
     return f"{pairs}{f' ({left})' * bool(left)}, seed {facts['seed']}"
+
+
+def _counted(count: int, words: str) -> str:
+    return f"{count:,} {words if count > 1 else words.replace('s', '', 1)}"
 
 
 def _every_number(cell: CellFindings, paper: bool) -> list[Table]:

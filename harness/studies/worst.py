@@ -37,6 +37,15 @@ _COLUMNS: Mapping[RunKind, Mapping[str, str]] = {
 }
 """The columns of a row that say which it is, with their headings."""
 
+_SPEED = "contact_speed_mps"
+_STYLES = {
+    _SPEED: Style(digits=3),
+    "front_s": Style(digits=1),
+    "share_strategy": Style(Form.SHARE, 0),
+}
+"""How the numbers beside the measure are written."""
+"""How numbers are written, but for the measure itself."""
+
 _CAPPED = ("pet_s", "min_ttc_s")
 _FINAL = 1_000_000.0
 """Badness above every value, for a crash or (for delay) a time-out."""
@@ -154,13 +163,12 @@ def _result(run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm) -> Re
     styles = {name: _STYLES.get(name, Style(digits=3)) for name in (*_STYLES, by)}
     records: list[dict[str, Plain | Finding]] = []
     commands: dict[str, None] = {}
-    for row in rows.to_dict("records"):
+    for row in rows.astype(object).where(rows.notna(), None).to_dict("records"):
         number = row["cell"]
         chosen = f" --cell {number}" if several else ""
         place = f"{shlex.quote(str(run.path))}{chosen} --pair {row['pair']} --arm {arm}"
         commands[f"harness replay {place} --gui"] = None
-        known = {name: row[name] if row[name] == row[name] else None for name in row}
-        found = {name: known[name] for name in headings if name in known}
+        found = {name: row[name] for name in headings if name in row}
         numbers = {name: Finding(found[name]) for name in styles if name in found}
         records.append({"cell": number, **run.study.cells[number].varied, **found, **numbers})
     cells = tuple(
@@ -183,12 +191,3 @@ def _result(run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm) -> Re
         facts={"folder": str(run.path), "by": by, "arm": arm.value},
         records=records,
     )
-
-
-_SPEED = "contact_speed_mps"
-_STYLES = {
-    _SPEED: Style(digits=3),
-    "front_s": Style(digits=1),
-    "share_strategy": Style(Form.SHARE, 0),
-}
-"""How the numbers beside the measure are written."""
