@@ -1,10 +1,10 @@
 """A scenario and a pair's number in; its pedestrians out, with all that is drawn (``Arrival``)."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from statistics import NormalDist
 from types import MappingProxyType
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -58,30 +58,9 @@ def planned_arrivals(
     count = len(groups)
     from_near = uniforms.first("side", len(times)) < pedestrians.near_side_share
     quantiles = uniforms.first("quantile", count)
-    certain, behaviour = scenario.perception.detection_probability >= 1, pedestrians.behaviour
-    gap_section, threshold = pedestrians.gap_acceptance, pedestrians.threshold
-    classes = uniforms.each(
-        "walking_class", count if pedestrians.walking_classes else 0, pedestrians.walking_class_at
-    )
-    gaps = uniforms.each(
-        "critical_gap",
-        len(times) if behaviour == "gap_acceptance" else 0,
-        lambda uniform: critical_gap_s(uniform, gap_section),
-    )
-    thresholded = len(times) if behaviour == "threshold" else 0
-    thresholds = uniforms.each(
-        "threshold",
-        thresholded,
-        lambda uniform: (
-            threshold.factor * lognormal_s(uniform, threshold.log_mean, threshold.log_sd)
-        ),
-    )
-    latencies = uniforms.each(
-        "latency",
-        thresholded,
-        lambda uniform: lognormal_s(uniform, threshold.latency_log_mean, threshold.latency_log_sd),
-    )
+    marks = _marks(pedestrians, uniforms, len(times), count)
     walks = scenario.timed_walks()
+    certain = scenario.perception.detection_probability >= 1
     first_seen = uniforms.each("timed_detection", 0 if certain else len(walks), float)
     detections = uniforms.each("detection", 0 if certain else count, float)
     timed = [
@@ -94,15 +73,55 @@ def planned_arrivals(
             times[group],
             Side.NEAR if from_near[group] else Side.FAR,
             float(quantiles[number]),
-            gaps.get(group),
+            marks.gaps_s.get(group),
             detection_quantile=detections.get(number),
-            threshold_s=thresholds.get(group),
-            latency_s=latencies.get(group),
-            walking_class=classes.get(number),
+            threshold_s=marks.thresholds_s.get(group),
+            latency_s=marks.latencies_s.get(group),
+            walking_class=marks.classes.get(number),
         )
         for number, group in enumerate(groups)
     ]
     return (*timed, *_led(others, groups))
+
+
+class _Marks(NamedTuple):
+    """What the behaviour draws for each group, and the classes of people; empty if not drawn."""
+
+    gaps_s: Mapping[int, float]
+    thresholds_s: Mapping[int, float]
+    latencies_s: Mapping[int, float]
+    classes: Mapping[int, int | None]
+
+
+def _marks(
+    pedestrians: PedestriansSection, uniforms: "_Uniforms", groups: int, people: int
+) -> _Marks:
+    """The marks of so many groups and people."""
+    gaps, times = pedestrians.gap_acceptance, pedestrians.threshold
+    behaviour = pedestrians.behaviour
+    thresholded = groups if behaviour == "threshold" else 0
+    return _Marks(
+        uniforms.each(
+            "critical_gap",
+            groups if behaviour == "gap_acceptance" else 0,
+            lambda uniform: critical_gap_s(uniform, gaps),
+        ),
+        uniforms.each(
+            "threshold",
+            thresholded,
+            lambda uniform: times.factor * lognormal_s(uniform, times.log_mean, times.log_sd),
+        ),
+        uniforms.each(
+            "latency",
+            thresholded,
+            lambda uniform: lognormal_s(uniform, times.latency_log_mean, times.latency_log_sd),
+        ),
+        uniforms.each(
+            "walking_class",
+            people if pedestrians.walking_classes else 0,
+            pedestrians.walking_class_at,
+        ),
+    )
 
 
 def already_walking(

@@ -150,20 +150,25 @@ class PairRunner:
     def _episode(self, arm: Arm, people: "_People") -> Episode:
         """A new episode on the engine, which is asked for if there is none."""
         self._engine = self._engine or self._get_engine()
-        episode = self._engine, people.arrivals, self._speeds, self._rules[arm]
-        sensor = self._sensors[arm]
-        if sensor is None:
-            return Episode(*episode)
-        from harness.strategies.perception.perception import Perception
+        shown, sensor = None, self._sensors[arm]
+        if sensor is not None:
+            from harness.strategies.perception.perception import Perception
 
-        shown = Perception(sensor, people.arrivals, people.number, people.given)
-        return Episode(*episode, shown)
+            shown = Perception(sensor, people.arrivals, people.number, people.given)
+        return Episode(self._engine, people.arrivals, self._speeds, self._rules[arm], shown)
 
     def _nothing(self, arm: Arm) -> Trace:
         """The trace of an episode that could not begin."""
         rules, none = self._rules[arm], np.array([])
-        constants = rules.vehicle, rules.crossing, rules.step_s
-        return Trace(*constants, none, none, (), Ending.ENGINE_FAILED)
+        return Trace(
+            vehicle=rules.vehicle,
+            crossing=rules.crossing,
+            step_s=rules.step_s,
+            x_m=none,
+            speed_mps=none,
+            walks=(),
+            ending=Ending.ENGINE_FAILED,
+        )
 
     def _run_arm(self, arm: Arm, pair: int, people: "_People", begins: Begins = _ignore) -> Trace:
         episode = self._episode(arm, people)

@@ -81,8 +81,10 @@ class SumoEngine:
             people.announce(2 * self._step_s)
             self._advance()
             people.after_step()
-            kind, at = "av" if self.automated else "ego", (self._lane, self._from_m, self._v0_mps)
-            self._session.add_commanded(self._ego, _ROUTE, kind, *at)
+            kind = "av" if self.automated else "ego"
+            self._session.add_commanded(
+                self._ego, _ROUTE, kind, self._lane, self._from_m, self._v0_mps
+            )
             people.place(())
             self._advance()
             x = self._start_x_m + self._get_distance(self._ego)

@@ -46,7 +46,7 @@ class HeldPeople:
         self._coming: dict[int, tuple[float, float]] = {}
 
     def begin(self, arrivals: Sequence[Arrival], run: int) -> None:
-        """Begin an episode or hour with these arrivals; their ids contain its number ``run``."""
+        """Begin an episode with these arrivals; their ids contain its number ``run``."""
         self._arrivals, self._run, self._announced = arrivals, run, 0
         self.next_s = arrivals[0].arrival_s if arrivals else math.inf
         self._waiting.clear()

@@ -292,9 +292,9 @@ class Session:
         self._api.vehicle.setLaneChangeMode(name, 0)
 
     def add_person(self, name: str, edge: str, position_m: float, type_id: str) -> None:
-        """Add a person; they exist, and may be moved, after the next step but one.
+        """Add a person, who has to get a way (``people.walk``) before the next step.
 
-        They need a way (``people.walk``) in the same step.
+        They exist, and may be moved, after the next step but one.
         """
         self._api.person.add(name, edge, position_m, depart=_DEPART_NOW, typeID=type_id)
 

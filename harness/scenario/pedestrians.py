@@ -1,4 +1,4 @@
-"""Every key of ``[pedestrians]``; read by encounter/{arrivals,crowd,deciding,walking_speeds}.py."""
+"""The keys of ``[pedestrians]``; encounter/ plans arrivals, decides and chooses speeds by them."""
 
 from bisect import bisect_right
 from collections.abc import Sequence

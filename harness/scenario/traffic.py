@@ -8,7 +8,7 @@ from harness.scenario.sections import Flow, NonNegative, Positive, Section, Shar
 
 
 class TrafficSection(Section):
-    """``[traffic]``: streams of vehicles like ``[ego]``, over hours instead of one ego.
+    """``[traffic]``: streams of vehicles like ``[ego]`` in a simulation.
 
     ``following``, ``tau_s`` and ``min_gap_m`` are SUMO's car-following model and its parameters.
     """

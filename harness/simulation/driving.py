@@ -1,4 +1,4 @@
-"""Rules of driven vehicles, turning too, counted by LIMITED_BY; docs/method.md, "Who drives".
+"""Rules of driven or turning vehicles (docs/method.md), counted by LIMITED_BY (core/encounter.py).
 
 The lowest of three speeds applies: the strategy's, that of lanes and curves ahead, and SUMO's for
 leaders and junctions.  SUMO does not mind people at the crosswalks that a strategy has taken over;
@@ -51,9 +51,9 @@ class Control:
         if car.actuator is None:
             driver, gain_mps2 = driven[0].driven_by, car.acceleration_mps2
             assert driver is not None
-            obeyed_mps2 = driver.command(gain_mps2, 0.0)
-            now = car.speed_mps, gain_mps2, obeyed_mps2
-            car.actuator = Actuator(car.vehicle, self._step_s, *now)
+            obeyed_mps2, speed_mps = driver.command(gain_mps2, 0.0), car.speed_mps
+            actuator = Actuator(car.vehicle, self._step_s, speed_mps, gain_mps2, obeyed_mps2)
+            car.actuator = actuator
         self._driven[car.name] = car
         self._ignore(car)
         end_m = max(each.last_m for each in driven)

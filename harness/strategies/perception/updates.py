@@ -1,4 +1,4 @@
-"""Perception errors, for perception.py and simulation/people_at.py; keys: scenario/sections.py."""
+"""Perception errors at a sensor's updates, in both kinds of runs; keys: scenario/sections.py."""
 
 import math
 from collections import deque
