@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jinja2
 
 from harness.core.errors import HarnessError, InputError
-from harness.core.files import write_file
+from harness.core.files import check_target, write_file
 from harness.core.versions import versions_of_runs
 from harness.report.pictures import DrawnPicture, PictureSource, pictures_of, pictures_of_result
 from harness.report.player import player_of
@@ -85,7 +85,9 @@ def write_report(
         HarnessError: a file cannot be written.
     """
     folder = Path(folder)
-    if read_manifest(folder)["kind"] == "risk":
+    kind, page = read_manifest(folder)["kind"], out or folder / "report.html"
+    check_target(page)
+    if kind == "risk":
         result = read_risk(folder)
         if not result.closing:
             allowed = "a risk with events; `harness show` has the numbers of this one"
@@ -107,7 +109,6 @@ def write_report(
     for pair in shown:
         where = f"cell {pair.cell} pair {pair.pair}"
         warnings += [f"{where} differs from its record: {each}" for each in pair.differences[:1]]
-    page = out or folder / "report.html"
     written = write_page(run, result, page, figures, shown, compared, judged)
     return written._replace(warnings=tuple(warnings))
 

@@ -143,7 +143,9 @@ def test_what_a_risk_says_of_its_draws() -> None:
     assert found_.reliable is False
     assert "one draw holds 17 % of the estimate" in found_.reason
     light = rows([-1.0] * 100 + [1.0] * 900, [0.04] + [0.005] * 99 + [1.0] * 900)
-    assert findings_of([light])["probability"].reliable
+    numbers = findings_of([light])
+    assert numbers["probability"].reliable
+    assert "target missed" in [note.key for note in risk_notes(numbers, FLAT, 0.01)]
     # Failures: the worst case, and no nominal draws.
     failing = rows([-1.0] * 40 + [math.nan] * 10 + [1.0] * 50, [1.0] * 100)
     numbers = findings_of([failing])
