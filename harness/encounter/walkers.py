@@ -38,14 +38,16 @@ class Seen(NamedTuple):
 class ChooseSpeed(Protocol):
     """Chooses the walking speed of a pedestrian from what they see."""
 
-    def __call__(self, arrival: Arrival, range_m: float, speed_mps: float, /) -> float:
-        """Walking speed in m/s, > 0."""
+    def __call__(
+        self, arrival: Arrival, range_m: float | None, speed_mps: float | None, /
+    ) -> float:
+        """Walking speed in m/s, > 0, from the vehicle's range and speed; None: there is none."""
         ...
 
 
 def chosen_speed(choose: ChooseSpeed, person: Arrival, seen: Seen | None) -> float:
-    """The walking speed of a pedestrian who sees a vehicle; without one it is behind them."""
-    return choose(person, -1.0, 0.0) if seen is None else choose(person, *seen[:2])
+    """The walking speed of a pedestrian who sees a vehicle, or none."""
+    return choose(person, None, None) if seen is None else choose(person, *seen[:2])
 
 
 class Walker:

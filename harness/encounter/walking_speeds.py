@@ -20,15 +20,19 @@ class WalkingSpeeds:
 
     def __init__(self, scenario: Scenario, model: InteractionModel) -> None:
         self.model_use = ModelUseCounter(model)
-        self._model, self._reading = model, scenario.model.pedestrian_reading
-        self._normal = scenario.pedestrians.walking_speed
+        self._model, self._normal = model, scenario.pedestrians.walking_speed
+        reading = scenario.model.pedestrian_reading
+        self._conditional = self._normal is None and reading != "unconditional"
         self._from_model = lru_cache(_REMEMBERED)(model.walking_speed)
 
-    def __call__(self, arrival: Arrival, range_m: float, speed_mps: float) -> float:
-        """Walking speed in m/s of a pedestrian who sees the ego at (range_m, speed_mps)."""
+    def __call__(self, arrival: Arrival, range_m: float | None, speed_mps: float | None) -> float:
+        """Walking speed in m/s of a pedestrian who sees the ego at (range_m, speed_mps), or none.
+
+        A vehicle that is past the centre line does not count.
+        """
         quantile = arrival.quantile
         assert quantile is not None  # timed pedestrians never choose a speed
-        if range_m <= 0 or self._normal is not None or self._reading == "unconditional":
+        if range_m is None or speed_mps is None or range_m <= 0 or not self._conditional:
             return self.unconditional(quantile, arrival.walking_class)
         self.model_use.note(range_m, speed_mps)
         return self._from_model(quantile, range_m, speed_mps)
