@@ -35,7 +35,7 @@ def test_a_start_is_never_rounded_to_a_step(arrival: float) -> None:
     assert first == pytest.approx(math.ceil(arrival / 0.1 - 1e-9) * 0.1)
 
 
-def test_he_sees_the_ego_where_it_is_at_that_moment() -> None:
+def test_they_see_the_ego_where_it_is_at_that_moment() -> None:
     # Braking at 0.8 m/s² from 5 m/s at 30 m: after t, 30 − 5 t + 0.4 t² and 5 − 0.8 t.
     arrival = 1.2345
     trace = play(Recorder(lambda _: -0.8), [(arrival, Side.FAR, 1.0)])

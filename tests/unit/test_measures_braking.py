@@ -99,7 +99,7 @@ def test_avoidable_by_stopping_short() -> None:
         assert result.avoidable is expected, start
 
 
-def test_avoidable_by_letting_him_leave() -> None:
+def test_avoidable_by_letting_them_leave() -> None:
     # 20 m away at 15 m/s the ego cannot stop (25 m), but with 15 t − 2.25 t² = 19.75 it comes to
     # them after 1.806 s, when they have left (3.4 m at 2.5 m/s, 1.36 s); unbraked after 1.317 s.
     result = cruise((2 / 3, Side.NEAR, 2.5), speed=15.0)

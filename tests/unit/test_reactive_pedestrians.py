@@ -40,7 +40,7 @@ FAR_AWAY = {"ego": {"trigger_range_m": 300.0, "initial_speed_mps": 20.0}}
 """An ego that needs 15 s to the crosswalk: whoever walks has crossed before it."""
 
 
-def test_looks_every_second_from_the_moment_he_stepped_off() -> None:
+def test_looks_every_second_from_the_moment_they_stepped_off() -> None:
     speeds = Speeds(1.0, 2.0, 0.5, 1.5)
     trace, walk = play(speeds, Recorder(lambda _: -0.6), arrival_s=0.234, **FAR_AWAY)
     # Steps off at 0.234 s and looks 1, 2, 3 … s later, at the ego as it is at that very moment.
@@ -59,7 +59,7 @@ def test_looks_every_second_from_the_moment_he_stepped_off() -> None:
     assert rows["cleared_s"] == [pytest.approx(3.234 + 5.5 / 1.5)]
 
 
-def test_seen_and_kept_at_his_present_speed() -> None:
+def test_seen_and_kept_at_their_present_speed() -> None:
     driver = Recorder()
     trace, _ = play(Speeds(1.0, 2.0, 1.5), driver, arrival_s=0.55, side=Side.FAR, **FAR_AWAY)
     by_time = {round(o.time_s, 1): o.pedestrians[0] for o in driver.seen if o.pedestrians}
@@ -81,7 +81,7 @@ def test_seen_and_kept_at_his_present_speed() -> None:
     assert max(places) == pytest.approx(6.5)
 
 
-def test_stops_before_the_cars_way_if_it_would_hit_him() -> None:
+def test_stops_before_the_cars_way_if_it_would_hit_them() -> None:
     # Far side at 1.5 m/s from 0.5 s on.  At 2.5 s (third look) y = 6 m, bumper 17.5 m away: their
     # disc is in the way (y = 3.4 to 1.1 m) from 1.73 to 3.27 s later, the car over the line from
     # 3.45 to 4.55 s later: no contact ahead.  They slow to 1 m/s: in the way from 2.6 to 4.9 s

@@ -65,7 +65,7 @@ def test_start_and_acceleration_worked_out_by_hand() -> None:
     assert walk.legs[1] == pytest.approx((4.95, 0.0, 6.75, 0.0, -20 / 9, 0.0))
 
 
-def test_what_is_seen_of_him() -> None:
+def test_what_is_seen_of_them() -> None:
     driver = Recorder()
     play(scene(timed("CPNA-25")), driver)
     by_time = {round(o.time_s, 1): o.pedestrians[0] for o in driver.seen if o.pedestrians}
@@ -90,7 +90,7 @@ def test_what_is_seen_of_him() -> None:
     assert all(view.on_crossing for view in after)
 
 
-def test_he_comes_in_every_pair_beside_the_others_whatever_the_kerb_rule() -> None:
+def test_they_come_in_every_pair_beside_the_others_whatever_the_kerb_rule() -> None:
     alone = scene(flow_per_hour=900.0)
     both = scene(timed("CPNA-25"), timed("CPFA-50"), flow_per_hour=900.0)
     for pair in range(5):

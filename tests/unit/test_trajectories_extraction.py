@@ -63,7 +63,7 @@ def test_straight_constant_speed_pair_comes_out_exactly(made_up):
     assert set(rows["passed_first"]) == {"vehicle"}
 
 
-def test_oblique_pedestrian_has_distance_from_the_line_not_along_his_way(made_up):
+def test_oblique_pedestrian_has_distance_from_the_line_not_along_their_way(made_up):
     # Pedestrian 1 walks 1.5 m/s along (−1/2, −√3/2) and reaches (4, 0) at t = 2: the angle to the
     # vehicle's (1, 0) is acos(−1/2) = 120°, L = 1.5 · √3/2 · (2 − t), R = 22 − 4 t. L ≥ 0.3 needs
     # t ≤ 2 − 0.3/1.299 = 1.769: instants 0 … 1.6. They pass at 2 s, the front bumper at 5.5 s.
