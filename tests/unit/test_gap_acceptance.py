@@ -30,9 +30,7 @@ def cross(gap_s: float | None, arrival_s: float, command=lambda _: 0.0, **pedest
     [(3.0, 2.5, True), (3.0, 2.59, True), (3.0, 2.61, False), (5.5, 0.05, True), (5.7, 0.0, False),
      (0.5, 5.0, True)],
 )  # fmt: skip
-def test_goes_while_the_gap_is_longer_than_theirs(
-    gap_s: float, arrival_s: float, goes: bool
-) -> None:
+def test_goes_while_the_gap_is_longer(gap_s: float, arrival_s: float, goes: bool) -> None:
     walk = cross(gap_s, arrival_s)
     assert walk.start_s == (arrival_s if goes else None)
 

@@ -68,7 +68,7 @@ def test_at_every_step_before_the_edge_it_could_still_stop(
 
 @pytest.mark.parametrize("side", list(Side))
 @pytest.mark.parametrize("walking_speed", [0.4, 0.9, 1.5, 2.5, 4.0])
-def test_nobody_who_steps_off_whenever_they_like_is_hit(walking_speed: float, side: Side) -> None:
+def test_who_steps_off_at_any_time_is_not_hit(walking_speed: float, side: Side) -> None:
     # No waiting at the kerb at all: at any moment until the body is on the crosswalk.
     traces = [
         play(GapYield(critical_gap_s=gap), [(arrival, side, walking_speed)])
