@@ -37,9 +37,7 @@ def response(state: CarState, command_mps2: float, duration_s: float, vehicle: V
         duration_s: the time, ≥ 0.
         vehicle: has the lag and the jerk.
 
-    >>> from harness.core.encounter import Arm
-    >>> from harness.scenario import validate
-    >>> late = validate({"actuation": {"lag_s": 0.5}}, "example").vehicle(Arm.AV)
+    >>> late = Vehicle(5.0, 30.0, 30.0, 5.0, 1.8, 3.0, 4.5, 1.0, lag_s=0.5)
     >>> speed, acceleration = response(CarState(5.0, 0.0), -4.0, 0.5, late)
     >>> round(speed, 4), round(acceleration, 4)  # 5 − 4 · 0.5/e and −4 (1 − 1/e)
     (4.2642, -2.5285)
