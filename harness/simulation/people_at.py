@@ -79,7 +79,7 @@ class PeopleAt:
         return [*self._here, *own]
 
     def id_of(self, index: int) -> str:
-        """The id of somebody, by the index that drivers see."""
+        """The id of somebody, by their index in ``views``."""
         if self.own is not None and index < self._first:
             return self.own.name_of(index)
         return self._came[index - self._first].id
