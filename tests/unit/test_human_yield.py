@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.encounter import Ending, Side
+from harness.core.encounter import Ending, PedestrianView, Side
 from harness.core.seeding import stream
 from harness.measures import measure
 from harness.measures.ego import crossing_time_s
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_yield import HumanYield
-from tests.scenes import braking_steps, play, scenario
+from tests.scenes import braking_steps, play, scenario, shown
 
 STEP = 0.1
 WAITS = {"kerb_wait_s": 100.0}
@@ -31,12 +31,11 @@ def driver(*, yields: bool, **parameters: float) -> HumanYield:
 
 def test_one_vehicle_in_four_does_not_yield() -> None:
     # A stream of its own for each pair; 0.74 ± four standard errors of 4,000 vehicles.
-    scene = scenario(pedestrians=WAITS)
-    kinds = [HumanYield(rng=stream(7, "strategy", pair))._yields for pair in range(4000)]
-    assert np.mean(kinds) == pytest.approx(0.74, abs=4 * math.sqrt(0.74 * 0.26 / 4000))
-    for pair in range(12):
-        trace = play(HumanYield(rng=stream(7, "strategy", pair)), [(0.0, Side.NEAR, 1.0)], scene)
-        assert bool(braking_steps(trace)) is kinds[pair]
+    # 3 m/s² stop it at R = 3 m from R = 3 + 25/6 = 7.17 m: now, and not a step later.
+    waits = PedestrianView(0, Side.NEAR, 2.25, 9.0, 0.0, on_crossing=False)
+    seen = shown(scenario(pedestrians=WAITS), 7.3, 5.0, waits)
+    brakes = [HumanYield(rng=stream(7, "strategy", pair)).decide(seen) < 0 for pair in range(4000)]
+    assert np.mean(brakes) == pytest.approx(0.74, abs=4 * math.sqrt(0.74 * 0.26 / 4000))
 
 
 def test_stops_for_somebody_who_waits_as_late_as_is_comfortable() -> None:
