@@ -88,7 +88,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 @pytest.fixture
 def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("harness.studies.running.run._carried_out", lambda *_: Mock())
-    monkeypatch.setattr("harness.cli.runs.show", lambda *_: None)
+    monkeypatch.setattr("harness.cli.runs.show", lambda *_, **__: None)
 
 
 def files_of(folder: Path, kind: str) -> list[Path]:
