@@ -75,6 +75,21 @@ def ego_state(trace: Trace, time_s: float) -> tuple[float, float]:
     return x + speed * elapsed + acceleration * elapsed**2 / 2, speed + acceleration * elapsed
 
 
+def ego_positions(trace: Trace, time_s: FloatArray) -> FloatArray:
+    """x of the bumper at some times of the trace, shape of time_s."""
+    step = np.minimum((time_s / trace.step_s).astype(int), len(trace.x_m) - 2)
+    elapsed, speed, after = (
+        time_s - step * trace.step_s,
+        trace.speed_mps[step],
+        trace.speed_mps[step + 1],
+    )
+    speed = after if trace.motion == "euler" else speed
+    x_m: FloatArray = trace.x_m[step] + elapsed * (
+        speed + (after - speed) / trace.step_s * elapsed / 2
+    )
+    return x_m
+
+
 def motion_within(trace: Trace, begin_s: float, end_s: float) -> Iterator[tuple[float, Motion]]:
     """The recorded motion between two times of a trace: when each piece begins, and the piece."""
     step = int(begin_s / trace.step_s + ROUNDING)

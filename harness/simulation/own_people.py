@@ -84,9 +84,10 @@ class OwnPeople:
 
     def begin_step(self) -> None:
         """Let those who wait decide on the vehicles' states at the step's beginning."""
-        if self.crowd.walkers:
+        now_s = self._session.time_s
+        if any(walker.due_s <= now_s for walker in self.crowd.walkers):
             self._see()
-            self.crowd.begin_step(self._session.time_s)
+            self.crowd.begin_step(now_s)
 
     def place(self) -> bool:
         """Have SUMO move everybody between the kerbs to where they are at the step's end.

@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import shapely
 
 from harness.core.encounter import (
     LIMITED_BY,
@@ -25,7 +24,7 @@ from harness.core.encounter import (
 from harness.measures import EpisodeRecord, crossing_time_s, measure
 from harness.measures.contacts import Strike
 from harness.measures.efficiency import beyond
-from harness.measures.ego import ego_state
+from harness.measures.ego import ego_positions, ego_state
 from harness.simulation.cars import Passage
 from harness.simulation.walk import Walked, moved
 from harness.site.path import FrontPath
@@ -178,22 +177,18 @@ def strike_of(
     strikes: list[Strike] = []
     for number, each in enumerate(walkers if low < high else ()):
         places = each.places(passage.begin_s + time_s, passage.crosswalk)
-        on = np.flatnonzero(np.isfinite(places[:, 0]))
-        if not len(on):
-            continue
-        s = np.array([ego_state(trace, at)[0] for at in time_s[on].tolist()])
-        bodies = path.outline(passage.zone.centre_m + s, vehicle.length_m, vehicle.width_m)
-        off_m = shapely.distance(shapely.polygons(bodies), shapely.points(places[on]))
+        on = np.flatnonzero(np.isfinite(places))
+        s = passage.zone.centre_m + ego_positions(trace, time_s[on])
+        off_m, ahead_m = path.off_body(s, vehicle.length_m, vehicle.width_m, places[on])
         hits = np.flatnonzero(off_m <= PEDESTRIAN_RADIUS_M)
         if not len(hits):
             continue
         at = int(hits[0])
-        hit_s, (right, left, rear) = float(time_s[on[at]]), bodies[at, :3]
+        hit_s = float(time_s[on[at]])
         if at:
             inside, outside = PEDESTRIAN_RADIUS_M - off_m[at], off_m[at - 1] - PEDESTRIAN_RADIUS_M
             hit_s -= float((hit_s - time_s[on[at - 1]]) * inside / (inside + outside))
-        ahead = bool((places[on[at]] - (right + left) / 2) @ (left - rear) >= 0.0)
-        where = Contact.FRONT if ahead else Contact.SIDE
+        where = Contact.FRONT if ahead_m[at] >= 0.0 else Contact.SIDE
         strikes.append(Strike(hit_s, number, where, max(0.0, ego_state(trace, hit_s)[1])))
     return min(strikes, key=lambda each: each.time_s, default=None)
 

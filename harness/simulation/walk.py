@@ -51,17 +51,16 @@ class Walked:
     until_s: float
     let_go: bool | None = None
 
-    def places(self, time_s: FloatArray, crosswalk: Crosswalk) -> FloatArray:
-        """x and y between the kerbs at some times, shape (n, 2); NaN at other times."""
+    def places(self, time_s: FloatArray, crosswalk: Crosswalk) -> Places:
+        """x + iy between the kerbs at some times, shape of time_s; NaN at other times."""
         assert self.walk.start_s is not None
-        found = np.full((len(time_s), 2), np.nan)
+        found = np.full(len(time_s), np.nan, complex)
         on = (time_s >= self.walk.start_s) & (time_s <= self.until_s)
         if on.any():
             road = Crossing(crosswalk.length_m, 1.0, 0.0, 1.0)
             left_m, along_m, *_ = states_at(self.walk, road, time_s[on])
             line = crosswalk.line
-            places = line.position(along_m) + 1j * left_m * line.heading(along_m)
-            found[on] = np.stack([places.real, places.imag], axis=-1)
+            found[on] = line.position(along_m) + 1j * left_m * line.heading(along_m)
         return found
 
 
