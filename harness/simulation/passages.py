@@ -168,8 +168,9 @@ def strike_of(
         path: the vehicle's path.
         walkers: those who stepped off, in the trace's order.
     """
-    vehicle, half_m = passage.car.vehicle, trace.crossing.width_m / 2
-    ends_m = (-half_m - _NEAR_M, half_m + vehicle.length_m + _NEAR_M)
+    length_m, width_m = passage.car.vehicle.length_m, passage.car.vehicle.width_m
+    half_m = trace.crossing.width_m / 2
+    ends_m = (-half_m - _NEAR_M, half_m + length_m + _NEAR_M)
     low, high = np.searchsorted(trace.x_m, ends_m).tolist()
     low, high = max(low - 1, 0), min(high, len(trace.x_m) - 1)
     count = math.ceil((high - low) * max(trace.step_s / _SAMPLE_S, 1.0))
@@ -179,7 +180,11 @@ def strike_of(
         places = each.places(passage.begin_s + time_s, passage.crosswalk)
         on = np.flatnonzero(np.isfinite(places))
         s = passage.zone.centre_m + ego_positions(trace, time_s[on])
-        off_m, ahead_m = path.off_body(s, vehicle.length_m, vehicle.width_m, places[on])
+        right, left, rear = (path.outline(s, length_m, width_m) @ [1, 1j])[:, :3].T
+        # Ahead of the front and to its left; then, the distance from the outline, 0 inside.
+        off = (places[on] - (right + left) / 2) * length_m / (left - rear)
+        beyond, beside = np.maximum(off.real, -length_m - off.real), np.abs(off.imag) - width_m / 2
+        off_m = np.hypot(np.maximum(beyond, 0.0), np.maximum(beside, 0.0))
         hits = np.flatnonzero(off_m <= PEDESTRIAN_RADIUS_M)
         if not len(hits):
             continue
@@ -188,7 +193,7 @@ def strike_of(
         if at:
             inside, outside = PEDESTRIAN_RADIUS_M - off_m[at], off_m[at - 1] - PEDESTRIAN_RADIUS_M
             hit_s -= float((hit_s - time_s[on[at - 1]]) * inside / (inside + outside))
-        where = Contact.FRONT if ahead_m[at] >= 0.0 else Contact.SIDE
+        where = Contact.FRONT if off.real[at] >= 0.0 else Contact.SIDE
         strikes.append(Strike(hit_s, number, where, max(0.0, ego_state(trace, hit_s)[1])))
     return min(strikes, key=lambda each: each.time_s, default=None)
 

@@ -104,29 +104,12 @@ class FrontPath:
         The body is a rectangle along the chord from s − length to s, as in SUMO.  Its corners are
         front right, front left, rear left, rear right.  It is longer than a lane drawn as a point.
         """
-        front, ahead = self._front(s, length_m)
+        front = self.position(s)
+        chord = front - self.position(np.subtract(s, length_m))
+        ahead = chord / np.abs(chord)
         left, rear = 1j * ahead * width_m / 2, front - length_m * ahead
         corners = np.stack([front - left, front + left, rear + left, rear - left], axis=-1)
         return np.stack([corners.real, corners.imag], axis=-1)
-
-    def _front(self, s: ArrayLike, length_m: float) -> tuple[Places, Places]:
-        """The place of a front at s, and the direction of the chord to it."""
-        front = self.position(s)
-        chord = front - self.position(np.subtract(s, length_m))
-        return front, chord / np.abs(chord)
-
-    def off_body(
-        self, s: ArrayLike, length_m: float, width_m: float, places: Places
-    ) -> tuple[FloatArray, FloatArray]:
-        """How far places are from the outline of a vehicle with its front at s, and from its front.
-
-        The first distance is 0 inside; the second is along the body, above 0 ahead of the front.
-        """
-        front, ahead = self._front(s, length_m)
-        off = (places - front) / ahead
-        beyond = np.maximum(off.real, -length_m - off.real)
-        beside = np.abs(off.imag) - width_m / 2
-        return np.hypot(np.maximum(beyond, 0.0), np.maximum(beside, 0.0)), off.real
 
     @cached_property
     def _pieces(self) -> Sequence[tuple[float, float, complex, complex]]:
