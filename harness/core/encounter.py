@@ -1,4 +1,4 @@
-"""The records of an encounter, from Vehicle and Observation (observation.schema.json) to Trace.
+"""An encounter's records: Vehicle, Observation (observation.schema.json), Arrival, Walk, Trace.
 
 Frame (SI units): x points along the road in the ego's direction and is 0 at the crosswalk's centre
 line; y points across the road and is 0 at the kerb on the ego's right and ``length_m`` at the other

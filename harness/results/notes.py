@@ -1,4 +1,4 @@
-"""Notes of runs, a rule each (README, simulations.md quote some); others: references.py, studies.
+"""Notes of runs, a rule each (README, simulations.md quote some); more: references, loaded_run, studies.
 
 Comparisons, risks, validations and fits have notes of their own, in ``studies``.
 

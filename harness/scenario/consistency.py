@@ -1,4 +1,4 @@
-"""Checks on combinations of a scenario's keys; single keys are checked by their sections.
+"""Checks on combinations of keys, and which keys (also of [ego]) [simulation] refuses.
 
 Every function raises ``InputError`` at the dotted key to change; ``validate`` says which file or
 option gave it.

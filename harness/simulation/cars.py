@@ -1,4 +1,4 @@
-"""Vehicles on their ways over chosen crosswalks.
+"""Vehicles on their ways over chosen crosswalks, and what a passage notes while it is driven.
 
 A vehicle's places are values of SUMO's odometer, so that two crosswalks in a row are two places on
 one axis.

@@ -1,4 +1,4 @@
-"""Rules of driven or turning vehicles (docs/method.md), counted by LIMITED_BY (core/encounter.py).
+"""Rules of driven vehicles, also turning ones (docs/method.md); LIMITED_BY (core/encounter.py).
 
 The lowest of three speeds applies: the strategy's, that of lanes and curves ahead, and SUMO's for
 leaders and junctions.  SUMO does not mind people at the crosswalks that a strategy has taken over;

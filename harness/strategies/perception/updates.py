@@ -1,4 +1,4 @@
-"""Perception errors at a sensor's updates, in both kinds of runs; keys: scenario/sections.py."""
+"""Perception errors at a sensor's updates (docs/strategies.md); keys: scenario/sections.py."""
 
 import math
 from collections import deque
