@@ -1,4 +1,4 @@
-"""Notes of runs, a rule each (README, simulations.md quote some); more: references, loaded_run, studies.
+"""Notes of runs, a rule each (README, simulations.md quote some); more: references, loaded_run.py.
 
 Comparisons, risks, validations and fits have notes of their own, in ``studies``.
 
