@@ -1,4 +1,4 @@
-"""Perception errors at a sensor's updates (docs/strategies.md); keys: scenario/sections.py."""
+"""Perception errors (docs/strategies.md); keys in sections.py, used by perception, people_at."""
 
 import math
 from collections import deque
