@@ -1,4 +1,4 @@
-"""Rules of driven vehicles, also turning ones (docs/method.md); LIMITED_BY is of core, its shares columns.
+"""Rules of driven and turning vehicles (docs/method.md); LIMITED_BY (core), a column each: SCHEMA.
 
 The lowest of three speeds applies: the strategy's, that of lanes and curves ahead, and SUMO's for
 leaders and junctions.  SUMO does not mind people at the crosswalks that a strategy has taken over;

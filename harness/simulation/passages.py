@@ -1,4 +1,4 @@
-"""The rows of the table ``passages``: states and walks in, of a simulation or a file; measures out.
+"""The rows of the table ``passages``: a simulation's states and walks in; measures out.
 
 A passage is measured as an encounter in its straight frame, where x = s − centre and the path is
 straight.  Only contacts are found in the plane, by the vehicle's oriented outline.
