@@ -64,8 +64,7 @@ FoldsOption = Annotated[int, Option(min=0, help=_FOLDS)]
 
 ComponentsOption = Annotated[str, Option(help="Numbers of components: 1..20, or 10 (the paper's).")]
 ChooseOption = Annotated[
-    Literal["held-out", "bic", "rule"],
-    Option(help="Criterion for K; rule: the paper's."),
+    Literal["held-out", "bic", "rule"], Option(help="Criterion for K; rule: the paper's.")
 ]
 WeighOption = Annotated[
     Literal["row", "encounter", "vehicle"], Option(help="What has equal weight.")

@@ -144,6 +144,8 @@ def _largest(values: np.ndarray, _: Sampling) -> Finding:
 
 
 def _count(values: np.ndarray, _: Sampling) -> Finding:
+    if np.isnan(values).all():
+        return Finding(None, reason="a simulation of every pair failed")
     return Finding(int(np.nansum(values)))
 
 

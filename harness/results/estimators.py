@@ -6,7 +6,7 @@ pairs, shares the exact one (Clopper and Pearson 1934), quantiles that between t
 
 import copy
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -197,7 +197,8 @@ def difference(
     known, low, high = differences[~np.isnan(differences + over)], found.low, found.high
     if found.value is None:
         return replace(found, n=0, p=None)
-    p, least = max(sign_flip_p(known), found.p or 0.0), 1 - sampling.confidence
+    p, least = sign_flip_p(known), 1 - sampling.confidence
+    p = p if found.p is None else max(p, found.p)
     if low is not None and high is not None:
         p = max(p, least * (low <= 0.0 <= high))
         if p >= least:
@@ -240,19 +241,6 @@ def sign_flip_p(differences: FloatArray) -> float:
         gap = (sums + sizes[-1] - total) / np.sqrt(np.sum(sizes[_FLIPPED:] ** 2))
         beyond = np.mean(special.ndtr(gap))
     return min(1.0, 2 * float(beyond))
-
-
-def holm(p_values: Sequence[float]) -> list[float]:
-    """Adjusted p of each test of a family (Holm 1979), in the given order.
-
-    The j-th smallest of m values is multiplied by m − j + 1; the results are monotone, at most 1.
-    """
-    p = np.asarray(p_values, dtype=float)
-    order = np.argsort(p, kind="stable")
-    adjusted = np.empty(len(p))
-    steps = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
-    adjusted[order] = np.minimum(steps, 1.0)
-    return [float(value) for value in adjusted]
 
 
 def informative(values: FloatArray) -> int:

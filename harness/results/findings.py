@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from harness.results.catalogue import AnySample, Entry, entries_of
+from harness.results.catalogue import ENTRY_OF, AnySample, Entry, entries_of
 from harness.results.columns import Sample
 from harness.results.estimators import EQUAL
 from harness.results.finding import Finding, Findings, Plain
@@ -45,8 +45,13 @@ class CellFindings:
         return ("AV", ""), (self.scenario.arms.human, "_human")
 
     def total(self, key: str) -> int:
-        """A count, or the events of a share, of both arms or of the pairs; 0 without the key."""
-        return sum(self.findings[of].count for of in (key, f"{key}_human") if of in self.findings)
+        """A count, or events of a share, of both arms or of pairs; 0 if only other kinds have it.
+
+        What is undefined because every pair failed adds nothing: the first note says so.
+        """
+        entry = ENTRY_OF[key]
+        own = [self[of] for of in entry.keys[:2]] if self.kind in entry.kinds else []
+        return sum(of.count for of in own if of.value is not None)
 
 
 def records_of(cell: CellFindings) -> list[dict[str, Plain | Finding]]:
@@ -101,7 +106,9 @@ def cell_findings(cell: Cell, tables: Tables, confidence: float) -> CellFindings
 
     whole, places = found(sample, entries), dict[str, Findings]()
     if isinstance(sample, SimulationSample):
-        whole["not_driven"] = replace(whole["not_driven"], reason=sample.why_not_driven())
+        whole["not_driven"] = replace(
+            whole["not_driven"], reason=sample.why_not_driven() or whole["not_driven"].reason
+        )
         by_crosswalk = [entry for entry in entries if not entry.network]
         places = {name: found(sample.at(name), by_crosswalk) for name in sample.crosswalks}
     return CellFindings(cell.number, cell.varied, cell.scenario, whole, places)

@@ -19,14 +19,7 @@ import pyarrow.parquet as pq
 from harness.core.documents import JsonObject, parse_json
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, one_line, resume_command
-from harness.core.files import (
-    PACKAGE,
-    cannot_write,
-    read_file,
-    whole_file,
-    write_csv,
-    write_file,
-)
+from harness.core.files import PACKAGE, cannot_write, read_file, whole_file, write_csv, write_file
 from harness.core.versions import versions_of_fits
 from harness.results.finding import Finding, Plain, finding_to_dict
 from harness.results.findings import CellFindings, records_of

@@ -1,11 +1,11 @@
-"""A run folder in Python, finished or unfinished.
+"""A run folder in Python, finished or unfinished: ``harness.load_run``.
 
-run = harness.load_run("runs/cctc-1")
-run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean()
+For example ``load_run("runs/cctc-1").episodes.groupby("arm")["delay_s"].mean()``.
 """
 
 import shlex
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -136,11 +136,8 @@ class Run:
             allowed = f"a run with results: {resume_command(self.path)}"
             raise InputError(str(self.path), "no pair is finished yet", allowed)
         cells, folder, notes = self.cells, shlex.quote(str(self.path)), list[Note]()
-        facts: dict[str, Any] = {
-            "name": self.name,
-            "folder": str(self.path),
-            "finished": self.finished,
-        }
+        facts: dict[str, Any] = {"name": self.name, "folder": str(self.path)}
+        facts["finished"] = self.finished
         facts |= {key: self.manifest[key] for key in ("seed", "confidence", "engine")}
         facts["failed"] = sum(cell.total("failed") for cell in cells)
         if facts["failed"]:
@@ -184,7 +181,7 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
     if manifest["kind"] == "risk":
         allowed = f"{path / folders.EVENTS}, the run of its events, or `harness show {path}`"
         raise InputError(str(path), "is a risk estimate", allowed)
-    asked = folders.read_manifest(path)  # a copy for other thresholds; the run's own is sealed
+    asked = deepcopy(manifest)  # for other thresholds; the run's own is sealed
     for key, value in (settings or {}).items():
         if not key.startswith("conflicts.") or key in manifest["cells"][0]:
             allowed = "thresholds of [conflicts] that are not swept; another run has the others"

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from harness.core.encounter import BY_SUMO, SPEED_ROUNDING
 from harness.encounter.arms import asks_model
+from harness.results.catalogue import Entry
 from harness.results.estimators import EQUAL, FEW, REPEATED
 from harness.results.findings import CellFindings, on_first_screen
 from harness.results.student import RELIABLE_FROM
@@ -112,19 +113,21 @@ def _selected(cell: CellFindings) -> Iterator[Said]:
 
 
 def _few_pairs(cell: CellFindings) -> Iterator[Said]:
-    pairs, names, few = cell["pairs"].count, dict[int, list[str]](), list[int]()
+    pairs, doubted, few = cell["pairs"].count, dict[int, list[Entry]](), list[int]()
     sampled = not any(_repeated(cell))
     for entry in on_first_screen(cell):
         for found in (cell[key] for key in entry.keys):
             equal = found.reason == EQUAL and sampled and pairs < entry.reliable_from
             doubtful = equal or found.reliable is False or found.reason == FEW
             if doubtful and found.n is not None:
-                names.setdefault(entry.reliable_from, []).append(_name(entry.heading))
+                doubted.setdefault(entry.reliable_from, []).append(entry)
                 few.append(pairs if equal else found.n)
     if few:
-        least = ", ".join(f"{number:,} ({_listed(names[number])})" for number in sorted(names))
+        names = {n: _listed([_name(of.heading) for of in each]) for n, each in doubted.items()}
+        least = ", ".join(f"{number:,} ({names[number]})" for number in sorted(names))
         text = f"Too few informative pairs (fewest: {min(few):,}): intervals unreliable (*) or "
-        bias = " From few pairs c_v is too small on average." * ("c_v" in least)
+        spread = any(entry.key == "cv" for each in doubted.values() for entry in each)
+        bias = " From few pairs c_v is too small on average." if spread else ""
         yield Said(f"{text}missing.", f"Needed: {least}.{bias}", -min(few))
 
 
@@ -157,7 +160,7 @@ def _left_out(cell: CellFindings) -> Iterator[Said]:
 def _fallback(cell: CellFindings) -> Iterator[Said]:
     parts, weight, arms = [], 0.0, cell.scenario.arms
     for arm, strategy, end in (("AV", arms.av, ""), ("reference", arms.human, "_human")):
-        if not (count := cell[f"fallbacks{end}"].count):
+        if not (count := cell[f"fallbacks{end}"].value):
             continue
         pairs = cell["pairs" if cell.kind == "encounters" else f"driven{end}"].count
         share = cell[f"fallback_share{end}"].value
@@ -221,9 +224,9 @@ def _equal(cell: CellFindings) -> Iterator[Said]:
 
 
 def _nobody_met(cell: CellFindings) -> Iterator[Said]:
-    if max(cell["failed"].count, cell["failed_human"].count) == cell["pairs"].count:
+    if cell["avs"].value is None:
         yield Said("A simulation of every pair failed: nothing was tested.")
-    elif not cell["avs"].count:
+    elif not cell["avs"].value:
         yield Said("No vehicle was an AV: nothing was tested.")
     elif not cell.total("met_somebody"):
         yield Said("No vehicle met a pedestrian at the crosswalks: nothing was tested.")
@@ -231,8 +234,9 @@ def _nobody_met(cell: CellFindings) -> Iterator[Said]:
 
 def _collisions(cell: CellFindings) -> Iterator[Said]:
     keys = ("vehicle_collisions", "teleports", "emergency_stops", "overlaps")
-    more = {key: cell[key].count - cell[f"{key}_human"].count for key in keys}
-    named = (f"{key.replace('_', ' ')} ({_by_arm(cell, key)})" for key in keys if more[key] > 0)
+    known = [key for key in keys if cell[key].value is not None]
+    more = {key: cell[key].count - cell[f"{key}_human"].count for key in known}
+    named = (f"{key.replace('_', ' ')} ({_by_arm(cell, key)})" for key in known if more[key] > 0)
     if parts := [*named]:
         text = f"More than with the reference: {_listed(parts)}."
         yield Said(text, weight=sum(more.values()))
@@ -270,8 +274,8 @@ def _fills(cell: CellFindings) -> Iterator[Said]:
     """The number of vehicles grows by more than chance explains (docs/method.md)."""
     growth = {}
     for who, end in cell.arms:
-        share, due = cell[f"growth{end}"].value, cell[f"vehicles{end}"].count / 3
-        if share is not None and share > max(GROWTH, 2.33 * math.sqrt(2.5 / max(due, 1))):
+        share, due = cell[f"growth{end}"].value, cell[f"vehicles{end}"].value
+        if share is not None and due and share > max(GROWTH, 2.33 * math.sqrt(7.5 / max(due, 3))):
             growth[f"{100 * share:.0f} % of those due in a third of the time ({who})"] = share
     if growth:
         text = f"The roads fill: the number of vehicles grows by {_listed([*growth])}."
@@ -314,11 +318,6 @@ RULES: tuple[Rule, ...] = (
     Rule("equal", "equal", _equal, _equal),
 )
 """The rules, the worst news first; notes about a run as a whole come before them."""
-
-
-def rank_of(key: str) -> int:
-    """The rank of a rule's notes."""
-    return [rule.key for rule in RULES].index(key)
 
 
 def notes_of(

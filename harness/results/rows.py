@@ -1,7 +1,6 @@
 """Episodes in; rows of the tables episodes (measures/record.py), pedestrians and traces out.
 
-The columns of a simulation come from ``simulation/passages.py`` and ``arm_tables.py``; those that
-no table declares are left out.
+The columns of a simulation come from ``simulation/passages.py`` and ``arm_tables.py``.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,8 +36,8 @@ def simulation_rows(
 
     Args:
         cell, pair, arm: which simulation.
-        columns: the columns of each table by name, without cell, pair and arm; those that are not
-            declared are left out.  A simulation that failed has only ``arms``.
+        columns: the columns of each table by name, without cell, pair and arm.  A simulation that
+            failed has only ``arms``.
     """
     keys, tables = {"cell": cell, "pair": pair, "arm": arm.value}, {}
     for table in TABLES_OF["simulations"]:

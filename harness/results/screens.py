@@ -24,12 +24,12 @@ _SWEEP: Mapping[RunKind, Sequence[str]] = {
 """The numbers of a sweep's row, after the swept keys; worst cases follow if pairs are left out."""
 
 _LEFT_OUT = {
-    "failures": "failed",
-    "time-outs": "timed_out",
-    "pairs met nobody": "met_nobody",
-    "pairs not in the ratio of times": "not_in_time_ratio",
+    "failed": ("failure", "failures"),
+    "timed_out": ("time-out", "time-outs"),
+    "met_nobody": ("pair met nobody", "pairs met nobody"),
+    "not_in_time_ratio": ("pair not in the ratio of times", "pairs not in the ratio of times"),
 }
-"""What the scope of a result says is left out."""
+"""What the scope of a result says is left out: of one, and of several."""
 
 _MOST_CROSSWALKS = 3
 """Crosswalks whose differences stand on the first screen; ``--full`` has all."""
@@ -75,16 +75,15 @@ def drivers(cells: Sequence[CellFindings]) -> str:
 def scope_of(cells: Sequence[CellFindings], facts: Mapping[str, Plain]) -> str:
     """Pairs with what is left out of them, and the seed."""
     each = sorted(cell["pairs"].count for cell in cells)
-    pairs = f"{each[0]:,} pair{'s' * (each[0] != 1)}{' each' * (len(each) > 1)}"
+    pairs = "1 pair" if each[0] == 1 else f"{each[0]:,} pairs"
     if each[-1] > each[0]:
         pairs = f"{each[0]:,} to {each[-1]:,} pairs"
-    total = {words: sum(cell.total(key) for cell in cells) for words, key in _LEFT_OUT.items()}
-    left = ", ".join(_counted(count, words) for words, count in total.items() if count)
-    return f"{pairs}{f' ({left})' * bool(left)}, seed {facts['seed']}"
-
-
-def _counted(count: int, words: str) -> str:
-    return f"{count:,} {words if count > 1 else words.replace('s', '', 1)}"
+    elif len(each) > 1:
+        pairs += " each"
+    total = {key: sum(cell.total(key) for cell in cells) for key in _LEFT_OUT}
+    left = [f"{count:,} {_LEFT_OUT[key][count > 1]}" for key, count in total.items() if count]
+    pairs += f" ({', '.join(left)})" if left else ""
+    return f"{pairs}, seed {facts['seed']}"
 
 
 def _every_number(cell: CellFindings, paper: bool) -> list[Table]:
@@ -117,7 +116,7 @@ def _rows(
         heading = entry.title(cell.scenario.conflicts.model_dump())
         if pair is not None and entry.worst_case:
             heading = "worst case: crashes, time"
-        told = entry.paper * paper or None, reasons * remarks or None
+        told = (entry.paper or None) if paper else None, (reasons or None) if remarks else None
         rows.append((heading, *own, *[None] * (2 - len(own)), *at, *told))
     simulated = cell.kind == "simulations"
     columns = (
@@ -146,7 +145,7 @@ def _sweep(cells: Sequence[CellFindings]) -> Table:
         # A threshold that is swept has a column of its own.
         bare, threshold, _ = entry.heading.partition(" {")
         name = bare if swept and threshold else entry.title(thresholds.model_dump())
-        name += ", AV − reference" * paired
+        name = f"{name}, AV − reference" if paired else name
         columns.append((Column(key, name, paired), tuple(_number(key, cell) for cell in cells)))
     return table_of("", columns, legend="Two numbers in a cell: AV / reference.")
 

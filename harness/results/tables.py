@@ -56,8 +56,18 @@ class Table:
         return pa.schema(pa.field(c.name, c.type, nullable=not c.required) for c in self.columns)
 
     def of(self, rows: Sequence[Row]) -> pa.Table:
-        """Rows as a table; columns that a row lacks are null."""
-        return pa.Table.from_pylist([*rows], self.schema)
+        """Rows as a table; columns that a row lacks are null.
+
+        Raises:
+            ValueError: a row has a key that is no column, or a required column has a null.
+        """
+        table = pa.Table.from_pylist([*rows], self.schema)
+        wrong = set[str]().union(*rows) - {*table.column_names}
+        wrong |= {c.name for c in self.columns if c.required and table[c.name].null_count}
+        if wrong:
+            named = ", ".join(sorted(wrong))
+            raise ValueError(f"{self.name}: no columns, or nulls in required ones: {named}")
+        return table
 
 
 _KEYS = (
@@ -102,7 +112,7 @@ PEDESTRIANS = Table("pedestrians", (
     Column("speed_mps", float, "m/s", "walking speed"),
     Column("range_m", float, "m", "the ego's range when they stepped off"),
     Column("vehicle_speed_mps", float, "m/s", "the ego's speed when they stepped off"),
-    Column("cleared_s", float, "s", "time at which they left the ego's path"),
+    Column("cleared_s", float, "s", "time at which they reached the other kerb"),
     Column("legs", Leg, "", "the parts of a walk that is not straight from kerb to kerb"),
     Column("delay_s", float, "s", "wait at the kerb"),
 ))
@@ -153,8 +163,8 @@ PASSAGES = Table("passages", (
     Column("front_s", float, "s", "time at which its front reached the crosswalk"),
     Column("rear_s", float, "s", "time at which its rear left the crosswalk"),
     Column("ended", str, "", "`passed`, or why the passage ended before", required=True),
-    Column("steps", int, "", "steps in which the strategy drove"),
-    *(Column(f"share_{each}", float, "", f"share of them limited by {each}")
+    Column("steps", int, "", "steps of the passage"),
+    *(Column(f"share_{each}", float, "", f"share of the driven steps limited by {each}")
       for each in LIMITED_BY),
     Column("pedestrians", int, "", "people who stepped off during the passage"),
     Column("contact", Contact, "", "the part of the vehicle that touched a person"),

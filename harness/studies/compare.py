@@ -17,7 +17,7 @@ from harness.results.estimators import EQUAL, FEW, Sampling
 from harness.results.finding import Finding, Form, Plain
 from harness.results.findings import worst_cases
 from harness.results.loaded_run import Run
-from harness.results.notes import Note, notes_of, rank_of
+from harness.results.notes import RULES, Note, notes_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
 from harness.results.screens import drivers, scope_of, shown, table_of
 from harness.results.simulated import SimulationSample
@@ -180,7 +180,7 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     confidence = max(run.confidence for run in runs)
     pairs = [pair for group in groups for pair in combinations(group, 2)]
     rows = [ComparedPair(a, b, _differences(a, b, confidence)) for a, b in pairs]
-    p_holm = {of.key: _adjusted([row.found[of.key].p for row in rows]) for of in kind.differences}
+    p_holm = {of.key: holm([row.found[of.key].p for row in rows]) for of in kind.differences}
     candidates = [candidate for group in groups for candidate in group]
     cells = [candidate.cell for candidate in candidates]
     judged = allowed_in(groups, mu0, kappa0, confidence)
@@ -220,10 +220,19 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     )
 
 
-def _adjusted(p_values: Sequence[float | None]) -> list[float | None]:
-    """Each p by Holm; None of an undefined difference, a test of the family that was not made."""
-    adjusted = estimators.holm([1.0 if p is None else p for p in p_values])
-    return [None if p is None else found for p, found in zip(p_values, adjusted, strict=True)]
+def holm(p_values: Sequence[float | None]) -> list[float | None]:
+    """Adjusted p of each test of a family (Holm 1979), in the given order.
+
+    The j-th smallest of m values is multiplied by m − j + 1; the results are monotone, at most 1.
+    None is the p of an undefined difference: a test of the family that was not made.
+    """
+    p = np.array([1.0 if p is None else p for p in p_values])
+    order = np.argsort(p, kind="stable")
+    adjusted = np.empty(len(p))
+    steps = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    adjusted[order] = np.minimum(steps, 1.0)
+    tested = zip(p_values, adjusted.tolist(), strict=True)
+    return [None if given is None else value for given, value in tested]
 
 
 def _of_cell(side: str, of: Candidate, kind: _Kind) -> dict[str, Plain | Finding]:
@@ -353,6 +362,7 @@ def _notes(
         value = found[key].value
         if value and p is not None and p < SIGNIFICANT:
             worse.append((a, b) if value > 0 else (b, a))
+    rank_of = {rule.key: rank for rank, rule in enumerate(RULES)}
     of_times = [row.found[kind.differences[0].key] for row in rows]
     unsure = [each for each in of_times if each.reliable is False or each.reason == FEW]
     few = [each.n for each in unsure if each.n is not None]
@@ -365,22 +375,22 @@ def _notes(
         similar = "row" if others == 1 else "rows"
         text = f"{one.name} {does} more often than {other.label}"
         text += f" (similar in {others:,} more {similar})." if others else "."
-        notes.append(Note("more_crashes", rank_of("collisions"), "more crashes", text))
+        notes.append(Note("more_crashes", rank_of["collisions"], "more crashes", text))
     if few:
         text = f"In {len(few):,} {of} rows A − B is unreliable (*): few pairs differ (fewest: "
         least = kind.differences[0].reliable_from or RELIABLE_FROM
         text, more = f"{text}{min(few):,}).", f"It is reliable from {least:,} on."
-        notes.append(Note("few_differ", rank_of("few_pairs"), "few pairs differ", text, more))
+        notes.append(Note("few_differ", rank_of["few_pairs"], "few pairs differ", text, more))
     if shares:
         text = f"In {shares:,} {of} rows A and B have different shares of AVs, so numbers of AVs "
         text += "and of others are of different vehicles."
         more = "Compare those of all vehicles (--full)."
-        notes.append(Note("other_avs", rank_of("few_pairs"), "other vehicles are AVs", text, more))
+        notes.append(Note("other_avs", rank_of["few_pairs"], "other vehicles are AVs", text, more))
     if cut:
         text = f"In {len(cut):,} {of} rows A − B is over the pairs that count in both cells, and a "
         text += "cell's own number over all that count in it, so A − B may differ from these two."
-        notes.append(Note("common_pairs", rank_of("left_out"), "A − B over common pairs", text))
+        notes.append(Note("common_pairs", rank_of["left_out"], "A − B over common pairs", text))
     if equal:
         text = f"In {equal:,} {of} rows A − B is the same in every pair, so it has no interval."
-        notes.append(Note("equal_rows", rank_of("equal"), "equal in every pair", text))
+        notes.append(Note("equal_rows", rank_of["equal"], "equal in every pair", text))
     return notes

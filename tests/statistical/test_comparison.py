@@ -13,13 +13,12 @@ from harness.results.estimators import (
     Sampling,
     clopper_pearson,
     difference,
-    holm,
     share_difference,
     sign_flip_p,
 )
 from harness.scenario import load_scenario
 from harness.studies.allowed import RELIABLE_FROM
-from harness.studies.compare import DIFFERENCES
+from harness.studies.compare import DIFFERENCES, holm
 
 
 def least_coverage(intervals: list[tuple[float, float]]) -> float:

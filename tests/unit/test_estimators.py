@@ -9,6 +9,7 @@ from scipy import stats
 
 from harness.results import estimators as of
 from harness.results.finding import Finding, finding_to_dict
+from harness.studies.compare import holm
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -227,16 +228,16 @@ def test_mcnemar(counts: tuple[int, int, int, int], p: float, digits: float) -> 
 
 def test_holm_by_hand_and_step_by_step() -> None:
     # 0.01 · 4; 0.02 · 3; 0.03 · 2 = 0.06, not below the one before; 0.04 · 1, raised to 0.06.
-    assert of.holm([0.04, 0.01, 0.03, 0.02]) == pytest.approx([0.06, 0.04, 0.06, 0.06])
+    assert holm([0.04, 0.01, 0.03, 0.02]) == pytest.approx([0.06, 0.04, 0.06, 0.06])
     # 0.005 · 3, 0.3 · 2, 0.9 · 1; at most 1.
-    assert of.holm([0.3, 0.9, 0.005]) == pytest.approx([0.6, 0.9, 0.015])
-    assert (of.holm([0.7, 0.6]), of.holm([0.2]), of.holm([])) == ([1.0, 1.0], [0.2], [])
+    assert holm([0.3, 0.9, 0.005]) == pytest.approx([0.6, 0.9, 0.015])
+    assert (holm([0.7, 0.6]), holm([0.2]), holm([])) == ([1.0, 1.0], [0.2], [])
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=12))
 def test_holm_rejects_what_the_procedure_does(p: list[float]) -> None:
     """As Holm states it: go up from the smallest p while p_(j) ≤ 0.05 / (m − j + 1)."""
-    adjusted, rejected = of.holm(p), set()
+    adjusted, rejected = holm(p), set()
     for j, index in enumerate(np.argsort(p, kind="stable")):
         if p[index] * (len(p) - j) > 0.05:
             break

@@ -16,14 +16,7 @@ from harness.model.interaction import (
     InteractionModel,
     write_model,
 )
-from harness.model.sample import (
-    RowFile,
-    Sample,
-    box_of,
-    effective_number,
-    make_sample,
-    read_rows,
-)
+from harness.model.sample import RowFile, Sample, box_of, effective_number, make_sample, read_rows
 from harness.studies.models.fit_processes import processes
 from harness.studies.models.model_fits import (
     RULE_SHARE,
@@ -45,11 +38,7 @@ FEW = 10
 
 
 def card(
-    sample: Sample,
-    settings: FitSettings,
-    fitted: Fitted,
-    file: RowFile,
-    command: str,
+    sample: Sample, settings: FitSettings, fitted: Fitted, file: RowFile, command: str
 ) -> dict[str, Any]:
     """The model's card, as plain data for the model file's ``provenance``.
 

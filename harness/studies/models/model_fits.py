@@ -13,12 +13,7 @@ import numpy as np
 from harness.core.encounter import FloatArray
 from harness.core.errors import HarnessError, InputError
 from harness.core.seeding import resampling
-from harness.model.interaction import (
-    DRIVING_GIVEN,
-    PEDESTRIAN_SPEED,
-    VEHICLE_SPEED,
-    WALKING_GIVEN,
-)
+from harness.model.interaction import DRIVING_GIVEN, PEDESTRIAN_SPEED, VEHICLE_SPEED, WALKING_GIVEN
 from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.fitting import FitResult, fit_mixture

@@ -53,13 +53,13 @@ class Person(NamedTuple):
     Attributes:
         arrival: their recorded walk, from the footpath or from their place at the start.
         passing_s: when they cross the vehicle's path; −inf if before the start, inf if never.
-        conflict_x_m: where along the road.
+        conflict_x_m: where along the road; None if never.
         gap: whether their record has a gap while they are there.
     """
 
     arrival: Arrival
     passing_s: float
-    conflict_x_m: float
+    conflict_x_m: float | None
     gap: bool
 
 
@@ -262,7 +262,7 @@ class _Record:
         return Person(
             Arrival(0, begin_s, crosser.side, None, path=path),
             -np.inf if passed_s <= 0 else passed_s,
-            float(np.interp(passed_s, at_s, x)) if np.isfinite(passed_s) else 0.0,
+            float(np.interp(passed_s, at_s, x)) if np.isfinite(passed_s) else None,
             bool(spans_gap(track.time_s, seen[:1], seen[1:], self.rules.max_gap_s)[0]),
         )
 

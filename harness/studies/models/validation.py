@@ -280,11 +280,13 @@ def _simulated(passage: RecordedPassage, strategy: Strategy, step_s: float) -> T
 def _passing(passage: RecordedPassage, trace: Trace) -> tuple[float, np.ndarray]:
     """The time to pass, in s, and whether the vehicle goes first, for everyone to come: (n,).
 
-    The rear has left the crosswalk then, or the time limit is reached.
+    The rear has left the crosswalk then, or the time limit is reached.  Of whoever never
+    crosses it counts when the front is at x = 0, the median of the crossing places.
     """
     passed_s = crossing_time_s(trace, passage.crossing.width_m / 2 + passage.vehicle.length_m)
-    at = [(crossing_time_s(trace, person.conflict_x_m), person) for person in passage.to_come]
-    first = np.array([time is not None and time <= person.passing_s for time, person in at])
+    places = [(person.conflict_x_m, person.passing_s) for person in passage.to_come]
+    at = [(crossing_time_s(trace, 0.0 if x is None else x), by_s) for x, by_s in places]
+    first = np.array([time is not None and time <= by_s for time, by_s in at])
     # An engine ends within 1 nm of the edge, so the rear may not quite have left.
     return (len(trace.x_m) - 1) * trace.step_s if passed_s is None else passed_s, first
 

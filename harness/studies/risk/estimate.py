@@ -300,7 +300,8 @@ def risk_notes(found: Findings, space: Space, target_cv: float = 1.0) -> Iterato
     p, every = found["probability"], f"{found['episodes'].count:,} episodes"
     failures, late = (found[key].count for key in ("failures", "timed_out_episodes"))
     high, worst = (_or_1(found[key]) for key in ("all_ways_high", "probability_worst"))
-    chance, cv = "; ".join(space.by_chance), found["coefficient_of_variation"].value or 0.0
+    chance, cv = "; ".join(space.by_chance), found["coefficient_of_variation"].value
+    cv = np.nan if cv is None else cv
     said = (
         ("failures", failures, f"{failures:,} of {every} failed and count as no event.",
          f"If those of the estimate were events, its probability would be {worst:.3g}."),
@@ -360,13 +361,12 @@ def read_risk(path: Path) -> Result:
     facts |= {"target_cv": asked["target_cv"], "seed": manifest["seed"]}
     facts |= {"confidence": manifest["confidence"], "engine": manifest["engine"]}
     how = "weighted draws" if found["weighted"].count else "draws by brute force"
-    drawn = f"{found['probability'].n or 0:,} {how}"
-    scope = f"{drawn}; {found['episodes'].count:,} episodes with earlier rounds"
+    episodes = f"{found['episodes'].count:,} episodes with earlier rounds"
     shown = f"Events: harness worst {quoted}/{folders.EVENTS}. Page: harness report {quoted}"
     return Result(
         command="risk",
         title=f"{study.name}: {asked['event']}, {scenario.arms.driver(arm)}",
-        scope=f"{scope}; seed {manifest['seed']}",
+        scope=f"{found['probability'].n:,} {how}; {episodes}; seed {manifest['seed']}",
         about=place_in_words([scenario]),
         screen=Table("", columns, tuple(numbers)),
         full=(),

@@ -79,6 +79,11 @@ class DrawOutcome(NamedTuple):
     timed_out: bool = False
     uniforms: str | None = None
 
+    @property
+    def row(self) -> Row:
+        """Its columns of ``draws``."""
+        return {k: v for k, v in self._asdict().items() if k not in ("culprit", "passed_s")}
+
 
 RunDraws = Callable[[Sequence[DrawInputs]], Sequence[DrawOutcome]]
 """Runs episodes."""
@@ -155,13 +160,13 @@ def draw_units(
         due, episodes = each.event and each.culprit is None, 1 + (each.culprit is not None)
         own = {"placed": False, "nominal": nominal[k], "due": due, "episodes": episodes}
         own |= {"weight": weights[k], "likely": 1 / ratio[k], "point": f[k].tolist()}
-        rows.append({**each._asdict(), "cell": round_, "pair": units[k], **own})
+        rows.append({**each.row, "cell": round_, "pair": units[k], **own})
     for k, each, asked, rate, point in zip(row, run(again), again, rates, tried, strict=True):
         hit = each.event and each.culprit == asked.asked
         own = {"placed": True, "nominal": False, "event": hit, "due": hit, "episodes": 1}
         own |= {"weight": 1 / (ratio[k] * (1 + rate)), "likely": 1 / (ratio[k] * rate)}
         own |= {"cell": round_, "pair": units[k], "point": point.tolist()}
-        rows.append({**each._asdict(), **own})
+        rows.append({**each.row, **own})
     return sorted(rows, key=lambda row: (row["pair"], row["placed"]))
 
 

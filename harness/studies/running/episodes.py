@@ -38,9 +38,7 @@ def run_task(task: Task, tell: Tell = _nobody) -> Rows:
 
 
 def run_episodes(
-    task: Task,
-    tell: Tell = _nobody,
-    make_engine: Callable[[Scenario], Engine] | None = None,
+    task: Task, tell: Tell = _nobody, make_engine: Callable[[Scenario], Engine] | None = None
 ) -> Rows:
     """Simulate every episode of a task; those that were given up are recorded as failed.
 

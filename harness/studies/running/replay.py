@@ -119,11 +119,7 @@ def debug(run: Run, cell: int, pairs: range, arms: Sequence[Arm]) -> list[Replay
 
 
 def watch(
-    run: Run,
-    cell: int,
-    pairs: range,
-    arms: Sequence[Arm],
-    screenshots: Path | None = None,
+    run: Run, cell: int, pairs: range, arms: Sequence[Arm], screenshots: Path | None = None
 ) -> list[Replayed]:
     """Run episodes again in sumo-gui in real time, one after the other.
 

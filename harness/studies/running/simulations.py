@@ -17,13 +17,7 @@ from harness.results.rows import simulation_rows
 from harness.results.tables import Row, Tables
 from harness.scenario import Cell, Scenario, Study
 from harness.simulation.arm_tables import ArmTables, run_arm
-from harness.simulation.opening import (
-    check,
-    check_demand,
-    digests,
-    opened,
-    opened_traffic,
-)
+from harness.simulation.opening import check, check_demand, digests, opened, opened_traffic
 from harness.simulation.setup import Setup
 from harness.studies.running.tasks import EpisodeId, Rows, Task, Tell
 
