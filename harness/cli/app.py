@@ -26,14 +26,6 @@ COMMANDS: Mapping[str, str] = {
 }
 """The commands with their modules; only that of the command which is asked for is imported."""
 
-_NAMED = (
-    "arm bounds by cell choose components driver drivers event kappa0 mu0 out pair passage "
-    "screenshots target_cv weigh"
-)
-_OPTIONS = {name: "--" + name.replace("_", "-") for name in _NAMED.split()}
-_OPTIONS |= {"most": "-n", "address": "--dask", "free": "--ego free"}
-"""The option of a parameter, with which errors of functions begin: ``parameter=value``."""
-
 _INTERRUPTED = 130
 """typer's exit code if a command did not catch the interruption."""
 
@@ -69,21 +61,28 @@ def application(arguments: Sequence[str] = ()) -> typer.Typer:
     return app
 
 
+def _options(app: typer.Typer) -> dict[str | None, str]:
+    """The option of each parameter, with which errors of functions begin: ``parameter=value``."""
+    commands = typer.main.get_group(app).commands.values()
+    return {of.name: of.opts[0] for command in commands for of in command.params}
+
+
 def main() -> None:
     """Run the command line; every refusal becomes one line on stderr and exit code 2."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         # Text that the terminal cannot encode, such as μ, must not end the command.
         sys.stdout.reconfigure(errors="backslashreplace")
+    app = application(sys.argv[1:])
     try:
-        code = application(sys.argv[1:])(standalone_mode=False)
+        code = app(standalone_mode=False)
         if code == _INTERRUPTED:
             raise KeyboardInterrupt
     except (InputError, TyperException) as error:
         text = error.format_message() if isinstance(error, TyperException) else str(error)
         name, _, rest = text.partition("=")
-        if name in _OPTIONS:
-            text = f"{_OPTIONS[name]} {rest}".replace(" :", ":", 1)
-        text = text.replace("Value error, ", "")  # from pydantic, with which typer checks choices
+        if option := _options(app).get(name):
+            text = f"{option} {rest}".replace(" :", ":", 1)
+        text = text.replace("Value error, ", "")  # pydantic's, with which typer checks choices
         # For `harness` or `harness model` alone typer answers with the whole help.
         say(text if text.startswith("Usage:") else one_line(f"harness: {text}"))
         code = 2

@@ -20,18 +20,10 @@ def show(
     as_json: options.JsonOption = False,
 ) -> None:
     """Print the screen of a run or risk estimate again, or with other thresholds of conflicts."""
-    from harness.results.folder import read_manifest
+    from harness.studies.risk.estimate import result_of
 
     changes = {setting.key: setting.value for setting in options.settings_of(settings)}
-    if read_manifest(run_folder)["kind"] == "risk" and not changes:
-        from harness.studies.risk.estimate import read_risk
-
-        result = read_risk(run_folder)
-    else:
-        from harness.results.loaded_run import load_run
-
-        result = load_run(run_folder, changes).result()
-    show_result(result, full=full, as_json=as_json)
+    show_result(result_of(run_folder, changes), full=full, as_json=as_json)
 
 
 def report(
@@ -95,7 +87,8 @@ def worst(
     from harness.studies.worst import worst as worst_of
 
     result = worst_of(load_run(run_folder), by, most, arm=arm, cell=cell, driver=driver)
-    show_result(result, result.closing, quiet=quiet, as_json=as_json)
+    replays = dict.fromkeys(record["replay"] for record in result.records)
+    show_result(result, replays, quiet=quiet, as_json=as_json)
 
 
 def replay(

@@ -73,18 +73,12 @@ def resume(
     """Continue an interrupted run or risk estimate."""
     from harness.results.folder import read_manifest
     from harness.scenario.study import study_from
-    from harness.studies.risk import estimate as risks
-    from harness.studies.running import run as runs
+    from harness.studies.risk.estimate import resumed
 
-    manifest = read_manifest(run_folder)
-    driven = study_from(manifest, str(run_folder)).driven
+    driven = study_from(read_manifest(run_folder), str(run_folder)).driven
     with progress_bar(quiet or as_json, "done") as advance, unwinding():
         cluster = _cluster(dask, workers, driven)
-        if manifest["kind"] == "risk":
-            result = risks.resume(run_folder, workers=workers, executor=cluster, progress=advance)
-        else:
-            run = runs.resume(run_folder, workers=workers, executor=cluster, progress=advance)
-            result = run.result()
+        result = resumed(run_folder, workers=workers, executor=cluster, progress=advance)
     show(result, [run_folder], full=full, quiet=quiet, as_json=as_json)
 
 

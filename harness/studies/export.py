@@ -154,7 +154,7 @@ def export(
         problem = "is of simulations" if passage else "is missing"
         raise InputError("passage=", problem, "of a simulation one that `harness worst` lists")
     if passage and free:
-        raise InputError("free=", "is of encounters", "recorded")
+        raise InputError("ego=free", "is of encounters", "recorded")
     title = f"{run.name}, cell {cell}, pair {pair}, {arm.value}'s arm"
     with TemporaryDirectory() as scratch:
         tables, differences = _tables(run, task, Path(scratch))
@@ -211,7 +211,7 @@ def _encounter(title: str, tables: Tables, scenario: Scenario, free: bool) -> Ex
     if not free:
         return Exported(title, network_of(scenario), [ego, *others], end_s)
     if not any(len(each.states) > 1 for each in people):
-        raise InputError("free=", "nobody walks in this arm of the pair", "another pair")
+        raise InputError("ego=free", "nobody walks in this arm of the pair", "another pair")
     away_m = ego.axle_m - float(x_m[0]) + _SLACK_M
     clock = (*frame.to_network(0.0, float(y_m[0])), away_m)
     movers, timeout_s = [replace(ego, states=states[:1]), *others], scenario.experiment.timeout_s

@@ -43,8 +43,7 @@ _STYLES = {
     "front_s": Style(digits=1),
     "share_strategy": Style(Form.SHARE, 0),
 }
-"""How the numbers beside the measure are written."""
-"""How numbers are written, but for the measure itself."""
+"""How numbers are written; any other measure has three digits."""
 
 _CAPPED = ("pet_s", "min_ttc_s")
 _FINAL = 1_000_000.0
@@ -62,7 +61,7 @@ def worst(
 ) -> Result:
     """The worst episodes of a run, or passages of simulations.
 
-    ``closing`` has the commands that show them in sumo-gui.
+    ``replay`` of a record is the command that shows it in sumo-gui.
 
     For a conflict measure (PET, DRAC …) crashes come first, sorted by impact speed.  For delay and
     pass time, time-outs come first; crashes are left out, because they have no such value.
@@ -86,7 +85,7 @@ def worst(
         raise unknown_name(f"by={by}", "measure", by, RANKED)
     if most < 1:
         raise InputError(f"most={most}", "is not accepted", "1 or more")
-    if arm not in (*Arm,):
+    if arm not in [*Arm]:
         raise unknown_name(f"arm={arm}", "arm", str(arm), [*Arm])
     if cell is not None and not 0 <= cell < len(run.study.cells):
         raise InputError(f"cell={cell}", "there is none", f"0 to {len(run.study.cells) - 1}")
@@ -167,10 +166,11 @@ def _result(run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm) -> Re
         number = row["cell"]
         chosen = f" --cell {number}" if several else ""
         place = f"{shlex.quote(str(run.path))}{chosen} --pair {row['pair']} --arm {arm}"
-        commands[f"harness replay {place} --gui"] = None
+        commands[command := f"harness replay {place} --gui"] = None
         found = {name: row[name] for name in headings if name in row}
         numbers = {name: Finding(found[name]) for name in styles if name in found}
-        records.append({"cell": number, **run.study.cells[number].varied, **found, **numbers})
+        varied = run.study.cells[number].varied
+        records.append({"cell": number, **varied, **found, **numbers, "replay": command})
     cells = tuple(
         tuple(
             Shown(value, styles[name]) if isinstance(value, Finding) else value

@@ -6,14 +6,15 @@ weights: what an episode with the event looks like, with both drivers.
 
 import json
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from scipy import stats
+from scipy import special
 from threadpoolctl import threadpool_limits
 
 from harness.core.encounter import Arm, Ending, Trace
@@ -27,6 +28,7 @@ from harness.results import folder as folders, tables
 from harness.results.catalogue import entries_of
 from harness.results.finding import Finding, Findings, Plain
 from harness.results.findings import CellFindings
+from harness.results.loaded_run import load_run
 from harness.results.notes import Note
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.scenario import Cell, EngineName, Study, validate
@@ -179,18 +181,20 @@ def risk(
     manifest = manifest_of(study, models, traces=False, engine=engine, pairs_per_part=0, risk=asked)
     path = claim_folder(out, f"{study.name}-risk")
     folders.write_manifest(path, manifest)
-    return resume(path, workers=workers, executor=executor, progress=progress)
+    return resumed(path, workers=workers, executor=executor, progress=progress)
 
 
-def resume(
+def resumed(
     path: Path,
     *,
     workers: int | None = None,
     executor: Executor | None = None,
     progress: runs.Progress = runs.quiet,
 ) -> Result:
-    """Continue an interrupted risk; parts that were lost or damaged are drawn again."""
+    """Continue an interrupted run or risk; parts that were lost or damaged are made again."""
     manifest, study = _read(path)
+    if manifest["kind"] != "risk":
+        return runs.resume(path, workers=workers, executor=executor, progress=progress).result()
     if folders.is_finished(path):
         return read_risk(path)
     scenario, asked, known = study.cells[0].scenario, manifest["risk"], manifest["simulated_with"]
@@ -265,7 +269,7 @@ def findings_of(rounds: Sequence[Units]) -> dict[str, Finding]:
     if total:
         cv, low, high = risk_draws.interval(value, weighted)
         largest = float(value.max()) / total
-        tails = stats.binom.sf(events - 1, draws, high), stats.binom.cdf(events, draws, low)
+        tails = special.bdtrc(events - 1, draws, high), special.bdtr(events, draws, low)
         doubts = {
             f"one draw holds {100 * largest:.0f} % of the estimate": largest > _LARGE_SHARE,
             f"the effective sample size is {size:.0f}": size < _SMALL_SAMPLE,
@@ -337,6 +341,13 @@ def _found_again(path: Path, manifest: folders.Manifest, study: Study) -> Findin
         advice = f"delete {folders.FINDINGS}; `{resume_command(path)}` draws them again"
         raise InputError(str(path / DRAWS), "parts are missing", advice)
     return findings_of(drawn)
+
+
+def result_of(path: Path, settings: Mapping[str, Any] | None = None) -> Result:
+    """What a run or a risk says; of a run also with other thresholds, see ``load_run``."""
+    if folders.read_manifest(path)["kind"] == "risk" and not settings:
+        return read_risk(path)
+    return load_run(path, settings).result()
 
 
 def read_risk(path: Path) -> Result:

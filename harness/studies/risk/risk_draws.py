@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from scipy import stats
+from scipy import special
 
 from harness.core.encounter import FloatArray
 from harness.core.seeding import stream
@@ -265,6 +265,6 @@ def interval(value: FloatArray, weighted: bool) -> tuple[float, float, float]:
     cv = float(value.std(ddof=1)) / math.sqrt(n) / p
     if not weighted:
         return cv, *clopper_pearson(int(np.count_nonzero(value)), n, CONFIDENCE)
-    quantile = float(stats.t.ppf((1 + CONFIDENCE) / 2, max(effective(value) - 1, 1)))
+    quantile = float(special.stdtrit(max(effective(value) - 1, 1), (1 + CONFIDENCE) / 2))
     factor = math.exp(quantile * math.hypot(cv, float(value.max()) / float(value.sum())))
     return cv, p / factor, min(1.0, p * factor)

@@ -126,11 +126,14 @@ def resume(
     """Continue an interrupted run; parts that were lost or damaged are simulated again.
 
     Raises:
-        InputError: the folder is no run, another process uses it, it has parts of another run, or
-            versions, strategies or the model differ from those of its beginning.
+        InputError: the folder is a risk or no run, another process uses it, it has parts of another
+            run, or versions, strategies or the model differ from those of its beginning.
     """
     path = Path(path)
     manifest = folders.read_manifest(path)
+    if manifest["kind"] == "risk":
+        allowed = f"a run; `{resume_command(path)}` continues this one"
+        raise InputError(str(path), "is a risk estimate", allowed)
     study = study_from(manifest, str(path / folders.MANIFEST))
     with at_work(path, study, workers, executor) as (folder, chosen):
         done, planned = _whole_parts(folder, study, manifest)

@@ -196,7 +196,7 @@ def dask_executor(address: str, drivers: Iterable[str]) -> Executor:
     """
     import logging
 
-    where = f"address={address}"
+    where = f"dask={address}"
     files = [*_own_modules(where, drivers)]
     try:
         from distributed import Client
