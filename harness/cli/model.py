@@ -2,6 +2,8 @@
 
 import shlex
 import sys
+from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from typing import Annotated
 
@@ -126,6 +128,7 @@ def validate(
         result = validated(
             data, format_, drivers.split(","), options.settings_of(settings), advance
         )
+    result = replace(result, facts={**result.facts, "date": date.today().isoformat()})
     if out is not None:
         from harness.report.page import write_result
 

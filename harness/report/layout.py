@@ -104,7 +104,7 @@ def _width(columns: Sequence[TextColumn], layout: _Layout) -> int:
 
 
 def _layouts(columns: Sequence[TextColumn], every: bool) -> Iterator[_Layout]:
-    """Yield layouts, the richest first; see ``_table``."""
+    """Yield layouts, the richest first; ``every``: with all intervals."""
     order = _interval_columns(columns)
 
     def gaps(count: int, gap: str = " ") -> tuple[str, ...]:
@@ -130,7 +130,8 @@ def _interval_columns(columns: Sequence[TextColumn]) -> list[int]:
 
 
 def drawn(columns: Sequence[TextColumn], layout: _Layout) -> RichTable:
-    drawn = RichTable(box=None, padding=(0, _BETWEEN, 0, 0), pad_edge=False)
+    """A table with the columns as a layout has them."""
+    table = RichTable(box=None, padding=(0, _BETWEEN, 0, 0), pad_edge=False)
     for column, gap in zip(columns, layout.gaps, strict=True):
         heading, width, least = column.heading, None, None
         if layout.wrapped != "nothing":
@@ -138,13 +139,13 @@ def drawn(columns: Sequence[TextColumn], layout: _Layout) -> RichTable:
             # Rich narrows the widest columns first, so only long texts may become narrower.
             if width < column.width(gap, "headings"):
                 width, least = None, width
-        drawn.add_column(
+        table.add_column(
             Text(heading), overflow="fold", vertical="bottom", width=width, min_width=least
         )
     texts = (column.texts(gap) for column, gap in zip(columns, layout.gaps, strict=True))
     for row in zip(*texts, strict=True):
-        drawn.add_row(*map(Text, row))
-    return drawn
+        table.add_row(*map(Text, row))
+    return table
 
 
 def bounds_of(blocks: Sequence[Block]) -> list[str]:

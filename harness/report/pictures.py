@@ -25,7 +25,7 @@ from harness.report.style import HEIGHT_INCH, MUTED, SERIES, new_figure
 from harness.report.words import counted, level_text, plain_text
 from harness.results.catalogue import ENTRY_OF
 from harness.results.estimators import CONFIDENCE
-from harness.results.finding import Finding, Form, as_number
+from harness.results.finding import Finding, Form
 from harness.results.findings import CellFindings
 from harness.results.loaded_run import Run
 from harness.results.result import Result, Shown
@@ -33,6 +33,7 @@ from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
 from harness.site.town import Town
 from harness.strategies.references import is_the_papers
 from harness.strategies.registry import aggressiveness_of
+from harness.studies.allowed import as_number
 
 if TYPE_CHECKING:
     from harness.report.shown import ShownPair

@@ -1,1 +1,1 @@
-"""From rows to findings: tables and parts, estimators, the catalogue, notes, comparisons."""
+"""From rows to findings: tables and parts, estimators, the catalogue, notes, results."""

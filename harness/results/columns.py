@@ -36,12 +36,13 @@ class Sample(dict[str, np.ndarray]):
 
     def __missing__(self, name: str) -> np.ndarray:
         if name in COLUMNS:
-            self[name] = COLUMNS[name](self)
+            found = np.asarray(COLUMNS[name](self))
         else:
             values = self._episodes[name]
             words = pa.types.is_string(values.type)
-            self[name] = np.reshape(values if words else values.cast(pa.float64()), (-1, 2)).T
-        return self[name]
+            found = np.reshape(values if words else values.cast(pa.float64()), (-1, 2)).T
+        found.setflags(write=False)
+        return self.setdefault(name, found)
 
     @cached_property
     def samplings(self) -> tuple[Sampling, Sampling]:

@@ -83,8 +83,7 @@ def coefficient_of_variation(values: FloatArray, sampling: Sampling) -> Finding:
 
     def of(means: FloatArray) -> FloatArray:
         variance = np.maximum(means[1] - means[0] ** 2, 0.0)
-        found: FloatArray = np.sqrt(variance) / (centre + means[0])
-        return found
+        return np.asarray(np.sqrt(variance) / (centre + means[0]))
 
     deviations = values - centre  # whose squares lose no digits
     return _of_means(np.array([deviations, deviations**2]), of, values, sampling)
@@ -110,9 +109,8 @@ def ratio(numerators: FloatArray, denominators: FloatArray, sampling: Sampling) 
     if counting < 2:  # its residuals are 0, as if all were equal
         return Finding(value, n=counting, reason=FEW if sampling.rng else None)
     residuals = above - value * below
-    return _of_means(
-        np.array([above, below]), lambda means: means[0] / means[1], residuals, sampling
-    )
+    both = np.array([above, below])
+    return _of_means(both, lambda means: means[0] / means[1], residuals, sampling)
 
 
 def root_mean_square(values: FloatArray, steps: FloatArray, sampling: Sampling) -> Finding:

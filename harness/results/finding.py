@@ -82,11 +82,6 @@ Findings = Mapping[str, Finding]
 """The findings of one cell by key, in the catalogue's order."""
 
 
-def as_number(value: Plain) -> float | None:
-    """A value of a scenario's key if it is a number."""
-    return None if value is None or isinstance(value, str | bool) else float(value)
-
-
 def finding_to_dict(finding: Finding) -> dict[str, Plain]:
     """A finding for JSON; fields that are None are left out, except ``value``."""
     named = {field.name: getattr(finding, field.name) for field in fields(finding)}

@@ -130,6 +130,7 @@ class SimulationSample(dict[str | Of, np.ndarray]):
         values = self._found(own) if isinstance(own, Of) else own(self)
         if name not in ("every", "failed"):
             values = np.where(self["failed"].any(axis=0), np.nan, values)
+        values.setflags(write=False)
         return self.setdefault(name, values)
 
     def _found(self, of: Of) -> FloatArray:

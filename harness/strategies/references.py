@@ -5,10 +5,12 @@ and date.
 """
 
 import json
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from harness.core.documents import frozen_tables
 from harness.scenario import Scenario, load_scenario
 from harness.strategies.parameters import defaults_of
 from harness.strategies.registry import STRATEGIES
@@ -22,13 +24,13 @@ FILE = Path(__file__).with_name("validated.json")
 
 
 @cache
-def known() -> dict[str, Any]:
+def known() -> Mapping[str, Any]:
     """The result of ``harness validate``, and the ratios of times of runs."""
-    results: dict[str, Any] = json.loads(FILE.read_text(encoding="utf-8"))
+    results: Mapping[str, Any] = frozen_tables(json.loads(FILE.read_text(encoding="utf-8")))
     return results
 
 
-def recorded() -> dict[str, dict[str, Any]]:
+def recorded() -> dict[str, Mapping[str, Any]]:
     """What each driver reached in place of recorded ones."""
     return {record["driver"]: record for record in known()["validation"]["records"]}
 
@@ -104,10 +106,10 @@ def opposite(scenario: Scenario, time_ratio: float) -> str | None:
 
 
 @cache
-def _studied() -> list[tuple[dict[str, Any], str]]:
+def _studied() -> tuple[tuple[Mapping[str, Any], str], ...]:
     rows = known()["runs"]
     scenarios = (load_scenario(row["scenario"], row["settings"]) for row in rows)
-    return [(row, _but_for_arms(of)) for row, of in zip(rows, scenarios, strict=True)]
+    return tuple((row, _but_for_arms(of)) for row, of in zip(rows, scenarios, strict=True))
 
 
 def _but_for_arms(scenario: Scenario) -> str:

@@ -1,1 +1,1 @@
-"""Runs of encounters: tasks, workers, parts; replays, candidates, and the worst episodes."""
+"""What is done with scenarios and folders: runs, comparisons, risks, models, exports, checks."""

@@ -13,7 +13,7 @@ from harness.core.errors import InputError
 from harness.core.seeding import resampling
 from harness.results import estimators
 from harness.results.columns import AV
-from harness.results.finding import Finding, Form, as_number
+from harness.results.finding import Finding, Form, Plain
 from harness.results.result import Column, Shown, Style, Table
 from harness.scenario.place import name_of
 
@@ -24,6 +24,11 @@ RELIABLE_FROM = 2_000
 """Informative pairs from which on the bound of μ is reliable; an unreliable one decides nothing."""
 
 Judgement = Literal["allowed", "denied", "undecided"]
+
+
+def as_number(value: Plain) -> float | None:
+    """A value of a scenario's key if it is a number."""
+    return None if value is None or isinstance(value, str | bool) else float(value)
 
 
 class Judged(NamedTuple):

@@ -13,7 +13,7 @@ from threading import Thread
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from harness.core.encounter import SPEED_ROUNDING, Arm, Arrival, Ending, Observation, Side
+from harness.core.encounter import SPEED_ROUNDING, Arm, Arrival, Ending, Observation, Side, Trace
 from harness.core.errors import in_one_line
 from harness.encounter.arms import make_strategy
 from harness.encounter.cell_constants import constants_of
@@ -42,7 +42,7 @@ _WEAK = {"initial_speed_mps": 16.0, "trigger_range_m": 60.0, "max_deceleration_m
 _SHORT = {"detection_range_m": 10.0}
 
 # fmt: off
-SCENES: dict[str, Scene] = {
+SCENES = MappingProxyType[str, Scene]({
     _EMPTY: Scene(()),
     "a slow pedestrian from the far side": Scene(((0.0, _FAR, 0.5),)),
     "a running pedestrian": Scene(((4.0, _NEAR, 3.0),)),
@@ -53,7 +53,7 @@ SCENES: dict[str, Scene] = {
     "a pedestrian who steps off as the ego passes": Scene(((5.5, _FAR, 0.6),)),
     "pedestrians who wait": Scene(((3.8, _NEAR, 1.2), (4.5, _FAR, 1.2)), kerb_wait_s=2.0),
     "a fast ego with weak brakes": Scene(((0.0, _NEAR, 1.0), (2.0, _FAR, 1.0)), _WEAK),
-}
+})
 # fmt: on
 
 _PLAYS = [(scene, step_s) for scene in SCENES for step_s in (0.1, 0.05)]
@@ -101,6 +101,8 @@ class Play:
         self.scene, self.step_s = scene, step_s
         self.observations: list[Observation] = []
         self.answers: list[Any] = []
+        self._decide: Callable[[Observation], float]
+        self.trace: Trace
 
     def by(self, strategy: str, base: Scenario, model: InteractionModel) -> "Play":
         """Play it with the parameters, crosswalk, ego and actuation of a scenario.
@@ -191,11 +193,12 @@ def check_strategy(
     # A daemon thread that hangs does not keep the process alive.
     Thread(target=play_all, daemon=True).start()
     if not wait([done], timeout=limit_s).done:
-        if plays[0].answers:
+        if plays and plays[0].answers:
             late = plays[-1].stopped(f"not all scenes were played within {limit_s:g} s")
         else:
             problem = f"no answer to the first observation within {limit_s:g} s"
-            problem += ": is the program's output flushed?" * is_program(name)
+            if is_program(name):
+                problem += ": is the program's output flushed?"
             late = BrokenRuleError(problem, rule=_SURVIVES)
         return _verdicts([], late)
     error = done.exception()

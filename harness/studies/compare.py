@@ -32,6 +32,7 @@ MOST_ROWS = 40
 """Rows of the first screen; JSON, CSV and ``--full`` have all."""
 
 SIGNIFICANT = 0.05
+"""A note says who crashes more often if the adjusted p is below it."""
 
 _SAME, _RESOLUTION = 1e-9, 1e-9
 
@@ -187,10 +188,10 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     facts: dict[str, Plain] = {"seed": runs[0].manifest["seed"], "confidence": confidence}
     facts |= {each.title: each.values for each in judged}
     more = len(rows) - MOST_ROWS
+    counted = "1 comparison" if len(rows) == 1 else f"{len(rows):,} comparisons"
     return Result(
         command="compare",
-        title=f"{runs[0].name}: {len(rows):,} comparison{'s' * (len(rows) != 1)}, pair by pair, of "
-        f"{drivers(cells)}",
+        title=f"{runs[0].name}: {counted}, pair by pair, of {drivers(cells)}",
         scope=f"{scope_of(cells, facts)}; p by Holm over the table",
         about=place_in_words([cell.scenario for cell in cells]),
         screen=_screen(rows[:MOST_ROWS], p_holm[kind.differences[0].key], kind),

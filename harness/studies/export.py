@@ -28,6 +28,7 @@ from harness.core.encounter import (
     Leg,
     Side,
     Walk,
+    freeze_arrays,
 )
 from harness.core.errors import InputError
 from harness.core.files import cannot_write, write_file
@@ -83,6 +84,10 @@ class Entity:
     appears_s: float = 0.0
     leaves_s: float | None = None
     limits_mps2: Sequence[float] = ()
+
+    def __post_init__(self) -> None:
+        """Make the states read-only."""
+        freeze_arrays(self, "states")
 
     @property
     def axle_m(self) -> float:

@@ -44,7 +44,7 @@ class PairOutcome:
 
     @cached_property
     def traces(self) -> "pd.DataFrame":
-        """One row per arm, step and object, as in ``Run.traces``."""
+        """One row per arm, step and object, as in ``run.table("traces")``."""
         frame: pd.DataFrame = trace_rows(0, [self.av, self.human]).to_pandas()
         return frame
 

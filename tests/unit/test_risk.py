@@ -284,7 +284,7 @@ def test_the_sampled_uniforms_are_those_of_people_strategy_and_perception() -> N
     assert space.marks == (*person, "perception_error")
     assert len(space.by_chance) == 2
     # Two people: each has one uniform of every stream, and two errors in a row.
-    people = space.crowd(np.random.default_rng(1))[:2]
+    people = space.crowd(np.random.default_rng(1))[:2].copy()
     people[:, 6] = 0.5, 1.5
     errors = space.given(np.empty(0), people, 0)["perception_error"]
     assert errors[1::2] == pytest.approx(stats.norm.cdf([0.5, 1.5]))

@@ -190,6 +190,7 @@ class _Record:
         begun = slice(first, first + near)
         speed = np.polyfit(time_s[begun], x_m[begun], min(2, near - 1))[-2]
         start_mps = round(max(0.0, float(speed)), 9)
+        states.setflags(write=False)
         return RecordedPassage(
             (self.clip.source, self.clip.name, self.key),
             replace(

@@ -7,7 +7,6 @@ intervals over vehicles, because the passages of one vehicle are not independent
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -157,7 +156,7 @@ def _result(
     vehicles = len({passage.vehicle_id for passage in passages})
     encounters = sum(len(passage.to_come) for passage in passages)
     facts = {**known, "passages": len(passages), "vehicles": vehicles, "encounters": encounters}
-    facts |= {"date": date.today().isoformat(), **versions_of_fits()}
+    facts |= versions_of_fits()
     rows = (
         (of["driver"], *(Shown(of[column.key], style) for column, style in COLUMNS.items()))
         for of in records

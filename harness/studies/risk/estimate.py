@@ -382,7 +382,7 @@ def read_risk(path: Path) -> Result:
         screen=Table("", columns, tuple(numbers)),
         full=(),
         notes=tuple(risk_notes(found, space_of(scenario, arm), asked["target_cv"])),
-        closing=(shown,) * (found["probability"].value is not None),
+        closing=() if found["probability"].value is None else (shown,),
         facts=facts,
         records=[{"event": asked["event"], "strategy": scenario.arms.driver(arm), **found}],
     )

@@ -136,6 +136,7 @@ def draw_units(
         nominal = uniform[:, 0] < NOMINAL_SHARE
         drawn = proposal.fixed.given(f[:, :0]).points(uniform[:, 1], f)
         f = np.where(nominal[:, None], f, drawn)
+    f.setflags(write=False)
     begun = [
         DrawInputs(unit, FIRST_NUMBER + round_ * _NUMBERS + unit, fixed, space.crowd(rng))
         for unit, fixed, rng in zip(units, f, rngs, strict=True)
@@ -201,6 +202,7 @@ def _placed(
         people = begun[k].people
         place = int(np.searchsorted(people[:, 0], arrival))
         joined = np.concatenate([people[:place], [[arrival, *marks]], people[place:]])
+        joined.setflags(write=False)
         again.append(begun[k]._replace(people=joined, asked=place))
     return np.column_stack([known, who])[inside], row[inside].tolist(), again
 
@@ -224,6 +226,8 @@ class Units:
             np.bincount(pair[of], weight[of], count).astype(float) for of in (event, failed)
         )
         self.weights = weight[event]
+        for sums in (self.value, self.failed, self.weights):
+            sums.setflags(write=False)
         self.uniforms = rows.filter(pa.array(event))["uniforms"].to_pylist()
         self.draws, self.events = (int(np.sum(nominal & of)) for of in (~failed, event))
         self.episodes, self.timed_out_episodes = (

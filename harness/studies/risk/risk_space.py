@@ -137,7 +137,9 @@ class Space(NamedTuple):
         """The people of a nominal flow."""
         count = int(rng.poisson(self.rate_per_s * self.window_s))
         arrivals_s = np.sort(rng.random(count)) * self.window_s
-        return np.column_stack([arrivals_s, rng.standard_normal((count, len(self.marks)))])
+        people = np.column_stack([arrivals_s, rng.standard_normal((count, len(self.marks)))])
+        people.setflags(write=False)
+        return people
 
     def given(self, fixed: FloatArray, people: FloatArray, number: int) -> Given:
         """The uniforms by purpose; they replace the first draws of each stream.
@@ -189,8 +191,8 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     misses, drops = perception.detection_probability < 1, perception.dropout_probability > 0
     errs = perception.position_sd_m > 0 or perception.speed_sd_mps > 0
     hides = perception.occlusion and bool(scenario.obstacles())
-    seen: list[Purpose] = ["redetection"] * (misses and (drops or hides))
-    seen += ["perception_error"] * (2 * errs)
+    seen: list[Purpose] = ["redetection"] if misses and (drops or hides) else []
+    seen += ["perception_error", "perception_error"] if errs else []
     chosen: dict[Purpose, bool] = {
         "side": True,
         "quantile": True,
@@ -203,7 +205,7 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     each = [purpose for purpose, is_drawn in chosen.items() if is_drawn]
     timed, most = len(scenario.timed_walks()), people.max_count
     first = int(people.first_at_trigger and most != 0)
-    fixed: list[Purpose] = ["timed_detection"] * (timed * misses)
+    fixed: list[Purpose] = ["timed_detection"] * timed if misses else []
     fixed += each * first + seen * (timed + first)
     if drawing := draws(scenario, arm):
         fixed += [draws_from(scenario, arm)] * GIVEN_DRAWS
