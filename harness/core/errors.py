@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Self
 
 _FRAMES = 20
 """Number of a strategy's innermost traceback frames that are kept."""
@@ -43,13 +44,13 @@ class InputError(HarnessError):
             parts.append(f"did you mean {nearest!r}?")
         super().__init__(one_line("; ".join(parts)))
 
-    def at(self, where: str) -> "InputError":
+    def at(self, where: str) -> Self:
         """The same error at another place."""
-        return InputError(where, self.problem, self.allowed, self.nearest)
+        return type(self)(where, self.problem, self.allowed, self.nearest)
 
-    def __reduce__(self) -> tuple[type["InputError"], tuple[str | None, ...]]:
+    def __reduce__(self) -> tuple[type[Self], tuple[str | None, ...]]:
         """Its parts, so that it may come from another process."""
-        return InputError, (self.where, self.problem, self.allowed, self.nearest)
+        return type(self), (self.where, self.problem, self.allowed, self.nearest)
 
 
 class EngineError(HarnessError):
@@ -73,9 +74,9 @@ class StrategyError(HarnessError):
             lines = traceback.format_exception(type(cause), cause, frames, limit=-_FRAMES)
             self.traceback = "".join(lines)
 
-    def at(self, where: str) -> "StrategyError":
+    def at(self, where: str) -> Self:
         """The same error with a place before its message."""
-        error = StrategyError(f"{where}: {self}")
+        error = type(self)(f"{where}: {self}")
         error.traceback = self.traceback
         return error
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from harness.core.encounter import Arrival, Side
-from harness.engine.session import KEEP_ROUTE, MATCH_THRESHOLD_M, NO_ANGLE, Session, lane_of
+from harness.engine.session import Session, lane_of
 from harness.site.road_frame import RoadFrame
 
 WALKER = "walker"
@@ -28,7 +28,7 @@ class HeldPeople:
     """
 
     def __init__(self, session: Session, frame: RoadFrame, length_m: float) -> None:
-        self._session, self._people, self._move = session, session.people, session.move
+        self._session, self._people, self._move = session, session.people, session.move_person
         # Both footpaths lead from the near side to the far side.
         near_m = session.lane_length_m(lane_of("near")) - _BESIDE_M
         self._places = {Side.NEAR: ("near", near_m), Side.FAR: ("far", _BESIDE_M)}
@@ -57,12 +57,11 @@ class HeldPeople:
         origin_x, origin_y, across_x, across_y = self._line
         move, ids, waiting = self._move, self.ids, self._waiting
         for index, y in places:
-            x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
-            move(ids[index], "", x_net, y_net, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
+            move(ids[index], origin_x + across_x * y, origin_y + across_y * y)
             if waiting:
                 waiting.pop(index, None)
         for index, (x_net, y_net) in waiting.items():
-            move(ids[index], "", x_net, y_net, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
+            move(ids[index], x_net, y_net)
 
     def announce(self, until_s: float) -> None:
         """Insert the pedestrians who arrive by ``until_s``; after the step they are waiting."""

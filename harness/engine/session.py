@@ -26,17 +26,12 @@ _YIELDING = 31
 _NO_COMMAND = -1.0
 """The speed that gives a vehicle back to SUMO's driver."""
 
-NO_ANGLE = -1073741824.0
+_NO_ANGLE = -1073741824.0
 """SUMO's INVALID_DOUBLE_VALUE: the angle follows from the movement."""
-
-KEEP_ROUTE = 2
+_KEEP_ROUTE = 2
 """The person may leave their route."""
-
-MATCH_THRESHOLD_M = 1.0
-"""Distance within which SUMO searches for a lane.
-
-These three arguments are separate, because unpacking a tuple costs 1 % of a step.
-"""
+_MATCH_THRESHOLD_M = 1.0
+"""Distance within which SUMO searches for a lane."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,8 +141,10 @@ class Session:
         lane_length_m: the length of a lane.
         step_s: length of a step.
         time_s: the time at the end of the last step.
-        lost, advance, move: SUMO's exceptions, and its functions for a step and for a person's
-            place; for the loop of an encounter in ``control`` and ``people`` only.
+        move_person: puts a person who exists on a point of a crosswalk's axis, 0.05 m or more from
+            its ends; SUMO ends the process if the person does not exist.
+        lost, advance: SUMO's exceptions, and its function for a step; for the loop of an encounter
+            in ``control`` only.
 
     Raises:
         EngineError: SUMO does not start, or another simulation runs in this process.
@@ -170,7 +167,7 @@ class Session:
         self.vehicles_on = self._function("edge", "getLastStepVehicleIDs")
         self.people_on: Callable[[str], Sequence[str]]
         self.people_on = self._function("edge", "getLastStepPersonIDs")
-        self.move = self._function("person", "moveToXY")
+        self.move_person = _mover(self._function("person", "moveToXY"))
         self.lane_length_m: Callable[[str], float] = self._function("lane", "getLength")
         self._leader = self._function("vehicle", "getLeader")
         self._best_lanes = self._function("vehicle", "getBestLanes")
@@ -298,13 +295,6 @@ class Session:
         """
         self._api.person.add(name, edge, position_m, depart=_DEPART_NOW, typeID=type_id)
 
-    def move_person(self, name: str, x: float, y: float) -> None:
-        """Put a person who exists on a point of a crosswalk's axis, 0.05 m or more from its ends.
-
-        SUMO ends the process if the person does not exist.
-        """
-        self.move(name, "", x, y, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
-
     def vehicle_types(self) -> Mapping[str, VehicleType]:
         """Every type of vehicles, by its id."""
         of = self._api.vehicletype
@@ -324,6 +314,12 @@ class Session:
         # The user may have closed the window.
         with contextlib.suppress(self._api.FatalTraCIError):
             self._api.close()
+
+
+def _mover(move: Callable[..., object]) -> Callable[[str, float, float], object]:
+    """SUMO's function for a person's place, with its arguments that are always the same."""
+    angle, route, reach_m = _NO_ANGLE, _KEEP_ROUTE, _MATCH_THRESHOLD_M
+    return lambda name, x, y: move(name, "", x, y, angle, route, reach_m)
 
 
 def interface(module: Module) -> Any:

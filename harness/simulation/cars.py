@@ -144,11 +144,11 @@ class Passage:
     centre_m: float = field(init=False)
 
     def __post_init__(self) -> None:
-        """See ``_place``."""
+        """Place the crosswalk on the odometer."""
         self._place()
 
     def _place(self) -> None:
-        """Compute the odometer where the body first and last touches it, and at x = 0."""
+        """The odometer where the body first and last touches the crosswalk, and at x = 0."""
         self.crossing = self.zone.crossing
         self.first_m = self.stop_m + self.zone.first_m
         self.last_m = self.stop_m + self.zone.last_m
@@ -187,13 +187,13 @@ class Passage:
 
     def begin(self, time_s: float, range_m: float) -> None:
         """Begin with the last state and R0 = ``range_m``, at the limit before the junction."""
-        zone, self.begun, self.begin_s = self.zone, True, time_s
+        self.begun, self.begin_s = True, time_s
         self.first, self.limited = len(self.car.speeds_mps) - 1, tuple(self.car.limited)
         self.vehicle = replace(
             self.car.vehicle,
             initial_speed_mps=max(self.car.limit_mps(self.connection.limit_mps), 0.1),
-            length_m=zone.body_m,
-            width_m=zone.width_m,
+            length_m=self.zone.body_m,
+            width_m=self.zone.width_m,
             trigger_range_m=range_m,
         )
 

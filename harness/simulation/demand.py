@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.core.encounter import ROUNDING, SECONDS_PER_HOUR
+from harness.core.errors import EngineError
 from harness.core.seeding import stream
 from harness.engine.configuration import SumoConfig, write_options, write_xml
 from harness.engine.network import network_of
@@ -23,13 +24,13 @@ from harness.scenario.traffic import TrafficSection
 
 NET_FILE, ROUTES_FILE, TRAFFIC_FILE = "road.net.xml", "vehicles.rou.xml", "traffic.sumocfg"
 
-
 CAR = "car"
 """The vehicles' type."""
 
 _DIRECTIONS = ("", "oncoming_")
 """How the names of the edges of a direction begin; its place numbers its streams."""
 _LEAST_CLEARING_S = 900.0
+"""Time for the road to empty after the counted time, at least."""
 _SATURATED = 0.9
 """In a saturated lane a vehicle is due after this share of the least headway: one always waits."""
 _STANDS_NEARER_M = {"IDM": 0.4}
@@ -42,12 +43,7 @@ _OPTIONS = {
     "collision.action": "warn",
     "time-to-teleport": "-1",
 }
-_STAYS_IN_LANE = {
-    "lcStrategic": -1,
-    "lcCooperative": -1,
-    "lcSpeedGain": 0,
-    "lcKeepRight": 0,
-}
+_STAYS_IN_LANE = {"lcStrategic": -1, "lcCooperative": -1, "lcSpeedGain": 0, "lcKeepRight": 0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +80,9 @@ def write_demand(scenario: Scenario, pair: int, seed: int, folder: Path) -> Sumo
     folder.mkdir(parents=True, exist_ok=True)
     # Their limit of 100 m/s serves encounters; with the real one SUMO's time losses are right.
     net = network_of(scenario).read_text(encoding="utf-8")
-    limited = re.sub(r'speed="100(\.0+)?"', f'speed="{scenario.speed_limit_mps!r}"', net)
+    limited, lanes = re.subn(r'speed="100(\.0+)?"', f'speed="{scenario.speed_limit_mps!r}"', net)
+    if not lanes:
+        raise EngineError(f"{NET_FILE}: netconvert wrote no lane with a limit of 100 m/s")
     (folder / NET_FILE).write_text(limited, encoding="utf-8")
     write_xml(folder / ROUTES_FILE, _routes(scenario, pair))
     options = {

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from harness.core.encounter import SECONDS_PER_HOUR
-from harness.engine.configuration import SumoConfig, people_in, read_config, write_xml
+from harness.engine.configuration import SumoConfig, elements_of, people_in, read_config, write_xml
 from harness.engine.session import lane_of
 from harness.scenario.sections import EgoSection
 from harness.simulation.arm_configuration import run_untouched
@@ -94,17 +94,16 @@ def _counts(config: SumoConfig, folder: Path) -> Counts:
     for who, people in _COUNTED.items():
         values = {"id": who, "file": f"{who}.xml", "detectPersons": people}
         ET.SubElement(asked, "laneData", values, withInternal="true", excludeEmpty="true")
-    file, counts = folder / "counted.add.xml", dict[str, dict[str, float]]()
+    file, counts = folder / "counted.add.xml", {who: dict[str, float]() for who in _COUNTED}
     write_xml(file, asked)
     run_untouched(config, folder, {"additional-files": str(file)})
-    for who in _COUNTED:
-        for interval in ET.parse(folder / f"{who}.xml").iter("interval"):
-            begin_s, end_s = (float(interval.attrib[name]) for name in ("begin", "end"))
-            hours = (end_s - begin_s) / SECONDS_PER_HOUR
-            counts[who] = {
-                lane.attrib["id"]: float(lane.get("entered", 0)) / hours
-                for lane in interval.iter("lane")
-            }
+    for who, entered in counts.items():
+        for each in elements_of(folder / f"{who}.xml"):
+            if each.tag == "interval":
+                begin_s, end_s = (float(each.attrib[name]) for name in ("begin", "end"))
+            elif each.tag == "lane":
+                hours = (end_s - begin_s) / SECONDS_PER_HOUR
+                entered[each.attrib["id"]] = float(each.get("entered", 0)) / hours
     return counts
 
 

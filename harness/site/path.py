@@ -28,7 +28,7 @@ class Lane(NamedTuple):
         id: its id.
         shape: the points of its centre line, x and y in m; at least two.
         length_m: SUMO's length, which may differ from that of the shape.
-        limit_mps: its speed limit.
+        limit_mps: its speed limit; infinite for a crosswalk, which has none.
         width_m: its width; without it SUMO's default.
     """
 

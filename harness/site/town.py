@@ -1,8 +1,9 @@
 """Every crosswalk of a SUMO network, and the connections of lanes whose vehicles pass it."""
 
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -15,7 +16,6 @@ from harness.site.path import FrontPath, Lane
 
 if TYPE_CHECKING:
     from sumolib.net import Net
-    from sumolib.net.connection import Connection as NetConnection
     from sumolib.net.edge import Edge
     from sumolib.net.lane import Lane as NetLane
     from sumolib.net.node import Node
@@ -93,7 +93,7 @@ class Crosswalk:
     prioritized: bool = False
     signalled: bool = False
     roads: Sequence[str] = ()
-    areas: Mapping[str, bool] = field(default_factory=dict)
+    areas: Mapping[str, bool] = MappingProxyType({})
     junction: Sequence[Connection] = ()
 
     @cached_property
@@ -104,7 +104,7 @@ class Crosswalk:
     @cached_property
     def line(self) -> FrontPath:
         """The axis; s is 0 at its beginning."""
-        return FrontPath.along([Lane(self.id, [*self.axis.coords], self.length_m, 0.0)], 0)
+        return FrontPath.along([Lane(self.id, [*self.axis.coords], self.length_m, math.inf)], 0)
 
     @cached_property
     def area(self) -> shapely.Polygon:
@@ -112,9 +112,9 @@ class Crosswalk:
         return self.axis.buffer(self.width_m / 2, cap_style="flat")
 
     @cached_property
-    def connections(self) -> Sequence[Connection]:
+    def connections(self) -> tuple[Connection, ...]:
         """The connections for vehicles on which a long body may touch it."""
-        return [each for each in self.junction if self.area.dwithin(each.line, _NEAR_M)]
+        return tuple(each for each in self.junction if self.area.dwithin(each.line, _NEAR_M))
 
     @property
     def over(self) -> Sequence[Connection]:
@@ -168,13 +168,12 @@ class Town:
             network = sumolib.net.readNet(
                 net, withPedestrianConnections=True, withFoes=True, lxml=False, maxcache=0
             )
-            links = {node: _links(network, node) for node in network.getNodes()}
+            passing = {node: (*_passing(network, node),) for node in network.getNodes()}
         except OSError as error:
             raise InputError(str(net), f"cannot be read ({error.strerror or error})") from None
         # sumolib does not check that a file is whole, nor that what it names exists.
         except Exception as error:
             raise InputError(str(net), f"is not a complete SUMO network ({error})") from None
-        passing = {node: [*_passing(node, found)] for node, found in links.items()}
         crosswalks = [
             _crosswalk(edge, passing[edge.getToNode()], left_hand)
             for edge in network.getEdges()
@@ -213,32 +212,21 @@ def _lane(lane: "NetLane") -> Lane:
     return Lane(lane.getID(), lane.getShape(), length_m, limit_mps, width_m)
 
 
-_Link = tuple[int, "NetConnection", list["NetLane"]]
-
-
-def _links(net: "Net", node: "Node") -> list[_Link]:
-    """The connections for vehicles through a junction: number, connection and inner lanes."""
-    return [
-        (node.getLinkIndex(link), link, _via(net, link.getViaLaneID()))
+def _passing(net: "Net", node: "Node") -> Iterator[Connection]:
+    """The connections for vehicles through a junction."""
+    links = {
+        link: _via(net, link.getViaLaneID())
         for link in node.getConnections()
         if link.getViaLaneID() and _on_road(link.getFromLane()) and _on_road(link.getToLane())
-    ]
-
-
-def _passing(node: "Node", links: Sequence[_Link]) -> Iterator[Connection]:
-    """The connections for vehicles through a junction."""
-    numbers = {number for number, *_ in links}
-    for number, link, via in links:
+    }
+    for link, via in links.items():
         before = link.getFromLane()
-        # sumolib has no public function for it; the last bit is that of the first link.
-        response: str = node._prohibits.get(number, "")[::-1]
-        yields_to = {index for index, bit in enumerate(response) if bit == "1"}
         yield Connection(
             from_lane=before.getID(),
             via=tuple(lane.getID() for lane in via),
             to_lane=link.getToLane().getID(),
             manoeuvre=_WAYS.get(link.getDirection(), "turn"),
-            gives_way=not yields_to.isdisjoint(numbers),
+            gives_way=node.hasFoes() and any(node.forbids(other, link) for other in links),
             line=shapely.LineString([point for lane in via for point in lane.getShape()]),
             limit_mps=before.getSpeed(),
             refused=SIGNAL if link.getTLSID() else RAIL if _classes(via[0]) <= _RAIL else None,
@@ -257,7 +245,7 @@ def _crosswalk(edge: "Edge", junction: Sequence[Connection], left_hand: bool) ->
         left_hand=left_hand,
         prioritized=any(link.getState() == "M" for link in walked),
         signalled=any(link.getTLSID() for link in walked),
-        roads=[road.getID() for road in edge.getCrossingEdges()],
+        roads=tuple(road.getID() for road in edge.getCrossingEdges()),
         areas=MappingProxyType(ends),
         junction=junction,
     )

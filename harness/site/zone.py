@@ -12,11 +12,13 @@ from harness.site.path import FrontPath
 from harness.site.town import Crosswalk
 
 _SAMPLE_M = 0.2
+"""Distance of the places at which it is first asked whether the body touches the crosswalk."""
 _MARGIN_M = 10.0
 """Length of the path that is searched before the stop line, and beyond the junction."""
 _SHORT_M = 0.5
 """Length of the path that shows its direction."""
 _STEP_S = 0.1
+"""Step of a simulation that has to see the vehicle on the crosswalk."""
 _REFINEMENTS = 4
 """Each makes a sample 32 times finer; four end at 0.2 µm."""
 
@@ -29,7 +31,7 @@ class Zone:
 
     y is the position along the crosswalk: 0 at the near kerb, which is the one on the side of the
     road on which traffic keeps (the vehicle's right; in a left-hand network its left), and
-    ``crosswalk_m`` at the other one.
+    ``crossing.length_m`` at the other one.
 
     Attributes:
         first_m: s of the front at which the body first touches the crosswalk.
