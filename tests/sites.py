@@ -16,6 +16,13 @@ def frame_of(crossing: CrossingSection) -> RoadFrame:
     return RoadFrame.of(crossing.bearing_deg, crossing.length_m)
 
 
+def to_road(frame: RoadFrame, x_m: float, y_m: float) -> tuple[float, float]:
+    """Where a point of the network is in the road frame: turned back about the frame's origin."""
+    turned = complex(x_m - frame.origin_x_m, y_m - frame.origin_y_m)
+    turned /= complex(frame.along_x, frame.along_y)
+    return turned.real, turned.imag
+
+
 def shipped_nets() -> dict[str, Path]:
     """Every shipped network, by the stem of its files' names."""
     return {net.name.removesuffix(".net.xml"): net for net in sorted(NETWORKS.glob("*/*.net.xml"))}

@@ -41,11 +41,3 @@ class RoadFrame:
             self.origin_x_m + x_m * self.along_x - y_m * self.along_y,
             self.origin_y_m + x_m * self.along_y + y_m * self.along_x,
         )
-
-    def to_road(self, x_m: Numbers, y_m: Numbers) -> tuple[Numbers, Numbers]:
-        """Road-frame coordinates (m) of points of the network (m); inverse of `to_network`."""
-        east, north = x_m - self.origin_x_m, y_m - self.origin_y_m
-        return (
-            east * self.along_x + north * self.along_y,
-            north * self.along_x - east * self.along_y,
-        )

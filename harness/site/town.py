@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -93,7 +93,7 @@ class Crosswalk:
     prioritized: bool = False
     signalled: bool = False
     roads: Sequence[str] = ()
-    areas: Mapping[str, bool] = MappingProxyType({})
+    areas: Mapping[str, bool] = field(default_factory=lambda: MappingProxyType({}))
     junction: Sequence[Connection] = ()
 
     @cached_property

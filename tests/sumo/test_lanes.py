@@ -13,7 +13,7 @@ from harness.engine.network import CACHE_VARIABLE
 from harness.engine.starting import session_of
 from harness.scenario import Scenario, validate
 from tests.scenes import on_plain
-from tests.sites import frame_of
+from tests.sites import frame_of, to_road
 from tests.sumo.test_engines_agree import assert_same_episode
 
 
@@ -59,7 +59,7 @@ def check_lanes(scenario: Scenario) -> None:
         first = int(crossing.kerb_strip_m > 0)
         for lane in range(count):
             name = f"{edge}_{first + lane}"
-            ys = [frame.to_road(*point)[1] for point in libsumo.lane.getShape(name)]
+            ys = [to_road(frame, *point)[1] for point in libsumo.lane.getShape(name)]
             # By hand: lanes side by side from the kerb, one-way ones in the middle of the road.
             width = crossing.lane_width_m or crossing.length_m / (
                 crossing.lanes + crossing.oncoming_lanes

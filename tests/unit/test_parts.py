@@ -1,5 +1,6 @@
 """Parts, the manifest and the folder of a run, through the functions that write and read them."""
 
+import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -117,6 +118,13 @@ def test_values_that_no_part_has_are_refused(tmp_path: Path, what: str) -> None:
     with pytest.raises(InputError, match=what.partition(":")[0]) as raised:
         read_cell(tmp_path, "episodes", 2, MANIFEST)
     assert not isinstance(raised.value, DamagedPartError)
+
+
+@pytest.mark.parametrize("kind", [InputError, *InputError.__subclasses__()])
+def test_a_refusal_from_elsewhere_is_of_the_same_class(kind: type[InputError]) -> None:
+    error = kind("there", "is bad", "good", "goods")
+    for same in (kind("here", *error.__reduce__()[1][1:]).at("there"), copy.copy(error)):
+        assert (type(same), vars(same), str(same)) == (kind, vars(error), str(error))
 
 
 def test_a_part_of_another_run_is_refused(tmp_path: Path) -> None:
