@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from harness.core.encounter import Arrival, Crossing, Leg, Side, Vehicle
 from harness.encounter.cell_constants import CellConstants
@@ -88,3 +89,22 @@ def held(folder: Path, drivers=tuple(DRIVERS), **settings) -> Result:
     """The validation of some drivers; settings with a dot are keys of a scenario."""
     options = {"frame_rate_hz": RATE_HZ, "vehicle_length_m": LENGTH_M, **settings}
     return validate([folder], "vci", list(drivers), [Setting(*one) for one in options.items()])
+
+
+def made_up(count: int = 160) -> pd.DataFrame:
+    """Rows of 8 vehicles with 5 encounters of 4 rows each; the last four rows lie outside."""
+    rng = np.random.default_rng(5)
+    group = np.arange(count) // 4
+    rows = pd.DataFrame(
+        {
+            "clip": "a",
+            "vehicle": [f"v{code // 5}" for code in group],
+            "pedestrian": [f"p{code}" for code in group],
+            "range_m": rng.uniform(4, 40, count),
+            "vehicle_speed_mps": rng.uniform(1, 6, count),
+            "pedestrian_speed_mps": rng.normal(1.3, 0.2, count),
+            "time_advantage_s": rng.uniform(1, 6, count),
+        }
+    )
+    rows.loc[count - 4 :, "vehicle_speed_mps"] = 20.0
+    return rows

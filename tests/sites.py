@@ -16,11 +16,12 @@ def frame_of(crossing: CrossingSection) -> RoadFrame:
     return RoadFrame.of(crossing.bearing_deg, crossing.length_m)
 
 
-def to_road(frame: RoadFrame, x_m: float, y_m: float) -> tuple[float, float]:
-    """Where a point of the network is in the road frame: turned back about the frame's origin."""
-    turned = complex(x_m - frame.origin_x_m, y_m - frame.origin_y_m)
-    turned /= complex(frame.along_x, frame.along_y)
-    return turned.real, turned.imag
+def to_road(crossing: CrossingSection, x_m: float, y_m: float) -> tuple[float, float]:
+    """A point of the network in a crosswalk's road frame: turned back about the frame's origin."""
+    frame = frame_of(crossing)
+    ahead = complex(x_m - frame.origin_x_m, y_m - frame.origin_y_m)
+    ahead /= complex(frame.along_x, frame.along_y)
+    return ahead.real, ahead.imag
 
 
 def shipped_nets() -> dict[str, Path]:

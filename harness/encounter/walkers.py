@@ -83,8 +83,9 @@ class Walker:
 
     def walk_until(self, time_s: float) -> float:
         """Move on to a time and return y; the speed is 0 while they wait."""
-        progress = self._base + self._speed * (time_s - self._start)
-        self._progress = progress if progress < self._length else self._length
+        self._progress = self._base + self._speed * (time_s - self._start)
+        if self._progress > self._length:
+            self._progress = self._length
         return self._kerb + self._direction * self._progress
 
     def view(self) -> PedestrianView:

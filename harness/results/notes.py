@@ -166,7 +166,7 @@ def _fallback(cell: CellFindings) -> Iterator[Said]:
         share = cell[f"fallback_share{end}"].value
         met = f" ({100 * share:.3g} % of those that met someone)" if share else ""
         parts.append(f"{fallback_of(strategy)} drove in {count:,} of {pairs:,} {arm} passages{met}")
-        weight = max(weight, 100 * (share if share else count / pairs))
+        weight = max(weight, 100 * (share or count / pairs))
     if parts:
         more = "The scenario's strategy had no valid plan there."
         yield Said(f"{'; '.join(parts)}.", more, weight)

@@ -35,7 +35,9 @@ def towards(
     wanted = (speed_mps - observation.ego.speed_mps) / observation.step_s
     if wanted > most:
         return most
-    return wanted if wanted > -limit else -limit
+    if wanted < -limit:
+        return -limit
+    return wanted
 
 
 def stop_after(distance_m: float, speed_mps: float, step_s: float) -> float:

@@ -16,7 +16,7 @@ import pytest
 from harness.model.trajectories.extraction import Extraction, extract, write_rows
 from tests.batches import printed
 from tests.docs.conftest import ROOT
-from tests.unit.test_cli_model import made_up
+from tests.recordings import made_up
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 DUT = ROOT.parent / "shared" / "data" / "dut"
@@ -81,7 +81,7 @@ def left_out(words: list[str]) -> bool:
 def run_page(page: Path, trajectories: Path, skipped: set[str]) -> None:
     """Run a page's commands in the working directory, with the scenario files that it shows."""
     text = page.read_text("utf-8")
-    for name, shown in re.findall(r"^```toml\n# (\w+\.toml)\n(.*?)^```$", text, re.M | re.S):
+    for name, shown in re.findall(r"(?ms)^```toml\n# (\w+\.toml)\n(.*?)^```$", text):
         Path(name).write_text(shown, "utf-8")
     for command in commands(page):
         words = shlex.split(command, comments=True)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from harness.model.mixture.fitting import fit_mixture
-from tests.unit.test_mixture_fitting import truth
+from tests.densities import truth
 
 PARAMETERS = 44  # 2 weights, 12 locations, 30 of the scale matrices
 

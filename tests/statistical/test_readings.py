@@ -48,7 +48,7 @@ import hashlib
 import numpy as np
 from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.fitting import fit_mixture
-from tests.unit.test_mixture_fitting import truth
+from tests.densities import truth
 box = truth()
 rows = box.sample(6_000, np.random.default_rng(1))
 fit = fit_mixture(rows, 10, box.lower, box.upper, seed=1, n_init=1, max_iter=25).mixture

@@ -13,7 +13,7 @@ from harness.engine.network import CACHE_VARIABLE
 from harness.engine.starting import session_of
 from harness.scenario import Scenario, validate
 from tests.scenes import on_plain
-from tests.sites import frame_of, to_road
+from tests.sites import to_road
 from tests.sumo.test_engines_agree import assert_same_episode
 
 
@@ -51,7 +51,6 @@ def random_scenario(seed: int) -> Scenario:
 def check_lanes(scenario: Scenario) -> None:
     """Every lane of the network lies where ``[crossing]`` says, from kerb to kerb."""
     crossing = scenario.crossing
-    frame = frame_of(crossing)
     for edge, count, mirrored in (
         ("approach", crossing.lanes, False),
         ("oncoming_exit", crossing.oncoming_lanes, True),
@@ -59,7 +58,7 @@ def check_lanes(scenario: Scenario) -> None:
         first = int(crossing.kerb_strip_m > 0)
         for lane in range(count):
             name = f"{edge}_{first + lane}"
-            ys = [to_road(frame, *point)[1] for point in libsumo.lane.getShape(name)]
+            ys = [to_road(crossing, *point)[1] for point in libsumo.lane.getShape(name)]
             # By hand: lanes side by side from the kerb, one-way ones in the middle of the road.
             width = crossing.lane_width_m or crossing.length_m / (
                 crossing.lanes + crossing.oncoming_lanes

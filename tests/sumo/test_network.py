@@ -132,11 +132,11 @@ def test_crossing_spans_kerb_to_kerb(case: tuple[CrossingSection, Path]) -> None
     ends = crosswalk.axis.coords
     bearing = math.radians(geometry.bearing_deg)
     near = (math.cos(bearing) * length / 2, -math.sin(bearing) * length / 2)
-    far, frame = (-near[0], -near[1]), frame_of(geometry)
+    far = (-near[0], -near[1])
     assert (ends[0], ends[-1]) in (near_to(near, far), near_to(far, near))
     assert crosswalk.width_m == pytest.approx(geometry.width_m, abs=2e-6)
     for name, centre in (("approach_0", length / 4), ("oncoming_approach_0", length * 3 / 4)):
-        ys = [to_road(frame, *point)[1] for point in town.lanes[name].shape]
+        ys = [to_road(geometry, *point)[1] for point in town.lanes[name].shape]
         assert ys == pytest.approx([centre] * 2, abs=2e-6)
         assert town.lanes[name].width_m == pytest.approx(length / 2)
 

@@ -271,7 +271,7 @@ def test_the_same_simulation_in_another_process(tmp_path: Path) -> None:
         while session.goes_on(30.0):
             session.step()
         cars, people = session.vehicles, session.people
-        name, person = sorted(cars.ids())[0], sorted(people.ids())[0]
+        name, person = min(cars.ids()), min(people.ids())
         session.ignore(name, [person])
         asked = [getattr(cars, each)(name) for each in cars.__slots__ if asks(each)]
         asked += [getattr(people, each)(person) for each in people.__slots__ if asks(each)]

@@ -13,7 +13,7 @@ from harness.results.loaded_run import Run
 from harness.studies.running.replay import replay
 from harness.studies.running.run import run as simulate
 from tests.batches import CHECKOUT, FLOW, HARNESS, QUICK, here, one_process, options_of
-from tests.sites import frame_of, to_road
+from tests.sites import to_road
 
 FLOW_PER_HOUR = "pedestrians.flow_per_hour"
 # Replay starts a SUMO of its own, and only one can run in a process.
@@ -59,7 +59,7 @@ def busiest(run: Run, cell: int) -> int:
 def test_fcd_agrees_with_the_trace(run: Run, arm: Arm) -> None:
     pair = busiest(run, 1)
     folder = outputs(run, pair, arm, 1)
-    frame = frame_of(run.scenario_of(1).crossing)
+    crossing = run.scenario_of(1).crossing
     seen: dict[tuple[str, int], tuple[float, float, float]] = {}
     for step in ET.parse(folder / "fcd.xml").getroot():
         # SUMO inserts the ego in its second step: its clock is one step ahead.
@@ -74,7 +74,7 @@ def test_fcd_agrees_with_the_trace(run: Run, arm: Arm) -> None:
                 assert item.attrib["type"] == ("av" if arm is Arm.AV else "ego")
             name = "ego" if item.tag == "vehicle" else f"pedestrian-{index}"
             speed = float(item.attrib["speed"])
-            seen[name, number] = (*to_road(frame, x, y), speed)
+            seen[name, number] = (*to_road(crossing, x, y), speed)
     rows = stored(run, "traces", pair, arm.value, 1)
     compared = {"ego": 0, "pedestrian": 0}
     for row in rows:

@@ -31,7 +31,7 @@ from tests.batches import (
     start,
     wait_for,
 )
-from tests.unit.test_cli_model import made_up
+from tests.recordings import made_up
 
 HOUR = """
 [ego]

@@ -15,27 +15,9 @@ from harness.model.trajectories.extraction import EXTRACTION_KEY
 from harness.report import model_figures
 from harness.report.model_screens import model_result
 from tests.batches import here, printed
+from tests.recordings import made_up
 
 DATA = Path(__file__).resolve().parents[1] / "data"
-
-
-def made_up(count: int = 160) -> pd.DataFrame:
-    """Rows of 8 vehicles with 5 encounters of 4 rows each; the last four rows lie outside."""
-    rng = np.random.default_rng(5)
-    group = np.arange(count) // 4
-    rows = pd.DataFrame(
-        {
-            "clip": "a",
-            "vehicle": [f"v{code // 5}" for code in group],
-            "pedestrian": [f"p{code}" for code in group],
-            "range_m": rng.uniform(4, 40, count),
-            "vehicle_speed_mps": rng.uniform(1, 6, count),
-            "pedestrian_speed_mps": rng.normal(1.3, 0.2, count),
-            "time_advantage_s": rng.uniform(1, 6, count),
-        }
-    )
-    rows.loc[count - 4 :, "vehicle_speed_mps"] = 20.0
-    return rows
 
 
 @pytest.fixture

@@ -18,8 +18,8 @@ from harness.encounter.arms import make_strategy
 from harness.model.interaction import InteractionModel
 from harness.model.mixture.conditional import Conditional
 from harness.strategies.human_gmm import HumanDriver
+from tests.densities import Joint
 from tests.scenes import play, scenario
-from tests.statistical.test_walking_speeds import Joint
 
 V0, A0, STEP = 5.0, 1.0, 0.1
 CROSSING = Crossing(9.0, 4.0, 2.25, 4.5)

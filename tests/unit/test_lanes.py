@@ -27,12 +27,7 @@ def road(lane: int = 0, **crossing: Any):
         # One way, three lanes, no rest.
         ({"lanes": 3, "oncoming_lanes": 0, "length_m": 9.0}, 2, 7.5, (3.0, 6.0)),
         # One way, 1 m at each kerb: 1-4-7 of 8.
-        (
-            {"lanes": 2, "oncoming_lanes": 0, "length_m": 8.0, "lane_width_m": 3.0},
-            0,
-            2.5,
-            (1, 4, 7),
-        ),
+        ({"lanes": 2, "oncoming_lanes": 0, "length_m": 8, "lane_width_m": 3}, 0, 2.5, (1, 4, 7)),
     ],
 )
 def test_where_a_lane_lies(crossing: Any, lane: int, centre: float, borders: Any) -> None:

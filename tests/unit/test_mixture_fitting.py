@@ -9,21 +9,9 @@ from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.fitting import fit_mixture
 from harness.model.mixture.likelihood import SCALE_FLOOR, Coordinates, Likelihood
 from harness.model.mixture.normals import Normals
+from tests.densities import truth
 
 INF = np.inf
-
-
-def truth():
-    """Three components in four variables, more than a third of two of them outside the box."""
-    locations = [[0.1, 1.5, 1.0, 0.1], [0.8, 4.5, 0.4, 0.9], [0.5, 0.0, 1.6, -0.1]]
-    rhos = [0.4, -0.3, 0.2]
-    spreads = np.array([[0.2, 1.0, 0.3, 0.2], [0.3, 1.5, 0.4, 0.5], [0.15, 1.0, 0.3, 0.4]])
-    scales = [
-        (r + (1 - r) * np.eye(4)) * np.outer(s, s) for r, s in zip(rhos, spreads, strict=True)
-    ]
-    return TruncatedGaussianMixture(
-        [0.4, 0.35, 0.25], locations, scales, [0.0, 0.0, 0.2, 0.0], [1.0, 6.0, 2.5, 2.0]
-    )
 
 
 @pytest.fixture(scope="module")

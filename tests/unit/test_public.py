@@ -64,21 +64,15 @@ def commands(group: click.Group, prefix: str = "") -> dict[str, click.Command]:
 ALL = commands(get_command(application()))  # type: ignore[arg-type]
 
 
-def silent(command: click.Command) -> list[str]:
-    """Options and arguments without a word of help."""
-    return [str(p.name) for p in command.params if not getattr(p, "help", None)]
-
-
 @pytest.mark.parametrize("name", ALL)
 def test_every_command_and_option_says_what_it_does(name: str) -> None:
     assert (ALL[name].help or "").strip().endswith(".")
-    assert silent(ALL[name]) == []
+    assert [p.name for p in ALL[name].params if not getattr(p, "help", None)] == []
 
 
-HARNESS = Path(__file__).parents[2] / "harness"
 MODULES = [
-    ".".join(path.relative_to(HARNESS.parent).with_suffix("").parts)
-    for path in sorted(HARNESS.rglob("*.py"))
+    ".".join(path.relative_to(ROOT).with_suffix("").parts)
+    for path in sorted((ROOT / "harness").rglob("*.py"))
     if ">>>" in path.read_text("utf-8")
 ]
 

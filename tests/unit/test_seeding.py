@@ -13,16 +13,6 @@ from harness.simulation.opening import sumo_seed
 PURPOSES = get_args(Purpose)
 
 
-def test_the_same_name_gives_the_same_numbers_however_many_are_drawn() -> None:
-    first = stream(7, "quantile", 3).random(100)
-    stream(7, "quantile", 4).random(50)  # whatever is drawn elsewhere in between
-    np.testing.assert_array_equal(first, stream(7, "quantile", 3).random(100))
-    # Pedestrian i keeps their numbers when more pedestrians are planned.
-    np.testing.assert_array_equal(
-        stream(1, "side", 0).random(5), stream(1, "side", 0).random(500)[:5]
-    )
-
-
 @pytest.mark.parametrize("seed", [0, 1, 2**32 - 1, 2**63 - 1])
 def test_every_name_has_its_own_numbers(seed: int) -> None:
     roots, others = (seed, seed // 2 + 5), get_args(Resampled)

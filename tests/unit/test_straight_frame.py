@@ -38,8 +38,7 @@ def straight(limit: float = 10.0, inner: float = 10.0) -> FrontPath:
 
 def crosswalk() -> Crosswalk:
     """From y = −3 to 5 across the road, 4 m wide around x = 4."""
-    axis = shapely.LineString([(4, -3), (4, 5)])
-    return Crosswalk(":J_c0", axis, 4.0)
+    return Crosswalk(":J_c0", shapely.LineString([(4, -3), (4, 5)]), 4.0)
 
 
 def passage(path: FrontPath) -> Passage:

@@ -14,11 +14,12 @@ def walk(*legs: Leg, side: Side = Side.NEAR) -> Walk:
     return Walk(Arrival(0, 0.0, side, 0.5), legs[0].time_s, 1.0, 30.0, 5.0, legs)
 
 
-STOPS = walk(
-    Leg(1.0, 0.0, 0.0, 0.0, 1.0, 0.0),
-    Leg(3.0, 0.0, 2.0, 0.0, 0.0, 0.0),
-    Leg(4.5, 0.0, 2.0, 0.0, 2.0, 0.0),
-)
+def evenly(*legs: tuple[float, float, float]) -> Walk:
+    """Legs from their time, place and speed."""
+    return walk(*(Leg(time_s, 0.0, y_m, 0.0, y_mps, 0.0) for time_s, y_m, y_mps in legs))
+
+
+STOPS = evenly((1.0, 0.0, 1.0), (3.0, 2.0, 0.0), (4.5, 2.0, 2.0))
 
 
 def test_places_speeds_and_the_end_of_a_walk_of_legs() -> None:
@@ -26,11 +27,7 @@ def test_places_speeds_and_the_end_of_a_walk_of_legs() -> None:
     assert cleared_s(STOPS, CROSSING) == pytest.approx(8.0)
     assert cleared_s(walk(*STOPS.legs[:2]), CROSSING) is None
     # 8.5 m at 1 m/s until 9.5 s, then 1.5 s standing: the last 0.5 m end at 11.5 s, not at 10 s.
-    late = walk(
-        Leg(1.0, 0.0, 0.0, 0.0, 1.0, 0.0),
-        Leg(9.5, 0.0, 8.5, 0.0, 0.0, 0.0),
-        Leg(11.0, 0.0, 8.5, 0.0, 1.0, 0.0),
-    )
+    late = evenly((1.0, 0.0, 1.0), (9.5, 8.5, 0.0), (11.0, 8.5, 1.0))
     assert cleared_s(late, CROSSING) == pytest.approx(11.5)
     x, y, speed, gain = states_at(STOPS, CROSSING, np.array([1.0, 2.5, 3.0, 4.0, 4.5, 6.0]))
     np.testing.assert_allclose(y, [0.0, 1.5, 2.0, 2.0, 2.0, 5.0])

@@ -49,7 +49,7 @@ class Extraction:
     counts: Tally
 
 
-def extract(paths: Paths, format: str, **options: Any) -> Extraction:
+def extract(paths: Paths, format_: str, **options: Any) -> Extraction:
     """Read raw data and return the rows of the model's variables.
 
     A pair is a vehicle and a pedestrian whose paths cross at an allowed angle. The conflict point
@@ -62,7 +62,7 @@ def extract(paths: Paths, format: str, **options: Any) -> Extraction:
 
     Args:
         paths: files or folders; the format determines which files are read.
-        format: a key of ``FORMATS``.
+        format_: a key of ``FORMATS``.
         **options: fields of ``ExtractionRules``, or of the format's own options.
 
     Returns:
@@ -73,7 +73,7 @@ def extract(paths: Paths, format: str, **options: Any) -> Extraction:
             format.
     """
     tally, frames = Tally(), list[pd.DataFrame]()
-    rules, contents = _contents(paths, format, options, tally)
+    rules, contents = _contents(paths, format_, options, tally)
     for content in contents:
         frames += candidate_rows(content, rules, tally) if isinstance(content, Clip) else [content]
     candidates = pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
@@ -87,11 +87,11 @@ def extract(paths: Paths, format: str, **options: Any) -> Extraction:
     return Extraction(rows, tally)
 
 
-def read_clips(paths: Paths, format: str, tally: Tally, **options: Any) -> list[Clip]:
+def read_clips(paths: Paths, format_: str, tally: Tally, **options: Any) -> list[Clip]:
     """The tracks of recordings.
 
     Args:
-        paths, format, **options: as for ``extract``.
+        paths, format_, **options: as for ``extract``.
         tally: counts what is left out and notes assumptions.
 
     Returns:
@@ -100,9 +100,9 @@ def read_clips(paths: Paths, format: str, tally: Tally, **options: Any) -> list[
     Raises:
         InputError: as for ``extract``, or the format has no tracks.
     """
-    _, contents = _contents(paths, format, options, tally)
-    if not FORMATS[format].clips:
-        raise InputError(f"format {format}", "has rows, not tracks")
+    _, contents = _contents(paths, format_, options, tally)
+    if not FORMATS[format_].clips:
+        raise InputError(f"format {format_}", "has rows, not tracks")
     return [content for content in contents if isinstance(content, Clip)]
 
 
@@ -126,13 +126,13 @@ def write_rows(path: Path, extraction: Extraction, command: str) -> None:
 
 
 def _contents(
-    paths: Paths, format: str, options: Mapping[str, Any], tally: Tally
+    paths: Paths, format_: str, options: Mapping[str, Any], tally: Tally
 ) -> tuple[ExtractionRules, list[Clip | pd.DataFrame]]:
     """The rules, and what the files contain; empty files are skipped and counted."""
-    if format not in FORMATS:
-        raise unknown_name("format", "format", format, FORMATS)
-    known = FORMATS[format]
-    rules = check_form(known.options, options, f"format {format}")
+    if format_ not in FORMATS:
+        raise unknown_name("format", "format", format_, FORMATS)
+    known = FORMATS[format_]
+    rules = check_form(known.options, options, f"format {format_}")
     given = [paths] if isinstance(paths, str | Path) else list(paths)
     if not given:
         raise InputError("paths", "no file or folder given", "at least one")
