@@ -3,7 +3,8 @@
 Every random number of a run comes from a stream keyed by (root seed, purpose, pair) and not by the
 order of execution or by the cell.  A pair therefore draws the same numbers in any worker, in any
 cell and after any resumption.  Within a stream the i-th draw belongs to pedestrian i (or to their
-group, if it describes one), unless the stream is keyed by the pedestrian too.
+group, if it describes one), unless the stream is keyed by the pedestrian too.  In ``warm_up`` the
+i-th group has the i-th row of four draws.
 """
 
 from collections.abc import Container, Mapping, Sequence

@@ -130,7 +130,9 @@ def already_walking(
     """Pedestrians who arrived in ``pedestrians.warm_up_s`` and are on the crosswalk at the trigger.
 
     The flow before the trigger is a Poisson process of the rate at the trigger.  It is drawn
-    backwards in time from its own stream, so later arrivals are the same with and without it.
+    backwards in time from its own stream, so later arrivals are the same with and without it.  A
+    row of four draws belongs to a group: its gap and side, quantile and detection of its first
+    member.  Its size with its further members, and the classes, have streams of their own.
     These pedestrians met no vehicle: each began to walk on arrival, at the speed of their own
     quantile.  Pedestrians who reached the other kerb before the trigger are left out.
 
@@ -144,7 +146,9 @@ def already_walking(
     flow = pedestrians.flow_per_hour
     if not pedestrians.warm_up_s or not flow:
         return ()
-    rng = stream(scenario.experiment.seed, "warm_up", pair)
+    rng, others, classes = (
+        stream(scenario.experiment.seed, "warm_up", pair, *part) for part in ((), (1,), (2,))
+    )
     scale = SECONDS_PER_HOUR * pedestrians.mean_group_size / flow
     certain = scenario.perception.detection_probability >= 1
     present: list[Arrival] = []
@@ -158,10 +162,10 @@ def already_walking(
         kerb = Side.NEAR if near else Side.FAR
         members = [member]
         if len(pedestrians.group_size) > 1:
-            members += rng.random((pedestrians.group_size_at(rng.random()) - 1, 2)).tolist()
+            size = pedestrians.group_size_at(others.random())
+            members += others.random((size - 1, 2)).tolist()
         for quantile, detection in members:
-            uniform = rng.random() if pedestrians.walking_classes else 1.0
-            speed = walking_speed(quantile, pedestrians.walking_class_at(uniform))
+            speed = walking_speed(quantile, pedestrians.walking_class_at(classes.random()))
             walked = speed * ago_s
             if walked < length:
                 y, velocity = (walked, speed) if near else (length - walked, -speed)

@@ -7,7 +7,7 @@ from harness.core.encounter import Arrival, Side, Views
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.deciding import (
     Approaching,
-    Lane,
+    KerbLane,
     Threat,
     blocking,
     keeps_waiting,
@@ -39,7 +39,7 @@ class Crowd:
     def __init__(
         self,
         arrivals: Sequence[Arrival],
-        lanes: Sequence[Lane],
+        lanes: Sequence[KerbLane],
         choose_speed: ChooseSpeed,
         rules: CellConstants,
         leave: Callable[[int], None],

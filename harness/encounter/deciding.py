@@ -49,7 +49,7 @@ class Approaching(Protocol):
         """Its constants."""
 
 
-class Lane:
+class KerbLane:
     """A lane as pedestrians see it: y of its centre and of its two edges, and its vehicles.
 
     Args:
@@ -129,7 +129,7 @@ def effective_time_s(
     return time_s + weights.distance_weight * nearer_s + weights.slowing_weight_s * slowing
 
 
-def threats(lanes: Iterable[Lane], elapsed_s: float, weights: ThresholdSection) -> list[Threat]:
+def threats(lanes: Iterable[KerbLane], elapsed_s: float, weights: ThresholdSection) -> list[Threat]:
     """The next vehicle of each lane whose time to arrival is at least ``passed_s``."""
     coming = []
     for lane in lanes:

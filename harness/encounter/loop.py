@@ -25,7 +25,7 @@ from harness.core.encounter import (
 from harness.core.errors import EngineError, StrategyError
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.crowd import Crowd
-from harness.encounter.deciding import Lane
+from harness.encounter.deciding import KerbLane
 from harness.encounter.driver import Driver, answer_of
 from harness.encounter.walkers import ChooseSpeed
 from harness.engine.protocol import Engine
@@ -116,7 +116,7 @@ class Episode:
     ) -> None:
         self.engine, self.rules, self.perception = engine, rules, perception
         self._arrivals, self._ego, road = arrivals, _Ego(rules.vehicle), rules.crossing
-        lane = Lane(road.lane_centre_m, road.lane_width_m, road.length_m)
+        lane = KerbLane(road.lane_centre_m, road.lane_width_m, road.length_m)
         lane.coming = [self._ego]
         self.crowd = Crowd(arrivals, [lane], choose_speed, rules, engine.remove, look_back=True)
         self.x_m: list[float] = []

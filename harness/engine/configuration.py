@@ -14,6 +14,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from harness.core.documents import frozen_tables
+from harness.core.encounter import ROUNDING
 from harness.core.errors import EngineError, InputError, one_line
 from harness.engine.installation import run_program, scratch_folder
 
@@ -141,7 +142,7 @@ def read_config(path: Path, step_s: float | None = None) -> SumoConfig:
         value = config.options.get(option)
         if value and is_refused(value):
             raise InputError(f"{path}: {option} = {value}", problem, allowed)
-    if config.step_s > _LONGEST_STEP_S + 1e-9:
+    if config.step_s > _LONGEST_STEP_S + ROUNDING:
         allowed = f"at most {_LONGEST_STEP_S:g} s, or a shorter simulation.step_s"
         raise InputError(f"{path}: step-length", f"{config.step_s:g} s", allowed)
     if not config.files("net-file"):

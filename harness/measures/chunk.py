@@ -21,7 +21,7 @@ from harness.core.encounter import (
 from harness.measures.contacts import Strike, strikes_of
 from harness.measures.ego import EgoStates, body_of, crossing_time_s, ego_states
 from harness.measures.motion.contact import time_to_collision
-from harness.measures.steps import Legs, Rows, legs_of, rows_of
+from harness.measures.steps import Legs, Rows, legs_in, rows_of
 
 _ARRAYS = (
     *("ttc_s", "crashed", "pass_time_s", "pass_time_ignoring_contact_s", "end_s"),
@@ -106,7 +106,7 @@ class Chunk:
 
 def chunk_of(traces: Sequence[Trace], strikes: Sequence[Strike | None] | None = None) -> Chunk:
     """Find contacts and ends of some episodes, at least one; see ``measure``."""
-    ego, legs, step_s = ego_states(traces), legs_of(traces), traces[0].step_s
+    ego, legs, step_s = ego_states(traces), legs_in(traces), traces[0].step_s
     rows = rows_of(legs, ego, step_s)
     if strikes is None:
         strikes = strikes_of(traces, rows)

@@ -9,7 +9,7 @@ from harness.measures.chunk import Chunk, chunk_of
 from harness.measures.contacts import Strike, strikes_of
 from harness.measures.ego import ego_states
 from harness.measures.measured import COLUMNS, MEASURES, Measure, Measured
-from harness.measures.steps import legs_of, rows_of
+from harness.measures.steps import legs_in, rows_of
 
 Value = float | int | bool | None
 
@@ -58,7 +58,7 @@ class Outcome:
 
 def has_contact(trace: Trace) -> bool:
     """Whether the ego touches a pedestrian anywhere in a trace; ``measure`` says when and where."""
-    legs, ego = legs_of([trace]), ego_states([trace])
+    legs, ego = legs_in([trace]), ego_states([trace])
     return strikes_of([trace], rows_of(legs, ego, trace.step_s))[0] is not None
 
 

@@ -96,7 +96,7 @@ class Rows:
         return Rows(*(getattr(self, name)[keep] for name in Rows.__slots__))
 
 
-def legs_of(traces: Sequence[Trace]) -> Legs:
+def legs_in(traces: Sequence[Trace]) -> Legs:
     """The legs of everyone who stepped off."""
     crossing = traces[0].crossing
     walks: list[Walk] = []

@@ -128,8 +128,8 @@ class InteractionModel:
         )
 
 
-# Relative: 1/(1/60) may differ from 60 in its last bit.
 _ROUNDING = 1e-9
+"""Relative: 1/(1/60) may differ from 60 in its last bit."""
 
 
 class ModelUseCounter:

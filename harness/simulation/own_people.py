@@ -11,7 +11,7 @@ from dataclasses import replace
 from harness.core.encounter import Crossing, Side
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.crowd import Crowd
-from harness.encounter.deciding import Lane
+from harness.encounter.deciding import KerbLane
 from harness.encounter.walkers import ChooseSpeed, Walker
 from harness.engine.session import Session
 from harness.measures.motion.walking import cleared_s
@@ -53,13 +53,13 @@ class OwnPeople:
         self._session, self._crosswalk = session, crosswalk
         self._cars = cars
         self.arrivals = setup.arrivals(pair, crosswalk.id)
-        self._lanes: dict[str, Lane] = {}
+        self._lanes: dict[str, KerbLane] = {}
         for connection in crosswalk.connections:
             zone = zone_of(setup.town.path(connection), crosswalk, *CAR_M)
             if zone is not None:
                 road = zone.crossing
                 centre_m = zone.y_of(road.lane_centre_m)
-                self._lanes[connection.id] = Lane(centre_m, road.lane_width_m, road.length_m)
+                self._lanes[connection.id] = KerbLane(centre_m, road.lane_width_m, road.length_m)
         length_m, lanes = crosswalk.length_m, [*self._lanes.values()]
         self._road = Crossing(length_m, crosswalk.width_m, length_m / 2, length_m)
         car = setup.vehicle(*CAR_M, CAR_ACCEL_MPS2, CAR_DECEL_MPS2)

@@ -216,4 +216,4 @@ def free_pass_s(passage: Passage, path: FrontPath) -> float:
     vehicle, zone = passage.vehicle, passage.zone
     begin_m = zone.centre_m - vehicle.trigger_range_m
     accelerations = vehicle.max_acceleration_mps2, vehicle.max_deceleration_mps2
-    return path.free_s(begin_m, zone.last_m, *accelerations, passage.car.limit_mps)
+    return path.free_drive_s(begin_m, zone.last_m, *accelerations, passage.car.limit_mps)

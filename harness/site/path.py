@@ -131,7 +131,7 @@ class FrontPath:
             best = min(best, (abs(off - inside_m) * scale, begin_m + inside_m, off.imag * scale))
         return best[1:]
 
-    def free_s(
+    def free_drive_s(
         self,
         begin_m: float,
         end_m: float,

@@ -9,7 +9,7 @@ from harness.model.interaction import InteractionModel, ModelUseCounter
 from harness.scenario.consistency import check_steps
 
 
-class HumanDriver:
+class HumanGmm:
     """Every Δt it chooses the acceleration to the mode of f(v | 1/R, v_p, 1/T_adv) and holds it.
 
     a_d = (v_d − v) / Δt (paper, section III-D) within the vehicle's limits, where v_d is the

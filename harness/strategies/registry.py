@@ -15,7 +15,7 @@ from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
-from harness.strategies.human_gmm import HumanDriver
+from harness.strategies.human_gmm import HumanGmm
 from harness.strategies.human_recorded import HumanRecorded
 from harness.strategies.human_yield import HumanYield
 from harness.strategies.own import load_own
@@ -29,7 +29,7 @@ STRATEGIES: Mapping[str, StrategyFactory] = MappingProxyType(
         "soft_yield": SoftYield,
         "hard_yield": HardYield,
         "constant_speed": ConstantSpeed,
-        "human_gmm": HumanDriver,
+        "human_gmm": HumanGmm,
         "human_yield": HumanYield,
         "human_recorded": HumanRecorded,
         "emergency_brake": EmergencyBrake,

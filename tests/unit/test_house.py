@@ -30,7 +30,7 @@ ROOMS = {
     "encounter": 1_030,
     "measures": 1_190,
     "simulation": 1_700,
-    "site": 377,
+    "site": 370,
     "results": 1_950,
     "report": 1_900,
     "rl": 170,
@@ -44,7 +44,7 @@ RUNNING = (
 )
 MODULES, MODULE, FUNCTION = 200, 300, 60
 DOORS, PAGES, WEB, PASSED = 14, 2_800, 700, 15
-LINE, IGNORED, UNCOVERED, COVERED = 100, 5, 2, 96
+LINE, IGNORED, UNCOVERED, COVERED = 100, 5, 2, 97
 # The data's way, from below: a room imports its own level and those before it, never a later one.
 ORDER = (
     "core | site measures model | scenario | engine strategies | encounter | simulation | results "

@@ -17,7 +17,7 @@ from harness.core.encounter import (
 from harness.encounter.arms import make_strategy
 from harness.model.interaction import InteractionModel
 from harness.model.mixture.conditional import Conditional
-from harness.strategies.human_gmm import HumanDriver
+from harness.strategies.human_gmm import HumanGmm
 from tests.densities import Joint
 from tests.scenes import play, scenario
 
@@ -31,9 +31,9 @@ def joint(model: InteractionModel) -> Joint:
     return Joint(model.mixture)
 
 
-def driver(model: InteractionModel, **parameters: object) -> HumanDriver:
+def driver(model: InteractionModel, **parameters: object) -> HumanGmm:
     rng = np.random.default_rng(3)
-    return HumanDriver(model=model, rng=rng, step_s=STEP, **parameters)  # type: ignore[arg-type]
+    return HumanGmm(model=model, rng=rng, step_s=STEP, **parameters)  # type: ignore[arg-type]
 
 
 def desired(

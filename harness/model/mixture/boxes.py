@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, owens_t
 
-Array = NDArray[np.float64]
+from harness.core.encounter import FloatArray
+
 Indices = NDArray[np.intp]
 
 # The tail beyond this standardised bound is below double precision.
@@ -38,15 +39,15 @@ _ORDERS = {
 }
 
 
-def interval(a: Array, b: Array) -> Array:
+def interval(a: FloatArray, b: FloatArray) -> FloatArray:
     """Φ(b) − Φ(a) for standardised bounds a ≤ b of any shape, accurate in both tails."""
     # In the upper tail both values are near 1 and their difference loses its digits.
     flip = a > -b
-    probability: Array = ndtr(np.where(flip, -a, b)) - ndtr(np.where(flip, -b, a))
+    probability: FloatArray = ndtr(np.where(flip, -a, b)) - ndtr(np.where(flip, -b, a))
     return probability
 
 
-def _rectangle(a: Array, b: Array, rho: Array) -> Array:
+def _rectangle(a: FloatArray, b: FloatArray, rho: FloatArray) -> FloatArray:
     """P(a < (X, Y) < b), for bounds (N, 2), of standard normals of correlation rho (N,)."""
     # Owen's formula divides by each bound, so a bound of 0 is replaced by a negligible number.
     x, y = (np.where(edges == 0.0, _TINY, edges) for edges in (np.stack((a, b)).transpose(2, 0, 1)))
@@ -55,11 +56,11 @@ def _rectangle(a: Array, b: Array, rho: Array) -> Array:
     # Φ2(h, k; rho) − (Φ(h) + Φ(k))/2 at the four corners; the univariate terms cancel.
     corners = owens_t(h, (ratio - rho) / root) + owens_t(k, (1.0 / ratio - rho) / root)
     corners += 0.5 * (ratio < 0.0)
-    result: Array = corners[0, 1] + corners[1, 0] - corners[0, 0] - corners[1, 1]
+    result: FloatArray = corners[0, 1] + corners[1, 0] - corners[0, 0] - corners[1, 1]
     return np.maximum(result, 0.0)
 
 
-def box_probability(covariances: Array, lower: Array, upper: Array) -> Array:
+def box_probability(covariances: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
     """Probability that a centred normal vector lies in a box.
 
     Args:
@@ -75,7 +76,7 @@ def box_probability(covariances: Array, lower: Array, upper: Array) -> Array:
     return _standard_box(covariances / (spread[:, :, None] * spread[:, None, :]), a, b)
 
 
-def _standard_box(correlations: Array, a: Array, b: Array) -> Array:
+def _standard_box(correlations: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
     """`box_probability` for unit variances and bounds already cut at ±_FAR."""
     count, dimension = a.shape
     if dimension == 0:
@@ -88,7 +89,9 @@ def _standard_box(correlations: Array, a: Array, b: Array) -> Array:
     return np.clip(np.concatenate(parts), 0.0, 1.0) if parts else np.empty(0)
 
 
-def _corner_sums(correlations: Array, a: Array, b: Array, first: Indices, second: Indices) -> Array:
+def _corner_sums(
+    correlations: FloatArray, a: FloatArray, b: FloatArray, first: Indices, second: Indices
+) -> FloatArray:
     """Second derivatives (N, P) of `_standard_box` in the locations of P pairs of variables.
 
     Such a derivative is a signed sum over the four corners of the pair: the bivariate density
@@ -138,7 +141,7 @@ def _chunks(count: int) -> list[slice]:
     return [slice(at, at + _CHUNK) for at in range(0, count, _CHUNK)]
 
 
-def _by_path(correlations: Array, a: Array, b: Array) -> Array:
+def _by_path(correlations: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
     """Probabilities of the blocks (1, 2) and (3) or (3, 4): product plus integral over a path.
 
     Along the path the correlations between the blocks grow from 0, as t grows from 0 to 1. The
@@ -173,23 +176,23 @@ def _by_path(correlations: Array, a: Array, b: Array) -> Array:
         _standard_box(correlations[:, block, block], a[:, block], b[:, block])
         for block in (slice(2), slice(2, None))
     ]
-    result: Array = blocks[0] * blocks[1] + np.bincount(box, steps, len(a))
+    result: FloatArray = blocks[0] * blocks[1] + np.bincount(box, steps, len(a))
     return result
 
 
-def _largest_canonical(correlations: Array) -> Array:
+def _largest_canonical(correlations: FloatArray) -> FloatArray:
     """Largest canonical correlation (N,) between the two blocks, strictly between 0 and 1."""
     cross = correlations[:, :2, 2:]
     first = np.linalg.solve(correlations[:, :2, :2], cross)
     second = np.linalg.solve(correlations[:, 2:, 2:], np.swapaxes(cross, 1, 2))
     largest = np.linalg.eigvals(first @ second).real.max(axis=1)
-    result: Array = np.sqrt(np.clip(largest, 1e-12, 1.0 - 1e-14))
+    result: FloatArray = np.sqrt(np.clip(largest, 1e-12, 1.0 - 1e-14))
     return result
 
 
 def moments(
-    locations: Array, scale_matrices: Array, lower: Array, upper: Array
-) -> tuple[Array, Array, Array]:
+    locations: FloatArray, scale_matrices: FloatArray, lower: FloatArray, upper: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Masses α (K,), means E (K, d) and covariances V (K, d, d) of normals truncated to a box.
 
     The moments are E = m + S ∇log α and V = S + S (∇² log α) S, with derivatives in the location m,
@@ -226,11 +229,11 @@ def moments(
     return mass, means, covariance * spread[:, :, None] * spread[:, None, :]
 
 
-def _faces(correlations: Array, a: Array, b: Array, edges: Array) -> Array:
+def _faces(correlations: FloatArray, a: FloatArray, b: FloatArray, edges: FloatArray) -> FloatArray:
     """φ at both bounds of each variable, times the others' conditional probability, (K, d, 2)."""
     dimension = a.shape[1]
     others = np.array([[p for p in range(dimension) if p != i] for i in range(dimension)], int)
-    result: Array = np.exp(-0.5 * edges * edges) / np.sqrt(2.0 * np.pi)
+    result: FloatArray = np.exp(-0.5 * edges * edges) / np.sqrt(2.0 * np.pi)
     k, i, side = np.nonzero(result > _NEGLIGIBLE)
     rest = others[i]
     slopes = correlations[k[:, None], rest, i[:, None]]

@@ -4,15 +4,14 @@ from collections.abc import Sequence
 from math import exp
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import log_ndtr
 
+from harness.core.encounter import FloatArray
 from harness.core.errors import InputError
 from harness.model.mixture.boxes import box_probability
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.tabulated import TabulatedDensity
-
-Array = NDArray[np.float64]
 
 # A smaller total probability has too few digits.
 _SMALLEST_TOTAL = 1e-7
@@ -64,7 +63,7 @@ class Conditional:
         self._rest_lower, self._rest_upper = mixture.lower[rest], mixture.upper[rest]
         known, order = len(given), [*given, target, *rest]
         ordered = mixture.scale_matrices[:, order][:, :, order]
-        factors: Array = np.asarray(np.linalg.cholesky(ordered), dtype=np.float64)
+        factors: FloatArray = np.asarray(np.linalg.cholesky(ordered), dtype=np.float64)
         centre = mixture.locations[:, order]
         # The inverse is triangular except for rounding.
         whitening = np.tril(np.linalg.inv(factors[:, :known, :known]))
@@ -84,8 +83,8 @@ class Conditional:
         self._log_constant -= np.log(diagonal).sum(axis=1)
         # Given y: covariances of target and rest. Given the target too: those of the rest.
         tail, last = factors[:, known:, known:], factors[:, known + 1 :, known + 1 :]
-        self._covariances: Array = tail @ np.swapaxes(tail, 1, 2)
-        self._rest_covariances: Array = last @ np.swapaxes(last, 1, 2)
+        self._covariances: FloatArray = tail @ np.swapaxes(tail, 1, 2)
+        self._rest_covariances: FloatArray = last @ np.swapaxes(last, 1, 2)
         spread = np.ascontiguousarray(tail[:, 0, 0])
         self._spread, self._rest_slopes = spread, tail[:, 1:, 0] / spread[:, None]
         # The narrowest part of the density is a component given all other variables.
@@ -95,7 +94,7 @@ class Conditional:
         self._heights = np.stack((heights, spread**-2.0, spread), axis=1).tolist()
         self._tables: dict[tuple[float, ...], TabulatedDensity] = {}
 
-    def logpdf(self, x: ArrayLike, y: ArrayLike) -> Array:
+    def logpdf(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Log density at x (n,) given y (n, g), (n,); −inf outside the bounds."""
         values, points = self._aligned(x, y)
         inside = (values >= self.lower) & (values <= self.upper)
@@ -113,17 +112,17 @@ class Conditional:
             log_total[i] = self._table(points[i]).log_total
         return np.where(inside, logs - log_total, -np.inf)
 
-    def pdf(self, x: ArrayLike, y: ArrayLike) -> Array:
+    def pdf(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Density at x (n,) given y (n, g), (n,), ≥ 0; 0 outside the bounds."""
-        density: Array = np.exp(self.logpdf(x, y))
+        density: FloatArray = np.exp(self.logpdf(x, y))
         return density
 
-    def cdf(self, x: ArrayLike, y: ArrayLike) -> Array:
+    def cdf(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Distribution function at x (n,) given y (n, g), (n,) in [0, 1]."""
         pairs = zip(*self._aligned(x, y), strict=True)
         return np.array([self._table(point).cdf(float(value)) for value, point in pairs])
 
-    def ppf(self, u: ArrayLike, y: ArrayLike) -> Array:
+    def ppf(self, u: ArrayLike, y: ArrayLike) -> FloatArray:
         """Inverse of `cdf`: x (n,) inside the bounds with cdf(x, y) = u to 1e-9.
 
         u = 0 and u = 1 give the bounds themselves.
@@ -137,17 +136,17 @@ class Conditional:
         pairs = zip(values.tolist(), points, strict=True)
         return np.array([self.ppf_at(value, point) for value, point in pairs])
 
-    def ppf_at(self, u: float, y: Array) -> float:
+    def ppf_at(self, u: float, y: FloatArray) -> float:
         """`ppf` of one u in [0, 1] given one y (g,) of finite numbers."""
         if u in (0.0, 1.0):
             return self.upper if u else self.lower
         return self._table(y).ppf(u)
 
-    def mode(self, y: ArrayLike) -> Array:
+    def mode(self, y: ArrayLike) -> FloatArray:
         """Position (n,) of the highest density given y (n, g); it may lie on a bound."""
         return np.array([self.mode_at(point) for point in _finite(y)])
 
-    def mode_at(self, y: Array) -> float:
+    def mode_at(self, y: FloatArray) -> float:
         """`mode` given one y (g,) of finite numbers."""
         if not self._rest_lower.size:
             return _highest_point(self._normals(y), self.lower, self.upper)
@@ -158,7 +157,7 @@ class Conditional:
             x = float(grid[self._log_unnormalised(grid, *given).argmax()])
         return x
 
-    def _normals(self, y: Array) -> list[Normal]:
+    def _normals(self, y: FloatArray) -> list[Normal]:
         """The components given y, as normal densities of the target."""
         numbers = (self._matrix @ y + self._offset).tolist()
         step, known = self._shape[1], len(self.given)
@@ -169,7 +168,7 @@ class Conditional:
             )
         ]
 
-    def _table(self, y: Array) -> TabulatedDensity:
+    def _table(self, y: FloatArray) -> TabulatedDensity:
         """The tabulated density given one y (g,)."""
         key = tuple(y.tolist())
         if key not in self._tables:
@@ -181,7 +180,7 @@ class Conditional:
             )
         return self._tables[key]
 
-    def _at(self, y: Array) -> tuple[Array, Array]:
+    def _at(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The untruncated components given y (n, g).
 
         Returns:
@@ -194,7 +193,9 @@ class Conditional:
         log_weights = self._log_constant[:, None] - (parts[:, :known] ** 2).sum(axis=1)
         return log_weights - log_weights.max(axis=0), parts[:, known:]
 
-    def _log_unnormalised(self, x: Array, log_weights: Array, means: Array) -> Array:
+    def _log_unnormalised(
+        self, x: FloatArray, log_weights: FloatArray, means: FloatArray
+    ) -> FloatArray:
         """Log density up to a constant at x (n,), for n given points or for one."""
         away = x - means[:, 0]
         spread = self._spread[:, None]
@@ -204,13 +205,13 @@ class Conditional:
             centre = np.moveaxis(means[:, 1:] + self._rest_slopes[:, :, None] * away[:, None], 2, 1)
             logs += self._log_inside(self._rest_lower - centre, self._rest_upper - centre)
         largest = logs.max(axis=0)
-        result: Array = largest + np.log(np.exp(logs - largest).sum(axis=0))
+        result: FloatArray = largest + np.log(np.exp(logs - largest).sum(axis=0))
         return result
 
-    def _log_inside(self, lower: Array, upper: Array) -> Array:
+    def _log_inside(self, lower: FloatArray, upper: FloatArray) -> FloatArray:
         """Log probability (K, n) that the other variables are in bounds (K, n, r) about them."""
         if lower.shape[2] > 1:
-            log_inside: Array = np.log(
+            log_inside: FloatArray = np.log(
                 np.maximum(_boxes(self._rest_covariances, lower, upper), _LOWEST)
             )
             return log_inside
@@ -218,25 +219,25 @@ class Conditional:
         spread = np.sqrt(self._rest_covariances[:, :, 0])
         a, b = lower[:, :, 0] / spread, upper[:, :, 0] / spread
         flip = a > -b
-        outer: Array = log_ndtr(np.where(flip, -a, b))
-        inner: Array = log_ndtr(np.where(flip, -b, a))
+        outer: FloatArray = log_ndtr(np.where(flip, -a, b))
+        inner: FloatArray = log_ndtr(np.where(flip, -b, a))
         return outer + np.log(-np.expm1(inner - outer))
 
-    def _aligned(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+    def _aligned(self, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """x (n,) and y (n, g); a single row or value is repeated to fit the other."""
         values, points = np.atleast_1d(np.asarray(x, dtype=np.float64)), _finite(y)
         size = max(values.size, len(points)) if values.size and len(points) else 0
         return np.broadcast_to(values, size), np.broadcast_to(points, (size, points.shape[1]))
 
 
-def _finite(y: ArrayLike) -> Array:
+def _finite(y: ArrayLike) -> FloatArray:
     points = np.asarray(y, dtype=np.float64)
     if not np.isfinite(points).all():
         raise InputError("conditional", "y has values that are not finite", "finite numbers")
     return points
 
 
-def _boxes(covariances: Array, lower: Array, upper: Array) -> Array:
+def _boxes(covariances: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
     """Probabilities (K, n) of boxes (K, n, d) under centred normals of (K, d, d)."""
     shape = lower.shape
     every = np.repeat(covariances, shape[1], axis=0)

@@ -3,12 +3,11 @@
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from harness.core.encounter import BoolArray, FloatArray
 from harness.core.errors import InputError
 from harness.model.mixture.boxes import box_probability, moments
-
-Array = NDArray[np.float64]
 
 SMALLEST_MASS = 1e-6
 """Smaller masses inside the box have too few digits."""
@@ -91,7 +90,7 @@ class TruncatedGaussianMixture:
             problem = f"variable {i} has bounds {self.lower[i]:g} and {self.upper[i]:g}"
             raise _refusal("lower", problem, "lower < upper")
 
-    def logpdf(self, x: ArrayLike) -> Array:
+    def logpdf(self, x: ArrayLike) -> FloatArray:
         """Log density at x (n, d), (n,); −inf outside the box."""
         points = np.asarray(x, dtype=np.float64)
         dimension = self.lower.size
@@ -107,13 +106,13 @@ class TruncatedGaussianMixture:
         logs = largest + np.log(np.exp(terms - largest).sum(axis=0))
         return np.where(self._inside(points), logs, -np.inf)
 
-    def sample(self, n: int, rng: np.random.Generator) -> Array:
+    def sample(self, n: int, rng: np.random.Generator) -> FloatArray:
         """n independent draws, (n, d), all inside the box, in random order.
 
         Normal vectors of each component are drawn until enough are inside the box, which takes
         long for a component with a small mass.
         """
-        dimension, accepted = self.lower.size, list[Array]()
+        dimension, accepted = self.lower.size, list[FloatArray]()
         for k, missing in enumerate(rng.multinomial(n, self.weights)):
             while missing > 0:
                 tries = min(int(missing / self.masses[k] * 1.1) + 16, _MOST_DRAWS)
@@ -121,32 +120,34 @@ class TruncatedGaussianMixture:
                 rows = self.locations[k] + z @ self._factors[k].T
                 accepted.append(rows[self._inside(rows)][:missing])
                 missing -= len(accepted[-1])
-        shuffled: Array = np.concatenate([np.empty((0, dimension)), *accepted])[rng.permutation(n)]
+        shuffled: FloatArray = np.concatenate([np.empty((0, dimension)), *accepted])[
+            rng.permutation(n)
+        ]
         return shuffled
 
-    def _inside(self, points: Array) -> NDArray[np.bool_]:
+    def _inside(self, points: FloatArray) -> BoolArray:
         return np.asarray(((points >= self.lower) & (points <= self.upper)).all(axis=1))
 
-    def mean(self) -> Array:
+    def mean(self) -> FloatArray:
         """Mean of the truncated mixture, (d,)."""
-        result: Array = self.weights @ self._moments[0]
+        result: FloatArray = self.weights @ self._moments[0]
         return result
 
-    def covariance(self) -> Array:
+    def covariance(self) -> FloatArray:
         """Covariance of the truncated mixture, (d, d)."""
         means, covariances = self._moments
         away = means - self.mean()
         spread = covariances + away[:, :, None] * away[:, None, :]
-        result: Array = np.einsum("k,kij->ij", self.weights, spread)
+        result: FloatArray = np.einsum("k,kij->ij", self.weights, spread)
         return result
 
     @cached_property
-    def _moments(self) -> tuple[Array, Array]:
+    def _moments(self) -> tuple[FloatArray, FloatArray]:
         """Means (K, d) and covariances (K, d, d) of the truncated components."""
         return moments(self.locations, self.scale_matrices, self.lower, self.upper)[1:]
 
 
-def _numbers(name: str, values: ArrayLike) -> Array:
+def _numbers(name: str, values: ArrayLike) -> FloatArray:
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError):

@@ -5,15 +5,14 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from harness.core.encounter import FloatArray
 from harness.core.errors import InputError
 from harness.core.seeding import start_of_fit
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.likelihood import Coordinates, Evaluation, Likelihood
 from harness.model.mixture.normals import Normals, clustered_normals
-
-Array = NDArray[np.float64]
 
 _WHERE = "fit"
 # Columns are collinear if an eigenvalue of their correlation matrix is below this.
@@ -182,7 +181,9 @@ def climb(
     return []
 
 
-def _standards(rows: Array, weights: Array, labels: list[str]) -> tuple[Array, Array]:
+def _standards(
+    rows: FloatArray, weights: FloatArray, labels: list[str]
+) -> tuple[FloatArray, FloatArray]:
     """Mean and spread of each column; constant and collinear columns raise an error."""
     share = weights / weights.sum()
     centre = share @ rows

@@ -7,13 +7,11 @@ mean 0 and spread 1.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.encounter import FloatArray
 from harness.model.mixture.boxes import moments
 from harness.model.mixture.distribution import SMALLEST_MASS
 from harness.model.mixture.normals import Normals
-
-Array = NDArray[np.float64]
 
 SCALE_FLOOR = 1e-4
 """No scale matrix has a smaller eigenvalue; otherwise repeated rows could make it singular."""
@@ -42,8 +40,8 @@ class Evaluation(NamedTuple):
     normals: Normals
     objective: float
     log_likelihood: float
-    counts: Array
-    slopes: tuple[Array, Array, Array]
+    counts: FloatArray
+    slopes: tuple[FloatArray, FloatArray, FloatArray]
 
 
 class Likelihood:
@@ -55,7 +53,9 @@ class Likelihood:
         lower, upper: standardised bounds, (d,).
     """
 
-    def __init__(self, rows: Array, weights: Array, lower: Array, upper: Array) -> None:
+    def __init__(
+        self, rows: FloatArray, weights: FloatArray, lower: FloatArray, upper: FloatArray
+    ) -> None:
         self.weights, self.lower, self.upper = weights, lower, upper
         self.total = float(weights.sum())
         squares = _outer(rows, rows).reshape(len(rows), -1)
@@ -143,7 +143,7 @@ class Coordinates:
         self._ends = count, count * (1 + dimension)
         self.size = self._ends[1] + count * self._half.size
 
-    def normals(self, z: Array) -> Normals:
+    def normals(self, z: FloatArray) -> Normals:
         """The parameters at z."""
         logit, shift, _ = np.split(z, self._ends)
         logits = self._logits + self._unit[:, 0] * logit
@@ -157,14 +157,14 @@ class Coordinates:
             self._floor + factors @ np.swapaxes(factors, 1, 2),
         )
 
-    def below(self, z: Array) -> tuple[float, Array]:
+    def below(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Minus the objective and its gradient at z; infinite where it cannot be computed."""
         here = self._likelihood.at(self.normals(z))
         if here is None:
             return np.inf, np.zeros_like(z)
         return -here.objective, -self._gradient(z, here)
 
-    def gradient(self) -> tuple[Array, float]:
+    def gradient(self) -> tuple[FloatArray, float]:
         """Gradient of the objective at the reference, and its largest component per unit of weight.
 
         A scale matrix at its floor has no slope in z. The slope with respect to the logarithm of
@@ -178,7 +178,7 @@ class Coordinates:
         largest = max(np.abs(gradient).max(), (self._unit * pull).max())
         return gradient, float(largest) / self._likelihood.total
 
-    def _gradient(self, z: Array, at: Evaluation) -> Array:
+    def _gradient(self, z: FloatArray, at: Evaluation) -> FloatArray:
         """Gradient of the objective in z; `at` is the evaluation there."""
         in_logits, in_locations, in_scales = at.slopes
         in_factors = 2.0 * in_scales @ self._factors_at(z)
@@ -188,13 +188,13 @@ class Coordinates:
         parts = (in_logits[:, None], in_shifts, in_turns)
         return np.concatenate([(self._unit * part).ravel() for part in parts])
 
-    def _factors_at(self, z: Array) -> Array:
+    def _factors_at(self, z: FloatArray) -> FloatArray:
         """Factors (K, d, d) of the scale matrices minus the floor."""
         turned = np.zeros(self._factors.shape)
         turned[:, *self._low] = z[self._ends[1] :].reshape(len(turned), -1) * self._half
-        result: Array = self._factors + self._factors @ (self._unit[:, :, None] * turned)
+        result: FloatArray = self._factors + self._factors @ (self._unit[:, :, None] * turned)
         return result
 
 
-def _outer(first: Array, second: Array) -> Array:
+def _outer(first: FloatArray, second: FloatArray) -> FloatArray:
     return first[:, :, None] * second[:, None, :]

@@ -4,10 +4,9 @@ import warnings
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2, vq
 
-Array = NDArray[np.float64]
+from harness.core.encounter import FloatArray
 
 _ROUNDS = 10
 _MOST_POINTS = 20_000
@@ -20,13 +19,13 @@ _NARROWEST = 1e-5
 class Normals(NamedTuple):
     """A mixture: weights (K,), locations (K, d) and scale matrices (K, d, d)."""
 
-    weights: Array
-    locations: Array
-    scales: Array
+    weights: FloatArray
+    locations: FloatArray
+    scales: FloatArray
 
 
 def clustered_normals(
-    points: Array, weights: Array, count: int, rng: np.random.Generator
+    points: FloatArray, weights: FloatArray, count: int, rng: np.random.Generator
 ) -> Normals:
     """One normal distribution for each cluster of weighted points.
 

@@ -10,9 +10,8 @@ from math import ceil, inf
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from harness.core.encounter import FloatArray
 
 _DEGREE = 15
 # With panels of two spreads the interpolation error is 1e-11 of a normal density's peak.
@@ -44,7 +43,7 @@ class TabulatedDensity:
 
     def __init__(
         self,
-        log_density: Callable[[Array], Array],
+        log_density: Callable[[FloatArray], FloatArray],
         lower: float,
         upper: float,
         spread: float,

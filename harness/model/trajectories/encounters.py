@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from harness.core.encounter import FloatArray
+from harness.core.encounter import ROUNDING, FloatArray
 from harness.model.trajectories.rules import ExtractionRules, Tally
 from harness.model.trajectories.tracks import (
     Clip,
@@ -30,7 +30,7 @@ PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M = 0.25, 1.0
 LONG_PAUSE_S = 10.0
 
 # The columns of one pair's candidate rows: arrays of one length, or one value for all of them.
-Columns = dict[str, FloatArray | str | float | None]
+PairColumns = dict[str, FloatArray | str | float | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ def _mover(track: Track, shape: tuple[float, float, float], least_m: float) -> M
 
 def _pair_rows(
     vehicle: VehicleTrack, car: Mover, walker: Mover, rules: ExtractionRules, tally: Tally
-) -> Columns | None:
+) -> PairColumns | None:
     """R, L and their rates at the sampling instants of a pair; None if it is not an encounter."""
     times = sampling_instants(vehicle.time_s, walker.track.time_s, rules.sample_s)
     if len(times) == 0:
@@ -152,7 +152,7 @@ def rows_of_pair(
     range_m: FloatArray,
     pedestrian_time_s: FloatArray,
     lateral_m: FloatArray,
-) -> Columns:
+) -> PairColumns:
     """R and L at the sampling instants, who passed first, and the post-encroachment time.
 
     The vehicle is on the conflict point from R = 0 (front bumper) to R = −length (rear bumper); the
@@ -204,8 +204,8 @@ def sampling_instants(first: FloatArray, second: FloatArray, sample_s: float) ->
     ends = np.minimum(first[np.concatenate([pauses, [len(first) - 1]])], second[-1])
     stretches = []
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-        begin = math.ceil(start / sample_s - 1e-9)
-        last = math.floor(end / sample_s + 1e-9)
+        begin = math.ceil(start / sample_s - ROUNDING)
+        last = math.floor(end / sample_s + ROUNDING)
         if end >= start:
             stretches.append(np.clip(np.arange(begin, last + 1) * sample_s, start, end))
     return np.concatenate([np.empty(0), *stretches])
@@ -230,7 +230,7 @@ def rate(
     """
     half = rules.speed_window_s / 2
     start, end = np.maximum(at - half, time_s[0]), np.minimum(at + half, time_s[-1])
-    known = (end - start >= half - 1e-9) & ~spans_gap(time_s, start, end, rules.max_gap_s)
+    known = (end - start >= half - ROUNDING) & ~spans_gap(time_s, start, end, rules.max_gap_s)
     change = np.interp(end, time_s, value) - np.interp(start, time_s, value)
     return np.where(known, change / np.where(known, end - start, 1.0), np.nan)
 

@@ -27,16 +27,17 @@ given. Rows without identifiers cannot be weighed by encounter or vehicle. They 
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from harness.core.encounter import FloatArray
+from harness.core.encounter import ROUNDING, FloatArray
 from harness.core.errors import InputError
 from harness.model.trajectories.encounters import (
-    Columns as PairColumns,
+    PairColumns,
     angle_deg,
     rows_of_pair,
     sampling_instants,
@@ -46,7 +47,7 @@ from harness.model.trajectories.rules import (
     ROW_COLUMNS,
     TEXT_COLUMNS,
     ExtractionRules,
-    NotNegative,
+    NonNegative,
     Positive,
     Tally,
 )
@@ -122,10 +123,10 @@ class MobileyeOptions(ExtractionRules):
     latitude_deg: Annotated[float, Field(gt=-90, lt=90)] = 42.278414
     longitude_deg: Annotated[float, Field(ge=-180, le=180)] = -83.735580
     axes_turn_deg: float = -46.5
-    heading_above_deg: NotNegative = 180.0
-    heading_below_deg: NotNegative = 360.0
+    heading_above_deg: NonNegative = 180.0
+    heading_below_deg: NonNegative = 360.0
     sequence_gap_s: Positive = 2.0
-    min_sequence_s: NotNegative = 0.5
+    min_sequence_s: NonNegative = 0.5
     vehicle_length_m: Positive = 12.2
 
 
@@ -242,7 +243,7 @@ def mobileye_rows(file: File, options: MobileyeOptions, tally: Tally) -> pd.Data
         }
         for obstacle, records in objects(trip, "obstacle", tally):
             # Times are hundredths of a second: a pause of exactly the limit does not cut.
-            cuts = (records["time_s"].diff() > options.sequence_gap_s + 1e-9).cumsum()
+            cuts = (records["time_s"].diff() > options.sequence_gap_s + ROUNDING).cumsum()
             long = [of for _, of in records.groupby(cuts) if _is_long(of, options, tally)]
             for place, sequence in enumerate(long, start=1):
                 rows = _sequence_rows(sequence, options, tally)
@@ -271,7 +272,7 @@ def _is_long(sequence: pd.DataFrame, options: MobileyeOptions, tally: Tally) -> 
     lasted_s = float(np.ptp(sequence["time_s"]))
     if len(sequence) < 2:
         tally.drop("tracks", "one_record")
-    elif lasted_s < options.min_sequence_s - 1e-9:
+    elif lasted_s < options.min_sequence_s - ROUNDING:
         tally.drop("tracks", "sequence_too_short")
     else:
         return True
@@ -342,16 +343,14 @@ class Format(NamedTuple):
     clips: bool = False
 
 
-FORMATS: Mapping[str, Format] = {
-    "vci": Format(
-        "fixed camera, DUT and sets like it",
-        (VEHICLE_END,),
-        VciOptions,
-        vci_clip,
-        clips=True,
-    ),
-    "mobileye": Format("the paper's sensor", (".csv",), MobileyeOptions, mobileye_rows),
-    "table": Format(
-        "ready-made rows, csv or parquet", (".csv", ".parquet"), ExtractionRules, own_rows
-    ),
-}
+FORMATS: Mapping[str, Format] = MappingProxyType(
+    {
+        "vci": Format(
+            "fixed camera, DUT and sets like it", (VEHICLE_END,), VciOptions, vci_clip, clips=True
+        ),
+        "mobileye": Format("the paper's sensor", (".csv",), MobileyeOptions, mobileye_rows),
+        "table": Format(
+            "ready-made rows, csv or parquet", (".csv", ".parquet"), ExtractionRules, own_rows
+        ),
+    }
+)

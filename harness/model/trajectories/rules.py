@@ -56,7 +56,7 @@ REASONS: Mapping[Level, Mapping[str, str]] = {
 }
 
 Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+NonNegative = Annotated[float, Field(ge=0)]
 
 
 class ExtractionRules(BaseModel):
@@ -81,19 +81,19 @@ class ExtractionRules(BaseModel):
     sample_s: Positive = 0.2
     speed_window_s: Positive = 0.5
     max_gap_s: Positive = 0.5
-    vehicle_extension_m: NotNegative = 12.0
-    pedestrian_extension_m: NotNegative = 3.0
-    min_angle_deg: NotNegative = 50.0
-    max_angle_deg: NotNegative = 130.0
-    min_range_m: NotNegative = 0.5
-    max_range_m: NotNegative = 60.0
-    min_lateral_m: NotNegative = 0.3
-    max_lateral_m: NotNegative = 15.0
-    min_vehicle_speed_mps: NotNegative = 0.3
-    min_pedestrian_speed_mps: NotNegative = 0.3
-    min_time_advantage_s: NotNegative = 0.02
-    min_vehicle_travel_m: NotNegative = 3.0
-    min_pedestrian_travel_m: NotNegative = 1.0
+    vehicle_extension_m: NonNegative = 12.0
+    pedestrian_extension_m: NonNegative = 3.0
+    min_angle_deg: NonNegative = 50.0
+    max_angle_deg: NonNegative = 130.0
+    min_range_m: NonNegative = 0.5
+    max_range_m: NonNegative = 60.0
+    min_lateral_m: NonNegative = 0.3
+    max_lateral_m: NonNegative = 15.0
+    min_vehicle_speed_mps: NonNegative = 0.3
+    min_pedestrian_speed_mps: NonNegative = 0.3
+    min_time_advantage_s: NonNegative = 0.02
+    min_vehicle_travel_m: NonNegative = 3.0
+    min_pedestrian_travel_m: NonNegative = 1.0
     source: str | None = None
 
     @model_validator(mode="after")
