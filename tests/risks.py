@@ -8,7 +8,7 @@ from scipy import stats
 
 from harness.results.finding import Finding
 from harness.results.tables import DRAWS
-from harness.studies.risk.estimate import MOST_DRAWS, findings_of
+from harness.studies.risk.estimate import MOST_DRAWS, risk_findings
 from harness.studies.risk.risk_draws import (
     DrawInputs,
     DrawOutcome,
@@ -45,7 +45,7 @@ def rounds(run: RunDraws, space: Space, seed: int, target_cv: float = 0.1) -> li
 
 def found(run: RunDraws, space: Space, seed: int, target_cv: float = 0.1) -> dict[str, Finding]:
     """The numbers of a risk with a seed."""
-    return findings_of(rounds(run, space, seed, target_cv))
+    return risk_findings(rounds(run, space, seed, target_cv))
 
 
 def gain(numbers: dict[str, Finding]) -> float:

@@ -24,7 +24,7 @@ from harness.core.versions import versions_of_fits
 from harness.results.finding import Finding, Plain, finding_to_dict
 from harness.results.findings import CellFindings, records_of
 from harness.results.result import flat
-from harness.results.tables import TABLES, TABLES_OF, RunKind, Table
+from harness.results.tables import TABLES, TABLES_OF, RunKind, TableSchema
 from harness.scenario import Cell, EngineName
 
 SCHEMA = 8
@@ -224,7 +224,7 @@ def _pairs_of(first: int, manifest: Manifest) -> range:
     return range(first, min(first + manifest["pairs_per_part"], planned))
 
 
-def _check(rows: pa.Table, table: Table, cell: int, expected: range, where: str) -> None:
+def _check(rows: pa.Table, table: TableSchema, cell: int, expected: range, where: str) -> None:
     """Refuse values that a part never holds; all code that reads a run relies on this."""
     pairs = rows["pair"].to_numpy()
     whole = {*rows["cell"].unique().to_pylist()} <= {cell}

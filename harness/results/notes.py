@@ -15,7 +15,7 @@ from harness.encounter.arms import asks_model
 from harness.results.catalogue import Entry
 from harness.results.estimators import EQUAL, FEW, REPEATED
 from harness.results.findings import CellFindings, on_first_screen
-from harness.results.student import RELIABLE_FROM
+from harness.results.student import RELIABLE_PAIRS
 from harness.scenario.place import name_of
 from harness.strategies.references import not_validated, opposite
 from harness.strategies.registry import fallback_of
@@ -23,7 +23,7 @@ from harness.strategies.registry import fallback_of
 GROWTH = 0.05
 """A road fills if its vehicles grow by more than this share of those who come."""
 
-MOSTLY, DRIVEN = 0.9, 0.97
+DECIDED, DRIVEN = 0.9, 0.97
 """A note says who drove below these shares of steps that the strategy decided, and of passages."""
 
 FIRST = -10
@@ -245,9 +245,9 @@ def _collisions(cell: CellFindings) -> Iterator[Said]:
 def _few_simulations(cell: CellFindings) -> Iterator[Said]:
     ran = cell["people_wait_s_difference"].n
     ran = cell["pairs"].count if ran is None else ran  # nobody came
-    if ran < RELIABLE_FROM:
+    if ran < RELIABLE_PAIRS:
         rests = f"intervals rest on {ran:,} pairs" if ran > 1 else "one pair has no intervals"
-        more = f"Intervals are reliable from {RELIABLE_FROM} pairs on."
+        more = f"Intervals are reliable from {RELIABLE_PAIRS} pairs on."
         yield Said(f"Few pairs: {rests}.", more, -ran)
 
 
@@ -261,7 +261,7 @@ def _cut_off(cell: CellFindings) -> Iterator[Said]:
 def _who_drove(cell: CellFindings) -> Iterator[Said]:
     share, by_sumo = cell["share_strategy"].value, [cell[f"share_{each}"].value for each in BY_SUMO]
     driven, passages = cell["driven"], cell["driven"].n
-    if share is None or passages is None or (share > MOSTLY and driven.count > DRIVEN * passages):
+    if share is None or passages is None or (share > DECIDED and driven.count > DRIVEN * passages):
         return
     of_sumo = sum(each for each in by_sumo if each is not None)
     text, more = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps.", ""

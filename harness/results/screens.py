@@ -34,7 +34,7 @@ _LEFT_OUT = {
 _MOST_CROSSWALKS = 3
 """Crosswalks whose differences stand on the first screen; ``--full`` has all."""
 
-MOSTLY = 0.5
+FALLBACK_FROM = 0.5
 """From this share on, a fallback is said to have driven most passages."""
 
 _MOST_TABLES = 50
@@ -60,7 +60,7 @@ def driver_of(cell: CellFindings, arm: Arm) -> str:
     """An arm's strategy, and the fallback if it drove most passages that met someone."""
     strategy = cell.scenario.arms.driver(arm)
     share = cell["fallback_share" if arm is Arm.AV else "fallback_share_human"].value
-    if share is None or share < MOSTLY:
+    if share is None or share < FALLBACK_FROM:
         return strategy
     return f"{strategy} ({fallback_of(strategy)} in {100 * share:.0f} %)"
 

@@ -14,7 +14,7 @@ from harness.core.encounter import FloatArray
 from harness.results.estimators import EQUAL, clopper_pearson, informative
 from harness.results.finding import Finding
 
-RELIABLE_FROM = 5
+RELIABLE_PAIRS = 5
 """Pairs from which on intervals are reliable; theirs are skewed, and t is for normal ones."""
 
 ONE = "one pair has no interval"
@@ -92,7 +92,7 @@ def clustered_share(events: FloatArray, trials: FloatArray, confidence: float) -
     effective = n / effect * min(1.0, worth)
     low, high = clopper_pearson(value * effective, effective, confidence)
     found = Finding(value, low, high, pairs, happened, reliable=True)
-    return replace(found.reliable_above(RELIABLE_FROM, "pairs"), n=n)
+    return replace(found.reliable_above(RELIABLE_PAIRS, "pairs"), n=n)
 
 
 def _contributions(above: FloatArray, below: FloatArray) -> tuple[float | None, FloatArray]:
@@ -112,4 +112,4 @@ def _t(value: float, parts: FloatArray, confidence: float, least: float = -math.
     reach = float(special.stdtrit(n - 1, (1 + confidence) / 2)) * error
     p = 2 * float(special.stdtr(n - 1, -abs(value) / error)) if least < 0 else None
     found = Finding(value, max(value - reach, least), value + reach, n, reliable=True, p=p)
-    return found.reliable_above(RELIABLE_FROM, "pairs")
+    return found.reliable_above(RELIABLE_PAIRS, "pairs")

@@ -24,7 +24,7 @@ _TYPES: Mapping[Any, pa.DataType] = {
 
 
 @dataclass(frozen=True)
-class Column:
+class Field:
     """A column.  A value that is missing is null, never 0; a ``required`` column has no null.
 
     ``kind`` is the type of its values: a ``StrEnum`` stands for its words, ``Leg`` for a list of
@@ -44,11 +44,11 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class TableSchema:
     """The declaration of a table."""
 
     name: str
-    columns: tuple[Column, ...]
+    columns: tuple[Field, ...]
 
     @property
     def schema(self) -> pa.Schema:
@@ -71,167 +71,167 @@ class Table:
 
 
 _KEYS = (
-    Column("cell", int, "", "number of the cell", required=True),
-    Column("pair", int, "", "number of the pair, which keys its random streams", required=True),
-    Column("arm", Arm, "", "who drives: the AV or the reference", required=True),
+    Field("cell", int, "", "number of the cell", required=True),
+    Field("pair", int, "", "number of the pair, which keys its random streams", required=True),
+    Field("arm", Arm, "", "who drives: the AV or the reference", required=True),
 )
 
 # fmt: off
-EPISODES = Table("episodes", (
+EPISODES = TableSchema("episodes", (
     *_KEYS,
-    Column("strategy", str, "", "the strategy that drove", required=True),
-    Column("ending", Ending, "", "how the episode ended", required=True),
-    Column("reason", str, "", "why it failed"),
-    Column("failed_in", str, "", "what failed: `strategy` or `engine`"),
-    Column("contact", Contact, "", "the part of the ego that touched the pedestrian"),
-    Column("contact_index", int, "", "index of the pedestrian who was touched"),
-    Column("contact_time_s", float, "s", "time of the contact since the trigger"),
-    Column("sumo_collision", bool, "", "whether SUMO itself reported a collision"),
-    Column("fallback", bool, "", "whether the strategy's fallback drove", required=True),
-    Column("steps", int, "", "steps of the record", required=True),
-    Column("pedestrians", int, "", "people who stepped off within the record", required=True),
-    *(Column(each.column, each.kind, each.unit, each.formula) for each in MEASURES),
-    Column("conditionings", int, "", "uses of the interaction model"),
-    Column("clamped", int, "", "of these, with an ego faster or farther than in its data"),
-    Column("near_clamped", int, "", "of these, with an ego slower or nearer than in its data"),
-    Column("clamped_speed_excess_mps", float, "m/s", "largest excess of the ego's speed"),
-    Column("clamped_range_excess_m", float, "m", "largest excess of the ego's range"),
+    Field("strategy", str, "", "the strategy that drove", required=True),
+    Field("ending", Ending, "", "how the episode ended", required=True),
+    Field("reason", str, "", "why it failed"),
+    Field("failed_in", str, "", "what failed: `strategy` or `engine`"),
+    Field("contact", Contact, "", "the part of the ego that touched the pedestrian"),
+    Field("contact_index", int, "", "index of the pedestrian who was touched"),
+    Field("contact_time_s", float, "s", "time of the contact since the trigger"),
+    Field("sumo_collision", bool, "", "whether SUMO itself reported a collision"),
+    Field("fallback", bool, "", "whether the strategy's fallback drove", required=True),
+    Field("steps", int, "", "steps of the record", required=True),
+    Field("pedestrians", int, "", "people who stepped off within the record", required=True),
+    *(Field(each.column, each.kind, each.unit, each.formula) for each in MEASURES),
+    Field("conditionings", int, "", "uses of the interaction model"),
+    Field("clamped", int, "", "of these, with an ego faster or farther than in its data"),
+    Field("near_clamped", int, "", "of these, with an ego slower or nearer than in its data"),
+    Field("clamped_speed_excess_mps", float, "m/s", "largest excess of the ego's speed"),
+    Field("clamped_range_excess_m", float, "m", "largest excess of the ego's range"),
 ))
 """One row for each episode: the AV's and the reference's of each pair."""
 
-PEDESTRIANS = Table("pedestrians", (
+PEDESTRIANS = TableSchema("pedestrians", (
     *_KEYS,
-    Column("index", int, "", "number of the pedestrian within the pair", required=True),
-    Column("arrival_s", float, "s", "time of arrival at the kerb", required=True),
-    Column("start_s", float, "s", "time of stepping off"),
-    Column("side", Side, "", "the kerb from which they come", required=True),
-    Column("quantile", float, "", "quantile of the walking speed"),
-    Column("critical_gap_s", float, "s", "the shortest gap that they accept"),
-    Column("threshold_s", float, "s", "the least margin of time with which they go"),
-    Column("latency_s", float, "s", "time from the decision until they set off"),
-    Column("speed_mps", float, "m/s", "walking speed"),
-    Column("range_m", float, "m", "the ego's range when they stepped off"),
-    Column("vehicle_speed_mps", float, "m/s", "the ego's speed when they stepped off"),
-    Column("cleared_s", float, "s", "time at which they reached the other kerb"),
-    Column("legs", Leg, "", "the parts of a walk that is not straight from kerb to kerb"),
-    Column("delay_s", float, "s", "wait at the kerb"),
+    Field("index", int, "", "number of the pedestrian within the pair", required=True),
+    Field("arrival_s", float, "s", "time of arrival at the kerb", required=True),
+    Field("start_s", float, "s", "time of stepping off"),
+    Field("side", Side, "", "the kerb from which they come", required=True),
+    Field("quantile", float, "", "quantile of the walking speed"),
+    Field("critical_gap_s", float, "s", "the shortest gap that they accept"),
+    Field("threshold_s", float, "s", "the least margin of time with which they go"),
+    Field("latency_s", float, "s", "time from the decision until they set off"),
+    Field("speed_mps", float, "m/s", "walking speed"),
+    Field("range_m", float, "m", "the ego's range when they stepped off"),
+    Field("vehicle_speed_mps", float, "m/s", "the ego's speed when they stepped off"),
+    Field("cleared_s", float, "s", "time at which they reached the other kerb"),
+    Field("legs", Leg, "", "the parts of a walk that is not straight from kerb to kerb"),
+    Field("delay_s", float, "s", "wait at the kerb"),
 ))
 """One row for each pedestrian who arrived within the record of an episode."""
 
-TRACES = Table("traces", (
+TRACES = TableSchema("traces", (
     *_KEYS,
-    Column("time_s", float, "s", "time since the trigger", required=True),
-    Column("object", str, "", "`ego`, `pedestrian-INDEX` or `shown-INDEX`", required=True),
-    Column("x_m", float, "m", "along the road, 0 at the crosswalk's centre", required=True),
-    Column("y_m", float, "m", "across the road, 0 at the near kerb", required=True),
-    Column("speed_mps", float, "m/s", "speed", required=True),
-    Column("acceleration_mps2", float, "m/s²", "acceleration of the step that begins here"),
+    Field("time_s", float, "s", "time since the trigger", required=True),
+    Field("object", str, "", "`ego`, `pedestrian-INDEX` or `shown-INDEX`", required=True),
+    Field("x_m", float, "m", "along the road, 0 at the crosswalk's centre", required=True),
+    Field("y_m", float, "m", "across the road, 0 at the near kerb", required=True),
+    Field("speed_mps", float, "m/s", "speed", required=True),
+    Field("acceleration_mps2", float, "m/s²", "acceleration of the step that begins here"),
 ))
 """One row for each step and object, of a run that keeps traces."""
 
-ARMS = Table("arms", (
+ARMS = TableSchema("arms", (
     *_KEYS,
-    Column("reason", str, "", "why it failed"),
-    Column("begin_s", float, "s", "begin of the counted time, a time of the simulation"),
-    Column("counted_s", float, "s", "duration of the counted time"),
-    Column("vehicle_collisions", int, "", "collisions of vehicles that SUMO reports"),
-    Column("person_collisions", int, "", "collisions of vehicles and people that it reports"),
-    Column("teleports", int, "", "vehicles that SUMO teleported"),
-    Column("emergency_stops", int, "", "emergency stops that SUMO reports"),
-    Column("overlaps", int, "", "overlaps behind a vehicle that waits inside a junction"),
-    Column("harness_people", int, "", "the harness's people who arrived"),
-    Column("sumo_people", int, "", "SUMO's people who came to a chosen crosswalk"),
-    Column("people_left_out", int, "", "more of them, seen too briefly on it for a row"),
-    Column("conditionings", int, "", "uses of the interaction model"),
-    Column("clamped", int, "", "of these, with a vehicle faster or farther than in its data"),
+    Field("reason", str, "", "why it failed"),
+    Field("begin_s", float, "s", "begin of the counted time, a time of the simulation"),
+    Field("counted_s", float, "s", "duration of the counted time"),
+    Field("vehicle_collisions", int, "", "collisions of vehicles that SUMO reports"),
+    Field("person_collisions", int, "", "collisions of vehicles and people that it reports"),
+    Field("teleports", int, "", "vehicles that SUMO teleported"),
+    Field("emergency_stops", int, "", "emergency stops that SUMO reports"),
+    Field("overlaps", int, "", "overlaps behind a vehicle that waits inside a junction"),
+    Field("harness_people", int, "", "the harness's people who arrived"),
+    Field("sumo_people", int, "", "SUMO's people who came to a chosen crosswalk"),
+    Field("people_left_out", int, "", "more of them, seen too briefly on it for a row"),
+    Field("conditionings", int, "", "uses of the interaction model"),
+    Field("clamped", int, "", "of these, with a vehicle faster or farther than in its data"),
 ))
 """One row for each simulation: the AV's arm and the reference's of each pair."""
 
-PASSAGES = Table("passages", (
+PASSAGES = TableSchema("passages", (
     *_KEYS,
-    Column("crosswalk", str, "", "id of the crosswalk", required=True),
-    Column("vehicle", str, "", "SUMO's id of the vehicle", required=True),
-    Column("type", str, "", "its vType", required=True),
-    Column("automated", bool, "", "whether it is an AV, in the AV's arm", required=True),
-    Column("connection", str, "", "its first and last lane", required=True),
-    Column("manoeuvre", str, "", "`straight`, `left`, `right` or `turn`", required=True),
-    Column("driver", str, "", "the strategy, or `sumo`", required=True),
-    Column("driven", bool, "", "whether a strategy drove", required=True),
-    Column("not_driven_because", str, "", "why no strategy drove"),
-    Column("fallback", bool, "", "whether the strategy's fallback drove"),
-    Column("trigger_s", float, "s", "time at which it passed R0", required=True),
-    Column("front_s", float, "s", "time at which its front reached the crosswalk"),
-    Column("rear_s", float, "s", "time at which its rear left the crosswalk"),
-    Column("ended", str, "", "`passed`, or why the passage ended before", required=True),
-    Column("steps", int, "", "steps of the passage"),
-    *(Column(f"share_{each}", float, "", f"share of the driven steps limited by {each}")
+    Field("crosswalk", str, "", "id of the crosswalk", required=True),
+    Field("vehicle", str, "", "SUMO's id of the vehicle", required=True),
+    Field("type", str, "", "its vType", required=True),
+    Field("automated", bool, "", "whether it is an AV, in the AV's arm", required=True),
+    Field("connection", str, "", "its first and last lane", required=True),
+    Field("manoeuvre", str, "", "`straight`, `left`, `right` or `turn`", required=True),
+    Field("driver", str, "", "the strategy, or `sumo`", required=True),
+    Field("driven", bool, "", "whether a strategy drove", required=True),
+    Field("not_driven_because", str, "", "why no strategy drove"),
+    Field("fallback", bool, "", "whether the strategy's fallback drove"),
+    Field("trigger_s", float, "s", "time at which it passed R0", required=True),
+    Field("front_s", float, "s", "time at which its front reached the crosswalk"),
+    Field("rear_s", float, "s", "time at which its rear left the crosswalk"),
+    Field("ended", str, "", "`passed`, or why the passage ended before", required=True),
+    Field("steps", int, "", "steps of the passage"),
+    *(Field(f"share_{each}", float, "", f"share of the driven steps limited by {each}")
       for each in LIMITED_BY),
-    Column("pedestrians", int, "", "people who stepped off during the passage"),
-    Column("contact", Contact, "", "the part of the vehicle that touched a person"),
-    Column("contact_person", str, "", "whom the vehicle's oriented outline touched first"),
-    Column("sumo_contact", bool, "", "whether SUMO itself reported a collision"),
-    Column("min_speed_mps", float, "m/s", "least speed"),
-    *(Column(each.column, each.kind, each.unit, each.formula) for each in MEASURES),
+    Field("pedestrians", int, "", "people who stepped off during the passage"),
+    Field("contact", Contact, "", "the part of the vehicle that touched a person"),
+    Field("contact_person", str, "", "whom the vehicle's oriented outline touched first"),
+    Field("sumo_contact", bool, "", "whether SUMO itself reported a collision"),
+    Field("min_speed_mps", float, "m/s", "least speed"),
+    *(Field(each.column, each.kind, each.unit, each.formula) for each in MEASURES),
 ))
 """One row for each vehicle over a chosen crosswalk in the counted time."""
 
-VEHICLES = Table("vehicles", (
+VEHICLES = TableSchema("vehicles", (
     *_KEYS,
-    Column("vehicle", str, "", "SUMO's id", required=True),
-    Column("type", str, "", "its vType", required=True),
-    Column("automated", bool, "", "whether it is an AV, in the AV's arm", required=True),
-    Column("due_s", float, "s", "time at which it was to depart"),
-    Column("depart_s", float, "s", "time of its departure"),
-    Column("arrival_s", float, "s", "time of its arrival"),
-    Column("depart_delay_s", float, "s", "wait for its departure", required=True),
-    Column("time_loss_s", float, "s", "time lost, with that wait", required=True),
+    Field("vehicle", str, "", "SUMO's id", required=True),
+    Field("type", str, "", "its vType", required=True),
+    Field("automated", bool, "", "whether it is an AV, in the AV's arm", required=True),
+    Field("due_s", float, "s", "time at which it was to depart"),
+    Field("depart_s", float, "s", "time of its departure"),
+    Field("arrival_s", float, "s", "time of its arrival"),
+    Field("depart_delay_s", float, "s", "wait for its departure", required=True),
+    Field("time_loss_s", float, "s", "time lost, with that wait", required=True),
 ))
 """One row for each vehicle that was to depart in the counted time."""
 
-PEOPLE = Table("people", (
+PEOPLE = TableSchema("people", (
     *_KEYS,
-    Column("crosswalk", str, "", "id of the crosswalk", required=True),
-    Column("person", str, "", "SUMO's id, or the harness's", required=True),
-    Column("own", bool, "", "whether it is the harness's", required=True),
-    Column("side", str, "", "the end of the crosswalk from which they come", required=True),
-    Column("arrival_s", float, "s", "time of arrival at the kerb", required=True),
-    Column("start_s", float, "s", "time of stepping off"),
-    Column("cleared_s", float, "s", "time at which they left the crosswalk"),
-    Column("wait_s", float, "s", "wait at the kerb, until stepping off or the end"),
-    Column("delay_s", float, "s", "delay against an undisturbed walk"),
-    Column("speed_mps", float, "m/s", "walking speed: drawn, or the mean over the crosswalk"),
-    Column("let_go", bool, "", "whether they went before the vehicle that made them wait"),
+    Field("crosswalk", str, "", "id of the crosswalk", required=True),
+    Field("person", str, "", "SUMO's id, or the harness's", required=True),
+    Field("own", bool, "", "whether it is the harness's", required=True),
+    Field("side", str, "", "the end of the crosswalk from which they come", required=True),
+    Field("arrival_s", float, "s", "time of arrival at the kerb", required=True),
+    Field("start_s", float, "s", "time of stepping off"),
+    Field("cleared_s", float, "s", "time at which they left the crosswalk"),
+    Field("wait_s", float, "s", "wait at the kerb, until stepping off or the end"),
+    Field("delay_s", float, "s", "delay against an undisturbed walk"),
+    Field("speed_mps", float, "m/s", "walking speed: drawn, or the mean over the crosswalk"),
+    Field("let_go", bool, "", "whether they went before the vehicle that made them wait"),
 ))
 """One row for each person and crosswalk."""
 
-CROSSWALKS = Table("crosswalks", (
+CROSSWALKS = TableSchema("crosswalks", (
     *_KEYS,
-    Column("crosswalk", str, "", "id of the crosswalk", required=True),
-    Column("prioritized", bool, "", "whether vehicles have to give way", required=True),
-    Column("length_m", float, "m", "from kerb to kerb", required=True),
-    Column("width_m", float, "m", "extent along the road"),
-    Column("x_m", float, "m", "place of its centre in the network"),
-    Column("y_m", float, "m", "place of its centre in the network"),
-    Column("queue_p95", float, "", "vehicles below 5 km/h before it, 95 % quantile over seconds"),
+    Field("crosswalk", str, "", "id of the crosswalk", required=True),
+    Field("prioritized", bool, "", "whether vehicles have to give way", required=True),
+    Field("length_m", float, "m", "from kerb to kerb", required=True),
+    Field("width_m", float, "m", "extent along the road"),
+    Field("x_m", float, "m", "place of its centre in the network"),
+    Field("y_m", float, "m", "place of its centre in the network"),
+    Field("queue_p95", float, "", "vehicles below 5 km/h before it, 95 % quantile over seconds"),
 ))
 """One row for each chosen crosswalk."""
 
-DRAWS = Table("draws", (
-    Column("cell", int, "", "number of the round; the last one is the estimate", required=True),
-    Column("pair", int, "", "number of the draw within its round", required=True),
-    Column("placed", bool, "", "whether a person was placed into the draw's first episode", True),
-    Column("nominal", bool, "", "whether it is the first episode of a nominal draw", True),
-    Column("event", bool, "", "whether it counts as an event", required=True),
-    Column("due", bool, "", "whether that is due to whom the density draws", required=True),
-    Column("weight", float, "", "its weight, if it is an event or failed", required=True),
-    Column("likely", float, "", "nominal density over that of the draw", required=True),
-    Column("scores", list, "", "distances from the event, of whom the density draws alone"),
-    Column("point", list, "", "what was drawn: fixed normal numbers, speed, arrival, others"),
-    Column("passed_mps", float, "m/s", "speed at which the ego passes"),
-    Column("episodes", int, "", "episodes that it took", required=True),
-    Column("reason", str, "", "why it failed"),
-    Column("timed_out", bool, "", "whether it timed out", required=True),
-    Column("uniforms", str, "", "of an event: its entry of `pedestrians.drawn`, as JSON"),
+DRAWS = TableSchema("draws", (
+    Field("cell", int, "", "number of the round; the last one is the estimate", required=True),
+    Field("pair", int, "", "number of the draw within its round", required=True),
+    Field("placed", bool, "", "whether a person was placed into the draw's first episode", True),
+    Field("nominal", bool, "", "whether it is the first episode of a nominal draw", True),
+    Field("event", bool, "", "whether it counts as an event", required=True),
+    Field("due", bool, "", "whether that is due to whom the density draws", required=True),
+    Field("weight", float, "", "its weight, if it is an event or failed", required=True),
+    Field("likely", float, "", "nominal density over that of the draw", required=True),
+    Field("scores", list, "", "distances from the event, of whom the density draws alone"),
+    Field("point", list, "", "what was drawn: fixed normal numbers, speed, arrival, others"),
+    Field("passed_mps", float, "m/s", "speed at which the ego passes"),
+    Field("episodes", int, "", "episodes that it took", required=True),
+    Field("reason", str, "", "why it failed"),
+    Field("timed_out", bool, "", "whether it timed out", required=True),
+    Field("uniforms", str, "", "of an event: its entry of `pedestrians.drawn`, as JSON"),
 ))
 """One row for each episode of a risk; those that only find an event's weight are counted."""
 # fmt: on
@@ -241,7 +241,7 @@ RunKind = Literal["encounters", "simulations", "risk"]
 ENCOUNTERS: tuple[RunKind, ...] = ("encounters",)
 SIMULATIONS: tuple[RunKind, ...] = ("simulations",)
 
-TABLES_OF: Mapping[RunKind, tuple[Table, ...]] = {
+TABLES_OF: Mapping[RunKind, tuple[TableSchema, ...]] = {
     "encounters": (EPISODES, PEDESTRIANS, TRACES),
     "simulations": (ARMS, PASSAGES, VEHICLES, PEOPLE, CROSSWALKS),
     "risk": (DRAWS,),
@@ -254,7 +254,7 @@ COUNTED: Mapping[RunKind, tuple[str, ...]] = {
 }
 """The tables from which the findings of a run are computed."""
 
-TABLES: Mapping[str, Table] = {each.name: each for of in TABLES_OF.values() for each in of}
+TABLES: Mapping[str, TableSchema] = {each.name: each for of in TABLES_OF.values() for each in of}
 
 
 def kind_of(scenario: Scenario) -> RunKind:

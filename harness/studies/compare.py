@@ -21,7 +21,7 @@ from harness.results.notes import RULES, Note, notes_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
 from harness.results.screens import drivers, scope_of, shown, table_of
 from harness.results.simulated import SimulationSample
-from harness.results.student import RELIABLE_FROM
+from harness.results.student import RELIABLE_PAIRS
 from harness.results.tables import RunKind
 from harness.scenario.place import place_in_words
 from harness.scenario.variation import flatten
@@ -379,7 +379,7 @@ def _notes(
         notes.append(Note("more_crashes", rank_of["collisions"], "more crashes", text))
     if few:
         text = f"In {len(few):,} {of} rows A − B is unreliable (*): few pairs differ (fewest: "
-        least = kind.differences[0].reliable_from or RELIABLE_FROM
+        least = kind.differences[0].reliable_from or RELIABLE_PAIRS
         text, more = f"{text}{min(few):,}).", f"It is reliable from {least:,} on."
         notes.append(Note("few_differ", rank_of["few_pairs"], "few pairs differ", text, more))
     if shares:

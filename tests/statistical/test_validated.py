@@ -10,7 +10,7 @@ import pytest
 from benchmarks.references import time_ratios, validated
 from harness.results.estimators import Sampling
 from harness.strategies.references import known
-from harness.studies.models.validation import RELIABLE_FROM, findings_of
+from harness.studies.models.validation import RELIABLE_VEHICLES, scores_of
 from tests.docs.conftest import ROOT
 
 DUT = ROOT.parent / "shared" / "data" / "dut"
@@ -42,7 +42,7 @@ def test_intervals_over_vehicles_cover_the_truth_as_often_as_they_say() -> None:
     repeats = 600
     for number in range(repeats):
         rng = np.random.default_rng(number)
-        found = findings_of(drives(RELIABLE_FROM, rng), Sampling(rng))
+        found = scores_of(drives(RELIABLE_VEHICLES, rng), Sampling(rng))
         for key, truth in truths.items():
             low, high = found[key].low, found[key].high
             assert low is not None

@@ -14,7 +14,7 @@ from harness.measures import MEASURES, EpisodeRecord
 from harness.model.interaction import load_model
 from harness.results.tables import DRAWS
 from harness.scenario import Scenario, load_scenario, validate
-from harness.studies.risk.estimate import findings_of, risk_notes
+from harness.studies.risk.estimate import risk_findings, risk_notes
 from harness.studies.risk.risk_draws import (
     DrawInputs,
     DrawOutcome,
@@ -64,7 +64,7 @@ def test_brute_force_where_it_is_affordable() -> None:
     """Its interval is the exact one, and its first look is not in the estimate."""
     run, truth = half_space(1e-2)
     units = rounds(run, FLAT, 3, 0.5)
-    estimate = findings_of(units)["probability"]
+    estimate = risk_findings(units)["probability"]
     exact = stats.binomtest(estimate.events, estimate.n).proportion_ci(method="exact")
     assert (estimate.low, estimate.high) == pytest.approx((exact.low, exact.high))
     assert (units[-1].count, units[-1].events) == (estimate.n, estimate.events)
@@ -129,7 +129,7 @@ def test_what_a_risk_says_of_its_draws() -> None:
     """No round but the last is in the estimate; each nominal draw is in the bound."""
     look = rows([-1.0] * 3 + [1.0] * 997, [1.0] * 1_000)
     even = rows([-1.0] * 50 + [1.0] * 950, [0.001] * 900 + [1.0] * 100)
-    numbers = findings_of([look, even])
+    numbers = risk_findings([look, even])
     assert numbers["probability"].value == pytest.approx(50 * 0.001 / 1_000)
     assert numbers["probability"].events == 50
     # One-sided, by Clopper and Pearson: 3 events in the 1,100 nominal draws of both rounds.
@@ -139,23 +139,23 @@ def test_what_a_risk_says_of_its_draws() -> None:
     assert numbers["probability"].reason == "3 of 1,100 nominal draws are events"
     # One draw holds 1/(1 + 0.05 · …) of an estimate.
     heavy = rows([-1.0] * 100 + [1.0] * 900, [0.1] + [0.005] * 99 + [1.0] * 900)
-    found_ = findings_of([heavy])["probability"]
+    found_ = risk_findings([heavy])["probability"]
     assert found_.reliable is False
     assert "one draw holds 17 % of the estimate" in found_.reason
     light = rows([-1.0] * 100 + [1.0] * 900, [0.04] + [0.005] * 99 + [1.0] * 900)
-    numbers = findings_of([light])
+    numbers = risk_findings([light])
     assert numbers["probability"].reliable
     assert "target missed" in [note.key for note in risk_notes(numbers, FLAT, 0.01)]
     # Failures: the worst case, and no nominal draws.
     failing = rows([-1.0] * 40 + [math.nan] * 10 + [1.0] * 50, [1.0] * 100)
-    numbers = findings_of([failing])
+    numbers = risk_findings([failing])
     assert numbers["probability"].value == 0.4
     assert numbers["probability_worst"].value == 0.5
     assert (numbers["nominal_high"].n, numbers["failures"].value) == (90, 10)
     # Those of another round are not in the estimate: 0, not 1.
-    (note, *_) = risk_notes(findings_of([failing, rows([1.0] * 9, [1.0] * 9)]), FLAT)
+    (note, *_) = risk_notes(risk_findings([failing, rows([1.0] * 9, [1.0] * 9)]), FLAT)
     assert note.text.endswith("its probability would be 0.")
-    nothing = findings_of([rows([math.nan] * 9, [1.0] * 9)])
+    nothing = risk_findings([rows([math.nan] * 9, [1.0] * 9)])
     assert (nothing["probability"].value, nothing["nominal_high"].value) == (None, None)
     assert nothing["brute_force_episodes"].value is None
 

@@ -19,7 +19,7 @@ from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_recorded import HumanRecorded
 from harness.studies.models.recorded_passages import find_passages
-from harness.studies.models.validation import DRAWS, findings_of, models_without, pass_time_score
+from harness.studies.models.validation import DRIVES, models_without, pass_time_score, scores_of
 from tests.batches import printed
 from tests.recordings import DRIVERS, LENGTH_M, RATE_HZ, SCENES, held, write_set
 from tests.scenes import refusal_of
@@ -182,7 +182,7 @@ def test_draws_and_passages_have_the_weight_of_their_passage_and_vehicle() -> No
         *2 * [{"vehicle": "b", "passage": 2, "error_s": 5.0, "right": 0.0, "people": 1.0}],
     ]
     counts = {"contacts": [0, 1] + [0] * 4, "timed_out": 0.0}
-    found = findings_of(pd.DataFrame(rows).assign(**counts), Sampling(None))
+    found = scores_of(pd.DataFrame(rows).assign(**counts), Sampling(None))
     # Scores: E|e| − ½ E|e − e'| = 2 − 1, 1 and 5; errors 2, −1, 5; order (3 + 1 + 0) of 6.
     assert found["pass_time_score_s"].value == pytest.approx((1 + 1 + 5) / 3)
     assert found["pass_time_error_mean_s"].value == pytest.approx((2 - 1 + 5) / 3)
@@ -218,7 +218,7 @@ def test_a_driver_that_draws_is_driven_often(tmp_path: Path) -> None:
     for record in once.records:
         assert float(record["order_right"].value * people).is_integer()
     share = often.records[0]["order_right"].value * people
-    assert share * DRAWS == pytest.approx(round(share * DRAWS))
+    assert share * DRIVES == pytest.approx(round(share * DRIVES))
     assert not float(share).is_integer()
 
 

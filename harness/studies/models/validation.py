@@ -41,10 +41,10 @@ from harness.strategies.registry import find_strategy
 from harness.studies.models.model_fits import FitSettings, fit_weighted, vehicle_folds
 from harness.studies.models.recorded_passages import BEYOND_S, RecordedPassage, find_passages
 
-DRAWS = 20
+DRIVES = 20
 """Drives of each passage by a driver who draws random numbers."""
 
-RELIABLE_FROM = 200
+RELIABLE_VEHICLES = 200
 """Vehicles from which intervals cover the truth in 93 to 95 %; with 26 vehicles in 89 to 92 %."""
 
 FOLDS = 5
@@ -122,7 +122,7 @@ def validate(
             "fitted_on_these_data": name in optimistic,
             "folds": len({*of_vehicle.values()}) if name in with_model else 0,
         }
-        records.append(record | findings_of(drives_of(name, passages, models, scenario), sampling))
+        records.append(record | scores_of(drives_of(name, passages, models, scenario), sampling))
         progress(number, len(factories))
     records.sort(key=lambda record: record["pass_time_score_s"].value)
     notes = _notes(records, left_out, tally, known is None)
@@ -217,7 +217,7 @@ def drives_of(
     models: Sequence[InteractionModel],
     scenario: Scenario,
 ) -> pd.DataFrame:
-    """A row for each drive of one driver: ``DRAWS`` of each passage if a first drive draws.
+    """A row for each drive of one driver: ``DRIVES`` of each passage if a first drive draws.
 
     Args:
         name: name of the strategy.
@@ -228,10 +228,10 @@ def drives_of(
         HarnessError: the strategy fails in a passage.
     """
     rows, drew, step_s = [], False, scenario.experiment.step_s
-    for draw in range(DRAWS):
+    for draw in range(DRIVES):
         for number, passage in enumerate(passages):
             # Streams are keyed by a pair, so each drive of a passage has a stream of its own.
-            rng = stream(scenario.experiment.seed, "strategy", number * DRAWS + draw)
+            rng = stream(scenario.experiment.seed, "strategy", number * DRIVES + draw)
             begun = rng.bit_generator.state
             strategy = named_strategy(scenario, name, models[number], iter([rng]).__next__)
             trace = _simulated(passage, strategy, step_s)
@@ -310,7 +310,7 @@ def pass_time_score(error_s: FloatArray) -> float:
     return float(np.abs(error_s).mean()) - spread / 2
 
 
-def findings_of(drives: pd.DataFrame, sampling: Sampling) -> dict[str, Finding]:
+def scores_of(drives: pd.DataFrame, sampling: Sampling) -> dict[str, Finding]:
     """The numbers of a driver; the intervals are over vehicles, by the bootstrap of runs.
 
     Args:
@@ -325,9 +325,9 @@ def findings_of(drives: pd.DataFrame, sampling: Sampling) -> dict[str, Finding]:
 
     def ratio(above: str, below: str = "passages") -> Finding:
         found = estimators.ratio(sums[above].to_numpy(), sums[below].to_numpy(), sampling)
-        if len(sums) >= RELIABLE_FROM:
+        if len(sums) >= RELIABLE_VEHICLES:
             return found
-        reason = f"{len(sums)} vehicles, reliable from {RELIABLE_FROM} on"
+        reason = f"{len(sums)} vehicles, reliable from {RELIABLE_VEHICLES} on"
         return replace(found, reliable=False, reason=reason)
 
     return {

@@ -45,9 +45,9 @@ from harness.studies.running.run_folder import (
     refuse_other_versions,
     simulated_with,
 )
-from harness.studies.running.tasks import EpisodeId, Rows, Task, Tell, part_pairs
+from harness.studies.running.tasks import EpisodeId, Task, TaskRows, Tell, part_pairs
 
-DRAWS = tables.DRAWS.name
+_TABLE = tables.DRAWS.name
 
 MOST_DRAWS = 200_000
 """Most draws of an estimate."""
@@ -68,7 +68,7 @@ class _Drawing:
     event: Event
     proposal: Proposal
 
-    def run(self, task: Task, tell: Tell) -> Rows:
+    def run(self, task: Task, tell: Tell) -> TaskRows:
         """The rows of a task; units of which an episode was given up are recorded as failed."""
         (cell,), (arm,) = task.cells, task.arms
         scenario = cell.scenario
@@ -92,7 +92,7 @@ class _Drawing:
 
         with threadpool_limits(1, user_api="blas"):
             rows = risk_draws.draw_units(self.proposal, self.space, cell.number, task.pairs, run)
-        return Rows({cell.number: {DRAWS: tables.DRAWS.of(rows)}})
+        return TaskRows({cell.number: {_TABLE: tables.DRAWS.of(rows)}})
 
     def _outcomes(
         self, drawn: Sequence[DrawInputs], measured: Sequence[Outcome]
@@ -213,12 +213,12 @@ def resumed(
                 task = replace(whole, cells=cells, first=first, count=units, own=own)
                 try:
                     drawn[first] = folders.read_part(
-                        path, DRAWS, round_, first, manifest, task.pairs
+                        path, _TABLE, round_, first, manifest, task.pairs
                     )
                 except folders.DamagedPartError:  # or there is none
                     tasks.append(task)
             for task, rows in runs.written(tasks, chosen, folder, manifest["digest"]):
-                drawn[task.first] = rows.tables[round_][DRAWS]
+                drawn[task.first] = rows.tables[round_][_TABLE]
                 progress(len(drawn), -(-count // size))
             return Units(pa.concat_tables([drawn[first] for first in sorted(drawn)]))
 
@@ -227,7 +227,7 @@ def resumed(
         with threadpool_limits(1, user_api="blas"):  # the last bits depend on the number of threads
             rounds = rounds_of(draw, space, rng, asked["target_cv"], MOST_DRAWS)
         _run_events(path, study, manifest["engine"], rounds[-1], chosen)
-        cell = CellFindings(0, {}, scenario, findings_of(rounds))
+        cell = CellFindings(0, {}, scenario, risk_findings(rounds))
         folders.write_findings(path, manifest, [cell])
         folder.note("finished")
     return read_risk(path)
@@ -256,7 +256,7 @@ def _run_events(
         runs.run(again, out=events, engine=engine, executor=executor)
 
 
-def findings_of(rounds: Sequence[Units]) -> dict[str, Finding]:
+def risk_findings(rounds: Sequence[Units]) -> dict[str, Finding]:
     """The numbers of a risk by key; the estimate is that of the last round alone."""
     estimate = rounds[-1]
     n, value, weighted = estimate.count, estimate.value, estimate.weighted
@@ -334,13 +334,13 @@ def _found_again(path: Path, manifest: folders.Manifest, study: Study) -> Findin
     rounds, parts = dict[int, list[pa.Table]](), sorted(folders.done_parts(path))
     for (round_, first), (_, end) in zip(parts, [*parts[1:], (0, 0)], strict=True):
         units = range(first, end or first + MOST_DRAWS)  # a round begins with 0
-        rows = folders.read_part(path, DRAWS, round_, first, manifest, units)
+        rows = folders.read_part(path, _TABLE, round_, first, manifest, units)
         rounds.setdefault(round_, []).append(rows)
     drawn = [Units(pa.concat_tables(of)) for of in rounds.values()]
     if sum(each.episodes for each in drawn) != stored[0]["episodes"].value:
         advice = f"delete {folders.FINDINGS}; `{resume_command(path)}` draws them again"
-        raise InputError(str(path / DRAWS), "parts are missing", advice)
-    return findings_of(drawn)
+        raise InputError(str(path / _TABLE), "parts are missing", advice)
+    return risk_findings(drawn)
 
 
 def result_of(path: Path, settings: Mapping[str, Any] | None = None) -> Result:

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 from harness.core.errors import HarnessError, in_one_line
 
 if TYPE_CHECKING:
-    from harness.studies.running.tasks import EpisodeId, Rows, Task
+    from harness.studies.running.tasks import EpisodeId, Task, TaskRows
 
 SLOW_S = 120.0
 """Longest time without news outside a strategy's ``decide``: imports, its constructor, measures."""
@@ -99,7 +99,7 @@ class Child:
         same = all(self._code.get(name, digest) == digest for name, digest in code.items())
         return same and self._process.poll() is None
 
-    def run(self, task: "Task") -> "Rows":
+    def run(self, task: "Task") -> "TaskRows":
         """The rows of a task.
 
         Raises:
@@ -116,7 +116,7 @@ class Child:
             raise LostError("the worker process died", _episode_in(self._head())) from None
         if problem is not None:
             raise HarnessError(f"a worker process failed: {problem}")
-        found: Rows = rows
+        found: TaskRows = rows
         return found
 
     def _wait(self, limit_s: float) -> None:
@@ -273,7 +273,7 @@ def serve(pipe: int, state: int) -> None:
     fcntl.fcntl(0, fcntl.F_SETFL, fcntl.fcntl(0, fcntl.F_GETFL) | os.O_ASYNC)
     connection, tell = Connection(pipe), _teller(state)
 
-    def answer() -> tuple[str | None, "Rows | None"]:
+    def answer() -> tuple[str | None, "TaskRows | None"]:
         try:
             from harness.studies.running.episodes import run_task
 

@@ -16,7 +16,7 @@ from harness.measures import Outcome
 from harness.results.rows import encounter_rows
 from harness.results.tables import Row, Tables
 from harness.scenario import Cell, Scenario
-from harness.studies.running.tasks import EpisodeId, Rows, Task, Tell
+from harness.studies.running.tasks import EpisodeId, Task, TaskRows, Tell
 
 Runner = tuple[Cell, PairRunner]
 
@@ -25,7 +25,7 @@ def _nobody(_episode: EpisodeId | None, _states: Sized | None) -> None:
     """Nobody is told."""
 
 
-def run_task(task: Task, tell: Tell = _nobody) -> Rows:
+def run_task(task: Task, tell: Tell = _nobody) -> TaskRows:
     """Simulate a task of any kind."""
     if task.own is not None:
         return task.own.run(task, tell)
@@ -34,12 +34,12 @@ def run_task(task: Task, tell: Tell = _nobody) -> Rows:
     # What a run does not simulate is not imported.
     from harness.studies.running import simulations
 
-    return simulations.run_task(task, tell)
+    return simulations.simulate_task(task, tell)
 
 
 def run_episodes(
     task: Task, tell: Tell = _nobody, make_engine: Callable[[Scenario], Engine] | None = None
-) -> Rows:
+) -> TaskRows:
     """Simulate every episode of a task; those that were given up are recorded as failed.
 
     Args:
@@ -76,7 +76,7 @@ def run_episodes(
                 engine.close()
 
 
-def _simulated(task: Task, runners: Sequence[Runner], tell: Tell) -> Rows:
+def _simulated(task: Task, runners: Sequence[Runner], tell: Tell) -> TaskRows:
     parts: dict[int, list[Tables]] = {cell.number: [] for cell in task.cells}
     events: list[Row] = []
     for begin in range(0, task.count, CHUNK_PAIRS):
@@ -110,7 +110,7 @@ def _simulated(task: Task, runners: Sequence[Runner], tell: Tell) -> Rows:
         number: {name: pa.concat_tables([each[name] for each in found]) for name in found[0]}
         for number, found in parts.items()
     }
-    return Rows(tables, tuple(events))
+    return TaskRows(tables, tuple(events))
 
 
 def _outcomes(

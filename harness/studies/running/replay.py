@@ -25,7 +25,7 @@ from harness.results.tables import TABLES_OF, Tables
 from harness.strategies.registry import source_digests
 from harness.studies.running.episodes import run_episodes, run_task
 from harness.studies.running.run_folder import changes, simulated_with
-from harness.studies.running.tasks import Rows, Task
+from harness.studies.running.tasks import Task, TaskRows
 from harness.studies.running.workers import carried_out
 
 TOLERANCE = 1e-6
@@ -150,7 +150,7 @@ def watch(
             raise InputError(f"screenshots={screenshots}", "is of encounters", "sumo-gui without")
         from harness.studies.running import simulations
 
-        shown = (simulations.run_task(task, module="gui", more=_SHOW) for task in tasks)
+        shown = (simulations.simulate_task(task, module="gui", more=_SHOW) for task in tasks)
         return [replayed(run, task, rows) for task, rows in zip(tasks, shown, strict=True)]
     from harness.engine.window import Window
 
@@ -219,7 +219,7 @@ def refuse_in_use(folder: Path, name: str) -> None:
         raise InputError(f"{name}={folder}", "is not empty", "a new or empty folder")
 
 
-def replayed(run: Run, task: Task, rows: Rows) -> Replayed:
+def replayed(run: Run, task: Task, rows: TaskRows) -> Replayed:
     """How a repeated episode differs from its record."""
     (cell,), (arm,) = task.cells, task.arms
     tables = rows.tables[cell.number]

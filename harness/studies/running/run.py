@@ -34,7 +34,7 @@ from harness.studies.running.run_folder import (
     refuse_other_versions,
     simulated_with,
 )
-from harness.studies.running.tasks import Rows, Task, part_pairs, tasks_of
+from harness.studies.running.tasks import Task, TaskRows, part_pairs, tasks_of
 from harness.studies.running.workers import executor_for, supervise
 
 _AT_ONCE = 300
@@ -286,10 +286,10 @@ def _carried_out(
 
 def written(
     tasks: Iterable[Task], executor: Executor, folder: RunFolder, digest: str
-) -> Iterator[tuple[Task, Rows]]:
+) -> Iterator[tuple[Task, TaskRows]]:
     """Each task with its rows as soon as they are parts of the folder, in the order of the ends."""
     most = getattr(executor, "at_once", _AT_ONCE)
-    waiting, running = iter(tasks), dict[Future[Rows], Task]()
+    waiting, running = iter(tasks), dict[Future[TaskRows], Task]()
     try:
         while True:
             for task in islice(waiting, most - len(running)):

@@ -19,7 +19,7 @@ from harness.scenario import Cell, Scenario, Study
 from harness.simulation.arm_tables import ArmTables, run_arm
 from harness.simulation.opening import check, check_demand, digests, opened, opened_traffic
 from harness.simulation.setup import Setup
-from harness.studies.running.tasks import EpisodeId, Rows, Task, Tell
+from harness.studies.running.tasks import EpisodeId, Task, TaskRows, Tell
 
 REPLAYED = {"fcd-output": "fcd.xml.gz"}
 """Outputs of a replay besides those of the configuration."""
@@ -49,12 +49,12 @@ def checked(study: Study) -> tuple[list[InteractionModel], Mapping[str, str]]:
     return models, files
 
 
-def run_task(
+def simulate_task(
     task: Task,
     tell: Tell = lambda _episode, _steps: None,
     module: Module = "libsumo",
     more: Mapping[str, str] = MappingProxyType({}),
-) -> Rows:
+) -> TaskRows:
     """Simulate every arm of a task's pair; those that were given up are recorded as failed.
 
     An arm that cells share is simulated once.
@@ -112,7 +112,7 @@ def run_task(
                         }
                     )
         tables[cell.number] = _tables(cell, outcomes)
-    return Rows(tables, tuple(events))
+    return TaskRows(tables, tuple(events))
 
 
 def _opened(scenario: Scenario, pair: int, folder: Path) -> Setup:

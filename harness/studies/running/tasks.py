@@ -95,13 +95,13 @@ class Task:
 class Own(Protocol):
     """What a study simulates in tasks; ``first`` and ``count`` may be of what is no pair."""
 
-    def run(self, task: Task, tell: Tell, /) -> "Rows":
+    def run(self, task: Task, tell: Tell, /) -> "TaskRows":
         """The rows of a task."""
         ...
 
 
 @dataclass(frozen=True)
-class Rows:
+class TaskRows:
     """What a task returns: the tables of each cell by its number, and lines for the log."""
 
     tables: "Mapping[int, Tables]"

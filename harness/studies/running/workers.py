@@ -21,7 +21,7 @@ from harness.core.errors import HarnessError, InputError
 from harness.studies.running.children import LostError, give_back, stop_children, take_child
 
 if TYPE_CHECKING:
-    from harness.studies.running.tasks import EpisodeId, Rows, Task
+    from harness.studies.running.tasks import EpisodeId, Task, TaskRows
 
 LATER_S = 2.0
 """Further children start after this time, if there is still work: a start takes as long as some
@@ -133,7 +133,7 @@ def executor_for(workers: int | None, drivers: Iterable[str], pairs: int) -> Own
     return LocalExecutor(min(number, pairs), pairs)
 
 
-def carried_out(tasks: "Sequence[Task]") -> "list[Rows]":
+def carried_out(tasks: "Sequence[Task]") -> "list[TaskRows]":
     """The rows of tasks of one pair, in their order, by child processes of this machine."""
     executor = LocalExecutor(min(default_workers(), len(tasks)), len(tasks))
     try:
@@ -142,7 +142,7 @@ def carried_out(tasks: "Sequence[Task]") -> "list[Rows]":
         executor.abort()
 
 
-def supervise(task: "Task") -> "Rows":
+def supervise(task: "Task") -> "TaskRows":
     """Carry out a task in a child process.
 
     An episode whose strategy gives no answer in time is given up, and the others run again.  A
