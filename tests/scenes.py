@@ -25,7 +25,7 @@ from harness.encounter.pairing import PairRunner
 from harness.encounter.walkers import ChooseSpeed
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
-from harness.measures import Outcome, measure
+from harness.measures import EpisodeRecord, Outcome, measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, validate
 from harness.strategies.perception.perception import Perception
@@ -147,3 +147,8 @@ def refusal_of(call: Callable[[], object], *parts: str) -> InputError:
     line = str(caught.value)
     assert [part for part in ("", *parts) if part not in line or "\n" in line] == [], line
     return caught.value
+
+
+def record(*args: Any, **kwargs: Any) -> EpisodeRecord:
+    """The record of such a drive."""
+    return measure([drive(*args, **kwargs)])[0]

@@ -85,9 +85,8 @@ def test_the_first_at_the_trigger() -> None:
         for mine, theirs in zip(plan, other, strict=False):
             assert (mine.side, mine.quantile) == (theirs.side, theirs.quantile)
     # Those after them are Poisson from the trigger on: 400/60 in a minute.
-    many = plans(scene(flow_per_hour=400.0, first_at_trigger=True), 2000)
-    after = np.array([len(plan) - 1 for plan in many])
-    assert abs(after.mean() - 400 / 60) < 4 * np.sqrt(400 / 60 / 2000)
+    after = np.array([len(plan) - 1 for plan in at_trigger])
+    assert abs(after.mean() - 400 / 60) < 4 * np.sqrt(400 / 60 / 300)
 
 
 def test_no_flow_no_pedestrians() -> None:

@@ -40,10 +40,8 @@ def desired(
     joint: Joint, range_m: float, speed: float, lateral_m: float, pace: float, reading: str
 ) -> float:
     """The mode of f(v | 1/R, v_p[, 1/T_adv]) on a grid of 0.5 mm/s, arguments clamped."""
-    r, walking = (
-        float(np.clip(value, joint.lower[i], joint.upper[i]))
-        for i, value in ((0, 1 / range_m), (2, pace))
-    )
+    r = float(np.clip(1 / range_m, joint.lower[0], joint.upper[0]))
+    walking = float(np.clip(pace, joint.lower[2], joint.upper[2]))
     if reading == "marginal":
         return joint.driver_mode(r, walking, None)
     advantage = abs(range_m / speed - lateral_m / pace) if speed > 0 else np.inf

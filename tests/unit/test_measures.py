@@ -14,11 +14,7 @@ import pytest
 from harness.core.encounter import Arrival, Ending, Leg, Side, Walk
 from harness.measures import EpisodeRecord, crossing_time_s, measure
 from harness.measures.conflicts import time_advantage_s
-from tests.scenes import Walker, drive
-
-
-def record(*args: object, **kwargs: object) -> EpisodeRecord:
-    return measure([drive(*args, **kwargs)])[0]  # type: ignore[arg-type]
+from tests.scenes import Walker, drive, record
 
 
 def cruise(*walkers: Walker, step: float = 0.1) -> EpisodeRecord:

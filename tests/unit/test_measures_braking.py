@@ -11,11 +11,7 @@ import pytest
 
 from harness.core.encounter import Ending, Side
 from harness.measures import EpisodeRecord, measure
-from tests.scenes import Walker, drive, scenario
-
-
-def record(*args: object, **kwargs: object) -> EpisodeRecord:
-    return measure([drive(*args, **kwargs)])[0]  # type: ignore[arg-type]
+from tests.scenes import Walker, drive, record, scenario
 
 
 def cruise(*walkers: Walker, speed: float = 5.0) -> EpisodeRecord:

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 from scipy import stats
 
 from harness.core.encounter import Arm, Arrival, Observation, PedestrianView, Side, Trace
@@ -108,6 +109,20 @@ def test_the_quantile_decides_the_first_detection_and_what_is_lost_is_looked_for
     assert [track.update(look) for look in looks] == [False, False, False, True, True, False]
 
 
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 12), st.integers(1, 4), st.lists(st.booleans(), min_size=12, max_size=40))
+def test_latency_only_shifts_what_is_shown(late: int, every: int, sights: list[bool]) -> None:
+    poor = {"update_s": every / 10, "position_sd_m": 0.3, "dropout_probability": 0.2}
+    person = PedestrianView(1, Side.NEAR, 2.0, 8.0, 1.2, on_crossing=True)
+
+    def shown(latency_s: float) -> list[object]:
+        sensor = sensor_with(latency_s=latency_s, detection_probability=0.6, **poor)
+        updates = Updates(sensor, lambda index: SensorTrack(sensor, 0, index, 0.5))
+        return [updates.shown(lambda sees=sees: [(person, sees)]) for sees in sights]
+
+    assert shown(late / 10) == [()] * late + shown(0.0)[: len(sights) - late]
+
+
 def test_share_of_updates_shown_with_dropouts() -> None:
     # Found with p, dropped with q at each update: a Markov chain of two states, in the found one
     # p/(p + q) of the time; a run in it is geometric with mean 1/q.
@@ -164,6 +179,20 @@ def test_a_disc_is_hidden_when_the_whole_of_it_is(centre, hidden) -> None:
     assert is_hidden((0.0, 0.0), centre, [WALL]) is hidden
 
 
+QUARTERS = st.integers(-40, 40).map(lambda quarters: quarters / 4)
+
+
+@given(st.tuples(*[QUARTERS] * 4), st.tuples(QUARTERS, QUARTERS), st.integers(1, 8))
+def test_what_is_hidden_is_so_in_the_mirror_and_behind_a_larger_obstacle(sides, at, more) -> None:
+    x, y = at
+    (low, high), (right, left) = sorted(sides[:2]), sorted(sides[2:])
+    hidden = is_hidden((0.0, 0.0), at, [Rectangle(low, high, right, left)])
+    assert is_hidden((0.0, 0.0), (x, -y), [Rectangle(low, high, -left, -right)]) is hidden
+    assert is_hidden((0.0, 0.0), (-y, x), [Rectangle(-left, -right, low, high)]) is hidden
+    larger = Rectangle(low - more, high + more, right - more, left + more)
+    assert larger.holds((0.0, 0.0)) or is_hidden((0.0, 0.0), at, [larger]) >= hidden
+
+
 @pytest.mark.parametrize("speed", [2.7778, 10.0, 16.6667])
 def test_when_the_child_behind_parked_cars_becomes_visible(speed: float) -> None:
     # Seen from the eye, d before the child's line and at y = 2.25, the smaller car ends at its
@@ -177,18 +206,14 @@ def test_when_the_child_behind_parked_cars_becomes_visible(speed: float) -> None
     # They start 4 m from the lane's centre at a = v²/2 over 1 m and are hit at 69.75 m/v.
     contact_s = 69.75 / speed
     start_s = contact_s - 2 / 1.3889 - 3 / 1.3889
-    expected = None
-    for step in range(int(contact_s / 0.1) + 1):
-        walked_s = max(0.0, step * 0.1 - start_s)
-        fast_s = min(walked_s, 2 / 1.3889)
-        walked_m = 1.3889**2 / 4 * fast_s**2 + 1.3889 * (walked_s - fast_s)
-        slope = -1.9 / (70.0 - speed * step * 0.1 + 2.4 - 1)
-        if -1.75 + walked_m > 0.35 + slope - 0.25 * math.sqrt(1 + slope**2):
-            expected = step * 0.1
-            break
-    assert expected is not None
+    time_s = 0.1 * np.arange(int(contact_s / 0.1) + 1)
+    walked_s = np.maximum(0.0, time_s - start_s)
+    fast_s = np.minimum(walked_s, 2 / 1.3889)
+    walked_m = 1.3889**2 / 4 * fast_s**2 + 1.3889 * (walked_s - fast_s)
+    slope = -1.9 / (70.0 - speed * time_s + 2.4 - 1)
+    in_sight = -1.75 + walked_m > 0.35 + slope - 0.25 * np.sqrt(1 + slope**2)
     first = next(o for o in seen if o.pedestrians)
-    assert first.time_s == pytest.approx(expected)
+    assert first.time_s == pytest.approx(time_s[in_sight][0])
     # Some 1.5 s before the contact, where an adult without the cars is in sight all the time.
     assert 1.2 < contact_s - first.time_s < 1.9
 
@@ -240,12 +265,7 @@ def test_cells_share_their_draws_and_pairs_do_not() -> None:
     assert [a._replace(detection_quantile=None) for a in one] == list(planned_arrivals(flow(), 0))
     sensor = sensor_of(flow(*poor), Arm.AV)
     assert sensor is not None
-    draws = [
-        SensorTrack(sensor, pair, index, 0.5).next_errors()[0]
-        for pair in (0, 1)
-        for index in (0, 1)
-    ]
-    assert len(set(draws)) == 4
+    assert len({SensorTrack(sensor, *key, 0.5).next_errors() for key in np.ndindex(2, 2)}) == 4
 
 
 def test_given_uniforms_are_the_first_errors_and_the_wait_after_the_first_loss() -> None:

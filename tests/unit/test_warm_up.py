@@ -61,3 +61,11 @@ def test_both_arms_meet_them_on_the_crosswalk_at_the_trigger(model) -> None:
         assert [walks[person].start_s for person in wanted] == [0.0] * len(wanted)
         met += len(wanted)
     assert met > 50
+
+
+def test_a_class_changes_nobody_who_came_before_the_trigger() -> None:
+    kinds = [{"share": 0.5, "mean_mps": 1.0}]
+    of = [scene(60.0, walking_speed={"mean_mps": 1.4, "classes": each}) for each in ([], kinds)]
+    for pair in range(50):
+        one, other = (already_walking(each, pair, lambda u, _: 0.5 + u, 0) for each in of)
+        assert one == other
