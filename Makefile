@@ -23,6 +23,7 @@ test-all: $(READY)
 check: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/ruff check --select D101,D102,D103,D104,D106 harness
 	$(BIN)/mypy
 	$(BIN)/python -m $(PYTEST) -m "not slow"
 

@@ -16,7 +16,7 @@ from harness.core.encounter import (
     Walk,
     quick_tuple,
 )
-from harness.measures.motion.contact import time_to_collision
+from harness.measures.motion.contact import time_to_collision_s
 from harness.measures.motion.walking import cleared_s
 
 LOOK_EVERY_S = 1.0
@@ -188,7 +188,7 @@ class ReactiveWalker(Walker):
             return False
         y = self._kerb + self._direction * self._progress
         lane = self._kerb + self._direction * seen.to_lane_m
-        course = time_to_collision(
+        course = time_to_collision_s(
             np.array([seen.range_m]),
             np.array([y]),
             np.array([-seen.speed_mps]),

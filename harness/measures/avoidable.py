@@ -13,7 +13,7 @@ from harness.core.encounter import PEDESTRIAN_RADIUS_M, FloatArray, Trace, Vehic
 from harness.measures.chunk import Chunk
 from harness.measures.contacts import Strike
 from harness.measures.ego import ego_state, motion_within
-from harness.measures.motion.contact import Motion, first_contact_in_step
+from harness.measures.motion.contact import Motion, first_contact_in_step_s
 
 ATTENTIVE_DELAY_S = 0.4 + 0.75
 """Risk perception and reaction of the attentive driver (UN Regulation 157, annex 3)."""
@@ -155,6 +155,6 @@ def _still_hit(chunk: Chunk, number: int, strike: Strike, drive: _Drive) -> bool
                 continue
             ego = piece.motion.after(since_s - piece.begin_s)
             walkers = (walker_x.after(since_s - leg_begin_s), walker_y.after(since_s - leg_begin_s))
-            if first_contact_in_step(ego, *walkers, until_s - since_s, chunk.body) is not None:
+            if first_contact_in_step_s(ego, *walkers, until_s - since_s, chunk.body) is not None:
                 return True
     return False

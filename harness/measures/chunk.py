@@ -20,7 +20,7 @@ from harness.core.encounter import (
 )
 from harness.measures.contacts import Strike, strikes_of
 from harness.measures.ego import EgoStates, body_of, crossing_time_s, ego_states
-from harness.measures.motion.contact import time_to_collision
+from harness.measures.motion.contact import time_to_collision_s
 from harness.measures.steps import Legs, Rows, legs_in, rows_of
 
 _ARRAYS = (
@@ -131,7 +131,7 @@ def chunk_of(traces: Sequence[Trace], strikes: Sequence[Strike | None] | None = 
         ego=ego,
         legs=legs,
         met=met,
-        ttc_s=time_to_collision(
+        ttc_s=time_to_collision_s(
             met.ahead_m,
             met.walker_y_m,
             -met.closing_mps,

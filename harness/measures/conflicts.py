@@ -9,7 +9,7 @@ import numpy as np
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, STANDING_MPS, FloatArray, Side
 from harness.measures.chunk import Chunk
 from harness.measures.ego import crossing_time_s
-from harness.measures.motion.contact import gap
+from harness.measures.motion.contact import gap_m
 from harness.measures.steps import time_at_s, x_range
 
 
@@ -23,7 +23,7 @@ def contact_speed_mps(chunk: Chunk) -> FloatArray:
 def min_gap_m(chunk: Chunk) -> FloatArray:
     """Smallest distance of the ego's rectangle and the disc's edge in m; 0 after a contact."""
     met = chunk.met
-    distance = gap(met.ahead_m, met.walker_y_m, chunk.body)
+    distance = gap_m(met.ahead_m, met.walker_y_m, chunk.body)
     return np.where(chunk.crashed, 0.0, chunk.smallest(met.trace, distance))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Contact, Ending, IntArray, Trace
 from harness.measures.ego import body_of, ego_state
-from harness.measures.motion.contact import Motion, first_contact_in_step
+from harness.measures.motion.contact import Motion, first_contact_in_step_s
 from harness.measures.steps import Rows
 
 
@@ -40,7 +40,7 @@ def strikes_of(traces: Sequence[Trace], rows: Rows) -> list[Strike | None]:
             float(rows.walker_y_mps2[row]),
         )
         duration = float(rows.stop_s[row] - rows.start_s[row])
-        within = first_contact_in_step(ego, walker_x, walker_y, duration, body)
+        within = first_contact_in_step_s(ego, walker_x, walker_y, duration, body)
         if within is None:
             continue
         struck.add(walk)

@@ -229,7 +229,7 @@ def _check_sum(key: str, shares: Sequence[float], *, at_most: bool = False) -> N
     """Refuse shares that do not sum to 1, or with ``at_most`` to more than 1."""
     total = math.fsum(shares)
     if total > 1 + ROUNDING or (total < 1 - ROUNDING and not at_most):
-        allowed = f"shares that sum to {'at most ' * at_most}1"
+        allowed = f"shares that sum to {'at most 1' if at_most else '1'}"
         raise InputError(key, f"the shares sum to {total:.10g}", allowed)
 
 

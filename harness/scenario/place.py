@@ -60,7 +60,7 @@ def _road(scenario: Scenario) -> str:
     crossing = scenario.crossing
     lanes = f"{crossing.lanes} + {crossing.oncoming_lanes} lanes"
     hiding = len(scenario.obstacles())
-    hidden = f", {hiding} obstacle{'s' * (hiding > 1)}" if hiding else ""
+    hidden = f", {hiding} {'obstacle' if hiding == 1 else 'obstacles'}" if hiding else ""
     return f"road {as_written(crossing.length_m)} m wide, {lanes}{hidden}"
 
 

@@ -127,9 +127,8 @@ class Scenario(Section):
     def crosswalk_from_lanes(self, *, oncoming: bool) -> tuple[Crossing, ...]:
         """The crosswalk's constants for each lane of a direction, counted from its near kerb."""
         crossing = self.crossing
-        return tuple(
-            map(self.crosswalk, range((crossing.lanes, crossing.oncoming_lanes)[oncoming]))
-        )
+        lanes = crossing.oncoming_lanes if oncoming else crossing.lanes
+        return tuple(self.crosswalk(lane) for lane in range(lanes))
 
     @property
     def speed_limit_mps(self) -> float:

@@ -48,7 +48,7 @@ class OwnPeople:
         crosswalk: Crosswalk,
         pair: int,
         choose_speed: ChooseSpeed,
-        cars: "Mapping[str, Car]",
+        cars: Mapping[str, Car],
     ) -> None:
         self._session, self._crosswalk = session, crosswalk
         self._cars = cars

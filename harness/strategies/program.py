@@ -94,7 +94,7 @@ class ProgramDriver:
             raise
 
 
-def _ask(program: "subprocess.Popen[bytes]", line: bytes) -> bytes:
+def _ask(program: subprocess.Popen[bytes], line: bytes) -> bytes:
     """What a program answers to a line; a second line in it makes it no JSON."""
     assert program.stdin is not None
     assert program.stdout is not None
@@ -114,11 +114,11 @@ def _ask(program: "subprocess.Popen[bytes]", line: bytes) -> bytes:
     return answer
 
 
-_programs: "dict[tuple[str, ...], subprocess.Popen[bytes]]" = {}
+_programs: dict[tuple[str, ...], subprocess.Popen[bytes]] = {}
 """The running programs of this process, by their commands."""
 
 
-def _running_program(command: tuple[str, ...]) -> "subprocess.Popen[bytes]":
+def _running_program(command: tuple[str, ...]) -> subprocess.Popen[bytes]:
     if command not in _programs:
         pipe = subprocess.PIPE
         try:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from harness.core.encounter import Arrival, Crossing, Leg, Side, Walk
-from harness.measures.motion.contact import Motion, first_contact_in_step
+from harness.measures.motion.contact import Motion, first_contact_in_step_s
 from harness.measures.motion.walking import cleared_s, states_at
 
 CROSSING = Crossing(9.0, 4.0, 2.25, 4.5)
@@ -68,7 +68,7 @@ def test_first_contact_is_that_of_a_fine_sampling() -> None:
         ahead, y = sampled(walker_x) - sampled(ego), sampled(walker_y)
         away = np.hypot(ahead - np.clip(ahead, -length, 0.0), y - np.clip(y, right, left))
         hits = np.flatnonzero(away <= RADIUS_M)
-        found = first_contact_in_step(ego, walker_x, walker_y, STEP_S, (length, right, left))
+        found = first_contact_in_step_s(ego, walker_x, walker_y, STEP_S, (length, right, left))
         if found is None:
             assert not hits.size
             missed += 1
@@ -89,5 +89,7 @@ def test_who_turns_at_the_very_edge_touches_it() -> None:
         turns_m = speed**2 / (2 * braking)
         body = (5.0, turns_m + RADIUS_M, turns_m + 2.0)
         standing, beside = Motion(0.0, 0.0), Motion(-2.0, 0.0)
-        found = first_contact_in_step(standing, beside, Motion(0.0, speed, -braking), STEP_S, body)
+        found = first_contact_in_step_s(
+            standing, beside, Motion(0.0, speed, -braking), STEP_S, body
+        )
         assert found == pytest.approx(speed / braking, abs=1e-4)

@@ -35,7 +35,7 @@ class Motion(NamedTuple):
         return Motion(self.at(time_s), speed, self.acceleration_mps2)
 
 
-def first_contact_in_step(
+def first_contact_in_step_s(
     ego: Motion,
     walker_x: Motion,
     walker_y: Motion,
@@ -80,7 +80,7 @@ def first_contact_in_step(
             continue
         y = walker_y.at(time)
         # A root is accurate to about 1e-9; grazing counts as a contact.
-        if gap(front.at(time), y, body) <= 1e-9 * max(1.0, abs(y)) + _EPSILON_M:
+        if gap_m(front.at(time), y, body) <= 1e-9 * max(1.0, abs(y)) + _EPSILON_M:
             return time
     return None
 
@@ -126,7 +126,7 @@ def _near(span: tuple[float, float], place_m: float, reach_m: float) -> bool:
     return span[0] - reach_m <= place_m <= span[1] + reach_m
 
 
-def gap(
+def gap_m(
     ahead_m: FloatArray | float, y_m: FloatArray | float, body: tuple[float, float, float]
 ) -> FloatArray:
     """Distance between the ego's rectangle and the disc's edge in m, negative inside."""
@@ -137,7 +137,7 @@ def gap(
     return distance
 
 
-def time_to_collision(
+def time_to_collision_s(
     ahead_m: FloatArray,
     y_m: FloatArray,
     ahead_mps: FloatArray,
