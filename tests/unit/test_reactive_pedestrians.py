@@ -7,7 +7,7 @@ import pytest
 from harness.core.encounter import Arrival, Ending, Side, Walk
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.crowd import Crowd
-from harness.encounter.deciding import Lane
+from harness.encounter.deciding import KerbLane
 from harness.measures import measure
 from harness.results.rows import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, validate
@@ -112,7 +112,7 @@ def test_who_sees_no_vehicle_walks_on() -> None:
     gone: list[int] = []
     people = [Arrival(0, 0.0, Side.NEAR, 0.5)]
     crowd = Crowd(
-        people, [Lane(2.25, 3.5, 9.0)], lambda *_: 1.2, constants_of(scene()), gone.append
+        people, [KerbLane(2.25, 3.5, 9.0)], lambda *_: 1.2, constants_of(scene()), gone.append
     )
     for step in range(100):
         crowd.begin_step(step / 10)

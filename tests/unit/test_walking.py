@@ -61,14 +61,14 @@ def test_first_contact_is_that_of_a_fine_sampling() -> None:
     rng = np.random.default_rng(5)
     touched = missed = 0
     for _ in range(400):
-        length, right, left = 4.5, -0.9, 0.8
+        body = length, right, left = 4.5, -0.9, 0.8
         ego = Motion(rng.uniform(-6, 4), rng.uniform(-8, 8), rng.uniform(-8, 8))
         walker_x = Motion(rng.uniform(-3, 3), rng.uniform(-2, 2))
         walker_y = Motion(rng.uniform(-4, 4), rng.uniform(-4, 4), rng.uniform(-5, 5))
         ahead, y = sampled(walker_x) - sampled(ego), sampled(walker_y)
         away = np.hypot(ahead - np.clip(ahead, -length, 0.0), y - np.clip(y, right, left))
         hits = np.flatnonzero(away <= RADIUS_M)
-        found = first_contact_in_step_s(ego, walker_x, walker_y, STEP_S, (length, right, left))
+        found = first_contact_in_step_s(ego, walker_x, walker_y, STEP_S, body)
         if found is None:
             assert not hits.size
             missed += 1
