@@ -70,14 +70,13 @@ class HumanGmm:
         range_m, speed = observation.ego.range_m, observation.ego.speed_mps
         self.model_use.note(range_m, speed)
         quantile = None if self._speed == "mode" else self._rng.random()
-        pace = pedestrian.speed_mps
         if self._reading == "marginal":
-            return self._model.driver_speed(range_m, pace, quantile=quantile)
-        inverse = inverse_advantage_per_s(range_m, speed, pedestrian.lateral_m, pace)
-        return self._model.driver_speed(range_m, pace, inverse, quantile=quantile)
+            return self._model.driver_speed(range_m, pedestrian.speed_mps, quantile=quantile)
+        inverse = inverse_time_advantage(range_m, speed, pedestrian.lateral_m, pedestrian.speed_mps)
+        return self._model.driver_speed(range_m, pedestrian.speed_mps, inverse, quantile=quantile)
 
 
-def inverse_advantage_per_s(
+def inverse_time_advantage(
     range_m: float, speed_mps: float, lateral_m: float, walking_speed_mps: float
 ) -> float:
     """1/T_adv = 1/abs(R/v − L/v_p) in 1/s; 0 if either of them stands, infinite if T_adv = 0."""

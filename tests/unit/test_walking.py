@@ -88,8 +88,6 @@ def test_who_turns_at_the_very_edge_touches_it() -> None:
         speed, braking = rng.uniform(0.5, 2.0), rng.uniform(1.5, 4.0)
         turns_m = speed**2 / (2 * braking)
         body = (5.0, turns_m + RADIUS_M, turns_m + 2.0)
-        standing, beside = Motion(0.0, 0.0), Motion(-2.0, 0.0)
-        found = first_contact_in_step_s(
-            standing, beside, Motion(0.0, speed, -braking), STEP_S, body
-        )
+        motions = Motion(0.0, 0.0), Motion(-2.0, 0.0), Motion(0.0, speed, -braking)
+        found = first_contact_in_step_s(*motions, STEP_S, body)
         assert found == pytest.approx(speed / braking, abs=1e-4)
