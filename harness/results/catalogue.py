@@ -37,8 +37,9 @@ class Entry:
         heading: its name on screens, without its unit.  It may hold a threshold of ``[conflicts]``
             in braces, see ``title``.
         meaning: for the reference in the documentation.
-        column: a column of ``Sample`` by its name, or of ``SimulationSample``.
-        estimate: how the column becomes a number.
+        column: a column of ``Sample`` by its name, or of ``SimulationSample``; None of a risk,
+            which computes its numbers from its draws.
+        estimate: how the column becomes a number; None of a risk.
         of: "arms", "av", "pair", or "both": each arm and the paired difference.
         weight: a second column: denominators of a ratio, trials of a share, steps.
         met: whether only pairs count in which someone stepped off, in either arm.
@@ -58,8 +59,8 @@ class Entry:
     key: str
     heading: str
     meaning: str
-    column: str | Of
-    estimate: Estimate
+    column: str | Of | None = None
+    estimate: Estimate | None = None
     of: Literal["arms", "av", "pair", "both"] = "arms"
     weight: str | Of = ""
     met: bool = False
@@ -107,7 +108,12 @@ class Entry:
             values = [np.broadcast_to(each, (2, sample.n))[arm] for each in values]
         if self.met:
             values = [each[..., sample["met_someone"]] for each in values]
-        return self.estimate(*values, sample.samplings[arm or AV])
+        return self.of_columns(*values, sample.samplings[arm or AV])
+
+    def of_columns(self, *columns: Any) -> Finding:
+        """What its estimator finds of columns and a ``Sampling``; a risk's entry has none."""
+        assert self.estimate is not None
+        return self.estimate(*columns)
 
     def judged(self, finding: Finding) -> Finding:
         """The finding with the reason why it is undefined, or its interval unreliable."""
@@ -116,11 +122,6 @@ class Entry:
         if finding.events is not None:
             return finding
         return finding.reliable_above(self.reliable_from, "informative pairs")
-
-
-def _of_draws(*_: Any) -> Finding:
-    """A risk computes its numbers from its draws."""
-    raise NotImplementedError
 
 
 def _average(values: np.ndarray, weights: np.ndarray, _: Sampling) -> Finding:
@@ -184,7 +185,7 @@ _NO_AV_TAU = "there is no pair in which the AV crossed and the reference passed"
 _NOT_CROSSED, _NOBODY = "no episode crossed", "nobody was met"
 _BOTH = (*ENCOUNTERS, *SIMULATIONS)
 _NO_EVENT = "no draw of the estimate ended in the event"
-_RISK = partial(Entry, column="", estimate=_of_draws, of="pair", kinds=("risk",), digits=0)
+_RISK = partial(Entry, of="pair", kinds=("risk",), digits=0)
 _TOTAL = partial(_COUNT, kinds=SIMULATIONS)
 
 # fmt: off

@@ -90,7 +90,7 @@ def _of_simulations(entry: Entry) -> Difference:
 
     def of(a: SimulationSample, b: SimulationSample, sampling: Sampling) -> Finding:
         both = (np.array([a[name][AV], b[name][AV]]) for name in entry.columns)
-        return entry.estimate(*both, sampling)
+        return entry.of_columns(*both, sampling)
 
     form = Form.SHARE if entry.form is Form.EVENTS else entry.form
     heading = f"{entry.heading}{entry.unit and f', {entry.unit}'}"

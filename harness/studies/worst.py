@@ -3,6 +3,7 @@
 import math
 import shlex
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
 from harness.core.encounter import Arm, Ending
@@ -18,7 +19,7 @@ from harness.simulation.arm import ENDED
 if TYPE_CHECKING:
     import pandas as pd
 
-RANKED = {measure.column: measure for measure in MEASURES if measure.worse is not None}
+RANKED = MappingProxyType({each.column: each for each in MEASURES if each.worse is not None})
 """Measures that can rank episodes."""
 
 CONFLICT_S = 5.0
