@@ -15,6 +15,7 @@ from harness.scenario import Scenario
 from harness.scenario.pedestrians import GapAcceptanceSection, PedestriansSection
 
 _BLOCK = 32
+"""Arrivals that are drawn at once; no result depends on it."""
 
 Drawn = TypeVar("Drawn")
 

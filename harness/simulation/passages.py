@@ -183,8 +183,8 @@ def strike_of(
         right, left, rear = (path.outline(s, length_m, width_m) @ [1, 1j])[:, :3].T
         # Ahead of the front and to its left; then, the distance from the outline, 0 inside.
         off = (places[on] - (right + left) / 2) * length_m / (left - rear)
-        beyond, beside = np.maximum(off.real, -length_m - off.real), np.abs(off.imag) - width_m / 2
-        off_m = np.hypot(np.maximum(beyond, 0.0), np.maximum(beside, 0.0))
+        past, beside = np.maximum(off.real, -length_m - off.real), np.abs(off.imag) - width_m / 2
+        off_m = np.hypot(np.maximum(past, 0.0), np.maximum(beside, 0.0))
         hits = np.flatnonzero(off_m <= PEDESTRIAN_RADIUS_M)
         if not len(hits):
             continue

@@ -17,26 +17,27 @@ from harness.core.encounter import FloatArray
 
 Indices = NDArray[np.intp]
 
-# The tail beyond this standardised bound is below double precision.
 _FAR = 30.0
-# Terms with a smaller density change a probability by less than rounding.
+"""The tail beyond this standardised bound is below double precision."""
 _NEGLIGIBLE = 1e-17
-# The number of Gauss-Legendre nodes for canonical correlations up to each limit. With these numbers
-# boxes of three or four variables are accurate to 1e-11.
+"""Terms with a smaller density change a probability by less than rounding."""
 _PATH_LIMITS = np.array([0.2, 0.4, 0.6, 0.8, 0.9, 0.95])
+"""Limits of the canonical correlations, by which the number of nodes is chosen."""
 _PATH_SIZES = np.array([4, 5, 7, 9, 11, 13, 24])
+"""The number of Gauss-Legendre nodes for canonical correlations up to each limit. With these
+numbers boxes of three or four variables are accurate to 1e-11."""
 _PATH_STARTS = np.cumsum(_PATH_SIZES) - _PATH_SIZES
 _PATH_NODES, _PATH_WEIGHTS = np.concatenate(
     [np.polynomial.legendre.leggauss(int(size)) for size in _PATH_SIZES], axis=1
 )
-# Number of boxes in a batch, which limits the memory.
 _CHUNK = 2048
+"""Number of boxes in a batch, which limits the memory."""
 _TINY = 1e-30
-# The pairings of three or four variables, of which the one with the strongest pairs is used.
 _ORDERS = {
     3: np.array([[0, 1, 2], [0, 2, 1], [1, 2, 0]]),
     4: np.array([[0, 1, 2, 3], [0, 2, 1, 3], [0, 3, 1, 2]]),
 }
+"""The pairings of three or four variables, of which the one with the strongest pairs is used."""
 
 
 def interval(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -13,21 +13,21 @@ from harness.model.mixture.boxes import box_probability
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.tabulated import TabulatedDensity
 
-# A smaller total probability has too few digits.
 _SMALLEST_TOTAL = 1e-7
+"""A smaller total probability has too few digits."""
 _LOWEST = 1e-300
-# The mode is searched on finer and finer grids around the highest node of a table. Nodes are at
-# most a fifth of the narrowest component's spread apart.
 _LOOKS = np.linspace(-1.0, 1.0, 33)
 _NARROWING = 0.2 * 16.0 ** -np.arange(4)
-# Number of cached tables, for states that repeat, such as the state at the trigger.
+"""The mode is searched on finer and finer grids around the highest node of a table. Nodes are at
+most a fifth of the narrowest component's spread apart."""
 _KEPT = 64
-# A component whose peak is below e^-25 of another's moves a mode by less than 1e-9. One below e^-7
-# adds at most a thousandth to another peak, so no ascent starts from it.
+"""Number of cached tables, for states that repeat, such as the state at the trigger."""
 _NO_PART, _LOW = 25.0, 7.0
+"""A component whose peak is below e^-25 of another's moves a mode by less than 1e-9. One below e^-7
+adds at most a thousandth to another peak, so no ascent starts from it."""
 _MOST_STEPS = 60
-# In spreads: a shorter step is the last one, because Newton's method converges quadratically.
 _LAST_STEP = 1e-5
+"""In spreads: a shorter step is the last one, because Newton's method converges quadratically."""
 
 Normal = tuple[float, float, float, float]
 """log h, mean, 1/s² and s of the density h · exp(−(x − mean)²/(2 s²))."""

@@ -15,19 +15,19 @@ from harness.model.mixture.likelihood import Coordinates, Evaluation, Likelihood
 from harness.model.mixture.normals import Normals, clustered_normals
 
 _WHERE = "fit"
-# Columns are collinear if an eigenvalue of their correlation matrix is below this.
 _COLLINEAR = 1e-10
-# Each start gives every component this share of an equal weight.
+"""Columns are collinear if an eigenvalue of their correlation matrix is below this."""
 _EQUAL = 0.1
-# The climbs from all starts end at this gradient; only the best one goes on.
+"""Each start gives every component this share of an equal weight."""
 _LOOSE_TOL = 1e-4
-# A start climbs from so many clusterings, because most climbs end at a lower local maximum.
+"""The climbs from all starts end at this gradient; only the best one goes on."""
 _CLIMBS = 2
-# Quasi-Newton steps before the first new reference of the coordinates.
+"""A start climbs from so many clusterings, because most climbs end at a lower local maximum."""
 _FIRST_STEPS = 30
-# BFGS needs the fewest evaluations far from a maximum. Near it, L-BFGS needs as many, and has no
-# matrix of all parameters to update.
+"""Quasi-Newton steps before the first new reference of the coordinates."""
 _FAR: Mapping[str, Any] = {"method": "BFGS", "options": {}}
+"""BFGS needs the fewest evaluations far from a maximum. Near it, L-BFGS needs as many, and has no
+matrix of all parameters to update."""
 _NEAR: Mapping[str, Any] = {
     "method": "L-BFGS-B",
     "options": {"maxcor": 30, "ftol": 0.0, "maxfun": np.inf},

@@ -16,13 +16,13 @@ from harness.model.mixture.normals import Normals
 SCALE_FLOOR = 1e-4
 """No scale matrix has a smaller eigenvalue; otherwise repeated rows could make it singular."""
 
-# A component beyond this limit diverges, and its moments are noise.
 _LARGEST_EIGENVALUE = 1e8
+"""A component beyond this limit diverges, and its moments are noise."""
 _SMALLEST_COUNT = 1e-9
-# A scale matrix at its floor is raised by this, so that S − F I has a factor.
 _ABOVE_FLOOR = 1e-6 * SCALE_FLOOR
-# Components with fewer rows have the units of a component with this number of rows.
+"""A scale matrix at its floor is raised by this, so that S − F I has a factor."""
 _FEWEST_ROWS = 1.0
+"""Components with fewer rows have the units of a component with this number of rows."""
 
 
 class Evaluation(NamedTuple):

@@ -10,9 +10,9 @@ from harness.core.encounter import FloatArray
 
 _ROUNDS = 10
 _MOST_POINTS = 20_000
-# A component's scatter is shrunk to this share of the variances of all points, which weighs as much
-# as one point.
 _PRIOR = 0.1
+"""A component's scatter is shrunk to this share of the variances of all points, which weighs as
+much as one point."""
 _NARROWEST = 1e-5
 
 

@@ -14,15 +14,16 @@ from numpy.polynomial import chebyshev
 from harness.core.encounter import FloatArray
 
 _DEGREE = 15
-# With panels of two spreads the interpolation error is 1e-11 of a normal density's peak.
 _SPREADS = 2.0
+"""With panels of two spreads the interpolation error is 1e-11 of a normal density's peak."""
 _MOST_PANELS = 1000
-# Many times more panels are needed where the density is steep, which the last coefficients show.
 _FINER, _TOLERANCE = (1, 4, 16, 64), 1e-9
+"""Many times more panels are needed where the density is steep, which the last coefficients show.
+"""
 _MOST_STEPS = 60
 _NODES = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
-# Matrices from values at the nodes to coefficients of the density and of its integral from −1.
 _DENSITY = np.linalg.inv(chebyshev.chebvander(_NODES, _DEGREE))
+"""Matrices from values at the nodes to coefficients of the density and of its integral from −1."""
 _INTEGRAL = chebyshev.chebint(_DENSITY, lbnd=-1.0)
 _WHOLE, _LAST = _INTEGRAL.sum(axis=0), _DENSITY[-3:].T
 
