@@ -12,8 +12,11 @@ from harness.core.errors import InputError
 from harness.core.files import seen_from, write_new
 
 _HEADINGS = {
-    **{"vehicles_per_hour": "vehicles/h", "people_per_hour": "people/h"},
-    **{"length_m": "length, m", "limit_mps": "limit, m/s", "refused": "not usable"},
+    "vehicles_per_hour": "vehicles/h",
+    "people_per_hour": "people/h",
+    "length_m": "length, m",
+    "limit_mps": "limit, m/s",
+    "refused": "not usable",
 }
 """Headings of crosswalks that differ from the names."""
 
