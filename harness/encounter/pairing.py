@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.core.encounter import Arm, Arrival, Ending, Trace
-from harness.core.errors import StrategyError, in_one_line
+from harness.core.errors import InputError, StrategyError, in_one_line
 from harness.core.seeding import Given
 from harness.encounter.arms import check_arms, make_strategy, uses_of
 from harness.encounter.arrivals import already_walking, planned_arrivals
@@ -140,6 +140,8 @@ class PairRunner:
     def _people(self, pair: int, given: Given | None = None) -> "_People":
         """All pedestrians of a pair, also the ones who are on the crosswalk at the trigger."""
         drawn = self._scenario.pedestrians.drawn
+        if drawn and pair >= len(drawn):
+            raise InputError("pair", f"{pair}", f"below {len(drawn)}, those of pedestrians.drawn")
         number = drawn[pair].episode if drawn else pair
         given = drawn[pair].uniforms if drawn and given is None else given or {}
         coming = planned_arrivals(self._scenario, number, given)

@@ -359,7 +359,7 @@ def _reach(points: Points, scale: float) -> tuple[FloatArray, FloatArray, FloatA
         for x, one in points
     ]
     x, value, low, high = np.asarray(rows, dtype=np.float64).reshape(-1, 4).T
-    reach: FloatArray = np.nan_to_num(np.vstack((value - low, high - value))).clip(min=0)
+    reach: FloatArray = np.vstack((value - low, high - value)).clip(min=0)
     return x, value, reach
 
 

@@ -231,7 +231,8 @@ def _ending(record: Row) -> str:
 def _small(records: Mapping[Arm, Row]) -> list[str]:
     """A pair's endings in a few words, for the list of pairs."""
     parts = [
-        f"{_ARMS[arm]} {record['ending'].replace('_', ' ')}"
+        f"{_ARMS[arm]} {(record['failed_in'] or record['ending']).replace('_', ' ')}"
+        f"{' failed' if record['failed_in'] else ''}"
         for arm, record in records.items()
         if record["ending"] != Ending.CROSSED
     ]

@@ -63,7 +63,7 @@ class Approaches:
             names = self._session.vehicles_on(edge)
             if names != before:
                 self._on_edge[edge] = names
-                yield from set(names).difference(before)
+                yield from (name for name in names if name not in before)
 
     def car(self, name: str, automated: bool, driver: Arm) -> Car:
         """A vehicle that has been found."""

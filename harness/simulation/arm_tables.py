@@ -79,7 +79,10 @@ def run_arm(
         session = Session(config, module=module)
         running = SimulatedArm(setup, session, pair, arm, model)
         begins(running)
-        running.run()
+        try:
+            running.run()
+        except session.lost as error:  # a call of SUMO's failed; a step says so itself
+            raise EngineError(f"SUMO failed: {error}") from None
         begins(None)
         session.close()
         session = None

@@ -27,7 +27,7 @@ ROOMS = {
     "model": 2_020,
     "strategies": 1_380,
     "engine": 1_010,
-    "encounter": 1_030,
+    "encounter": 1_040,
     "measures": 1_190,
     "simulation": 1_700,
     "site": 370,
