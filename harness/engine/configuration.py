@@ -7,6 +7,7 @@ errors are as in SUMO.
 import gzip
 import os
 import xml.etree.ElementTree as ET
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -237,7 +238,7 @@ def elements_of(*files: Path) -> Iterator[ET.Element]:
                     if element.tag == "include":
                         included = os.path.normpath(file.parent / element.get("href", ""))
                         yield from elements_of(Path(included))
-        except (OSError, ET.ParseError, EOFError, ValueError) as error:
+        except (OSError, ET.ParseError, EOFError, LookupError, ValueError, zlib.error) as error:
             raise InputError(str(file), f"cannot be read as XML ({one_line(str(error))})") from None
 
 
