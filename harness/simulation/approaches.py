@@ -140,13 +140,13 @@ def _upstream(town: Town, ends: Sequence[str], reach_m: float) -> Collection[str
     for each in town.connections.values():
         before[edge_of(each.to_lane)].append(each)
     away_m = dict.fromkeys(ends, 0.0)
-    todo = [*away_m]
-    while todo:
-        edge = todo.pop()
+    edges = [*away_m]
+    while edges:
+        edge = edges.pop()
         for each in before[edge]:
             name = edge_of(each.from_lane)
             through_m = away_m[edge] + town.lanes[each.to_lane].length_m
             if through_m <= reach_m and through_m < away_m.get(name, math.inf):
                 away_m[name] = through_m
-                todo.append(name)
+                edges.append(name)
     return away_m

@@ -5,7 +5,6 @@ This module imports the standard library alone until the first task, so that chi
 
 import faulthandler
 import fcntl
-import gc
 import os
 import shutil
 import signal
@@ -278,7 +277,6 @@ def serve(pipe: int, state: int) -> None:
         try:
             from harness.studies.running.episodes import run_task
 
-            gc.freeze()  # what is there by now need not be looked through again and again
             return None, run_task(connection.recv(), tell)
         except BaseException as error:
             return (str(error) if isinstance(error, HarnessError) else in_one_line(error)), None
