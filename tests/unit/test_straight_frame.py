@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings, strategies as some
+from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 from harness.core.encounter import Arrival, Ending, Leg, Side, Trace, Vehicle, Walk
 from harness.measures import measure
+from harness.measures.ego import ego_positions
 from harness.simulation.cars import PASSED, Car, Passage
 from harness.simulation.passages import free_pass_s, passages, strike_of
 from harness.simulation.walk import Walked, moved
@@ -73,6 +75,13 @@ def test_contacts_are_the_encounters(
     walk = Walk(Arrival(0, 50.0 + start_s, side, 0.5), 50.0 + start_s, walking, legs=(leg,))
     seen = (moved(walk, 50.0, STEP_S),)
     trace = Trace(CAR, each.crossing, STEP_S, x_m, speeds, seen, Ending.TIMED_OUT)
+    time_s = number * STEP_S
+    within_s = np.linspace(0.0, time_s[-1], 300)
+    exactly_m = CubicHermiteSpline(time_s, x_m, speeds)(within_s)
+    assert ego_positions(trace, within_s) == pytest.approx(exactly_m, abs=1e-9)
+    euler = replace(trace, x_m=np.cumsum([0.0, *speeds[1:]]) * STEP_S, motion="euler")
+    linear_m = np.interp(within_s, time_s, euler.x_m)
+    assert ego_positions(euler, within_s) == pytest.approx(linear_m, abs=1e-9)
     person = Walked("p", True, walk, cleared_s, cleared_s)
     strike = strike_of(trace, each, path, [person])
     exact = measure([trace])[0]
@@ -82,6 +91,7 @@ def test_contacts_are_the_encounters(
         assert agreed or (exact.min_gap_m is not None and exact.min_gap_m < 0.1)
     else:
         assert strike.time_s == pytest.approx(exact.contact_time_s, abs=STEP_S / 16)
+        assert strike.contact is exact.contact
         assert measure([trace], [strike])[0].contact_time_s == strike.time_s
         assert measure([trace], [None])[0].contact is None
 
