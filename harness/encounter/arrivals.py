@@ -99,29 +99,23 @@ def _marks(
 ) -> _Marks:
     """The marks of so many groups and people."""
     gaps, times = pedestrians.gap_acceptance, pedestrians.threshold
-    behaviour = pedestrians.behaviour
-    thresholded = groups if behaviour == "threshold" else 0
+
+    def drawn(purpose: Purpose, count: int, of: Callable[[float], Drawn]) -> dict[int, Drawn]:
+        return uniforms.each(purpose, count if purpose in pedestrians.marks else 0, of)
+
     return _Marks(
-        uniforms.each(
-            "critical_gap",
-            groups if behaviour == "gap_acceptance" else 0,
-            lambda uniform: critical_gap_s(uniform, gaps),
-        ),
-        uniforms.each(
+        drawn("critical_gap", groups, lambda uniform: critical_gap_s(uniform, gaps)),
+        drawn(
             "threshold",
-            thresholded,
+            groups,
             lambda uniform: times.factor * lognormal_s(uniform, times.log_mean, times.log_sd),
         ),
-        uniforms.each(
+        drawn(
             "latency",
-            thresholded,
+            groups,
             lambda uniform: lognormal_s(uniform, times.latency_log_mean, times.latency_log_sd),
         ),
-        uniforms.each(
-            "walking_class",
-            people if pedestrians.walking_classes else 0,
-            pedestrians.walking_class_at,
-        ),
+        drawn("walking_class", people, pedestrians.walking_class_at),
     )
 
 

@@ -1,7 +1,7 @@
 """The keys of ``[pedestrians]``; encounter/ plans arrivals, decides and chooses speeds by them."""
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import accumulate
 from statistics import NormalDist
 from typing import Annotated, Any, Literal, cast
@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, cast
 from pydantic import Field
 
 from harness.core.encounter import Behaviour
-from harness.core.seeding import GIVEN_DRAWS, Given
+from harness.core.seeding import GIVEN_DRAWS, Given, Purpose
 from harness.scenario.sections import Flow, NonNegative, Positive, Section, Share
 
 SLOWEST_MPS = 0.3
@@ -166,6 +166,13 @@ class WalkingSpeedSection(Section):
         return max(SLOWEST_MPS, normal.inv_cdf(share)) if share > 0 else SLOWEST_MPS
 
 
+_MARKS: Mapping[Behaviour, tuple[Purpose, ...]] = {
+    "gap_acceptance": ("critical_gap",),
+    "threshold": ("threshold", "latency"),
+}
+"""What a behaviour draws for each pedestrian or group."""
+
+
 class PedestriansSection(Section):
     """``[pedestrians]``: the flow of pedestrians, their kerbs, decisions and walking speeds."""
 
@@ -203,6 +210,12 @@ class PedestriansSection(Section):
     def anyone_comes(self) -> bool:
         """Whether anybody comes apart from timed and drawn pedestrians."""
         return (self.flow_per_hour > 0 or self.first_at_trigger) and self.max_count != 0
+
+    @property
+    def marks(self) -> tuple[Purpose, ...]:
+        """What is drawn for each pedestrian or group, besides their arrival and detection."""
+        classes: tuple[Purpose, ...] = ("walking_class",) if self.walking_classes else ()
+        return ("side", "quantile", *classes, *_MARKS.get(self.behaviour, ()))
 
     @property
     def walking_classes(self) -> tuple[WalkingClassSection, ...]:

@@ -176,15 +176,18 @@ class PerceptionSection(Section):
     @property
     def draws(self) -> bool:
         """Whether any error is drawn at random."""
-        shares = self.detection_probability < 1 or self.dropout_probability > 0
-        return shares or self.position_sd_m > 0 or self.speed_sd_mps > 0
+        return self._errs(apart_from="latency_s")
 
     def is_perfect(self, step_s: float) -> bool:
         """Whether the strategy sees the ground truth at every step, apart from what is hidden."""
         every_step = self.update_s is None or self.update_s < 1.5 * step_s
-        harmless = {"update_s", "correlation_s", "occlusion", "human"}
-        errors, none = (each.model_dump(exclude=harmless) for each in (self, PerceptionSection()))
-        return every_step and errors == none
+        return every_step and not self._errs()
+
+    def _errs(self, apart_from: str = "") -> bool:
+        """Whether a key besides this one, and besides those that alone are no error, is set."""
+        harmless = {"update_s", "correlation_s", "occlusion", "human", apart_from}
+        own, none = (each.model_dump(exclude=harmless) for each in (self, type(self)()))
+        return own != none
 
 
 class ModelSection(Section):

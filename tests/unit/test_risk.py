@@ -2,18 +2,20 @@
 
 import math
 from collections.abc import Sequence
+from typing import get_args
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.encounter import Arm, Ending
+from harness.core.encounter import Arm, Behaviour, Ending
 from harness.core.errors import InputError
 from harness.encounter.arrivals import planned_arrivals
 from harness.measures import MEASURES, EpisodeRecord
 from harness.model.interaction import load_model
 from harness.results.tables import DRAWS
 from harness.scenario import Scenario, load_scenario, validate
+from harness.scenario.sections import PerceptionSection
 from harness.studies.risk.estimate import risk_findings, risk_notes
 from harness.studies.risk.risk_draws import (
     DrawInputs,
@@ -293,6 +295,25 @@ def test_the_sampled_uniforms_are_those_of_people_strategy_and_perception() -> N
     fast = {"ego.initial_speed_mps": 50 / 3.6, "arms.av": "emergency_brake"}
     hidden = space_of(load_scenario("euro_ncap_vru", {**child, **fast}), Arm.AV)
     assert hidden.fixed == ("timed_detection", "redetection")
+
+
+@pytest.mark.parametrize("behaviour", get_args(Behaviour))
+def test_what_a_risk_samples_is_all_that_is_random_about_a_person(behaviour: Behaviour) -> None:
+    walking = {"mean_mps": 1.4, "classes": [{"share": 0.5, "mean_mps": 0.9}]}
+    people = {"behaviour": behaviour, "walking_speed": walking, "kerb_wait_s": 0.0}
+    keys = {"pedestrians": people, "perception": {"detection_probability": 0.5}}
+    sampled = space_of(validate(keys, "test"), Arm.AV).marks
+    given = dict.fromkeys(("arrival", *sampled), (0.4,))
+    seeds = [validate({**keys, "experiment": {"seed": seed}}, "test") for seed in range(9)]
+    assert len({planned_arrivals(each, 0, given)[0] for each in seeds}) == 1
+
+
+def test_a_new_perception_error_counts_as_random() -> None:
+    class More(PerceptionSection):
+        ghosts_per_hour: float = 0.0
+
+    assert More(ghosts_per_hour=1.0).draws
+    assert not More(latency_s=0.3, human=True).draws
 
 
 def test_a_strategy_gets_the_uniforms_of_its_state() -> None:

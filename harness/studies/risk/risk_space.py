@@ -193,16 +193,7 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     hides = perception.occlusion and bool(scenario.obstacles())
     seen: list[Purpose] = ["redetection"] if misses and (drops or hides) else []
     seen += ["perception_error", "perception_error"] if errs else []
-    chosen: dict[Purpose, bool] = {
-        "side": True,
-        "quantile": True,
-        "walking_class": bool(people.walking_classes),
-        "critical_gap": people.behaviour == "gap_acceptance",
-        "threshold": people.behaviour == "threshold",
-        "latency": people.behaviour == "threshold",
-        "detection": misses,
-    }
-    each = [purpose for purpose, is_drawn in chosen.items() if is_drawn]
+    each: list[Purpose] = [*people.marks, "detection"] if misses else [*people.marks]
     timed, most = len(scenario.timed_walks()), people.max_count
     first = int(people.first_at_trigger and most != 0)
     fixed: list[Purpose] = ["timed_detection"] * timed if misses else []
