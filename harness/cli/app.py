@@ -62,7 +62,7 @@ def application(arguments: Sequence[str] = ()) -> typer.Typer:
 
 
 def _options(app: typer.Typer) -> dict[str | None, str]:
-    """The option of each parameter, with which errors of functions begin: ``parameter=value``."""
+    """The option of each parameter that an error of a function may name."""
     commands = typer.main.get_group(app).commands.values()
     return {of.name: of.opts[0] for command in commands for of in command.params}
 
@@ -79,10 +79,9 @@ def main() -> None:
             raise KeyboardInterrupt
     except (InputError, TyperException) as error:
         text = error.format_message() if isinstance(error, TyperException) else str(error)
-        name, _, rest = text.partition("=")
-        if option := _options(app).get(name):
-            text = f"{option} {rest}".replace(" :", ":", 1)
-        text = text.replace("Value error, ", "")  # pydantic's, with which typer checks choices
+        if isinstance(error, InputError) and (parameter := error.parameter):
+            option = _options(app).get(parameter.name)
+            text = str(error.at(parameter.named(option, " "))) if option else text
         # For `harness` or `harness model` alone typer answers with the whole help.
         say(text if text.startswith("Usage:") else one_line(f"harness: {text}"))
         code = 2

@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 
 _FRAMES = 20
 """Number of a strategy's innermost traceback frames that are kept."""
@@ -20,24 +20,45 @@ class HarnessError(Exception):
     """Base class of every error that this package raises on purpose."""
 
 
+class Parameter(NamedTuple):
+    """A function's parameter, and its value unless the problem has it; a command has an option."""
+
+    name: str
+    value: object = None
+
+    def named(self, name: str, joined: str = "=") -> str:
+        """The place of an error, with this name.
+
+        >>> Parameter("by", "pet_s").named("--by", " ")
+        '--by pet_s'
+        """
+        return name if self.value is None else f"{name}{joined}{self.value}"
+
+
 class InputError(HarnessError):
     """The user's input is refused; the command line prints one line and exits with code 2.
 
     Args:
-        where: the file, key or option, e.g. ``cctc.toml: pedestrians.flow_per_hour``.
+        where: the file, key or option, e.g. ``cctc.toml: pedestrians.flow_per_hour``; or the
+            parameter of the function that refuses it.
         problem: the problem there, with the value.
         allowed: the values that are accepted.
         nearest: the valid name closest to a misspelt one.
     """
 
     def __init__(
-        self, where: str, problem: str, allowed: str | None = None, nearest: str | None = None
+        self,
+        where: str | Parameter,
+        problem: str,
+        allowed: str | None = None,
+        nearest: str | None = None,
     ) -> None:
-        self.where = where
+        self.parameter = where if isinstance(where, Parameter) else None
+        self.where = where.named(where.name) if isinstance(where, Parameter) else where
         self.problem = problem
         self.allowed = allowed
         self.nearest = nearest
-        parts = [f"{where}: {problem}"]
+        parts = [f"{self.where}: {problem}"]
         if allowed:
             parts.append(f"allowed: {allowed}")
         if nearest:
@@ -48,9 +69,10 @@ class InputError(HarnessError):
         """The same error at another place."""
         return type(self)(where, self.problem, self.allowed, self.nearest)
 
-    def __reduce__(self) -> tuple[type[Self], tuple[str | None, ...]]:
+    def __reduce__(self) -> tuple[type[Self], tuple[str | Parameter | None, ...]]:
         """Its parts, so that it may come from another process."""
-        return type(self), (self.where, self.problem, self.allowed, self.nearest)
+        where = self.parameter or self.where
+        return type(self), (where, self.problem, self.allowed, self.nearest)
 
 
 class EngineError(HarnessError):
@@ -142,7 +164,7 @@ def resume_command(folder: object) -> str:
     return f"harness resume {shlex.quote(str(folder))}"
 
 
-def unknown_name(where: str, kind: str, name: str, valid: Iterable[str]) -> InputError:
+def unknown_name(where: str | Parameter, kind: str, name: str, valid: Iterable[str]) -> InputError:
     """The error for a name that is not in a known set; it holds the nearest valid name."""
     names = sorted(valid)
     return InputError(

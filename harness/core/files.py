@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-from harness.core.errors import HarnessError, InputError
+from harness.core.errors import HarnessError, InputError, Parameter
 
 PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -75,7 +75,7 @@ def check_target(path: Path, suffix: str = "") -> None:
     """
     if not path.name.endswith(suffix) or path.is_dir() or not os.access(path.parent, os.W_OK):
         allowed = f"a {suffix or 'file'} in a writable folder"
-        raise InputError(f"out={path}", "cannot be written", allowed)
+        raise InputError(Parameter("out", path), "cannot be written", allowed)
 
 
 def write_new(path: Path, text: str) -> None:

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from harness.core.documents import parse_json
 from harness.core.encounter import FloatArray, freeze_arrays
-from harness.core.errors import InputError, unknown_name
+from harness.core.errors import InputError, Parameter, unknown_name
 from harness.model.interaction import VARIABLES
 from harness.model.trajectories.extraction import ENCOUNTER_KEY, EXTRACTION_KEY, VEHICLE_KEY
 from harness.model.trajectories.rules import TEXT_COLUMNS
@@ -134,7 +134,7 @@ def box_of(texts: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     for text in texts:
         name, _, values = text.partition("=")
         if name not in VARIABLES:
-            raise unknown_name(f"bounds={text}", "variable", name, VARIABLES)
+            raise unknown_name(Parameter("bounds", text), "variable", name, VARIABLES)
         variable = VARIABLES.index(name)
         try:
             low, high = (
@@ -146,7 +146,7 @@ def box_of(texts: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         # R and passing times are finite.
         if not 0 <= low < high < np.inf or (low == 0 and variable in (0, 2)):
             allowed = "LOW:HIGH, e.g. 0.3:8 or 1/60:0.5, lower < upper, above 0"
-            raise InputError(f"bounds={text}", "is not accepted", allowed)
+            raise InputError(Parameter("bounds", text), "is not accepted", allowed)
         box[:, variable] = low, high
     return box[0], box[1]
 
@@ -231,7 +231,7 @@ def row_weights(rows: pd.DataFrame, weigh: str) -> FloatArray:
             not identify their encounters.
     """
     if weigh not in WEIGHINGS:
-        raise unknown_name(f"weigh={weigh}", "weighing", weigh, WEIGHINGS)
+        raise unknown_name(Parameter("weigh", weigh), "weighing", weigh, WEIGHINGS)
     encounter, vehicle = _codes(rows, ENCOUNTER_KEY), _codes(rows, VEHICLE_KEY)
     if encounter is None or vehicle is None:
         if weigh == "row":

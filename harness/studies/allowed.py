@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from harness.core.errors import InputError
+from harness.core.errors import InputError, Parameter
 from harness.core.seeding import resampling
 from harness.results import estimators
 from harness.results.columns import AV
@@ -77,9 +77,9 @@ def allowed_in(
     """
     if mu0 is None and kappa0 is None:
         return []
-    limits = _limit("mu0=", mu0, "above 0"), _limit("kappa0=", kappa0, "above 0, at most 1", 1.0)
+    limits = _limit("mu0", mu0, "above 0"), _limit("kappa0", kappa0, "above 0, at most 1", 1.0)
     if any(each.run.kind != "encounters" for group in groups for each in group):
-        raise InputError("mu0=", "is a limit of encounters", "a run of encounters")
+        raise InputError(Parameter("mu0"), "is a limit of encounters", "a run of encounters")
     sweeps: dict[tuple[str, str], list[Candidate]] = {}
     for each in (each for group in groups for each in group):
         if each.own and each.own[0].startswith(f"strategies.{each.cell.scenario.arms.av}."):
@@ -94,10 +94,10 @@ def allowed_in(
     return found
 
 
-def _limit(where: str, limit: float | None, allowed: str, most: float = math.inf) -> float:
+def _limit(name: str, limit: float | None, allowed: str, most: float = math.inf) -> float:
     if limit is None or not 0 < limit <= most or limit == math.inf:
         problem = "is missing" if limit is None else f"{limit:g} is not accepted"
-        raise InputError(where, problem, allowed)
+        raise InputError(Parameter(name), problem, allowed)
     return limit
 
 

@@ -30,7 +30,7 @@ from harness.core.encounter import (
     Walk,
     freeze_arrays,
 )
-from harness.core.errors import InputError
+from harness.core.errors import InputError, Parameter
 from harness.core.files import cannot_write, write_file
 from harness.engine.configuration import read_config, seconds
 from harness.engine.network import network_of, opendrive
@@ -157,16 +157,17 @@ def export(
     (task,) = stored_tasks(run, cell, [pair], [arm])
     if (run.kind == "simulations") != (passage is not None):
         problem = "is of simulations" if passage else "is missing"
-        raise InputError("passage=", problem, "of a simulation one that `harness worst` lists")
+        allowed = "of a simulation one that `harness worst` lists"
+        raise InputError(Parameter("passage"), problem, allowed)
     if passage and free:
-        raise InputError("ego=free", "is of encounters", "recorded")
+        raise InputError(Parameter("ego", "free"), "is of encounters", "recorded")
     title = f"{run.name}, cell {cell}, pair {pair}, {arm.value}'s arm"
     with TemporaryDirectory() as scratch:
         tables, differences = _tables(run, task, Path(scratch))
         (row,) = tables[TABLES_OF[run.kind][0].name].to_pylist()
         if row["reason"] is not None:
             problem = f"the arm {arm} failed ({row['reason']})"
-            raise InputError(f"pair={pair}", problem, "a pair whose arm ran")
+            raise InputError(Parameter("pair", pair), problem, "a pair whose arm ran")
         if passage:
             scene = _passage(title, tables["passages"], passage, Path(scratch))
         else:
@@ -216,7 +217,8 @@ def _encounter(title: str, tables: Tables, scenario: Scenario, free: bool) -> Ex
     if not free:
         return Exported(title, network_of(scenario), [ego, *others], end_s)
     if not any(len(each.states) > 1 for each in people):
-        raise InputError("ego=free", "nobody walks in this arm of the pair", "another pair")
+        problem = "nobody walks in this arm of the pair"
+        raise InputError(Parameter("ego", "free"), problem, "another pair")
     away_m = ego.axle_m - float(x_m[0]) + _SLACK_M
     clock = (*frame.to_network(0.0, float(y_m[0])), away_m)
     movers, timeout_s = [replace(ego, states=states[:1]), *others], scenario.experiment.timeout_s
@@ -279,7 +281,7 @@ def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) ->
     chosen = [row for row in rows.to_pylist() if (row["vehicle"], row["crosswalk"]) == ids]
     if not chosen:
         problem = f"{vehicle} does not pass {crosswalk} in this arm"
-        raise InputError("passage=", problem, "one that `harness worst` lists")
+        raise InputError(Parameter("passage"), problem, "one that `harness worst` lists")
     config, (fcd,) = read_config(outputs / CONFIG_FILE), REPLAYED.values()
     begin_s, rear_s = chosen[0]["trigger_s"], chosen[0]["rear_s"]
     last_s = math.inf if rear_s is None else rear_s + config.step_s

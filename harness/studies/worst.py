@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
 from harness.core.encounter import Arm, Ending
-from harness.core.errors import InputError, unknown_name
+from harness.core.errors import InputError, Parameter, unknown_name
 from harness.measures.measured import COLUMNS, MEASURES
 from harness.results.finding import Finding, Form, Plain
 from harness.results.loaded_run import Run
@@ -82,17 +82,18 @@ def worst(
     if by not in RANKED:
         if by in COLUMNS:
             problem = f"neither small nor large values of {by} are bad"
-            raise InputError(f"by={by}", problem, ", ".join(RANKED))
-        raise unknown_name(f"by={by}", "measure", by, RANKED)
+            raise InputError(Parameter("by", by), problem, ", ".join(RANKED))
+        raise unknown_name(Parameter("by", by), "measure", by, RANKED)
     if most < 1:
-        raise InputError(f"most={most}", "is not accepted", "1 or more")
+        raise InputError(Parameter("most", most), "is not accepted", "1 or more")
     if arm not in [*Arm]:
-        raise unknown_name(f"arm={arm}", "arm", str(arm), [*Arm])
+        raise unknown_name(Parameter("arm", arm), "arm", str(arm), [*Arm])
     if cell is not None and not 0 <= cell < len(run.study.cells):
-        raise InputError(f"cell={cell}", "there is none", f"0 to {len(run.study.cells) - 1}")
+        allowed = f"0 to {len(run.study.cells) - 1}"
+        raise InputError(Parameter("cell", cell), "there is none", allowed)
     simulated = run.kind == "simulations"
     if driver is not None and not simulated:
-        raise InputError(f"driver={driver}", "is of simulations", "arm")
+        raise InputError(Parameter("driver", driver), "is of simulations", "arm")
     rows = _ranked(run, by, arm, cell, driver)
     bad = rows[rows["badness"] > _least(by)]
     then = ["cell", "pair", *(["front_s"] if simulated else [])]

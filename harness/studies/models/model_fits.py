@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from harness.core.encounter import FloatArray
-from harness.core.errors import HarnessError, InputError
+from harness.core.errors import HarnessError, InputError, Parameter
 from harness.core.seeding import resampling
 from harness.model.interaction import DRIVING_GIVEN, PEDESTRIAN_SPEED, VEHICLE_SPEED, WALKING_GIVEN
 from harness.model.mixture.conditional import Conditional
@@ -66,7 +66,7 @@ def components_of(text: str) -> tuple[int, ...]:
     low, high = (int(of) if of.isdecimal() else 0 for of in (first, last or first))
     if not 1 <= low <= high <= MOST_COMPONENTS:
         allowed = f"whole numbers from 1 to {MOST_COMPONENTS}, e.g. 10 or 1..20"
-        raise InputError(f"components={text}", "is not accepted", allowed)
+        raise InputError(Parameter("components", text), "is not accepted", allowed)
     return tuple(range(low, high + 1))
 
 
@@ -319,7 +319,7 @@ def by_held_out(scores: Mapping[int, HeldOut]) -> int:
     """
     if not scores:
         allowed = "rows with identifiers of at least two vehicles and --folds of 2 or more"
-        raise InputError("choose=held-out", "there are no held-out scores", allowed)
+        raise InputError(Parameter("choose", "held-out"), "there are no held-out scores", allowed)
     return min(scores, key=lambda k: (-scores[k].mean, k))
 
 
@@ -336,7 +336,7 @@ def by_rule(bic: Mapping[int, float]) -> int | None:
     last = max(bic)
     if last < 3 or sorted(bic) != list(range(1, last + 1)):
         problem = "needs every K from 1 to at least 3"
-        raise InputError("choose=rule", problem, "e.g. --components 1..20")
+        raise InputError(Parameter("choose", "rule"), problem, "e.g. --components 1..20")
     least = RULE_SHARE * (bic[1] - bic[2])
     return next((k for k in range(1, last) if bic[k] - bic[k + 1] < least), None)
 

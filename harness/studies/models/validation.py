@@ -133,9 +133,9 @@ def _factories(
     drivers: Sequence[str], keys: Sequence[Setting], model: InteractionModel
 ) -> dict[str, StrategyFactory]:
     """The strategies, each of which can drive with these keys."""
-    found = {name: find_strategy(name, f"drivers={name}") for name in drivers}
+    found = {name: find_strategy(name, f"driver {name}") for name in drivers}
     for name in found:
-        own = Setting("arms.av", name, f"drivers={name}")
+        own = Setting("arms.av", name, f"driver {name}")
         check_arms(load_scenario("cctc", [*keys, own]), model)
     return found
 

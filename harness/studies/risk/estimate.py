@@ -18,7 +18,7 @@ from scipy import special
 from threadpoolctl import threadpool_limits
 
 from harness.core.encounter import Arm, Ending, Trace
-from harness.core.errors import InputError, resume_command
+from harness.core.errors import InputError, Parameter, resume_command
 from harness.core.seeding import resampling
 from harness.encounter.loop import Episode
 from harness.encounter.pairing import PairRunner
@@ -169,7 +169,7 @@ def risk(
         settled = " ".join(f"--set {key}=…" for key in sorted(study.varied_keys))
         raise InputError(study.name, f"has {len(study.cells)} cells", f"one cell: {settled}")
     if not 0 < target_cv <= 1:
-        raise InputError(f"target_cv={target_cv:g}", "is not accepted", "above 0, at most 1")
+        raise InputError(Parameter("target_cv", target_cv), "is not accepted", "above 0, at most 1")
     asked: folders.RiskAsked = {
         "event": parse_event(event).text,
         "arm": arm.value,

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from harness.core.encounter import SECONDS_PER_HOUR, Arm, Ending, FloatArray
-from harness.core.errors import InputError
+from harness.core.errors import InputError, Parameter
 from harness.core.seeding import GIVEN_DRAWS, Given, Purpose, stream
 from harness.encounter.arms import draws, draws_from
 from harness.measures import EpisodeRecord
@@ -104,7 +104,7 @@ def parse_event(text: str) -> Event:
     match = _FORM.fullmatch(text)
     allowed = f"crashed, or a number after one of {' '.join(EVENTS)}"
     if match is None or match[1] + match[2] not in EVENTS:
-        raise InputError(f"event={text}", "is not an event", allowed)
+        raise InputError(Parameter("event", text), "is not an event", allowed)
     return Event(f"{match[1]}{match[2]}{float(match[3]):g}", match[1], float(match[3]))
 
 

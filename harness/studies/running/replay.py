@@ -13,7 +13,7 @@ from typing import Any
 import pyarrow as pa
 
 from harness.core.encounter import Arm, Ending
-from harness.core.errors import EngineError, InputError
+from harness.core.errors import EngineError, InputError, Parameter
 from harness.core.files import cannot_write
 from harness.engine.installation import check_packages
 from harness.engine.network import network_of
@@ -147,7 +147,8 @@ def watch(
     # What a run does not simulate is not imported.
     if run.kind == "simulations":
         if screenshots is not None:
-            raise InputError(f"screenshots={screenshots}", "is of encounters", "sumo-gui without")
+            where = Parameter("screenshots", screenshots)
+            raise InputError(where, "is of encounters", "sumo-gui without")
         from harness.studies.running import simulations
 
         shown = (simulations.simulate_task(task, module="gui", more=_SHOW) for task in tasks)
@@ -176,10 +177,11 @@ def stored_tasks(run: Run, cell: int, pairs: Sequence[int], arms: Sequence[Arm])
     """
     check_packages()
     if not 0 <= cell < len(run.study.cells):
-        raise InputError(f"cell={cell}", "there is none", f"0 to {len(run.study.cells) - 1}")
+        allowed = f"0 to {len(run.study.cells) - 1}"
+        raise InputError(Parameter("cell", cell), "there is none", allowed)
     known = set(run.rows(TABLES_OF[run.kind][0].name, cell)["pair"].to_pylist())
     if (odd := next((pair for pair in pairs if pair not in known), None)) is not None:
-        raise InputError(f"pair={odd}", "there is none", f"0 to {max(known, default=0)}")
+        raise InputError(Parameter("pair", odd), "there is none", f"0 to {max(known, default=0)}")
     of = run.study.cells[cell]
     model = load_model(of.scenario.model.name, of.scenario.model.path)
     code = source_digests(of.scenario.arms.model_dump().values())
@@ -216,7 +218,7 @@ def traced(
 def refuse_in_use(folder: Path, name: str) -> None:
     """Raise if a folder for new files is a file or is not empty."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{name}={folder}", "is not empty", "a new or empty folder")
+        raise InputError(Parameter(name, folder), "is not empty", "a new or empty folder")
 
 
 def replayed(run: Run, task: Task, rows: TaskRows) -> Replayed:

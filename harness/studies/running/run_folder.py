@@ -9,7 +9,7 @@ from typing import Any, Literal, cast
 
 import filelock
 
-from harness.core.errors import InputError, resume_command
+from harness.core.errors import InputError, Parameter, resume_command
 from harness.core.files import cannot_write
 from harness.core.versions import versions_of_runs
 from harness.model.interaction import InteractionModel
@@ -75,7 +75,7 @@ def claim_folder(out: Path | str | None, name: str) -> Path:
     while out is None and (Path("runs") / f"{name}-{number}").exists():
         number += 1
     folder = Path("runs") / f"{name}-{number}" if out is None else Path(out)
-    where, empty = f"out={folder}", "a new or empty folder"
+    where, empty = Parameter("out", folder), "a new or empty folder"
     try:
         if folder.exists() and not folder.is_dir():
             raise InputError(where, "is a file", empty)

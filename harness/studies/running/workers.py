@@ -17,7 +17,7 @@ from itertools import count
 from threading import Event, local
 from typing import TYPE_CHECKING, Any
 
-from harness.core.errors import HarnessError, InputError
+from harness.core.errors import HarnessError, InputError, Parameter
 from harness.studies.running.children import LostError, give_back, stop_children, take_child
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ def dask_executor(address: str, drivers: Iterable[str]) -> Executor:
     """
     import logging
 
-    where = f"dask={address}"
+    where = Parameter("dask", address)
     files = [*_own_modules(where, drivers)]
     try:
         from distributed import Client
@@ -222,7 +222,7 @@ def dask_executor(address: str, drivers: Iterable[str]) -> Executor:
     return executor
 
 
-def _own_modules(where: str, drivers: Iterable[str]) -> Iterator[str]:
+def _own_modules(where: Parameter, drivers: Iterable[str]) -> Iterator[str]:
     """The files of the user's own modules; installed ones are left out.
 
     Raises:
