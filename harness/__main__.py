@@ -1,4 +1,4 @@
-"""``harness``, ``python -m harness``: a first worker, unless ``--dask``, and the command."""
+"""``harness`` and ``python -m harness``: start a first worker for a run, then the command."""
 
 import os
 import sys
@@ -18,8 +18,7 @@ def main() -> None:
         return
     # Other threads of NumPy's linear algebra spin while a process starts, and are never needed.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    elsewhere = any(word.startswith("--dask") for word in sys.argv)
-    if sys.argv[1:2] in (["run"], ["sweep"]) and not elsewhere:
+    if sys.argv[1:2] in (["run"], ["sweep"]):
         from harness.studies.running.children import import_arrow, start_children
 
         # The first worker imports its modules while this process imports its own.

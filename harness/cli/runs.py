@@ -35,6 +35,8 @@ def run(
     if dask is None:
         # They import their modules while this process imports its own.
         children.start_children(local.workers_for(workers, pairs))
+    else:
+        children.stop_children()  # the one of ``__main__``
     try:
         from harness.scenario import read_scenario_file, study_of
         from harness.scenario.variation import parse_variation
