@@ -65,7 +65,7 @@ def arm(
 
 def failed(reason: str = "the strategy raised") -> dict[str, Rows]:
     """The rows of a simulation that failed."""
-    return {"arms": [{"reason": reason}]}
+    return {"arms": [{"reason": reason, "failed_in": "strategy"}]}
 
 
 def tables_of(

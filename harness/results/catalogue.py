@@ -269,8 +269,8 @@ ENTRIES: tuple[Entry, ...] = (
     _COUNT("mu_pairs", "pairs in μ", "Pairs that have a τ.", "in_mu", of="pair"),
     _COUNT("timed_out", "time-outs", "Episodes that timed out.", "timed_out"),
     _COUNT("failed", "failures", "Episodes or arms that failed.", "failed", kinds=_BOTH),
-    _COUNT("failed_strategy", "failures of the strategy", "Episodes in which the strategy failed; "
-           "the other failures are the engine's.", "failed_strategy"),
+    _COUNT("failed_strategy", "failures of the strategy", "Those of `failed` in which the strategy "
+           "failed; the other failures are the engine's.", "failed_strategy", kinds=_BOTH),
     _COUNT("fallbacks", "fallbacks", "Episodes or passages in which the strategy fell back on "
            "another one.", "fell_back", kinds=_BOTH),
     Entry("fallback_share", "fallbacks, episodes that met someone", "Their share among these.",

@@ -27,7 +27,7 @@ from harness.results.result import flat
 from harness.results.tables import TABLES, TABLES_OF, RunKind, TableSchema
 from harness.scenario import Cell, EngineName
 
-SCHEMA = 8
+SCHEMA = 9
 """Version of the folder's format."""
 
 MANIFEST, SUMMARY, LOG = "manifest.json", "summary.csv", "log.jsonl"

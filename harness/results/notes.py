@@ -88,12 +88,12 @@ class Rule(NamedTuple):
 def _failures(cell: CellFindings) -> Iterator[Said]:
     if not (count := cell.total("failed")):
         return
-    noun, strategy, more = "simulations", "", "Every number leaves their pairs out."
+    noun, more = "simulations", "Every number leaves their pairs out."
     if cell.kind == "encounters":
-        noun, strategy = "episodes", f"; by the strategy {cell.total('failed_strategy'):,}"
+        noun = "episodes"
         more = "Times and crashes leave them out; the worst case counts them against the AV."
-    every, by_arm = 2 * cell["pairs"].count, _by_arm(cell, "failed")
-    yield Said(f"{count:,} of {every:,} {noun} failed ({by_arm}{strategy}).", more, count)
+    what = f"{_by_arm(cell, 'failed')}; by the strategy {cell.total('failed_strategy'):,}"
+    yield Said(f"{count:,} of {2 * cell['pairs'].count:,} {noun} failed ({what}).", more, count)
 
 
 def _nothing_tested(cell: CellFindings) -> Iterator[Said]:

@@ -25,6 +25,7 @@ _REACHED = _OF("front_s").is_valid() | _TOUCHED
 # fmt: off
 ROWS: Mapping[str, Callable[[ConflictsSection], pc.Expression]] = {
     "failed": lambda _: _OF("reason").is_valid(), "fell_back": lambda _: _OF("fallback"),
+    "failed_strategy": lambda _: _OF("failed_in") == "strategy",
     "av": lambda _: _OF("automated"), "other": lambda _: ~_OF("automated"),
     "driven": lambda _: _OF("driven"), "left": lambda _: ~_OF("driven"),
     "reached": lambda _: _REACHED, "touched": lambda _: _TOUCHED,
@@ -88,8 +89,8 @@ class SimulationSample(dict[str | Of, np.ndarray]):
     """The simulations of one cell, over all chosen crosswalks or over one of them.
 
     A column is of both arms, shape (2, n) with the AV's first, or of the pairs, shape (n,); it is
-    made when it is asked for, by a name of ``NAMED`` or by how it is found.  All but ``failed`` are
-    NaN where an arm failed.
+    made when it is asked for, by a name of ``NAMED`` or by how it is found.  All but counts of
+    pairs and failures are NaN where an arm failed.
 
     Args:
         tables: the tables of the cell by pair, from pair 0 on, the AV's first.
@@ -128,7 +129,7 @@ class SimulationSample(dict[str | Of, np.ndarray]):
     def __missing__(self, name: str | Of) -> np.ndarray:
         own = NAMED[name] if isinstance(name, str) else name
         values = self._found(own) if isinstance(own, Of) else own(self)
-        if name not in ("every", "failed"):
+        if name not in ("every", "failed", "failed_strategy"):
             values = np.where(self["failed"].any(axis=0), np.nan, values)
         values.setflags(write=False)
         return self.setdefault(name, values)
@@ -168,6 +169,7 @@ class SimulationSample(dict[str | Of, np.ndarray]):
 NAMED: Mapping[str, Of | Callable[[SimulationSample], np.ndarray]] = {
     "every": lambda sample: np.ones(sample.n),
     "failed": counted("arms", "failed"),
+    "failed_strategy": counted("arms", "failed_strategy"),
     "met": counted("passages", "av", "driven", "met"),
     "fell_back": counted("passages", "av", "driven", "met", "fell_back"),
     "conditionings": summed("arms", "conditionings"),

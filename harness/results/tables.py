@@ -132,6 +132,7 @@ TRACES = TableSchema("traces", (
 ARMS = TableSchema("arms", (
     *_KEYS,
     Field("reason", str, "", "why it failed"),
+    Field("failed_in", str, "", "what failed: `strategy` or `engine`"),
     Field("begin_s", float, "s", "begin of the counted time, a time of the simulation"),
     Field("counted_s", float, "s", "duration of the counted time"),
     Field("vehicle_collisions", int, "", "collisions of vehicles that SUMO reports"),

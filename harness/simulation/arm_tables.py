@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.core.encounter import Arm, StepMotion
+from harness.core.encounter import Arm, FailedIn, StepMotion
 from harness.core.errors import EngineError, StrategyError
 from harness.engine.session import Module, Session
 from harness.model.interaction import InteractionModel
@@ -37,13 +37,14 @@ class ArmTables:
     Attributes:
         pair, arm: which arm.
         tables: the columns of its tables, by the table's name.
-        reason, traceback: why it failed.
+        reason, failed_in, traceback: why it failed, and what.
     """
 
     pair: int
     arm: Arm
     tables: Mapping[str, Columns] = field(default_factory=dict)
     reason: str | None = None
+    failed_in: FailedIn | None = None
     traceback: str | None = None
 
 
@@ -88,9 +89,9 @@ def run_arm(
         session = None
         return ArmTables(pair, arm, _tables(setup, running, folder / TRIPS_FILE))
     except StrategyError as error:
-        return ArmTables(pair, arm, reason=str(error), traceback=error.traceback)
+        return ArmTables(pair, arm, {}, str(error), "strategy", error.traceback)
     except EngineError as error:
-        return ArmTables(pair, arm, reason=f"{setup.config.path.name}: {error}")
+        return ArmTables(pair, arm, {}, f"{setup.config.path.name}: {error}", "engine")
     finally:
         if session is not None:
             session.close()

@@ -139,11 +139,11 @@ def test_a_failure_costs_its_arm_alone(tmp_path: Path, fault: str, reason: str) 
     found = run(hour(tmp_path), settings=settings, pairs=2, out=tmp_path / "run", workers=1)
     arms = rows(found, "arms")
     assert [row["reason"] is None for row in arms] == [True, True, False, True]
-    assert reason in arms[2]["reason"]
+    assert (arms[2]["failed_in"], reason in arms[2]["reason"]) == ("strategy", True)
     assert fault == "aborts" or FAILED_AT in arms[2]["reason"]
     assert found.failures == ((0, 1, "av", arms[2]["reason"]),)
     numbers = {key: value for key, value in arms[2].items() if key not in ("cell", "pair", "arm")}
-    assert {key for key, value in numbers.items() if value is not None} == {"reason"}
+    assert {key for key, value in numbers.items() if value is not None} == {"reason", "failed_in"}
     for name in TABLES[1:]:
         there = {(row["pair"], row["arm"]) for row in rows(found, name)}
         assert there == {(0, "av"), (0, "human"), (1, "human")}

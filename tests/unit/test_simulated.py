@@ -157,6 +157,7 @@ NUMBERS = {
     "av_time_loss_s": 8.0, "other_time_loss_s_difference": -3.0,
     "passages": 2 * 5, "cut_off": 2 * 1, "unfinished": 2 * 1,
     "teleports": 2 * 2, "teleports_human": 0, "pairs": 3, "failed": 0, "failed_human": 1,
+    "failed_strategy": 0, "failed_strategy_human": 1,
 }  # fmt: skip
 
 
@@ -215,7 +216,7 @@ DRIVEN = sum(each["driven"] for av, _ in USUAL for each in av["passages"])
 SAID: dict[str, tuple[Pairs, str]] = {
     "failures": (
         [*USUAL, (ordinary(7), failed())],
-        "1 of 14 simulations failed (AV 0, human_yield 1)",
+        "1 of 14 simulations failed (AV 0, human_yield 1; by the strategy 1)",
     ),
     "nothing_tested": ([(arm([passage("a", pedestrians=0)], [trip("a")]), arm())] * 2, "met a ped"),
     "few_pairs": (USUAL[:1], "one pair has no intervals"),

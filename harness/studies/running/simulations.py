@@ -1,6 +1,6 @@
 """Simulates a pair of a task's cells, both arms, in the one SUMO of this process."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
@@ -70,47 +70,46 @@ def simulate_task(
     known: dict[str, ArmTables] = {}
     tables: dict[int, Tables] = {}
     events: list[Row] = []
+
+    def outcome_of(cell: Cell, arm: Arm, setup: Callable[[], Setup], arms: Path) -> ArmTables:
+        episode, key = EpisodeId(cell.number, pair, arm), _arm_key(cell.scenario, arm)
+        if (failure := task.given_up.get(episode)) is not None:
+            return ArmTables(pair, arm, {}, failure.reason, failure.failed_in)
+        if key is not None and key in known:
+            return known[key]
+        tell(episode, None)
+        outcome = run_arm(
+            setup(),
+            task.model,
+            pair,
+            arm,
+            arms / (arm if task.outputs is None else ""),
+            keeps=task.outputs is not None,
+            module=module,
+            more={**more, **({} if task.outputs is None else REPLAYED)},
+            begins=partial(tell, episode),
+        )
+        tell(None, None)
+        if key is not None:
+            known[key] = outcome
+        return outcome
+
     for cell in task.cells:
-        scenario = cell.scenario
-        outcomes = []
         with scratch_folder() as scratch:
             demand, arms = _folders(task, cell.number, Path(scratch))
-            found: Setup | None = None
-            for arm in task.arms:
-                episode, key = EpisodeId(cell.number, pair, arm), _arm_key(scenario, arm)
-                if episode in task.given_up:
-                    outcome = ArmTables(pair, arm, reason=task.given_up[episode].reason)
-                elif key is not None and key in known:
-                    outcome = known[key]
-                else:
-                    tell(episode, None)
-                    if found is None:
-                        found = _opened(scenario, pair, demand)
-                    outcome = run_arm(
-                        found,
-                        task.model,
-                        pair,
-                        arm,
-                        arms / (arm if task.outputs is None else ""),
-                        keeps=task.outputs is not None,
-                        module=module,
-                        more={**more, **({} if task.outputs is None else REPLAYED)},
-                        begins=partial(tell, episode),
-                    )
-                    tell(None, None)
-                    if key is not None:
-                        known[key] = outcome
-                outcomes.append(outcome)
-                if outcome.reason is not None:
-                    events.append(
-                        {
-                            "event": "arm failed",
-                            **episode._asdict(),
-                            "strategy": scenario.arms.driver(arm),
-                            "reason": outcome.reason,
-                            "traceback": outcome.traceback,
-                        }
-                    )
+            setup = cache(partial(_opened, cell.scenario, pair, demand))
+            outcomes = [outcome_of(cell, arm, setup, arms) for arm in task.arms]
+        events += [
+            {
+                "event": "arm failed",
+                **EpisodeId(cell.number, pair, outcome.arm)._asdict(),
+                "strategy": cell.scenario.arms.driver(outcome.arm),
+                "reason": outcome.reason,
+                "traceback": outcome.traceback,
+            }
+            for outcome in outcomes
+            if outcome.reason is not None
+        ]
         tables[cell.number] = _tables(cell, outcomes)
     return TaskRows(tables, tuple(events))
 
@@ -140,7 +139,8 @@ def _tables(cell: Cell, outcomes: Sequence[ArmTables]) -> Tables:
     tables: dict[str, list[pa.Table]] = {}
     for outcome in outcomes:
         columns = dict(outcome.tables)
-        columns["arms"] = {**columns.get("arms", {}), "reason": [outcome.reason]}
+        why = {"reason": [outcome.reason], "failed_in": [outcome.failed_in]}
+        columns["arms"] = {**columns.get("arms", {}), **why}
         rows = simulation_rows(cell.number, outcome.pair, outcome.arm, columns)
         for name, table in rows.items():
             tables.setdefault(name, []).append(table)
