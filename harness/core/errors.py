@@ -35,23 +35,22 @@ class Parameter(NamedTuple):
         return name if self.value is None else f"{name}{joined}{self.value}"
 
 
+Place = str | Parameter
+"""The file, key or option of an error, or the parameter of the function that refuses it."""
+
+
 class InputError(HarnessError):
     """The user's input is refused; the command line prints one line and exits with code 2.
 
     Args:
-        where: the file, key or option, e.g. ``cctc.toml: pedestrians.flow_per_hour``; or the
-            parameter of the function that refuses it.
+        where: the place, e.g. ``cctc.toml: pedestrians.flow_per_hour``; kept as text.
         problem: the problem there, with the value.
         allowed: the values that are accepted.
         nearest: the valid name closest to a misspelt one.
     """
 
     def __init__(
-        self,
-        where: str | Parameter,
-        problem: str,
-        allowed: str | None = None,
-        nearest: str | None = None,
+        self, where: Place, problem: str, allowed: str | None = None, nearest: str | None = None
     ) -> None:
         self.parameter = where if isinstance(where, Parameter) else None
         self.where = where.named(where.name) if isinstance(where, Parameter) else where
@@ -69,10 +68,9 @@ class InputError(HarnessError):
         """The same error at another place."""
         return type(self)(where, self.problem, self.allowed, self.nearest)
 
-    def __reduce__(self) -> tuple[type[Self], tuple[str | Parameter | None, ...]]:
+    def __reduce__(self) -> tuple[type[Self], tuple[Place | None, ...]]:
         """Its parts, so that it may come from another process."""
-        where = self.parameter or self.where
-        return type(self), (where, self.problem, self.allowed, self.nearest)
+        return type(self), (self.parameter or self.where, self.problem, self.allowed, self.nearest)
 
 
 class EngineError(HarnessError):
@@ -164,15 +162,11 @@ def resume_command(folder: object) -> str:
     return f"harness resume {shlex.quote(str(folder))}"
 
 
-def unknown_name(where: str | Parameter, kind: str, name: str, valid: Iterable[str]) -> InputError:
+def unknown_name(where: Place, kind: str, name: str, valid: Iterable[str]) -> InputError:
     """The error for a name that is not in a known set; it holds the nearest valid name."""
     names = sorted(valid)
-    return InputError(
-        where,
-        f"unknown {kind} {name!r}",
-        ", ".join(names) or f"none: there is no {kind}",
-        nearest_name(name, names),
-    )
+    allowed = ", ".join(names) or f"none: there is no {kind}"
+    return InputError(where, f"unknown {kind} {name!r}", allowed, nearest_name(name, names))
 
 
 def nearest_name(name: str, valid: Iterable[str]) -> str | None:

@@ -89,11 +89,8 @@ def _people(scenario: Scenario) -> str:
     size = people.mean_group_size
     groups = f" in groups of {size:.3g} on average" if len(people.group_size) > 1 else ""
     before_s = people.warm_up_s
-    since = " from the trigger on"
-    if before_s:
-        since = f" from {as_written(before_s)} s before the trigger"
-    if scenario.simulation is not None:
-        since = " and SUMO's people"
+    begin = f"{as_written(before_s)} s before the trigger" if before_s else "the trigger on"
+    since = f" from {begin}" if scenario.simulation is None else " and SUMO's people"
     return f"{as_written(people.flow_per_hour)} people/h{groups}{since}"
 
 

@@ -186,8 +186,7 @@ class PerceptionSection(Section):
     def _errs(self, apart_from: str = "") -> bool:
         """Whether a key besides this one, and besides those that alone are no error, is set."""
         harmless = {"update_s", "correlation_s", "occlusion", "human", apart_from}
-        own, none = (each.model_dump(exclude=harmless) for each in (self, type(self)()))
-        return own != none
+        return self.model_dump(exclude=harmless) != type(self)().model_dump(exclude=harmless)
 
 
 class ModelSection(Section):
