@@ -7,6 +7,7 @@ CSV and the reference in the documentation follow.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -379,5 +380,5 @@ def entries_of(kind: RunKind) -> list[Entry]:
     return [entry for entry in ENTRIES if kind in entry.kinds]
 
 
-ENTRY_OF: Mapping[str, Entry] = {key: entry for entry in ENTRIES for key in entry.keys}
+ENTRY_OF = MappingProxyType({key: entry for entry in ENTRIES for key in entry.keys})
 """The entries by the keys of their numbers."""

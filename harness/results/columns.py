@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -117,7 +118,7 @@ def _av_and_untouched_s(sample: Sample) -> tuple[FloatArray, FloatArray]:
     return sample["pass_time_s"][AV], sample["pass_time_ignoring_contact_s"][REFERENCE]
 
 
-COLUMNS: Mapping[str, Callable[[Sample], Any]] = {
+COLUMNS: Mapping[str, Callable[[Sample], Any]] = MappingProxyType({
     "every": lambda s: np.ones(s.n, dtype=bool),
     "crashed": lambda s: s["ending"] == Ending.CRASHED,
     "timed_out": lambda s: s["ending"] == Ending.TIMED_OUT,
@@ -138,9 +139,8 @@ COLUMNS: Mapping[str, Callable[[Sample], Any]] = {
     # A crash is a conflict of every kind.
     "conflict_pet": lambda s: s["crashed"] | (s["pet_s"] < s.limits.pet_s),
     "conflict_ttc": lambda s: s["crashed"] | (s["min_ttc_s"] < s.limits.ttc_s),
-    "conflict_time_advantage": lambda s: (
-        s["crashed"] | (s["min_time_advantage_s"] < s.limits.time_advantage_s)
-    ),
+    "conflict_time_advantage": lambda s: s["crashed"] | (
+        s["min_time_advantage_s"] < s.limits.time_advantage_s),
     "conflict_drac": lambda s: s["crashed"] | (s["max_drac_mps2"] > s.limits.drac_mps2),
     "met_someone": lambda s: np.any(s["met"], axis=0),
     "met_nobody": lambda s: ~np.any(s["met"], axis=0) & ~np.any(s["failed"], axis=0),
@@ -150,7 +150,7 @@ COLUMNS: Mapping[str, Callable[[Sample], Any]] = {
     "delay_difference_s": lambda s: np.subtract(*_av_and_untouched_s(s)),
     "not_in_time_ratio": lambda s: np.isnan(s["counted_time_s"][AV]),
     "in_mu": lambda s: ~np.isnan(s["tau"]),
-}
+})  # fmt: skip
 """Columns that are derived from those of ``episodes``.
 
 ``tau`` is the AV's time over the reference's, NaN where either did not cross; in ``tau_all`` and

@@ -137,9 +137,8 @@ class Run:
             raise InputError(str(self.path), "no pair is finished yet", allowed)
         cells, folder, notes = self.cells, shlex.quote(str(self.path)), list[Note]()
         facts: dict[str, Any] = {"name": self.name, "folder": str(self.path)}
-        facts["finished"] = self.finished
         facts |= {key: self.manifest[key] for key in ("seed", "confidence", "engine")}
-        facts["failed"] = sum(cell.total("failed") for cell in cells)
+        facts |= {"finished": self.finished, "failed": sum(cell.total("failed") for cell in cells)}
         if facts["failed"]:
             number, pair, arm, why = self.failures[0]
             facts["failure"] = f"cell {number} pair {pair} {arm}: {why}"

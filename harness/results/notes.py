@@ -330,8 +330,7 @@ def notes_of(
         about_run: notes about the run as a whole.
         names: the cells' names if they are compared; then notes have them in place of numbers.
     """
-    notes = list(about_run)
-    called = names or [name_of(cell.varied) for cell in cells]
+    notes, called = list(about_run), names or [name_of(cell.varied) for cell in cells]
     for rank, rule in enumerate(RULES):
         simulated = any(cell.kind == "simulations" for cell in cells)
         say = rule.simulated if simulated else rule.say

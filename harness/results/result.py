@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from harness.core.documents import frozen_tables
 from harness.results.finding import Finding, Form, Plain, finding_to_dict
 from harness.results.notes import Note
 
@@ -99,6 +100,11 @@ class Result:
     remarks: tuple[str, ...] = ()
     facts: Mapping[str, Plain] = field(default_factory=dict)
     records: Sequence[Mapping[str, Plain | Finding]] = ()
+
+    def __post_init__(self) -> None:
+        """Make facts and records read-only."""
+        object.__setattr__(self, "facts", frozen_tables(self.facts))
+        object.__setattr__(self, "records", tuple(map(frozen_tables, self.records)))
 
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON, of the same form for all commands; it has all that a screen says.

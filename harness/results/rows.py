@@ -49,27 +49,23 @@ def simulation_rows(
 
 def episode_rows(cell: int, outcomes: Sequence[Outcome]) -> pa.Table:
     """The rows of ``episodes``."""
-    return EPISODES.of(
-        [
-            _keys(cell, outcome)
-            | {"strategy": outcome.strategy}
-            | {name: getattr(outcome.record, name) for name in _RECORDED}
-            for outcome in outcomes
-        ]
-    )
+
+    def row(outcome: Outcome) -> Row:
+        recorded = {name: getattr(outcome.record, name) for name in _RECORDED}
+        return {**_keys(cell, outcome), "strategy": outcome.strategy, **recorded}
+
+    return EPISODES.of([*map(row, outcomes)])
 
 
 def pedestrian_rows(cell: int, outcomes: Sequence[Outcome]) -> pa.Table:
     """The rows of ``pedestrians``: everyone who arrived within the record."""
-    return PEDESTRIANS.of(
-        [
-            _keys(cell, outcome)
-            | _pedestrian(walk, cleared_s(walk, outcome.trace.crossing), outcome.record.end_s)
-            for outcome in outcomes
-            for walk in outcome.trace.walks
-            if walk.arrival.arrival_s <= outcome.record.end_s
-        ]
-    )
+    rows = [
+        _keys(cell, outcome) | _pedestrian(walk, outcome)
+        for outcome in outcomes
+        for walk in outcome.trace.walks
+        if walk.arrival.arrival_s <= outcome.record.end_s
+    ]
+    return PEDESTRIANS.of(rows)
 
 
 def trace_rows(cell: int, outcomes: Sequence[Outcome]) -> pa.Table:
@@ -96,19 +92,20 @@ def _keys(cell: int, outcome: Outcome) -> Row:
     return {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
 
 
-def _pedestrian(walk: Walk, cleared: float | None, end_s: float) -> Row:
-    """The row of a pedestrian, without the keys, in a record that ends at ``end_s``."""
-    arrival, start_s = walk.arrival, walk.start_s
+def _pedestrian(walk: Walk, outcome: Outcome) -> Row:
+    """The row of a pedestrian of an episode, without the keys."""
+    arrival, start_s, end_s = walk.arrival, walk.start_s, outcome.record.end_s
     waited = ("index", "arrival_s", "quantile", "critical_gap_s", "threshold_s", "latency_s")
     row: Row = {name: getattr(arrival, name) for name in waited} | {"side": arrival.side.value}
     if start_s is None or start_s >= end_s:
         return row
+    over_s = cleared_s(walk, outcome.trace.crossing)
     return row | {
         "start_s": start_s,
         "speed_mps": walk.speed_mps,
         "range_m": walk.range_m,
         "vehicle_speed_mps": walk.vehicle_speed_mps,
-        "cleared_s": cleared if cleared is not None and cleared <= end_s else None,
+        "cleared_s": over_s if over_s is not None and over_s <= end_s else None,
         "legs": walk.legs and [leg._asdict() for leg in walk.legs],
         "delay_s": start_s - arrival.arrival_s,
     }

@@ -15,12 +15,10 @@ from harness.strategies.registry import fallback_of
 
 _SWEEP: Mapping[RunKind, Sequence[str]] = {
     "encounters": ("time_ratio", "delay_s", "pedestrian_wait_s", "kappa", "conflict_pet"),
-    "simulations": (
-        *("av_delay_s", "av_delay_s_difference", "other_delay_s_difference"),
-        *("people_delay_s_difference", "queue_p95", "throughput_per_hour"),
-        *("conflicts_pet", "contacts", "av_contacts", "share_strategy"),
-    ),
-}
+    "simulations": ("av_delay_s", "av_delay_s_difference", "other_delay_s_difference",
+                    "people_delay_s_difference", "queue_p95", "throughput_per_hour",
+                    "conflicts_pet", "contacts", "av_contacts", "share_strategy"),
+}  # fmt: skip
 """The numbers of a sweep's row, after the swept keys; worst cases follow if pairs are left out."""
 
 _LEFT_OUT = {

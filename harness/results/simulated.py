@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -23,7 +24,7 @@ _REACHED = _OF("front_s").is_valid() | _TOUCHED
 
 
 # fmt: off
-ROWS: Mapping[str, Callable[[ConflictsSection], pc.Expression]] = {
+ROWS: Mapping[str, Callable[[ConflictsSection], pc.Expression]] = MappingProxyType({
     "failed": lambda _: _OF("reason").is_valid(), "fell_back": lambda _: _OF("fallback"),
     "failed_strategy": lambda _: _OF("failed_in") == "strategy",
     "av": lambda _: _OF("automated"), "other": lambda _: ~_OF("automated"),
@@ -37,7 +38,7 @@ ROWS: Mapping[str, Callable[[ConflictsSection], pc.Expression]] = {
     "waited": lambda _: _OF("let_go").is_valid(), "let_go": lambda _: _OF("let_go"),
     "never_went": lambda _: _OF("start_s").is_null(),
     "unfinished": lambda _: _OF("arrival_s").is_null(),
-}
+})
 """Which rows of a table a column counts; a contact is a conflict of every kind."""
 # fmt: on
 
@@ -166,7 +167,7 @@ class SimulationSample(dict[str | Of, np.ndarray]):
         return "; ".join(f"{count:,} {why}" for why, count in found.most_common()) or None
 
 
-NAMED: Mapping[str, Of | Callable[[SimulationSample], np.ndarray]] = {
+NAMED: Mapping[str, Of | Callable[[SimulationSample], np.ndarray]] = MappingProxyType({
     "every": lambda sample: np.ones(sample.n),
     "failed": counted("arms", "failed"),
     "failed_strategy": counted("arms", "failed_strategy"),
@@ -176,8 +177,7 @@ NAMED: Mapping[str, Of | Callable[[SimulationSample], np.ndarray]] = {
     "clamped": summed("arms", "clamped"),
     "growth": SimulationSample.growth,
     "long_trips": lambda s: np.isnan(s["growth"]) & (s[counted("vehicles")] > 0),
-    "throughput_per_hour": lambda s: (
-        SECONDS_PER_HOUR * s[counted("passages", "passed")] / s[summed("arms", "counted_s")]
-    ),
-}
+    "throughput_per_hour": lambda s: (SECONDS_PER_HOUR * s[counted("passages", "passed")]
+                                      / s[summed("arms", "counted_s")]),
+})  # fmt: skip
 """Columns with a name of their own."""

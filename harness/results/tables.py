@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Literal
 
 import pyarrow as pa
@@ -17,10 +18,8 @@ Row = dict[str, Any]
 """A row of a table: a value for each column."""
 
 _LEGS = pa.list_(pa.struct([(name, pa.float64()) for name in Leg._fields]))
-_TYPES: Mapping[Any, pa.DataType] = {
-    **{float: pa.float64(), int: pa.int64(), bool: pa.bool_()},
-    **{Leg: _LEGS, list: pa.list_(pa.float64())},
-}
+_TYPES: Mapping[Any, pa.DataType] = {float: pa.float64(), int: pa.int64(), bool: pa.bool_(),
+                                     Leg: _LEGS, list: pa.list_(pa.float64())}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -65,8 +64,7 @@ class TableSchema:
         wrong = set[str]().union(*rows) - {*table.column_names}
         wrong |= {c.name for c in self.columns if c.required and table[c.name].null_count}
         if wrong:
-            named = ", ".join(sorted(wrong))
-            raise ValueError(f"{self.name}: no columns, or nulls in required ones: {named}")
+            raise ValueError(f"{self.name}: no columns, or nulls in required: {sorted(wrong)}")
         return table
 
 
@@ -242,20 +240,20 @@ RunKind = Literal["encounters", "simulations", "risk"]
 ENCOUNTERS: tuple[RunKind, ...] = ("encounters",)
 SIMULATIONS: tuple[RunKind, ...] = ("simulations",)
 
-TABLES_OF: Mapping[RunKind, tuple[TableSchema, ...]] = {
+TABLES_OF: Mapping[RunKind, tuple[TableSchema, ...]] = MappingProxyType({
     "encounters": (EPISODES, PEDESTRIANS, TRACES),
     "simulations": (ARMS, PASSAGES, VEHICLES, PEOPLE, CROSSWALKS),
     "risk": (DRAWS,),
-}
+})  # fmt: skip
 """The tables of each kind of run, that which is written last first; `traces` may be left out."""
 
-COUNTED: Mapping[RunKind, tuple[str, ...]] = {
+COUNTED: Mapping[RunKind, tuple[str, ...]] = MappingProxyType({
     "encounters": ("episodes",),
     "simulations": tuple(table.name for table in TABLES_OF["simulations"]),
-}
+})  # fmt: skip
 """The tables from which the findings of a run are computed."""
 
-TABLES: Mapping[str, TableSchema] = {each.name: each for of in TABLES_OF.values() for each in of}
+TABLES = MappingProxyType({each.name: each for kind in TABLES_OF.values() for each in kind})
 
 
 def kind_of(scenario: Scenario) -> RunKind:

@@ -22,10 +22,8 @@ _ALWAYS = {
 }
 """Options of every arm: a fixed seed, few messages, and output of unfinished trips too."""
 
-_DROPPED = (
-    *("save-", "output-prefix", "output-suffix", "num-clients", "remote-port"),
-    "device.tripinfo.",
-)
+_DROPPED = ("save-", "output-prefix", "output-suffix", "num-clients", "remote-port",
+            "device.tripinfo.")  # fmt: skip
 """How options begin that save states, name outputs, wait for a client, or leave out trips."""
 
 _TO_THE_ROOT = "../" * 40

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from harness.core.documents import frozen_tables
 from harness.core.encounter import Arm, FailedIn, StepMotion
 from harness.core.errors import EngineError, StrategyError
 from harness.engine.session import Module, Session
@@ -24,10 +25,8 @@ from harness.site.town import Crosswalk
 Columns = dict[str, list[Any]]
 """A table: its columns by name."""
 
-_COUNTS = (
-    *("vehicle_collisions", "person_collisions", "overlaps"),
-    *("teleports", "emergency_stops", "conditionings", "clamped"),
-)
+_COUNTS = ("vehicle_collisions", "person_collisions", "overlaps", "teleports", "emergency_stops",
+           "conditionings", "clamped")  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +45,10 @@ class ArmTables:
     reason: str | None = None
     failed_in: FailedIn | None = None
     traceback: str | None = None
+
+    def __post_init__(self) -> None:
+        """Make the tables read-only."""
+        object.__setattr__(self, "tables", frozen_tables(self.tables))
 
 
 def run_arm(

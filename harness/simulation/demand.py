@@ -162,13 +162,13 @@ def vehicles_due(scenario: Scenario, pair: int) -> Iterator[Due]:
                 yield Due(f"{way}-{lane}-{number}", direction, lane, time_s)
 
 
-def _of_a_flow(scenario: Scenario, lane: tuple[int, ...], per_s: float) -> Iterator[float]:
-    """Time from the simulation's begin, in whole steps, of each vehicle of a pair's lane."""
+def _of_a_flow(scenario: Scenario, key: tuple[int, ...], per_s: float) -> Iterator[float]:
+    """Time from the begin, in whole steps, of each vehicle of the lane with a stream's key."""
     traffic, step_s = scenario.known_traffic, scenario.experiment.step_s
     headway_s = scenario.least_headway_s()
     hazard = per_s / (1 - per_s * headway_s)
     time_s, earliest, last_s = 0.0, 0, traffic.warm_up_s + traffic.duration_s - ROUNDING
-    uniforms = stream(scenario.experiment.seed, "vehicle_arrival", *lane).random
+    uniforms = stream(scenario.experiment.seed, "vehicle_arrival", *key).random
     while per_s:
         time_s -= math.log1p(-uniforms()) / hazard
         step = max(earliest, math.ceil(time_s / step_s - ROUNDING))

@@ -31,7 +31,8 @@ from harness.site.town import Crosswalk, Town
 
 
 @lru_cache(1)
-def _town(net: Path, _digest: str) -> Town:
+def _town(net: Path, _content: str) -> Town:
+    """The network of a file with this digest."""
     return Town.read(net)
 
 

@@ -73,14 +73,9 @@ def passages(
 
 
 def _row(
-    passage: Passage,
-    trace: Trace,
-    record: EpisodeRecord,
-    names: Mapping[int, str],
-    free_s: float,
+    passage: Passage, trace: Trace, record: EpisodeRecord, names: Mapping[int, str], free_s: float
 ) -> Row:
-    car, begin_s = passage.car, passage.begin_s
-    driven = sum(passage.limited)
+    car, begin_s, driven = passage.car, passage.begin_s, sum(passage.limited)
     front_s = crossing_time_s(trace, -trace.crossing.width_m / 2)
     rear_s = record.pass_time_ignoring_contact_s
     trigger_s = begin_s - passage.trace_offset_s
@@ -129,7 +124,6 @@ def _trace(
         speed_mps=passage.speeds_mps,
         walks=(),
         ending=Ending.CROSSED if passage.passed else Ending.TIMED_OUT,
-        reason=None,
         sumo_collision=passage.collided,
         fallback=passage.fallback,
         trace_offset_s=passage.trace_offset_s,
@@ -173,10 +167,12 @@ def strike_of(
     ends_m = (-half_m - _NEAR_M, half_m + length_m + _NEAR_M)
     low, high = np.searchsorted(trace.x_m, ends_m).tolist()
     low, high = max(low - 1, 0), min(high, len(trace.x_m) - 1)
+    if low >= high:  # it was never near the crosswalk
+        return None
     count = math.ceil((high - low) * max(trace.step_s / _SAMPLE_S, 1.0))
     time_s = np.linspace(low, high, count + 1) * trace.step_s
     strikes: list[Strike] = []
-    for number, each in enumerate(walkers if low < high else ()):
+    for number, each in enumerate(walkers):
         places = each.places(passage.begin_s + time_s, passage.crosswalk)
         on = np.flatnonzero(np.isfinite(places))
         s = passage.zone.centre_m + ego_positions(trace, time_s[on])

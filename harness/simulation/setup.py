@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from harness.core.documents import frozen_tables
 from harness.core.encounter import Arm, Arrival, Strategy, Vehicle
 from harness.core.errors import StrategyError, in_one_line
 from harness.encounter.arms import make_strategy
@@ -42,6 +43,10 @@ class Setup:
     simulation: SimulationSection
     begin_s: float
     end_s: float
+
+    def __post_init__(self) -> None:
+        """Make the crosswalks read-only."""
+        object.__setattr__(self, "crosswalks", frozen_tables(self.crosswalks))
 
     @property
     def own_people(self) -> bool:

@@ -27,6 +27,9 @@ WAITING_M = 1.0
 KERB_M = 0.02
 """A person nearer to a kerb than this is at it: SUMO may hold people 1 cm away from a kerb."""
 _ROUNDING_S = 1e-7
+"""A leg that begins no farther from a step begins with it."""
+_SLOWEST_MPS = 1e-3
+"""Least speed of a way over the crosswalk: who goes back and forth may have none, on balance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +116,7 @@ class SumoPerson:
         walk = Walk(
             Arrival(self.index, came_s, side, None),
             start_s,
-            max((to_m - from_m) / (end_s - start_s), 1e-3),
+            max((to_m - from_m) / (end_s - start_s), _SLOWEST_MPS),
             legs=_legs(points[:, 0], np.interp(points[:, 0], time_s, left_m), y_m),
         )
         cleared_s = end_s if to_m >= length_m - KERB_M else None

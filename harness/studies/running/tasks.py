@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
+from harness.core.documents import frozen_tables
 from harness.core.encounter import Arm, FailedIn
 
 if TYPE_CHECKING:
@@ -77,6 +78,11 @@ class Task:
     given_up: Mapping[EpisodeId, GivenUp] = field(default_factory=dict)
     own: "Own | None" = None
 
+    def __post_init__(self) -> None:
+        """Make the mappings read-only."""
+        for name in ("code", "given_up"):
+            object.__setattr__(self, name, frozen_tables(getattr(self, name)))
+
     @property
     def pairs(self) -> range:
         """The pairs to simulate."""
@@ -106,6 +112,10 @@ class TaskRows:
 
     tables: "Mapping[int, Tables]"
     events: "tuple[Row, ...]" = ()
+
+    def __post_init__(self) -> None:
+        """Make the tables read-only."""
+        object.__setattr__(self, "tables", frozen_tables(self.tables))
 
 
 def part_pairs(pairs: int) -> int:
