@@ -18,10 +18,10 @@ from harness.encounter.pairing import PairRunner
 from harness.engine.plain import PlainEngine
 from harness.model.interaction import load_model
 from harness.results import estimators
+from harness.results.cell_findings import cell_findings
 from harness.results.columns import AV, Sample
 from harness.results.estimators import CONFIDENCE
 from harness.results.finding import Finding
-from harness.results.findings import cell_findings
 from harness.results.rows import episode_rows
 from harness.scenario import Cell, Scenario, Setting, load_scenario
 from harness.studies.compare import DIFFERENCES

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from harness.core.encounter import Arm
-from harness.results.findings import CellFindings, cell_findings
+from harness.results.cell_findings import CellFindings, cell_findings
 from harness.results.loaded_run import Run
 from harness.results.notes import Note, notes_of
 from harness.results.result import Result

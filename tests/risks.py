@@ -8,8 +8,7 @@ from scipy import stats
 
 from harness.results.finding import Finding
 from harness.results.tables import DRAWS
-from harness.studies.risk.estimate import MOST_DRAWS, risk_findings
-from harness.studies.risk.risk_draws import (
+from harness.studies.risk.draws import (
     DrawInputs,
     DrawOutcome,
     Proposal,
@@ -17,8 +16,9 @@ from harness.studies.risk.risk_draws import (
     Units,
     draw_units,
 )
-from harness.studies.risk.risk_learning import rounds_of
-from harness.studies.risk.risk_space import GRADINGS, Space
+from harness.studies.risk.estimate import MOST_DRAWS, risk_findings
+from harness.studies.risk.learning import rounds_of
+from harness.studies.risk.space import GRADINGS, Space
 
 DIMENSIONS = 6
 

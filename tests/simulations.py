@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 
 from harness.core.encounter import Arm
-from harness.results.findings import CellFindings, cell_findings
+from harness.results.cell_findings import CellFindings, cell_findings
 from harness.results.rows import simulation_rows
 from harness.results.tables import TABLES_OF, Tables
 from harness.scenario import Cell, load_scenario

@@ -18,7 +18,7 @@ COMMANDS: Mapping[str, str] = {
     command: module
     for module, commands in {
         "cli.runs": "run sweep resume risk",
-        "cli.folders": "show report compare worst replay export",
+        "cli.finished": "show report compare worst replay export",
         "cli.about": "network crossings strategies",
         "cli.model": "extract fit model validate",
     }.items()

@@ -59,8 +59,8 @@ def fit(
     """Fit the interaction model to rows, and choose the number K."""
     check_target(out, ".json")
     from harness.report.model_screens import model_result
-    from harness.studies.models.model_card import fit_model
-    from harness.studies.models.model_fits import FitSettings, components_of
+    from harness.studies.models.card import fit_model
+    from harness.studies.models.fits import FitSettings, components_of
     from harness.studies.running.workers import default_workers
 
     number = workers or default_workers()

@@ -31,7 +31,7 @@ from harness.model.sample import Sample, make_sample, read_rows
 from harness.report.page import write_result
 from harness.report.style import BLUE, MUTED, SERIES, VERMILLION, finish, save, styled
 from harness.results.result import Result
-from harness.studies.models.model_fits import RULE_SHARE
+from harness.studies.models.fits import RULE_SHARE
 
 AXIS_LABELS = ("1/R (1/m)", "vehicle speed v (m/s)", "walking speed v_p (m/s)", "1/T_adv (1/s)")
 PAIRS = ((0, 1), (0, 2), (3, 2))

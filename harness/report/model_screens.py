@@ -74,7 +74,7 @@ class _Fit(_Form):
 
 
 class _Card(_Counts):
-    """What is shown of a card; see ``model_card.card``."""
+    """What is shown of a card; see ``card.card``."""
 
     rows_read: int
     rows_outside_box: dict[str, int]

@@ -24,9 +24,9 @@ from harness.report.player import pair_name
 from harness.report.style import HEIGHT_INCH, MUTED, SERIES, new_figure
 from harness.report.words import counted, level_text, plain_text
 from harness.results.catalogue import ENTRY_OF
+from harness.results.cell_findings import CellFindings
 from harness.results.estimators import CONFIDENCE
 from harness.results.finding import Finding, Form
-from harness.results.findings import CellFindings
 from harness.results.loaded_run import Run
 from harness.results.result import Result, Shown
 from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind

@@ -21,8 +21,8 @@ from harness.core.encounter import Arm
 from harness.core.errors import InputError, one_line, resume_command
 from harness.core.files import PACKAGE, cannot_write, read_file, whole_file, write_csv, write_file
 from harness.core.versions import versions_of_fits
+from harness.results.cell_findings import CellFindings, records_of
 from harness.results.finding import Finding, Plain, finding_to_dict
-from harness.results.findings import CellFindings, records_of
 from harness.results.result import flat
 from harness.results.tables import TABLES, TABLES_OF, RunKind, TableSchema
 from harness.scenario import Cell, EngineName
@@ -41,7 +41,7 @@ EVENTS = "events"
 COMPUTES = (
     "core/* measures/* scenario/* studies/risk/* encounter/arms model/mixture/normals "
     "strategies/parameters strategies/registry results/catalogue results/columns "
-    "results/estimators results/finding results/findings results/simulated results/student "
+    "results/estimators results/finding results/cell_findings results/simulated results/student "
     "results/tables"
 )
 """The modules that make findings of rows; those of screens make none."""

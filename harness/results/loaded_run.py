@@ -17,10 +17,10 @@ import pyarrow.compute as pc
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, resume_command, unknown_name
 from harness.results import folder as folders
-from harness.results.findings import CellFindings, cell_findings, records_of
+from harness.results.cell_findings import CellFindings, cell_findings, records_of
+from harness.results.cell_tables import drivers, scope_of, tables_of
 from harness.results.notes import FIRST, Note, notes_of
 from harness.results.result import Result
-from harness.results.screens import drivers, scope_of, tables_of
 from harness.results.tables import COUNTED, TABLES_OF, RunKind, kind_of
 from harness.scenario import Scenario, Setting, Study, study_from
 from harness.scenario.file import apply_setting

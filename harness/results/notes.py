@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from harness.core.encounter import BY_SUMO, SPEED_ROUNDING
 from harness.encounter.arms import asks_model
 from harness.results.catalogue import Entry
+from harness.results.cell_findings import CellFindings, on_first_screen
 from harness.results.estimators import EQUAL, FEW, REPEATED
-from harness.results.findings import CellFindings, on_first_screen
 from harness.results.student import RELIABLE_PAIRS
 from harness.scenario.place import name_of
 from harness.strategies.references import not_validated, opposite

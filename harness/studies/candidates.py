@@ -10,10 +10,10 @@ import pyarrow.compute as pc
 
 from harness.core.encounter import Arm
 from harness.results.catalogue import AnySample
+from harness.results.cell_findings import CellFindings, sample_of
+from harness.results.cell_tables import driver_of
 from harness.results.finding import Plain
-from harness.results.findings import CellFindings, sample_of
 from harness.results.loaded_run import Run
-from harness.results.screens import driver_of
 from harness.results.tables import COUNTED
 from harness.scenario import Scenario
 from harness.scenario.place import name_of

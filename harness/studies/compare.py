@@ -12,14 +12,14 @@ from harness.core.errors import InputError
 from harness.core.seeding import resampling
 from harness.results import estimators
 from harness.results.catalogue import ENTRY_OF, Entry
+from harness.results.cell_findings import worst_cases
+from harness.results.cell_tables import drivers, scope_of, shown, table_of
 from harness.results.columns import AV, REFERENCE, Sample
 from harness.results.estimators import EQUAL, FEW, Sampling
 from harness.results.finding import Finding, Form, Plain
-from harness.results.findings import worst_cases
 from harness.results.loaded_run import Run
 from harness.results.notes import RULES, Note, notes_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
-from harness.results.screens import drivers, scope_of, shown, table_of
 from harness.results.simulated import SimulationSample
 from harness.results.student import RELIABLE_PAIRS
 from harness.results.tables import RunKind

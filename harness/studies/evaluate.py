@@ -15,8 +15,8 @@ from harness.core.documents import as_plain
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError, refused_at
 from harness.encounter.arms import arm_key
+from harness.results.cell_findings import cell_findings
 from harness.results.estimators import CONFIDENCE
-from harness.results.findings import cell_findings
 from harness.results.result import flat
 from harness.scenario import Cell, EngineName, Scenario, Setting
 from harness.scenario.arguments import engine_named, whole_number

@@ -18,7 +18,7 @@ from harness.model.sample import make_sample
 from harness.model.trajectories.extraction import extract
 from harness.scenario import Scenario, load_scenario
 from harness.studies.models.fit_processes import processes
-from harness.studies.models.model_fits import FitSettings, fit
+from harness.studies.models.fits import FitSettings, fit
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
 needs_dut = pytest.mark.skipif(

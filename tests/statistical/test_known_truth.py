@@ -21,9 +21,9 @@ from harness.core.encounter import FloatArray, Side
 from harness.encounter import pairing
 from harness.encounter.arrivals import planned_arrivals
 from harness.model.mixture.conditional import Conditional
+from harness.results.cell_findings import cell_findings
 from harness.results.estimators import CONFIDENCE, clopper_pearson
 from harness.results.finding import Finding
-from harness.results.findings import cell_findings
 from harness.scenario import Cell, Scenario
 
 PER_SIDE, PAIRS = 200, 200

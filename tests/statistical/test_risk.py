@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from benchmarks.risk import estimate
-from harness.studies.risk.risk_space import Space
+from harness.studies.risk.space import Space
 from tests.risks import CROWD, FLAT, crowd, fault, found, gain, half_space, holds, is_true, union
 
 

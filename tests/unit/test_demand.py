@@ -14,7 +14,7 @@ from harness.core.encounter import Arm, Arrival, Side
 from harness.encounter.arrivals import already_walking, planned_arrivals
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.scenario import Scenario, validate
-from harness.studies.risk.risk_space import space_of
+from harness.studies.risk.space import space_of
 from tests.scenes import on_plain, refuses
 
 LUCK = 1e-3

@@ -8,10 +8,10 @@ import pytest
 from scipy import stats
 
 from harness.results import catalogue
+from harness.results.cell_findings import CellFindings
 from harness.results.columns import Sample
 from harness.results.estimators import EQUAL, FEW, REPEATED
 from harness.results.finding import Finding, finding_to_dict
-from harness.results.findings import CellFindings
 from harness.results.result import flat
 from tests.cells import (
     FAILED,

@@ -6,9 +6,9 @@ import pytest
 from scipy.stats import norm, sem
 
 from harness.model.sample import RowFile, make_sample
+from harness.studies.models.card import card, near_state
 from harness.studies.models.fit_processes import processes
-from harness.studies.models.model_card import card, near_state
-from harness.studies.models.model_fits import (
+from harness.studies.models.fits import (
     FitSettings,
     HeldOut,
     by_held_out,

@@ -11,7 +11,7 @@ from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.measures import Outcome
 from harness.model.interaction import ModelUseCounter
 from harness.model.mixture.conditional import Conditional
-from harness.results.findings import cell_findings
+from harness.results.cell_findings import cell_findings
 from harness.results.rows import episode_rows
 from harness.scenario import Cell, Scenario
 from tests.scenes import on_plain, scenario

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 from harness.results.catalogue import ENTRIES
+from harness.results.cell_findings import CellFindings, on_first_screen
 from harness.results.estimators import EQUAL, zero_bound
 from harness.results.finding import Finding, Form
-from harness.results.findings import CellFindings, on_first_screen
 from harness.results.notes import RULES, Note, notes_of
 from harness.results.result import Result, Shown, Style, Versus
 from harness.scenario import Scenario, load_scenario

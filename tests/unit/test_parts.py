@@ -12,8 +12,8 @@ from harness.core.encounter import Arm
 from harness.core.errors import InputError
 from harness.model.interaction import InteractionModel
 from harness.results import folder as folders
+from harness.results.cell_findings import CellFindings
 from harness.results.finding import Finding
-from harness.results.findings import CellFindings
 from harness.results.folder import (
     FINDINGS,
     DamagedPartError,
@@ -25,7 +25,7 @@ from harness.results.folder import (
 from harness.results.loaded_run import load_run
 from harness.results.tables import EPISODES, PEDESTRIANS
 from harness.scenario import Cell, Scenario, Study, load_scenario
-from harness.studies.running.run_folder import (
+from harness.studies.running.claimed_folder import (
     RunFolder,
     claim_folder,
     manifest_of,

@@ -16,8 +16,7 @@ from harness.model.interaction import load_model
 from harness.results.tables import DRAWS
 from harness.scenario import Scenario, load_scenario, validate
 from harness.scenario.sections import PerceptionSection
-from harness.studies.risk.estimate import risk_findings, risk_notes
-from harness.studies.risk.risk_draws import (
+from harness.studies.risk.draws import (
     DrawInputs,
     DrawOutcome,
     Proposal,
@@ -25,8 +24,9 @@ from harness.studies.risk.risk_draws import (
     Units,
     draw_units,
 )
-from harness.studies.risk.risk_normals import NormalMixture, fitted
-from harness.studies.risk.risk_space import EVENTS, Space, parse_event, space_of
+from harness.studies.risk.estimate import risk_findings, risk_notes
+from harness.studies.risk.normals import NormalMixture, fitted
+from harness.studies.risk.space import EVENTS, Space, parse_event, space_of
 from tests.risks import (
     CROWD,
     FLAT,

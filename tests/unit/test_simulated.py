@@ -13,9 +13,9 @@ from harness.measures.queues import growth, level_of_service
 from harness.report.page import write_page
 from harness.report.screen import screen_text
 from harness.results.catalogue import entries_of
+from harness.results.cell_findings import CellFindings, on_first_screen
 from harness.results.estimators import EQUAL
 from harness.results.finding import Finding
-from harness.results.findings import CellFindings, on_first_screen
 from harness.results.folder import write_findings, write_manifest, write_part
 from harness.results.loaded_run import Run, load_run
 from harness.results.notes import notes_of
@@ -23,7 +23,7 @@ from harness.results.student import ALONE, ONE, clustered_share, t_mean, t_ratio
 from harness.scenario import Setting, read_scenario_file, study_of
 from harness.simulation.arm import ENDED
 from harness.studies.compare import compare
-from harness.studies.running.run_folder import manifest_of
+from harness.studies.running.claimed_folder import manifest_of
 from harness.studies.worst import WhoDrove, worst
 from tests.simulations import (
     Rows,

@@ -38,7 +38,7 @@ from harness.scenario.pedestrians import PedestriansSection
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy
-from harness.studies.models.model_fits import FitSettings, fit_weighted, vehicle_folds
+from harness.studies.models.fits import FitSettings, fit_weighted, vehicle_folds
 from harness.studies.models.recorded_passages import BEYOND_S, RecordedPassage, find_passages
 
 DRIVES = 20

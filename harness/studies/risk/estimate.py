@@ -26,20 +26,20 @@ from harness.engine.shared import open_engine
 from harness.measures import Outcome, measure
 from harness.results import folder as folders, tables
 from harness.results.catalogue import entries_of
+from harness.results.cell_findings import CellFindings
 from harness.results.finding import Finding, Findings, Plain
-from harness.results.findings import CellFindings
 from harness.results.loaded_run import load_run
 from harness.results.notes import Note
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.scenario import Cell, EngineName, Study, validate
 from harness.scenario.place import place_in_words
 from harness.scenario.study import study_from
-from harness.studies.risk import risk_draws
-from harness.studies.risk.risk_draws import DrawInputs, DrawOutcome, Proposal, Units
-from harness.studies.risk.risk_learning import rounds_of
-from harness.studies.risk.risk_space import Event, Space, parse_event, space_of
+from harness.studies.risk import draws as risk_draws
+from harness.studies.risk.draws import DrawInputs, DrawOutcome, Proposal, Units
+from harness.studies.risk.learning import rounds_of
+from harness.studies.risk.space import Event, Space, parse_event, space_of
 from harness.studies.running import run as runs
-from harness.studies.running.run_folder import (
+from harness.studies.running.claimed_folder import (
     claim_folder,
     manifest_of,
     refuse_other_versions,

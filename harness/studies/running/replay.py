@@ -23,8 +23,8 @@ from harness.results.folder import read_cell
 from harness.results.loaded_run import Run
 from harness.results.tables import TABLES_OF, Tables
 from harness.strategies.registry import source_digests
+from harness.studies.running.claimed_folder import changes, simulated_with
 from harness.studies.running.episodes import run_episodes, run_task
-from harness.studies.running.run_folder import changes, simulated_with
 from harness.studies.running.tasks import Task, TaskRows
 from harness.studies.running.workers import carried_out
 

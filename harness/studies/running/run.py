@@ -27,7 +27,7 @@ from harness.scenario import EngineName, Scenario
 from harness.scenario.arguments import engine_named
 from harness.scenario.file import ScenarioFile, Setting, read_scenario_file
 from harness.scenario.study import Study, study_from, study_of
-from harness.studies.running.run_folder import (
+from harness.studies.running.claimed_folder import (
     RunFolder,
     claim_folder,
     manifest_of,

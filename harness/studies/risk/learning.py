@@ -13,9 +13,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from harness.core.encounter import FloatArray
-from harness.studies.risk.risk_draws import Proposal, Units, bound, effective
-from harness.studies.risk.risk_normals import NormalMixture, fitted
-from harness.studies.risk.risk_space import Space
+from harness.studies.risk.draws import Proposal, Units, bound, effective
+from harness.studies.risk.normals import NormalMixture, fitted
+from harness.studies.risk.space import Space
 
 _LOOKS, _MOST_LOOKS = 1_000, 4_000
 """Nominal draws of a round of the first look, and the most of all of them."""

@@ -18,7 +18,7 @@ from harness.model.interaction import (
 )
 from harness.model.sample import RowFile, Sample, box_of, effective_number, make_sample, read_rows
 from harness.studies.models.fit_processes import processes
-from harness.studies.models.model_fits import (
+from harness.studies.models.fits import (
     RULE_SHARE,
     TARGETS,
     FitSettings,

@@ -1,4 +1,4 @@
-"""Draws of a risk: how they are made and weighted, and the estimate; ``risk_learning``: densities.
+"""Draws of a risk: how they are made and weighted, and the estimate; ``learning``: densities.
 
 A *unit* is an independent draw.  It begins with a nominal flow ξ and fixed numbers f, from a
 mixture q₀ with a share of the nominal density φ, and its episode is run.  The time T at which the
@@ -30,8 +30,8 @@ from harness.core.encounter import FloatArray
 from harness.core.seeding import stream
 from harness.results.estimators import CONFIDENCE, clopper_pearson
 from harness.results.tables import Row
-from harness.studies.risk.risk_normals import NormalMixture, standard_normal
-from harness.studies.risk.risk_space import NEVER, Space
+from harness.studies.risk.normals import NormalMixture, standard_normal
+from harness.studies.risk.space import NEVER, Space
 
 NOMINAL_SHARE = 0.1
 """Share of the nominal density in the mixture of fixed numbers."""

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 from harness.core.encounter import Arm
 from harness.results.catalogue import ENTRY_OF, Entry, entries_of
+from harness.results.cell_findings import CellFindings, on_first_screen, worst_cases
 from harness.results.finding import Findings, Form, Plain
-from harness.results.findings import CellFindings, on_first_screen, worst_cases
 from harness.results.result import Column, Entered, Shown, Style, Table, Versus
 from harness.results.tables import RunKind
 from harness.scenario.place import short_names
