@@ -1,4 +1,4 @@
-"""What ``harness extract``, ``fit`` and ``model`` show; the card is of studies/models."""
+"""What ``harness extract``, ``fit`` and ``model`` show."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -15,10 +15,9 @@ from harness.model.trajectories.rules import REASONS
 from harness.results.finding import Finding, Plain
 from harness.results.notes import Note
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, listed
+from harness.studies.models.card import score_of
 
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-_NORMAL, _RELIABLE_FROM = 1.96, 100
-"""The normal quantile of 95 % intervals, and vehicles from which they are reliable."""
 
 _OVER_K: Mapping[Column, Style] = {
     Column("components", "K"): Style(digits=0),
@@ -164,17 +163,12 @@ def _notes(texts: Iterable[str]) -> tuple[Note, ...]:
 
 
 def _number(value: float | _Score | None, vehicles: int | None) -> Plain | Finding:
-    """A number of a candidate; scores have 95 % intervals over vehicles, K is a whole number."""
+    """A number of a candidate; K is a whole number."""
     if value is None or isinstance(value, int):
         return value
     if isinstance(value, float):
         return Finding(value)
-    mean, error = value.mean, value.standard_error
-    if error is None or vehicles is None:
-        return Finding(mean)
-    few = f"{vehicles} vehicles, reliable from {_RELIABLE_FROM} on"
-    ends, enough = (mean - _NORMAL * error, mean + _NORMAL * error), vehicles >= _RELIABLE_FROM
-    return Finding(mean, *ends, vehicles, reliable=enough, reason=None if enough else few)
+    return score_of(value.mean, value.standard_error, vehicles)
 
 
 def _entered(value: Plain | Finding, style: Style) -> Entered:

@@ -17,7 +17,7 @@ from harness.model.mixture.normals import Normals
 from harness.model.sample import make_sample
 from harness.model.trajectories.extraction import extract
 from harness.scenario import Scenario, load_scenario
-from harness.studies.models.fit_processes import processes
+from harness.studies.models.card import processes
 from harness.studies.models.fits import FitSettings, fit
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"

@@ -6,8 +6,7 @@ import pytest
 from scipy.stats import norm, sem
 
 from harness.model.sample import RowFile, make_sample
-from harness.studies.models.card import card, near_state
-from harness.studies.models.fit_processes import processes
+from harness.studies.models.card import card, near_state, processes
 from harness.studies.models.fits import (
     FitSettings,
     HeldOut,

@@ -1,8 +1,13 @@
-"""The card of a fitted model: its rows, the fits over K, and warnings; report/model_screens.py."""
+"""Fits a model to rows, in several processes, and makes its card: rows, fits over K, warnings."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+import os
+import signal
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager, suppress
+from multiprocessing import active_children, get_context, parent_process, resource_tracker
 from pathlib import Path
+from threading import Thread, current_thread, main_thread
 from typing import Any
 
 import numpy as np
@@ -17,7 +22,7 @@ from harness.model.interaction import (
     write_model,
 )
 from harness.model.sample import RowFile, Sample, box_of, effective_number, make_sample, read_rows
-from harness.studies.models.fit_processes import processes
+from harness.results.finding import Finding
 from harness.studies.models.fits import (
     RULE_SHARE,
     TARGETS,
@@ -32,6 +37,9 @@ from harness.studies.models.fits import (
 
 NEAR = {"range_m": 30.0, "vehicle_speed_mps": 5.0, "within_m": 5.0, "within_mps": 1.0}
 """The state at the paper's trigger, and by how much rows near it differ from it at most."""
+
+_NORMAL, SCORE_RELIABLE_FROM = 1.96, 100
+"""The normal quantile of 95 % intervals, and vehicles from which a score's interval is reliable."""
 
 FEW = 10
 """The card warns if fewer vehicles or effective rows than this are near the scenario's state."""
@@ -155,6 +163,14 @@ def _candidates(fitted: Fitted, gain: Mapping[int, float]) -> Iterable[dict[str,
         }
 
 
+def score_of(mean: float, error: float | None, vehicles: int | None) -> Finding:
+    """A mean score with its 95 % interval, from its standard error over so many vehicles."""
+    if error is None or vehicles is None:
+        return Finding(mean)
+    found = Finding(mean, mean - _NORMAL * error, mean + _NORMAL * error, vehicles, reliable=True)
+    return found.reliable_above(SCORE_RELIABLE_FROM, "vehicles")
+
+
 def fit_model(
     rows: Path,
     out: Path,
@@ -185,3 +201,53 @@ def fit_model(
         fitted = fit(sample, settings, executor, progress)
         made = fitted.chosen.fit.mixture
         return write_model(out, made, name, card(sample, settings, fitted, file, command))
+
+
+class _Processes(ProcessPoolExecutor):
+    """Processes that do not hear Ctrl-C, and that end with this one."""
+
+    def submit(self, fn: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
+        """Submit a call; a process that starts here inherits the blocked signal.
+
+        An interruption waits until it has started: half a start would print a traceback.
+        """
+        came: list[int] = []
+        # Python handles signals in the main thread, and only there may their handlers be changed.
+        numbers = (signal.SIGINT, signal.SIGTERM) if current_thread() is main_thread() else ()
+        noting = [(of, signal.signal(of, lambda number, _: came.append(number))) for of in numbers]
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return super().submit(fn, *arguments, **options)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            for number, handler in noting:
+                signal.signal(number, handler)
+            if came:
+                signal.raise_signal(came[0])
+
+
+@contextmanager
+def processes(workers: int) -> Iterator[Executor | None]:
+    """Yield an executor of so many processes, which are killed on an exception; None for one."""
+    if workers == 1:
+        yield None
+        return
+    resource_tracker.ensure_running()  # it would unblock the signal
+    pool = _Processes(workers, get_context("spawn"), _end_with_parent)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in active_children():
+            child.kill()
+        raise
+    pool.shutdown()
+
+
+def _end_with_parent() -> None:
+    def watch() -> None:
+        if (parent := parent_process()) is not None:
+            parent.join()
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
