@@ -1,4 +1,4 @@
-"""The figures of runs: functions that draw numbers into axes; pictures.py puts them on a page.
+"""The figures of runs: functions that draw numbers into axes.
 
 >>> from matplotlib.figure import Figure
 >>> axes = Figure().subplots()

@@ -1,4 +1,4 @@
-"""The pictures of a page: which figure for which run, with its caption; docs/report.md lists them.
+"""The pictures of a page: which figure for which run, with its caption.
 
 To add a picture, add a function that draws into axes and returns a caption, and a line in
 ``PICTURES``.

@@ -1,4 +1,4 @@
-"""The columns that numbers are made of: the tables' own, and derived ones (each yes/no event)."""
+"""The columns that numbers are made of: the tables' own, and derived ones."""
 
 from collections.abc import Callable, Mapping
 from functools import cached_property

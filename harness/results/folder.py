@@ -1,4 +1,4 @@
-"""Files of a run folder: manifest (``SCHEMA``), parts, findings (studies/running claims it).
+"""The files of a run folder: its manifest, its parts and its findings.
 
 ``pd.read_parquet("RUN/episodes")`` reads a whole table.  A part appears complete or not at all,
 that of ``episodes`` or ``arms`` last: if it exists, its task is done.

@@ -1,4 +1,4 @@
-"""Notes of runs, a rule each (README, simulations.md quote some); more: references, loaded_run.py.
+"""The notes of a run: sentences without which its numbers mislead, a rule each.
 
 Comparisons, risks, validations and fits have notes of their own, in ``studies``.
 

@@ -1,7 +1,4 @@
-"""Episodes in; rows of the tables episodes (measures/record.py), pedestrians and traces out.
-
-The columns of a simulation come from ``simulation/passages.py`` and ``arm_tables.py``.
-"""
+"""Outcomes of episodes in, or columns of a simulation; the rows of a run's tables out."""
 
 from collections.abc import Iterator, Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""The columns of the tables, declared once; a change needs a higher ``SCHEMA`` (folder.py)."""
+"""The columns of every table, declared once: type, unit and meaning."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Draws of a risk: how they are made and weighted, and the estimate; ``learning``: densities.
+"""The draws of a risk: how they are made and weighted, and what they estimate.
 
 A *unit* is an independent draw.  It begins with a nominal flow ξ and fixed numbers f, from a
 mixture q₀ with a share of the nominal density φ, and its episode is run.  The time T at which the

@@ -1,4 +1,4 @@
-"""What a risk is about: its event, and every random number of an episode; docs/risk.md lists them.
+"""What a risk is about: its event, and every random number of an episode.
 
 Timed pedestrians, the first one at the trigger, and the strategy's first draws have *fixed*
 uniforms.  The flow is a Poisson process: each person who comes within ``window_s`` of the trigger

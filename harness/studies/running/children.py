@@ -1,6 +1,7 @@
 """Child processes: each carries out tasks that a strategy may hang or kill.
 
-This module imports the standard library alone until the first task, so that children start early.
+A child starts early because this module itself imports little; SUMO and the harness's other modules
+follow while the parent goes on.
 """
 
 import faulthandler

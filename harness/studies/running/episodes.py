@@ -1,4 +1,4 @@
-"""Simulates a task in the one SUMO of this process; one of simulations in simulations.py."""
+"""Simulates the episodes of a task in the one SUMO of this process."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Executors of tasks; chosen in cli/runs, cli/options (words: cli/app), __main__; docs/batches.md.
+"""The executors of tasks: in threads of this machine, in this process alone, on a Dask cluster.
 
 ``supervise`` carries out a task in any ``concurrent.futures.Executor``: in threads of this process,
 or in those of a Dask worker.  It gives the task to a child process, and watches it.
