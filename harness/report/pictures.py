@@ -30,7 +30,6 @@ from harness.results.finding import Finding, Form
 from harness.results.loaded_run import Run
 from harness.results.result import Result, Shown
 from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
-from harness.site.town import Town
 from harness.strategies.references import is_the_papers
 from harness.strategies.registry import aggressiveness_of
 from harness.studies.allowed import as_number
@@ -300,6 +299,8 @@ def _roads(run: Run) -> "tuple[list[ArrayLike], str]":
     simulation, made = run.cells[0].scenario.simulation, run.manifest["simulated_with"]["files"]
     if simulation is None:
         return [], " The roads, which the harness made, are not drawn."
+    from harness.site.town import Town  # no other picture needs it
+
     try:
         net = read_config(Path(simulation.file), simulation.step_s).net
         lanes, now = Town.read(net).lanes, hashlib.sha256(read_file(net)).hexdigest()

@@ -39,10 +39,8 @@ from harness.measures.motion.walking import cleared_s, states_at
 from harness.results.loaded_run import Run
 from harness.results.tables import TABLES_OF, Row, Tables
 from harness.scenario import Scenario
-from harness.simulation.arm_configuration import CONFIG_FILE
 from harness.site.road_frame import RoadFrame
 from harness.studies.running.replay import refuse_in_use, replayed, stored_tasks, traced
-from harness.studies.running.simulations import REPLAYED
 from harness.studies.running.tasks import Task
 from harness.studies.running.workers import carried_out
 
@@ -277,6 +275,10 @@ def _obstacles(scenario: Scenario, frame: RoadFrame) -> Iterator[Entity]:
 
 def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) -> Exported:
     """A passage of a simulation with everybody near, as SUMO's own output has them."""
+    # No export of an encounter needs these.
+    from harness.simulation.arm_configuration import CONFIG_FILE
+    from harness.studies.running.simulations import REPLAYED
+
     vehicle, crosswalk = ids
     chosen = [row for row in rows.to_pylist() if (row["vehicle"], row["crosswalk"]) == ids]
     if not chosen:

@@ -14,7 +14,6 @@ from harness.results.loaded_run import Run
 from harness.results.notes import notes_of
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.results.tables import RunKind
-from harness.simulation.arm import ENDED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -126,6 +125,8 @@ def _ranked(
 
 def _passages(run: Run, arm: Arm, driver: WhoDrove | None) -> "pd.DataFrame":
     """The passages that did not end with the simulation, each with the ending of an episode."""
+    from harness.simulation.arm import ENDED  # which no run of encounters needs
+
     rows = run.table("passages")
     by_av = rows["driven"] & rows["automated"] & (arm is Arm.AV)
     of = {"av": by_av, "reference": rows["driven"] & ~by_av, "sumo": ~rows["driven"]}
