@@ -30,7 +30,7 @@ Case = tuple[RunDraws, float]
 
 def drawn(proposal: Proposal, space: Space, round_: int, count: int, run: RunDraws) -> Units:
     """Units without a folder, drawn and run in this process."""
-    return Units(DRAWS.of(draw_units(proposal, space, round_, range(count), run)))
+    return Units.of(DRAWS.of(draw_units(proposal, space, round_, range(count), run)))
 
 
 def rounds(run: RunDraws, space: Space, seed: int, target_cv: float = 0.1) -> list[Units]:

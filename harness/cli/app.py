@@ -6,6 +6,7 @@ import sys
 import traceback
 from collections.abc import Mapping, Sequence
 from importlib import import_module
+from types import MappingProxyType
 
 import typer
 from typer.exceptions import Abort, Exit, TyperException
@@ -14,7 +15,7 @@ from harness.cli.interruption import LINE, BrokenOffError, exit_code
 from harness.cli.output import say
 from harness.core.errors import HarnessError, InputError, one_line
 
-COMMANDS: Mapping[str, str] = {
+COMMANDS: Mapping[str, str] = MappingProxyType({
     command: module
     for module, commands in {
         "cli.runs": "run sweep resume risk",
@@ -23,7 +24,7 @@ COMMANDS: Mapping[str, str] = {
         "cli.model": "extract fit model validate",
     }.items()
     for command in commands.split()
-}
+})  # fmt: skip
 """The commands with their modules; only that of the command which is asked for is imported."""
 
 _INTERRUPTED = 130

@@ -124,7 +124,7 @@ def rows(values: Sequence[float], weights: Sequence[float], run: RunDraws | None
         {**row, "weight": weight, "nominal": weight == 1}
         for row, weight in zip(made, weights, strict=True)
     ]
-    return Units(DRAWS.of(given))
+    return Units.of(DRAWS.of(given))
 
 
 def test_what_a_risk_says_of_its_draws() -> None:

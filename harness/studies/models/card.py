@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import active_children, get_context, parent_process, resource_tracker
 from pathlib import Path
 from threading import Thread, current_thread, main_thread
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,9 @@ from harness.studies.models.fits import (
     relative_gain,
 )
 
-NEAR = {"range_m": 30.0, "vehicle_speed_mps": 5.0, "within_m": 5.0, "within_mps": 1.0}
+NEAR = MappingProxyType(
+    {"range_m": 30.0, "vehicle_speed_mps": 5.0, "within_m": 5.0, "within_mps": 1.0}
+)
 """The state at the paper's trigger, and by how much rows near it differ from it at most."""
 
 _NORMAL, SCORE_RELIABLE_FROM = 1.96, 100

@@ -6,6 +6,7 @@ Each fit has a seed of its own and one thread, so results do not depend on the n
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, as_completed
 from functools import partial
+from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -27,10 +28,10 @@ MOST_COMPONENTS = 100
 RULE_SHARE = 0.10
 """The paper stops adding components when BIC changes by less than this share."""
 
-TARGETS: Mapping[str, tuple[int, tuple[int, ...]]] = {
+TARGETS: Mapping[str, tuple[int, tuple[int, ...]]] = MappingProxyType({
     "held_out": (PEDESTRIAN_SPEED, WALKING_GIVEN),
     "held_out_driver": (VEHICLE_SPEED, DRIVING_GIVEN),
-}
+})  # fmt: skip
 """What fits are scored by on vehicles that they have not seen: log f(v_p | 1/R, v), by which K is
 chosen, and log f(v | 1/R, v_p, 1/T_adv), which the human driver uses."""
 

@@ -8,6 +8,7 @@ import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -52,14 +53,14 @@ FOLDS = 5
 
 _COUNTS = ("contacts", "timed_out")
 
-COLUMNS: Mapping[Column, Style] = {
+COLUMNS: Mapping[Column, Style] = MappingProxyType({
     Column("pass_time_score_s", "score, s", interval=True): Style(),
     Column("pass_time_error_mean_s", "mean error, s"): Style(digits=1),
     Column("pass_time_error_median_s", "median |error|, s"): Style(digits=1),
     Column("order_right", "order right", interval=True): Style(Form.SHARE, 0),
     Column("contacts", "contacts"): Style(digits=1),
     Column("timed_out", "timed out"): Style(digits=1),
-}
+})  # fmt: skip
 """The numbers of a driver, and how they are written."""
 
 _LEGEND = (
@@ -233,7 +234,7 @@ def drives_of(
             # Streams are keyed by a pair, so each drive of a passage has a stream of its own.
             rng = stream(scenario.experiment.seed, "strategy", number * DRIVES + draw)
             begun = rng.bit_generator.state
-            strategy = named_strategy(scenario, name, models[number], iter([rng]).__next__)
+            strategy = named_strategy(scenario, name, models[number], lambda rng=rng: rng)
             trace = _simulated(passage, strategy, step_s)
             if trace.ending is Ending.ENGINE_FAILED:
                 raise HarnessError(f"{name} in {'/'.join(passage.vehicle_id)}: {trace.reason}")

@@ -20,13 +20,14 @@ alone.  So the mean weight of a unit is the probability, whatever g and q₀ are
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
 from scipy import special
 
-from harness.core.encounter import FloatArray
+from harness.core.encounter import FloatArray, freeze_arrays
 from harness.core.seeding import stream
 from harness.results.estimators import CONFIDENCE, clopper_pearson
 from harness.results.tables import Row
@@ -207,34 +208,54 @@ def _placed(
     return np.column_stack([known, who])[inside], row[inside].tolist(), again
 
 
+@dataclass(frozen=True)
 class Units:
-    """The rows of a round, and what is summed over them.
+    """The rows of a round, and what is summed over its ``count`` units.
 
-    ``value`` and ``failed`` (n,) are the sums of the weights of each unit's events and failures.
-    ``draws`` and ``events`` count the nominal draws that did not fail.  ``weights`` and
-    ``uniforms`` are those of the events.
+    Attributes:
+        rows: the rows.
+        count: the number of units, n.
+        value, failed: the sums of the weights of each unit's events and failures, shape (n,).
+        weights, uniforms: those of the events.
+        draws, events: the nominal draws that did not fail, and the events among them.
+        episodes, timed_out_episodes, failures: numbers of episodes.
+        weighted: whether any draw is weighted.
     """
 
-    def __init__(self, rows: pa.Table) -> None:
-        self.rows = rows
-        pair, weight, placed, event, nominal = (
-            rows[of].to_numpy() for of in ("pair", "weight", "placed", "event", "nominal")
-        )
+    rows: pa.Table
+    count: int
+    value: FloatArray
+    failed: FloatArray
+    weights: FloatArray
+    uniforms: tuple[str | None, ...]
+    draws: int
+    events: int
+    episodes: int
+    timed_out_episodes: int
+    failures: int
+    weighted: bool
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        freeze_arrays(self, "value", "failed", "weights")
+
+    @classmethod
+    def of(cls, rows: pa.Table) -> "Units":
+        """The units of a round's rows."""
+        pair, weight, placed, event, nominal, episodes, late = (
+            rows[name].to_numpy() for name in
+            ("pair", "weight", "placed", "event", "nominal", "episodes", "timed_out")
+        )  # fmt: skip
         failed = rows["reason"].is_valid().to_numpy()
-        self.count = count = int(np.sum(~placed))
-        self.value, self.failed = (
-            np.bincount(pair[of], weight[of], count).astype(float) for of in (event, failed)
+        count = int(np.sum(~placed))
+        value, lost = (
+            np.bincount(pair[some], weight[some], count).astype(float) for some in (event, failed)
         )
-        self.weights = weight[event]
-        for sums in (self.value, self.failed, self.weights):
-            sums.setflags(write=False)
-        self.uniforms = rows.filter(pa.array(event))["uniforms"].to_pylist()
-        self.draws, self.events = (int(np.sum(nominal & of)) for of in (~failed, event))
-        self.episodes, self.timed_out_episodes = (
-            int(np.sum(rows[of].to_numpy())) for of in ("episodes", "timed_out")
-        )
-        self.failures = int(failed.sum())
-        self.weighted = bool(placed.any() or nominal.sum() < count)
+        uniforms = tuple(rows.filter(pa.array(event))["uniforms"].to_pylist())
+        draws, events = (int(np.sum(nominal & some)) for some in (~failed, event))
+        weighted = bool(placed.any() or nominal.sum() < count)
+        numbers = draws, events, int(episodes.sum()), int(late.sum()), int(failed.sum())
+        return cls(rows, count, value, lost, weight[event], uniforms, *numbers, weighted)
 
 
 def bound(rounds: Sequence[Units]) -> tuple[float | None, int, int]:

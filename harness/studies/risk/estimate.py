@@ -220,7 +220,7 @@ def resumed(
             for task, rows in runs.written(tasks, chosen, folder, manifest["digest"]):
                 drawn[task.first] = rows.tables[round_][_TABLE]
                 progress(len(drawn), -(-count // size))
-            return Units(pa.concat_tables([drawn[first] for first in sorted(drawn)]))
+            return Units.of(pa.concat_tables([drawn[first] for first in sorted(drawn)]))
 
         folder.note("started")
         rng = resampling(manifest["seed"], "risk")
@@ -336,7 +336,7 @@ def _found_again(path: Path, manifest: folders.Manifest, study: Study) -> Findin
         units = range(first, end or first + MOST_DRAWS)  # a round begins with 0
         rows = folders.read_part(path, _TABLE, round_, first, manifest, units)
         rounds.setdefault(round_, []).append(rows)
-    drawn = [Units(pa.concat_tables(of)) for of in rounds.values()]
+    drawn = [Units.of(pa.concat_tables(of)) for of in rounds.values()]
     if sum(each.episodes for each in drawn) != stored[0]["episodes"].value:
         advice = f"delete {folders.FINDINGS}; `{resume_command(path)}` draws them again"
         raise InputError(str(path / _TABLE), "parts are missing", advice)

@@ -155,7 +155,9 @@ def _high(tried: _Tried, lowest: int, units: int) -> float:
     The bound is two standard errors above the estimate of the latter.
     """
     bounds = [1.0]
-    for column in tried.own.T if len(tried.own) >= lowest else ():
+    if len(tried.own) < lowest:
+        return 1.0
+    for column in tried.own.T:
         weights = tried.likely[column <= max(np.partition(column, lowest - 1)[lowest - 1], 0.0)]
         if (size := effective(weights)) >= _FEW_SCORES:
             bounds.append(math.exp(2 / math.sqrt(size)) * float(weights.sum()) / units)

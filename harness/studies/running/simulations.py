@@ -21,7 +21,7 @@ from harness.simulation.opening import check, check_demand, digests, opened, ope
 from harness.simulation.setup import Setup
 from harness.studies.running.tasks import EpisodeId, Task, TaskRows, Tell
 
-REPLAYED = {"fcd-output": "fcd.xml.gz"}
+REPLAYED = MappingProxyType({"fcd-output": "fcd.xml.gz"})
 """Outputs of a replay besides those of the configuration."""
 
 FILES = "sumo"
