@@ -75,13 +75,10 @@ def tables_of(
     parts = []
     for number, both in enumerate(pairs, first):
         for which, rows in zip(Arm, both, strict=True):
-            columns = {
-                name: {
-                    key: [row.get(key) for row in of]
-                    for key in dict.fromkeys(k for row in of for k in row)
-                }
-                for name, of in rows.items()
-            }
+            columns = {}
+            for name, of in rows.items():
+                keys = dict.fromkeys(key for row in of for key in row)
+                columns[name] = {key: [row.get(key) for row in of] for key in keys}
             parts.append(simulation_rows(cell, number, which, columns))
     return {
         of.name: pa.concat_tables([each[of.name] for each in parts])

@@ -58,17 +58,9 @@ def tables(draw: st.DrawFn) -> Table:
 
 
 def result(screen: Table, *notes: str, full: tuple[Table, ...] = (), title: str = "t") -> Result:
-    return Result(
-        command="run",
-        title=title,
-        scope="50 pairs, seed 1",
-        about="",
-        screen=screen,
-        full=full,
-        notes=tuple(Note(str(n), n, f"label {n}", text) for n, text in enumerate(notes)),
-        closing=("Page: harness report RUN",),
-        facts={"confidence": 0.95},
-    )
+    said = tuple(Note(str(n), n, f"label {n}", text) for n, text in enumerate(notes))
+    closing, facts = ("Page: harness report RUN",), {"confidence": 0.95}
+    return Result("run", title, "50 pairs, seed 1", "", screen, full, said, closing, facts=facts)
 
 
 def signs(text: str) -> Counter[str]:
@@ -125,17 +117,13 @@ def test_texts(number: Finding, style: Style, text: str) -> None:
     assert text_of(Shown(number, style)) == text
 
 
-PAPER = Table(
-    "",
-    (
-        *(Column(name, name) for name in ("", "AV", "human_gmm")),
-        Column("paired", "AV against reference", interval=True),
-    ),
-    tuple(
-        (name, *(Shown(Finding(of, of - 0.5, of + 0.5, 50), Style(digits=d)) for of in (9, 12, 3)))
-        for d, name in enumerate(["time to cross, s", "delay, s", "spread of that ratio"])
-    ),
-)
+COLUMNS = [Column(name, name) for name in ("", "AV", "human_gmm")]
+COLUMNS += [Column("paired", "AV against reference", interval=True)]
+ROWS = [
+    (name, *(Shown(Finding(of, of - 0.5, of + 0.5, 50), Style(digits=d)) for of in (9, 12, 3)))
+    for d, name in enumerate(["time to cross, s", "delay, s", "spread of that ratio"])
+]
+PAPER = Table("", tuple(COLUMNS), tuple(ROWS))
 
 
 def test_three_notes_the_worst_first_and_the_others_by_their_labels() -> None:

@@ -35,9 +35,9 @@ def test_the_reference_is_driven_once(monkeypatch: pytest.MonkeyPatch) -> None:
         return driven(tasks, executor)
 
     monkeypatch.setattr(evaluation, "_driven", counted)
-    monkeypatch.setattr(evaluation, "_references", type(evaluation._references)())
     for gap in (1.0, 2.0):
-        evaluate("cctc_flow", [{GAP: gap}], 4, settings=SETTINGS, engine="plain", workers=0)
+        own = {**SETTINGS, GAP: gap, "experiment.seed": 4}
+        evaluate("cctc_flow", [{}], 4, settings=own, engine="plain", workers=0)
     assert [len(each) for each in arms] == [1, 1, 1]
     evaluate("cctc_flow", [{}], 4, settings={"experiment.seed": 5}, engine="plain", workers=0)
     assert len(arms) == 5

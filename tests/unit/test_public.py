@@ -5,15 +5,20 @@ import doctest
 import importlib
 import tomllib
 from pathlib import Path
-from typing import get_type_hints
+from typing import get_args, get_type_hints
 
-import click
 import pytest
 from typer.main import get_command
 
 import harness
+from harness.cli import options
 from harness.cli.app import application
+from harness.core.encounter import Arm
 from harness.measures import MEASURES, EpisodeRecord
+from harness.model.sample import WEIGHINGS
+from harness.scenario import EngineName
+from harness.studies.models.fits import Choice
+from harness.studies.worst import WhoDrove
 
 ROOT = Path(harness.__file__).parents[1]
 
@@ -50,24 +55,20 @@ def test_the_type_of_a_measure_says_whether_it_may_be_undefined() -> None:
         assert hints[entry.column] == (entry.kind | None if undefined else entry.kind)
 
 
-def commands(group: click.Group, prefix: str = "") -> dict[str, click.Command]:
-    """Every command by its full name."""
-    found: dict[str, click.Command] = {}
-    for name, command in group.commands.items():
-        if hasattr(command, "commands"):
-            found |= commands(command, f"{prefix}{name} ")  # type: ignore[arg-type]
-        else:
-            found[f"{prefix}{name}"] = command
-    return found
-
-
-ALL = commands(get_command(application()))  # type: ignore[arg-type]
+ALL = get_command(application()).commands  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_every_command_and_option_says_what_it_does(name: str) -> None:
     assert (ALL[name].help or "").strip().endswith(".")
     assert [p.name for p in ALL[name].params if not getattr(p, "help", None)] == []
+
+
+def test_an_option_has_the_choices_of_what_it_is_for() -> None:
+    chosen = (options.EngineOption, options.DriverOption, options.ChooseOption)
+    assert [get_args(each)[0] for each in chosen] == [EngineName, WhoDrove | None, Choice]
+    words = [get_args(get_args(each)[0]) for each in (options.WeighOption, options.ArmOption)]
+    assert words == [WEIGHINGS, tuple(Arm)]
 
 
 MODULES = [

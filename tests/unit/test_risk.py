@@ -302,8 +302,7 @@ def test_what_a_risk_samples_is_all_that_is_random_about_a_person(behaviour: Beh
     walking = {"mean_mps": 1.4, "classes": [{"share": 0.5, "mean_mps": 0.9}]}
     people = {"behaviour": behaviour, "walking_speed": walking, "kerb_wait_s": 0.0}
     keys = {"pedestrians": people, "perception": {"detection_probability": 0.5}}
-    sampled = space_of(validate(keys, "test"), Arm.AV).marks
-    given = dict.fromkeys(("arrival", *sampled), (0.4,))
+    given = dict.fromkeys(("arrival", *space_of(validate(keys, "test"), Arm.AV).marks), (0.4,))
     seeds = [validate({**keys, "experiment": {"seed": seed}}, "test") for seed in range(9)]
     assert len({planned_arrivals(each, 0, given)[0] for each in seeds}) == 1
 
