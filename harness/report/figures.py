@@ -30,12 +30,17 @@ Points = Sequence[tuple[float, Finding]]
 """Places on the x axis with the findings there."""
 
 _MOST_MEANS = 400
+"""Points of the curve of means, evenly among the pairs."""
 _MOST_DOTS = 1_000
+"""Up to so many pairs have a dot each; of more, the band alone sets the height of the axes."""
 _FIRST_BAND, _SETTLED = 5, 30
+"""Pairs from which on the band is drawn, and from which on it sets the height of the axes."""
 _MOST_NAMED = 12
+"""Crosswalks of a map that have their names."""
 _WIDE = 12.0
 """An axis is logarithmic if its values differ by more than this factor."""
 _APART_INCH, _APART = 0.05, 0.16
+"""Distance of two lines' points, in inch; half the distance of two arms' dots, in rows."""
 _LEAST_SPAN = 1e-3
 """Least height of axes, relative to the values: rounding errors must not look like effects."""
 

@@ -16,7 +16,9 @@ from harness.results.estimators import CONFIDENCE
 from harness.results.result import Entered, Shown
 
 _MOST_BOUNDS = 3
+"""One-sided bounds at 0 events that the line below a table names."""
 _BETWEEN = 2
+"""Characters between two columns."""
 _LEAST_OF_TEXTS = 20
 """Texts in a column are not wrapped to less than this width before columns move below others."""
 

@@ -33,7 +33,9 @@ from harness.studies.risk.estimate import read_risk
 _TEMPLATES = Path(__file__).parent / "templates"
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _MOST_FAILURES = 10
+"""Failures that a page lists; it says how many more there are."""
 _MOST_VALUES = 12
+"""Distinct texts of a list on a page; a sign says that there are more."""
 
 
 class Written(NamedTuple):

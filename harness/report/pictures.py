@@ -40,12 +40,14 @@ if TYPE_CHECKING:
 
 _FLOW = "pedestrians.flow_per_hour"
 _MOST_CELLS = 40
+"""Most rows of a figure with a row for each cell or crosswalk."""
 _MOST = 3
 """Most pairs of one figure, and most parameters."""
 
 _CELLS = ("time_ratio", "kappa", "conflict_pet")
 _OVER = ("av_delay_s", "other_delay_s", "people_wait_s", "conflicts_pet")
 _AT = ("av_delay_s", "conflicts_pet")
+"""The numbers that are drawn by cell, over a key, and by crosswalk."""
 
 
 DrawnPicture = tuple[str, str, str, Figure]

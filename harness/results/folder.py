@@ -93,6 +93,7 @@ class DamagedPartError(InputError):
 
 
 _LAST = tuple(tables[0] for tables in TABLES_OF.values())
+"""The tables whose part is written last: where it exists, its task is done."""
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:

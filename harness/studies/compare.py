@@ -35,6 +35,8 @@ SIGNIFICANT = 0.05
 """A note says who crashes more often if the adjusted p is below it."""
 
 _SAME, _RESOLUTION = 1e-9, 1e-9
+"""References of two runs are the same up to this difference; and p of 0, which is shown as < 0.001,
+stands as this number."""
 
 
 class Difference(NamedTuple):

@@ -16,6 +16,11 @@ if TYPE_CHECKING:
 
 _PART_PAIRS = ((20, 1), (80, 5), (200, 10), (800, 25), (3_000, 50), (10_000, 100))
 _MOST_PAIRS = 250
+"""Below each number of pairs, the pairs of a part; and those of a part of more pairs.
+
+Parts are small enough for workers to share a short run, and large enough for few files.  A run that
+is resumed takes its own from the manifest.
+"""
 
 _DRIVERS = ("arms", "strategies", "perception", "actuation", "conflicts")
 """The sections of a scenario on which neither people nor road depend."""
