@@ -65,7 +65,7 @@ def application(arguments: Sequence[str] = ()) -> typer.Typer:
 def _options(app: typer.Typer) -> dict[str | None, str]:
     """The option of each parameter that an error of a function may name."""
     commands = typer.main.get_group(app).commands.values()
-    return {of.name: of.opts[0] for command in commands for of in command.params}
+    return {each.name: each.opts[0] for command in commands for each in command.params}
 
 
 def main() -> None:

@@ -97,5 +97,5 @@ def settings_of(
     given = {"experiment.pairs": ("--pairs", pairs), "experiment.seed": ("--seed", seed)}
     return [
         *map(parse_setting, settings or []),
-        *(Setting(key, of, name) for key, (name, of) in given.items() if of is not None),
+        *(Setting(key, value, name) for key, (name, value) in given.items() if value is not None),
     ]

@@ -124,7 +124,7 @@ def draw_tau(
     if len(values):
         edges, beyond = _edges(values)
         inside = np.minimum(values, edges[-1])
-        kept, hatched = (np.histogram(inside[of], edges)[0] for of in (~fell, fell))
+        kept, hatched = (np.histogram(inside[chosen], edges)[0] for chosen in (~fell, fell))
         at, widths = edges[:-1], np.diff(edges)
         look: dict[str, Any] = {"align": "edge", "ec": style.INK, "lw": 0.5}
         label = "without fallback" if fell.any() else None

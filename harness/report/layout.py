@@ -91,17 +91,17 @@ def blocks_of(columns: Sequence[TextColumn], every: bool, room: int) -> Iterator
         if layout is not None:
             yield part, layout
             if rest:
-                told = [any(texts) for texts in zip(*(of.texts("") for of in rest), strict=True)]
+                told = [any(texts) for texts in zip(*(one.texts("") for one in rest), strict=True)]
                 below = [
-                    replace(of, cells=tuple(compress(of.cells, told)))
-                    for of in (*columns[:names], *rest)
+                    replace(column, cells=tuple(compress(column.cells, told)))
+                    for column in (*columns[:names], *rest)
                 ]
                 yield from blocks_of(below, every, room)
             return
 
 
 def _width(columns: Sequence[TextColumn], layout: _Layout) -> int:
-    widths = (of.width(gap, layout.wrapped) for of, gap in zip(columns, layout.gaps, strict=True))
+    widths = (one.width(gap, layout.wrapped) for one, gap in zip(columns, layout.gaps, strict=True))
     return sum(widths) + _BETWEEN * (len(columns) - 1)
 
 

@@ -102,33 +102,33 @@ def model_result(
     if "candidates" not in model.provenance:  # by another program
         said = tuple(f"{key}: {value}" for key, value in model.provenance.items())
         return Result(command, title, "", "", marginals, (), (), tuple(closing), said, facts)
-    of = check_form(_Card, as_plain(model.provenance), f"{file}: provenance")
-    columns = ((name, n) for name, n in of.rows_outside_box.items() if n and name != "any")
+    card = check_form(_Card, as_plain(model.provenance), f"{file}: provenance")
+    columns = ((name, n) for name, n in card.rows_outside_box.items() if n and name != "any")
     outside = ", ".join(f"{name} {n}" for name, n in columns)
     records = [
-        {column.key: _number(getattr(fit, column.key), of.vehicles) for column in _OVER_K}
-        for fit in of.candidates
+        {column.key: _number(getattr(fit, column.key), card.vehicles) for column in _OVER_K}
+        for fit in card.candidates
     ]
     rows = [tuple(map(_entered, record.values(), _OVER_K.values())) for record in records]
-    rule = "is not reached" if of.rule.components is None else f"gives K = {of.rule.components}"
-    near = of.near_state
+    rule = "is not reached" if card.rule.components is None else f"gives K = {card.rule.components}"
+    near = card.near_state
     return Result(
         command=command,
         title=title,
-        scope=f"{of.rows:,} of {of.rows_read:,} rows in the box"
+        scope=f"{card.rows:,} of {card.rows_read:,} rows in the box"
         f"{outside and f' (outside: {outside})'}, "
-        f"{_known(of.encounters, 'encounters')}, "
-        f"{_known(of.vehicles, 'vehicles', of.effective_vehicles)}; weighed by {of.weigh}",
-        about=f"K = {of.components} ({of.chosen_by}); the paper's 10 % rule {rule}. Within "
+        f"{_known(card.encounters, 'encounters')}, "
+        f"{_known(card.vehicles, 'vehicles', card.effective_vehicles)}; weighed by {card.weigh}",
+        about=f"K = {card.components} ({card.chosen_by}); the paper's 10 % rule {rule}. Within "
         f"{near.within_m:g} m and {near.within_mps:g} m/s of ({near.range_m:g} m, "
         f"{near.vehicle_speed_mps:g} m/s): {near.rows:,} rows, "
         f"{_known(near.vehicles, 'vehicles', near.effective_vehicles)}.",
         screen=Table("", tuple(_OVER_K), tuple(rows), legend=_LEGEND),
         full=(marginals,),
-        notes=_notes(of.warnings),
+        notes=_notes(card.warnings),
         closing=tuple(closing),
-        remarks=(*(f"$ {each}" for each in of.commands), f"rows {of.rows_sha256}"),
-        facts=facts | {"chosen_by": of.chosen_by, "components": of.components},
+        remarks=(*(f"$ {each}" for each in card.commands), f"rows {card.rows_sha256}"),
+        facts=facts | {"chosen_by": card.chosen_by, "components": card.components},
         records=records,
     )
 
@@ -185,7 +185,7 @@ def _marginals(model: InteractionModel) -> Table:
     for i, name in enumerate(VARIABLES):
         quantiles = Conditional(mixture, i, ()).ppf(np.array(_QUANTILES), np.empty((1, 0)))
         numbers = (mixture.lower[i], mixture.upper[i], mean[i], spread[i], *quantiles)
-        rows.append((name, *(Shown(Finding(float(of)), Style(digits=3)) for of in numbers)))
+        rows.append((name, *(Shown(Finding(float(value)), Style(digits=3)) for value in numbers)))
     headings = ("variable", "low", "high", "mean", "sd", *(f"{100 * q:g} %" for q in _QUANTILES))
     columns = tuple(Column(heading, heading) for heading in headings)
     return Table("Marginals of the truncated mixture", columns, tuple(rows))

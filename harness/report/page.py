@@ -148,7 +148,7 @@ def write_page(
         _write(
             page,
             [result, *([compared] if compared is not None else [])],
-            [(of.name, of.title, caption, figure) for of, caption, figure in drawn],
+            [(picture.name, picture.title, caption, figure) for picture, caption, figure in drawn],
             folder=str(run.path),
             failures=list(_failures(run)),
             episodes=run.kind == "encounters",
@@ -212,7 +212,7 @@ def _write(
         episodes=episodes,
         player=player,
         tables=list(_tables(results)),
-        remarks=[remark for of in results for remark in of.remarks],
+        remarks=[remark for result in results for remark in result.remarks],
         facts=facts,
         scenario=scenario,
         styles=(_TEMPLATES / "report.css").read_text(encoding="utf-8"),
@@ -276,7 +276,7 @@ def _facts(run: Run, result: Result) -> Iterator[tuple[str, str]]:
     for key in run.study.cells[0].varied:
         yield f"varied: {key}", _listed(plain_text(cell.varied[key]) for cell in run.study.cells)
     made = run.manifest["simulated_with"]
-    yield "simulated with", ", ".join(f"{name} {of}" for name, of in made["versions"].items())
+    yield "simulated with", ", ".join(f"{name} {each}" for name, each in made["versions"].items())
     for name, digest in made["strategies"].items():
         yield f"strategy {name}", f"sha256 {digest[:16]}…"
     for name, digest in made["models"].items():

@@ -133,7 +133,7 @@ def _scene(scenario: Scenario) -> JsonObject:
         "radius": PEDESTRIAN_RADIUS_M,
         "left": -min(vehicle.trigger_range_m + vehicle.length_m, _FURTHEST_M) - 1,
         "right": _BEYOND_M,
-        "obstacles": [_rounded((*of.x_bounds_m, *of.y_bounds_m)) for of in scenario.obstacles()],
+        "obstacles": [_rounded((*at.x_bounds_m, *at.y_bounds_m)) for at in scenario.obstacles()],
     }
 
 
@@ -144,7 +144,7 @@ def _episode(run: Run, pair: "ShownPair") -> JsonObject:
     cell = next(cell for cell in run.study.cells if cell.number == pair.cell)
     arms = []
     for arm, record in records.items():
-        traces, people = (of[of["arm"] == arm] for of in (pair.traces, pair.people))
+        traces, people = (table[table["arm"] == arm] for table in (pair.traces, pair.people))
         arms.append(_arm(arm, record, traces, people, cell.scenario.crosswalk()))
     times_s = [record["pass_time_s"] for record in records.values()]
     result = "τ undefined" if None in times_s else f"τ = {times_s[0] / times_s[1]:.3f}"

@@ -161,7 +161,7 @@ def _decimals(finding: Finding, style: Style) -> int:
     """
     if style.form is Form.COUNT:
         return 0
-    size = next((100 * abs(of) for of in (finding.value, finding.high) if of), 0.0)
+    size = next((100 * abs(value) for value in (finding.value, finding.high) if value), 0.0)
     if style.form not in _SHARES or not _SMALLEST_PER_CENT < size < 10.0 ** (1 - style.digits):
         return style.digits
     return max(style.digits, 1 - math.floor(math.log10(size)))

@@ -56,8 +56,8 @@ class CellFindings:
         What is undefined because every pair failed adds nothing: the first note says so.
         """
         entry = ENTRY_OF[key]
-        own = [self[of] for of in entry.keys[:2]] if self.kind in entry.kinds else []
-        return sum(of.count for of in own if of.value is not None)
+        own = [self[name] for name in entry.keys[:2]] if self.kind in entry.kinds else []
+        return sum(finding.count for finding in own if finding.value is not None)
 
 
 def records_of(cell: CellFindings) -> list[dict[str, Plain | Finding]]:
@@ -108,7 +108,7 @@ def cell_findings(cell: Cell, tables: Tables, confidence: float) -> CellFindings
     sample = sample_of(tables, cell.scenario, confidence)
 
     def found(sample: AnySample, entries: Sequence[Entry]) -> dict[str, Finding]:
-        return {key: of for entry in entries for key, of in entry.findings(sample).items()}
+        return {key: each for entry in entries for key, each in entry.findings(sample).items()}
 
     whole, places = found(sample, entries), dict[str, Findings]()
     if isinstance(sample, SimulationSample):

@@ -179,7 +179,7 @@ def read_cell(
     first = 0 if pair is None else pair // size * size
     finished = is_finished(folder)
     while _pairs_of(first, manifest) and (
-        finished or any((folder / of.name / part_name(cell, first)).is_file() for of in _LAST)
+        finished or any((folder / table.name / part_name(cell, first)).is_file() for table in _LAST)
     ):
         parts.append(read_part(folder, name, cell, first, manifest))
         if pair is not None:
@@ -254,7 +254,7 @@ def write_findings(folder: Path, manifest: Manifest, cells: Sequence[CellFinding
     """
     written = {
         str(cell.number): {
-            name: {key: finding_to_dict(of) for key, of in found.items()}
+            name: {key: finding_to_dict(finding) for key, finding in found.items()}
             for name, found in {"": cell.findings, **cell.by_crosswalk}.items()
         }
         for cell in cells
@@ -297,7 +297,7 @@ def read_findings(
         return None
     for cell in cells:
         own = {
-            name: {key: Finding(**of) for key, of in each.items()}
+            name: {key: Finding(**parts) for key, parts in each.items()}
             for name, each in document["cells"][str(cell.number)].items()
         }
         found.append(CellFindings(cell.number, cell.varied, cell.scenario, own.pop(""), own))

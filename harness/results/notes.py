@@ -123,7 +123,7 @@ def _few_pairs(cell: CellFindings) -> Iterator[Said]:
                 doubted.setdefault(entry.reliable_from, []).append(entry)
                 few.append(pairs if equal else found.n)
     if few:
-        names = {n: _listed([_name(of.heading) for of in each]) for n, each in doubted.items()}
+        names = {n: _listed([_name(one.heading) for one in each]) for n, each in doubted.items()}
         least = ", ".join(f"{number:,} ({names[number]})" for number in sorted(names))
         text = f"Too few informative pairs (fewest: {min(few):,}): intervals unreliable (*) or "
         spread = any(entry.key == "cv" for each in doubted.values() for entry in each)

@@ -110,8 +110,8 @@ class SimulationSample(dict[str | Of, np.ndarray]):
         counts = ~_OF("pair").isin(failed.combine_chunks())
         here = counts if crosswalk is None else counts & (_OF("crosswalk") == crosswalk)
         self.tables = {
-            name: of.filter(here if "crosswalk" in of.column_names else counts)
-            for name, of in tables.items()
+            name: table.filter(here if "crosswalk" in table.column_names else counts)
+            for name, table in tables.items()
         } | {"arms": tables["arms"]}
         for name in LIMITED_BY:
             rows = self.tables["passages"]

@@ -61,7 +61,7 @@ def write_config(
         The path of the file.
     """
     arm.mkdir(parents=True, exist_ok=True)
-    options = {name: of for name, of in config.options.items() if _is_kept(name, keeps)}
+    options = {name: value for name, value in config.options.items() if _is_kept(name, keeps)}
     prefix = f"{_TO_THE_ROOT}{arm.absolute().as_posix()}/"
     ours = {**_ALWAYS, "seed": str(seed), "output-prefix": prefix}
     files = filter(None, [each.get("additional-files") for each in (options, more)])

@@ -123,9 +123,9 @@ def _judged(
 def _verdict(found: tuple[Finding, Finding], limits: tuple[float, float]) -> Judgement:
     """Allowed if all upper bounds are below their limits, denied if a lower bound is not."""
     known = [
-        (of.low, of.high, limit)
-        for of, limit in zip(found, limits, strict=True)
-        if of.low is not None and of.high is not None and of.reliable is not False
+        (bound.low, bound.high, limit)
+        for bound, limit in zip(found, limits, strict=True)
+        if bound.low is not None and bound.high is not None and bound.reliable is not False
     ]
     if any(low >= limit for low, _, limit in known):
         return "denied"

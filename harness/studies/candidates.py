@@ -109,7 +109,7 @@ def _of_av(scenario: Scenario) -> dict[str, Any]:
     tree = scenario.model_dump(include={"perception", "actuation", *_SHARED})
     shares = {f"{name}.av_share": (tree.pop(name) or {}).get("av_share") for name in _SHARED}
     own = flatten({"strategies": {av: _parameters(scenario, av)}, **tree})
-    return {"arms.av": av, **own, **{key: of for key, of in shares.items() if of is not None}}
+    return {"arms.av": av, **own, **{key: one for key, one in shares.items() if one is not None}}
 
 
 def _group(cells: Sequence[tuple[Run, CellFindings, str]]) -> list[Candidate]:

@@ -238,11 +238,11 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
     return [None if given is None else value for given, value in tested]
 
 
-def _of_cell(side: str, of: Candidate, kind: _Kind) -> dict[str, Plain | Finding]:
+def _of_cell(side: str, candidate: Candidate, kind: _Kind) -> dict[str, Plain | Finding]:
     """What a record says of one of its two cells."""
-    said: dict[str, Plain | Finding] = {side: of.label, f"cell_{side}": of.cell.number}
-    said[f"folder_{side}"] = str(of.run.path)
-    return said | {f"{key}_{side}": of.cell[key] for key in kind.shown}
+    said: dict[str, Plain | Finding] = {side: candidate.label}
+    said |= {f"cell_{side}": candidate.cell.number, f"folder_{side}": str(candidate.run.path)}
+    return said | {f"{key}_{side}": candidate.cell[key] for key in kind.shown}
 
 
 def _refuse_other_people(group: Sequence[Candidate]) -> None:
@@ -290,11 +290,11 @@ def _differences(a: Candidate, b: Candidate, confidence: float) -> dict[str, Fin
     samples = a.sample(pairs), b.sample(pairs)
     seed = a.cell.scenario.experiment.seed
     found = {}
-    for of in _KINDS[a.run.kind].differences:
-        finding = of.of(*samples, Sampling(resampling(seed, "comparison"), confidence))
+    for entry in _KINDS[a.run.kind].differences:
+        finding = entry.of(*samples, Sampling(resampling(seed, "comparison"), confidence))
         if finding.value is None:
             finding = replace(finding, reason="no pair counts in both")
-        found[of.key] = finding.reliable_above(of.reliable_from, "pairs that differ")
+        found[entry.key] = finding.reliable_above(entry.reliable_from, "pairs that differ")
     return found
 
 
@@ -334,8 +334,9 @@ def _screen(rows: Sequence[ComparedPair], p_holm: Sequence[float | None], kind: 
     )
 
 
-def _difference(of: Difference, rows: Sequence[ComparedPair]) -> _Column:
-    return Column(of.key, "A − B", True), [Shown(row.found[of.key], of.style) for row in rows]
+def _difference(entry: Difference, rows: Sequence[ComparedPair]) -> _Column:
+    shown = [Shown(row.found[entry.key], entry.style) for row in rows]
+    return Column(entry.key, "A − B", True), [*shown]
 
 
 def _p_values(heading: str, values: Sequence[float | None]) -> _Column:

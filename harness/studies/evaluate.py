@@ -109,7 +109,7 @@ def evaluate(
             task.cells[0], {"episodes": rows}, CONFIDENCE if intervals else 0.0
         ).findings
         values = flat(found) if intervals else {key: each.value for key, each in found.items()}
-        known: dict[str, Any] = {k: math.nan if of is None else of for k, of in values.items()}
+        known: dict[str, Any] = {k: math.nan if one is None else one for k, one in values.items()}
         failed = rows.filter(pc.equal(rows["ending"], Ending.ENGINE_FAILED.value)).to_pylist()
         whys = (f"pair {row['pair']} {row['arm']}: {row['reason']}" for row in failed)
         frame.append({**as_plain(given), **known, "failure": next(whys, None)})

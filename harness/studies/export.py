@@ -187,7 +187,8 @@ def _tables(run: Run, task: Task, outputs: Path) -> tuple[Tables, tuple[str, ...
         (rows,) = carried_out([replace(task, outputs=outputs)])
         return rows.tables[cell], replayed(run, task, rows).differences
     ((tables, differences),) = traced(run, [(cell, task.first)], (arm,)).values()
-    return {name: of.filter(pc.equal(of["arm"], arm)) for name, of in tables.items()}, differences
+    own = {name: rows.filter(pc.equal(rows["arm"], arm)) for name, rows in tables.items()}
+    return own, differences
 
 
 def _openscenario(scene: Exported) -> bytes:
@@ -240,7 +241,7 @@ def _people(
         if cleared is not None and cleared <= 0:
             continue
         time_s = np.array([max(0.0, came.arrival_s)])
-        motion = [np.array([of]) for of in (0.0, 0.0 if way > 0 else crossing.length_m, 0.0)]
+        motion = [np.array([value]) for value in (0.0, 0.0 if way > 0 else crossing.length_m, 0.0)]
         until_s = end_s if cleared is None or (cleared > end_s and not to_the_kerb) else cleared
         if walk.start_s is not None:
             start_s = max(0.0, walk.start_s)
@@ -298,7 +299,7 @@ def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) ->
             # A vehicle, which is on a lane, and a person may have the same id.
             found["lane" in record, record["id"]].append({**record, "time": time_s})
     sizes = _sizes(config.path)
-    names = sorted(found, key=lambda of: of != (True, vehicle))
+    names = sorted(found, key=lambda key: key != (True, vehicle))
     ego, *others = (_seen(name, found[drives, name], sizes) for drives, name in names)
     since_s, end_s = ego.states[0, 0], ego.states[-1, 0]
     near = [each for each in others if _distance_m(each, ego) < _NEAR_M]

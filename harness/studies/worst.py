@@ -129,8 +129,8 @@ def _passages(run: Run, arm: Arm, driver: WhoDrove | None) -> "pd.DataFrame":
 
     rows = run.table("passages")
     by_av = rows["driven"] & rows["automated"] & (arm is Arm.AV)
-    of = {"av": by_av, "reference": rows["driven"] & ~by_av, "sumo": ~rows["driven"]}
-    rows = rows[(rows["ended"] != ENDED) & (driver is None or of[driver])]
+    who = {"av": by_av, "reference": rows["driven"] & ~by_av, "sumo": ~rows["driven"]}
+    rows = rows[(rows["ended"] != ENDED) & (driver is None or who[driver])]
     touched = rows["contact_person"].notna()
     return rows.assign(ending=touched.map({True: Ending.CRASHED, False: Ending.CROSSED}))
 

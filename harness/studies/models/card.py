@@ -109,19 +109,19 @@ def near_state(sample: Sample) -> dict[str, Any]:
     return {**NEAR, "rows": int(near.sum()), **_counted(sample, near)}
 
 
-def _counted(sample: Sample, of: np.ndarray) -> dict[str, float | int | None]:
+def _counted(sample: Sample, rows: np.ndarray) -> dict[str, float | int | None]:
     """Encounters, vehicles, and effective rows and vehicles among some rows; None if unknown.
 
     Effective numbers are (Σw)²/Σw², where w is the weight of a distinct row or of a vehicle.
     """
     items, weights = (
         {"vehicles": sample.vehicle, "encounters": sample.encounter},
-        sample.weights[of],
+        sample.weights[rows],
     )
-    chosen = {name: None if item is None else item[of] for name, item in items.items()}
+    chosen = {name: None if item is None else item[rows] for name, item in items.items()}
     return {
         **{name: None if item is None else len(np.unique(item)) for name, item in chosen.items()},
-        "effective_rows": effective_number(sample.row[of], weights),
+        "effective_rows": effective_number(sample.row[rows], weights),
         "effective_vehicles": effective_number(chosen["vehicles"], weights),
     }
 
@@ -160,8 +160,8 @@ def _candidates(fitted: Fitted, gain: Mapping[int, float]) -> Iterable[dict[str,
             "gradient_norm": found.gradient_norm,
             "steps": found.n_iter,
             **{
-                name: of and {"mean": of.mean, "standard_error": of.standard_error}
-                for name, of in all_scores.items()
+                name: score and {"mean": score.mean, "standard_error": score.standard_error}
+                for name, score in all_scores.items()
             },
         }
 

@@ -64,7 +64,7 @@ def components_of(text: str) -> tuple[int, ...]:
         InputError: the text is not accepted.
     """
     first, _, last = text.partition("..")
-    low, high = (int(of) if of.isdecimal() else 0 for of in (first, last or first))
+    low, high = (int(end) if end.isdecimal() else 0 for end in (first, last or first))
     if not 1 <= low <= high <= MOST_COMPONENTS:
         allowed = f"whole numbers from 1 to {MOST_COMPONENTS}, e.g. 10 or 1..20"
         raise InputError(Parameter("components", text), "is not accepted", allowed)
@@ -287,8 +287,8 @@ def _joined(scores: Sequence[Mapping[str, HeldOut]]) -> Mapping[str, HeldOut]:
     """The scores of all folds together; every vehicle is in exactly one fold."""
     if not scores or not all(scores):
         return {}
-    joined = {name: HeldOut(*np.sum([of[name] for of in scores], axis=0)) for name in TARGETS}
-    return joined if all(np.isfinite(of.mean) for of in joined.values()) else {}
+    joined = {name: HeldOut(*np.sum([score[name] for score in scores], axis=0)) for name in TARGETS}
+    return joined if all(np.isfinite(score.mean) for score in joined.values()) else {}
 
 
 def _choose(

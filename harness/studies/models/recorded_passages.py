@@ -246,7 +246,7 @@ class _Record:
         times = np.round(track.time_s[kept] - start_s, 9)
         times, places = _extended(times, places, until_s)
         at_s = np.concatenate([[0.0], times[(times > 0) & (times < until_s)], [until_s]])
-        x, y = (np.interp(at_s, times, of) for of in places.T)
+        x, y = (np.interp(at_s, times, column) for column in places.T)
         progress = y if crosser.side is Side.NEAR else 2 * PATH_TO_KERB_M - y
         levels = (-_FOOTPATH_M, PATH_TO_KERB_M, 2 * PATH_TO_KERB_M)
         begin_s, passed_s, gone_s = (_reached_s(at_s, progress, level) for level in levels)

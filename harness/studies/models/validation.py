@@ -101,7 +101,7 @@ def validate(
     factories = _factories(drivers, keys, model)
     seed, step_s, tally = scenario.experiment.seed, scenario.experiment.step_s, Tally()
     clips = read_clips(paths, format_, tally, **options)
-    rules = {name: of for name, of in options.items() if name in ExtractionRules.model_fields}
+    rules = {name: value for name, value in options.items() if name in ExtractionRules.model_fields}
     passages, left = find_passages(clips, scenario.vehicle(), step_s, ExtractionRules(**rules))
     left_out = ", ".join(f"{why} {count:,}" for why, count in left.most_common())
     if not passages:
@@ -112,7 +112,7 @@ def validate(
     if known:
         of_vehicle = models_without(model, extract(paths, format_, **options).rows, FOLDS, seed)
     sources = {name: getattr(factory, "FITTED_ON", None) for name, factory in factories.items()}
-    optimistic = [name for name, of in sources.items() if of and fitted_on(load_model(of), seen)]
+    optimistic = [name for name, fit in sources.items() if fit and fitted_on(load_model(fit), seen)]
     optimistic += with_model if known and not of_vehicle else []
     models = [of_vehicle.get(passage.vehicle_id, model) for passage in passages]
     sampling = Sampling(resampling(seed, "validation"))
@@ -159,8 +159,8 @@ def _result(
     facts = {**known, "passages": len(passages), "vehicles": vehicles, "encounters": encounters}
     facts |= versions_of_fits()
     rows = (
-        (of["driver"], *(Shown(of[column.key], style) for column, style in COLUMNS.items()))
-        for of in records
+        (record["driver"], *(Shown(record[column.key], style) for column, style in COLUMNS.items()))
+        for record in records
     )
     return Result(
         command="validate",
@@ -271,7 +271,7 @@ def _simulated(passage: RecordedPassage, strategy: Strategy, step_s: float) -> T
         step_s=step_s,
         timeout_s=steps * step_s,
     )
-    arrivals = [of.arrival._replace(index=index) for index, of in enumerate(passage.people)]
+    arrivals = [person.arrival._replace(index=index) for index, person in enumerate(passage.people)]
     # Recorded people never ask for a walking speed.
     episode = Episode(PlainEngine(begun, step_s), arrivals, lambda *_: np.nan, rules)
     return replace(drive(episode, strategy), vehicle=passage.vehicle)
@@ -344,8 +344,8 @@ def _notes(
     records: Sequence[Mapping[str, Any]], left_out: str, tally: Tally, unknown: bool
 ) -> Iterator[Note]:
     """Yield the sentences without which the numbers mislead, the worst first."""
-    late = "; ".join(f"{of['driver']} {n:.3g}" for of in records if (n := of["timed_out"].value))
-    optimistic = "; ".join(of["driver"] for of in records if of["fitted_on_these_data"])
+    late = "; ".join(f"{one['driver']} {n:.3g}" for one in records if (n := one["timed_out"].value))
+    optimistic = "; ".join(one["driver"] for one in records if one["fitted_on_these_data"])
     few, remarks = records[0]["pass_time_score_s"].reason, "; ".join(tally.remarks())
     better = "fitted on these passages, so better here than elsewhere"
     card = "The model's card has no tracks, so it is unknown whether the model was fitted on them"

@@ -146,7 +146,7 @@ def draw_units(
     passed = np.array([(each.passed_s, each.passed_mps) for each in first], dtype=float)
     tried, row, again = _placed(proposal, space, begun, passed, rngs)
     # Without its culprit an event says how often a placed person is drawn there.
-    whose = {k: of.culprit for k, of in enumerate(first) if of.culprit is not None}
+    whose = {k: outcome.culprit for k, outcome in enumerate(first) if outcome.culprit is not None}
     without = [np.delete(begun[k].people, at, axis=0) for k, at in whose.items()]
     fewer = run([begun[k]._replace(people=of) for k, of in zip(whose, without, strict=True)])
     points = np.full((n, size + 2 + len(space.marks)), np.nan)
@@ -263,7 +263,7 @@ def bound(rounds: Sequence[Units]) -> tuple[float | None, int, int]:
 
     It comes with the nominal draws and the events among them; None without a draw.
     """
-    draws, events = (sum(getattr(units, of) for units in rounds) for of in ("draws", "events"))
+    draws, events = (sum(getattr(units, name) for units in rounds) for name in ("draws", "events"))
     high = clopper_pearson(events, draws, 2 * CONFIDENCE - 1)[1] if draws else None
     return high, draws, events
 

@@ -285,7 +285,7 @@ def risk_findings(rounds: Sequence[Units]) -> dict[str, Finding]:
     if told["failures"].value:
         told["probability_worst"] = Finding(min(1.0, (total + float(estimate.failed.sum())) / n))
     told["effective_sample_size"], told["weighted"] = Finding(size), Finding(n * weighted)
-    return {of.key: of.judged(told.get(of.key, Finding(None))) for of in entries_of("risk")}
+    return {each.key: each.judged(told.get(each.key, Finding(None))) for each in entries_of("risk")}
 
 
 def _or_1(found: Finding) -> float:
@@ -336,7 +336,7 @@ def _found_again(path: Path, manifest: folders.Manifest, study: Study) -> Findin
         units = range(first, end or first + MOST_DRAWS)  # a round begins with 0
         rows = folders.read_part(path, _TABLE, round_, first, manifest, units)
         rounds.setdefault(round_, []).append(rows)
-    drawn = [Units.of(pa.concat_tables(of)) for of in rounds.values()]
+    drawn = [Units.of(pa.concat_tables(parts)) for parts in rounds.values()]
     if sum(each.episodes for each in drawn) != stored[0]["episodes"].value:
         advice = f"delete {folders.FINDINGS}; `{resume_command(path)}` draws them again"
         raise InputError(str(path / _TABLE), "parts are missing", advice)

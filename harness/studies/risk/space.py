@@ -78,7 +78,7 @@ class Event(NamedTuple):
             return NEVER
         gap_m, drac = record.min_gap_m, record.max_drac_mps2
         far = math.inf if gap_m is None else _NEVER_NEAR + gap_m
-        times = (far if of is None else of for of in (record.pet_s, record.min_ttc_s, gap_m))
+        times = (far if each is None else each for each in (record.pet_s, record.min_ttc_s, gap_m))
         distances = (10 / drac if drac else far, *times)
         if self.measure is not None:
             value = getattr(record, self.measure)

@@ -182,10 +182,10 @@ def stored_tasks(run: Run, cell: int, pairs: Sequence[int], arms: Sequence[Arm])
     known = set(run.rows(TABLES_OF[run.kind][0].name, cell)["pair"].to_pylist())
     if (odd := next((pair for pair in pairs if pair not in known), None)) is not None:
         raise InputError(Parameter("pair", odd), "there is none", f"0 to {max(known, default=0)}")
-    of = run.study.cells[cell]
-    model = load_model(of.scenario.model.name, of.scenario.model.path)
-    code = source_digests(of.scenario.arms.model_dump().values())
-    task = Task((of,), model, 0, 1, code=code)
+    chosen = run.study.cells[cell]
+    model = load_model(chosen.scenario.model.name, chosen.scenario.model.path)
+    code = source_digests(chosen.scenario.arms.model_dump().values())
+    task = Task((chosen,), model, 0, 1, code=code)
     return [replace(task, first=pair, arms=(arm,)) for pair in pairs for arm in arms]
 
 

@@ -94,7 +94,7 @@ def run(
     2
     """
     given = {"experiment.pairs": pairs, "experiment.seed": seed}
-    changes = {**(settings or {}), **{key: of for key, of in given.items() if of is not None}}
+    changes = {**(settings or {}), **{key: each for key, each in given.items() if each is not None}}
     if isinstance(scenario, Study):
         if changes or vary:
             raise InputError("settings", "cannot be combined with a Study", "a file, or a Scenario")
