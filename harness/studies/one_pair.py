@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from harness.core.encounter import Arm
-from harness.core.errors import InputError
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, open_engine
 from harness.measures import Outcome
 from harness.results.rows import trace_rows
 from harness.scenario import EngineName, Scenario
-from harness.scenario.arguments import engine_named
+from harness.scenario.arguments import engine_named, whole_number
 from harness.studies.running.run import checked_models, scenario_file
 
 if TYPE_CHECKING:
@@ -80,8 +79,7 @@ def run_pair(
     0
     """
     chosen, engine = scenario_file(scenario, settings or {}).scenario(), engine_named(engine)
-    if pair < 0:
-        raise InputError("pair", f"{pair}", "0 or more")
+    pair = whole_number("pair", pair, 0)
     (model,) = checked_models([chosen], engine)
     runner = PairRunner(chosen, model, lambda: open_engine(chosen, engine))
     try:
