@@ -336,7 +336,7 @@ def _screen(rows: Sequence[ComparedPair], p_holm: Sequence[float | None], kind: 
 
 def _difference(entry: Difference, rows: Sequence[ComparedPair]) -> _Column:
     shown = [Shown(row.found[entry.key], entry.style) for row in rows]
-    return Column(entry.key, "A − B", True), [*shown]
+    return Column(entry.key, "A − B", True), shown
 
 
 def _p_values(heading: str, values: Sequence[float | None]) -> _Column:

@@ -51,7 +51,7 @@ def run(setup: Setup, folder: Path, arm: Arm = Arm.AV) -> dict[str, pd.DataFrame
     model = load_model(setup.scenario.model.name, setup.scenario.model.path)
     outcome = run_arm(setup, model, 0, arm, folder)
     assert outcome.reason is None, outcome.traceback or outcome.reason
-    return {name: pd.DataFrame(columns) for name, columns in outcome.tables.items()}
+    return {name: pd.DataFrame({**columns}) for name, columns in outcome.tables.items()}
 
 
 def trips(file: Path) -> list[dict[str, str]]:
