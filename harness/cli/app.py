@@ -56,7 +56,8 @@ def application(arguments: Sequence[str] = ()) -> typer.Typer:
     )
     app.callback()(lambda: None)  # without it a single command would have no name
     name = arguments[0] if arguments else ""
-    for command in [name] if name in COMMANDS else COMMANDS:
+    wanted = [name] if name in COMMANDS else COMMANDS
+    for command in wanted:
         module = import_module(f"harness.{COMMANDS[command]}")
         app.command(command)(module.run if command == "sweep" else getattr(module, command))
     return app

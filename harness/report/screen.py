@@ -64,7 +64,8 @@ def _parts(result: Result, full: bool, console: Console) -> Iterator[RenderableT
         yield Text(printable(result.about))
     confidence = confidence_of(result)
     yield from _table(result.screen, confidence, console, every=False)
-    for table in result.full if full else ():
+    tables = result.full if full else ()
+    for table in tables:
         yield Text()
         yield from _table(table, confidence, console, every=True)
     shown = len(result.notes) if full else MOST_NOTES

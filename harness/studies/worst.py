@@ -30,11 +30,11 @@ WhoDrove = Literal["av", "reference", "sumo"]
 _COLUMNS: Mapping[RunKind, Mapping[str, str]] = {
     "encounters": {name: name for name in ("pair", "driver", "ending", "contact")},
     "simulations": {
-        **{name: name for name in ("pair", "crosswalk", "vehicle", "driver", "manoeuvre")},
-        **{"ended": "ended", "contact_person": "contact with", "front_s": "at, s"},
-        "share_strategy": "steps by the strategy",
+        "pair": "pair", "crosswalk": "crosswalk", "vehicle": "vehicle", "driver": "driver",
+        "manoeuvre": "manoeuvre", "ended": "ended", "contact_person": "contact with",
+        "front_s": "at, s", "share_strategy": "steps by the strategy",
     },
-}
+}  # fmt: skip
 """The columns of a row that say which it is, with their headings."""
 
 _SPEED = "contact_speed_mps"

@@ -100,7 +100,8 @@ def _simulated(task: Task, runners: Sequence[Runner], tell: Tell) -> TaskRows:
                 {
                     "event": "episode failed",
                     **EpisodeId(cell.number, outcome.pair, outcome.arm)._asdict(),
-                    **{"strategy": outcome.strategy, "reason": outcome.record.reason},
+                    "strategy": outcome.strategy,
+                    "reason": outcome.record.reason,
                     "traceback": outcome.trace.traceback,
                 }
                 for outcome in outcomes

@@ -21,7 +21,7 @@ from harness.engine.shared import close_engine
 from harness.model.interaction import load_model
 from harness.results.folder import read_cell
 from harness.results.loaded_run import Run
-from harness.results.tables import TABLES_OF, Tables
+from harness.results.tables import COUNTED, TABLES_OF, Tables
 from harness.strategies.registry import source_digests
 from harness.studies.running.claimed_folder import changes, simulated_with
 from harness.studies.running.episodes import run_episodes, run_task
@@ -243,8 +243,8 @@ def differences_of(
     SUMO's verdict on collisions is not compared with the plain engine, which has none.
     """
     found: list[str] = []
-    simulated = tuple(each.name for each in TABLES_OF["simulations"])
-    for name in RECORDS if run.kind == "encounters" else simulated:
+    names = RECORDS if run.kind == "encounters" else COUNTED["simulations"]
+    for name in names:
         stored = read_cell(run.path, name, cell, run.manifest, pair).to_pylist()
         old, now = [row for row in stored if row["arm"] in arms], tables[name].to_pylist()
         if len(old) != len(now):
