@@ -79,11 +79,16 @@ def main() -> None:
         code = app(standalone_mode=False)
         if code == _INTERRUPTED:
             raise KeyboardInterrupt
-    except (InputError, TyperException) as error:
-        text = error.format_message() if isinstance(error, TyperException) else str(error)
-        if isinstance(error, InputError) and (parameter := error.parameter):
-            option = _options(app).get(parameter.name)
-            text = str(error.at(parameter.named(option, " "))) if option else text
+    except InputError as error:
+        if (given := error.parameter) and (option := _options(app).get(given.name)):
+            error = error.at(given.named(option, " "))
+        say(one_line(f"harness: {error}"))
+        code = 2
+    except TyperException as error:
+        # Typer checks choices by pydantic, which puts words before what is wrong.
+        for wrong in getattr(error.__cause__, "errors", tuple)():
+            error.message = str(wrong.get("ctx", {}).get("error", wrong["msg"]))
+        text = error.format_message()
         # For `harness` or `harness model` alone typer answers with the whole help.
         say(text if text.startswith("Usage:") else one_line(f"harness: {text}"))
         code = 2

@@ -334,9 +334,8 @@ def _screen(rows: Sequence[ComparedPair], p_holm: Sequence[float | None], kind: 
     )
 
 
-def _difference(entry: Difference, rows: Sequence[ComparedPair]) -> _Column:
-    shown = [Shown(row.found[entry.key], entry.style) for row in rows]
-    return Column(entry.key, "A − B", True), shown
+def _difference(gap: Difference, rows: Sequence[ComparedPair]) -> _Column:
+    return Column(gap.key, "A − B", True), [Shown(row.found[gap.key], gap.style) for row in rows]
 
 
 def _p_values(heading: str, values: Sequence[float | None]) -> _Column:

@@ -91,7 +91,9 @@ def test_contacts_are_the_encounters(
         assert agreed or (exact.min_gap_m is not None and exact.min_gap_m < 0.1)
     else:
         assert strike.time_s == pytest.approx(exact.contact_time_s, abs=STEP_S / 16)
-        assert strike.contact is exact.contact
+        # What is touched within that time of the corner may be called either.
+        front_m = abs(ego_positions(trace, np.array([strike.time_s])).item())
+        assert strike.contact is exact.contact or front_m < strike.speed_mps * STEP_S / 16
         assert measure([trace], [strike])[0].contact_time_s == strike.time_s
         assert measure([trace], [None])[0].contact is None
 

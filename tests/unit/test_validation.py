@@ -194,9 +194,9 @@ def test_draws_and_passages_have_the_weight_of_their_passage_and_vehicle() -> No
 @pytest.mark.parametrize(
     ("words", "drivers", "options"),
     [
-        (("drivers=", "hard_yield"), ["hard_yeild"], {}),
-        (("drivers=",), ["hard_yield", ""], {}),
-        (("drivers=", "[simulation]"), ["sumo_driver"], {}),
+        (("driver hard_yeild", "hard_yield"), ["hard_yeild"], {}),
+        (("driver ",), ["hard_yield", ""], {}),
+        (("driver sumo_driver", "[simulation]"), ["sumo_driver"], {}),
         (("no passage", "begins too near 4"), ["hard_yield"], {"vehicle_length_m": 60.0}),
         (("strategies.hard_yield", "p1"), ["hard_yield"], {"strategies.hard_yield.p1": 1.0}),
         (("unknown key", "vehicle_lenth_m"), ["hard_yield"], {"vehicle_lenth_m": 4.0}),

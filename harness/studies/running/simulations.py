@@ -139,8 +139,8 @@ def _tables(cell: Cell, outcomes: Sequence[ArmTables]) -> Tables:
     tables: dict[str, list[pa.Table]] = {}
     for outcome in outcomes:
         columns = dict(outcome.tables)
-        why = {"reason": [outcome.reason], "failed_in": [outcome.failed_in]}
-        columns["arms"] = {**columns.get("arms", {}), **why}
+        arms = columns.get("arms", {})
+        columns["arms"] = {**arms, "reason": [outcome.reason], "failed_in": [outcome.failed_in]}
         rows = simulation_rows(cell.number, outcome.pair, outcome.arm, columns)
         for name, table in rows.items():
             tables.setdefault(name, []).append(table)
