@@ -120,6 +120,7 @@ def _keys_of(form: Any, path: Sequence[str]) -> list[str]:
 
 
 _ENDINGS = {"_mps3": "m/s³", "_mps2": "m/s²", "_mps": "m/s", "_m": "m", "_s": "s", "_deg": "°"}
+"""Units by the endings of keys; the longer of two endings that fit comes first."""
 
 
 def unit_of(name: str) -> tuple[str, str] | None:

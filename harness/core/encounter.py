@@ -37,6 +37,7 @@ ROUNDING = 1e-9
 """Tolerance of thresholds in m, m/s and s: engines differ in the last bits of their sums."""
 
 SECONDS_PER_HOUR = 3600.0
+"""Flows are per hour, times in seconds."""
 
 
 class Arm(StrEnum):
@@ -232,6 +233,7 @@ class Strategy(Protocol):
 
 
 StrategyFactory = Callable[..., Strategy]
+"""Makes a strategy: its class, called as ``Strategy`` says."""
 
 
 class Leg(NamedTuple):
@@ -324,6 +326,7 @@ class ModelUse(NamedTuple):
 
 
 NO_MODEL_USE = ModelUse()
+"""The counts of an episode in which nobody asked the model."""
 
 
 def freeze_arrays(record: object, *names: str) -> None:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from harness.core.errors import HarnessError, InputError, Parameter
 
 PACKAGE = Path(__file__).resolve().parents[1]
+"""The folder of the package."""
 
 
 def shipped_directory(kind: Literal["networks", "scenarios"]) -> Path:

@@ -4,6 +4,7 @@ import platform
 from importlib import metadata
 
 _LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow")
+"""Libraries whose version may change the last bits of a result."""
 
 
 def versions_of_runs() -> dict[str, str]:

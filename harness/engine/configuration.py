@@ -27,6 +27,7 @@ DEFAULT_SEED = 23423
 
 _VEHICLES = ("vehicle", "trip", "flow")
 _PEOPLE = ("person", "personFlow")
+"""The elements of a route file that bring vehicles, and people."""
 
 
 @dataclass(frozen=True)

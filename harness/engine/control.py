@@ -15,6 +15,7 @@ from harness.scenario import Scenario
 from harness.site.road_frame import RoadFrame
 
 _ROUTE, _EDGES = "drive", ("approach", "exit")
+"""The ego's route, and its edges in the network that the harness builds."""
 
 COLLISION_REACH_M = 5.0
 """SUMO's collisions are read only when the ego's front is this near to the crosswalk.

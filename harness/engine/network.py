@@ -15,6 +15,7 @@ from harness.scenario import Scenario
 from harness.scenario.sections import CrossingSection
 
 CACHE_VARIABLE = "CROSSWALK_HARNESS_CACHE"
+"""The environment variable with the folder in which built networks are kept."""
 
 
 def build_network(crossing: CrossingSection, directory: Path, name: str) -> Path:
@@ -65,7 +66,7 @@ def network_of(scenario: Scenario) -> Path:
 
     Raises:
         InputError: the cache folder cannot be written.
-        EngineError: see `build_network`.
+        EngineError: see ``build_network``.
     """
     crossing = scenario.crossing
     for net in sorted(shipped_directory("networks").glob("*/*.net.xml")):

@@ -16,7 +16,9 @@ Module = Literal["libsumo", "traci", "gui"]
 """Where SUMO runs: in this process, in another one, or in another one with a window."""
 
 _VIEW = "View #0"
+"""The name of sumo-gui's first view."""
 _DEPART_NOW = -3.0
+"""SUMO's flag for a departure at once."""
 _COMMANDED = 32
 """Speed mode: SUMO neither brakes for anybody nor limits accelerations."""
 _PRIVILEGED = 23

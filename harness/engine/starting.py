@@ -28,6 +28,7 @@ _OPTIONS = {
 }
 
 _WALKER = {"vClass": "pedestrian", "speedDev": 0, "sigma": 0}
+"""The attributes of the type of pedestrians."""
 
 _AV_COLOUR = {"color": "0,114,178"}
 """Colour of AVs in sumo-gui (blue of Okabe and Ito)."""

@@ -10,6 +10,7 @@ from harness.scenario import Scenario
 
 _VIEW = Path(__file__).with_name("view.template.xml")
 _PIXELS = (1280, 860)
+"""Width and height of the window."""
 _AROUND_M = 6.0
 """Length of road shown beyond the trigger and beyond the crosswalk."""
 

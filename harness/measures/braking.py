@@ -50,10 +50,10 @@ def rms_jerk_mps3(chunk: Chunk) -> FloatArray:
 def max_drac_mps2(chunk: Chunk) -> FloatArray:
     """Largest deceleration rate to avoid a crash over the states, in m/s²; NaN after a contact.
 
-    The pedestrian's disc is d ahead of the bumper and leaves the ego's path after time T. DRAC is
+    The pedestrian's disc is d ahead of the bumper and leaves the ego's path after time T.  DRAC is
     the smallest constant deceleration with which the bumper does not reach the disc before that
-    time. It is 2 (v − d/T)/T if the ego still moves then (v T ≤ 2d); otherwise the ego must stop,
-    and it is v²/2d. It grows without bound before a contact.  Source: Cooper and Ferguson 1976,
+    time.  It is 2 (v − d/T)/T if the ego still moves then (v T ≤ 2d); otherwise the ego must stop,
+    and it is v²/2d.  It grows without bound before a contact.  Source: Cooper and Ferguson 1976,
     Archer 2005; for crossing paths as in SUMO's SSM device.
     """
     met = chunk.met

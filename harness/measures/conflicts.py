@@ -62,7 +62,7 @@ def pet_s(chunk: Chunk) -> FloatArray:
     The conflict area is the part of the road that both the ego's width and the pedestrian's disc
     cover.  It moves along the road with the pedestrian.  A pedestrian who is in it when their walk
     begins, as after a warm-up, enters it then.  PET is 0 if both were in the area at once without
-    touching (at a corner).  It is undefined if either of them never enters it. Pedestrians keep
+    touching (at a corner).  It is undefined if either of them never enters it.  Pedestrians keep
     their speed after the trace's end.  Source: Allen, Shin, Cooper 1978.
     """
     legs, crossing, vehicle = chunk.legs, chunk.crossing, chunk.vehicle

@@ -23,10 +23,10 @@ class Measure:
         column, kind: name and type of its attribute in ``Measured``.
         compute: returns a value for each trace of a chunk, NaN if it is undefined.  Each value
             depends only on that trace, to the last bit.
-        on_step: how the value depends on the length of a step. ``exact``: it does not. ``states``:
-            it is an extreme over the states, and shorter steps have more states. ``steps``: it is a
-            number of steps.
-        worse: whether small or large values are bad; None if neither. In a measure of conflicts a
+        on_step: how the value depends on the length of a step.  ``exact``: it does not.
+            ``states``: it is an extreme over the states, and shorter steps have more states.
+            ``steps``: it is a number of steps.
+        worse: whether small or large values are bad; None if neither.  In a measure of conflicts a
             crash is worse than every value.
     """
 

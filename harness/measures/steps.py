@@ -57,7 +57,7 @@ class Legs:
 class Rows:
     """One row for each step of each pedestrian on the crossing, in order of traces and walks.
 
-    The pedestrian is on the crossing from ``start_s`` to ``stop_s`` of the step. The other columns
+    The pedestrian is on the crossing from ``start_s`` to ``stop_s`` of the step.  The other columns
     are values at ``start_s``: ``x_m`` of the ego's bumper (``x_stop_m``: at the step's end), the
     ego's speed and acceleration, and the pedestrian's position (``walker_x_m``, ``walker_y_m``)
     and velocity.

@@ -1,4 +1,4 @@
-"""Reads and writes model files, and answers how fast pedestrians walk and drivers drive.
+"""Model files in; how fast pedestrians walk and drivers drive out.
 
 Only this module knows the order of the model's variables: 1/R, v, v_p, 1/T_adv (paper, section II).
 The model answers two questions: how fast a pedestrian walks in front of a vehicle, and how fast a
@@ -36,7 +36,7 @@ VARIABLES = (
     "inverse_time_advantage_per_s",
 )
 INVERSE_RANGE, VEHICLE_SPEED, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE = range(4)
-
+"""The variables in their order in the mixture, and their places in it."""
 
 WALKING_GIVEN = (INVERSE_RANGE, VEHICLE_SPEED)
 DRIVING_GIVEN = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
@@ -214,6 +214,7 @@ class _ModelFile(BaseModel):
 
 
 _ARRAYS = ("lower", "upper", "weights", "locations", "scale_matrices")
+"""The arrays of a model file, which are those of the mixture."""
 
 
 def load_model(name: str, path: str | None = None) -> InteractionModel:

@@ -205,18 +205,19 @@ def make_sample(
 
 
 WEIGHINGS = ("row", "encounter", "vehicle")
+"""What counts the same in a fit; see ``row_weights``."""
 
 
 def row_weights(rows: pd.DataFrame, weigh: str) -> FloatArray:
     """Weights that sum to the number of encounters, BIC's n.
 
     Rows of one encounter follow each other within a second and are nearly equal; a few vehicles
-    have most of the rows. With E encounters:
+    have most of the rows.  With E encounters:
 
     - ``row``: every row counts the same, E / n.
     - ``encounter``: every encounter counts 1, shared equally by its rows.
     - ``vehicle``: a vehicle counts as its number of encounters, at most the median over the
-      vehicles, shared by its encounters and then their rows; all scaled to sum to E. Small weights
+      vehicles, shared by its encounters and then their rows; all scaled to sum to E.  Small weights
       are not raised, so no single row gets a large weight.
 
     Args:
@@ -224,7 +225,7 @@ def row_weights(rows: pd.DataFrame, weigh: str) -> FloatArray:
         weigh: one of ``WEIGHINGS``.
 
     Returns:
-        (n,) weights above 0. Rows without identifiers count as one encounter each under ``row``.
+        (n,) weights above 0.  Rows without identifiers count as one encounter each under ``row``.
 
     Raises:
         InputError: the weighing is unknown, or it is ``encounter`` or ``vehicle`` and the rows do

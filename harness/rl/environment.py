@@ -27,6 +27,7 @@ from harness.strategies.vector import acceleration_of, observation_vector
 Vector = NDArray[np.float32]
 
 _FASTEST_WALK_MPS = 20.0
+"""Nobody walks as fast; it bounds the observations, and where a contact is looked for."""
 
 _IN_SUMO: "weakref.WeakSet[Episode]" = weakref.WeakSet()
 """The running episode in this process's SUMO, which has one ego."""

@@ -31,6 +31,7 @@ UNITS = MappingProxyType(
 """Units of speed as (metres, seconds); they are exact by definition."""
 
 _SPEED = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S+)\s*")
+"""The text of a speed: a number and a unit."""
 
 
 class Setting(NamedTuple):

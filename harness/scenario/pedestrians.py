@@ -48,6 +48,7 @@ class GapAcceptanceSection(Section):
 
 LogMean = Annotated[float, Field(ge=-10, le=10)]
 LogSpread = Annotated[float, Field(ge=0, le=5)]
+"""The mean and the standard deviation of a logarithm."""
 
 
 class ThresholdSection(Section):

@@ -11,9 +11,10 @@ from harness.core.errors import InputError
 from harness.scenario.file import ScenarioFile, Setting, parts_of, toml_value
 
 MAX_CELLS = 100_000
-
+"""The most cells of a sweep."""
 
 Variation = tuple[str, list[Any]]
+"""A dotted key and its values."""
 
 
 def planned_cells(

@@ -25,6 +25,7 @@ Manoeuvre = Literal["straight", "left", "right", "turn"]
 SIGNAL = "a traffic light controls it"
 RAIL = "a railway leads over it"
 NO_VEHICLES = "no vehicle's connection leads over it"
+"""Why no strategy can be run at a crosswalk."""
 
 _WAYS: Mapping[str, Manoeuvre]
 _WAYS = {"s": "straight", "l": "left", "L": "left", "r": "right", "R": "right"}
@@ -32,6 +33,7 @@ _WAYS = {"s": "straight", "l": "left", "L": "left", "r": "right", "R": "right"}
 
 _RAIL = {"rail", "rail_urban", "rail_electric", "rail_fast", "tram", "subway", "cable_car"}
 _ON_FOOT = {"pedestrian", "wheelchair"}
+"""SUMO's classes of trains, and of people."""
 
 _PATH_M = 40.0
 """Length of a path before the stop line, longer than a body."""

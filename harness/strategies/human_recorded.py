@@ -15,6 +15,7 @@ SPARE_M = 0.05
 """Clearance that it keeps from a pedestrian's disc, along the road and across it."""
 
 _LINE_M = PEDESTRIAN_RADIUS_M + SPARE_M
+"""Distance from a pedestrian's centre that it keeps along the road."""
 
 HORIZON_S = 0.5
 """A pedestrian becomes relevant this long before they enter its path."""

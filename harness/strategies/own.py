@@ -11,6 +11,7 @@ from harness.core.encounter import StrategyFactory
 from harness.core.errors import InputError, in_one_line, nearest_name
 
 _FORM = "package.module:Class"
+"""The form of the name of a user's strategy."""
 
 
 def is_of_this_process(name: str) -> bool:

@@ -20,6 +20,7 @@ GIVEN_BY_HARNESS = ("model", "rng", "step_s")
 """Constructor arguments that the harness passes; they are never keys of a scenario."""
 
 _OPEN = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+"""Kinds of arguments that have no name of their own."""
 
 
 @lru_cache
@@ -86,6 +87,7 @@ def defaults_of(strategy: StrategyFactory) -> dict[str, Any]:
 
 
 _SIGNS = {"ge": "≥", "gt": ">", "le": "≤", "lt": "<"}
+"""Signs by the names of pydantic's limits."""
 
 
 def values_in_words(strategy: StrategyFactory, name: str) -> str:

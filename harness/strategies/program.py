@@ -22,6 +22,7 @@ SCHEMA_FILE = Path(__file__).with_name("observation.schema.json")
 """The schema of a line."""
 
 _NEWLINE = b"\n"
+"""It ends every message."""
 _LONGEST_ANSWER = 1_000
 """Number of bytes of an answer after which no more is read; a number has fewer."""
 

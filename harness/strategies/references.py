@@ -21,6 +21,7 @@ recordings."""
 
 
 FILE = Path(__file__).with_name("validated.json")
+"""The validations that are shipped."""
 
 
 @cache

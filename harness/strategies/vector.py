@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from harness.core.encounter import Observation, Vehicle
 
 EGO_ENTRIES = ("range_m", "speed_mps", "acceleration_mps2")
+"""The first entries of every vector."""
 PEDESTRIAN_ENTRIES = ("present", "lateral_m", "remaining_m", "speed_mps", "on_crossing")
 """``present`` and ``on_crossing`` are 1 or 0; all entries of a missing pedestrian are 0."""
 

@@ -13,7 +13,9 @@ import numpy as np
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, FloatArray
 
 _EPSILON_M = 1e-12
+"""Rounding of a gap of 0, besides that of a root."""
 _MARGIN_M = 1e-6
+"""Rounding of a path, within which a piece of the boundary may have a root."""
 _REAL_S = 1e-7
 """A root with a smaller imaginary part counts as real: rounding splits double roots."""
 

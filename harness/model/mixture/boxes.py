@@ -1,9 +1,9 @@
-"""Takes normal distributions of one to four variables and a box: its probability, moments in it.
+"""Normal distributions of one to four variables and a box in; its probability and moments out.
 
-One and two variables have closed forms (the normal distribution function and Owen's T). Three and
+One and two variables have closed forms (the normal distribution function and Owen's T).  Three and
 four variables use Plackett's identity: the derivative of the probability with respect to a
-correlation is its second derivative in the locations of the two variables (`_corner_sums`). The
-probability is then one integral along a path of correlation matrices. All functions are batched
+correlation is its second derivative in the locations of the two variables (``_corner_sums``).  The
+probability is then one integral along a path of correlation matrices.  All functions are batched
 over the leading axis.
 
 Sources: Owen (1956); Plackett (1954); Gassmann, Deák, Szántai (2002).
@@ -24,15 +24,17 @@ _NEGLIGIBLE = 1e-17
 _PATH_LIMITS = np.array([0.2, 0.4, 0.6, 0.8, 0.9, 0.95])
 """Limits of the canonical correlations, by which the number of nodes is chosen."""
 _PATH_SIZES = np.array([4, 5, 7, 9, 11, 13, 24])
-"""The number of Gauss-Legendre nodes for canonical correlations up to each limit. With these
+"""The number of Gauss-Legendre nodes for canonical correlations up to each limit.  With these
 numbers boxes of three or four variables are accurate to 1e-11."""
 _PATH_STARTS = np.cumsum(_PATH_SIZES) - _PATH_SIZES
 _PATH_NODES, _PATH_WEIGHTS = np.concatenate(
     [np.polynomial.legendre.leggauss(int(size)) for size in _PATH_SIZES], axis=1
 )
+"""Where the nodes of each size begin, the nodes, and their weights."""
 _CHUNK = 2048
 """Number of boxes in a batch, which limits the memory."""
 _TINY = 1e-30
+"""It replaces a bound of exactly 0, by which Owen's T would be divided."""
 _ORDERS = {
     3: np.array([[0, 1, 2], [0, 2, 1], [1, 2, 0]]),
     4: np.array([[0, 1, 2, 3], [0, 2, 1, 3], [0, 3, 1, 2]]),
@@ -78,7 +80,7 @@ def box_probability(covariances: FloatArray, lower: FloatArray, upper: FloatArra
 
 
 def _standard_box(correlations: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    """`box_probability` for unit variances and bounds already cut at ±_FAR."""
+    """``box_probability`` for unit variances and bounds already cut at ±_FAR."""
     count, dimension = a.shape
     if dimension == 0:
         return np.ones(count)
@@ -93,7 +95,7 @@ def _standard_box(correlations: FloatArray, a: FloatArray, b: FloatArray) -> Flo
 def _corner_sums(
     correlations: FloatArray, a: FloatArray, b: FloatArray, first: Indices, second: Indices
 ) -> FloatArray:
-    """Second derivatives (N, P) of `_standard_box` in the locations of P pairs of variables.
+    """Second derivatives (N, P) of ``_standard_box`` in the locations of P pairs of variables.
 
     Such a derivative is a signed sum over the four corners of the pair: the bivariate density
     there, times the probability of the other variables given the two.
@@ -145,9 +147,9 @@ def _chunks(count: int) -> list[slice]:
 def _by_path(correlations: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
     """Probabilities of the blocks (1, 2) and (3) or (3, 4): product plus integral over a path.
 
-    Along the path the correlations between the blocks grow from 0, as t grows from 0 to 1. The
+    Along the path the correlations between the blocks grow from 0, as t grows from 0 to 1.  The
     integrand is singular at t = 1/c, where c is the largest canonical correlation of the two
-    blocks. The substitution t = sin(θ)/c removes the singularity.
+    blocks.  The substitution t = sin(θ)/c removes the singularity.
     """
     dimension = a.shape[1]
     squares, orders = correlations**2, _ORDERS[dimension]
@@ -197,9 +199,9 @@ def moments(
     """Masses α (K,), means E (K, d) and covariances V (K, d, d) of normals truncated to a box.
 
     The moments are E = m + S ∇log α and V = S + S (∇² log α) S, with derivatives in the location m,
-    which are probabilities on the faces and edges of the box. The error of means and covariances is
-    below 1e-7 of the component's spread at condition numbers up to 100. They are nan or inf if the
-    mass is nearly 0. Sources: Tallis (1961); Manjunath and Wilhelm (2012), eqs. (11) and (16).
+    which are probabilities on the faces and edges of the box.  The error of means and covariances
+    is below 1e-7 of the component's spread at condition numbers up to 100.  They are nan or inf if
+    the mass is nearly 0.  Sources: Tallis (1961); Manjunath and Wilhelm (2012), eqs. (11) and (16).
 
     Args:
         locations: m, (K, d), d from 1 to 4.

@@ -1,4 +1,4 @@
-"""Takes a truncated mixture and returns the distribution of one variable given others."""
+"""A truncated mixture in; the distribution of one variable given others out."""
 
 from collections.abc import Sequence
 from math import exp
@@ -16,16 +16,18 @@ from harness.model.mixture.tabulated import TabulatedDensity
 _SMALLEST_TOTAL = 1e-7
 """A smaller total probability has too few digits."""
 _LOWEST = 1e-300
+"""Densities are kept above this, so that they have a logarithm."""
 _LOOKS = np.linspace(-1.0, 1.0, 33)
 _NARROWING = 0.2 * 16.0 ** -np.arange(4)
-"""The mode is searched on finer and finer grids around the highest node of a table. Nodes are at
+"""The mode is searched on finer and finer grids around the highest node of a table.  Nodes are at
 most a fifth of the narrowest component's spread apart."""
 _KEPT = 64
 """Number of cached tables, for states that repeat, such as the state at the trigger."""
 _NO_PART, _LOW = 25.0, 7.0
-"""A component whose peak is below e^-25 of another's moves a mode by less than 1e-9. One below e^-7
-adds at most a thousandth to another peak, so no ascent starts from it."""
+"""A component whose peak is below e^-25 of another's moves a mode by less than 1e-9.  One below
+e^-7 adds at most a thousandth to another peak, so no ascent starts from it."""
 _MOST_STEPS = 60
+"""Newton's method ends after so many steps at the latest."""
 _LAST_STEP = 1e-5
 """In spreads: a shorter step is the last one, because Newton's method converges quadratically."""
 
@@ -36,19 +38,19 @@ Normal = tuple[float, float, float, float]
 class Conditional:
     """Distribution of variable ``target`` given the values y of variables ``given``.
 
-    Component k has weight π_k N_k(y)/α_k. Inside its bounds the target is normal with the paper's
-    (a1) and (a2). The other variables are integrated out: the density is multiplied by the
+    Component k has weight π_k N_k(y)/α_k.  Inside its bounds the target is normal with the paper's
+    (a1) and (a2).  The other variables are integrated out: the density is multiplied by the
     probability that they lie inside their bounds.
 
     The methods take y of shape (n, len(given)), with columns in the order of ``given``, and one
-    value per point (n,). A single row of y, or a single value, applies to all points. For y outside
-    its bounds the same formula is evaluated. ``ppf`` and ``mode`` of a point do not depend on the
-    other points of the batch, to the last bit.
+    value per point (n,).  A single row of y, or a single value, applies to all points.  For y
+    outside its bounds the same formula is evaluated.  ``ppf`` and ``mode`` of a point do not depend
+    on the other points of the batch, to the last bit.
 
     Args:
         mixture: the joint distribution, with finite bounds.
         target: index of the target variable.
-        given: indices of the g known variables, in the order of y's columns; may be empty. The r
+        given: indices of the g known variables, in the order of y's columns; may be empty.  The r
             variables that are neither are integrated out.
     """
 
@@ -123,7 +125,7 @@ class Conditional:
         return np.array([self._table(point).cdf(float(value)) for value, point in pairs])
 
     def ppf(self, u: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Inverse of `cdf`: x (n,) inside the bounds with cdf(x, y) = u to 1e-9.
+        """Inverse of ``cdf``: x (n,) inside the bounds with cdf(x, y) = u to 1e-9.
 
         u = 0 and u = 1 give the bounds themselves.
 
@@ -137,7 +139,7 @@ class Conditional:
         return np.array([self.ppf_at(value, point) for value, point in pairs])
 
     def ppf_at(self, u: float, y: FloatArray) -> float:
-        """`ppf` of one u in [0, 1] given one y (g,) of finite numbers."""
+        """``ppf`` of one u in [0, 1] given one y (g,) of finite numbers."""
         if u in (0.0, 1.0):
             return self.upper if u else self.lower
         return self._table(y).ppf(u)
@@ -147,7 +149,7 @@ class Conditional:
         return np.array([self.mode_at(point) for point in _finite(y)])
 
     def mode_at(self, y: FloatArray) -> float:
-        """`mode` given one y (g,) of finite numbers."""
+        """``mode`` given one y (g,) of finite numbers."""
         if not self._rest_lower.size:
             return _highest_point(self._normals(y), self.lower, self.upper)
         given = self._at(y[None])
@@ -249,7 +251,7 @@ def _highest_point(normals: Sequence[Normal], lower: float, upper: float) -> flo
     """Position of the global maximum on [lower, upper] of a sum of normals.
 
     An ascent starts from every mean, clipped to the interval, because in one dimension these
-    ascents reach all peaks of a mixture of normals (Carreira-Perpiñán 2000). The numbers are
+    ascents reach all peaks of a mixture of normals (Carreira-Perpiñán 2000).  The numbers are
     Python's floats, because with a few components arrays would mostly add overhead.
     """
     starts = [min(max(mean, lower), upper) for _, mean, _, _ in normals]

@@ -1,4 +1,4 @@
-"""Takes weights, locations and scale matrices and returns a truncated Gaussian mixture."""
+"""Weights, locations and scale matrices in; a truncated Gaussian mixture out."""
 
 from functools import cached_property
 
@@ -13,16 +13,18 @@ SMALLEST_MASS = 1e-6
 """Smaller masses inside the box have too few digits."""
 
 _MOST_VARIABLES = 4
+"""Probabilities of boxes are known up to this dimension."""
 _MOST_DRAWS = 1_000_000
+"""Number of points that are drawn at once, which limits the memory."""
 
 
 class TruncatedGaussianMixture:
     """Density Σ π_k N(x; m_k, S_k) / α_k inside a box, 0 outside.
 
     α_k is the mass of the untruncated component k inside the box, so π_k is the weight of the
-    truncated component. Locations m_k and scale matrices S_k are those before truncation: m_k is
-    not the mean of the truncated component, and may lie outside the box. With infinite bounds this
-    is an ordinary Gaussian mixture. The object is immutable; its arrays are read-only.
+    truncated component.  Locations m_k and scale matrices S_k are those before truncation: m_k is
+    not the mean of the truncated component, and may lie outside the box.  With infinite bounds this
+    is an ordinary Gaussian mixture.  The object is immutable; its arrays are read-only.
 
     Args:
         weights: (K,), > 0, with a sum of 1 within 1e-6; they are divided by their sum.

@@ -1,4 +1,4 @@
-"""Takes weighted rows inside a box and returns the fitted truncated Gaussian mixture."""
+"""Weighted rows inside a box in; the fitted truncated Gaussian mixture out."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from harness.model.mixture.likelihood import Coordinates, Evaluation, Likelihood
 from harness.model.mixture.normals import Normals, clustered_normals
 
 _WHERE = "fit"
+"""The place in messages."""
 _COLLINEAR = 1e-10
 """Columns are collinear if an eigenvalue of their correlation matrix is below this."""
 _EQUAL = 0.1
@@ -26,7 +27,7 @@ _CLIMBS = 2
 _FIRST_STEPS = 30
 """Quasi-Newton steps before the first new reference of the coordinates."""
 _FAR: Mapping[str, Any] = {"method": "BFGS", "options": {}}
-"""BFGS needs the fewest evaluations far from a maximum. Near it, L-BFGS needs as many, and has no
+"""BFGS needs the fewest evaluations far from a maximum.  Near it, L-BFGS needs as many, and has no
 matrix of all parameters to update."""
 _NEAR: Mapping[str, Any] = {
     "method": "L-BFGS-B",
@@ -40,9 +41,9 @@ class FitResult:
 
     Attributes:
         mixture: the truncated mixture, in the units of the data.
-        converged: whether `gradient_norm` is below `tol`.
+        converged: whether ``gradient_norm`` is below ``tol``.
         gradient_norm: largest component of the final gradient of the penalised log-likelihood, per
-            unit of weight, in `Coordinates`.
+            unit of weight, in ``Coordinates``.
         n_iter: number of steps of the last climb.
         log_likelihood: final weighted log-likelihood without the penalty.
         bic: −2 log_likelihood + p log n with p = K − 1 + K d + K d (d + 1)/2; n is the sum of the
@@ -74,7 +75,7 @@ def fit_mixture(
     """The truncated Gaussian mixture of maximum penalised likelihood, by BFGS and L-BFGS.
 
     The fit maximises Σ w_i log f(x_i) + Σ log α_k, where α_k is the mass of component k inside
-    the box. Without this penalty a location could diverge, with a mass that tends to 0. Scale
+    the box.  Without this penalty a location could diverge, with a mass that tends to 0.  Scale
     matrices have no eigenvalue below ``SCALE_FLOOR``, in columns of unit spread.
 
     The same seed gives the same numbers on one machine with the same versions.
@@ -84,10 +85,10 @@ def fit_mixture(
         n_components: K ≥ 1.
         lower, upper: (d,), may be infinite.
         seed, key: seed of the starts, ≥ 0, and the numbers of this fit among those of the seed.
-        sample_weight: (n,) ≥ 0; by default 1. The sum counts as the number of rows.
-        tol: the fit stops when `gradient_norm` is below this.
-        n_init: number of starts. Each climbs from two clusterings until the gradient is below 1e-4;
-            of all, the one with the highest penalised likelihood goes on.
+        sample_weight: (n,) ≥ 0; by default 1.  The sum counts as the number of rows.
+        tol: the fit stops when ``gradient_norm`` is below this.
+        n_init: number of starts.  Each climbs from two clusterings until the gradient is below
+            1e-4; of all, the one with the highest penalised likelihood goes on.
         max_iter: maximum number of steps of each climb.
         names: names of the columns, for messages.
 
@@ -154,7 +155,7 @@ def climb(
 ) -> list[Climb]:
     """Climb until the gradient is nearly 0; empty if the start has no finite likelihood.
 
-    The coordinates get a new reference whenever the quasi-Newton method ends. Near the maximum its
+    The coordinates get a new reference whenever the quasi-Newton method ends.  Near the maximum its
     line search may fail for rounding; then a step along the gradient is taken, unless the gradient
     doubles.
     """

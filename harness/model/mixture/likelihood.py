@@ -1,6 +1,6 @@
-"""Takes a mixture's parameters and returns its penalised likelihood with the exact gradient.
+"""A mixture's parameters in; its penalised likelihood with the exact gradient out.
 
-Source: Lee and Scott (2012), with the penalty of `fit_mixture`. All columns are standardised to
+Source: Lee and Scott (2012), with the penalty of ``fit_mixture``.  All columns are standardised to
 mean 0 and spread 1.
 """
 
@@ -19,6 +19,7 @@ SCALE_FLOOR = 1e-4
 _LARGEST_EIGENVALUE = 1e8
 """A component beyond this limit diverges, and its moments are noise."""
 _SMALLEST_COUNT = 1e-9
+"""A component counts as having at least so many rows, so none has 0."""
 _ABOVE_FLOOR = 1e-6 * SCALE_FLOOR
 """A scale matrix at its floor is raised by this, so that S − F I has a factor."""
 _FEWEST_ROWS = 1.0
@@ -33,7 +34,7 @@ class Evaluation(NamedTuple):
         objective, log_likelihood: totals over the rows, with and without the penalty.
         counts: number of rows of each component, by responsibility, (K,).
         slopes: gradient of the objective in the logits of the weights (K,), the locations (K, d)
-            and the scale matrices (K, d, d). A symmetric dS changes the objective by
+            and the scale matrices (K, d, d).  A symmetric dS changes the objective by
             Σ_ij g_ij dS_ij.
     """
 
@@ -119,12 +120,12 @@ class Likelihood:
 class Coordinates:
     """A vector z for logits of weights, locations and scale matrices; z = 0 at the reference.
 
-    A quasi-Newton method needs well-scaled coordinates. The units come from each component's Fisher
-    information without bounds; a step along the gradient there is about a step of EM (Xu and Jordan
-    1996). Let N_k be the number of rows of component k, F the floor, and S_k = F I + L_k L_kᵀ at
-    the reference. The vector gives the logits logit + z/√N_k, the locations m_k + L_k z/√N_k, and
-    the factors L_k (I + Z/√N_k) with Z lower triangular. Every z gives scale matrices above the
-    floor.
+    A quasi-Newton method needs well-scaled coordinates.  The units come from each component's
+    Fisher information without bounds; a step along the gradient there is about a step of EM (Xu and
+    Jordan 1996).  Let N_k be the number of rows of component k, F the floor, and S_k = F I + L_k
+    L_kᵀ at the reference.  The vector gives the logits logit + z/√N_k, the locations m_k + L_k
+    z/√N_k, and the factors L_k (I + Z/√N_k) with Z lower triangular.  Every z gives scale matrices
+    above the floor.
     """
 
     def __init__(self, likelihood: Likelihood, reference: Evaluation) -> None:
@@ -167,8 +168,8 @@ class Coordinates:
     def gradient(self) -> tuple[FloatArray, float]:
         """Gradient of the objective at the reference, and its largest component per unit of weight.
 
-        A scale matrix at its floor has no slope in z. The slope with respect to the logarithm of
-        its eigenvalues, in the same units, is used in addition. The number is ≥ 0, and 0 at a
+        A scale matrix at its floor has no slope in z.  The slope with respect to the logarithm of
+        its eigenvalues, in the same units, is used in addition.  The number is ≥ 0, and 0 at a
         maximum.
         """
         values, vectors = np.linalg.eigh(self._reference.normals.scales)
@@ -179,7 +180,7 @@ class Coordinates:
         return gradient, float(largest) / self._likelihood.total
 
     def _gradient(self, z: FloatArray, at: Evaluation) -> FloatArray:
-        """Gradient of the objective in z; `at` is the evaluation there."""
+        """Gradient of the objective in z; ``at`` is the evaluation there."""
         in_logits, in_locations, in_scales = at.slopes
         in_factors = 2.0 * in_scales @ self._factors_at(z)
         back = np.swapaxes(self._factors, 1, 2)

@@ -1,4 +1,4 @@
-"""Takes weighted points and returns normal distributions around their clusters."""
+"""Weighted points in; normal distributions around their clusters out."""
 
 import warnings
 from typing import NamedTuple
@@ -9,11 +9,14 @@ from scipy.cluster.vq import kmeans2, vq
 from harness.core.encounter import FloatArray
 
 _ROUNDS = 10
+"""Rounds of k-means."""
 _MOST_POINTS = 20_000
+"""Number of points that k-means looks at."""
 _PRIOR = 0.1
 """A component's scatter is shrunk to this share of the variances of all points, which weighs as
 much as one point."""
 _NARROWEST = 1e-5
+"""Added to every variance, so that equal points have a covariance."""
 
 
 class Normals(NamedTuple):
@@ -30,14 +33,14 @@ def clustered_normals(
     """One normal distribution for each cluster of weighted points.
 
     The clusters are those of k-means from k-means++ centres (Arthur and Vassilvitskii 2007), for
-    points drawn by their weights, in units of the points' spread. A component has the mean and
-    covariance of its cluster. The covariance is shrunk more if a cluster has few effective points,
+    points drawn by their weights, in units of the points' spread.  A component has the mean and
+    covariance of its cluster.  The covariance is shrunk more if a cluster has few effective points,
     (Σw)²/Σw².
 
     Args:
         points: (n, d), n ≥ 1.
         weights: (n,) > 0.
-        count: K ≥ 1. The weight of a component without points is 0.
+        count: K ≥ 1.  The weight of a component without points is 0.
         rng: generator for the draws and the first centres.
     """
     share = weights / weights.sum()

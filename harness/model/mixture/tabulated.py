@@ -1,4 +1,4 @@
-"""Takes a log density on an interval and returns its distribution function and quantiles.
+"""A log density on an interval in; its distribution function and quantiles out.
 
 The density is interpolated by Chebyshev polynomials on panels (Trefethen, Approximation Theory and
 Approximation Practice, 2013).
@@ -14,18 +14,22 @@ from numpy.polynomial import chebyshev
 from harness.core.encounter import FloatArray
 
 _DEGREE = 15
+"""Degree of the polynomial on each panel."""
 _SPREADS = 2.0
 """With panels of two spreads the interpolation error is 1e-11 of a normal density's peak."""
 _MOST_PANELS = 1000
+"""Number of panels before they are made finer."""
 _FINER, _TOLERANCE = (1, 4, 16, 64), 1e-9
 """Many times more panels are needed where the density is steep, which the last coefficients show.
 """
 _MOST_STEPS = 60
+"""Newton's method ends after so many steps at the latest; bisection alone would need 45."""
 _NODES = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
 _DENSITY = np.linalg.inv(chebyshev.chebvander(_NODES, _DEGREE))
 """Matrices from values at the nodes to coefficients of the density and of its integral from −1."""
 _INTEGRAL = chebyshev.chebint(_DENSITY, lbnd=-1.0)
 _WHOLE, _LAST = _INTEGRAL.sum(axis=0), _DENSITY[-3:].T
+"""From values at the nodes: the integral over the panel, and the last three coefficients."""
 
 
 class TabulatedDensity:
@@ -34,7 +38,7 @@ class TabulatedDensity:
     Args:
         log_density: maps positions (m,) to the log density (m,), up to a constant.
         lower, upper: the finite bounds.
-        spread: that of the narrowest normal component of the density. Components narrower than
+        spread: that of the narrowest normal component of the density.  Components narrower than
             1/2000 of the interval may be missed.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""Takes the tracks of a clip and returns candidate rows: one per pair and sampling instant."""
+"""The tracks of a clip in; candidate rows out, one for each pair and sampling instant."""
 
 import math
 from collections.abc import Iterator
@@ -22,15 +22,16 @@ from harness.model.trajectories.tracks import (
     travel_m,
 )
 
-# Spacing of corners, and length of the chord that gives a direction. They are longer than the
-# recording jitter (about 2 cm in drone video) and shorter than turns of cars or pedestrians.
 VEHICLE_STEP_M, VEHICLE_CHORD_M = 0.5, 2.0
 PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M = 0.25, 1.0
+"""Spacing of corners, and length of the chord that gives a direction.  They are longer than the
+recording jitter (about 2 cm in drone video) and shorter than turns of cars or pedestrians."""
 
 LONG_PAUSE_S = 10.0
+"""A longer pause of a track has no sampling instants."""
 
-# The columns of one pair's candidate rows: arrays of one length, or one value for all of them.
 PairColumns = dict[str, FloatArray | str | float | None]
+"""The columns of one pair's candidate rows: arrays of one length, or one value for all of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +49,8 @@ def candidate_rows(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator
     A pair is a vehicle and a pedestrian whose paths cross.  ``tally`` counts what is left out.
 
     Yields:
-        Frames with ``ROW_COLUMNS``, but R/v and T_adv. A speed is *undefined* (NaN) at a gap in the
-        track, or if the track is shorter than half the speed window.
+        Frames with ``ROW_COLUMNS``, but R/v and T_adv.  A speed is *undefined* (NaN) at a gap in
+        the track, or if the track is shorter than half the speed window.
     """
     walkers = {name: walker_of(track, rules) for name, track in clip.pedestrians.items()}
     tally.drop("tracks", "standing_pedestrian", [*walkers.values()].count(None))
@@ -156,8 +157,8 @@ def rows_of_pair(
     """R and L at the sampling instants, who passed first, and the post-encroachment time.
 
     The vehicle is on the conflict point from R = 0 (front bumper) to R = −length (rear bumper); the
-    pedestrian is a point that passes at L = 0. Who passed first is *undefined* (None) if neither
-    record shows it. The post-encroachment time, between the departure of the first and the arrival
+    pedestrian is a point that passes at L = 0.  Who passed first is *undefined* (None) if neither
+    record shows it.  The post-encroachment time, between the departure of the first and the arrival
     of the second, is also undefined (NaN) if only one of the two passages was recorded, or if the
     pedestrian passed the line while the vehicle stood on it.
 
@@ -195,8 +196,8 @@ def sampling_instants(first: FloatArray, second: FloatArray, sample_s: float) ->
         sample_s: interval, s.
 
     Returns:
-        Increasing times, possibly none. The ends of the common time are included if they are
-        multiples up to rounding. A pause of the first track longer than ``LONG_PAUSE_S`` has no
+        Increasing times, possibly none.  The ends of the common time are included if they are
+        multiples up to rounding.  A pause of the first track longer than ``LONG_PAUSE_S`` has no
         instants, because one wrong time could otherwise cause millions of them.
     """
     pauses = np.flatnonzero(np.diff(first) > LONG_PAUSE_S)

@@ -1,4 +1,4 @@
-"""Takes raw trajectories and returns rows of the model's variables."""
+"""Raw trajectories in; rows of the model's variables, and counts of what was left out, out."""
 
 import json
 import os
@@ -29,6 +29,7 @@ from harness.model.trajectories.tracks import Clip
 
 VEHICLE_KEY = ("source", "clip", "vehicle")
 ENCOUNTER_KEY = (*VEHICLE_KEY, "pedestrian")
+"""The columns that identify a vehicle, and an encounter."""
 EXTRACTION_KEY = b"harness.extraction"
 """Key of the command and the counts in the metadata of a Parquet file of rows."""
 
@@ -41,7 +42,7 @@ class Extraction:
 
     Attributes:
         rows: one row per encounter and sampling instant, with ``ROW_COLUMNS``, sorted by source
-            path, clip, vehicle, pedestrian and time. Missing values are null.
+            path, clip, vehicle, pedestrian and time.  Missing values are null.
         counts: numbers of used and excluded items.
     """
 
@@ -52,13 +53,13 @@ class Extraction:
 def extract(paths: Paths, format_: str, **options: Any) -> Extraction:
     """Read raw data and return the rows of the model's variables.
 
-    A pair is a vehicle and a pedestrian whose paths cross at an allowed angle. The conflict point
-    is the first crossing along the vehicle's path. R is the path length from the front bumper to
-    the conflict point. L is the pedestrian's distance from the line of the vehicle's path there; it
-    is positive before they pass the line. v and v_p are the rates at which R and L decrease. The
-    arrival time is R / v, and the time advantage is T_adv = |R/v − L/v_p| (the paper's section on
-    variables). The ``mobileye`` format takes R, L, v and v_p from the sensor, ``table`` from the
-    file.
+    A pair is a vehicle and a pedestrian whose paths cross at an allowed angle.  The conflict point
+    is the first crossing along the vehicle's path.  R is the path length from the front bumper to
+    the conflict point.  L is the pedestrian's distance from the line of the vehicle's path there;
+    it is positive before they pass the line.  v and v_p are the rates at which R and L decrease.
+    The arrival time is R / v, and the time advantage is T_adv = |R/v − L/v_p| (the paper's section
+    on variables).  The ``mobileye`` format takes R, L, v and v_p from the sensor, ``table`` from
+    the file.
 
     Args:
         paths: files or folders; the format determines which files are read.

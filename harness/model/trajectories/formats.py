@@ -1,27 +1,27 @@
-"""The recorded formats, an entry of ``FORMATS`` each; docs/model.md; tests/data/encounter has each.
+"""Files of recorded trajectories in a format of ``FORMATS`` in; clips, or candidate rows, out.
 
-``vci``: vehicle–crowd interaction files like DUT's (Yang et al. 2019). A clip is a pair of files
+``vci``: vehicle–crowd interaction files like DUT's (Yang et al. 2019).  A clip is a pair of files
 from a fixed camera, with one record per object and video frame, ``<clip>_traj_veh_filtered.csv``
-and ``<clip>_traj_ped_filtered.csv``. Positions are in metres along the image's axes (y down); a
-vehicle's position is its centre. The files ``trajectories/<clip>_traj_veh.csv`` (corner points of
+and ``<clip>_traj_ped_filtered.csv``.  Positions are in metres along the image's axes (y down); a
+vehicle's position is its centre.  The files ``trajectories/<clip>_traj_veh.csv`` (corner points of
 the vehicles in pixels) and ``ratios/<clip>_ratio_pixel2meter.txt`` (pixels per metre) beside
-``trajectories_filtered`` are optional; they give each vehicle's length. If only the unfiltered
+``trajectories_filtered`` are optional; they give each vehicle's length.  If only the unfiltered
 pedestrians of a clip were published (``trajectories/<clip>_traj_ped.csv``, in pixels), they are
 used with the same ratio, and the counts mention it.
 
-``mobileye``: the paper's sensor, MobilEye and GPS on buses. A record belongs to a bus, an instant
-and an obstacle. A pedestrian's position is the position of the bus plus Range along its heading and
-Transversal to its left (left is positive in the authors' scripts). Positions are metres in axes
-around the crosswalk, turned by −46.5° from east and north. Buses at the paper's crosswalk drive
-along −x, and y is across the road. R is the sensor's Range. L is the distance across the road from
-the pedestrian to the bus, in walking direction. v is the bus's Speed. v_p = (last − first position
-across the road) / duration, one value per sequence. The two paths need not cross within the record.
-At long range (beyond about 15 m in the events published by the authors' lab) the bus's yaw
-dominates the sensor's lateral rate; a model's card should mention this.
+``mobileye``: the paper's sensor, MobilEye and GPS on buses.  A record belongs to a bus, an instant
+and an obstacle.  A pedestrian's position is the position of the bus plus Range along its heading
+and Transversal to its left (left is positive in the authors' scripts).  Positions are metres in
+axes around the crosswalk, turned by −46.5° from east and north.  Buses at the paper's crosswalk
+drive along −x, and y is across the road.  R is the sensor's Range.  L is the distance across the
+road from the pedestrian to the bus, in walking direction.  v is the bus's Speed.  v_p = (last −
+first position across the road) / duration, one value per sequence.  The two paths need not cross
+within the record.  At long range (beyond about 15 m in the events published by the authors' lab)
+the bus's yaw dominates the sensor's lateral rate; a model's card should mention this.
 
 ``table``: the user's own rows, one per encounter and instant, in SI units, with the names of
-``ROW_COLUMNS``. R, v, v_p and one of T_adv and L are needed; T_adv follows from L where that is
-given. Rows without identifiers cannot be weighed by encounter or vehicle. They are not resampled.
+``ROW_COLUMNS``.  R, v, v_p and one of T_adv and L are needed; T_adv follows from L where that is
+given.  Rows without identifiers cannot be weighed by encounter or vehicle.  They are not resampled.
 """
 
 import math
@@ -75,14 +75,19 @@ MOBILEYE: Columns = {
     "vehicle_speed_mps": ("Speed", 1.0), "heading_deg": ("GpsHeading", 1.0),
     "longitude_deg": ("Longitude", 1.0), "latitude_deg": ("Latitude", 1.0),
 }  # fmt: skip
+"""The columns of the paper's sensor; its times are in hundredths of a second."""
 
 OWN_ROWS: Columns = {
     name: (name, 1.0) for name in ("range_m", "vehicle_speed_mps", "pedestrian_speed_mps")
 }
+"""The columns that a table of rows needs, besides T_adv or L."""
 
 VEHICLE_END = "_traj_veh_filtered.csv"
+"""How the name of a clip's file of vehicles ends."""
 SMALLEST_RATIO, LARGEST_RATIO = 0.01, 1e5
+"""Bounds of a clip's pixels per metre; any other ratio is an error."""
 EARTH_RADIUS_M = 6_371_000.0
+"""Mean radius of the Earth."""
 
 
 class File(NamedTuple):

@@ -16,13 +16,12 @@ ROW_COLUMNS = (
     "vehicle_speed_mps", "pedestrian_speed_mps", "arrival_time_s", "time_advantage_s",
     "crossing_angle_deg", "passed_first", "pet_s", "track",
 )  # fmt: skip
+"""The columns of rows, in their order."""
 TEXT_COLUMNS = ("source", "clip", "vehicle", "pedestrian", "passed_first", "track")
+"""Those of text; the others are numbers."""
 
 Level = Literal["records", "tracks", "pairs", "candidates"]
 
-# Every reason for leaving something out, in the order in which it is checked. A dropped item
-# counts under the first reason that applies, so the counts of one level add up. The reasons of
-# candidates are bounds of ``ExtractionRules``, of the column whose name follows.
 REASONS: Mapping[Level, Mapping[str, str]] = {
     "records": {
         "missing_value": "a needed cell is empty, NaN or infinite",
@@ -54,6 +53,9 @@ REASONS: Mapping[Level, Mapping[str, str]] = {
         "min_time_advantage_s": "T_adv below its minimum, or unknown",
     },
 }
+"""Every reason for leaving something out, in the order in which it is checked.  A dropped item
+counts under the first reason that applies, so the counts of one level add up.  The reasons of
+candidates are bounds of ``ExtractionRules``, of the column whose name follows."""
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]

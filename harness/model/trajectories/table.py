@@ -11,8 +11,8 @@ import pyarrow as pa
 from harness.core.errors import InputError
 from harness.model.trajectories.rules import Tally
 
-# Larger coordinates, speeds and times are errors, and would overflow later.
 _LARGEST_NUMBER = 1e12
+"""Larger coordinates, speeds and times are errors, and would overflow later."""
 
 Columns = Mapping[str, tuple[str, float]]
 """Name here → name in the file, and by what its numbers are divided to have SI units."""

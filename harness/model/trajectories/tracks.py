@@ -1,10 +1,10 @@
 """Tracks of vehicles and pedestrians that were recorded together, their fingerprints and paths.
 
 A fingerprint is the hash of the track's mean position over the first and over the second half of
-its time, in cells of 1 mm. These four numbers do not depend on names, the order of the records, the
-origin of the clock or the frame rate. Noise below 1 mm changes each number by at most one cell, so
-a search for a track covers its own cell and the neighbouring cells. Positions cannot be recovered
-from a hash.
+its time, in cells of 1 mm.  These four numbers do not depend on names, the order of the records,
+the origin of the clock or the frame rate.  Noise below 1 mm changes each number by at most one
+cell, so a search for a track covers its own cell and the neighbouring cells.  Positions cannot be
+recovered from a hash.
 """
 
 import hashlib
@@ -18,8 +18,11 @@ from numpy.typing import NDArray
 from harness.core.encounter import FloatArray
 
 _CELLS_PER_M = 1000.0
+"""A fingerprint is of cells of 1 mm."""
 _INSTANTS = 200
+"""Number of instants over which the two mean positions are taken."""
 _DIGITS = 16
+"""Hexadecimal digits of a fingerprint."""
 
 
 def read_only(values: FloatArray) -> FloatArray:
@@ -196,7 +199,7 @@ def build_path(
 def arc_of_records(path: TravelPath, position_m: FloatArray) -> FloatArray:
     """(n,) path length of every record of the path's own track.
 
-    A record is projected onto the nearest of the pieces that are next to it in time. It therefore
+    A record is projected onto the nearest of the pieces that are next to it in time.  It therefore
     stays on its own branch if the path returns near itself.
     """
     pieces = np.diff(path.points, axis=0)
@@ -220,7 +223,7 @@ def first_crossing(path: TravelPath, other: TravelPath) -> tuple[float, float] |
     """The first point along ``path`` at which it crosses ``other``.
 
     Returns:
-        Path lengths on ``path`` and on ``other``; None if they have no common point. Pieces that
+        Path lengths on ``path`` and on ``other``; None if they have no common point.  Pieces that
         overlap are parallel and do not count.
     """
     a, b = np.diff(path.points, axis=0), np.diff(other.points, axis=0)

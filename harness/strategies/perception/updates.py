@@ -1,4 +1,4 @@
-"""Perception errors (docs/strategies.md); keys in sections.py, used by perception, people_at."""
+"""The ground truth at every step in; what a sensor with delays and errors shows of it out."""
 
 import math
 from collections import deque
