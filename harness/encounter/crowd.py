@@ -66,48 +66,48 @@ class Crowd:
         self._kerb_m = {Side.NEAR: 0.0, Side.FAR: rules.crossing.length_m}
         self._look_back = look_back
 
-    def begin_step(self, now: float) -> None:
+    def begin_step(self, now_s: float) -> None:
         """Let waiting pedestrians look again; remove everybody who reached the other kerb."""
         finished = []
         blockers: dict[float, Approaching | None] = {}  # by the gap that a pedestrian needs
         coming: list[Threat] | None = None
         for walker in self.walkers:
-            if walker.due_s <= now:
+            if walker.due_s <= now_s:
                 if walker.start_s is not None:
                     finished.append(walker)
                     continue
                 if walker.arrival.threshold_s is not None:
                     if coming is None:
                         coming = threats(self._lanes, 0.0, self._rules.pedestrians.threshold)
-                    self._weigh(walker, now, self._threat(walker, coming, 0.0))
+                    self._weigh(walker, now_s, self._threat(walker, coming, 0.0))
                     continue
                 wait_s = self._wait_s(walker)
                 if wait_s not in blockers:
                     blockers[wait_s] = self._blocker(wait_s, 0.0)
-                self._decide(walker, now, 0.0, blockers[wait_s])
+                self._decide(walker, now_s, 0.0, blockers[wait_s])
         for walker in finished:
             self.walkers.remove(walker)
             self._leave(walker.index)
 
-    def advance(self, now: float, then: float) -> None:
+    def advance(self, now_s: float, then_s: float) -> None:
         """Pedestrians who arrive or look again in (now, then] see the vehicles at that time."""
-        while self._next_arrival_s <= then:
+        while self._next_arrival_s <= then_s:
             arrival = self._arrivals[len(self.came)]
             walker = self._walker(arrival)
             self.came.append(walker)
             self.walkers.append(walker)
             coming = len(self.came) < len(self._arrivals)
             self._next_arrival_s = self._arrivals[len(self.came)].arrival_s if coming else math.inf
-            self._admit(walker, arrival.arrival_s - now)
+            self._admit(walker, arrival.arrival_s - now_s)
             self._next_look_s = min(self._next_look_s, walker.look_s)
-            walker.walk_until(then)
-        if self._next_look_s <= then:
+            walker.walk_until(then_s)
+        if self._next_look_s <= then_s:
             for walker in self.walkers:
-                if walker.look_s > then:
+                if walker.look_s > then_s:
                     continue
-                while walker.look_s <= then:
-                    self._look_again(walker, walker.look_s - now)
-                walker.walk_until(then)
+                while walker.look_s <= then_s:
+                    self._look_again(walker, walker.look_s - now_s)
+                walker.walk_until(then_s)
             self._next_look_s = min((walker.look_s for walker in self.walkers), default=math.inf)
         self.next_s = min(self._next_arrival_s, self._next_look_s)
 
@@ -118,9 +118,9 @@ class Crowd:
             seen.append(walker.view())
         return tuple(seen)
 
-    def walk_until(self, then: float) -> list[tuple[int, float]]:
+    def walk_until(self, then_s: float) -> list[tuple[int, float]]:
         """Move all pedestrians on to a time; return the index and y of each."""
-        return [(walker.index, walker.walk_until(then)) for walker in self.walkers]
+        return [(walker.index, walker.walk_until(then_s)) for walker in self.walkers]
 
     def _walker(self, arrival: Arrival) -> Walker:
         crossing, behaviour = self._rules.crossing, self._rules.pedestrians.behaviour
@@ -156,10 +156,10 @@ class Crowd:
             first = lane.first(elapsed_s)
             if first is None:
                 continue
-            x, speed, vehicle = first
-            to_edge = -x - self._half_width_m
-            if keeps_waiting(to_edge, speed, vehicle.acceleration_mps2, wait_s):
-                reaches_s = to_edge / speed if speed > 0 else 0.0
+            x_m, speed_mps, vehicle = first
+            to_edge_m = -x_m - self._half_width_m
+            if keeps_waiting(to_edge_m, speed_mps, vehicle.acceleration_mps2, wait_s):
+                reaches_s = to_edge_m / speed_mps if speed_mps > 0 else 0.0
                 if nearest is None or reaches_s < first_s:
                     nearest, first_s = vehicle, reaches_s
         return nearest
@@ -175,14 +175,14 @@ class Crowd:
             blocker = blocking(coming, threshold_s, kerb_m, speed)
         return blocker
 
-    def _weigh(self, walker: Walker, now: float, blocker: Approaching | None) -> None:
+    def _weigh(self, walker: Walker, now_s: float, blocker: Approaching | None) -> None:
         """Let a pedestrian decide by their threshold; they set off their latency later."""
         if blocker is not None:
             self._blockers.setdefault(walker.index, blocker)
             return
         latency_s = walker.arrival.latency_s
         assert latency_s is not None
-        walker.due_s, walker.look_s = math.inf, now + latency_s
+        walker.due_s, walker.look_s = math.inf, now_s + latency_s
         self._note_look(walker)
 
     def _decide(
@@ -221,16 +221,16 @@ class Crowd:
             blocker = self._blocker(self._rules.pedestrians.kerb_wait_s, elapsed_s)
             self._decide(walker, time_s, elapsed_s, blocker)
             return
-        walked = -math.inf
+        walked_m = -math.inf
         if not self._look_back:
-            walked = abs(walker.walk_until(walker.look_s) - self._kerb_m[walker.side])
-        walker.look(self._first_on_way(walker, walked, elapsed_s))
+            walked_m = abs(walker.walk_until(walker.look_s) - self._kerb_m[walker.side])
+        walker.look(self._first_on_way(walker, walked_m, elapsed_s))
 
     def _first_on_way(self, walker: Walker, walked_m: float, elapsed_s: float) -> Seen | None:
         """The first vehicle ahead; lanes within ``walked_m`` of the kerb are left out."""
         for lane in self._on_way[walker.side]:
-            across = abs(lane.centre_m - self._kerb_m[walker.side])
-            first = lane.first(elapsed_s) if across > walked_m else None
+            across_m = abs(lane.centre_m - self._kerb_m[walker.side])
+            first = lane.first(elapsed_s) if across_m > walked_m else None
             if first is not None:
-                return Seen(-first[0], first[1], across, first[2].vehicle)
+                return Seen(-first[0], first[1], across_m, first[2].vehicle)
         return None

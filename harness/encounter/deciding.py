@@ -133,9 +133,9 @@ def threats(lanes: Iterable[KerbLane], elapsed_s: float, weights: ThresholdSecti
     """The next vehicle of each lane whose time to arrival is at least ``passed_s``."""
     coming = []
     for lane in lanes:
-        for x, speed, vehicle in lane.ahead(elapsed_s):
-            if -x >= weights.passed_s * speed - ROUNDING:
-                time_s = effective_time_s(-x, speed, vehicle.acceleration_mps2, weights)
+        for x_m, speed_mps, vehicle in lane.ahead(elapsed_s):
+            if -x_m >= weights.passed_s * speed_mps - ROUNDING:
+                time_s = effective_time_s(-x_m, speed_mps, vehicle.acceleration_mps2, weights)
                 coming.append(Threat(time_s, vehicle, lane.edges_m))
                 break
     return coming

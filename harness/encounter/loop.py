@@ -154,41 +154,41 @@ class Episode:
             StrategyError: the command is not a number.
         """
         rules, engine = self.rules, self.engine
-        vehicle, crossing, step = rules.vehicle, rules.crossing, rules.step_s
-        passed_at = vehicle.length_m + crossing.width_m / 2 - ROUNDING
-        steps = math.ceil(rules.timeout_s / step - ROUNDING)
+        vehicle, crossing, step_s = rules.vehicle, rules.crossing, rules.step_s
+        passed_at_m = vehicle.length_m + crossing.width_m / 2 - ROUNDING
+        steps = math.ceil(rules.timeout_s / step_s - ROUNDING)
         note_x, note_speed = self.x_m.append, self.speed_mps.append
         crowd, ego, driver = self.crowd, self._ego, self._driver
         walkers = crowd.walkers
-        acceleration = 0.0
-        x, speed = engine.begin(self._arrivals)
-        note_x(x)
-        note_speed(speed)
-        ego.at(x, speed, 0.0)
-        actuator = Actuator(vehicle, step, speed)
+        gain_mps2 = 0.0
+        x_m, speed_mps = engine.begin(self._arrivals)
+        note_x(x_m)
+        note_speed(speed_mps)
+        ego.at(x_m, speed_mps, 0.0)
+        actuator = Actuator(vehicle, step_s, speed_mps)
         crowd.advance(0.0, 0.0)
-        then = 0.0
+        then_s = 0.0
         for n in range(1, steps + 1):
-            now, then = then, n * step
+            now_s, then_s = then_s, n * step_s
             for walker in walkers:
-                if walker.due_s <= now:
-                    ego.at(x, speed, acceleration)
-                    crowd.begin_step(now)
+                if walker.due_s <= now_s:
+                    ego.at(x_m, speed_mps, gain_mps2)
+                    crowd.begin_step(now_s)
                     break
-            answer = yield driver.observe(now, -x, speed, acceleration)
-            target = actuator.speed_after(driver.command(answer, now), speed)
-            acceleration = (target - speed) / step
+            answer = yield driver.observe(now_s, -x_m, speed_mps, gain_mps2)
+            target_mps = actuator.speed_after(driver.command(answer, now_s), speed_mps)
+            gain_mps2 = (target_mps - speed_mps) / step_s
             # Pedestrians who arrive within this step see the ego's state at their arrival.
-            if crowd.next_s <= then:
-                ego.at(x, speed, acceleration)
-                crowd.advance(now, then)
+            if crowd.next_s <= then_s:
+                ego.at(x_m, speed_mps, gain_mps2)
+                crowd.advance(now_s, then_s)
             # As ``crowd.walk_until``; a call and a comprehension would take longer here.
             self.places = places = []
             for walker in walkers:
-                places.append((walker.index, walker.walk_until(then)))
-            x, speed = engine.step(target, places), target
-            note_x(x)
-            note_speed(speed)
-            if x >= passed_at:
+                places.append((walker.index, walker.walk_until(then_s)))
+            x_m, speed_mps = engine.step(target_mps, places), target_mps
+            note_x(x_m)
+            note_speed(speed_mps)
+            if x_m >= passed_at_m:
                 return Ending.CROSSED
         return Ending.TIMED_OUT

@@ -66,35 +66,35 @@ class Walker:
         self.seen: Seen | None = None
         self.legs: list[Leg] | None = None
         self.due_s, self.look_s = -math.inf, math.inf
-        self._start, self._base, self._speed, self._progress = 0.0, 0.0, 0.0, 0.0
-        self._length = crossing.length_m
+        self._start_s, self._base_m, self._speed_mps, self._progress_m = 0.0, 0.0, 0.0, 0.0
+        self._length_m = crossing.length_m
         near = self.side is Side.NEAR
-        self._kerb, self._direction = (0.0, 1.0) if near else (crossing.length_m, -1.0)
-        self._to_lane = crossing.to_lane_m(self.side)
+        self._kerb_m, self._direction = (0.0, 1.0) if near else (crossing.length_m, -1.0)
+        self._to_lane_m = crossing.to_lane_m(self.side)
 
     def step_off(self, time_s: float, speed_mps: float, seen: Seen | None) -> None:
         """Leave the kerb at a speed, having seen a vehicle or none."""
-        self._start, self._speed = time_s, speed_mps
+        self._start_s, self._speed_mps = time_s, speed_mps
         self.start_s, self.wanted_mps, self.seen = time_s, speed_mps, seen
-        self.due_s = time_s + self._length / speed_mps
+        self.due_s = time_s + self._length_m / speed_mps
 
     def look(self, seen: Seen | None) -> None:
         """Decide again at ``look_s``; a steady walker never does."""
 
     def walk_until(self, time_s: float) -> float:
         """Move on to a time and return y; the speed is 0 while they wait."""
-        self._progress = self._base + self._speed * (time_s - self._start)
-        if self._progress > self._length:
-            self._progress = self._length
-        return self._kerb + self._direction * self._progress
+        self._progress_m = self._base_m + self._speed_mps * (time_s - self._start_s)
+        if self._progress_m > self._length_m:
+            self._progress_m = self._length_m
+        return self._kerb_m + self._direction * self._progress_m
 
     def view(self) -> PedestrianView:
         """The pedestrian as a strategy sees them now."""
-        progress, speed = self._progress, self._speed
-        to_lane, remaining = self._to_lane - progress, self._length - progress
+        walked_m, speed_mps = self._progress_m, self._speed_mps
+        lane_m, rest_m = self._to_lane_m - walked_m, self._length_m - walked_m
         # A path may begin before the kerb.
-        on = self.start_s is not None and progress >= 0
-        return quick_tuple(PedestrianView, (self.index, self.side, to_lane, remaining, speed, on))
+        on = self.start_s is not None and walked_m >= 0
+        return quick_tuple(PedestrianView, (self.index, self.side, lane_m, rest_m, speed_mps, on))
 
     @property
     def walk(self) -> Walk:
@@ -113,7 +113,7 @@ class TimedWalker(Walker):
         self._crossing, self._path = crossing, arrival.path
         self._leg = 0
         self.look_s, self.due_s = self._path[0].time_s, math.inf
-        self._progress = self._along(self._path[0].y_m)
+        self._progress_m = self._along(self._path[0].y_m)
 
     def look(self, seen: Seen | None) -> None:
         """Start on the path; the vehicle that they see is recorded and changes nothing."""
@@ -134,13 +134,13 @@ class TimedWalker(Walker):
             self._leg, leg = number, path[number]
             walked_s = time_s - leg.time_s
             y = leg.y_m + leg.y_mps * walked_s + leg.y_mps2 * walked_s**2 / 2
-            self._progress = min(self._along(y), self._length)
+            self._progress_m = min(self._along(y), self._length_m)
             # A pedestrian who steps back is shown with speed 0.
-            self._speed = max(0.0, self._direction * (leg.y_mps + leg.y_mps2 * walked_s))
-        return self._kerb + self._direction * self._progress
+            self._speed_mps = max(0.0, self._direction * (leg.y_mps + leg.y_mps2 * walked_s))
+        return self._kerb_m + self._direction * self._progress_m
 
     def _along(self, y_m: float) -> float:
-        return self._direction * (y_m - self._kerb)
+        return self._direction * (y_m - self._kerb_m)
 
 
 class ReactiveWalker(Walker):
@@ -165,34 +165,34 @@ class ReactiveWalker(Walker):
         now = self.look_s
         self.look_s = now + LOOK_EVERY_S
         self.walk_until(now)
-        if self._progress >= self._length:
+        if self._progress_m >= self._length_m:
             self.look_s = math.inf
             return
         speed = chosen_speed(self._choose, self.arrival, seen)
         if seen is not None and self._must_stop(speed, seen):
             speed = 0.0
-        if speed == self._speed:
+        if speed == self._speed_mps:
             return
-        self._start, self._base, self._speed = now, self._progress, speed
-        self.due_s = now + (self._length - self._base) / speed if speed else math.inf
+        self._start_s, self._base_m, self._speed_mps = now, self._progress_m, speed
+        self.due_s = now + (self._length_m - self._base_m) / speed if speed else math.inf
         self._note_leg()
 
     def _note_leg(self) -> None:
-        y = self._kerb + self._direction * self._base
-        leg = Leg(self._start, 0.0, y, 0.0, self._direction * self._speed, 0.0)
+        y = self._kerb_m + self._direction * self._base_m
+        leg = Leg(self._start_s, 0.0, y, 0.0, self._direction * self._speed_mps, 0.0)
         self.legs = [*(self.legs or ()), leg]
 
     def _must_stop(self, speed_mps: float, seen: Seen) -> bool:
-        half = seen.vehicle.width_m / 2
-        if seen.to_lane_m - self._progress <= half + PEDESTRIAN_RADIUS_M:
+        half_m = seen.vehicle.width_m / 2
+        if seen.to_lane_m - self._progress_m <= half_m + PEDESTRIAN_RADIUS_M:
             return False
-        y = self._kerb + self._direction * self._progress
-        lane = self._kerb + self._direction * seen.to_lane_m
+        y_m = self._kerb_m + self._direction * self._progress_m
+        lane_y_m = self._kerb_m + self._direction * seen.to_lane_m
         course = time_to_collision_s(
             np.array([seen.range_m]),
-            np.array([y]),
+            np.array([y_m]),
             np.array([-seen.speed_mps]),
             np.array([self._direction * speed_mps]),
-            (seen.vehicle.length_m, lane - half, lane + half),
+            (seen.vehicle.length_m, lane_y_m - half_m, lane_y_m + half_m),
         )
         return bool(np.isfinite(course[0]))

@@ -21,11 +21,11 @@ class PlainEngine:
     def __init__(self, vehicle: Vehicle, step_s: float) -> None:
         self._start = (-vehicle.trigger_range_m, vehicle.initial_speed_mps)
         self._step_s, self.closed = step_s, False
-        self._x, self._speed = self._start
+        self._x_m, self._speed_mps = self._start
 
     def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:  # noqa: ARG002
         """See ``Engine.begin``."""
-        self._x, self._speed = self._start
+        self._x_m, self._speed_mps = self._start
         return self._start
 
     def step(
@@ -34,9 +34,9 @@ class PlainEngine:
         pedestrians: Sequence[tuple[int, float]],  # noqa: ARG002
     ) -> float:
         """See ``Engine.step``."""
-        self._x += (self._speed + speed_mps) / 2 * self._step_s
-        self._speed = speed_mps
-        return self._x
+        self._x_m += (self._speed_mps + speed_mps) / 2 * self._step_s
+        self._speed_mps = speed_mps
+        return self._x_m
 
     def remove(self, index: int) -> None:
         """See ``Engine.remove``; this engine keeps no pedestrians."""

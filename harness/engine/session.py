@@ -303,9 +303,9 @@ class Session:
         asked = (of.getLength, of.getWidth, of.getAccel, of.getDecel, of.getMaxSpeed)
         return {name: VehicleType(*(each(name) for each in asked)) for name in of.getIDList()}
 
-    def look(self, x: float, y: float, reach_m: float) -> None:
+    def look(self, x_m: float, y_m: float, reach_m: float) -> None:
         """Show a square of the network in the window."""
-        self._api.gui.setBoundary(_VIEW, x - reach_m, y - reach_m, x + reach_m, y + reach_m)
+        self._api.gui.setBoundary(_VIEW, x_m - reach_m, y_m - reach_m, x_m + reach_m, y_m + reach_m)
 
     def screenshot(self, file: Path, width: int, height: int) -> None:
         """Order a picture of the window at the end of the next step."""

@@ -24,9 +24,9 @@ from harness.measures.motion.contact import time_to_collision_s
 from harness.measures.steps import Legs, Rows, legs_in, rows_of
 
 _ARRAYS = (
-    *("ttc_s", "crashed", "pass_time_s", "pass_time_ignoring_contact_s", "end_s"),
-    "steps",
-)
+    "ttc_s", "crashed", "pass_time_s", "pass_time_ignoring_contact_s", "end_s", "steps",
+)  # fmt: skip
+"""The arrays of a chunk, which are read-only."""
 
 
 @dataclass(frozen=True)

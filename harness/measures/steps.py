@@ -1,7 +1,7 @@
 """Traces in; the states of ego and pedestrians at every step out.
 
-This module and ``avoidable`` know the form of a walk: straight legs with constant velocity
-along the road and constant acceleration across it.
+A walk is straight legs with constant velocity along the road and constant acceleration across it;
+``avoidable`` and ``motion/walking`` rely on this form too.
 """
 
 from collections.abc import Sequence

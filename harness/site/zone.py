@@ -120,13 +120,13 @@ def zone_of(path: FrontPath, crosswalk: Crosswalk, length_m: float, width_m: flo
     return Zone(first_m, centre_m, last_m, to_m - from_m, crossing, reverse, split)
 
 
-def _border(touches: _Touches, outside: float, inside: float) -> float:
+def _border(touches: _Touches, outside_m: float, inside_m: float) -> float:
     """s between two samples at which the body begins, or ceases, to touch."""
     for _ in range(_REFINEMENTS):
-        grid = np.linspace(outside, inside, 33)
-        first = int(np.argmax(touches(grid)))
-        outside, inside = grid[max(first - 1, 0)], grid[first]
-    return float(inside)
+        grid_m = np.linspace(outside_m, inside_m, 33)
+        first = int(np.argmax(touches(grid_m)))
+        outside_m, inside_m = grid_m[max(first - 1, 0)], grid_m[first]
+    return float(inside_m)
 
 
 def _covered(outlines: FloatArray, crosswalk: Crosswalk) -> tuple[float, float]:

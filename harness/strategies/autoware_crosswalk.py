@@ -58,26 +58,28 @@ class AutowareCrosswalk:
 
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²."""
-        wanted = resume(observation)
-        yields = [each for each in observation.pedestrians if self._yields(observation, each)]
-        if yields:
-            wanted = min(wanted, _stop(observation, wanted))
+        wanted_mps2 = resume(observation)
+        stands_s = self._note_standing(None, observation.ego.speed_mps, observation.time_s)
+        stood = stands_s is not None and stands_s >= _STILL_S - ROUNDING
+        # Every step moves the memory of everybody, also of those after the first to stop for.
+        stops = [self._note_decision(observation, each, stood) for each in observation.pedestrians]
+        if any(stops):
+            wanted_mps2 = min(wanted_mps2, _stop(observation, wanted_mps2))
         if self._brake is not None:
-            wanted = min(wanted, self._brake.decide(observation))
-        return wanted
+            wanted_mps2 = min(wanted_mps2, self._brake.decide(observation))
+        return wanted_mps2
 
-    def _yields(self, observation: Observation, person: PedestrianView) -> bool:
-        """Whether the rule wants to stop for somebody."""
-        ego, half = observation.ego, half_path_width_m(observation.vehicle)
+    def _note_decision(self, observation: Observation, person: PedestrianView, stood: bool) -> bool:
+        """Whether the rule stops for somebody, given whether the ego has stood for 1 s."""
+        ego, half_m = observation.ego, half_path_width_m(observation.vehicle)
         behind_kerb_m = max(0.0, person.remaining_m - observation.crossing.length_m)
-        ego_stands_s = self._stands_s(None, ego.speed_mps, observation.time_s)
-        stands_s = self._stands_s(person.index, person.speed_mps, observation.time_s)
-        if ego.range_m <= 0 or person.lateral_m < -half:
+        stands_s = self._note_standing(person.index, person.speed_mps, observation.time_s)
+        if ego.range_m <= 0 or person.lateral_m < -half_m:
             return False
         if stands_s is not None:
             if behind_kerb_m > AT_KERB_M:
                 return False
-            if ego_stands_s is not None and min(stands_s, ego_stands_s) >= _STILL_S - ROUNDING:
+            if stood and stands_s >= _STILL_S - ROUNDING:
                 return False
         ttc_s = ego.range_m / max(ego.speed_mps, _LEAST_EGO_MPS)
         ttv_s = max(0.0, person.lateral_m) / max(person.speed_mps, _LEAST_PERSON_MPS)
@@ -88,7 +90,7 @@ class AutowareCrosswalk:
         self._yields_to[person.index] = not (first or later)
         return self._yields_to[person.index]
 
-    def _stands_s(self, who: int | None, speed_mps: float, now_s: float) -> float | None:
+    def _note_standing(self, who: int | None, speed_mps: float, now_s: float) -> float | None:
         """How long somebody has stood, or the ego (None), in s; None if they move."""
         if speed_mps >= (_STILL_MPS if who is not None else ROUNDING):
             self._stand_since_s.pop(who, None)

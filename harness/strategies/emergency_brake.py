@@ -47,9 +47,7 @@ class EmergencyBrake:
                 if near or (known and _in_or_before_path(pedestrian, half_m)):
                     threats.add(pedestrian.index)
         self._braking_for = threats
-        if threats:
-            return full_braking(observation)
-        return resume(observation)
+        return full_braking(observation) if threats else resume(observation)
 
 
 def _ttc_s(observation: Observation, pedestrian: PedestrianView, half_path_m: float) -> float:

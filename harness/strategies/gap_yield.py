@@ -71,14 +71,14 @@ class GapYield:
 
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²."""
-        go = _within_stopping(observation, resume(observation))
+        go_mps2 = _within_stopping(observation, resume(observation))
         if self._yield_to_waiting and anybody_waits(observation) and can_stop_at_line(observation):
-            return min(go, stop_at_line(observation))
+            return min(go_mps2, stop_at_line(observation))
         people = _people(observation)
         if not people or observation.ego.range_m <= PEDESTRIAN_RADIUS_M + ROUNDING:
-            return go
+            return go_mps2
         until_s = _lane_free_s(observation, people, self._critical_gap_s)
-        return go if until_s is None else min(go, _yield(observation, until_s, go))
+        return go_mps2 if until_s is None else min(go_mps2, _yield(observation, until_s, go_mps2))
 
 
 class _Person(NamedTuple):
@@ -90,12 +90,12 @@ class _Person(NamedTuple):
 
 def _people(observation: Observation) -> list[_Person]:
     """All pedestrians on the crossing who are or will be in the ego's lane."""
-    half = half_path_width_m(observation.vehicle)
+    half_m = half_path_width_m(observation.vehicle)
     people = []
     for pedestrian in observation.pedestrians:
         if not pedestrian.on_crossing:
             continue
-        enters_s, leaves_s = time_in_path_s(pedestrian, half)
+        enters_s, leaves_s = time_in_path_s(pedestrian, half_m)
         if pedestrian.speed_mps > 0:
             leaves_s = lane_free_in_s(observation, pedestrian)
         if leaves_s > 0 and enters_s < math.inf:
@@ -110,8 +110,8 @@ def _lane_free_s(
     ego = observation.ego
     to_edge_m = _to_edge_m(observation)
     needed_s = critical_gap_s if to_edge_m > 0 else min(0.0, critical_gap_s)
-    at_edge_s, speed = _run_up(observation, max(0.0, to_edge_m), ego.speed_mps)
-    clear_s = at_edge_s + _passage_s(observation, min(0.0, to_edge_m), speed)
+    at_edge_s, speed_mps = _run_up(observation, max(0.0, to_edge_m), ego.speed_mps)
+    clear_s = at_edge_s + _passage_s(observation, min(0.0, to_edge_m), speed_mps)
     until_s = None
     while True:
         # A pedestrian who leaves within this step does not count.
@@ -131,48 +131,48 @@ def _arrival_speed_mps(observation: Observation, until_s: float) -> float:
     """Speed at the near edge if it gets there in ``until_s``, by rolling or after a stop."""
     ego, crossing = observation.ego, observation.crossing
     to_edge_m = max(0.0, _to_edge_m(observation))
-    rolling = 2 * to_edge_m / until_s - ego.speed_mps
-    if rolling >= ROLLING_MPS:
-        return rolling
-    start = min(to_edge_m, crossing.stop_line_m - crossing.width_m / 2)
-    return math.sqrt(2 * observation.vehicle.resume_acceleration_mps2 * start)
+    rolling_mps = 2 * to_edge_m / until_s - ego.speed_mps
+    if rolling_mps >= ROLLING_MPS:
+        return rolling_mps
+    start_m = min(to_edge_m, crossing.stop_line_m - crossing.width_m / 2)
+    return math.sqrt(2 * observation.vehicle.resume_acceleration_mps2 * start_m)
 
 
-def _yield(observation: Observation, until_s: float, go: float) -> float:
-    """The acceleration for reaching the near edge in ``until_s`` or for a stop, else ``go``."""
+def _yield(observation: Observation, until_s: float, go_mps2: float) -> float:
+    """The acceleration that reaches the near edge in ``until_s``, or stops; else ``go_mps2``."""
     ego, to_edge_m = observation.ego, _to_edge_m(observation)
     if ego.speed_mps <= ROUNDING:
         # The ego stands; a stop may leave 1e-17 m/s, which must not count as rolling.
         return 0.0
     if 2 * to_edge_m / until_s - ego.speed_mps >= ROLLING_MPS:
-        rolling = 2 * (to_edge_m - ego.speed_mps * until_s) / until_s**2
-        if rolling >= -observation.vehicle.max_deceleration_mps2:
-            return rolling
+        rolling_mps2 = 2 * (to_edge_m - ego.speed_mps * until_s) / until_s**2
+        if rolling_mps2 >= -observation.vehicle.max_deceleration_mps2:
+            return rolling_mps2
     for range_m in (observation.crossing.stop_line_m, CLEARANCE_M):
-        wanted = stop_at(observation, range_m)
-        if wanted is not None:
-            return wanted
-    return full_braking(observation) if can_stop_before_disc(observation) else go
+        stopping_mps2 = stop_at(observation, range_m)
+        if stopping_mps2 is not None:
+            return stopping_mps2
+    return full_braking(observation) if can_stop_before_disc(observation) else go_mps2
 
 
-def _within_stopping(observation: Observation, wanted: float) -> float:
-    """``wanted``, limited so that the ego can slow down to v_e before the edge.
+def _within_stopping(observation: Observation, wanted_mps2: float) -> float:
+    """``wanted_mps2``, limited so that the ego can slow down to v_e before the edge.
 
     The speed v' after this step solves v'² = v_e² + 2 a (s − (v + v') step/2), with a = 3 m/s² or
     the vehicle's maximum if that is less.  An ego that can stop at the edge can then stop at every
     step before it.
     """
-    speed, step = observation.ego.speed_mps, observation.step_s
+    speed_mps, step_s = observation.ego.speed_mps, observation.step_s
     to_edge_m = _to_edge_m(observation)
     if to_edge_m <= 0:
-        return wanted
+        return wanted_mps2
     slowing_mps2 = _slowing_mps2(observation)
-    half, left = slowing_mps2 * step / 2, to_edge_m - speed * step / 2
-    squared = half**2 + 2 * slowing_mps2 * left
-    if (speed + wanted * step + half) ** 2 < squared:
-        return wanted  # far away even v_e = 0 limits nothing
+    half_mps, left_m = slowing_mps2 * step_s / 2, to_edge_m - speed_mps * step_s / 2
+    squared = half_mps**2 + 2 * slowing_mps2 * left_m
+    if (speed_mps + wanted_mps2 * step_s + half_mps) ** 2 < squared:
+        return wanted_mps2  # far away even v_e = 0 limits nothing
     squared += _edge_speed_mps(observation) ** 2
-    return min(wanted, (math.sqrt(max(0.0, squared)) - half - speed) / step)
+    return min(wanted_mps2, (math.sqrt(max(0.0, squared)) - half_mps - speed_mps) / step_s)
 
 
 def _to_edge_m(observation: Observation) -> float:
@@ -183,9 +183,9 @@ def _to_edge_m(observation: Observation) -> float:
 
 def _edge_speed_mps(observation: Observation) -> float:
     """v_e: the speed at the near edge from which the ego can still stop one step later."""
-    limit, step = observation.vehicle.max_deceleration_mps2, observation.step_s
-    room = observation.crossing.width_m / 2 - CLEARANCE_M - limit * step**2 / 8
-    return limit * (math.sqrt(step**2 + 2 * max(0.0, room) / limit) - step)
+    limit_mps2, step_s = observation.vehicle.max_deceleration_mps2, observation.step_s
+    room_m = observation.crossing.width_m / 2 - CLEARANCE_M - limit_mps2 * step_s**2 / 8
+    return limit_mps2 * (math.sqrt(step_s**2 + 2 * max(0.0, room_m) / limit_mps2) - step_s)
 
 
 def _slowing_mps2(observation: Observation) -> float:
@@ -196,19 +196,20 @@ def _run_up(observation: Observation, distance_m: float, speed_mps: float) -> tu
     """(time to the near edge, speed there) of the free approach: a0, v0, then down to v_e."""
     slowing_mps2, edge_mps = _slowing_mps2(observation), _edge_speed_mps(observation)
     vehicle = observation.vehicle
-    a0, top = vehicle.resume_acceleration_mps2, vehicle.initial_speed_mps
+    a0_mps2, top_mps = vehicle.resume_acceleration_mps2, vehicle.initial_speed_mps
     # Squared speed at which slowing down has to begin at this distance.
     on_curve = edge_mps**2 + 2 * slowing_mps2 * distance_m
     if speed_mps**2 >= on_curve:
         return 2 * distance_m / (speed_mps + edge_mps) if distance_m > 0 else 0.0, edge_mps
     # Distance after which accelerating with a0 would meet that curve.
-    run = (on_curve - speed_mps**2) / (2 * (a0 + slowing_mps2))
-    if top <= edge_mps or run >= distance_m:
+    run_m = (on_curve - speed_mps**2) / (2 * (a0_mps2 + slowing_mps2))
+    if top_mps <= edge_mps or run_m >= distance_m:
         return speeding_up(observation, distance_m, speed_mps)
-    peak = min(math.sqrt(speed_mps**2 + 2 * a0 * run), top)
-    ramps = (peak**2 - speed_mps**2) / (2 * a0) + (peak**2 - edge_mps**2) / (2 * slowing_mps2)
-    changing_s = (peak - speed_mps) / a0 + (peak - edge_mps) / slowing_mps2
-    return changing_s + (distance_m - ramps) / peak, edge_mps
+    peak_mps = min(math.sqrt(speed_mps**2 + 2 * a0_mps2 * run_m), top_mps)
+    rising_m = (peak_mps**2 - speed_mps**2) / (2 * a0_mps2)
+    falling_m = (peak_mps**2 - edge_mps**2) / (2 * slowing_mps2)
+    changing_s = (peak_mps - speed_mps) / a0_mps2 + (peak_mps - edge_mps) / slowing_mps2
+    return changing_s + (distance_m - (rising_m + falling_m)) / peak_mps, edge_mps
 
 
 def _passage_s(observation: Observation, to_edge_m: float, speed_mps: float) -> float:

@@ -44,15 +44,15 @@ class HumanGmm:
         self._interval_s = decision_interval_s
         self._reading, self._speed = reading, speed
         self._decisions = 0
-        self._held = 0.0
+        self._held_mps2 = 0.0
 
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²; it changes only at whole multiples of Δt."""
         # A step's time and a multiple of Δt may differ in their last bit.
         if observation.time_s >= self._decisions * self._interval_s - ROUNDING:
             self._decisions += 1
-            self._held = self._wanted(observation)
-        return self._held
+            self._held_mps2 = self._wanted(observation)
+        return self._held_mps2
 
     def _wanted(self, observation: Observation) -> float:
         ego, vehicle = observation.ego, observation.vehicle

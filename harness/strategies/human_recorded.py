@@ -66,43 +66,43 @@ class HumanRecorded:
     """The shipped model on whose data its rules and parameters were fitted."""
 
     def __init__(self) -> None:
-        self._since: dict[int, float] = {}
+        self._since_s: dict[int, float] = {}
 
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²."""
-        ego, vehicle, step = observation.ego, observation.vehicle, observation.step_s
-        limit, room = vehicle.max_deceleration_mps2, ego.range_m - _LINE_M
-        pulling = min(PULLING_AWAY_MPS2, vehicle.max_acceleration_mps2)
+        ego, vehicle, step_s = observation.ego, observation.vehicle, observation.step_s
+        limit_mps2, room_m = vehicle.max_deceleration_mps2, ego.range_m - _LINE_M
+        pulling_mps2 = min(PULLING_AWAY_MPS2, vehicle.max_acceleration_mps2)
         people = times_in_path(observation, SPARE_M)
-        if full_braking_distance_m(ego.speed_mps, limit, step) > room + ROUNDING:
+        if full_braking_distance_m(ego.speed_mps, limit_mps2, step_s) > room_m + ROUNDING:
             first = people and ego.range_m > -vehicle.length_m
-            return towards(observation, vehicle.initial_speed_mps, pulling if first else None)
+            return towards(observation, vehicle.initial_speed_mps, pulling_mps2 if first else None)
         counting = [
             person for person in people if person.leaves_s > 0 and person.enters_s <= HORIZON_S
         ]
-        arrives, leaves = times_over_line_s(observation, _LINE_M, pulling)
-        yields = self._yields(observation, counting, arrives)
-        go = resume(observation)
+        arrives_s, leaves_s = times_over_line_s(observation, _LINE_M, pulling_mps2)
+        yields = self._yields(observation, counting, arrives_s)
+        go_mps2 = resume(observation)
         if counting:
-            top = max(ego.speed_mps, min(AMONG_PEOPLE_MPS, vehicle.initial_speed_mps))
-            go = towards(observation, top)
+            top_mps = max(ego.speed_mps, min(AMONG_PEOPLE_MPS, vehicle.initial_speed_mps))
+            go_mps2 = towards(observation, top_mps)
         if not yields and not any(
-            person.leaves_s >= arrives and person.enters_s <= leaves for person in people
+            person.leaves_s >= arrives_s and person.enters_s <= leaves_s for person in people
         ):
-            return go
-        braking = min(limit, YIELDING_MPS2) if yields else limit
-        after = max(0.0, ego.speed_mps + go * step)
-        left = room - (ego.speed_mps + after) / 2 * step
-        if full_braking_distance_m(after, braking, step) <= left:
-            return go
-        return min(go, max(-limit, stop_after(room, ego.speed_mps, step)))
+            return go_mps2
+        braking_mps2 = min(limit_mps2, YIELDING_MPS2) if yields else limit_mps2
+        after_mps = max(0.0, ego.speed_mps + go_mps2 * step_s)
+        left_m = room_m - (ego.speed_mps + after_mps) / 2 * step_s
+        if full_braking_distance_m(after_mps, braking_mps2, step_s) <= left_m:
+            return go_mps2
+        return min(go_mps2, max(-limit_mps2, stop_after(room_m, ego.speed_mps, step_s)))
 
-    def _yields(self, observation: Observation, counting: list[InPath], arrives: float) -> bool:
+    def _yields(self, observation: Observation, counting: list[InPath], arrives_s: float) -> bool:
         """Whether a relevant pedestrian has been in the way for at least the reaction time."""
-        since = {
-            person.index: self._since.get(person.index, observation.time_s)
+        since_s = {
+            person.index: self._since_s.get(person.index, observation.time_s)
             for person in counting
-            if person.enters_s <= max(0.0, arrives - EARLY_S) and person.leaves_s > arrives
+            if person.enters_s <= max(0.0, arrives_s - EARLY_S) and person.leaves_s > arrives_s
         }
-        self._since = since
-        return any(observation.time_s - at >= REACTION_TIME_S - ROUNDING for at in since.values())
+        self._since_s = since_s
+        return any(observation.time_s - at >= REACTION_TIME_S - ROUNDING for at in since_s.values())

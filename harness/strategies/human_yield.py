@@ -97,70 +97,70 @@ class HumanYield:
         """Commanded acceleration in m/s²."""
         if self._reaction_s:
             observation = self._reacted_to(observation)
-        go = resume(observation)
+        go_mps2 = resume(observation)
         passed = observation.ego.range_m <= PEDESTRIAN_RADIUS_M + ROUNDING
         met = [] if passed else _people_met(observation)
         yields = self._yields and not passed and _somebody_to_yield_to(observation)
-        if (yields or met) and can_stop_at_line(observation, self._comfortable_mps2):
-            later = can_stop_at_line(observation, self._comfortable_mps2, observation.step_s, go)
-            return go if later else stop_at_line(observation)
-        return _avoid(observation, met, go) if met else go
+        comfortable_mps2, step_s = self._comfortable_mps2, observation.step_s
+        if (yields or met) and can_stop_at_line(observation, comfortable_mps2):
+            later = can_stop_at_line(observation, comfortable_mps2, step_s, go_mps2)
+            return go_mps2 if later else stop_at_line(observation)
+        return _avoid(observation, met, go_mps2) if met else go_mps2
 
     def _reacted_to(self, observation: Observation) -> Observation:
         """The observation with the pedestrians to whom it reacts by now."""
-        ego, now, step = observation.ego, observation.time_s, observation.step_s
+        ego, now_s, step_s = observation.ego, observation.time_s, observation.step_s
         on_the_brake = ego.speed_mps <= ROUNDING or ego.acceleration_mps2 < -ROUNDING
         # A command lasts for a step, so the reaction ends with one.
-        delay_s = 0.0 if on_the_brake else step * math.ceil(self._reaction_s / step - ROUNDING)
+        delay_s = 0.0 if on_the_brake else step_s * math.ceil(self._reaction_s / step_s - ROUNDING)
         known = []
         for person in observation.pedestrians:
             since_s = self._reacts_s.get(person.index, math.inf)
-            if since_s > now + delay_s + ROUNDING:
+            if since_s > now_s + delay_s + ROUNDING:
                 alone = observation._replace(pedestrians=(person,))
                 if self._may_brake(alone, delay_s):
-                    since_s = self._reacts_s[person.index] = now + delay_s
-            if since_s <= now + ROUNDING:
+                    since_s = self._reacts_s[person.index] = now_s + delay_s
+            if since_s <= now_s + ROUNDING:
                 known.append(person)
         return observation._replace(pedestrians=tuple(known))
 
     def _may_brake(self, observation: Observation, delay_s: float) -> bool:
         """Whether the pedestrians are a reason to brake, if it reacts after a delay."""
         yields = self._yields and _somebody_to_yield_to(observation)
-        if yields and can_stop_at_line(observation, self._comfortable_mps2, delay_s):
-            return True
-        return bool(_people_met(observation))
+        stops = yields and can_stop_at_line(observation, self._comfortable_mps2, delay_s)
+        return stops or bool(_people_met(observation))
 
 
 def _somebody_to_yield_to(observation: Observation) -> bool:
     """Whether a pedestrian waits, or will still be in its lane when it reaches the near edge."""
     crossing = observation.crossing
-    to_edge = max(0.0, observation.ego.range_m - crossing.width_m / 2)
-    at_edge, _ = speeding_up(observation, to_edge, observation.ego.speed_mps)
+    to_edge_m = max(0.0, observation.ego.range_m - crossing.width_m / 2)
+    at_edge_s, _ = speeding_up(observation, to_edge_m, observation.ego.speed_mps)
     return anybody_waits(observation) or any(
-        pedestrian.on_crossing and lane_free_in_s(observation, pedestrian) > at_edge
+        pedestrian.on_crossing and lane_free_in_s(observation, pedestrian) > at_edge_s
         for pedestrian in observation.pedestrians
     )
 
 
 def _people_met(observation: Observation) -> list[InPath]:
     """The pedestrians whom it would meet if it drove on."""
-    arrives, clears = times_over_line_s(observation, CLEARANCE_M)
+    arrives_s, clears_s = times_over_line_s(observation, CLEARANCE_M)
     return [
         person
         for person in times_in_path(observation, CLEARANCE_M - PEDESTRIAN_RADIUS_M)
-        if person.leaves_s >= max(0.0, arrives) and person.enters_s <= clears
+        if person.leaves_s >= max(0.0, arrives_s) and person.enters_s <= clears_s
     ]
 
 
-def _avoid(observation: Observation, met: list[InPath], go: float) -> float:
+def _avoid(observation: Observation, met: list[InPath], go_mps2: float) -> float:
     """Stop before the disc; if that is too late, brake for those in front or drive on."""
-    ego, limit = observation.ego, observation.vehicle.max_deceleration_mps2
-    wanted = stop_at(observation, CLEARANCE_M)
-    if wanted is not None:
-        return wanted
+    ego, limit_mps2 = observation.ego, observation.vehicle.max_deceleration_mps2
+    wanted_mps2 = stop_at(observation, CLEARANCE_M)
+    if wanted_mps2 is not None:
+        return wanted_mps2
     if can_stop_before_disc(observation):
         return full_braking(observation)
-    to_disc = ego.range_m - PEDESTRIAN_RADIUS_M
-    reached = (ego.speed_mps - math.sqrt(max(0.0, ego.speed_mps**2 - 2 * limit * to_disc))) / limit
-    in_front = any(person.enters_s <= reached for person in met)
-    return full_braking(observation) if in_front else go
+    to_disc_m = ego.range_m - PEDESTRIAN_RADIUS_M
+    there_mps = math.sqrt(max(0.0, ego.speed_mps**2 - 2 * limit_mps2 * to_disc_m))
+    in_front = any(person.enters_s <= (ego.speed_mps - there_mps) / limit_mps2 for person in met)
+    return full_braking(observation) if in_front else go_mps2

@@ -30,14 +30,14 @@ def towards(
     observation: Observation, speed_mps: float, acceleration_mps2: float | None = None
 ) -> float:
     """Acceleration in m/s² to a speed: at most the given acceleration (or a0), at least −a0."""
-    limit = observation.vehicle.resume_acceleration_mps2
-    most = limit if acceleration_mps2 is None else acceleration_mps2
-    wanted = (speed_mps - observation.ego.speed_mps) / observation.step_s
-    if wanted > most:
-        return most
-    if wanted < -limit:
-        return -limit
-    return wanted
+    limit_mps2 = observation.vehicle.resume_acceleration_mps2
+    most_mps2 = limit_mps2 if acceleration_mps2 is None else acceleration_mps2
+    wanted_mps2 = (speed_mps - observation.ego.speed_mps) / observation.step_s
+    if wanted_mps2 > most_mps2:
+        return most_mps2
+    if wanted_mps2 < -limit_mps2:
+        return -limit_mps2
+    return wanted_mps2
 
 
 def stop_after(distance_m: float, speed_mps: float, step_s: float) -> float:
@@ -74,8 +74,8 @@ def full_braking_distance_m(speed_mps: float, deceleration_mps2: float, step_s: 
 
 def full_braking(observation: Observation) -> float:
     """Acceleration of the hardest braking in m/s², which ends where the ego stands."""
-    ego, limit = observation.ego, observation.vehicle.max_deceleration_mps2
-    return -min(limit, ego.speed_mps / observation.step_s)
+    ego, limit_mps2 = observation.ego, observation.vehicle.max_deceleration_mps2
+    return -min(limit_mps2, ego.speed_mps / observation.step_s)
 
 
 def stop_at(observation: Observation, range_m: float) -> float | None:
@@ -83,18 +83,18 @@ def stop_at(observation: Observation, range_m: float) -> float | None:
 
     None if the range is behind it or the vehicle's maximum is not enough.
     """
-    limit, speed = observation.vehicle.max_deceleration_mps2, observation.ego.speed_mps
-    distance = observation.ego.range_m - range_m
-    if distance > 0 and speed**2 <= 2 * limit * distance:
-        return max(-limit, stop_after(distance, speed, observation.step_s))
+    limit_mps2, speed_mps = observation.vehicle.max_deceleration_mps2, observation.ego.speed_mps
+    distance_m = observation.ego.range_m - range_m
+    if distance_m > 0 and speed_mps**2 <= 2 * limit_mps2 * distance_m:
+        return max(-limit_mps2, stop_after(distance_m, speed_mps, observation.step_s))
     return None
 
 
 def can_stop_before_disc(observation: Observation) -> bool:
     """Whether full braking stops the ego before a pedestrian on the centre line."""
-    ego, limit = observation.ego, observation.vehicle.max_deceleration_mps2
-    needed = full_braking_distance_m(ego.speed_mps, limit, observation.step_s)
-    return needed < ego.range_m - PEDESTRIAN_RADIUS_M
+    ego, limit_mps2 = observation.ego, observation.vehicle.max_deceleration_mps2
+    needed_m = full_braking_distance_m(ego.speed_mps, limit_mps2, observation.step_s)
+    return needed_m < ego.range_m - PEDESTRIAN_RADIUS_M
 
 
 def clearing_time_s(pedestrian: PedestrianView) -> float:
@@ -116,12 +116,14 @@ def time_in_path_s(pedestrian: PedestrianView, half_path_m: float) -> tuple[floa
         (enters, leaves).  ``enters`` is 0 if they are in the path; ``leaves`` is below 0 if they
         are past it; both are infinite if they stand before it.
     """
-    to_centre, speed = pedestrian.lateral_m, pedestrian.speed_mps
-    if speed > 0:
-        return max(0.0, (to_centre - half_path_m) / speed), (to_centre + half_path_m) / speed
-    if to_centre < -half_path_m:
+    lateral_m, speed_mps = pedestrian.lateral_m, pedestrian.speed_mps
+    if speed_mps > 0:
+        return max(0.0, (lateral_m - half_path_m) / speed_mps), (
+            lateral_m + half_path_m
+        ) / speed_mps
+    if lateral_m < -half_path_m:
         return 0.0, -math.inf
-    return (0.0 if to_centre <= half_path_m else math.inf), math.inf
+    return (0.0 if lateral_m <= half_path_m else math.inf), math.inf
 
 
 class InPath(NamedTuple):
@@ -134,9 +136,9 @@ class InPath(NamedTuple):
 
 def times_in_path(observation: Observation, spare_m: float) -> list[InPath]:
     """When those who walk or are on the crossing are in the path, with space on both sides."""
-    half = half_path_width_m(observation.vehicle) + spare_m
+    half_m = half_path_width_m(observation.vehicle) + spare_m
     return [
-        InPath(pedestrian.index, *time_in_path_s(pedestrian, half))
+        InPath(pedestrian.index, *time_in_path_s(pedestrian, half_m))
         for pedestrian in observation.pedestrians
         if pedestrian.on_crossing or pedestrian.speed_mps > 0
     ]
@@ -165,14 +167,12 @@ def speeding_up(
 
     The acceleration is above 0; None: a0.
     """
-    a0_mps2, top = (
-        observation.vehicle.resume_acceleration_mps2,
-        observation.vehicle.initial_speed_mps,
-    )
-    gain = a0_mps2 if acceleration_mps2 is None else acceleration_mps2
-    reached = max(speed_mps, min(top, math.sqrt(speed_mps**2 + 2 * gain * distance_m)))
-    left = distance_m - (reached**2 - speed_mps**2) / (2 * gain)
-    return (reached - speed_mps) / gain + left / max(top, speed_mps), reached
+    vehicle = observation.vehicle
+    a0_mps2, top_mps = vehicle.resume_acceleration_mps2, vehicle.initial_speed_mps
+    gain_mps2 = a0_mps2 if acceleration_mps2 is None else acceleration_mps2
+    reached_mps = max(speed_mps, min(top_mps, math.sqrt(speed_mps**2 + 2 * gain_mps2 * distance_m)))
+    left_m = distance_m - (reached_mps**2 - speed_mps**2) / (2 * gain_mps2)
+    return (reached_mps - speed_mps) / gain_mps2 + left_m / max(top_mps, speed_mps), reached_mps
 
 
 def times_over_line_s(
@@ -186,28 +186,28 @@ def times_over_line_s(
         acceleration_mps2: its acceleration up to v0; None: a0.
     """
     ego = observation.ego
-    ahead = max(0.0, ego.range_m - spare_m)
-    behind = ego.range_m + spare_m + observation.vehicle.length_m
+    ahead_m = max(0.0, ego.range_m - spare_m)
+    behind_m = ego.range_m + spare_m + observation.vehicle.length_m
     return (
-        speeding_up(observation, ahead, ego.speed_mps, acceleration_mps2)[0],
-        speeding_up(observation, behind, ego.speed_mps, acceleration_mps2)[0],
+        speeding_up(observation, ahead_m, ego.speed_mps, acceleration_mps2)[0],
+        speeding_up(observation, behind_m, ego.speed_mps, acceleration_mps2)[0],
     )
 
 
 def stop_at_line(observation: Observation) -> float:
     """Acceleration of the constant deceleration that stops the ego at the stop line."""
-    speed, step = observation.ego.speed_mps, observation.step_s
-    distance = observation.ego.range_m - observation.crossing.stop_line_m
-    return stop_after(distance, speed, step) if distance > ROUNDING else -speed / step
+    speed_mps, step_s = observation.ego.speed_mps, observation.step_s
+    left_m = observation.ego.range_m - observation.crossing.stop_line_m
+    return stop_after(left_m, speed_mps, step_s) if left_m > ROUNDING else -speed_mps / step_s
 
 
 def anybody_waits(observation: Observation) -> bool:
     """Whether a pedestrian stands at one of the kerbs and is not yet on the crossing."""
-    farthest = observation.crossing.length_m + AT_KERB_M
+    farthest_m = observation.crossing.length_m + AT_KERB_M
     return any(
         not pedestrian.on_crossing
         and pedestrian.speed_mps <= 0
-        and pedestrian.remaining_m <= farthest
+        and pedestrian.remaining_m <= farthest_m
         for pedestrian in observation.pedestrians
     )
 
@@ -231,9 +231,9 @@ def can_stop_at_line(
         at_mps2: acceleration until then.
     """
     ego, crossing = observation.ego, observation.crossing
-    speed = ego.speed_mps + at_mps2 * after_s
-    if speed <= ROUNDING:
+    speed_mps = ego.speed_mps + at_mps2 * after_s
+    if speed_mps <= ROUNDING:
         return ego.range_m > crossing.width_m / 2 + ROUNDING
-    room = ego.range_m - crossing.stop_line_m - (ego.speed_mps + speed) / 2 * after_s
-    limit = min(deceleration_mps2, observation.vehicle.max_deceleration_mps2)
-    return room > 0 and speed**2 <= 2 * limit * room + ROUNDING
+    room_m = ego.range_m - crossing.stop_line_m - (ego.speed_mps + speed_mps) / 2 * after_s
+    limit_mps2 = min(deceleration_mps2, observation.vehicle.max_deceleration_mps2)
+    return room_m > 0 and speed_mps**2 <= 2 * limit_mps2 * room_m + ROUNDING

@@ -198,11 +198,13 @@ def _enters_rectangle(
     return np.where(enter <= leave, enter, np.inf)
 
 
-def _enters_circle(x: FloatArray, y: FloatArray, vx: FloatArray, vy: FloatArray) -> FloatArray:
+def _enters_circle(
+    x_m: FloatArray, y_m: FloatArray, x_mps: FloatArray, y_mps: FloatArray
+) -> FloatArray:
     """First time ≥ 0 at which the point is within the radius of the origin; infinite if never."""
-    a = vx * vx + vy * vy
-    b = x * vx + y * vy
-    c = x * x + y * y - PEDESTRIAN_RADIUS_M**2
+    a = x_mps * x_mps + y_mps * y_mps
+    b = x_m * x_mps + y_m * y_mps
+    c = x_m * x_m + y_m * y_m - PEDESTRIAN_RADIUS_M**2
     discriminant = b * b - a * c
     time = (-b - np.sqrt(discriminant)) / a
     hit = (discriminant >= 0) & (a > 0) & (time >= 0)

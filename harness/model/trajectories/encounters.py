@@ -93,8 +93,8 @@ def _pair_rows(
     vehicle: VehicleTrack, car: Mover, walker: Mover, rules: ExtractionRules, tally: Tally
 ) -> PairColumns | None:
     """R, L and their rates at the sampling instants of a pair; None if it is not an encounter."""
-    times = sampling_instants(vehicle.time_s, walker.track.time_s, rules.sample_s)
-    if len(times) == 0:
+    times_s = sampling_instants(vehicle.time_s, walker.track.time_s, rules.sample_s)
+    if len(times_s) == 0:
         tally.drop("pairs", "no_common_time")
         return None
     crossing = crossing_of(car, walker, rules)
@@ -111,10 +111,10 @@ def _pair_rows(
     lateral_m = (car.path.at(on_car) - walker.track.position_m) @ across
     return {
         **rows_of_pair(
-            times, vehicle.length_m, vehicle.time_s, range_m, walker.track.time_s, lateral_m
+            times_s, vehicle.length_m, vehicle.time_s, range_m, walker.track.time_s, lateral_m
         ),
-        "vehicle_speed_mps": -rate(vehicle.time_s, range_m, times, rules),
-        "pedestrian_speed_mps": -rate(walker.track.time_s, lateral_m, times, rules),
+        "vehicle_speed_mps": -rate(vehicle.time_s, range_m, times_s, rules),
+        "pedestrian_speed_mps": -rate(walker.track.time_s, lateral_m, times_s, rules),
         "crossing_angle_deg": angle,
     }
 
@@ -147,7 +147,7 @@ def angle_deg(driving: FloatArray, walking: FloatArray) -> float:
 
 
 def rows_of_pair(
-    times: FloatArray,
+    times_s: FloatArray,
     length_m: float,
     vehicle_time_s: FloatArray,
     range_m: FloatArray,
@@ -163,7 +163,7 @@ def rows_of_pair(
     pedestrian passed the line while the vehicle stood on it.
 
     Args:
-        times: (n,) the instants.
+        times_s: (n,) the instants.
         length_m: the vehicle's length.
         vehicle_time_s, range_m: R over time.
         pedestrian_time_s, lateral_m: L over time.
@@ -180,19 +180,19 @@ def rows_of_pair(
     if passed_first and left[0] == left[1] <= came[0] == came[1]:
         pet_s = came[0] - left[0]
     return {
-        "time_s": times,
-        "range_m": np.interp(times, vehicle_time_s, range_m),
-        "lateral_m": np.interp(times, pedestrian_time_s, lateral_m),
+        "time_s": times_s,
+        "range_m": np.interp(times_s, vehicle_time_s, range_m),
+        "lateral_m": np.interp(times_s, pedestrian_time_s, lateral_m),
         "passed_first": passed_first,
         "pet_s": pet_s,
     }
 
 
-def sampling_instants(first: FloatArray, second: FloatArray, sample_s: float) -> FloatArray:
+def sampling_instants(first_s: FloatArray, second_s: FloatArray, sample_s: float) -> FloatArray:
     """Multiples of the sampling interval within the common time of two tracks.
 
     Args:
-        first, second: increasing times of the two tracks, s.
+        first_s, second_s: increasing times of the two tracks, s.
         sample_s: interval, s.
 
     Returns:
@@ -200,9 +200,9 @@ def sampling_instants(first: FloatArray, second: FloatArray, sample_s: float) ->
         multiples up to rounding.  A pause of the first track longer than ``LONG_PAUSE_S`` has no
         instants, because one wrong time could otherwise cause millions of them.
     """
-    pauses = np.flatnonzero(np.diff(first) > LONG_PAUSE_S)
-    starts = np.maximum(first[np.concatenate([[0], pauses + 1])], second[0])
-    ends = np.minimum(first[np.concatenate([pauses, [len(first) - 1]])], second[-1])
+    pauses = np.flatnonzero(np.diff(first_s) > LONG_PAUSE_S)
+    starts = np.maximum(first_s[np.concatenate([[0], pauses + 1])], second_s[0])
+    ends = np.minimum(first_s[np.concatenate([pauses, [len(first_s) - 1]])], second_s[-1])
     stretches = []
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
         begin = math.ceil(start / sample_s - ROUNDING)
@@ -213,27 +213,28 @@ def sampling_instants(first: FloatArray, second: FloatArray, sample_s: float) ->
 
 
 def spans_gap(
-    time_s: FloatArray, start: FloatArray, end: FloatArray, max_gap_s: float
+    time_s: FloatArray, begin_s: FloatArray, end_s: FloatArray, max_gap_s: float
 ) -> np.ndarray:
-    """(n,) bool: whether a recording gap longer than ``max_gap_s`` lies within [start, end]."""
+    """(n,) bool: whether a recording gap longer than ``max_gap_s`` lies within [begin, end]."""
     gaps_before = np.concatenate([[0], np.cumsum(np.diff(time_s) > max_gap_s)])
-    left = np.clip(np.searchsorted(time_s, start, side="right") - 1, 0, None)
-    right = np.clip(np.searchsorted(time_s, end, side="left"), None, len(time_s) - 1)
+    left = np.clip(np.searchsorted(time_s, begin_s, side="right") - 1, 0, None)
+    right = np.clip(np.searchsorted(time_s, end_s, side="left"), None, len(time_s) - 1)
     return np.asarray(gaps_before[right] > gaps_before[left])
 
 
 def rate(
-    time_s: FloatArray, value: FloatArray, at: FloatArray, rules: ExtractionRules
+    time_s: FloatArray, value: FloatArray, at_s: FloatArray, rules: ExtractionRules
 ) -> FloatArray:
     """Rate of change over the speed window around each instant, cut at the track's ends.
 
     It is undefined (NaN) across a gap, and if less than half of the window was recorded.
     """
-    half = rules.speed_window_s / 2
-    start, end = np.maximum(at - half, time_s[0]), np.minimum(at + half, time_s[-1])
-    known = (end - start >= half - ROUNDING) & ~spans_gap(time_s, start, end, rules.max_gap_s)
-    change = np.interp(end, time_s, value) - np.interp(start, time_s, value)
-    return np.where(known, change / np.where(known, end - start, 1.0), np.nan)
+    half_s = rules.speed_window_s / 2
+    begin_s, end_s = np.maximum(at_s - half_s, time_s[0]), np.minimum(at_s + half_s, time_s[-1])
+    gap = spans_gap(time_s, begin_s, end_s, rules.max_gap_s)
+    known = (end_s - begin_s >= half_s - ROUNDING) & ~gap
+    change = np.interp(end_s, time_s, value) - np.interp(begin_s, time_s, value)
+    return np.where(known, change / np.where(known, end_s - begin_s, 1.0), np.nan)
 
 
 def _passing(time_s: FloatArray, remaining_m: FloatArray) -> tuple[float, float]:

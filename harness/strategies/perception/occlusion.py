@@ -49,23 +49,23 @@ def is_hidden(eye: Point, centre: Point, obstacles: Sequence[Rectangle]) -> bool
         False
     """
     ahead, across = centre[0] - eye[0], centre[1] - eye[1]
-    distance = math.hypot(ahead, across)
-    if distance <= PEDESTRIAN_RADIUS_M:
+    distance_m = math.hypot(ahead, across)
+    if distance_m <= PEDESTRIAN_RADIUS_M:
         return False
-    bearing = math.atan2(across, ahead)
-    half = math.asin(PEDESTRIAN_RADIUS_M / distance)
+    bearing_rad = math.atan2(across, ahead)
+    half_rad = math.asin(PEDESTRIAN_RADIUS_M / distance_m)
     covered = sorted(
         shadow
         for obstacle in obstacles
         if _is_between(eye, centre, obstacle)
-        for shadow in _shadows(eye, bearing, distance, obstacle)
+        for shadow in _shadows(eye, bearing_rad, distance_m, obstacle)
     )
-    reached = -half
-    for low, high in covered:
-        if low > reached + _ROUNDING_RAD:
+    reached_rad = -half_rad
+    for low_rad, high_rad in covered:
+        if low_rad > reached_rad + _ROUNDING_RAD:
             return False
-        reached = max(reached, high)
-    return reached >= half - _ROUNDING_RAD
+        reached_rad = max(reached_rad, high_rad)
+    return reached_rad >= half_rad - _ROUNDING_RAD
 
 
 def _is_between(eye: Point, centre: Point, obstacle: Rectangle) -> bool:
@@ -94,41 +94,42 @@ def _is_between(eye: Point, centre: Point, obstacle: Rectangle) -> bool:
 
 
 def _shadows(
-    eye: Point, bearing: float, distance_m: float, obstacle: Rectangle
+    eye: Point, bearing_rad: float, distance_m: float, obstacle: Rectangle
 ) -> list[tuple[float, float]]:
     """The angles of the disc that an obstacle hides, relative to the direction to its centre."""
     x_low, x_high = (bound - eye[0] for bound in obstacle[:2])
     y_low, y_high = (bound - eye[1] for bound in obstacle[2:])
-    middle = math.atan2((y_low + y_high) / 2, (x_low + x_high) / 2)
+    mid_rad = math.atan2((y_low + y_high) / 2, (x_low + x_high) / 2)
     # Seen from outside, a rectangle fills less than half a turn.
-    corners = [_turned(math.atan2(y, x) - middle) for x in (x_low, x_high) for y in (y_low, y_high)]
-    first, last = min(corners), max(corners)
-    half = math.asin(PEDESTRIAN_RADIUS_M / distance_m)
+    edges = [_turned(math.atan2(y, x) - mid_rad) for x in (x_low, x_high) for y in (y_low, y_high)]
+    first_rad, last_rad = min(edges), max(edges)
+    half_rad = math.asin(PEDESTRIAN_RADIUS_M / distance_m)
     shadows = []
-    for turn in (-math.tau, 0.0, math.tau):
-        offset = _turned(middle - bearing) + turn
-        low, high = max(offset + first, -half), min(offset + last, half)
-        if high - low <= _ROUNDING_RAD:
+    for turn_rad in (-math.tau, 0.0, math.tau):
+        offset_rad = _turned(mid_rad - bearing_rad) + turn_rad
+        low_rad = max(offset_rad + first_rad, -half_rad)
+        high_rad = min(offset_rad + last_rad, half_rad)
+        if high_rad - low_rad <= _ROUNDING_RAD:
             continue
-        angle = (low + high) / 2
+        angle_rad = (low_rad + high_rad) / 2
         # Of two separate convex bodies the same one is nearer along every line of sight.
-        to_disc = distance_m * math.cos(angle) - math.sqrt(
-            max(0.0, PEDESTRIAN_RADIUS_M**2 - (distance_m * math.sin(angle)) ** 2)
+        to_disc_m = distance_m * math.cos(angle_rad) - math.sqrt(
+            max(0.0, PEDESTRIAN_RADIUS_M**2 - (distance_m * math.sin(angle_rad)) ** 2)
         )
-        if _entry(bearing + angle, (x_low, x_high), (y_low, y_high)) < to_disc:
-            shadows.append((low, high))
+        if _entry(bearing_rad + angle_rad, (x_low, x_high), (y_low, y_high)) < to_disc_m:
+            shadows.append((low_rad, high_rad))
     return shadows
 
 
-def _entry(direction: float, x_m: Point, y_m: Point) -> float:
+def _entry(direction_rad: float, x_m: Point, y_m: Point) -> float:
     """Distance from the origin at which a line of sight enters a rectangle that it meets."""
-    enter = 0.0
-    for slope, bounds in ((math.cos(direction), x_m), (math.sin(direction), y_m)):
+    enter_m = 0.0
+    for slope, bounds in ((math.cos(direction_rad), x_m), (math.sin(direction_rad), y_m)):
         if abs(slope) > _ROUNDING_RAD:
-            enter = max(enter, min(bounds[0] / slope, bounds[1] / slope))
-    return enter
+            enter_m = max(enter_m, min(bounds[0] / slope, bounds[1] / slope))
+    return enter_m
 
 
-def _turned(angle: float) -> float:
+def _turned(angle_rad: float) -> float:
     """The same direction as an angle from −π to π."""
-    return math.remainder(angle, math.tau)
+    return math.remainder(angle_rad, math.tau)

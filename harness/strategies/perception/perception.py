@@ -20,11 +20,7 @@ class Perception:
     """
 
     def __init__(
-        self,
-        sensor: Sensor,
-        arrivals: Sequence[Arrival],
-        pair: int,
-        given: Given,
+        self, sensor: Sensor, arrivals: Sequence[Arrival], pair: int, given: Given
     ) -> None:
         self._sensor = sensor
         quantiles = {arrival.index: arrival.detection_quantile for arrival in arrivals}
