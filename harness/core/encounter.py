@@ -1,11 +1,12 @@
-"""An encounter's records: Vehicle, Observation (observation.schema.json), Arrival, Walk, Trace.
+"""The vocabulary of an encounter: the ego, what a strategy sees, who arrives, walks and traces.
 
 Frame (SI units): x points along the road in the ego's direction and is 0 at the crosswalk's centre
 line; y points across the road and is 0 at the kerb on the ego's right and ``length_m`` at the other
 kerb.  Nothing here depends on an engine.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
@@ -120,7 +121,10 @@ LIMITED_BY = MappingProxyType(
     }
 )
 """What decides a driven vehicle's speed in a step of a simulation, with its words."""
-STRATEGY, ACTUATOR, LANE, LEADER, RIGHT_OF_WAY = range(len(LIMITED_BY))
+STRATEGY, ACTUATOR, LANE, LEADER, RIGHT_OF_WAY = map(
+    [*LIMITED_BY].index, ("strategy", "actuator", "lane", "leader", "right_of_way")
+)
+"""Their places in the counts of steps."""
 BY_SUMO = ("lane", "leader", "right_of_way")
 """Those of which a note says that SUMO decided."""
 
@@ -279,6 +283,11 @@ class Arrival(NamedTuple):
     latency_s: float | None = None
     walking_class: int | None = None
     leader: "Arrival | None" = None
+
+
+def arrives_s(arrivals: Sequence[Arrival], number: int) -> float:
+    """The time at which the arrival with this number comes; infinite if there are not so many."""
+    return arrivals[number].arrival_s if number < len(arrivals) else math.inf
 
 
 @dataclass(frozen=True, slots=True)

@@ -205,14 +205,16 @@ class _Uniforms:
         values[: len(given)] = given
         return values
 
-    def each(self, purpose: Purpose, count: int, of: Callable[[float], Drawn]) -> dict[int, Drawn]:
-        """A function of each of these uniforms, by their numbers.
+    def each(
+        self, purpose: Purpose, count: int, made: Callable[[float], Drawn]
+    ) -> dict[int, Drawn]:
+        """What is made of each of these uniforms, by their numbers.
 
         NumPy draws from [0, 1), but a quantile at 0 may be infinite, so they are kept above 0.
         """
         if not count:
             return {}
-        return dict(enumerate(map(of, np.maximum(self.first(purpose, count), 2.0**-54).tolist())))
+        return dict(enumerate(map(made, np.maximum(self.first(purpose, count), 2.0**-54).tolist())))
 
 
 def _groups(pedestrians: PedestriansSection, uniforms: _Uniforms, count: int) -> list[int]:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 
-from harness.core.encounter import Arrival, Side, Views
+from harness.core.encounter import Arrival, Side, Views, arrives_s
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.deciding import (
     Approaching,
@@ -55,7 +55,7 @@ class Crowd:
         blocked them."""
         self._arrivals, self._lanes, self._rules = arrivals, lanes, rules
         self._choose_speed, self._leave = choose_speed, leave
-        self._next_arrival_s = arrivals[0].arrival_s if arrivals else math.inf
+        self._next_arrival_s = arrives_s(arrivals, 0)
         self._next_look_s = math.inf
         self.next_s = self._next_arrival_s
         """The time at which a pedestrian next arrives or looks again."""
@@ -96,8 +96,7 @@ class Crowd:
             walker = self._walker(arrival)
             self.came.append(walker)
             self.walkers.append(walker)
-            coming = len(self.came) < len(self._arrivals)
-            self._next_arrival_s = self._arrivals[len(self.came)].arrival_s if coming else math.inf
+            self._next_arrival_s = arrives_s(self._arrivals, len(self.came))
             self._admit(walker, arrival.arrival_s - now_s)
             self._next_look_s = min(self._next_look_s, walker.look_s)
             walker.walk_until(then_s)

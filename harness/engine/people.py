@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from harness.core.encounter import Arrival, Side
+from harness.core.encounter import Arrival, Side, arrives_s
 from harness.engine.session import Session, lane_of
 from harness.site.road_frame import RoadFrame
 
@@ -48,7 +48,7 @@ class HeldPeople:
     def begin(self, arrivals: Sequence[Arrival], run: int) -> None:
         """Begin an episode with these arrivals; their ids contain its number ``run``."""
         self._arrivals, self._run, self._announced = arrivals, run, 0
-        self.next_s = arrivals[0].arrival_s if arrivals else math.inf
+        self.next_s = arrives_s(arrivals, 0)
         self._waiting.clear()
         self._coming.clear()
 
@@ -68,8 +68,7 @@ class HeldPeople:
         while self.next_s <= until_s:
             arrival = self._arrivals[self._announced]
             self._announced += 1
-            coming = self._announced < len(self._arrivals)
-            self.next_s = self._arrivals[self._announced].arrival_s if coming else math.inf
+            self.next_s = arrives_s(self._arrivals, self._announced)
             self._add(arrival.index, arrival.side)
             self._coming[arrival.index] = self._first_place(arrival)
 

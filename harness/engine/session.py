@@ -78,12 +78,10 @@ _WRAPPED = "getLeader"
 
 
 class Collision(Protocol):
-    """A collision that SUMO reports: who drove, whom they hit, and where on the lane."""
+    """A collision that SUMO reports: who drove, and whom they hit."""
 
     collider: str
     victim: str
-    lane: str
-    pos: float
 
 
 class Leader(NamedTuple):
@@ -299,9 +297,9 @@ class Session:
 
     def vehicle_types(self) -> Mapping[str, VehicleType]:
         """Every type of vehicles, by its id."""
-        of = self._api.vehicletype
-        asked = (of.getLength, of.getWidth, of.getAccel, of.getDecel, of.getMaxSpeed)
-        return {name: VehicleType(*(each(name) for each in asked)) for name in of.getIDList()}
+        api = self._api.vehicletype
+        asked = (api.getLength, api.getWidth, api.getAccel, api.getDecel, api.getMaxSpeed)
+        return {name: VehicleType(*(each(name) for each in asked)) for name in api.getIDList()}
 
     def look(self, x_m: float, y_m: float, reach_m: float) -> None:
         """Show a square of the network in the window."""

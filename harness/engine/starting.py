@@ -6,6 +6,7 @@ docs/simulations.md explains the choices and has the measurements behind them.
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from harness.core.encounter import Vehicle
 from harness.engine.installation import scratch_folder
@@ -13,19 +14,27 @@ from harness.engine.network import network_of
 from harness.engine.session import Module, Session
 from harness.scenario import Scenario
 
+OWN_ROADS: Mapping[str, str] = MappingProxyType(
+    {
+        "step-method.ballistic": "true",
+        "collision.check-junctions": "true",
+        "collision.mingap-factor": "0",
+        "collision.action": "warn",
+        "time-to-teleport": "-1",
+    }
+)
+"""SUMO's options on every road that the harness builds: exact steps; a collision ends nothing."""
+
 _OPTIONS = {
+    **OWN_ROADS,
     "seed": "1",  # no result depends on it
-    "step-method.ballistic": "true",
     "insertion-checks": "none",
-    "collision.check-junctions": "true",
-    "collision.mingap-factor": "0",
-    "collision.action": "warn",
     "pedestrian.striping.dawdling": "0",
     "pedestrian.striping.jamtime": "-1",
     "pedestrian.striping.jamtime.crossing": "-1",
-    "time-to-teleport": "-1",
     "no-warnings": "true",
 }
+"""Its further options in encounters."""
 
 _WALKER = {"vClass": "pedestrian", "speedDev": 0, "sigma": 0}
 """The attributes of the type of pedestrians."""

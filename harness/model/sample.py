@@ -282,7 +282,7 @@ def effective_number(item: np.ndarray | None, weights: FloatArray) -> float | No
     if item is None:
         return None
     each = np.bincount(item, weights)
-    squares = float(each @ each)
+    squares = float((each**2).sum())
     return float(each.sum() ** 2 / squares) if squares > 0 else 0.0
 
 

@@ -273,14 +273,14 @@ def _of_means(
     if n > 1 and informing == 0:
         return Finding(value, n=0, reason=EQUAL)
     without = Finding(value, n=informing, reason=FEW)
-    if sampling.rng is None:
-        return Finding(value, n=informing)
-    if n < 2:
-        return without
+    if sampling.rng is None or n < 2:
+        return Finding(value, n=informing) if sampling.rng is None else without
     with np.errstate(divide="ignore", invalid="ignore"):
         left_out = of((n * means[:, None] - columns) / (n - 1))
         resamples = (_kept if n <= _KEPT else _resamples)(n, sampling.rng, sampling.confidence)
-        resampled = np.concatenate([of(columns @ times.astype(float).T / n) for times in resamples])
+        # Unlike those of BLAS, these sums do not depend on a number of threads.
+        sums = (np.einsum("cn,rn->cr", columns, times) for times in resamples)
+        resampled = np.concatenate([of(each / n) for each in sums])
     if not (np.isfinite(left_out).all() and np.isfinite(resampled).all()):
         return without
     # Sums of the same values in another order differ only in their last bits.

@@ -124,11 +124,13 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         """Begin the next episode; see the class.
 
         Raises:
-            InputError: an option is unknown, or the seed or the pair is not a whole number.
+            EngineError: SUMO does not start.
+            InputError: an option is unknown, the seed or the pair is not a whole number, the pair
+                is beyond ``pedestrians.drawn``, or another environment drives in SUMO.
         """
         options = options or {}
-        for name in options.keys() - {"pair"}:
-            raise unknown_name("options", "key", str(name), ["pair"])
+        if unknown := sorted(map(str, options.keys() - {"pair"})):
+            raise unknown_name("options", "key", unknown[0], ["pair"])
         if seed is not None:
             seed = whole_number("seed", seed, 0)
             experiment = self._scenario.experiment.model_copy(update={"seed": seed})
@@ -141,10 +143,8 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
             get_engine = partial(open_engine, self._scenario, self._kind)
             self._runner = PairRunner(self._scenario, self._model, get_engine)
         if self._kind == "sumo" and _IN_SUMO:
-            raise EngineError(
-                "another environment of this process has a running episode in SUMO: "
-                "close it, or use engine='plain'"
-            )
+            problem = "another environment of this process has a running episode in SUMO"
+            raise InputError("engine", problem, "'plain', or 'sumo' once the other is closed")
         self._episode, self._next_pair = self._runner.begin(pair), pair + 1
         if self._kind == "sumo":
             _IN_SUMO.add(self._episode)
@@ -156,12 +156,13 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         """Drive one simulation step; see the class.
 
         Raises:
-            EngineError: no episode is running, or the engine failed.
+            EngineError: the engine failed.
             StrategyError: the action is NaN.
-            InputError: the action is neither a number nor an array of one.
+            InputError: no episode is running, or the action is neither a number nor an array of
+                one.
         """
         if self._steps is None or self._episode is None or self._seen is None:
-            raise EngineError("no episode is running: call reset first")
+            raise InputError("step", "no episode is running", "after reset")
         before, episode = self._seen, self._episode
         try:
             wanted = acceleration_of(np.asarray(action, dtype=float).item(), before.vehicle)
@@ -194,12 +195,12 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         """The crosswalk from above with ``render_mode="rgb_array"``; otherwise None.
 
         Raises:
-            EngineError: no episode has begun.
+            InputError: no episode has begun.
         """
         if self.render_mode is None:
             return None
         if self._episode is None or self._seen is None:
-            raise EngineError("there is nothing to draw yet: call reset first")
+            raise InputError("render", "there is nothing to draw yet", "after reset")
         from harness.report.top_view import top_view
 
         vehicle, crossing = self._seen.vehicle, self._seen.crossing
@@ -218,10 +219,10 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         """The measures of the last finished episode.
 
         Raises:
-            EngineError: no episode has ended yet.
+            InputError: no episode has ended yet.
         """
         if self._finished is None:
-            raise EngineError("no episode has ended yet")
+            raise InputError("record", "no episode has ended yet", "after an episode")
         return measure([self._finished])[0]
 
     def _end(self) -> bool | None:

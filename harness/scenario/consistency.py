@@ -39,6 +39,9 @@ _OF_A_CONFIGURATION = {
 _NEED_A_TRIGGER = ("drawn", "first_at_trigger", "timed", "timed_case", "warm_up_s")
 """Keys of ``[pedestrians]`` that need an encounter."""
 
+_STEP_ROUNDING = 1e-6
+"""A time is a whole number of steps up to this part of a step."""
+
 MAX_BEFORE_KERB_M = 8.0
 """Greatest distance from a timed pedestrian's start to their kerb; a footpath is 10 m long."""
 
@@ -95,7 +98,7 @@ def check_steps(key: str, time_s: float, step_s: float, fewest: int = 0) -> None
         InputError: at ``key``.
     """
     steps = time_s / step_s
-    if steps < fewest - ROUNDING or abs(steps - round(steps)) > 1e-6:
+    if steps < fewest - ROUNDING or abs(steps - round(steps)) > _STEP_ROUNDING:
         allowed = f"whole steps of experiment.step_s = {step_s:g} s"
         raise InputError(key, f"{time_s:g} s is not accepted", allowed)
 

@@ -30,6 +30,9 @@ UNITS = MappingProxyType(
 )
 """Units of speed as (metres, seconds); they are exact by definition."""
 
+_PATHS = (("model", "path"), ("simulation", "file"))
+"""The keys whose values are paths, as table and key."""
+
 _SPEED = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S+)\s*")
 """The text of a speed: a number and a unit."""
 
@@ -66,7 +69,7 @@ class ScenarioFile:
         sources = {}
         for setting in (*self.settings, *more):
             apply_setting(tree, setting)
-            if setting.key in ("model.path", "simulation.file"):
+            if tuple(parts_of(setting)) in _PATHS:
                 # An option's path is relative to the shell's folder, a file's to the file's.
                 in_file = setting.source.startswith(f"{self.source}:")
                 _anchor_paths(tree, self.folder if in_file else Path.cwd())
@@ -227,7 +230,7 @@ def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
 
 
 def _anchor_paths(tree: dict[str, Any], folder: Path) -> None:
-    for name, key in (("model", "path"), ("simulation", "file")):
+    for name, key in _PATHS:
         section = tree.get(name)
         if isinstance(section, dict) and isinstance(section.get(key), str):
             section[key] = os.path.normpath(folder.absolute() / section[key])

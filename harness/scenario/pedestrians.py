@@ -49,6 +49,9 @@ class GapAcceptanceSection(Section):
 LogMean = Annotated[float, Field(ge=-10, le=10)]
 LogSpread = Annotated[float, Field(ge=0, le=5)]
 """The mean and the standard deviation of a logarithm."""
+WalkingMean = Annotated[float, Field(ge=0.5, le=3)]
+WalkingSpread = Annotated[float, Field(gt=0, le=1)]
+"""The mean and the standard deviation of walking speeds, in m/s."""
 
 
 class ThresholdSection(Section):
@@ -139,9 +142,9 @@ class WalkingClassSection(Section):
 
     share: Share
     """Share of the pedestrians; the shares of all classes sum to at most 1."""
-    mean_mps: Annotated[float, Field(ge=0.5, le=3)]
+    mean_mps: WalkingMean
     """Mean before truncation at 0.3 m/s."""
-    std_mps: Annotated[float, Field(gt=0, le=1)] = 0.25
+    std_mps: WalkingSpread = 0.25
     """Standard deviation before truncation."""
 
 
@@ -151,9 +154,9 @@ class WalkingSpeedSection(Section):
     It is truncated at ``SLOWEST_MPS``; mean and standard deviation are those before truncation.
     """
 
-    mean_mps: Annotated[float, Field(ge=0.5, le=3)]
+    mean_mps: WalkingMean
     """Mean before truncation at 0.3 m/s."""
-    std_mps: Annotated[float, Field(gt=0, le=1)] = 0.25
+    std_mps: WalkingSpread = 0.25
     """Standard deviation before truncation."""
     classes: Annotated[tuple[WalkingClassSection, ...], Field(strict=False)] = ()
     """Classes of pedestrians, e.g. children and older people; all others have the values above."""

@@ -37,7 +37,9 @@ def planned_cells(
         points = _named_cells(sweep, source)
     elif sweep is not None:
         grid = _lists_of(sweep, source)
-    keys = [key for key, _ in grid] if points is None else [key for of in points for key in of]
+    keys = (
+        [key for key, _ in grid] if points is None else [key for point in points for key in point]
+    )
     given = {key: setting for key in keys if (setting := _setting_of(key, file.settings))}
     if given and (variations or points is not None):
         key, setting = next(iter(given.items()))

@@ -18,7 +18,7 @@ from harness.core.errors import EngineError
 from harness.core.seeding import stream
 from harness.engine.configuration import SumoConfig, write_options, write_xml
 from harness.engine.network import network_of
-from harness.engine.starting import vehicle_type
+from harness.engine.starting import OWN_ROADS, vehicle_type
 from harness.scenario import Scenario
 from harness.scenario.traffic import TrafficSection
 
@@ -36,13 +36,6 @@ _SATURATED = 0.9
 _STANDS_NEARER_M = {"IDM": 0.4}
 """SUMO's IDM stops this much nearer than its minGap (at 1.61 m for a minGap of 2 m)."""
 
-_OPTIONS = {
-    "step-method.ballistic": "true",
-    "collision.check-junctions": "true",
-    "collision.mingap-factor": "0",
-    "collision.action": "warn",
-    "time-to-teleport": "-1",
-}
 _STAYS_IN_LANE = {"lcStrategic": -1, "lcCooperative": -1, "lcSpeedGain": 0, "lcKeepRight": 0}
 
 
@@ -92,7 +85,7 @@ def write_demand(scenario: Scenario, pair: int, seed: int, folder: Path) -> Sumo
         "end": f"{end_s(traffic):.3f}",
         "step-length": f"{step_s:.3f}",
         "seed": str(seed),
-        **_OPTIONS,
+        **OWN_ROADS,
     }
     path = write_options(folder / TRAFFIC_FILE, options)
     files = {key: str(folder.absolute() / options[key]) for key in ("net-file", "route-files")}

@@ -19,6 +19,8 @@ _SHORT_M = 0.5
 """Length of the path that shows its direction."""
 _STEP_S = 0.1
 """Step of a simulation that has to see the vehicle on the crosswalk."""
+_LEAST_WIDTH_M = 0.01
+"""Extent along the road of a crosswalk that a body only grazes."""
 _REFINEMENTS = 4
 """Each makes a sample 32 times finer; four end at 0.2 µm."""
 
@@ -110,7 +112,7 @@ def zone_of(path: FrontPath, crosswalk: Crosswalk, length_m: float, width_m: flo
     crossing = Crossing(
         length_m=crosswalk.length_m,
         # A straight road on which its centre line is as far away.
-        width_m=max(2 * (centre_m - first_m), 0.01),
+        width_m=max(2 * (centre_m - first_m), _LEAST_WIDTH_M),
         lane_centre_m=crosswalk.length_m - lane_centre_m if reverse else lane_centre_m,
         lane_width_m=to_m - from_m + max(before.width_m - width_m, 0.0),
         speed_limit_mps=before.limit_mps,

@@ -110,7 +110,7 @@ def opposite(scenario: Scenario, time_ratio: float) -> str | None:
 def _studied() -> tuple[tuple[Mapping[str, Any], str], ...]:
     rows = known()["runs"]
     scenarios = (load_scenario(row["scenario"], row["settings"]) for row in rows)
-    return tuple((row, _but_for_arms(of)) for row, of in zip(rows, scenarios, strict=True))
+    return tuple((row, _but_for_arms(each)) for row, each in zip(rows, scenarios, strict=True))
 
 
 def _but_for_arms(scenario: Scenario) -> str:

@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("gymnasium")
 
 from harness.core.encounter import Arm, Ending
-from harness.core.errors import EngineError
+from harness.core.errors import InputError
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, open_engine
 from harness.model.interaction import load_model
@@ -40,7 +40,7 @@ def test_the_same_records_as_the_harness_after_episodes_broken_off():
 def test_one_open_episode_in_sumo_per_process():
     first, second = environment(engine="sumo"), environment(engine="sumo")
     first.reset()
-    with pytest.raises(EngineError, match="another environment"):
+    with pytest.raises(InputError, match="another environment"):
         second.reset()
     first.close()
     second.reset()

@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from examples.policies import NEAREST, YieldToTheNearest, yield_to_the_nearest  # noqa: E402
 from harness.core.encounter import Arm, Crossing, EgoView, Ending, Observation, PedestrianView, Side  # noqa: E402
-from harness.core.errors import EngineError, InputError, StrategyError  # noqa: E402
+from harness.core.errors import InputError, StrategyError  # noqa: E402
 from harness.model.interaction import load_model  # noqa: E402
 from harness.scenario import Setting, load_scenario  # noqa: E402
 from harness.strategies import registry  # noqa: E402
@@ -161,11 +161,11 @@ def test_misuse_is_refused_in_words():
         env.step(np.array([0.1, 0.2]))
     with pytest.raises(StrategyError, match="the strategy returned nan"):
         env.step(np.array([math.nan]))
-    with pytest.raises(EngineError, match="no episode has ended"):
+    with pytest.raises(InputError, match="no episode has ended"):
         _ = environment().unwrapped.record
-    with pytest.raises(EngineError, match="reset first"):
+    with pytest.raises(InputError, match="after reset"):
         environment().unwrapped.step(np.zeros(1, dtype=np.float32))
-    with pytest.raises(EngineError, match="reset first"):
+    with pytest.raises(InputError, match="after reset"):
         env.unwrapped.step(np.zeros(1))  # the error ended the episode
 
 

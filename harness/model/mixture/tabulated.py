@@ -59,12 +59,14 @@ class TabulatedDensity:
             half = 0.5 * np.diff(edges)[:, None]
             x = edges[:-1, None] + half * (1.0 + _NODES)
             logs = log_density(x.ravel()).reshape(x.shape)
-            if np.abs(np.exp(logs - logs.max()) @ _LAST).max() <= _TOLERANCE:
+            steep = np.einsum("pn,nk->pk", np.exp(logs - logs.max()), _LAST)
+            if np.abs(steep).max() <= _TOLERANCE:
                 break
         self.highest = float(x.flat[logs.argmax()])
         peak = float(logs.max())
         masses = half * np.exp(logs - peak)
-        reached = np.cumsum(np.maximum(masses @ _WHOLE, 0.0))
+        # Unlike those of BLAS, these sums do not depend on a number of threads.
+        reached = np.cumsum(np.maximum(np.einsum("pn,n->p", masses, _WHOLE), 0.0))
         self.log_total = float(np.log(reached[-1]) + peak)
         self._masses = masses / reached[-1]
         self._reached: list[float] = [0.0, *(reached / reached[-1]).tolist()]

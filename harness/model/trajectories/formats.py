@@ -249,7 +249,7 @@ def mobileye_rows(file: File, options: MobileyeOptions, tally: Tally) -> pd.Data
         for obstacle, records in objects(trip, "obstacle", tally):
             # Times are hundredths of a second: a pause of exactly the limit does not cut.
             cuts = (records["time_s"].diff() > options.sequence_gap_s + ROUNDING).cumsum()
-            long = [of for _, of in records.groupby(cuts) if _is_long(of, options, tally)]
+            long = [part for _, part in records.groupby(cuts) if _is_long(part, options, tally)]
             for place, sequence in enumerate(long, start=1):
                 rows = _sequence_rows(sequence, options, tally)
                 if rows is not None:
@@ -323,7 +323,7 @@ def own_rows(file: File, options: ExtractionRules, tally: Tally) -> pd.DataFrame
     ignored = [name for name in table.columns if name not in ROW_COLUMNS]
     if ignored:
         tally.notes.append(f"{file.path.name}: columns not used: {', '.join(ignored)}")
-    for name in [of for of in ROW_COLUMNS if of in table and of not in OWN_ROWS]:
+    for name in [each for each in ROW_COLUMNS if each in table and each not in OWN_ROWS]:
         read = identifiers(table[name]) if name in TEXT_COLUMNS else numbers(file.path, table[name])
         rows[name] = read[rows.index]
     source = options.source or file.path.stem

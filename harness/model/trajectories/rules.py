@@ -129,7 +129,9 @@ class Tally:
     pairs: int | None = None
     candidates: int = 0
     dropped: dict[Level, dict[str, int]] = field(
-        default_factory=lambda: {level: dict.fromkeys(of, 0) for level, of in REASONS.items()}
+        default_factory=lambda: {
+            level: dict.fromkeys(reasons, 0) for level, reasons in REASONS.items()
+        }
     )
     skipped: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)

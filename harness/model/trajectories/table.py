@@ -75,7 +75,7 @@ def read_records(path: Path, columns: Columns, tally: Tally, *names: str) -> pd.
     """
     table, units = read_table(path), [unit for _, unit in columns.values()]
     require_columns(path, table, [*names, *(name for name, _ in columns.values())])
-    values = pd.DataFrame({of: numbers(path, table[name]) for of, (name, _) in columns.items()})
+    values = pd.DataFrame({key: numbers(path, table[name]) for key, (name, _) in columns.items()})
     given = table[[name for name, _ in columns.values()]].notna().to_numpy()
     text = (values.isna() & given).any(axis=1)
     finite = pd.Series(np.isfinite(values.to_numpy()).all(axis=1), index=values.index)
