@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -118,7 +119,7 @@ def read_rows(path: Path) -> RowFile:
         about = None
     known = isinstance(about, dict)
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return RowFile(rows, sha256, about if known else {}, not known)
+    return RowFile(rows, sha256, MappingProxyType(about if known else {}), not known)
 
 
 def box_of(texts: Sequence[str]) -> tuple[FloatArray, FloatArray]:
@@ -199,7 +200,7 @@ def make_sample(
         tracks=texts["track"],
         sources=texts["source"],
         rows_read=len(rows),
-        outside=dict(zip(COLUMNS, outside.sum(axis=0).tolist(), strict=True)),
+        outside=MappingProxyType(dict(zip(COLUMNS, outside.sum(axis=0).tolist(), strict=True))),
         weigh=weigh,
     )
 

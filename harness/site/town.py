@@ -35,6 +35,9 @@ _RAIL = {"rail", "rail_urban", "rail_electric", "rail_fast", "tram", "subway", "
 _ON_FOOT = {"pedestrian", "wheelchair"}
 """SUMO's classes of trains, and of people."""
 
+_NAMELESS = (AttributeError, LookupError, RecursionError)
+"""What sumolib raises if what it is asked for is not in the network."""
+
 _PATH_M = 40.0
 """Length of a path before the stop line, longer than a body."""
 _NEAR_M = 6.0
@@ -106,7 +109,7 @@ class Crosswalk:
     @cached_property
     def line(self) -> FrontPath:
         """The axis; s is 0 at its beginning."""
-        return FrontPath.along([Lane(self.id, [*self.axis.coords], self.length_m, math.inf)], 0)
+        return FrontPath.along([Lane(self.id, (*self.axis.coords,), self.length_m, math.inf)], 0)
 
     @cached_property
     def area(self) -> shapely.Polygon:
@@ -170,11 +173,15 @@ class Town:
             network = sumolib.net.readNet(
                 net, withPedestrianConnections=True, withFoes=True, lxml=False, maxcache=0
             )
-            passing = {node: (*_passing(network, node),) for node in network.getNodes()}
         except OSError as error:
             raise InputError(str(net), f"cannot be read ({error.strerror or error})") from None
-        # sumolib does not check that a file is whole, nor that what it names exists.
+        # What the parser raises for a file that is not whole depends on where it ends.
         except Exception as error:
+            raise InputError(str(net), f"is not a complete SUMO network ({error})") from None
+        try:
+            passing = {node: (*_passing(network, node),) for node in network.getNodes()}
+        # The parser does not check that what a file names exists.
+        except (*_NAMELESS, shapely.errors.ShapelyError) as error:
             raise InputError(str(net), f"is not a complete SUMO network ({error})") from None
         crosswalks = [
             _crosswalk(edge, passing[edge.getToNode()], left_hand)
@@ -211,7 +218,7 @@ class Town:
 
 def _lane(lane: "NetLane") -> Lane:
     length_m, limit_mps, width_m = lane.getLength(), lane.getSpeed(), lane.getWidth()
-    return Lane(lane.getID(), lane.getShape(), length_m, limit_mps, width_m)
+    return Lane(lane.getID(), tuple(lane.getShape()), length_m, limit_mps, width_m)
 
 
 def _passing(net: "Net", node: "Node") -> Iterator[Connection]:

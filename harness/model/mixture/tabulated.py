@@ -59,8 +59,7 @@ class TabulatedDensity:
             half = 0.5 * np.diff(edges)[:, None]
             x = edges[:-1, None] + half * (1.0 + _NODES)
             logs = log_density(x.ravel()).reshape(x.shape)
-            steep = np.einsum("pn,nk->pk", np.exp(logs - logs.max()), _LAST)
-            if np.abs(steep).max() <= _TOLERANCE:
+            if np.abs(np.einsum("pn,nk->pk", np.exp(logs - logs.max()), _LAST)).max() <= _TOLERANCE:
                 break
         self.highest = float(x.flat[logs.argmax()])
         peak = float(logs.max())

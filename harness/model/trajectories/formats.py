@@ -168,7 +168,7 @@ def vci_clip(file: File, options: VciOptions, tally: Tally) -> Clip:
     tally.clips += 1
     folder = file.given if file.given.is_dir() else file.given.parent
     source = options.source or folder.resolve().name
-    return Clip(source, file.name, vehicles, pedestrians, y_down=True)
+    return Clip(source, file.name, MappingProxyType(vehicles), pedestrians, y_down=True)
 
 
 def _beside(vehicle_file: Path, folder: str, name: str) -> Path | None:
@@ -208,7 +208,7 @@ def _lengths_m(path: Path, ratio: float) -> dict[str, float]:
 
 def _tracks(
     path: Path, columns: Columns, ratio: float, rate_hz: float, tally: Tally
-) -> dict[str, Track]:
+) -> Mapping[str, Track]:
     """The tracks of one file, by identifier; positions have ``ratio`` units per metre."""
     tracks = {}
     for key, records in objects(read_records(path, columns, tally, "id"), "id", tally):
@@ -217,7 +217,7 @@ def _tracks(
             continue
         position = records[["x_m", "y_m"]].to_numpy() / ratio
         tracks[key] = Track(records["time_s"].to_numpy() / rate_hz, position)
-    return tracks
+    return MappingProxyType(tracks)
 
 
 def mobileye_rows(file: File, options: MobileyeOptions, tally: Tally) -> pd.DataFrame:
