@@ -9,7 +9,7 @@ WORKERS ?= 2
 # A file is one process's: what its tests share is made once.
 PYTEST := pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
-.PHONY: run test test-all check coverage docs
+.PHONY: run test test-all lint check coverage docs
 
 run: $(READY)
 	$(BIN)/harness run scenarios/cctc.toml
@@ -18,13 +18,15 @@ test: $(READY)
 	$(BIN)/python -m $(PYTEST) -m "not slow"
 
 test-all: $(READY)
-	$(BIN)/python -m $(PYTEST)
+	$(BIN)/python -m $(PYTEST) --hypothesis-profile fresh
 
-check: $(READY)
+lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/ruff check --select D101,D102,D103,D104,D106 harness
 	$(BIN)/mypy
+
+check: lint
 	$(BIN)/python -m $(PYTEST) -m "not slow"
 
 coverage: $(READY)

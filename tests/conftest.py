@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable, Iterator
 
 import pytest
+from hypothesis import settings
 
 from harness.engine.protocol import Engine
 from harness.model.interaction import InteractionModel, load_model
@@ -17,6 +18,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Many processes are started: what they import is compiled once.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+# Properties have the same examples each time; `make test-all` looks for fresh ones.
+settings.register_profile("fixed", deadline=None, derandomize=True, database=None)
+settings.register_profile("fresh", deadline=None)
+settings.load_profile("fixed")
 
 MakeEngine = Callable[[Scenario], Engine]
 

@@ -175,7 +175,7 @@ def spoilt(table: pd.DataFrame, column: str, cell: str) -> pd.DataFrame:
 
 
 @every_format
-@settings(max_examples=60, deadline=None, derandomize=True, database=None)
+@settings(max_examples=60)
 @given(data=st.data())
 def test_whatever_bytes_are_in_a_file(form, tmp_path_factory, data) -> None:
     file = data.draw(st.sampled_from(files_of(ENCOUNTER / form)))

@@ -1,11 +1,10 @@
-"""Memory has a bound, and the cases are the same each time: what fails here fails everywhere."""
+"""Memory has a bound, and `make test` has a sample of the cases."""
 
 import resource
 from collections.abc import Iterator
 
 import psutil
 import pytest
-from hypothesis import HealthCheck, Phase, settings
 
 from tests.fuzz import hostile
 
@@ -16,16 +15,6 @@ _MEMORY = 6 * 2**30
 def pytest_configure(config: pytest.Config) -> None:
     """A sample of the cases in `make test`, all of them in `make test-all`."""
     hostile.full = config.option.markexpr != "not slow"
-    settings.register_profile(
-        "fuzz",
-        deadline=None,
-        derandomize=True,
-        database=None,
-        suppress_health_check=list(HealthCheck),
-        # A command is too slow for hundreds of attempts to fail with less.
-        phases=[Phase.explicit, Phase.generate],
-    )
-    settings.load_profile("fuzz")
 
 
 @pytest.fixture(scope="package", autouse=True)

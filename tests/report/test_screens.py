@@ -4,7 +4,7 @@ import re
 from collections import Counter
 
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from harness.report.screen import MOST_NOTES, screen_text
 from harness.report.words import DASH, text_of
@@ -67,7 +67,6 @@ def signs(text: str) -> Counter[str]:
     return Counter(re.sub(r"\s", "", text))
 
 
-@settings(deadline=None)
 @given(tables(), WIDTHS, st.booleans())
 def test_a_table_of_any_content_fits_and_loses_nothing(
     table: Table, width: int, full: bool
@@ -87,7 +86,6 @@ def test_a_table_of_any_content_fits_and_loses_nothing(
         assert signs(text) >= signs("".join([*every, *headings]))
 
 
-@settings(deadline=None)
 @given(shown(), st.integers(40, 200))
 def test_a_bound_of_0_events_is_on_every_screen(number: Shown, width: int) -> None:
     """1 − 0.05^(1/n), which Clopper and Pearson (1934) is without events."""

@@ -96,7 +96,7 @@ def _solve(
     return state
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25)
 @given(
     st.lists(st.floats(-9.0, 3.0), min_size=6, max_size=12),
     st.floats(0.0, 0.35),

@@ -300,7 +300,7 @@ def test_differences_of_undefined_equal_and_no_pairs() -> None:
     assert times.value == pytest.approx(1 / 15)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(8, 60), st.floats(0.0, 1.0), st.floats(0.0, 2.0))
 def test_an_interval_leaves_out_0_where_p_is_below_5_percent(
     seed: int, n: int, shift: float, skewness: float

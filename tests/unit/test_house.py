@@ -128,6 +128,8 @@ def test_no_check_is_looser() -> None:
     assert "omit" not in coverage["run"] | coverage["report"]
     assert coverage["run"]["source"] == ["harness"]
     assert tools["mypy"]["strict"]
+    for file in ("Makefile", ".pre-commit-config.yaml"):
+        assert "ruff check --select D101,D102,D103,D104,D106" in (CHECKOUT / file).read_text()
 
 
 def name_of(path: Path) -> str:

@@ -68,7 +68,7 @@ def test_rows_with_another_column_or_without_a_required_value_are_refused() -> N
         EPISODES.of(rows(0, 1, pet=1.0, strategy=None))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(pairs=st.integers(1, 20), size=st.integers(1, 9))
 def test_rows_do_not_depend_on_the_division(
     tmp_path_factory: pytest.TempPathFactory, pairs: int, size: int

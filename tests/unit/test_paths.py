@@ -132,7 +132,7 @@ def test_lanes_that_are_longer_than_they_are_drawn() -> None:
     degrees=st.floats(30.0, 150.0), across=st.floats(2.0, 6.0), width=st.floats(0.6, 2.6),
     length=st.floats(1.5, 18.0),
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_an_oblique_crosswalk(degrees: float, across: float, width: float, length: float) -> None:
     """The overlap of two strips, of the road's body and of the crosswalk."""
     sin, cos = math.sin(math.radians(degrees)), abs(math.cos(math.radians(degrees)))
@@ -146,7 +146,7 @@ def test_an_oblique_crosswalk(degrees: float, across: float, width: float, lengt
 
 
 @given(radius=st.floats(6.0, 40.0), length=st.floats(2.0, 8.0), share=st.floats(0.0, 1.0))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_quarter_circle(radius: float, length: float, share: float) -> None:
     """A body whose chord spans an arc of length L points back by the angle L / 2R."""
     road = turning(radius)
@@ -182,7 +182,7 @@ def test_a_crosswalk_at_the_exit_of_a_turn(sign: int) -> None:
     radius=st.floats(6.0, 30.0), share=st.floats(0.1, 0.6), slant=st.floats(-3.0, 3.0),
     width=st.floats(0.6, 2.6), length=st.floats(1.5, 12.0), sign=st.sampled_from([1, -1]),
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_properties_of_a_turn(
     radius: float, share: float, slant: float, width: float, length: float, sign: int
 ) -> None:
@@ -221,7 +221,7 @@ def bent_lanes(draw: st.DrawFn) -> FrontPath:
 
 
 @given(road=bent_lanes(), share=st.floats(0.0, 1.0))
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_positions_on_lanes_and_on_the_path(road: FrontPath, share: float) -> None:
     """A share of a lane's length is the same share of its shape, as SUMO has it."""
     for n, (lane, (start_m, end_m)) in enumerate(
@@ -239,7 +239,7 @@ def test_positions_on_lanes_and_on_the_path(road: FrontPath, share: float) -> No
 
 
 @given(radius=st.floats(1.5, 4.0), at_m=st.floats(0.5, 6.0), length=st.floats(2.0, 12.0))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_a_vehicle_that_turns_round_has_a_length(radius: float, at_m: float, length: float) -> None:
     """The straight frame begins and ends at the first and last touch, with a body in between."""
     half = arc(radius, 180.0)

@@ -109,7 +109,7 @@ def test_the_quantile_decides_the_first_detection_and_what_is_lost_is_looked_for
     assert [track.update(look) for look in looks] == [False, False, False, True, True, False]
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.integers(0, 12), st.integers(1, 4), st.lists(st.booleans(), min_size=12, max_size=40))
 def test_latency_only_shifts_what_is_shown(late: int, every: int, sights: list[bool]) -> None:
     poor = {"update_s": every / 10, "position_sd_m": 0.3, "dropout_probability": 0.2}

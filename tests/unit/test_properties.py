@@ -14,7 +14,7 @@ from harness.scenario import Scenario
 from harness.strategies.registry import STRATEGIES
 from tests.scenes import Walker, drive, play, scenario
 
-some = settings(max_examples=40, deadline=None, derandomize=True, database=None)
+some = settings(max_examples=40)
 
 WALKER = st.tuples(st.floats(0, 6), st.sampled_from(Side), st.floats(0.3, 3))
 WALKERS = st.lists(WALKER, max_size=3)

@@ -43,7 +43,7 @@ Pairs = list[tuple[Simulation, Simulation]]
 FLOATS = st.lists(st.floats(0, 100), min_size=2, max_size=12)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(FLOATS, st.sampled_from([0.9, 0.95]))
 def test_a_mean_has_the_interval_and_the_p_of_a_t_test(values: list[float], level: float) -> None:
     found, sample = t_mean(np.array([*values, np.nan]), level), np.array(values)

@@ -51,7 +51,7 @@ def passage(path: FrontPath) -> Passage:
     return Passage(car, crosswalk(), CONNECTION, zone, 100.0, CAR)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(
     some.floats(1.0, 14.0),
     some.floats(-2.0, 2.0),

@@ -106,7 +106,7 @@ def test_who_decides_on_arrival_sets_off_at_once() -> None:
 PLAN = st.lists(st.sampled_from([-3.0, -1.0, -0.5, 0.0, 0.0, 1.0]), min_size=20, max_size=60)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True, database=None)
+@settings(max_examples=60)
 @given(
     PLAN, st.floats(0.3, 9), st.floats(1, 3), st.sampled_from(Side), st.sampled_from([5.0, 14.0])
 )
