@@ -1,4 +1,4 @@
-"""A scenario and a pair's number in; an ``Arrival`` (core/encounter.py) of each pedestrian out."""
+"""A scenario and a pair's number in; the arrival of each pedestrian out."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping

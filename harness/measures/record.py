@@ -1,4 +1,4 @@
-"""The record of an episode: the columns of ``episodes``, computed from traces by measured.py."""
+"""Traces in; the record of each episode, with every measure, out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The keys of ``[pedestrians]``; encounter/ plans arrivals, decides and chooses speeds by them."""
+"""The keys of ``[pedestrians]``: who comes, when they step off, and how fast they walk."""
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence

@@ -92,9 +92,7 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
             problem = f"cells {first} and {number} are the same ({what})"
             raise InputError(source, problem, "each value once")
         cells.append(Cell(number, varied, scenario))
-    kinds = {
-        (each.traffic is None, each.simulation is None) for each in (c.scenario for c in cells)
-    }
+    kinds = {(cell.scenario.traffic is None, cell.scenario.simulation is None) for cell in cells}
     if len(kinds) > 1:
         allowed = "[traffic] or [simulation] in every cell, or in none"
         raise InputError(source, "cells are of different kinds", allowed)

@@ -112,10 +112,8 @@ def _grid(variations: Sequence[Variation], where: str) -> list[dict[str, Any]]:
     count = math.prod(len(values) for _, values in variations)
     if count > MAX_CELLS:
         raise InputError(where, f"{count} cells", f"at most {MAX_CELLS}")
-    return [
-        dict(zip(keys, values, strict=True))
-        for values in itertools.product(*(values for _, values in variations))
-    ]
+    points = itertools.product(*(values for _, values in variations))
+    return [dict(zip(keys, values, strict=True)) for values in points]
 
 
 def flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Constants of perception errors, from ``[perception]`` and the step; updates.py applies them."""
+"""``[perception]`` and the step in; the constants of a driver's sensor out."""
 
 import math
 from dataclasses import dataclass
