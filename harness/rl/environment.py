@@ -250,16 +250,17 @@ def _touched(episode: Episode) -> bool:
 def _bounds(scenario: Scenario, nearest: int) -> tuple[Vector, Vector]:
     """Lowest and highest value of every entry of an observation."""
     vehicle, crossing = scenario.vehicle(), scenario.crosswalk()
-    road = vehicle.trigger_range_m + vehicle.length_m + crossing.width_m / 2
-    step_s, hardest = scenario.experiment.step_s, vehicle.max_acceleration_mps2
-    fastest = math.sqrt(vehicle.initial_speed_mps**2 + 2 * hardest * road) + hardest * step_s
-    beyond = vehicle.trigger_range_m - road - fastest * step_s
+    road_m = vehicle.trigger_range_m + vehicle.length_m + crossing.width_m / 2
+    step_s, hardest_mps2 = scenario.experiment.step_s, vehicle.max_acceleration_mps2
+    squared = vehicle.initial_speed_mps**2 + 2 * hardest_mps2 * road_m
+    fastest_mps = math.sqrt(squared) + hardest_mps2 * step_s
+    beyond_m = vehicle.trigger_range_m - road_m - fastest_mps * step_s
     # Even a pedestrian beyond the kerb is at most twice the crossing's length away; errors of
     # 8 standard deviations occur once in 1e15 draws.
-    far = 2 * crossing.length_m + 8 * scenario.perception.position_sd_m
-    walking = _FASTEST_WALK_MPS + 8 * scenario.perception.speed_sd_mps
-    low = [beyond, 0.0, -vehicle.max_deceleration_mps2 - 1e-3]
-    high = [vehicle.trigger_range_m, fastest, hardest + 1e-3]
-    low += [0.0, -far, 0.0, 0.0, 0.0] * nearest
-    high += [1.0, far, far, walking, 1.0] * nearest
+    far_m = 2 * crossing.length_m + 8 * scenario.perception.position_sd_m
+    walking_mps = _FASTEST_WALK_MPS + 8 * scenario.perception.speed_sd_mps
+    low = [beyond_m, 0.0, -vehicle.max_deceleration_mps2 - 1e-3]
+    high = [vehicle.trigger_range_m, fastest_mps, hardest_mps2 + 1e-3]
+    low += [0.0, -far_m, 0.0, 0.0, 0.0] * nearest
+    high += [1.0, far_m, far_m, walking_mps, 1.0] * nearest
     return np.array(low, dtype=np.float32), np.array(high, dtype=np.float32)

@@ -58,22 +58,22 @@ class HumanGmm:
         ego, vehicle = observation.ego, observation.vehicle
         present = [p for p in observation.pedestrians if p.on_crossing]
         if not present or ego.range_m <= 0:
-            limit = vehicle.resume_acceleration_mps2
-            to_initial = (vehicle.initial_speed_mps - ego.speed_mps) / self._interval_s
-            return max(-limit, min(limit, to_initial))
-        desired = min(self._desired_speed(observation, pedestrian) for pedestrian in present)
-        desired = min(desired, vehicle.initial_speed_mps)
-        wanted = (desired - ego.speed_mps) / self._interval_s
-        return max(-vehicle.max_deceleration_mps2, min(vehicle.max_acceleration_mps2, wanted))
+            limit_mps2 = vehicle.resume_acceleration_mps2
+            initial_mps2 = (vehicle.initial_speed_mps - ego.speed_mps) / self._interval_s
+            return max(-limit_mps2, min(limit_mps2, initial_mps2))
+        desired_mps = min(self._desired_speed(observation, pedestrian) for pedestrian in present)
+        desired_mps = min(desired_mps, vehicle.initial_speed_mps)
+        wanted_mps2 = (desired_mps - ego.speed_mps) / self._interval_s
+        return max(-vehicle.max_deceleration_mps2, min(vehicle.max_acceleration_mps2, wanted_mps2))
 
     def _desired_speed(self, observation: Observation, pedestrian: PedestrianView) -> float:
-        range_m, speed = observation.ego.range_m, observation.ego.speed_mps
-        self.model_use.note(range_m, speed)
+        ego, walking_mps = observation.ego, pedestrian.speed_mps
+        self.model_use.note(ego.range_m, ego.speed_mps)
         quantile = None if self._speed == "mode" else self._rng.random()
         if self._reading == "marginal":
-            return self._model.driver_speed(range_m, pedestrian.speed_mps, quantile=quantile)
-        inverse = inverse_time_advantage(range_m, speed, pedestrian.lateral_m, pedestrian.speed_mps)
-        return self._model.driver_speed(range_m, pedestrian.speed_mps, inverse, quantile=quantile)
+            return self._model.driver_speed(ego.range_m, walking_mps, quantile=quantile)
+        per_s = inverse_time_advantage(*ego[:2], pedestrian.lateral_m, walking_mps)
+        return self._model.driver_speed(ego.range_m, walking_mps, per_s, quantile=quantile)
 
 
 def inverse_time_advantage(

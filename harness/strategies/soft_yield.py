@@ -91,12 +91,12 @@ class SoftYield:
 
     def _make_plan(self, observation: Observation, until_s: float) -> _Plan | None:
         """The plan to reach x = 0 in ``until_s``; None if there is none."""
-        now, ego = observation.time_s, observation.ego
+        now_s, ego = observation.time_s, observation.ego
         if not math.isfinite(until_s):
             return None  # a pedestrian stands
         shortfall_m = ego.range_m - ego.speed_mps * until_s
         if shortfall_m >= 0:
-            return _Plan(0.0, now, now + until_s)
+            return _Plan(0.0, now_s, now_s + until_s)
         a_mps2 = self._p1 + self._p2 * ego.speed_mps + self._p3 * ego.range_m
         if a_mps2 >= 0 or -a_mps2 > observation.vehicle.max_deceleration_mps2:
             return None
@@ -107,28 +107,28 @@ class SoftYield:
         t1_s = until_s - math.sqrt(discriminant)
         if ego.speed_mps + a_mps2 * t1_s < 0:
             return None
-        return _Plan(a_mps2, now + t1_s, now + until_s)
+        return _Plan(a_mps2, now_s + t1_s, now_s + until_s)
 
 
 def _follow(plan: _Plan, observation: Observation) -> float:
     """The acceleration that follows a plan on the time grid; its pass time is within 1e-3 s."""
-    now, step = observation.time_s, observation.step_s
+    now_s, step_s = observation.time_s, observation.step_s
     if plan.acceleration_mps2 == 0:
         return 0.0
-    if plan.decelerate_until_s - now >= step:
+    if plan.decelerate_until_s - now_s >= step_s:
         return plan.acceleration_mps2
-    range_m, speed = observation.ego.range_m, observation.ego.speed_mps
-    until_arrival_s = plan.arrival_s - now
-    if plan.decelerate_until_s > now:
-        if until_arrival_s <= step:
-            return 2 * (range_m - speed * until_arrival_s) / until_arrival_s**2
+    range_m, speed_mps = observation.ego.range_m, observation.ego.speed_mps
+    until_arrival_s = plan.arrival_s - now_s
+    if plan.decelerate_until_s > now_s:
+        if until_arrival_s <= step_s:
+            return 2 * (range_m - speed_mps * until_arrival_s) / until_arrival_s**2
         coasting_mps = _coasting_mps(observation, until_arrival_s)
-        return (coasting_mps - speed) / step
+        return (coasting_mps - speed_mps) / step_s
     if until_arrival_s < -ROUNDING:
         return resume(observation)
-    if until_arrival_s <= step:
+    if until_arrival_s <= step_s:
         # It arrives within this step; the gain at a0 from then on is spread over the whole step.
-        return _gain_mps(observation, step - until_arrival_s, speed) / step
+        return _gain_mps(observation, step_s - until_arrival_s, speed_mps) / step_s
     return 0.0
 
 
@@ -138,12 +138,13 @@ def _coasting_mps(observation: Observation, until_arrival_s: float) -> float:
     If it held ``a`` to the end of the step, it would arrive up to 34 ms late.  The formula includes
     the distance that the ego gains in the step of the arrival before it arrives.
     """
-    step, range_m, speed = observation.step_s, observation.ego.range_m, observation.ego.speed_mps
-    before_s = math.fmod(until_arrival_s, step) or step
-    share_s = before_s**2 / (2 * step)
-    distance_m, duration_s = range_m - speed * step / 2, until_arrival_s - step / 2
+    ego, step_s = observation.ego, observation.step_s
+    before_s = math.fmod(until_arrival_s, step_s) or step_s
+    share_s = before_s**2 / (2 * step_s)
+    distance_m = ego.range_m - ego.speed_mps * step_s / 2
+    duration_s = until_arrival_s - step_s / 2
     initial_mps = observation.vehicle.initial_speed_mps
-    gain_mps = observation.vehicle.resume_acceleration_mps2 * (step - before_s)
+    gain_mps = observation.vehicle.resume_acceleration_mps2 * (step_s - before_s)
     coasting_mps = (distance_m - gain_mps * share_s) / duration_s
     if coasting_mps + gain_mps > initial_mps:
         coasting_mps = (distance_m - initial_mps * share_s) / (duration_s - share_s)

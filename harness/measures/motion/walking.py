@@ -69,14 +69,14 @@ def states_at(
     legs = legs_of(walk, crossing)
     columns = np.array(legs, dtype=float).T
     number = np.searchsorted(columns[0], times_s, side="right") - 1
-    time, x, y, x_mps, y_mps, y_mps2 = columns[:, np.maximum(number, 0)]
-    walked_s = times_s - time
-    velocity = y_mps + y_mps2 * walked_s
+    begin_s, x_m, y_m, x_mps, y_mps, y_mps2 = columns[:, np.maximum(number, 0)]
+    walked_s = times_s - begin_s
+    velocity_mps = y_mps + y_mps2 * walked_s
     # 0.0 − 0.0 is 0.0; −0.0 would be written differently into a file.
-    forward = y_mps2 if walk.arrival.side is Side.NEAR else 0.0 - y_mps2
+    forward_mps2 = y_mps2 if walk.arrival.side is Side.NEAR else 0.0 - y_mps2
     return (
-        x + x_mps * walked_s,
-        y + y_mps * walked_s + y_mps2 * walked_s**2 / 2,
-        np.hypot(x_mps, velocity),
-        forward,
+        x_m + x_mps * walked_s,
+        y_m + y_mps * walked_s + y_mps2 * walked_s**2 / 2,
+        np.hypot(x_mps, velocity_mps),
+        forward_mps2,
     )
