@@ -98,7 +98,7 @@ class HumanRecorded:
         return min(go_mps2, max(-limit_mps2, stop_after(room_m, ego.speed_mps, step_s)))
 
     def _yields(self, observation: Observation, counting: list[InPath], arrives_s: float) -> bool:
-        """Whether a relevant pedestrian has been in the way for at least the reaction time."""
+        """Whether somebody has been in the way for the reaction time; notes since when all have."""
         since_s = {
             person.index: self._since_s.get(person.index, observation.time_s)
             for person in counting

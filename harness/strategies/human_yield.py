@@ -70,6 +70,10 @@ class HumanYield:
         comfortable_deceleration_mps2: greatest deceleration for yielding, m/s², above 0; with
             a spread, its median.
         comfortable_deceleration_sigma: σ of its logarithm, 0 or more.
+
+    Attributes:
+        yields: whether this vehicle yields.
+        reaction_s, comfortable_mps2: this driver's reaction time and comfortable deceleration.
     """
 
     AGGRESSIVENESS: ClassVar = {"yield_rate": -1.0}  # a smaller yield rate is bolder
@@ -84,24 +88,24 @@ class HumanYield:
         comfortable_deceleration_mps2: Positive = COMFORTABLE_MPS2,
         comfortable_deceleration_sigma: NonNegative = 0.0,
     ) -> None:
-        self._yields = bool(rng.random() < yield_rate)
-        self._reaction_s = reaction_time_s
-        self._comfortable_mps2 = comfortable_deceleration_mps2
+        self.yields = bool(rng.random() < yield_rate)
+        self.reaction_s = reaction_time_s
+        self.comfortable_mps2 = comfortable_deceleration_mps2
         if reaction_time_sigma or comfortable_deceleration_sigma:
             slow, hard = ndtri(rng.random(2)).tolist()
-            self._reaction_s *= math.exp(reaction_time_sigma * slow)
-            self._comfortable_mps2 *= math.exp(comfortable_deceleration_sigma * hard)
+            self.reaction_s *= math.exp(reaction_time_sigma * slow)
+            self.comfortable_mps2 *= math.exp(comfortable_deceleration_sigma * hard)
         self._reacts_s: dict[int, float] = {}
 
     def decide(self, observation: Observation, /) -> float:
         """Commanded acceleration in m/s²."""
-        if self._reaction_s:
+        if self.reaction_s:
             observation = self._reacted_to(observation)
         go_mps2 = resume(observation)
         passed = observation.ego.range_m <= PEDESTRIAN_RADIUS_M + ROUNDING
         met = [] if passed else _people_met(observation)
-        yields = self._yields and not passed and _somebody_to_yield_to(observation)
-        comfortable_mps2, step_s = self._comfortable_mps2, observation.step_s
+        yields = self.yields and not passed and _somebody_to_yield_to(observation)
+        comfortable_mps2, step_s = self.comfortable_mps2, observation.step_s
         if (yields or met) and can_stop_at_line(observation, comfortable_mps2):
             later = can_stop_at_line(observation, comfortable_mps2, step_s, go_mps2)
             return go_mps2 if later else stop_at_line(observation)
@@ -112,7 +116,7 @@ class HumanYield:
         ego, now_s, step_s = observation.ego, observation.time_s, observation.step_s
         on_the_brake = ego.speed_mps <= ROUNDING or ego.acceleration_mps2 < -ROUNDING
         # A command lasts for a step, so the reaction ends with one.
-        delay_s = 0.0 if on_the_brake else step_s * math.ceil(self._reaction_s / step_s - ROUNDING)
+        delay_s = 0.0 if on_the_brake else step_s * math.ceil(self.reaction_s / step_s - ROUNDING)
         known = []
         for person in observation.pedestrians:
             since_s = self._reacts_s.get(person.index, math.inf)
@@ -126,8 +130,8 @@ class HumanYield:
 
     def _may_brake(self, observation: Observation, delay_s: float) -> bool:
         """Whether the pedestrians are a reason to brake, if it reacts after a delay."""
-        yields = self._yields and _somebody_to_yield_to(observation)
-        stops = yields and can_stop_at_line(observation, self._comfortable_mps2, delay_s)
+        yields = self.yields and _somebody_to_yield_to(observation)
+        stops = yields and can_stop_at_line(observation, self.comfortable_mps2, delay_s)
         return stops or bool(_people_met(observation))
 
 

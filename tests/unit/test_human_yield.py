@@ -93,9 +93,9 @@ def test_drivers_differ_as_measured() -> None:
     both = [HumanYield(rng=stream(7, "strategy", n), reaction_time_s=1.0, **spread)
             for n in range(4000)]  # fmt: skip
     alike = [HumanYield(rng=stream(7, "strategy", n)) for n in range(4000)]
-    assert [one._yields for one in both] == [one._yields for one in alike]
+    assert [one.yields for one in both] == [one.yields for one in alike]
     times, hard = (np.array([getattr(one, name) for one in both])
-                   for name in ("_reaction_s", "_comfortable_mps2"))  # fmt: skip
+                   for name in ("reaction_s", "comfortable_mps2"))  # fmt: skip
     for values, median, sigma in ((times, 1.0, 0.4), (hard, 3.0, 0.28)):
         logs = np.log(values / median) / sigma
         assert stats.kstest(logs, "norm").pvalue > 1e-4

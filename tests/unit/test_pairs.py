@@ -111,7 +111,7 @@ def yielding(av: str, human: str, driver: Arm, model: InteractionModel) -> np.nd
     """Whether a driver who is ``human_yield`` is one who yields (0.74 are), in each pair."""
     scenario = validate({"arms": {"av": av, "human": human}, "experiment": {"seed": 3}}, "test")
     drivers = [make_strategy(scenario, driver, pair, model) for pair in range(2000)]
-    return np.array([one._yields for one in drivers if isinstance(one, HumanYield)])
+    return np.array([one.yields for one in drivers if isinstance(one, HumanYield)])
 
 
 def test_an_av_that_draws_gets_no_number_of_the_reference_unless_it_is_the_reference(model) -> None:
