@@ -1,4 +1,4 @@
-"""Vehicles that come in; whether a pedestrian at the kerb decides to go out.
+"""Formulas of the decisions of pedestrians at the kerb; crowd.py applies them.
 
 Pedestrians with behaviour ``threshold`` decide by the threshold-distribution model of Pekkanen et
 al. 2022 (Computational Brain & Behavior 5), with one term more: the time that the pedestrian needs

@@ -78,10 +78,11 @@ _WRAPPED = "getLeader"
 
 
 class Collision(Protocol):
-    """A collision that SUMO reports: who drove, and whom they hit."""
+    """A collision that SUMO reports: who drove, whom they hit, and on which lane."""
 
     collider: str
     victim: str
+    lane: str
 
 
 class Leader(NamedTuple):

@@ -174,7 +174,7 @@ class Failing(PlainEngine):
         return super().begin(arrivals)
 
     def step(self, speed_mps, pedestrians):
-        if self._at == "step" and self._x > -20:
+        if self._at == "step" and self._x_m > -20:
             raise EngineError("lost ego")
         return super().step(speed_mps, pedestrians)
 
