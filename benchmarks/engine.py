@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 from rich.console import Console
 from rich.table import Table
 
-from harness.core.encounter import Arm, Trace
+from harness.core.vocabulary import Arm, Trace
 from harness.encounter.pairing import CHUNK_PAIRS, PairRunner
 from harness.engine.protocol import Engine
 from harness.engine.shared import open_engine

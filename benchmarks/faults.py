@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from harness.core.encounter import Observation, PedestrianView, Side
+from harness.core.vocabulary import Observation, PedestrianView, Side
 from harness.strategies.hard_yield import HardYield
 
 BLIND_FROM_MPS, BLIND_TO_MPS = 1.1000, 1.1001

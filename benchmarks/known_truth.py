@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from benchmarks.coverage import chosen_pairs as chosen_pairs, plain_engine
-from harness.core.encounter import Arm, Arrival, FloatArray, Side
+from harness.core.vocabulary import Arm, Arrival, FloatArray, Side
 from harness.encounter.arms import make_strategy
 from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.cell_constants import constants_of

@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from benchmarks.faults import BLIND_FROM_MPS, BLIND_TO_MPS
-from harness.core.encounter import Arm, Arrival, Ending, Side
 from harness.core.seeding import Given
 from harness.core.versions import versions_of_runs
+from harness.core.vocabulary import Arm, Arrival, Ending, Side
 from harness.encounter.pairing import PairRunner
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.plain import PlainEngine

@@ -25,7 +25,7 @@ from pathlib import Path
 
 import sumo
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.engine.shared import close_engine
 from harness.model.interaction import load_model
 from harness.scenario import validate

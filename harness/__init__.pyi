@@ -1,7 +1,8 @@
 # The public interface (docs/python.md), each name with its module: read by type checkers, and by
 # harness/__init__.py for what it imports when it is first asked for.
 
-from .core.encounter import (
+from .core.errors import HarnessError as HarnessError, InputError as InputError
+from .core.vocabulary import (
     Arm as Arm,
     Crossing as Crossing,
     EgoView as EgoView,
@@ -11,7 +12,6 @@ from .core.encounter import (
     Strategy as Strategy,
     Vehicle as Vehicle,
 )
-from .core.errors import HarnessError as HarnessError, InputError as InputError
 from .model.interaction import InteractionModel as InteractionModel, load_model as load_model
 from .report import figures as figures
 from .report.page import Written as Written, write_report as write_report

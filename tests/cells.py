@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.results.cell_findings import CellFindings, cell_findings
 from harness.results.loaded_run import Run
 from harness.results.notes import Note, notes_of

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from harness.core.encounter import Observation
 from harness.core.seeding import stream
+from harness.core.vocabulary import Observation
 
 NAME = "tests.faulty:Faulty"
 

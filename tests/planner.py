@@ -1,6 +1,6 @@
 """A strategy whose choice hangs on the last bit of the ego's place: ``tests.planner:Planner``."""
 
-from harness.core.encounter import Observation
+from harness.core.vocabulary import Observation
 
 GRID_M = 0.005
 

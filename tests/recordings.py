@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from harness.core.encounter import Arrival, Crossing, Leg, Side, Vehicle
+from harness.core.vocabulary import Arrival, Crossing, Leg, Side, Vehicle
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.loop import Episode, drive
 from harness.engine.plain import PlainEngine

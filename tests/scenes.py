@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.core.encounter import (
+from harness.core.errors import InputError
+from harness.core.vocabulary import (
     Arm,
     Arrival,
     EgoView,
@@ -18,7 +19,6 @@ from harness.core.encounter import (
     Trace,
     Walk,
 )
-from harness.core.errors import InputError
 from harness.encounter import loop
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.pairing import PairRunner

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.results.cell_findings import CellFindings, cell_findings
 from harness.results.rows import simulation_rows
 from harness.results.tables import TABLES_OF, Tables

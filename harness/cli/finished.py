@@ -107,7 +107,7 @@ def replay(
         raise InputError("--out, --gui, --debug", "cannot be combined", "one of the three")
     if screenshots is not None and not gui:
         raise InputError("--screenshots", "needs --gui", "--gui")
-    from harness.core.encounter import Arm
+    from harness.core.vocabulary import Arm
     from harness.results.loaded_run import load_run
     from harness.studies.running import replay as again
 
@@ -150,7 +150,7 @@ def export(
     as_json: options.JsonOption = False,
 ) -> None:
     """Write an arm of a pair as OpenSCENARIO and OpenDRIVE."""
-    from harness.core.encounter import Arm
+    from harness.core.vocabulary import Arm
     from harness.results.loaded_run import load_run
     from harness.studies.export import export as write
 

@@ -100,7 +100,7 @@ def risk(
     as_json: options.JsonOption = False,
 ) -> None:
     """Estimate the probability of a rare event in an episode."""
-    from harness.core.encounter import Arm
+    from harness.core.vocabulary import Arm
     from harness.scenario import read_scenario_file, study_of
     from harness.studies.risk.estimate import risk as estimate
 

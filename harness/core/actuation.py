@@ -9,7 +9,7 @@ from collections import deque
 from itertools import repeat
 from typing import NamedTuple
 
-from harness.core.encounter import ROUNDING, Vehicle
+from harness.core.vocabulary import ROUNDING, Vehicle
 
 GRAVITY_MPS2 = 9.80665
 """Standard gravity."""

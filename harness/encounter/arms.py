@@ -6,9 +6,9 @@ from types import MappingProxyType
 import numpy as np
 
 from harness.core.documents import as_plain
-from harness.core.encounter import NO_MODEL_USE, Arm, ModelUse, Strategy
 from harness.core.errors import InputError, in_one_line
 from harness.core.seeding import Given, GivenFirst, Purpose, stream
+from harness.core.vocabulary import NO_MODEL_USE, Arm, ModelUse, Strategy
 from harness.model.interaction import InteractionModel, ModelUseCounter, check_support
 from harness.scenario import Scenario
 from harness.strategies.parameters import check_parameters, knows_the_model, needs

@@ -8,8 +8,8 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from harness.core.encounter import SECONDS_PER_HOUR, Arrival, FloatArray, Leg, Side
 from harness.core.seeding import Given, Purpose, stream
+from harness.core.vocabulary import SECONDS_PER_HOUR, Arrival, FloatArray, Leg, Side
 from harness.encounter.deciding import lognormal_s
 from harness.scenario import Scenario
 from harness.scenario.pedestrians import GapAcceptanceSection, PedestriansSection

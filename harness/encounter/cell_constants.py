@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from harness.core.encounter import Arm, Crossing, Vehicle
+from harness.core.vocabulary import Arm, Crossing, Vehicle
 from harness.scenario import Scenario
 from harness.scenario.pedestrians import PedestriansSection
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 
-from harness.core.encounter import Arrival, Side, Views, arrives_s
+from harness.core.vocabulary import Arrival, Side, Views, arrives_s
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.deciding import (
     Approaching,

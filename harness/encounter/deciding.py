@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from statistics import NormalDist
 from typing import NamedTuple, Protocol
 
-from harness.core.encounter import ROUNDING, STANDING_MPS, Vehicle
+from harness.core.vocabulary import ROUNDING, STANDING_MPS, Vehicle
 from harness.scenario.pedestrians import ThresholdSection
 
 REFERENCE_MPS = 50 / 3.6

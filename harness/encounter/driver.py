@@ -1,4 +1,4 @@
-"""One step of one vehicle: what is seen; the command within Vehicle's limits (core/encounter.py).
+"""One step of one vehicle: what is seen; the command within Vehicle's limits (core/vocabulary.py).
 
 The step is the same in encounters, simulations, reinforcement learning, validation and checks of
 strategies.  How the vehicle obeys the command is ``core.actuation.Actuator``.
@@ -9,7 +9,8 @@ from collections.abc import Callable
 from numbers import Real
 from typing import Protocol
 
-from harness.core.encounter import (
+from harness.core.errors import StrategyError, place_of
+from harness.core.vocabulary import (
     ROUNDING,
     Crossing,
     EgoView,
@@ -20,7 +21,6 @@ from harness.core.encounter import (
     Views,
     quick_tuple,
 )
-from harness.core.errors import StrategyError, place_of
 
 
 class Way(Protocol):

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harness.core.actuation import Actuator
-from harness.core.encounter import (
+from harness.core.errors import EngineError, StrategyError
+from harness.core.vocabulary import (
     ROUNDING,
     Arrival,
     Ending,
@@ -22,7 +23,6 @@ from harness.core.encounter import (
     Vehicle,
     Views,
 )
-from harness.core.errors import EngineError, StrategyError
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.crowd import Crowd
 from harness.encounter.deciding import KerbLane

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.core.encounter import Arm, Arrival, Ending, Trace
 from harness.core.errors import InputError, StrategyError, in_one_line
 from harness.core.seeding import Given
+from harness.core.vocabulary import Arm, Arrival, Ending, Trace
 from harness.encounter.arms import check_arms, make_strategy, uses_of
 from harness.encounter.arrivals import already_walking, planned_arrivals
 from harness.encounter.cell_constants import constants_of

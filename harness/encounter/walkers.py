@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from harness.core.encounter import (
+from harness.core.vocabulary import (
     PEDESTRIAN_RADIUS_M,
     Arrival,
     Crossing,

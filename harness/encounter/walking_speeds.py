@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 
-from harness.core.encounter import Arrival
+from harness.core.vocabulary import Arrival
 from harness.model.interaction import InteractionModel, ModelUseCounter
 from harness.scenario import Scenario
 

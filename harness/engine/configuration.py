@@ -15,8 +15,8 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from harness.core.documents import frozen_tables
-from harness.core.encounter import ROUNDING
 from harness.core.errors import EngineError, InputError, one_line
+from harness.core.vocabulary import ROUNDING
 from harness.engine.installation import run_program, scratch_folder
 
 _LONGEST_STEP_S = 1.0

@@ -6,8 +6,8 @@ docs/simulations.md explains the choices and has the measurements behind them.
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from harness.core.encounter import Arrival
 from harness.core.errors import EngineError
+from harness.core.vocabulary import Arrival
 from harness.engine.people import HeldPeople
 from harness.engine.session import Session, lane_of
 from harness.engine.sources import APPROACH_M

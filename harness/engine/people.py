@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from harness.core.encounter import Arrival, Side, arrives_s
+from harness.core.vocabulary import Arrival, Side, arrives_s
 from harness.engine.session import Session, lane_of
 from harness.site.road_frame import RoadFrame
 

@@ -7,7 +7,7 @@ It detects no collisions.
 import math
 from collections.abc import Sequence
 
-from harness.core.encounter import Arrival, Vehicle
+from harness.core.vocabulary import Arrival, Vehicle
 
 
 class PlainEngine:

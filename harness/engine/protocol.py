@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from harness.core.encounter import Arrival
+from harness.core.vocabulary import Arrival
 
 
 class Engine(Protocol):

@@ -8,8 +8,8 @@ from importlib import import_module, metadata
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Protocol, TypeVar, get_type_hints
 
-from harness.core.encounter import ROUNDING
 from harness.core.errors import EngineError, one_line
+from harness.core.vocabulary import ROUNDING
 from harness.engine.installation import program, run_program
 
 Module = Literal["libsumo", "traci", "gui"]

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
 from harness.scenario import EngineName, Scenario

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from harness.core.encounter import Vehicle
+from harness.core.vocabulary import Vehicle
 from harness.engine.installation import scratch_folder
 from harness.engine.network import network_of
 from harness.engine.session import Module, Session

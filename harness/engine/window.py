@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.engine.control import SumoEngine
 from harness.engine.starting import session_of
 from harness.scenario import Scenario

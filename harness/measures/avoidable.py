@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.core.actuation import GRAVITY_MPS2, CarState, response
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, FloatArray, Trace, Vehicle
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, FloatArray, Trace, Vehicle
 from harness.measures.chunk import Chunk
 from harness.measures.contacts import Strike
 from harness.measures.ego import ego_state, motion_within

@@ -7,7 +7,7 @@ contact in which the pedestrian walks into the side of the ego.
 
 import numpy as np
 
-from harness.core.encounter import (
+from harness.core.vocabulary import (
     PEDESTRIAN_RADIUS_M,
     ROUNDING,
     BoolArray,

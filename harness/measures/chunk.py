@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from harness.core.encounter import (
+from harness.core.vocabulary import (
     ROUNDING,
     BoolArray,
     Crossing,

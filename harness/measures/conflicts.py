@@ -6,7 +6,7 @@ and the moment at which a pedestrian steps off.
 
 import numpy as np
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, STANDING_MPS, FloatArray, Side
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, STANDING_MPS, FloatArray, Side
 from harness.measures.chunk import Chunk
 from harness.measures.ego import crossing_time_s
 from harness.measures.motion.contact import gap_m

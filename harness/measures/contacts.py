@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, Contact, Ending, IntArray, Trace
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, Contact, Ending, IntArray, Trace
 from harness.measures.ego import body_of, ego_state
 from harness.measures.motion.contact import Motion, first_contact_in_step_s
 from harness.measures.steps import Rows

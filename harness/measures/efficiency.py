@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from harness.core.encounter import ROUNDING, STANDING_MPS, BoolArray, FloatArray, IntArray, Walk
+from harness.core.vocabulary import ROUNDING, STANDING_MPS, BoolArray, FloatArray, IntArray, Walk
 from harness.measures.chunk import Chunk
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.core.encounter import (
+from harness.core.vocabulary import (
     ROUNDING,
     BoolArray,
     FloatArray,

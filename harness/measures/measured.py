@@ -10,7 +10,7 @@ from dataclasses import Field, dataclass, field, fields
 from operator import attrgetter
 from typing import Any, Literal, get_args
 
-from harness.core.encounter import FloatArray
+from harness.core.vocabulary import FloatArray
 from harness.measures import avoidable as prevention, braking, conflicts, efficiency
 from harness.measures.chunk import Chunk
 

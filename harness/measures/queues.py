@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from harness.core.encounter import FloatArray
+from harness.core.vocabulary import FloatArray
 
 PEDESTRIAN_LOS_S = (5.0, 10.0, 20.0, 30.0, 45.0)
 """Longest mean delays of pedestrians for the levels A to E (HCM 2010, exhibit 19-2)."""

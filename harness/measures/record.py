@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from harness.core.encounter import Arm, Contact, Ending, FailedIn, Trace
+from harness.core.vocabulary import Arm, Contact, Ending, FailedIn, Trace
 from harness.measures.chunk import Chunk, chunk_of
 from harness.measures.contacts import Strike, strikes_of
 from harness.measures.ego import ego_states

@@ -20,9 +20,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from harness.core.documents import check_form, frozen_tables, parse_json
-from harness.core.encounter import NO_MODEL_USE, FloatArray, ModelUse
 from harness.core.errors import InputError, nearest_name
 from harness.core.files import read_file, write_file
+from harness.core.vocabulary import NO_MODEL_USE, FloatArray, ModelUse
 from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 

@@ -16,8 +16,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from harness.core.documents import parse_json
-from harness.core.encounter import FloatArray, freeze_arrays
 from harness.core.errors import InputError, Parameter, unknown_name
+from harness.core.vocabulary import FloatArray, freeze_arrays
 from harness.model.interaction import VARIABLES
 from harness.model.trajectories.extraction import ENCOUNTER_KEY, EXTRACTION_KEY, VEHICLE_KEY
 from harness.model.trajectories.rules import TEXT_COLUMNS

@@ -19,7 +19,7 @@ from matplotlib.transforms import ScaledTranslation
 from numpy.typing import ArrayLike
 from scipy import special
 
-from harness.core.encounter import Arm, FloatArray
+from harness.core.vocabulary import Arm, FloatArray
 from harness.report import style
 from harness.report.style import ARM_LOOKS, AV, SERIES, figure_text, finish
 from harness.report.words import counted, level_text

@@ -15,7 +15,7 @@ from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from harness.core.encounter import FloatArray
+from harness.core.vocabulary import FloatArray
 from harness.model.interaction import (
     DRIVING_GIVEN,
     INVERSE_RANGE,

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from harness.core.documents import unit_of
-from harness.core.encounter import Arm
 from harness.core.errors import HarnessError
 from harness.core.files import read_file
+from harness.core.vocabulary import Arm
 from harness.engine.configuration import read_config
 from harness.report import figures as draw
 from harness.report.player import pair_name

@@ -11,7 +11,7 @@ import pandas as pd
 from jinja2.utils import htmlsafe_json_dumps
 
 from harness.core.documents import JsonObject
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, Ending, FloatArray
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, Arm, Crossing, Ending, FloatArray
 from harness.measures.conflicts import time_advantage_s
 from harness.report.words import counted, plain_text
 from harness.results.folder import read_cell

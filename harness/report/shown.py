@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from harness.core.encounter import Arm, Ending
+from harness.core.vocabulary import Arm, Ending
 from harness.results.loaded_run import Run
 from harness.studies.running.replay import Key, traced
 

@@ -18,8 +18,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 
-from harness.core.encounter import Arm
 from harness.core.files import cannot_write, write_file
+from harness.core.vocabulary import Arm
 from harness.report.words import printable
 
 INK = "#1b1f24"

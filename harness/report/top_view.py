@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
-from harness.core.encounter import Crossing, Vehicle
+from harness.core.vocabulary import Crossing, Vehicle
 from harness.report.style import BLUE, MUTED, ORANGE
 
 

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from harness.core.encounter import LIMITED_BY
+from harness.core.vocabulary import LIMITED_BY
 from harness.results import estimators, student
 from harness.results.columns import AV, REFERENCE, Sample
 from harness.results.estimators import Sampling

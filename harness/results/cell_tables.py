@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.results.catalogue import ENTRY_OF, Entry, entries_of
 from harness.results.cell_findings import CellFindings, on_first_screen, worst_cases
 from harness.results.finding import Findings, Form, Plain

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from harness.core.encounter import Ending, FloatArray
 from harness.core.seeding import resampling
+from harness.core.vocabulary import Ending, FloatArray
 from harness.results.estimators import Sampling
 from harness.scenario import Scenario
 from harness.strategies.parameters import needs

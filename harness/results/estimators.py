@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
-from harness.core.encounter import FloatArray
+from harness.core.vocabulary import FloatArray
 from harness.results.finding import Finding
 
 CONFIDENCE = 0.95

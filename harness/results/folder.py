@@ -17,10 +17,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from harness.core.documents import JsonObject, parse_json
-from harness.core.encounter import Arm
 from harness.core.errors import InputError, one_line, resume_command
 from harness.core.files import PACKAGE, cannot_write, read_file, whole_file, write_csv, write_file
 from harness.core.versions import versions_of_fits
+from harness.core.vocabulary import Arm
 from harness.results.cell_findings import CellFindings, records_of
 from harness.results.finding import Finding, Plain, finding_to_dict
 from harness.results.result import flat

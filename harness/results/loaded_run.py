@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.core.encounter import Arm
 from harness.core.errors import InputError, resume_command, unknown_name
+from harness.core.vocabulary import Arm
 from harness.results import folder as folders
 from harness.results.cell_findings import CellFindings, cell_findings, records_of
 from harness.results.cell_tables import drivers, scope_of, tables_of

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from harness.core.encounter import BY_SUMO, SPEED_ROUNDING
+from harness.core.vocabulary import BY_SUMO, SPEED_ROUNDING
 from harness.encounter.arms import asks_model
 from harness.results.catalogue import Entry
 from harness.results.cell_findings import CellFindings, on_first_screen

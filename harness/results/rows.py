@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import pyarrow as pa
 
-from harness.core.encounter import Arm, FloatArray, Side, Trace, Walk
+from harness.core.vocabulary import Arm, FloatArray, Side, Trace, Walk
 from harness.measures import Outcome
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.results.tables import EPISODES, PEDESTRIANS, TABLES_OF, TRACES, Row, Tables

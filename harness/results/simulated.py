@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.core.encounter import LIMITED_BY, SECONDS_PER_HOUR, Arm, FloatArray
+from harness.core.vocabulary import LIMITED_BY, SECONDS_PER_HOUR, Arm, FloatArray
 from harness.measures.queues import growth
 from harness.results.columns import AV
 from harness.results.estimators import Sampling

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
-from harness.core.encounter import FloatArray
+from harness.core.vocabulary import FloatArray
 from harness.results.estimators import EQUAL, clopper_pearson, informative
 from harness.results.finding import Finding
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import pyarrow as pa
 
-from harness.core.encounter import LIMITED_BY, Arm, Contact, Ending, Leg, Side
+from harness.core.vocabulary import LIMITED_BY, Arm, Contact, Ending, Leg, Side
 from harness.measures.measured import MEASURES
 from harness.scenario import Scenario
 

@@ -11,8 +11,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
 from harness.core.errors import EngineError, InputError, StrategyError, unknown_name
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
 from harness.encounter.loop import Episode, Steps
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, open_engine

@@ -7,7 +7,8 @@ option gave it.
 import math
 from collections.abc import Sequence
 
-from harness.core.encounter import (
+from harness.core.errors import InputError, unknown_name
+from harness.core.vocabulary import (
     PEDESTRIAN_RADIUS_M,
     ROUNDING,
     SECONDS_PER_HOUR,
@@ -15,7 +16,6 @@ from harness.core.encounter import (
     Crossing,
     Side,
 )
-from harness.core.errors import InputError, unknown_name
 from harness.scenario.pedestrians import PedestriansSection
 from harness.scenario.scenario import Scenario, path_of
 from harness.scenario.sections import Section

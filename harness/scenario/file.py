@@ -14,9 +14,9 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from harness.core.documents import as_plain, check_form, frozen_tables, parse_toml, shortened
-from harness.core.encounter import SECONDS_PER_HOUR
 from harness.core.errors import InputError, nearest_name
 from harness.core.files import read_file, shipped_directory
+from harness.core.vocabulary import SECONDS_PER_HOUR
 from harness.scenario.consistency import check_consistency
 from harness.scenario.scenario import Scenario
 

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal, cast
 
 from pydantic import Field
 
-from harness.core.encounter import Behaviour
 from harness.core.seeding import GIVEN_DRAWS, Given, Purpose
+from harness.core.vocabulary import Behaviour
 from harness.scenario.sections import Flow, NonNegative, Positive, Section, Share
 
 SLOWEST_MPS = 0.3

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, JsonValue, PlainSerializer, model_validator
 
 from harness.core.documents import as_plain, frozen_tables
-from harness.core.encounter import (
+from harness.core.vocabulary import (
     PEDESTRIAN_RADIUS_M,
     ROUNDING,
     Arm,

@@ -12,7 +12,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 from harness.core.actuation import GRAVITY_MPS2
-from harness.core.encounter import ROUNDING, Arm, Vehicle
+from harness.core.vocabulary import ROUNDING, Arm, Vehicle
 
 MAX_TRIGGER_RANGE_M = 300.0
 """Longest range at which the ego can be inserted: the length of every network's approach road."""

@@ -4,7 +4,7 @@ import math
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.engine.session import Session, edge_of, is_inside_junction
 from harness.simulation.cars import Car, Link, Passage
 from harness.simulation.setup import Setup

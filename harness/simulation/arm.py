@@ -4,7 +4,7 @@ import math
 from collections import Counter, defaultdict
 from functools import partial
 
-from harness.core.encounter import ROUNDING, Arm, ModelUse
+from harness.core.vocabulary import ROUNDING, Arm, ModelUse
 from harness.encounter.arms import uses_of
 from harness.encounter.driver import Driver
 from harness.encounter.walking_speeds import WalkingSpeeds

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from harness.core.documents import frozen_tables
-from harness.core.encounter import Arm, FailedIn, StepMotion
 from harness.core.errors import EngineError, StrategyError
+from harness.core.vocabulary import Arm, FailedIn, StepMotion
 from harness.engine.session import Module, Session
 from harness.model.interaction import InteractionModel
 from harness.simulation.arm import SimulatedArm

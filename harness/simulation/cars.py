@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.core.actuation import Actuator
-from harness.core.encounter import LIMITED_BY, STRATEGY, Crossing, FloatArray, Strategy, Vehicle
+from harness.core.vocabulary import LIMITED_BY, STRATEGY, Crossing, FloatArray, Strategy, Vehicle
 from harness.encounter.driver import Driver
 from harness.site.town import Connection, Crosswalk
 from harness.site.zone import Zone

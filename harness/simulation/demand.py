@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.core.encounter import ROUNDING, SECONDS_PER_HOUR
 from harness.core.errors import EngineError
 from harness.core.seeding import stream
+from harness.core.vocabulary import ROUNDING, SECONDS_PER_HOUR
 from harness.engine.configuration import SumoConfig, write_options, write_xml
 from harness.engine.network import network_of
 from harness.engine.starting import OWN_ROADS, vehicle_type

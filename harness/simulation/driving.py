@@ -9,8 +9,8 @@ import math
 from collections.abc import Mapping
 
 from harness.core.actuation import CUT_MPS, Actuator
-from harness.core.encounter import ACTUATOR, LANE, LEADER, RIGHT_OF_WAY, STRATEGY, Strategy
 from harness.core.errors import StrategyError
+from harness.core.vocabulary import ACTUATOR, LANE, LEADER, RIGHT_OF_WAY, STRATEGY, Strategy
 from harness.encounter.driver import Driver, answer_of
 from harness.engine.plain import slowing_mps
 from harness.engine.session import Session

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from harness.core.encounter import SECONDS_PER_HOUR
+from harness.core.vocabulary import SECONDS_PER_HOUR
 from harness.engine.configuration import SumoConfig, elements_of, people_in, read_config, write_xml
 from harness.engine.session import lane_of
 from harness.scenario.sections import EgoSection

@@ -8,7 +8,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from harness.core.encounter import Crossing, Side
+from harness.core.vocabulary import Crossing, Side
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.crowd import Crowd
 from harness.encounter.deciding import KerbLane

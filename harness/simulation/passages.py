@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.core.encounter import (
+from harness.core.vocabulary import (
     LIMITED_BY,
     PEDESTRIAN_RADIUS_M,
     Contact,

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 
-from harness.core.encounter import STANDING_MPS, PedestrianView, Side, Views, quick_tuple
+from harness.core.vocabulary import STANDING_MPS, PedestrianView, Side, Views, quick_tuple
 from harness.engine.session import Session
 from harness.simulation.cars import Passage
 from harness.simulation.own_people import OWN_PREFIX, OwnPeople

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from harness.core.documents import frozen_tables
-from harness.core.encounter import Arm, Arrival, Strategy, Vehicle
 from harness.core.errors import StrategyError, in_one_line
+from harness.core.vocabulary import Arm, Arrival, Strategy, Vehicle
 from harness.encounter.arms import make_strategy
 from harness.encounter.arrivals import planned_arrivals
 from harness.engine.configuration import SumoConfig

@@ -8,7 +8,7 @@ from itertools import starmap
 
 import numpy as np
 
-from harness.core.encounter import (
+from harness.core.vocabulary import (
     STANDING_MPS,
     Arrival,
     Crossing,

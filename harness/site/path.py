@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from harness.core.encounter import FloatArray
+from harness.core.vocabulary import FloatArray
 
 Places = NDArray[np.complex128]
 """Places or directions in the network's plane, x + iy."""

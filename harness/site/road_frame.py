@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import TypeVar
 
-from harness.core.encounter import FloatArray
+from harness.core.vocabulary import FloatArray
 
 Numbers = TypeVar("Numbers", float, FloatArray)
 

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import shapely
 
-from harness.core.encounter import BoolArray, Crossing, FloatArray
+from harness.core.vocabulary import BoolArray, Crossing, FloatArray
 from harness.site.path import FrontPath
 from harness.site.town import Crosswalk
 

@@ -3,7 +3,7 @@
 import math
 from typing import ClassVar
 
-from harness.core.encounter import ROUNDING, Observation, PedestrianView
+from harness.core.vocabulary import ROUNDING, Observation, PedestrianView
 from harness.scenario.sections import Positive
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.manoeuvres import AT_KERB_M, half_path_width_m, resume, stop_after

@@ -1,6 +1,6 @@
 """The control case: no yielding at all."""
 
-from harness.core.encounter import Observation
+from harness.core.vocabulary import Observation
 from harness.strategies.manoeuvres import resume
 
 

@@ -2,7 +2,7 @@
 
 import math
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, Observation, PedestrianView
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, ROUNDING, Observation, PedestrianView
 from harness.scenario.sections import Positive
 from harness.strategies.manoeuvres import full_braking, half_path_width_m, resume, time_in_path_s
 

@@ -3,7 +3,7 @@
 import math
 from typing import ClassVar, NamedTuple
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, Observation
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, ROUNDING, Observation
 from harness.strategies.manoeuvres import (
     CLEARANCE_M,
     COMFORTABLE_MPS2,

@@ -1,6 +1,6 @@
 """Hard-Yield: a strategy that stops before the crosswalk and waits until it is clear."""
 
-from harness.core.encounter import Observation
+from harness.core.vocabulary import Observation
 from harness.strategies.manoeuvres import (
     anybody_waits,
     can_stop_at_line,

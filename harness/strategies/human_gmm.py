@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from harness.core.encounter import ROUNDING, Observation, PedestrianView
+from harness.core.vocabulary import ROUNDING, Observation, PedestrianView
 from harness.model.interaction import InteractionModel, ModelUseCounter
 from harness.scenario.consistency import check_steps
 

@@ -1,6 +1,6 @@
 """The second reference: a driver fitted to recorded encounters."""
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, Observation
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, ROUNDING, Observation
 from harness.strategies.manoeuvres import (
     InPath,
     full_braking_distance_m,

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import ndtri
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, ROUNDING, Observation
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, ROUNDING, Observation
 from harness.scenario.sections import NonNegative, Positive, Share
 from harness.strategies.manoeuvres import (
     CLEARANCE_M,

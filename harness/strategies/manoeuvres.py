@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from harness.core.encounter import (
+from harness.core.vocabulary import (
     PEDESTRIAN_RADIUS_M,
     ROUNDING,
     Observation,

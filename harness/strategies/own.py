@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from harness.core.encounter import StrategyFactory
 from harness.core.errors import InputError, in_one_line, nearest_name
+from harness.core.vocabulary import StrategyFactory
 
 _FORM = "package.module:Class"
 """The form of the name of a user's strategy."""

@@ -13,8 +13,8 @@ from pydantic import BaseModel, ConfigDict, create_model
 from pydantic.errors import PydanticUserError
 
 from harness.core.documents import as_plain, check_form
-from harness.core.encounter import StrategyFactory
 from harness.core.errors import InputError
+from harness.core.vocabulary import StrategyFactory
 
 GIVEN_BY_HARNESS = ("model", "rng", "step_s")
 """Constructor arguments that the harness passes; they are never keys of a scenario."""

@@ -14,8 +14,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-from harness.core.encounter import Crossing, Observation, StrategyFactory, Vehicle
 from harness.core.errors import InputError
+from harness.core.vocabulary import Crossing, Observation, StrategyFactory, Vehicle
 from harness.scenario.consistency import PROGRAM
 
 SCHEMA_FILE = Path(__file__).with_name("observation.schema.json")

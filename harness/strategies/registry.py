@@ -7,9 +7,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import cast
 
-from harness.core.encounter import StrategyFactory
 from harness.core.errors import InputError, nearest_name
 from harness.core.files import read_file
+from harness.core.vocabulary import StrategyFactory
 from harness.strategies.autoware_crosswalk import AutowareCrosswalk
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.emergency_brake import EmergencyBrake

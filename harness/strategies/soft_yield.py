@@ -3,7 +3,7 @@
 import math
 from typing import ClassVar, NamedTuple
 
-from harness.core.encounter import ROUNDING, Observation, PedestrianView
+from harness.core.vocabulary import ROUNDING, Observation, PedestrianView
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.manoeuvres import clearing_time_s, resume
 

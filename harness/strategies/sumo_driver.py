@@ -1,6 +1,6 @@
 """SUMO's own driver model."""
 
-from harness.core.encounter import Observation
+from harness.core.vocabulary import Observation
 
 
 class SumoDriver:

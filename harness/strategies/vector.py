@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.encounter import Observation, Vehicle
+from harness.core.vocabulary import Observation, Vehicle
 
 EGO_ENTRIES = ("range_m", "speed_mps", "acceleration_mps2")
 """The first entries of every vector."""

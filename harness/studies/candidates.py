@@ -8,7 +8,7 @@ from typing import Any
 
 import pyarrow.compute as pc
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.results.catalogue import AnySample
 from harness.results.cell_findings import CellFindings, sample_of
 from harness.results.cell_tables import driver_of

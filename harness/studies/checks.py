@@ -13,8 +13,8 @@ from threading import Thread
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from harness.core.encounter import SPEED_ROUNDING, Arm, Arrival, Ending, Observation, Side, Trace
 from harness.core.errors import in_one_line
+from harness.core.vocabulary import SPEED_ROUNDING, Arm, Arrival, Ending, Observation, Side, Trace
 from harness.encounter.arms import make_strategy
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.loop import Episode, drive

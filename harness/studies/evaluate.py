@@ -12,8 +12,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from harness.core.documents import as_plain
-from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError, refused_at
+from harness.core.vocabulary import Arm, Ending
 from harness.encounter.arms import arm_key
 from harness.results.cell_findings import cell_findings
 from harness.results.estimators import CONFIDENCE

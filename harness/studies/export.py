@@ -19,7 +19,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.core.encounter import (
+from harness.core.errors import InputError, Parameter
+from harness.core.files import cannot_write, write_file
+from harness.core.vocabulary import (
     PEDESTRIAN_RADIUS_M,
     ROUNDING,
     Arm,
@@ -30,8 +32,6 @@ from harness.core.encounter import (
     Walk,
     freeze_arrays,
 )
-from harness.core.errors import InputError, Parameter
-from harness.core.files import cannot_write, write_file
 from harness.engine.configuration import read_config, seconds
 from harness.engine.network import network_of, opendrive
 from harness.engine.session import Session

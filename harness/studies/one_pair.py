@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, open_engine
 from harness.measures import Outcome

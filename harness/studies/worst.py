@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
-from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError, Parameter, unknown_name
+from harness.core.vocabulary import Arm, Ending
 from harness.measures.measured import COLUMNS, MEASURES
 from harness.results.finding import Finding, Form, Plain
 from harness.results.loaded_run import Run

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arrival, Contact, Ending, Side, Trace, Walk
+from harness.core.vocabulary import Arrival, Contact, Ending, Side, Trace, Walk
 from harness.measures import MEASURES, EpisodeRecord, Measure, measure
 from tests.scenes import Walker, drive
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.core.encounter import Observation
+from harness.core.vocabulary import Observation
 from harness.report.page import write_page
 from harness.report.shown import shown_pairs
 from harness.results.loaded_run import Run

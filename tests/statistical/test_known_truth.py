@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 from benchmarks import known_truth
 from benchmarks.coverage import Named, holds, of_differences
 from benchmarks.known_truth import CELLS, COMPARED
-from harness.core.encounter import FloatArray, Side
+from harness.core.vocabulary import FloatArray, Side
 from harness.encounter import pairing
 from harness.encounter.arrivals import planned_arrivals
 from harness.model.mixture.conditional import Conditional

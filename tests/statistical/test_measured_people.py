@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arm, Observation, Trace
+from harness.core.vocabulary import Arm, Observation, Trace
 from harness.encounter.arms import make_strategy
 from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.walking_speeds import WalkingSpeeds

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 import shapely
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.results.loaded_run import load_run
 from harness.scenario import Scenario, study_of
 from harness.scenario.file import ScenarioFile

@@ -6,7 +6,7 @@ from pathlib import Path
 import libsumo
 import pytest
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.encounter.pairing import PairRunner
 from harness.engine.control import SumoEngine
 from harness.engine.network import CACHE_VARIABLE

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import harness
-from harness.core.encounter import Ending
+from harness.core.vocabulary import Ending
 from tests.notebooks import as_main, run_cell, run_notebook
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "compare_strategies.ipynb"

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import shapely
 
-from harness.core.encounter import FloatArray
 from harness.core.errors import EngineError, InputError
+from harness.core.vocabulary import FloatArray
 from harness.engine.session import Session, edge_of
 from harness.simulation.listing import crossings_of, scenario_text
 from harness.site.town import NO_VEHICLES, RAIL, SIGNAL, Connection, Town

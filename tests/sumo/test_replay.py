@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.results.loaded_run import Run
 from harness.studies.running.replay import replay
 from harness.studies.running.run import run as simulate

@@ -5,8 +5,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from harness.core.encounter import Arm
 from harness.core.errors import InputError
+from harness.core.vocabulary import Arm
 from harness.report.shown import chosen_pairs, shown_pairs
 from harness.results.folder import read_cell
 from harness.results.loaded_run import Run

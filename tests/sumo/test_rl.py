@@ -4,8 +4,8 @@ import pytest
 
 pytest.importorskip("gymnasium")
 
-from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
+from harness.core.vocabulary import Arm, Ending
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, open_engine
 from harness.model.interaction import load_model

@@ -16,8 +16,8 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from harness.core.encounter import Observation
 from harness.core.errors import InputError
+from harness.core.vocabulary import Observation
 from harness.encounter.pairing import PairRunner
 from harness.results.loaded_run import Run, load_run
 from harness.studies.evaluate import evaluate

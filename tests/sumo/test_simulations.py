@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.engine.configuration import read_config
 from harness.engine.installation import program
 from harness.engine.shared import close_engine

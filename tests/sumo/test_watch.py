@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.results.loaded_run import Run
 from harness.studies.running.replay import watch
 from harness.studies.running.run import run

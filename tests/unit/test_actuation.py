@@ -12,7 +12,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 from harness.core.actuation import Actuator
-from harness.core.encounter import Arm, Side, Trace, Vehicle
+from harness.core.vocabulary import Arm, Side, Trace, Vehicle
 from harness.encounter import loop
 from harness.encounter.cell_constants import constants_of
 from harness.engine.plain import PlainEngine

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harness.core.encounter import Side, Strategy
+from harness.core.vocabulary import Side, Strategy
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.encounter import Arrival, Side
+from harness.core.vocabulary import Arrival, Side
 from harness.encounter.arrivals import planned_arrivals
 from harness.scenario import Scenario, validate
 

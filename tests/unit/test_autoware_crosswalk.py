@@ -2,7 +2,7 @@
 
 import pytest
 
-from harness.core.encounter import PedestrianView, Side
+from harness.core.vocabulary import PedestrianView, Side
 from harness.strategies.autoware_crosswalk import AutowareCrosswalk
 from tests.scenes import play, scenario, shown
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.encounter import Arm, Arrival, Side
+from harness.core.vocabulary import Arm, Arrival, Side
 from harness.encounter.arrivals import already_walking, planned_arrivals
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.scenario import Scenario, validate

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from hypothesis import assume, given, strategies as some
 
-from harness.core.encounter import LEADER, RIGHT_OF_WAY, Vehicle
+from harness.core.vocabulary import LEADER, RIGHT_OF_WAY, Vehicle
 from harness.engine.plain import slowing_mps
 from harness.engine.session import Leader
 from harness.simulation.cars import Car

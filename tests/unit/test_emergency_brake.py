@@ -7,7 +7,7 @@ is 1.1 to 3.4 m from there.  It is at R = 30 âˆ’ 5 t until it brakes at 4.5 m/sÂ
 import numpy as np
 import pytest
 
-from harness.core.encounter import Side
+from harness.core.vocabulary import Side
 from harness.measures import measure
 from harness.strategies.emergency_brake import EmergencyBrake
 from tests.scenes import braking_steps, play

@@ -6,8 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arrival, Ending, Observation, Side, Trace
 from harness.core.errors import EngineError
+from harness.core.vocabulary import Arrival, Ending, Observation, Side, Trace
 from harness.engine.plain import PlainEngine
 from harness.measures import measure
 from harness.scenario.pedestrians import PedestriansSection

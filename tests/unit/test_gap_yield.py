@@ -10,7 +10,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.core.encounter import Side
+from harness.core.vocabulary import Side
 from harness.measures import measure
 from harness.measures.ego import crossing_time_s
 from harness.strategies.gap_yield import GapYield

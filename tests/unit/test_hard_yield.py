@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.core.encounter import Side
+from harness.core.vocabulary import Side
 from harness.measures import measure
 from harness.strategies.hard_yield import HardYield
 from tests.scenes import play, scenario

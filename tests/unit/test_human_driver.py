@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.encounter import (
+from harness.core.vocabulary import (
     Arm,
     Crossing,
     EgoView,

@@ -7,7 +7,7 @@ spare, is 1.05 to 3.45 m from the near kerb and 5.55 to 7.95 m from the far one.
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arm, Side
+from harness.core.vocabulary import Arm, Side
 from harness.scenario import load_scenario
 from harness.strategies.human_recorded import HumanRecorded
 from tests.scenes import braking_steps, on_plain, outcome_of, play

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.encounter import Ending, PedestrianView, Side
 from harness.core.seeding import stream
+from harness.core.vocabulary import Ending, PedestrianView, Side
 from harness.measures import measure
 from harness.measures.ego import crossing_time_s
 from harness.strategies.gap_yield import GapYield

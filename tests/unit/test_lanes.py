@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from harness.core.encounter import Side
+from harness.core.vocabulary import Side
 from harness.measures.ego import crossing_time_s
 from harness.scenario import Setting, read_scenario_file, study_of, validate
 from harness.scenario.variation import parse_variation

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arrival, Ending, Leg, Side, Walk
+from harness.core.vocabulary import Arrival, Ending, Leg, Side, Walk
 from harness.measures import EpisodeRecord, crossing_time_s, measure
 from harness.measures.conflicts import time_advantage_s
 from tests.scenes import Walker, drive, record

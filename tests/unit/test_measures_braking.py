@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.core.encounter import Ending, Side
+from harness.core.vocabulary import Ending, Side
 from harness.measures import EpisodeRecord, measure
 from tests.scenes import Walker, drive, record, scenario
 

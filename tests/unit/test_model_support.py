@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.encounter import Arm, Arrival, Side
 from harness.core.errors import InputError
+from harness.core.vocabulary import Arm, Arrival, Side
 from harness.encounter.arms import check_arms
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.measures import Outcome

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
+from harness.core.vocabulary import Arm, Ending
 from harness.encounter.arms import check_arms
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, load_scenario, read_scenario_file, study_of, validate

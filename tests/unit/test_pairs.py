@@ -7,8 +7,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arm
 from harness.core.seeding import stream
+from harness.core.vocabulary import Arm
 from harness.encounter.arms import arm_key, make_strategy
 from harness.encounter.arrivals import planned_arrivals
 from harness.measures import Outcome

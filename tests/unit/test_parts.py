@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from harness.core.encounter import Arm
 from harness.core.errors import InputError
+from harness.core.vocabulary import Arm
 from harness.model.interaction import InteractionModel
 from harness.results import folder as folders
 from harness.results.cell_findings import CellFindings

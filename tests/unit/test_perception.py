@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy import stats
 
-from harness.core.encounter import Arm, Arrival, Observation, PedestrianView, Side, Trace
+from harness.core.vocabulary import Arm, Arrival, Observation, PedestrianView, Side, Trace
 from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.loop import drive
 from harness.measures import measure

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from examples import driver
-from harness.core.encounter import Arm, Ending, Trace
+from harness.core.vocabulary import Arm, Ending, Trace
 from harness.scenario import load_scenario
 from harness.strategies import program
 from harness.strategies.registry import find_strategy, source_digests

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from harness.core.encounter import Ending, Side, Strategy, Trace
+from harness.core.vocabulary import Ending, Side, Strategy, Trace
 from harness.encounter.arms import named_strategy
 from harness.measures import MEASURES, measure
 from harness.scenario import Scenario

@@ -13,7 +13,7 @@ from typer.main import get_command
 import harness
 from harness.cli import options
 from harness.cli.app import application
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.measures import MEASURES, EpisodeRecord
 from harness.model.sample import WEIGHINGS
 from harness.scenario import EngineName

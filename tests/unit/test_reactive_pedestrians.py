@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from harness.core.encounter import Arrival, Ending, Side, Walk
+from harness.core.vocabulary import Arrival, Ending, Side, Walk
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.crowd import Crowd
 from harness.encounter.deciding import KerbLane

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.encounter import Arm, Behaviour, Ending
 from harness.core.errors import InputError
+from harness.core.vocabulary import Arm, Behaviour, Ending
 from harness.encounter.arrivals import planned_arrivals
 from harness.measures import MEASURES, EpisodeRecord
 from harness.model.interaction import load_model

@@ -12,8 +12,8 @@ gymnasium = pytest.importorskip("gymnasium")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from examples.policies import NEAREST, YieldToTheNearest, yield_to_the_nearest  # noqa: E402
-from harness.core.encounter import Arm, Crossing, EgoView, Ending, Observation, PedestrianView, Side  # noqa: E402
 from harness.core.errors import InputError, StrategyError  # noqa: E402
+from harness.core.vocabulary import Crossing, EgoView, Ending, Observation, PedestrianView, Side  # noqa: E402
 from harness.model.interaction import load_model  # noqa: E402
 from harness.scenario import Setting, load_scenario  # noqa: E402
 from harness.strategies import registry  # noqa: E402
@@ -51,7 +51,7 @@ def in_the_harness(settings, strategy, pairs):
     scenario = load_scenario("cctc_flow", changes)
     model = load_model(scenario.model.name)
     outcomes = on_plain(scenario, model).run(pairs)
-    return [outcome.record for outcome in outcomes if outcome.arm is Arm.AV]
+    return [outcome.record for outcome in outcomes if outcome.arm == "av"]
 
 
 def measured(records):

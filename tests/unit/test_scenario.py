@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.core.encounter import Crossing, Vehicle
+from harness.core.vocabulary import Crossing, Vehicle
 from harness.scenario import load_scenario, read_scenario_file, study_of, validate
 from harness.scenario.file import parse_setting
 

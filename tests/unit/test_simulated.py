@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy import stats
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.measures.queues import growth, level_of_service
 from harness.report.page import write_page
 from harness.report.screen import screen_text

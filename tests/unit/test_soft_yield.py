@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.core.encounter import PedestrianView, Side
+from harness.core.vocabulary import PedestrianView, Side
 from harness.measures import crossing_time_s, measure
 from harness.strategies.soft_yield import SoftYield
 from tests.scenes import play, scenario, shown

@@ -13,7 +13,7 @@ from hypothesis import given, settings, strategies as some
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
-from harness.core.encounter import Arrival, Ending, Leg, Side, Trace, Vehicle, Walk
+from harness.core.vocabulary import Arrival, Ending, Leg, Side, Trace, Vehicle, Walk
 from harness.measures import measure
 from harness.measures.ego import ego_positions
 from harness.simulation.cars import PASSED, Car, Passage

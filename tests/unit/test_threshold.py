@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy import stats
 
-from harness.core.encounter import Arrival, Side, Walk
+from harness.core.vocabulary import Arrival, Side, Walk
 from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.deciding import Threat, blocking, effective_time_s
 from harness.scenario import Scenario, validate

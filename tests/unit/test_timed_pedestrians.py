@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from harness.core.encounter import Arrival, Contact, Ending, Leg, Side, Trace, Walk
+from harness.core.vocabulary import Arrival, Contact, Ending, Leg, Side, Trace, Walk
 from harness.encounter.arrivals import planned_arrivals
 from harness.measures import measure
 from harness.scenario import Scenario, read_scenario_file, study_of, validate

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arrival, Crossing, Leg, Side, Walk
+from harness.core.vocabulary import Arrival, Crossing, Leg, Side, Walk
 from harness.measures.motion.contact import Motion, first_contact_in_step_s
 from harness.measures.motion.walking import cleared_s, states_at
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harness.core.encounter import Side
+from harness.core.vocabulary import Side
 from harness.encounter.arrivals import already_walking, planned_arrivals
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.scenario import Scenario

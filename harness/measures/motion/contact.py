@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M, FloatArray
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, FloatArray
 
 _EPSILON_M = 1e-12
 """Rounding of a gap of 0, besides that of a root."""

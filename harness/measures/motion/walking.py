@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from harness.core.encounter import (
+from harness.core.vocabulary import (
     ROUNDING,
     Crossing,
     FloatArray,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, owens_t
 
-from harness.core.encounter import FloatArray
+from harness.core.vocabulary import FloatArray
 
 Indices = NDArray[np.intp]
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import log_ndtr
 
-from harness.core.encounter import FloatArray
 from harness.core.errors import InputError
+from harness.core.vocabulary import FloatArray
 from harness.model.mixture.boxes import box_probability
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.tabulated import TabulatedDensity

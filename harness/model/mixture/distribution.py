@@ -5,8 +5,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness.core.encounter import BoolArray, FloatArray
 from harness.core.errors import InputError
+from harness.core.vocabulary import BoolArray, FloatArray
 from harness.model.mixture.boxes import box_probability, moments
 
 SMALLEST_MASS = 1e-6

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness.core.encounter import FloatArray
 from harness.core.errors import InputError
 from harness.core.seeding import start_of_fit
+from harness.core.vocabulary import FloatArray
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.likelihood import Coordinates, Evaluation, Likelihood
 from harness.model.mixture.normals import Normals, clustered_normals

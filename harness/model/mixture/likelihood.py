@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.core.encounter import FloatArray
+from harness.core.vocabulary import FloatArray
 from harness.model.mixture.boxes import moments
 from harness.model.mixture.distribution import SMALLEST_MASS
 from harness.model.mixture.normals import Normals

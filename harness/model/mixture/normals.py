@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.cluster.vq import kmeans2, vq
 
-from harness.core.encounter import FloatArray
+from harness.core.vocabulary import FloatArray
 
 _ROUNDS = 10
 """Rounds of k-means."""

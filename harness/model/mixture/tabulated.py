@@ -11,7 +11,7 @@ from math import ceil, inf
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from harness.core.encounter import FloatArray
+from harness.core.vocabulary import FloatArray
 
 _DEGREE = 15
 """Degree of the polynomial on each panel."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from harness.core.encounter import ROUNDING, FloatArray
+from harness.core.vocabulary import ROUNDING, FloatArray
 from harness.model.trajectories.rules import ExtractionRules, Tally
 from harness.model.trajectories.tracks import (
     Clip,

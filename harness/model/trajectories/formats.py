@@ -34,8 +34,8 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from harness.core.encounter import ROUNDING, FloatArray
 from harness.core.errors import InputError
+from harness.core.vocabulary import ROUNDING, FloatArray
 from harness.model.trajectories.encounters import (
     PairColumns,
     angle_deg,

@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.encounter import FloatArray
+from harness.core.vocabulary import FloatArray
 
 _CELLS_PER_M = 1000.0
 """A fingerprint is of cells of 1 mm."""

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from harness.core.encounter import PEDESTRIAN_RADIUS_M
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M
 
 _ROUNDING_RAD = 1e-12
 """Tolerance of angles: obstacles that touch each other leave no gap."""

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 
-from harness.core.encounter import Arrival, PedestrianView, Views
 from harness.core.seeding import Given
+from harness.core.vocabulary import Arrival, PedestrianView, Views
 from harness.strategies.perception.occlusion import is_hidden
 from harness.strategies.perception.sensor import Sensor
 from harness.strategies.perception.updates import SensorTrack, Updates

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from harness.core.encounter import Arm, Crossing
+from harness.core.vocabulary import Arm, Crossing
 from harness.scenario import Scenario
 from harness.scenario.sections import PerceptionSection
 from harness.strategies.perception.occlusion import Rectangle

@@ -8,8 +8,8 @@ from types import MappingProxyType
 import numpy as np
 from scipy.special import ndtri
 
-from harness.core.encounter import PedestrianView, Views
 from harness.core.seeding import Given, GivenFirst, Purpose, stream
+from harness.core.vocabulary import PedestrianView, Views
 from harness.strategies.perception.sensor import Sensor
 
 Look = Callable[[], Iterable[tuple[PedestrianView, bool]]]

@@ -11,9 +11,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from harness.core.encounter import FloatArray
 from harness.core.errors import HarnessError, InputError, Parameter
 from harness.core.seeding import resampling
+from harness.core.vocabulary import FloatArray
 from harness.model.interaction import DRIVING_GIVEN, PEDESTRIAN_SPEED, VEHICLE_SPEED, WALKING_GIVEN
 from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.distribution import TruncatedGaussianMixture

@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from shapely.ops import substring
 
-from harness.core.encounter import ROUNDING, Arrival, Crossing, FloatArray, Leg, Side, Vehicle
+from harness.core.vocabulary import ROUNDING, Arrival, Crossing, FloatArray, Leg, Side, Vehicle
 from harness.model.trajectories.encounters import (
     VEHICLE_CHORD_M,
     Mover,

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.core.encounter import Ending, FloatArray, Strategy, StrategyFactory, Trace
 from harness.core.errors import HarnessError, InputError
 from harness.core.seeding import resampling, stream
 from harness.core.versions import versions_of_fits
+from harness.core.vocabulary import Ending, FloatArray, Strategy, StrategyFactory, Trace
 from harness.encounter.arms import check_arms, named_strategy
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.loop import Episode, drive

@@ -27,8 +27,8 @@ import numpy as np
 import pyarrow as pa
 from scipy import special
 
-from harness.core.encounter import FloatArray, freeze_arrays
 from harness.core.seeding import stream
+from harness.core.vocabulary import FloatArray, freeze_arrays
 from harness.results.estimators import CONFIDENCE, clopper_pearson
 from harness.results.tables import Row
 from harness.studies.risk.normals import NormalMixture, standard_normal

@@ -17,9 +17,9 @@ import pyarrow as pa
 from scipy import special
 from threadpoolctl import threadpool_limits
 
-from harness.core.encounter import Arm, Ending, Trace
 from harness.core.errors import InputError, Parameter, resume_command
 from harness.core.seeding import resampling
+from harness.core.vocabulary import Arm, Ending, Trace
 from harness.encounter.loop import Episode
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import open_engine

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from harness.core.encounter import FloatArray
+from harness.core.vocabulary import FloatArray
 from harness.studies.risk.draws import Proposal, Units, bound, effective
 from harness.studies.risk.normals import NormalMixture, fitted
 from harness.studies.risk.space import Space

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.encounter import FloatArray
+from harness.core.vocabulary import FloatArray
 from harness.model.mixture.normals import Normals, clustered_normals
 
 _POINTS, _MOST = 15, 24

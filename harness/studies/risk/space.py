@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from harness.core.encounter import SECONDS_PER_HOUR, Arm, Ending, FloatArray
 from harness.core.errors import InputError, Parameter
 from harness.core.seeding import GIVEN_DRAWS, Given, Purpose, stream
+from harness.core.vocabulary import SECONDS_PER_HOUR, Arm, Ending, FloatArray
 from harness.encounter.arms import draws, draws_from
 from harness.measures import EpisodeRecord
 from harness.scenario import Scenario

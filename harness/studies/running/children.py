@@ -166,7 +166,7 @@ class Child:
 
 
 def _episode_in(state: bytes) -> "EpisodeId | None":
-    from harness.core.encounter import Arm
+    from harness.core.vocabulary import Arm
     from harness.studies.running.tasks import EpisodeId
 
     words = state.strip(b"\0 ").split()

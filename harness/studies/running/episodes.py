@@ -6,7 +6,7 @@ from functools import partial
 
 import pyarrow as pa
 
-from harness.core.encounter import Arm, Ending
+from harness.core.vocabulary import Arm, Ending
 from harness.encounter.arms import arm_key
 from harness.encounter.loop import Episode
 from harness.encounter.pairing import CHUNK_PAIRS, ArmOfPair, PairRunner

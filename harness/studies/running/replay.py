@@ -12,9 +12,9 @@ from typing import Any
 
 import pyarrow as pa
 
-from harness.core.encounter import Arm, Ending
 from harness.core.errors import EngineError, InputError, Parameter
 from harness.core.files import cannot_write
+from harness.core.vocabulary import Arm, Ending
 from harness.engine.installation import check_packages
 from harness.engine.network import network_of
 from harness.engine.shared import close_engine

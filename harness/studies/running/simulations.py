@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import pyarrow as pa
 
-from harness.core.encounter import Arm
+from harness.core.vocabulary import Arm
 from harness.encounter.arms import arm_key, check_arms
 from harness.engine.installation import scratch_folder
 from harness.engine.session import Module

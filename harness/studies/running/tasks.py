@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from harness.core.documents import frozen_tables
-from harness.core.encounter import Arm, FailedIn
+from harness.core.vocabulary import Arm, FailedIn
 
 if TYPE_CHECKING:
     from harness.model.interaction import InteractionModel
