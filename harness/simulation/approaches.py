@@ -7,18 +7,18 @@ from collections.abc import Collection, Iterator, Sequence
 from harness.core.vocabulary import Arm
 from harness.engine.session import Session, edge_of, is_inside_junction
 from harness.simulation.cars import Car, Link, Passage
+from harness.simulation.own_people import SIGHT_M
 from harness.simulation.setup import Setup
 from harness.site.town import Connection, Crosswalk, Town
 from harness.site.zone import zone_of
 
-_SIGHT_M = 200.0
-"""The harness's people see vehicles that are this near."""
 _MARGIN_M = 15.0
 """The front of a body that touches a crosswalk is this much nearer to its stop line at most."""
 _MOST_MPS = 70.0
 """No vehicle is faster."""
-_LOOK_S = 1.0
-"""Time between two looks at the watched edges; they reach so far that nobody is missed."""
+LOOK_S = 1.0
+"""Time between two looks at the watched edges; they reach so far that nobody is missed.  A vehicle
+that has begun no passage is looked at as often, at least."""
 
 
 class Approaches:
@@ -34,11 +34,10 @@ class Approaches:
 
     def __init__(self, setup: Setup, session: Session) -> None:
         self._setup, self._session, self._vehicles = setup, session, session.vehicles
-        self._step_s = session.step_s
-        sight_m = _SIGHT_M if setup.own_people else 0.0
-        self._near_m = max(setup.scenario.ego.trigger_range_m, sight_m) + _MARGIN_M
-        self._reach_m = self._near_m + _MOST_MPS * max(_LOOK_S, self._step_s)
-        self._every = max(1, round(_LOOK_S / self._step_s))
+        sight_m = SIGHT_M if setup.own_people else 0.0
+        near_m = max(setup.scenario.ego.trigger_range_m, sight_m) + _MARGIN_M
+        self._reach_m = near_m + _MOST_MPS * max(LOOK_S, session.step_s)
+        self._every = max(1, round(LOOK_S / session.step_s))
         self.before = {
             name: sorted({edge_of(each.from_lane) for each in crosswalk.connections})
             for name, crosswalk in setup.crosswalks.items()
@@ -54,9 +53,9 @@ class Approaches:
         watched = sorted(_upstream(setup.town, ends, self._reach_m))
         self._on_edge: dict[str, Sequence[str]] = dict.fromkeys(watched, ())
 
-    def found(self, step: int) -> Iterator[str]:
-        """The vehicles that departed on watched edges, or came onto them since the last look."""
-        for name in self._session.departed():
+    def found(self, step: int, departed: Sequence[str]) -> Iterator[str]:
+        """Those who departed on watched edges, and who came onto them since the last look."""
+        for name in departed:
             if edge_of(self._vehicles.lane(name)) in self._on_edge:
                 yield name
         for edge, before in self._on_edge.items() if step % self._every == 0 else ():
@@ -77,11 +76,6 @@ class Approaches:
         )
         factor, most_mps = vehicles.speed_factor(name), vehicles.max_speed_mps(name)
         return Car(name, vehicles.type(name), automated, vehicle, factor, most_mps)
-
-    def steps_until_near(self, car: Car) -> int:
-        """The number of steps after which a planned vehicle may be near; 0 if it is."""
-        left_m = car.passages[0].first_m - car.odometer_m - self._near_m
-        return 0 if left_m <= 0.0 else 1 + int(left_m / (_MOST_MPS * self._step_s))
 
     def coming(self, car: Car) -> list[Passage] | None:
         """The passages ahead of a vehicle; None if it is on the same lane, or in a junction.

@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from functools import partial
 
 from harness.core.vocabulary import ROUNDING, Arm, ModelUse
@@ -10,7 +11,7 @@ from harness.encounter.driver import Driver
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.session import Collision, Session, is_inside_junction
 from harness.model.interaction import InteractionModel
-from harness.simulation.approaches import Approaches
+from harness.simulation.approaches import LOOK_S, Approaches
 from harness.simulation.cars import PASSED, Car, Passage
 from harness.simulation.driving import Control
 from harness.simulation.own_people import OwnPeople
@@ -59,7 +60,7 @@ class SimulatedArm:
         self.queues: dict[str, list[int]] = {name: [] for name in setup.crosswalks}
         self.counts: Counter[str] = Counter()
         self._cars: dict[str, Car] = {}
-        self._near: dict[str, Car] = {}
+        self._begun: dict[str, Car] = {}
         self._due: dict[int, list[Car]] = defaultdict(list)
         self._hits: set[tuple[str, str]] = set()
         self._speeds = WalkingSpeeds(setup.scenario, model)
@@ -68,11 +69,13 @@ class SimulatedArm:
         self._sensors = {driver: sensor_of(setup.scenario, driver) for driver in Arm}
         self._control = Control(session, setup, self.people)
         self._approaches = Approaches(setup, session)
+        self._look_every = max(1, round(LOOK_S / session.step_s))
 
     def _people_at(self, crosswalk: Crosswalk) -> PeopleAt:
         setup, session, own = self.setup, self.session, None
         if setup.own_people:
-            own = OwnPeople(session, setup, crosswalk, self._pair, self._speeds, self._near)
+            cars, refresh = self._cars, self._refresh
+            own = OwnPeople(session, setup, crosswalk, self._pair, self._speeds, cars, refresh)
         return PeopleAt(session, crosswalk, own)
 
     def run(self) -> None:
@@ -92,19 +95,19 @@ class SimulatedArm:
             self._begin_step()
             time_s = session.step()
             self._steps += 1
-            self._events(time_s)
+            departed = self._events(time_s)
             due = self._read()
             for own in self._owns:
                 own.end_step()
             for car in due:
                 self._go_on(car, time_s)
-            self._look(time_s)
+            self._look(time_s, departed)
             for people in self.people.values():
                 if people.watched or self._steps % stroll == 0:
                     people.note(time_s)
             if self._steps % sample == 0 and setup.counts(time_s):
                 self._sample()
-        for car in [*self._near.values()]:
+        for car in [*self._cars.values()]:
             self._drop(car, ENDED)
         self._note_uses(self._speeds.model_use.counts)
         self.passages.sort(key=lambda each: (each.begin_s, each.car.name, each.crosswalk.id))
@@ -125,10 +128,11 @@ class SimulatedArm:
                 people.changed = False
                 self._control.ignore_at(people.crosswalk)
 
-    def _events(self, time_s: float) -> None:
-        """Count the vehicles that departed, collided, were teleported, or have left."""
+    def _events(self, time_s: float) -> Sequence[str]:
+        """Count the vehicles that collided, were teleported, or have left; note who departed."""
         session, setup, vehicles = self.session, self.setup, self._vehicles
-        for name in session.departed():
+        departed = session.departed()
+        for name in departed:
             kinds = {vehicles.type(name), vehicles.vehicle_class(name)}
             self.automated[name] = is_automated(
                 self._seed, name, kinds, setup.simulation.av_share, setup.simulation.av_types
@@ -147,20 +151,22 @@ class SimulatedArm:
             self._drop(self._cars.get(name), "it arrived on its way")
         for name in teleported:
             self._drop(self._cars.get(name), "SUMO teleported it", exists=True)
+        return departed
 
     def _kinds_of(self, hit: Collision) -> list[str]:
         """What a collision counts as; a passage notes that SUMO saw one with a person."""
         # Vehicles and people may have the same ids: whoever is on a crosswalk walks.
         places = {name for name, people in self.people.items() if hit.victim in people.names()}
-        for passage in self._near[hit.collider].passages if hit.collider in self._near else ():
-            passage.collided |= passage.crosswalk.id in places
+        if hit.collider in self._cars:
+            for passage in self._cars[hit.collider].passages:
+                passage.collided |= passage.crosswalk.id in places
         if places or hit.victim not in self.automated:
             return ["person_collisions"]
         inside = is_inside_junction(hit.lane)
         return ["vehicle_collisions", "overlaps"] if inside else ["vehicle_collisions"]
 
     def _read(self) -> list[Car]:
-        """Read all vehicles near a chosen crosswalk at the step's end.
+        """Read all vehicles that have begun a passage, at the step's end.
 
         Returns:
             Those that begin or end a passage, or have come onto another lane.
@@ -168,7 +174,7 @@ class SimulatedArm:
         vehicles = self._vehicles
         odometer, speed, lane = vehicles.odometer_m, vehicles.speed_mps, vehicles.lane
         step_s, check, due = self.session.step_s, self._control.check, list[Car]()
-        for name, car in self._near.items():
+        for name, car in self._begun.items():
             before_mps = car.speed_mps
             car.note(odometer(name), speed(name))
             car.acceleration_mps2 = (car.speed_mps - before_mps) / step_s
@@ -178,32 +184,26 @@ class SimulatedArm:
                 due.append(car)
         return due
 
-    def _look(self, time_s: float) -> None:
-        """Find the vehicles that came onto watched edges, or may have come near by now."""
+    def _look(self, time_s: float, departed: Sequence[str]) -> None:
+        """Find the vehicles that came onto watched edges, or may begin a passage by now."""
         due = self._due.pop(self._steps, [])
-        for name in self._approaches.found(self._steps):
+        for name in self._approaches.found(self._steps, departed):
             if name not in self._cars and name in self.automated:
                 automated = self.automated[name]
                 driver = self._arm if automated else Arm.HUMAN
                 self._cars[name] = self._approaches.car(name, automated, driver)
                 due.append(self._cars[name])
         for car in due:
-            if self._cars.get(car.name) is car and car.name not in self._near:
-                self._approach(car, time_s)
+            if self._cars.get(car.name) is car:
+                self._refresh(car)
+                self._go_on(car, time_s)
 
-    def _approach(self, car: Car, time_s: float) -> None:
-        """Plan a vehicle that is not near yet, and decide when to look at it again."""
-        car.odometer_m = self._vehicles.odometer_m(car.name)
-        self._replan(car)
-        if not car.passages:
-            del self._cars[car.name]
-        elif steps := self._approaches.steps_until_near(car):
-            self._due[self._steps + steps].append(car)
-        else:
-            self._near[car.name] = car
-            car.note(car.odometer_m, self._vehicles.speed_mps(car.name))
-            car.acceleration_mps2 = self._vehicles.acceleration_mps2(car.name)
-            self._go_on(car, time_s)
+    def _refresh(self, car: Car) -> None:
+        """Read the state of a vehicle that is not read at every step."""
+        name, vehicles = car.name, self._vehicles
+        car.read_s, car.odometer_m = self.session.time_s, vehicles.odometer_m(name)
+        car.speed_mps = vehicles.speed_mps(name)
+        car.acceleration_mps2 = vehicles.acceleration_mps2(name)
 
     def _go_on(self, car: Car, time_s: float) -> None:
         """End passages, find those that come, and begin those beyond R0."""
@@ -218,10 +218,15 @@ class SimulatedArm:
                 self._begin(passage, time_s)
             ends_m, begins_m = passage.last_m - ROUNDING, passage.centre_m - range_m
             car.next_m = min(car.next_m, ends_m if passage.begun else begins_m)
-        if car.passages:
-            self._control.update(car)
-        else:
+        if not car.passages:
             self._drop(car, PASSED, exists=True)
+            return
+        self._control.update(car)
+        if not any(each.begun for each in car.passages):
+            self._begun.pop(car.name, None)
+            step_m = max(car.max_mps, 1.0) * self.session.step_s
+            steps = min(int((car.next_m - car.odometer_m) / step_m), self._look_every)
+            self._due[self._steps + max(1, steps)].append(car)
 
     def _replan(self, car: Car) -> None:
         """Find the crosswalks ahead of a vehicle, if it has come onto another lane."""
@@ -243,6 +248,9 @@ class SimulatedArm:
         """Begin a passage whose vehicle is within R0, and choose who drives."""
         setup, car, step_s = self.setup, passage.car, self.session.step_s
         people = self.people[passage.crosswalk.id]
+        if car.name not in self._begun:
+            self._begun[car.name] = car
+            car.note(car.odometer_m, car.speed_mps)
         driver = self._arm if car.automated else Arm.HUMAN
         range_m = setup.scenario.ego.trigger_range_m
         x_m = car.odometer_m - passage.centre_m
@@ -289,7 +297,7 @@ class SimulatedArm:
         if car is None:
             return
         del self._cars[car.name]
-        self._near.pop(car.name, None)
+        self._begun.pop(car.name, None)
         for passage in [*car.passages]:
             self._end(passage, why)
         self._control.release(car, exists=exists)
@@ -298,7 +306,7 @@ class SimulatedArm:
         """Count the queued vehicles before each crosswalk."""
         # The first one may wait inside the junction.
         waiting = defaultdict[str, set[str]](set)
-        for car in self._near.values():
+        for car in self._begun.values():
             for each in car.passages:
                 if each.begun and car.odometer_m < each.first_m:
                     waiting[each.crosswalk.id].add(car.name)

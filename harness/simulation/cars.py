@@ -44,14 +44,16 @@ class Car:
         speed_factor, max_mps: its own factor of speed limits, and its type's largest speed.
         lane: the lane that it was last seen on.
         next_m: the odometer from which a passage begins or ends.
-        odometer_m, speed_mps, acceleration_mps2: its state at the end of the last step.
+        odometer_m, speed_mps, acceleration_mps2: its state when it was last read: at the end of the
+            last step, once it has begun a passage.
+        read_s: when it was last read before that.
         passages: its passages that have not ended, in order.
         limits: (odometer, speed in m/s) where each lane ahead begins, for this vehicle.
         least_mps: the lowest of the limits.
         links: the connections ahead, by the odometer.
         yields: whether SUMO keeps its duty to yield while a strategy drives, else None.
         asked_mps: the command that SUMO has; None: it drives.
-        odometers_m, speeds_mps: its states at the ends of all steps since it came near.
+        odometers_m, speeds_mps: its states at the ends of all steps of its passages.
         limited: the number of driven steps by what limited them (``LIMITED_BY``).
         limited_by: what decided the command.
         held_by: what made SUMO drive slower than commanded; None: nothing.
@@ -69,6 +71,7 @@ class Car:
     odometer_m: float = 0.0
     speed_mps: float = 0.0
     acceleration_mps2: float = 0.0
+    read_s: float = -math.inf
     passages: "list[Passage]" = field(default_factory=list)
     limits: list[tuple[float, float]] = field(default_factory=list)
     least_mps: float = math.inf

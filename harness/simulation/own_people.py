@@ -5,7 +5,7 @@ In SUMO they are from kerb to kerb only; who waits is known to the harness alone
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from harness.core.vocabulary import Crossing, Side
@@ -25,6 +25,8 @@ HELD_M = 0.05
 """The harness's people are moved in SUMO only this far from both kerbs."""
 OWN_PREFIX = "own:"
 """How the ids of the harness's people begin in SUMO; no other person's id may."""
+SIGHT_M = 200.0
+"""They see vehicles whose front comes this near to where its body first touches the crosswalk."""
 WALKER_TYPE = "DEFAULT_PEDTYPE"
 """SUMO's type of the harness's people."""
 
@@ -38,7 +40,8 @@ class OwnPeople:
         crosswalk: where.
         pair: index of the pair.
         choose_speed: their walking speeds.
-        cars: the vehicles that they may see.
+        cars: the vehicles on their ways over crosswalks.
+        refresh: reads the state of a vehicle that has begun no passage.
     """
 
     def __init__(
@@ -49,9 +52,10 @@ class OwnPeople:
         pair: int,
         choose_speed: ChooseSpeed,
         cars: Mapping[str, Car],
+        refresh: Callable[[Car], None],
     ) -> None:
         self._session, self._crosswalk = session, crosswalk
-        self._cars = cars
+        self._cars, self._refresh = cars, refresh
         self.arrivals = setup.arrivals(pair, crosswalk.id)
         self._lanes: dict[str, KerbLane] = {}
         for connection in crosswalk.connections:
@@ -73,14 +77,33 @@ class OwnPeople:
         return f"{OWN_PREFIX}{self._crosswalk.id.removeprefix(':')}-{index}"
 
     def _see(self) -> None:
-        """Look at the vehicles that come."""
-        coming = defaultdict[str, list[Passage]](list)
+        """Look at the vehicles that have begun a passage, and at the next one in each lane."""
+        begun, others = (defaultdict[str, list[Passage]](list) for _ in range(2))
         for car in self._cars.values():
             for each in car.passages:
                 if each.crosswalk is self._crosswalk:
-                    coming[each.connection.id].append(each)
+                    (begun if each.begun else others)[each.connection.id].append(each)
         for name, lane in self._lanes.items():
-            lane.coming = sorted(coming[name], key=lambda each: -each.x_m)
+            in_order = sorted(begun[name], key=lambda each: -each.x_m)
+            lane.coming = [*in_order, *self._next(others[name])]
+
+    def _next(self, passages: list[Passage]) -> list[Passage]:
+        """The first of those that have not begun, if people can see it."""
+        now_s, found, away_m = self._session.time_s, list[Passage](), SIGHT_M
+
+        def least_m(each: Passage) -> float:
+            """The least distance at which it can be by now."""
+            car = each.car
+            return each.first_m - car.odometer_m - car.max_mps * (now_s - car.read_s)
+
+        for each in sorted(passages, key=least_m):
+            if least_m(each) > away_m:
+                break
+            if each.car.read_s < now_s:
+                self._refresh(each.car)
+            if each.first_m - each.car.odometer_m <= away_m:
+                found, away_m = [each], each.first_m - each.car.odometer_m
+        return found
 
     def begin_step(self) -> None:
         """Let those who wait decide on the vehicles' states at the step's beginning."""
