@@ -196,7 +196,10 @@ class SimulatedArm:
         for car in due:
             if self._cars.get(car.name) is car:
                 self._refresh(car)
-                self._go_on(car, time_s)
+                if car.odometer_m >= car.next_m or self._vehicles.lane(car.name) != car.lane:
+                    self._go_on(car, time_s)
+                else:
+                    self._look_later(car)
 
     def _refresh(self, car: Car) -> None:
         """Read the state of a vehicle that is not read at every step."""
@@ -224,9 +227,13 @@ class SimulatedArm:
         self._control.update(car)
         if not any(each.begun for each in car.passages):
             self._begun.pop(car.name, None)
-            step_m = max(car.max_mps, 1.0) * self.session.step_s
-            steps = min(int((car.next_m - car.odometer_m) / step_m), self._look_every)
-            self._due[self._steps + max(1, steps)].append(car)
+            self._look_later(car)
+
+    def _look_later(self, car: Car) -> None:
+        """Look again when a vehicle may begin its next passage, but within a second."""
+        step_m = max(car.max_mps, 1.0) * self.session.step_s
+        steps = min(int((car.next_m - car.odometer_m) / step_m), self._look_every)
+        self._due[self._steps + max(1, steps)].append(car)
 
     def _replan(self, car: Car) -> None:
         """Find the crosswalks ahead of a vehicle, if it has come onto another lane."""

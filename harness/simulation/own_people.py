@@ -132,7 +132,7 @@ class OwnPeople:
                 added = True
             else:
                 along_m = min(max(places[index], HELD_M), self._crosswalk.length_m - HELD_M)
-                place = complex(self._crosswalk.line.position(along_m))
+                place = self._crosswalk.line.place(along_m)
                 self._session.move_person(self.name_of(index), place.real, place.imag)
         return added
 

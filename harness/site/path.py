@@ -92,6 +92,11 @@ class FrontPath:
         place: Places = np.interp(np.asarray(s, dtype=float), self.knots_m, self.points)
         return place
 
+    def place(self, s_m: float) -> complex:
+        """``position`` of one s within the lanes, without arrays."""
+        begin_m, _, start, ahead = next(each for each in self._pieces if s_m <= each[1])
+        return start + (s_m - begin_m) * ahead
+
     def heading(self, s: ArrayLike) -> Places:
         """The direction at s, of length 1, shape of s."""
         piece = np.clip(np.searchsorted(self.knots_m, s), 1, len(self.knots_m) - 1)
