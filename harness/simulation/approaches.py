@@ -6,8 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 
 from harness.core.vocabulary import Arm
 from harness.engine.session import Session, edge_of, is_inside_junction
-from harness.simulation.cars import Car, Link, Passage
-from harness.simulation.own_people import SIGHT_M
+from harness.simulation.cars import LOOK_S, SIGHT_M, Car, Link, Passage
 from harness.simulation.setup import Setup
 from harness.site.town import Connection, Crosswalk, Town
 from harness.site.zone import zone_of
@@ -16,9 +15,6 @@ _MARGIN_M = 15.0
 """The front of a body that touches a crosswalk is this much nearer to its stop line at most."""
 _MOST_MPS = 70.0
 """No vehicle is faster."""
-LOOK_S = 1.0
-"""Time between two looks at the watched edges; they reach so far that nobody is missed.  A vehicle
-that has begun no passage is looked at as often, at least."""
 
 
 class Approaches:

@@ -11,8 +11,8 @@ from harness.encounter.driver import Driver
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.session import Collision, Session, is_inside_junction
 from harness.model.interaction import InteractionModel
-from harness.simulation.approaches import LOOK_S, Approaches
-from harness.simulation.cars import PASSED, Car, Passage
+from harness.simulation.approaches import Approaches
+from harness.simulation.cars import LOOK_S, PASSED, Car, Passage
 from harness.simulation.driving import Control
 from harness.simulation.own_people import OwnPeople
 from harness.simulation.people_at import PeopleAt
@@ -95,7 +95,8 @@ class SimulatedArm:
             self._begin_step()
             time_s = session.step()
             self._steps += 1
-            departed = self._events(time_s)
+            departed = session.departed()
+            self._events(time_s, departed)
             due = self._read()
             for own in self._owns:
                 own.end_step()
@@ -128,10 +129,9 @@ class SimulatedArm:
                 people.changed = False
                 self._control.ignore_at(people.crosswalk)
 
-    def _events(self, time_s: float) -> Sequence[str]:
+    def _events(self, time_s: float, departed: Sequence[str]) -> None:
         """Count the vehicles that collided, were teleported, or have left; note who departed."""
         session, setup, vehicles = self.session, self.setup, self._vehicles
-        departed = session.departed()
         for name in departed:
             kinds = {vehicles.type(name), vehicles.vehicle_class(name)}
             self.automated[name] = is_automated(
@@ -151,7 +151,6 @@ class SimulatedArm:
             self._drop(self._cars.get(name), "it arrived on its way")
         for name in teleported:
             self._drop(self._cars.get(name), "SUMO teleported it", exists=True)
-        return departed
 
     def _kinds_of(self, hit: Collision) -> list[str]:
         """What a collision counts as; a passage notes that SUMO saw one with a person."""
@@ -204,8 +203,7 @@ class SimulatedArm:
     def _refresh(self, car: Car) -> None:
         """Read the state of a vehicle that is not read at every step."""
         name, vehicles = car.name, self._vehicles
-        car.read_s, car.odometer_m = self.session.time_s, vehicles.odometer_m(name)
-        car.speed_mps = vehicles.speed_mps(name)
+        car.odometer_m, car.speed_mps = vehicles.odometer_m(name), vehicles.speed_mps(name)
         car.acceleration_mps2 = vehicles.acceleration_mps2(name)
 
     def _go_on(self, car: Car, time_s: float) -> None:

@@ -20,6 +20,11 @@ from harness.site.zone import Zone
 
 PASSED = "passed"
 
+SIGHT_M = 200.0
+"""The harness's people see vehicles that are this near."""
+LOOK_S = 1.0
+"""Time between two looks at vehicles that have begun no passage, and at the watched edges."""
+
 _SAME_M = 15.0
 """The stop lines of a vehicle's lanes at one junction are this near to each other."""
 
@@ -46,7 +51,6 @@ class Car:
         next_m: the odometer from which a passage begins or ends.
         odometer_m, speed_mps, acceleration_mps2: its state when it was last read: at the end of the
             last step, once it has begun a passage.
-        read_s: when it was last read before that.
         passages: its passages that have not ended, in order.
         limits: (odometer, speed in m/s) where each lane ahead begins, for this vehicle.
         least_mps: the lowest of the limits.
@@ -71,7 +75,6 @@ class Car:
     odometer_m: float = 0.0
     speed_mps: float = 0.0
     acceleration_mps2: float = 0.0
-    read_s: float = -math.inf
     passages: "list[Passage]" = field(default_factory=list)
     limits: list[tuple[float, float]] = field(default_factory=list)
     least_mps: float = math.inf

@@ -15,7 +15,7 @@ from harness.encounter.deciding import KerbLane
 from harness.encounter.walkers import ChooseSpeed, Walker
 from harness.engine.session import Session
 from harness.measures.motion.walking import cleared_s
-from harness.simulation.cars import Car, Passage
+from harness.simulation.cars import LOOK_S, SIGHT_M, Car, Passage
 from harness.simulation.setup import CAR_ACCEL_MPS2, CAR_DECEL_MPS2, CAR_M, Setup
 from harness.simulation.walk import Walked
 from harness.site.town import Crosswalk
@@ -25,8 +25,6 @@ HELD_M = 0.05
 """The harness's people are moved in SUMO only this far from both kerbs."""
 OWN_PREFIX = "own:"
 """How the ids of the harness's people begin in SUMO; no other person's id may."""
-SIGHT_M = 200.0
-"""They see vehicles whose front comes this near to where its body first touches the crosswalk."""
 WALKER_TYPE = "DEFAULT_PEDTYPE"
 """SUMO's type of the harness's people."""
 
@@ -89,20 +87,18 @@ class OwnPeople:
 
     def _next(self, passages: list[Passage]) -> list[Passage]:
         """The first of those that have not begun, if people can see it."""
-        now_s, found, away_m = self._session.time_s, list[Passage](), SIGHT_M
 
-        def least_m(each: Passage) -> float:
-            """The least distance at which it can be by now."""
-            car = each.car
-            return each.first_m - car.odometer_m - car.max_mps * (now_s - car.read_s)
+        def may_be_m(each: Passage) -> float:
+            """x at which it may be by now: its last look is at most a second old."""
+            return each.x_m + each.car.max_mps * LOOK_S
 
-        for each in sorted(passages, key=least_m):
-            if least_m(each) > away_m:
+        found, x_m = list[Passage](), -SIGHT_M
+        for each in sorted(passages, key=may_be_m, reverse=True):
+            if may_be_m(each) < x_m:
                 break
-            if each.car.read_s < now_s:
-                self._refresh(each.car)
-            if each.first_m - each.car.odometer_m <= away_m:
-                found, away_m = [each], each.first_m - each.car.odometer_m
+            self._refresh(each.car)
+            if each.x_m >= x_m:
+                found, x_m = [each], each.x_m
         return found
 
     def begin_step(self) -> None:
