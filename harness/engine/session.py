@@ -49,13 +49,8 @@ class Vehicles:
     position: Annotated[Callable[[str], tuple[float, float]], "getPosition"]
     angle_deg: Annotated[Callable[[str], float], "getAngle"]
     speed_factor: Annotated[Callable[[str], float], "getSpeedFactor"]
-    max_speed_mps: Annotated[Callable[[str], float], "getMaxSpeed"]
     type: Annotated[Callable[[str], str], "getTypeID"]
     vehicle_class: Annotated[Callable[[str], str], "getVehicleClass"]
-    length_m: Annotated[Callable[[str], float], "getLength"]
-    width_m: Annotated[Callable[[str], float], "getWidth"]
-    acceleration_limit_mps2: Annotated[Callable[[str], float], "getAccel"]
-    deceleration_limit_mps2: Annotated[Callable[[str], float], "getDecel"]
     headway_s: Annotated[Callable[[str], float], "getTau"]
     set_speed: Annotated[Callable[[str, float], object], "setSpeed"]
     remove: Annotated[Callable[[str], object], "remove"]
@@ -296,11 +291,14 @@ class Session:
         """
         self._api.person.add(name, edge, position_m, depart=_DEPART_NOW, typeID=type_id)
 
+    def built(self, vehicle: str) -> VehicleType:
+        """What a vehicle is and can do, which may differ from its type's."""
+        return _built(self._api.vehicle, vehicle)
+
     def vehicle_types(self) -> Mapping[str, VehicleType]:
         """Every type of vehicles, by its id."""
-        api = self._api.vehicletype
-        asked = (api.getLength, api.getWidth, api.getAccel, api.getDecel, api.getMaxSpeed)
-        return {name: VehicleType(*(each(name) for each in asked)) for name in api.getIDList()}
+        types = self._api.vehicletype
+        return {name: _built(types, name) for name in types.getIDList()}
 
     def look(self, x_m: float, y_m: float, reach_m: float) -> None:
         """Show a square of the network in the window."""
@@ -315,6 +313,12 @@ class Session:
         # The user may have closed the window.
         with contextlib.suppress(self._api.FatalTraCIError):
             self._api.close()
+
+
+def _built(api: Any, name: str) -> VehicleType:
+    """What a vehicle or a type is and can do."""
+    asked = (api.getLength, api.getWidth, api.getAccel, api.getDecel, api.getMaxSpeed)
+    return VehicleType(*(each(name) for each in asked))
 
 
 def _mover(move: Callable[..., object]) -> Callable[[str, float, float], object]:

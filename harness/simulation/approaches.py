@@ -62,16 +62,9 @@ class Approaches:
 
     def car(self, name: str, automated: bool, driver: Arm) -> Car:
         """A vehicle that has been found."""
-        vehicles = self._vehicles
-        vehicle = self._setup.vehicle(
-            vehicles.length_m(name),
-            vehicles.width_m(name),
-            vehicles.acceleration_limit_mps2(name),
-            vehicles.deceleration_limit_mps2(name),
-            driver,
-        )
-        factor, most_mps = vehicles.speed_factor(name), vehicles.max_speed_mps(name)
-        return Car(name, vehicles.type(name), automated, vehicle, factor, most_mps)
+        kind, factor = self._session.built(name), self._vehicles.speed_factor(name)
+        vehicle, type_id = self._setup.vehicle(kind, driver), self._vehicles.type(name)
+        return Car(name, type_id, automated, vehicle, factor, kind.max_speed_mps)
 
     def coming(self, car: Car) -> list[Passage] | None:
         """The passages ahead of a vehicle; None if it is on the same lane, or in a junction.

@@ -13,7 +13,7 @@ from harness.engine.session import lane_of
 from harness.scenario.sections import EgoSection
 from harness.simulation.arm_configuration import run_untouched
 from harness.simulation.opening import chosen, town_of
-from harness.simulation.setup import CAR_M
+from harness.simulation.setup import CAR
 from harness.site.town import Crosswalk, Town
 from harness.site.zone import zone_of
 
@@ -145,7 +145,7 @@ def _described(town: Town, crosswalk: Crosswalk) -> Iterator[str]:
     gives_way = "vehicles give way" if crosswalk.prioritized else "no zebra: people give way"
     yield f"{crosswalk.id} over {' / '.join(crosswalk.roads)}: {gives_way}"
     for each in crosswalk.connections:
-        zone = zone_of(town.path(each), crosswalk, *CAR_M)
+        zone = zone_of(town.path(each), crosswalk, CAR.length_m, CAR.width_m)
         if zone is not None and zone.split:
             yield f"  a car from {each.from_lane} to {each.to_lane} grazes it only, or twice"
 

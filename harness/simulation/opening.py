@@ -25,7 +25,7 @@ from harness.scenario.sections import MAX_SPEED_MPS, SimulationSection
 from harness.simulation import demand
 from harness.simulation.arm_configuration import run_untouched
 from harness.simulation.own_people import OWN_PREFIX
-from harness.simulation.setup import CAR_DECEL_MPS2, Setup
+from harness.simulation.setup import CAR, Setup
 from harness.simulation.shares import sumo_seed
 from harness.site.town import Crosswalk, Town
 
@@ -152,7 +152,7 @@ def _check_limits(crosswalk: Crosswalk, range_m: float, model: InteractionModel 
     if fastest_mps > MAX_SPEED_MPS:
         problem = f"the limit before {name} is {fastest_mps:g} m/s"
         raise InputError("simulation.crossings", problem, f"at most {MAX_SPEED_MPS:g} m/s")
-    needed_m = math.ceil(fastest_mps**2 / (2 * CAR_DECEL_MPS2) + crosswalk.width_m / 2)
+    needed_m = math.ceil(fastest_mps**2 / (2 * CAR.deceleration_mps2) + crosswalk.width_m / 2)
     if range_m < needed_m:
         problem = f"nobody stops within {range_m:g} m from {fastest_mps:g} m/s before {name}"
         raise InputError("ego.trigger_range_m", problem, f"at least {needed_m:g} m")

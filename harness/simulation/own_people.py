@@ -16,7 +16,7 @@ from harness.encounter.walkers import ChooseSpeed, Walker
 from harness.engine.session import Session
 from harness.measures.motion.walking import cleared_s
 from harness.simulation.cars import LOOK_S, SIGHT_M, Car, Passage
-from harness.simulation.setup import CAR_ACCEL_MPS2, CAR_DECEL_MPS2, CAR_M, Setup
+from harness.simulation.setup import CAR, Setup
 from harness.simulation.walk import Walked
 from harness.site.town import Crosswalk
 from harness.site.zone import zone_of
@@ -57,15 +57,15 @@ class OwnPeople:
         self.arrivals = setup.arrivals(pair, crosswalk.id)
         self._lanes: dict[str, KerbLane] = {}
         for connection in crosswalk.connections:
-            zone = zone_of(setup.town.path(connection), crosswalk, *CAR_M)
+            zone = zone_of(setup.town.path(connection), crosswalk, CAR.length_m, CAR.width_m)
             if zone is not None:
                 road = zone.crossing
                 centre_m = zone.y_of(road.lane_centre_m)
                 self._lanes[connection.id] = KerbLane(centre_m, road.lane_width_m, road.length_m)
         length_m, lanes = crosswalk.length_m, [*self._lanes.values()]
         self._road = Crossing(length_m, crosswalk.width_m, length_m / 2, length_m)
-        car = setup.vehicle(*CAR_M, CAR_ACCEL_MPS2, CAR_DECEL_MPS2)
-        rules = replace(constants_of(setup.scenario), vehicle=car, crossing=self._road)
+        constants = constants_of(setup.scenario)
+        rules = replace(constants, vehicle=setup.vehicle(CAR), crossing=self._road)
         self.crowd = Crowd(self.arrivals, lanes, choose_speed, rules, self._leave)
         self.moved: set[int] = set()
         """Those whom SUMO has."""

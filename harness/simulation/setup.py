@@ -9,6 +9,7 @@ from harness.core.vocabulary import Arm, Arrival, Strategy, Vehicle
 from harness.encounter.arms import make_strategy
 from harness.encounter.arrivals import planned_arrivals
 from harness.engine.configuration import SumoConfig
+from harness.engine.session import VehicleType
 from harness.engine.sources import CROSSWALK
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
@@ -17,10 +18,8 @@ from harness.scenario.sections import SimulationSection
 from harness.simulation.shares import number_of, sumo_seed
 from harness.site.town import Crosswalk, Town
 
-CAR_M = (5.0, 1.8)
-"""Length and width of SUMO's car."""
-CAR_ACCEL_MPS2, CAR_DECEL_MPS2 = 2.6, 4.5
-"""Its acceleration and deceleration."""
+CAR = VehicleType(5.0, 1.8, 2.6, 4.5, 200 / 3.6)
+"""SUMO's car."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,23 +63,16 @@ class Setup:
             return self.config.seed
         return sumo_seed(self.scenario.experiment.seed, self.config.seed, pair)
 
-    def vehicle(
-        self,
-        length_m: float,
-        width_m: float,
-        accel_mps2: float,
-        decel_mps2: float,
-        driver: Arm | None = None,
-    ) -> Vehicle:
+    def vehicle(self, kind: VehicleType, driver: Arm | None = None) -> Vehicle:
         """The constants of a vehicle, as late as its driver's; v0 and R0 are those of a passage."""
         ego = self.scenario.vehicle(driver)
         return replace(
             ego,
-            length_m=length_m,
-            width_m=width_m,
-            max_acceleration_mps2=accel_mps2,
-            max_deceleration_mps2=decel_mps2,
-            resume_acceleration_mps2=min(ego.resume_acceleration_mps2, accel_mps2),
+            length_m=kind.length_m,
+            width_m=kind.width_m,
+            max_acceleration_mps2=kind.acceleration_mps2,
+            max_deceleration_mps2=kind.deceleration_mps2,
+            resume_acceleration_mps2=min(ego.resume_acceleration_mps2, kind.acceleration_mps2),
         )
 
     def strategy(
