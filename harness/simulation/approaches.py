@@ -26,6 +26,7 @@ class Approaches:
 
     Attributes:
         before: the edges at whose ends the connections over each crosswalk begin.
+        every: the number of steps between two looks.
     """
 
     def __init__(self, setup: Setup, session: Session) -> None:
@@ -33,7 +34,7 @@ class Approaches:
         sight_m = SIGHT_M if setup.own_people else 0.0
         near_m = max(setup.scenario.ego.trigger_range_m, sight_m) + _MARGIN_M
         self._reach_m = near_m + _MOST_MPS * max(LOOK_S, session.step_s)
-        self._every = max(1, round(LOOK_S / session.step_s))
+        self.every = max(1, round(LOOK_S / session.step_s))
         self.before = {
             name: sorted({edge_of(each.from_lane) for each in crosswalk.connections})
             for name, crosswalk in setup.crosswalks.items()
@@ -42,8 +43,8 @@ class Approaches:
         for crosswalk in setup.crosswalks.values():
             for connection in crosswalk.connections:
                 self._over[connection].append(crosswalk)
-        others = set(setup.town.crosswalks.values()).difference(setup.crosswalks.values())
-        zebras = [each for each in others if each.prioritized]
+        others = (at for name, at in setup.town.crosswalks.items() if name not in setup.crosswalks)
+        zebras = (each for each in others if each.prioritized)
         self._minds = {connection for each in zebras for connection in each.over}
         ends = [edge for edges in self.before.values() for edge in edges]
         watched = sorted(_upstream(setup.town, ends, self._reach_m))
@@ -54,7 +55,9 @@ class Approaches:
         for name in departed:
             if edge_of(self._vehicles.lane(name)) in self._on_edge:
                 yield name
-        for edge, before in self._on_edge.items() if step % self._every == 0 else ():
+        if step % self.every:
+            return
+        for edge, before in self._on_edge.items():
             names = self._session.vehicles_on(edge)
             if names != before:
                 self._on_edge[edge] = names

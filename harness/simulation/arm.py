@@ -12,7 +12,7 @@ from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.engine.session import Collision, Session, is_inside_junction
 from harness.model.interaction import InteractionModel
 from harness.simulation.approaches import Approaches
-from harness.simulation.cars import LOOK_S, PASSED, Car, Passage
+from harness.simulation.cars import PASSED, Car, Passage
 from harness.simulation.driving import Control
 from harness.simulation.own_people import OwnPeople
 from harness.simulation.people_at import PeopleAt
@@ -69,7 +69,6 @@ class SimulatedArm:
         self._sensors = {driver: sensor_of(setup.scenario, driver) for driver in Arm}
         self._control = Control(session, setup, self.people)
         self._approaches = Approaches(setup, session)
-        self._look_every = max(1, round(LOOK_S / session.step_s))
 
     def _people_at(self, crosswalk: Crosswalk) -> PeopleAt:
         setup, session, own = self.setup, self.session, None
@@ -230,7 +229,7 @@ class SimulatedArm:
     def _look_later(self, car: Car) -> None:
         """Look again when a vehicle may begin its next passage, but within a second."""
         step_m = max(car.max_mps, 1.0) * self.session.step_s
-        steps = min(int((car.next_m - car.odometer_m) / step_m), self._look_every)
+        steps = min(int((car.next_m - car.odometer_m) / step_m), self._approaches.every)
         self._due[self._steps + max(1, steps)].append(car)
 
     def _replan(self, car: Car) -> None:

@@ -1,4 +1,4 @@
-"""Rules of driven and turning vehicles (docs/method.md); LIMITED_BY (core), a column each: SCHEMA.
+"""Strategies drive vehicles, turning ones too: views in; SUMO's commands and what limited them out.
 
 The lowest of three speeds applies: the strategy's, that of lanes and curves ahead, and SUMO's for
 leaders and junctions.  SUMO does not mind people at the crosswalks that a strategy has taken over;
@@ -57,10 +57,8 @@ class Control:
         self._driven[car.name] = car
         self._ignore(car)
         end_m = max(each.last_m for each in driven)
-        yields = any(
-            link.yields and link.begin_m < end_m and car.odometer_m < link.end_m
-            for link in car.links
-        )
+        ahead = (each for each in car.links if car.odometer_m < each.end_m)
+        yields = any(each.yields and each.begin_m < end_m for each in ahead)
         if yields != car.yields:
             car.yields = yields
             self._session.let_yield(car.name, yields)

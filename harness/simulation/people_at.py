@@ -26,13 +26,12 @@ class PeopleAt:
         crosswalk, own: the same.
         changed: whether somebody has come or gone; whoever has seen to it resets it.
         watched: the number of vehicles that are on their ways over it.
-        left_out: the number of SUMO's people who stepped off, but have no way; once it has ended.
     """
 
     def __init__(self, session: Session, crosswalk: Crosswalk, own: OwnPeople | None) -> None:
         self._session, self._people = session, session.people
         self.crosswalk, self._areas = crosswalk, crosswalk.areas
-        self.own, self.changed, self.watched, self.left_out = own, False, 0, 0
+        self.own, self.changed, self.watched = own, False, 0
         self._first = 0 if own is None else len(own.arrivals)
         self._here: dict[str, SumoPerson] = {}
         self._came: list[SumoPerson] = []
@@ -131,9 +130,14 @@ class PeopleAt:
     def walked(self) -> list[Walked]:
         """Everybody who stepped off or waited, the harness's first."""
         own = [] if self.own is None else [*self.own.walked()]
-        found = [(each, each.walked(self.crosswalk)) for each in self._came]
-        self.left_out = sum(walk is None and each.stepped_off for each, walk in found)
-        return own + [walk for _, walk in found if walk is not None]
+        found = (each.walked(self.crosswalk) for each in self._came)
+        return own + [walk for walk in found if walk is not None]
+
+    @property
+    def left_out(self) -> int:
+        """The number of SUMO's people who stepped off, but were seen too briefly for a way."""
+        stepped_off = (each for each in self._came if each.stepped_off)
+        return sum(each.walked(self.crosswalk) is None for each in stepped_off)
 
 
 def _turned(view: PedestrianView, passage: Passage) -> PedestrianView:

@@ -92,7 +92,6 @@ def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def files_of(folder: Path, kind: str) -> list[Path]:
-    kind = kind.split(",")[0]
     named = {
         "scenario": "*.toml",
         "model": "*.json",
@@ -103,14 +102,16 @@ def files_of(folder: Path, kind: str) -> list[Path]:
         "risk": "risk/*",
         "town": "town/*",
     }
-    return sorted(path for path in folder.glob(named[kind]) if path.is_file())
+    return sorted(path for path in folder.glob(named[kind.split(",")[0]]) if path.is_file())
 
 
 def done_or_refused(*words: str) -> bool:
     """Whether a command did what it was told; else it refused in one line with exit code 2."""
     signal.alarm(HANG_S)  # nothing catches it: it ends the process
-    done = here(*words)
-    signal.alarm(0)
+    try:
+        done = here(*words)
+    finally:
+        signal.alarm(0)
     code, said = done.returncode, done.stdout + done.stderr
     assert code in (0, 1, 2), said
     assert "Traceback" not in said
@@ -127,8 +128,7 @@ def done_or_refused(*words: str) -> bool:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.usefixtures("_nothing_runs")
 def test_whatever_is_in_a_file(folder: Path, kind: str) -> None:
-    number, commands = KINDS[kind]
-    files = files_of(folder, kind)
+    (number, commands), files = KINDS[kind], files_of(folder, kind)
     there, kept = {*folder.iterdir()}, {path: path.read_bytes() for path in files}
 
     @cases(number)
