@@ -22,7 +22,7 @@ _EQUAL = 0.1
 """Each start gives every component this share of an equal weight."""
 _LOOSE_TOL = 1e-4
 """The climbs from all starts end at this gradient; only the best one goes on."""
-_CLIMBS = 2
+_CLIMBS = 4
 """A start climbs from so many clusterings, because most climbs end at a lower local maximum."""
 _FIRST_STEPS = 30
 """Quasi-Newton steps before the first new reference of the coordinates."""
@@ -87,7 +87,7 @@ def fit_mixture(
         seed, key: seed of the starts, ≥ 0, and the numbers of this fit among those of the seed.
         sample_weight: (n,) ≥ 0; by default 1.  The sum counts as the number of rows.
         tol: the fit stops when ``gradient_norm`` is below this.
-        n_init: number of starts.  Each climbs from two clusterings until the gradient is below
+        n_init: number of starts.  Each climbs from four clusterings until the gradient is below
             1e-4; of all, the one with the highest penalised likelihood goes on.
         max_iter: maximum number of steps of each climb.
         names: names of the columns, for messages.

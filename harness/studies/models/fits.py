@@ -42,7 +42,7 @@ class FitSettings(NamedTuple):
     Attributes:
         components: every K to fit, ascending.
         choose: the criterion that chooses among several K.
-        starts: number of starts of each fit, from two clusterings each.  The best is kept.
+        starts: number of starts of each fit, from four clusterings each.  The best is kept.
         folds: number of folds of vehicles for the held-out scores; 0 or 1 means no scores.
         seed: the seed of the starts and the folds.
     """
