@@ -1,4 +1,4 @@
-"""Named random streams, one for each random key or error.
+"""Named random streams, one for each random key or error; a risk samples most of them (risk.md).
 
 Every random number of a run comes from a stream keyed by (root seed, purpose, pair) and not by the
 order of execution or by the cell.  A pair therefore draws the same numbers in any worker, in any

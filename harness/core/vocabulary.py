@@ -1,4 +1,4 @@
-"""The vocabulary of an encounter: the ego, what a strategy sees, who arrives, walks and traces.
+"""What encounters and simulations speak of: Vehicle, Observation, Arrival, Walk, Trace, LIMITED_BY.
 
 Frame (SI units): x points along the road in the ego's direction and is 0 at the crosswalk's centre
 line; y points across the road and is 0 at the kerb on the ego's right and ``length_m`` at the other

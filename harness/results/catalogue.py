@@ -1,4 +1,4 @@
-"""Every reported number, an entry each: of which column it is, by which estimator, and its names.
+"""Every reported number, an entry each: column, estimator, whether README's screen has it.
 
 To report another number, add an entry: it names a column and an estimator.  Screens, page, JSON,
 CSV and the reference in the documentation follow.

@@ -1,4 +1,4 @@
-"""The files of a run folder: its manifest, its parts and its findings.
+"""The files of a run folder: manifest with ``SCHEMA``, the version of all columns, parts, findings.
 
 ``pd.read_parquet("RUN/episodes")`` reads a whole table.  A part appears complete or not at all,
 that of ``episodes`` or ``arms`` last: if it exists, its task is done.

@@ -1,4 +1,4 @@
-"""A run folder in Python, finished or unfinished: ``harness.load_run``.
+"""A run folder in Python (``harness.load_run``), with the note of an unfinished one.
 
 For example ``load_run("runs/cctc-1").episodes.groupby("arm")["delay_s"].mean()``.
 """

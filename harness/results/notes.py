@@ -1,4 +1,4 @@
-"""The notes of a run: sentences without which its numbers mislead, a rule each.
+"""The notes of a run, a rule each; README and simulations.md quote some (more: loaded_run.py).
 
 Comparisons, risks, validations and fits have notes of their own, in ``studies``.
 

@@ -1,4 +1,4 @@
-"""The columns of every table, declared once: type, unit and meaning."""
+"""The columns of every table, declared once: type, unit, meaning; changes raise ``SCHEMA``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

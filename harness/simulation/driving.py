@@ -1,4 +1,4 @@
-"""Strategies drive vehicles, turning ones too: views in; SUMO's commands and what limited them out.
+"""The rules of driven and turning vehicles (method.md, "Who drives"); ``LIMITED_BY`` counts steps.
 
 The lowest of three speeds applies: the strategy's, that of lanes and curves ahead, and SUMO's for
 leaders and junctions.  SUMO does not mind people at the crosswalks that a strategy has taken over;

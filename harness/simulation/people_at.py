@@ -1,4 +1,4 @@
-"""The people at one crosswalk as drivers see them: SUMO's, and the harness's."""
+"""The people at one crosswalk as drivers and their sensors see them: SUMO's, the harness's."""
 
 import math
 from collections.abc import Callable

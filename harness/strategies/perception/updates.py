@@ -1,4 +1,4 @@
-"""The ground truth at every step in; what a sensor with delays and errors shows of it out."""
+"""Perception errors (strategies.md): the truth in; what encounters and people_at.py show out."""
 
 import math
 from collections import deque
