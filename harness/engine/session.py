@@ -50,7 +50,6 @@ class Vehicles:
     angle_deg: Annotated[Callable[[str], float], "getAngle"]
     speed_factor: Annotated[Callable[[str], float], "getSpeedFactor"]
     type: Annotated[Callable[[str], str], "getTypeID"]
-    vehicle_class: Annotated[Callable[[str], str], "getVehicleClass"]
     headway_s: Annotated[Callable[[str], float], "getTau"]
     set_speed: Annotated[Callable[[str, float], object], "setSpeed"]
     remove: Annotated[Callable[[str], object], "remove"]
@@ -299,6 +298,11 @@ class Session:
         """Every type of vehicles, by its id."""
         types = self._api.vehicletype
         return {name: _built(types, name) for name in types.getIDList()}
+
+    def vehicle_classes(self) -> Mapping[str, str]:
+        """The class of every type of vehicles that SUMO has read so far, by the type's id."""
+        types = self._api.vehicletype
+        return {name: types.getVehicleClass(name) for name in types.getIDList()}
 
     def look(self, x_m: float, y_m: float, reach_m: float) -> None:
         """Show a square of the network in the window."""

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 from harness.core.vocabulary import ROUNDING, Arm, ModelUse
@@ -57,6 +57,7 @@ class SimulatedArm:
         self._seed, self._steps = setup.seed(pair), 0
         self.passages: list[Passage] = []
         self.automated: dict[str, bool] = {}
+        self._classes: Mapping[str, str] = {}
         self.queues: dict[str, list[int]] = {name: [] for name in setup.crosswalks}
         self.counts: Counter[str] = Counter()
         self._cars: dict[str, Car] = {}
@@ -109,6 +110,7 @@ class SimulatedArm:
                 self._sample()
         for car in [*self._cars.values()]:
             self._drop(car, ENDED)
+        self._classes = session.vehicle_classes()
         self._note_uses(self._speeds.model_use.counts)
         self.passages.sort(key=lambda each: (each.begin_s, each.car.name, each.crosswalk.id))
 
@@ -132,10 +134,10 @@ class SimulatedArm:
         """Count the vehicles that collided, were teleported, or have left; note who departed."""
         session, setup, vehicles = self.session, self.setup, self._vehicles
         for name in departed:
-            kinds = {vehicles.type(name), vehicles.vehicle_class(name)}
-            self.automated[name] = is_automated(
-                self._seed, name, kinds, setup.simulation.av_share, setup.simulation.av_types
-            )
+            type_id = vehicles.type(name)
+            if type_id not in self._classes:
+                self._classes = session.vehicle_classes()
+            self.automated[name] = self.is_automated(name, type_id)
         teleported = session.teleported()
         events = ["teleports"] * len(teleported)
         events += ["emergency_stops"] * len(session.emergency_stops())
@@ -150,6 +152,11 @@ class SimulatedArm:
             self._drop(self._cars.get(name), "it arrived on its way")
         for name in teleported:
             self._drop(self._cars.get(name), "SUMO teleported it", exists=True)
+
+    def is_automated(self, name: str, type_id: str) -> bool:
+        """Whether a vehicle of a type is an AV, in either arm, or would be if it departed."""
+        kinds, simulation = {type_id, self._classes.get(type_id, "")}, self.setup.simulation
+        return is_automated(self._seed, name, kinds, simulation.av_share, simulation.av_types)
 
     def _kinds_of(self, hit: Collision) -> list[str]:
         """What a collision counts as; a passage notes that SUMO saw one with a person."""

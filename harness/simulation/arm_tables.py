@@ -124,7 +124,7 @@ def _tables(setup: Setup, arm: SimulatedArm, trips: Path) -> dict[str, Columns]:
         "people_left_out": sum(each.left_out for each in arm.people.values()),
         **{name: arm.counts[name] for name in _COUNTS},
     }
-    vehicles = _vehicles(trips, arm.automated, end_s)
+    vehicles = _vehicles(trips, arm.is_automated, end_s)
     tables: dict[str, list[Row]] = {
         "arms": [arms],
         "passages": passed,
@@ -139,7 +139,7 @@ def _tables(setup: Setup, arm: SimulatedArm, trips: Path) -> dict[str, Columns]:
     }
 
 
-def _vehicles(trips: Path, automated: Mapping[str, bool], end_s: float) -> Iterator[Row]:
+def _vehicles(trips: Path, is_automated: Callable[[str, str], bool], end_s: float) -> Iterator[Row]:
     """The rows of the table ``vehicles``, from SUMO's tripinfo: trips that never began too.
 
     A trip that has not ended counts with the time until the end.  Delays before the departure are
@@ -157,7 +157,7 @@ def _vehicles(trips: Path, automated: Mapping[str, bool], end_s: float) -> Itera
             yield {
                 "vehicle": trip.attrib["id"],
                 "type": trip.get("vType", ""),
-                "automated": departed and automated[trip.attrib["id"]],
+                "automated": is_automated(trip.attrib["id"], trip.get("vType", "")),
                 "due_s": (depart_s if departed else end_s) - delay_s,
                 "depart_s": depart_s if departed else None,
                 "arrival_s": arrival_s if arrival_s >= 0 else None,

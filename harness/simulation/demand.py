@@ -8,8 +8,8 @@ import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,8 +39,7 @@ _STANDS_NEARER_M = {"IDM": 0.4}
 _STAYS_IN_LANE = {"lcStrategic": -1, "lcCooperative": -1, "lcSpeedGain": 0, "lcKeepRight": 0}
 
 
-@dataclass(frozen=True, slots=True)
-class Due:
+class Due(NamedTuple):
     """A vehicle, and when it is due at the road's upstream end."""
 
     name: str

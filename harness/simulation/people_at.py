@@ -136,7 +136,7 @@ class PeopleAt:
     @property
     def left_out(self) -> int:
         """The number of SUMO's people who stepped off, but were seen too briefly for a way."""
-        stepped_off = (each for each in self._came if each.stepped_off)
+        stepped_off = (each for each in self._came if any(on for *_, on in each.states))
         return sum(each.walked(self.crosswalk) is None for each in stepped_off)
 
 

@@ -5,6 +5,7 @@ Every place is a distance along the crosswalk's axis: 0 at its beginning, ``leng
 
 from dataclasses import dataclass, field, replace
 from itertools import starmap
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,8 +33,7 @@ _SLOWEST_MPS = 1e-3
 """Least speed of a way over the crosswalk: who goes back and forth may have none, on balance."""
 
 
-@dataclass(frozen=True, slots=True)
-class Walked:
+class Walked(NamedTuple):
     """One person's way over the crosswalk.
 
     Attributes:
@@ -87,11 +87,6 @@ class SumoPerson:
     def on(self) -> bool:
         """Whether SUMO has them on the crosswalk."""
         return self.states[-1][2]
-
-    @property
-    def stepped_off(self) -> bool:
-        """Whether SUMO ever had them on the crosswalk."""
-        return any(on for *_, on in self.states)
 
     def walked(self, crosswalk: Crosswalk) -> Walked | None:
         """Their way over it; None for those who only passed beside the kerb.
