@@ -284,9 +284,8 @@ class SimulatedArm:
             else:
                 passage.driver = setup.scenario.arms.driver(driver)
                 people.note(time_s)
-                sensor, look = self._sensors[driver], None
-                if sensor is not None:
-                    look = people.seen_by(passage, sensor, self._pair)
+                sensor = self._sensors[driver]
+                look = None if sensor is None else people.seen_by(passage, sensor, self._pair)
                 truth = partial(people.views, passage)
                 passage.driven_by = Driver(passage, step_s, truth, look)
         people.watched += 1
