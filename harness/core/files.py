@@ -105,13 +105,14 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     write_file(path, text.getvalue().encode())
 
 
-_NOT_THERE = (errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT, errno.ENOTDIR, errno.EISDIR)
+_NOT_THERE = (errno.EROFS, errno.EACCES, errno.EPERM, errno.EEXIST, errno.ENOENT, errno.ENOTDIR,
+              errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP)  # fmt: skip
 """Errors that only another path avoids.  The user can repair others, such as a full disk."""
 
 
-def cannot_write(path: Path, error: OSError) -> HarnessError:
-    """The error for a file that cannot be written."""
+def cannot_write(path: Path | Parameter, error: OSError) -> HarnessError:
+    """The error for a file or folder that cannot be written."""
     why = f"cannot be written ({error.strerror})"
-    if error.errno in _NOT_THERE:
-        return InputError(str(path), why, "a writable place")
-    return HarnessError(f"{path}: {why}")
+    where = path if isinstance(path, Parameter) else str(path)
+    refused = InputError(where, why, "a writable place")
+    return refused if error.errno in _NOT_THERE else HarnessError(f"{refused.where}: {why}")

@@ -7,8 +7,7 @@ import tempfile
 from importlib import metadata
 from pathlib import Path
 
-from harness.core.errors import InputError
-from harness.core.files import shipped_directory
+from harness.core.files import cannot_write, shipped_directory
 from harness.engine.installation import run_program, scratch_folder
 from harness.engine.sources import plain_sources
 from harness.scenario import Scenario
@@ -33,7 +32,8 @@ def build_network(crossing: CrossingSection, directory: Path, name: str) -> Path
         The network; its sources lie beside it.
 
     Raises:
-        InputError: a bad name, or a folder that cannot be written.
+        InputError: a bad name, or a folder in which nobody may write.
+        HarnessError: the file system refuses (full).
         EngineError: netconvert is missing or failed.
     """
     sources = plain_sources(crossing, name)
@@ -51,7 +51,7 @@ def build_network(crossing: CrossingSection, directory: Path, name: str) -> Path
             for file_name in (*sources, net_name):
                 (folder / file_name).replace(directory / file_name)
     except OSError as error:
-        raise InputError(str(directory), f"cannot be written ({error.strerror})") from error
+        raise cannot_write(directory, error) from error
     return directory / net_name
 
 
@@ -65,8 +65,7 @@ def network_of(scenario: Scenario) -> Path:
     netconvert's version.  Several processes may build at the same time.
 
     Raises:
-        InputError: the cache folder cannot be written.
-        EngineError: see ``build_network``.
+        HarnessError: see ``build_network``; here the folder is that of the cache.
     """
     crossing = scenario.crossing
     for net in sorted(shipped_directory("networks").glob("*/*.net.xml")):

@@ -30,7 +30,8 @@ class RunFolder:
         path: an existing folder.
 
     Raises:
-        InputError: another process works on this run, or the folder cannot be written.
+        InputError: another process works on this run, or nobody may write in the folder.
+        HarnessError: the file system refuses (full).
     """
 
     def __init__(self, path: Path) -> None:
@@ -42,13 +43,10 @@ class RunFolder:
         except filelock.Timeout:
             raise InputError(str(path), "another process is working on this run") from None
         except OSError as error:
-            why = f"cannot be written ({error.strerror})"
-            raise InputError(str(path), why, "a writable folder") from None
+            raise cannot_write(path, error) from None
 
     def close(self) -> None:
-        """Release the folder."""
-        # The file is removed while the lock is held; later it could be the next process's lock.
-        (self.path / _LOCK).unlink(missing_ok=True)
+        """Release the folder; the lock's file stays, because another process may have opened it."""
         self._lock.release()
 
     def note(self, event: str, **details: Any) -> None:
@@ -69,7 +67,8 @@ def claim_folder(out: Path | str | None, name: str) -> Path:
         name: the scenario's name.
 
     Raises:
-        InputError: the folder holds a run or anything else, is a file, or cannot be written.
+        InputError: the folder holds a run or anything else, is a file, or cannot be made there.
+        HarnessError: the file system refuses (full).
     """
     number = 1
     while out is None and (Path("runs") / f"{name}-{number}").exists():
@@ -85,8 +84,7 @@ def claim_folder(out: Path | str | None, name: str) -> Path:
     except FileExistsError:
         return claim_folder(out, name)  # another run took the number
     except OSError as error:
-        why = f"cannot be written ({error.strerror})"
-        raise InputError(where, why, "a writable folder") from None
+        raise cannot_write(where, error) from None
     if MANIFEST in names:
         raise InputError(where, "already holds a run", f"{empty}, or {resume_command(folder)}")
     if names:
