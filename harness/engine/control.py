@@ -3,8 +3,7 @@
 docs/simulations.md explains the choices and has the measurements behind them.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 from harness.core.errors import EngineError
 from harness.core.vocabulary import Arrival
@@ -77,7 +76,7 @@ class SumoEngine:
         self._ego = f"ego-{self._episode}"
         people = self.people
         people.begin(arrivals, self._episode)
-        with self._watched("could not set up the episode"):
+        with self._session.watched("could not set up the episode"):
             # Persons exist only after a step, so they are inserted a step before the ego.
             people.announce(2 * self._step_s)
             self._advance()
@@ -118,13 +117,13 @@ class SumoEngine:
 
     def remove(self, index: int) -> None:
         """See ``Engine.remove``."""
-        with self._watched(f"could not find pedestrian {index}"):
+        with self._session.watched(f"could not find pedestrian {index}"):
             self.people.remove(index)
 
     def end(self) -> bool | None:
         """See ``Engine.end``."""
         self._episode += 1
-        with self._watched("could not clear the road"):
+        with self._session.watched("could not clear the road"):
             self.people.clear()
             if self._ego in self._session.vehicles.ids():
                 kept = self._set_mps in (None, self._get_speed(self._ego))
@@ -137,11 +136,3 @@ class SumoEngine:
         """End the simulation, which also completes SUMO's output files."""
         self.closed = True
         self._session.close()
-
-    @contextmanager
-    def _watched(self, what: str) -> Iterator[None]:
-        """Turn SUMO's errors within this context into ``EngineError``."""
-        try:
-            yield
-        except self._lost as error:
-            raise EngineError(f"SUMO {what}: {error}") from None

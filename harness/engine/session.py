@@ -2,7 +2,7 @@
 
 import contextlib
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module, metadata
 from pathlib import Path
@@ -138,8 +138,9 @@ class Session:
         time_s: the time at the end of the last step.
         move_person: puts a person who exists on a point of a crosswalk's axis, 0.05 m or more from
             its ends; SUMO ends the process if the person does not exist.
-        lost, advance: SUMO's exceptions, and its function for a step; for the loop of an encounter
-            in ``control`` only.
+        lost, advance: SUMO's exceptions, and its function for a step.  Only the loop of an
+            encounter in ``control`` has them, where a context would cost time at every step;
+            elsewhere ``watched`` turns the exceptions into ``EngineError``.
 
     Raises:
         EngineError: SUMO does not start, or another simulation runs in this process.
@@ -190,16 +191,22 @@ class Session:
         names = get_type_hints(kind, include_extras=True).items()
         return kind(**{each: self._function(domain, how.__metadata__[0]) for each, how in names})
 
+    @contextlib.contextmanager
+    def watched(self, what: str) -> Iterator[None]:
+        """Turn SUMO's exceptions within this context into ``EngineError``; ``what`` SUMO did."""
+        try:
+            yield
+        except self.lost as error:
+            raise EngineError(f"SUMO {what}: {one_line(str(error))}") from None
+
     def step(self) -> float:
         """Simulate one step; return the time at its end in s.
 
         Raises:
             EngineError: SUMO lost the simulation.
         """
-        try:
+        with self.watched("lost the simulation"):
             self.advance()
-        except self.lost as error:
-            raise EngineError(f"SUMO lost the simulation: {one_line(str(error))}") from None
         self.time_s = self._now()
         return self.time_s
 

@@ -81,12 +81,10 @@ def run_arm(
     try:
         config = write_config(setup.config, folder, setup.seed(pair), more, keeps=keeps)
         session = Session(config, module=module)
-        running = SimulatedArm(setup, session, pair, arm, model)
-        begins(running)
-        try:
+        with session.watched("failed"):
+            running = SimulatedArm(setup, session, pair, arm, model)
+            begins(running)
             running.run()
-        except session.lost as error:  # a call of SUMO's failed; a step says so itself
-            raise EngineError(f"SUMO failed: {error}") from None
         begins(None)
         session.close()
         session = None
