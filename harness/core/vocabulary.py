@@ -37,6 +37,9 @@ STANDING_MPS = 0.1
 ROUNDING = 1e-9
 """Tolerance of thresholds in m, m/s and s: engines differ in the last bits of their sums."""
 
+SPEED_ROUNDING = 1e-6
+"""Relative tolerance: a speed counts as above a limit only if it exceeds it by more than this."""
+
 SECONDS_PER_HOUR = 3600.0
 """Flows are per hour, times in seconds."""
 
@@ -74,10 +77,6 @@ class Contact(StrEnum):
 
     FRONT = "front"
     SIDE = "side"
-
-
-SPEED_ROUNDING = 1e-6
-"""Relative tolerance: a speed counts as above a limit only if it exceeds it by more than this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +120,8 @@ LIMITED_BY = MappingProxyType(
     }
 )
 """What decides a driven vehicle's speed in a step of a simulation, with its words."""
-STRATEGY, ACTUATOR, LANE, LEADER, RIGHT_OF_WAY = map(
-    [*LIMITED_BY].index, ("strategy", "actuator", "lane", "leader", "right_of_way")
-)
-"""Their places in the counts of steps."""
+STRATEGY, ACTUATOR, LANE, LEADER, RIGHT_OF_WAY = range(len(LIMITED_BY))
+"""The places of these, in their order, in the counts of steps."""
 BY_SUMO = ("lane", "leader", "right_of_way")
 """Those of which a note says that SUMO decided."""
 

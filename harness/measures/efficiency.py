@@ -24,9 +24,10 @@ def beyond(time_s: FloatArray | float, free_s: FloatArray | float) -> FloatArray
 
 
 def stops(chunk: Chunk) -> FloatArray:
-    """Number of times the speed at a step's end falls below 0.1 m/s."""
+    """Number of times the speed at a step's end falls below 0.1 m/s; NaN without a step."""
     trace, before, after = _standing(chunk)
-    return np.bincount(trace[after & ~before], minlength=len(chunk.traces)).astype(float)
+    count = np.bincount(trace[after & ~before], minlength=len(chunk.traces))
+    return np.where(chunk.steps > 0, count, np.nan)
 
 
 def stopped_s(chunk: Chunk) -> FloatArray:

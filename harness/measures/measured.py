@@ -119,11 +119,12 @@ class Measured:
         undefined_when="the record has no step",
         worse="large",
     )
-    stops: int = _measured(
+    stops: int | None = _measured(
         efficiency.stops,
         "",
         "number of times the speed at a step's end falls below 0.1 m/s",
         about="comfort",
+        undefined_when="the record has no step",
         on_step="steps",
         worse="large",
         source="SUMO's waiting-time threshold",

@@ -16,7 +16,7 @@ Value = float | int | bool | None
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeRecord(Measured):
-    """The stored results of an episode: a row of ``episodes.parquet`` (docs/files.md).
+    """The stored results of an episode: a row of the table ``episodes`` (docs/files.md).
 
     ``end_s`` is the time of the record's end: the contact, the pass, the time-out or the failure.
     Each measure is an attribute (``record.pet_s``).  Undefined values are None.

@@ -46,7 +46,7 @@ class Transition(NamedTuple):
     crashed: bool
 
 
-def time_speeding_and_crash(step: Transition, crash_penalty: float = 100.0) -> float:
+def time_speeding_and_crash(step: Transition, crash_penalty_s: float = 100.0) -> float:
     """The default reward: −(step in s + metres driven in excess of v0 + 100 for a crash).
 
     Its sum over an episode that crosses and never exceeds v0 is minus the pass time, rounded up to
@@ -54,11 +54,11 @@ def time_speeding_and_crash(step: Transition, crash_penalty: float = 100.0) -> f
 
     Args:
         step: the step.
-        crash_penalty: penalty of a crash in s; ``functools.partial`` sets another.
+        crash_penalty_s: penalty of a crash; ``functools.partial`` sets another.
     """
     ego, vehicle = step.before.ego, step.before.vehicle
     excess_m = max(0.0, ego.speed_mps - vehicle.initial_speed_mps) * step.before.step_s
-    return -step.before.step_s - excess_m - (crash_penalty if step.crashed else 0.0)
+    return -step.before.step_s - excess_m - (crash_penalty_s if step.crashed else 0.0)
 
 
 class CrosswalkEnv(gymnasium.Env[Vector, Vector]):

@@ -90,8 +90,8 @@ def test_is_finite_of_its_type_or_none_and_empty_without_states(entry) -> None:
         assert None in values.values()
     assert any(value is not None for value in values.values())
     record: EpisodeRecord = RECORDS["failed at once"]
-    # Only what is counted is 0.
-    expected = 0 if entry.kind is int else None
+    # Only people who arrive are counted without a step.
+    expected = 0 if entry.undefined_when == "never" else None
     assert getattr(record, entry.column) == expected
 
 

@@ -58,11 +58,12 @@ def test_failed_episodes_and_those_without_pedestrians() -> None:
     assert (result.ending, result.reason) == ("engine_failed", "SUMO lost it")
     assert (result.pass_time_s, result.contact, result.contact_time_s) == (None, None, None)
     result = cruise()
-    assert result.pedestrians == 0
     for name in ("min_gap_m", "min_ttc_s", "min_time_advantage_s", "pet_s", "contact_index"):
         assert getattr(result, name) is None
+    assert (result.pedestrians, result.stops, result.stopped_s) == (0, 0, 0.0)
     assert result.max_deceleration_mps2 == 0.0
-    assert result.stopped_s == 0.0
+    result = record([], ending=Ending.ENGINE_FAILED)  # before its first step
+    assert (result.steps, result.stops, result.stopped_s) == (0, None, None)
 
 
 def test_stopped_time_and_strongest_deceleration() -> None:
@@ -70,7 +71,7 @@ def test_stopped_time_and_strongest_deceleration() -> None:
     plan = [-2.0] * 25 + [0.0] * 30 + [1.25] * 80
     result = record(plan)
     # Below 0.1 m/s: at the ends of the braking's last step and of every waiting one.
-    assert result.stopped_s == pytest.approx(3.1, abs=1e-9)
+    assert (result.stops, result.stopped_s) == (1, pytest.approx(3.1, abs=1e-9))
     assert result.max_deceleration_mps2 == pytest.approx(2.0, abs=1e-9)
     # 6.25 m braking, then 30.75 m in 1.25 t²/2: 5.5 s + 7.014 s.
     expected = 5.5 + math.sqrt(2 * 30.75 / 1.25)
