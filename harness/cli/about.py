@@ -69,14 +69,13 @@ def crossings(
         show_rows("crossings", [{"scenario": str(write)}], quiet=True, as_json=as_json)
         return
     with unwinding(), scratch_folder() as scratch:
-        rows = crossings_of(file, Path(scratch))
-    if not rows:
+        usable, refused = crossings_of(file, Path(scratch))
+    if not usable and not refused:
         say(_NO_CROSSWALK)
-    usable = [row for row in rows if row.refused is None]
-    shown = [row._asdict() for row in (rows if every or as_json else usable)]
-    left = len(rows) - len(shown)
-    title = f"{file}: {len(rows)} crosswalks, {len(usable)} usable"
-    closing = [f"--all lists the other {left}, with the reasons"] if left else []
+    whole, left = every or as_json, len(refused)
+    shown = [row._asdict() for row in (usable + refused if whole else usable)]
+    title = f"{file}: {len(usable) + left} crosswalks, {len(usable)} usable"
+    closing = [f"--all lists the other {left}, with the reasons"] if left and not whole else []
     show_rows("crossings", shown, as_json=as_json, closing=closing, title=title, headings=_HEADINGS)
 
 

@@ -1,6 +1,7 @@
 """Commands that read folders of runs: ``show, report, compare, worst, replay, export``."""
 
 import re
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -22,8 +23,8 @@ def show(
     """Print the screen of a run or risk estimate again, or with other thresholds of conflicts."""
     from harness.studies.risk.estimate import result_of
 
-    changes = {setting.key: setting.value for setting in options.settings_of(settings)}
-    show_result(result_of(run_folder, changes), full=full, as_json=as_json)
+    result = result_of(run_folder, options.changes_of(settings))
+    show_result(result, full=full, as_json=as_json)
 
 
 def report(
@@ -32,13 +33,15 @@ def report(
     figures: options.FiguresOption = None,
     mu0: options.Mu0Option = None,
     kappa0: options.Kappa0Option = None,
+    settings: options.ThresholdOption = None,
     as_json: options.JsonOption = False,
 ) -> None:
     """Write one HTML page: results, figures, a player of episodes."""
     from harness.report.page import write_report
 
+    changes = options.changes_of(settings)
     with unwinding():
-        written = write_report(run_folder, out, figures, mu0=mu0, kappa0=kappa0)
+        written = write_report(run_folder, out, figures, changes, mu0=mu0, kappa0=kappa0)
     for warning in written.warnings:
         say(one_line(f"harness: {warning}"))
     files = [{"file": str(path)} for path in (written.page, *written.figures)]
@@ -50,6 +53,7 @@ def compare(
     mu0: options.Mu0Option = None,
     kappa0: options.Kappa0Option = None,
     out: options.TableOption = None,
+    settings: options.ThresholdOption = None,
     full: options.FullOption = False,
     quiet: options.QuietOption = False,
     as_json: options.JsonOption = False,
@@ -64,7 +68,8 @@ def compare(
 
     if out is not None:
         check_target(out)
-    result = compare_cells(*map(load_run, run_folders), mu0=mu0, kappa0=kappa0)
+    runs = map(partial(load_run, settings=options.changes_of(settings)), run_folders)
+    result = compare_cells(*runs, mu0=mu0, kappa0=kappa0)
     if out is not None:
         from harness.results.result import flat
 
@@ -103,8 +108,9 @@ def replay(
     as_json: options.JsonOption = False,
 ) -> None:
     """Simulate episodes again, with SUMO's outputs or in sumo-gui."""
-    if sum((gui, debug, out is not None)) > 1:
-        raise InputError("--out, --gui, --debug", "cannot be combined", "one of the three")
+    if (given := sum((gui, debug, out is not None))) != 1:
+        problem = "cannot be combined" if given else "one is missing"
+        raise InputError("--out, --gui, --debug", problem, "one of the three")
     if screenshots is not None and not gui:
         raise InputError("--screenshots", "needs --gui", "--gui")
     from harness.core.vocabulary import Arm
@@ -116,13 +122,10 @@ def replay(
     with unwinding():
         if gui:
             replayed = again.watch(run, cell, pairs, arms, screenshots=screenshots)
-        elif debug:
+        elif out is None:
             replayed = again.debug(run, cell, pairs, arms)
-        elif out is not None:
-            replayed = again.replay(run, cell, pairs, arms, out)
         else:
-            allowed = "a new folder for SUMO's files, --gui or --debug"
-            raise InputError("--out", "is missing", allowed)
+            replayed = again.replay(run, cell, pairs, arms, out)
     for traceback in filter(None, (each.traceback for each in replayed)):
         say(traceback.rstrip())
     show_rows("replay", [each.row for each in replayed], as_json=as_json)

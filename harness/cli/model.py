@@ -2,8 +2,6 @@
 
 import shlex
 import sys
-from dataclasses import replace
-from datetime import date
 from pathlib import Path
 from typing import Annotated
 
@@ -32,7 +30,7 @@ def extract(
     from harness.model.trajectories import extraction
     from harness.report.model_screens import extraction_result
 
-    rules = {setting.key: setting.value for setting in options.settings_of(settings)}
+    rules = options.changes_of(settings)
     with unwinding():
         extracted = extraction.extract(data, format_, **rules)
         result = extraction_result(extracted, [f"Rows: {out}"])
@@ -128,7 +126,6 @@ def validate(
         result = validated(
             data, format_, drivers.split(","), options.settings_of(settings), advance
         )
-    result = replace(result, facts={**result.facts, "date": date.today().isoformat()})
     if out is not None:
         from harness.report.page import write_result
 

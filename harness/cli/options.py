@@ -1,7 +1,7 @@
 """The options of all commands."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
@@ -99,3 +99,8 @@ def settings_of(
         *map(parse_setting, settings or []),
         *(Setting(key, value, name) for key, (name, value) in given.items() if value is not None),
     ]
+
+
+def changes_of(settings: list[str] | None) -> dict[str, Any]:
+    """The changes of --set by key."""
+    return {setting.key: setting.value for setting in settings_of(settings)}

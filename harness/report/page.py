@@ -2,10 +2,10 @@
 
 import base64
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jinja2
 
@@ -67,6 +67,7 @@ def write_report(
     folder: Path | str,
     out: Path | None = None,
     figures: Path | None = None,
+    settings: Mapping[str, Any] | None = None,
     *,
     mu0: float | None = None,
     kappa0: float | None = None,
@@ -77,26 +78,28 @@ def write_report(
         folder: the folder of a run or of a risk with events.
         out: the file; by default ``report.html`` in the folder.
         figures: a folder for the figures, made if it is missing.
+        settings: of a run, other thresholds of conflicts, as for ``load_run``.
         mu0, kappa0: as for ``compare``.
 
     Returns:
         The files.  A warning says why there are no episodes, or which differ from their record.
 
     Raises:
-        InputError: the folder holds no run, no pair is finished, or a limit is out of range.
+        InputError: the folder holds no run, no pair is finished, a limit is out of range, or a
+            setting is refused.
         HarnessError: a file cannot be written.
     """
     folder = Path(folder)
     kind, page = read_manifest(folder)["kind"], out or folder / "report.html"
     check_target(page)
-    if kind == "risk":
+    if kind == "risk" and not settings:
         result = read_risk(folder)
         if not result.closing:
             allowed = "a risk with events; `harness show` has the numbers of this one"
             raise InputError(str(folder), "no episode ended in the event", allowed)
         run = load_run(folder / EVENTS)
     else:
-        run = load_run(folder)
+        run = load_run(folder, settings)
         result = run.result()
     groups = groups_of([run]) if run.finished else []
     compared = None

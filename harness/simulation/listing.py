@@ -49,8 +49,8 @@ Counts = Mapping[str, Mapping[str, float]]
 """For vehicles and people: how many per hour enter a lane, by its id."""
 
 
-def crossings_of(file: Path, folder: Path) -> list[CrosswalkRow]:
-    """Every crosswalk and who passes it per hour: usable ones first, then by vehicles × people.
+def crossings_of(file: Path, folder: Path) -> tuple[list[CrosswalkRow], list[CrosswalkRow]]:
+    """The usable crosswalks and the others, with who passes per hour, by vehicles × people.
 
     Who passes twice counts twice.  The configuration is simulated once, untouched and with its own
     step.
@@ -64,13 +64,14 @@ def crossings_of(file: Path, folder: Path) -> list[CrosswalkRow]:
     """
     config = read_config(file)
     crosswalks, counts = town_of(config).crosswalks, _counts(config, folder.absolute())
-    rows = [_row(crosswalk, counts) for crosswalk in crosswalks.values()]
-    return sorted(rows, key=_rank)
+    rows = sorted((_row(each, counts) for each in crosswalks.values()), key=_rank)
+    usable = [row for row in rows if row.refused is None]
+    return usable, [row for row in rows if row.refused is not None]
 
 
-def _rank(row: CrosswalkRow) -> tuple[bool, int, int]:
+def _rank(row: CrosswalkRow) -> tuple[int, int]:
     vehicles, people = row.vehicles_per_hour, row.people_per_hour
-    return row.refused is not None, -vehicles * people, -vehicles - people
+    return -vehicles * people, -vehicles - people
 
 
 def _row(crosswalk: Crosswalk, counts: Counts) -> CrosswalkRow:

@@ -87,11 +87,11 @@ class ProgramDriver:
                 raise ValueError(answer)
             return json.loads(answer)
         except ValueError:
-            _end(self.COMMAND)
+            close_programs(self.COMMAND)
             problem = f"the program answered {answer[:80]!r}, which is not one line with a number"
             raise ValueError(problem) from None
         except BaseException:
-            _end(self.COMMAND)
+            close_programs(self.COMMAND)
             raise
 
 
@@ -130,11 +130,13 @@ def _running_program(command: tuple[str, ...]) -> subprocess.Popen[bytes]:
     return _programs[command]
 
 
-def _end(command: tuple[str, ...]) -> None:
-    program = _programs.pop(command, None)
-    if program is not None:
+def close_programs(*commands: tuple[str, ...]) -> int:
+    """End the running programs of these commands, or all of this process; return their number."""
+    ended = [_programs.pop(each) for each in commands or [*_programs] if each in _programs]
+    for program in ended:
         program.kill()
         program.communicate()
+    return len(ended)
 
 
 def line_of(observation: Observation) -> bytes:

@@ -77,8 +77,9 @@ REFUSED = [
     ("replay run --pair 0 --arm mine", "'mine'", "'av', 'human', 'both'"),
     # No option of a replay or of a check is ignored.
     *((f"{REPLAY} {two}", "cannot be combined", "one of the three") for two in TWO_OF_THREE),
-    (f"{REPLAY} --screenshots x", "--screenshots", "needs --gui"),
-    ("replay run --pair 3-1", "--pair 3-1", "e.g. 7 or 1-20"),
+    (REPLAY, "--out, --gui, --debug", "one is missing"),
+    (f"{REPLAY} --debug --screenshots x", "--screenshots", "needs --gui"),
+    ("replay run --pair 3-1 --debug", "--pair 3-1", "e.g. 7 or 1-20"),
     ("run cctc --dask a:1 --workers 2", "--workers", "--dask", "one of the two"),
     ("compare nowhere", "nowhere", "is not a run folder"),
     ("strategies --set ego.lane=0", "--set"),

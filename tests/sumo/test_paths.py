@@ -211,7 +211,8 @@ def busy(junctions: Path) -> Path:
 
 
 def test_who_passes_a_crosswalk(busy: Path, tmp_path: Path) -> None:
-    rows = {frozenset(each.roads.split(" / ")): each for each in crossings_of(busy, tmp_path)}
+    usable, refused = crossings_of(busy, tmp_path)
+    rows = {frozenset(each.roads.split(" / ")): each for each in usable + refused}
     street, zebra = rows[frozenset(["w_c", "c_w"])], rows[frozenset(["n_c", "c_n"])]
     assert street[2:8] == (9, 2, 3, 6, 0, 0)
     assert zebra[2:8] == (6, 0, 0, 6, 0, 0)
@@ -220,8 +221,7 @@ def test_who_passes_a_crosswalk(busy: Path, tmp_path: Path) -> None:
 
 
 def test_a_scenario_for_chosen_crosswalks(busy: Path, tmp_path: Path) -> None:
-    rows = crossings_of(busy, tmp_path)
-    names = [each.crosswalk for each in rows]
+    names = [each.crosswalk for rows in crossings_of(busy, tmp_path) for each in rows]
     text = scenario_text(busy, names[:1], busy)
     scenario = tomllib.loads(text)
     assert scenario["simulation"]["file"] == busy.as_posix()

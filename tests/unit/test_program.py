@@ -31,8 +31,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.chdir(tmp_path)
     shutil.copy(EXAMPLES / "driver.py", tmp_path)
     yield tmp_path
-    for command in [*program._programs]:
-        program._end(command)
+    program.close_programs()
 
 
 def write(name: str, text: str) -> str:
@@ -109,7 +108,7 @@ def test_the_example_in_python_drives_as_it_does_inside(model) -> None:
     assert same(outside, traces(Inside, model))
     assert not same(outside, traces("exec:./driver.py --comfortable 0.5", model))
     # One process each for all episodes.
-    assert len(program._programs) == 2
+    assert program.close_programs() == 2
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
