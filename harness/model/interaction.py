@@ -11,8 +11,8 @@ integrated out (``marginal``), or given as in the paper's figures (``given_time_
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -60,7 +60,6 @@ class InteractionModel:
     name: str
     provenance: Mapping[str, Any]
     sha256: str
-    _conditionals: dict[tuple[int, ...], Conditional] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         """Make the provenance read-only."""
@@ -82,13 +81,13 @@ class InteractionModel:
         Returns:
             The walking speed in m/s, within the model's box.
         """
-        conditional = self._conditional(PEDESTRIAN_SPEED, *WALKING_GIVEN)
+        conditional = _conditional(self.mixture, PEDESTRIAN_SPEED, *WALKING_GIVEN)
         given = self._clamped(conditional, (1 / range_m, vehicle_speed_mps))
         return conditional.ppf_at(quantile, given)
 
     def walking_speed_unconditional(self, quantile: float) -> float:
         """v_p at a quantile of its marginal, for a pedestrian who meets no vehicle."""
-        return self._conditional(PEDESTRIAN_SPEED).ppf_at(quantile, np.empty(0))
+        return _conditional(self.mixture, PEDESTRIAN_SPEED).ppf_at(quantile, np.empty(0))
 
     def driver_speed(
         self,
@@ -110,15 +109,9 @@ class InteractionModel:
         values = [1 / range_m, pedestrian_speed_mps]
         if inverse_time_advantage_per_s is not None:
             values.append(inverse_time_advantage_per_s)
-        conditional = self._conditional(VEHICLE_SPEED, *DRIVING_GIVEN[: len(values)])
+        conditional = _conditional(self.mixture, VEHICLE_SPEED, *DRIVING_GIVEN[: len(values)])
         y = self._clamped(conditional, values)
         return conditional.mode_at(y) if quantile is None else conditional.ppf_at(quantile, y)
-
-    def _conditional(self, target: int, *given: int) -> Conditional:
-        key = (target, *given)
-        if key not in self._conditionals:
-            self._conditionals[key] = Conditional(self.mixture, target, given)
-        return self._conditionals[key]
 
     def _clamped(self, conditional: Conditional, values: Sequence[float]) -> FloatArray:
         """The given variables of one pedestrian, clamped to the box; every episode calls it."""
@@ -126,6 +119,12 @@ class InteractionModel:
         return np.array(
             [min(max(x, low), high) for x, (low, high) in zip(values, limits, strict=True)]
         )
+
+
+@lru_cache(maxsize=64)
+def _conditional(mixture: TruncatedGaussianMixture, target: int, *given: int) -> Conditional:
+    """The conditional distribution of a mixture, which keeps tables of its own."""
+    return Conditional(mixture, target, given)
 
 
 _ROUNDING = 1e-9

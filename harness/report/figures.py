@@ -318,9 +318,7 @@ def draw_speed_over_place(
     axes.set(xlabel="R, front bumper to centre line (m)", ylabel="speed v (m/s)", ylim=(0, None))
 
 
-def draw_speed_over_time(
-    axes: Axes, traces: Mapping[str, pd.DataFrame], _crosswalk_width_m: float = 0.0
-) -> None:
+def draw_speed_over_time(axes: Axes, traces: Mapping[str, pd.DataFrame]) -> None:
     """Draw both arms' speed over the time since the trigger; see ``draw_speed_over_place``."""
     _motion(axes, traces, lambda ego: (ego["time_s"], ego["speed_mps"]))
     axes.set(ylabel="speed v (m/s)", ylim=(0, None))

@@ -51,12 +51,14 @@ class CellFindings:
         return ("AV", ""), (self.scenario.arms.human, "_human")
 
     def total(self, key: str) -> int:
-        """A count, or events of a share, of both arms or of pairs; 0 if only other kinds have it.
+        """A count, or events of a share, of both arms or of pairs.
 
         What is undefined because every pair failed adds nothing: the first note says so.
+
+        Raises:
+            KeyError: only runs of other kinds have it.
         """
-        entry = ENTRY_OF[key]
-        own = [self[name] for name in entry.keys[:2]] if self.kind in entry.kinds else []
+        own = (self[name] for name in ENTRY_OF[key].keys[:2])
         return sum(finding.count for finding in own if finding.value is not None)
 
 

@@ -78,7 +78,8 @@ def scope_of(cells: Sequence[CellFindings], facts: Mapping[str, Plain]) -> str:
         pairs = f"{each[0]:,} to {each[-1]:,} pairs"
     elif len(each) > 1:
         pairs += " each"
-    total = {key: sum(cell.total(key) for cell in cells) for key in _LEFT_OUT}
+    known = [key for key in _LEFT_OUT if cells[0].kind in ENTRY_OF[key].kinds]
+    total = {key: sum(cell.total(key) for cell in cells) for key in known}
     left = [f"{count:,} {_LEFT_OUT[key][count > 1]}" for key, count in total.items() if count]
     pairs += f" ({', '.join(left)})" if left else ""
     return f"{pairs}, seed {facts['seed']}"

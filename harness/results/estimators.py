@@ -198,7 +198,8 @@ def difference(
     p, least = sign_flip_p(known), 1 - sampling.confidence
     p = p if found.p is None else max(p, found.p)
     if low is not None and high is not None:
-        p = max(p, least * (low <= 0.0 <= high))
+        if low <= 0.0 <= high:
+            p = max(p, least)
         if p >= least:
             low, high = min(low, 0.0), max(high, 0.0)
     return replace(found, low=low, high=high, n=int(np.count_nonzero(known)), p=p)

@@ -5,7 +5,6 @@ For example ``load_run("runs/cctc-1").episodes.groupby("arm")["delay_s"].mean()`
 
 import shlex
 from collections.abc import Mapping
-from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from harness.core.documents import as_plain, frozen_tables
 from harness.core.errors import InputError, resume_command, unknown_name
 from harness.core.vocabulary import Arm
 from harness.results import folder as folders
@@ -43,7 +43,7 @@ class Run:
 
     path: Path
     manifest: folders.Manifest
-    """``manifest.json``: scenario, versions, models (docs/files.md)."""
+    """``manifest.json``: scenario, versions, models (docs/files.md); its tables are read-only."""
     study: Study
     finished: bool
     cells: tuple[CellFindings, ...]
@@ -180,7 +180,7 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
     if manifest["kind"] == "risk":
         allowed = f"{path / folders.EVENTS}, the run of its events, or `harness show {path}`"
         raise InputError(str(path), "is a risk estimate", allowed)
-    asked = deepcopy(manifest)  # for other thresholds; the run's own is sealed
+    asked = as_plain(manifest)  # for other thresholds; the run's own is sealed
     for key, value in (settings or {}).items():
         if not key.startswith("conflicts.") or key in manifest["cells"][0]:
             allowed = "thresholds of [conflicts] that are not swept; another run has the others"
@@ -189,7 +189,7 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
     study = study_from(asked, "settings" if settings else str(path / folders.MANIFEST))
     stored = None if settings else folders.read_findings(path, manifest, study.cells)
     found = stored or computed(path, manifest, study)
-    return Run(path, manifest, study, folders.is_finished(path), found)
+    return Run(path, frozen_tables(manifest), study, folders.is_finished(path), found)
 
 
 def computed(path: Path, manifest: folders.Manifest, study: Study) -> tuple[CellFindings, ...]:

@@ -34,9 +34,11 @@ MOST_ROWS = 40
 SIGNIFICANT = 0.05
 """A note says who crashes more often if the adjusted p is below it."""
 
-_SAME, _RESOLUTION = 1e-9, 1e-9
-"""References of two runs are the same up to this difference; and p of 0, which is shown as < 0.001,
-stands as this number."""
+_SAME = 1e-9
+"""References of two runs are the same up to this difference, absolute and relative."""
+
+_LEAST_P = 1e-9
+"""A p of 0 is shown as this number, hence as < 0.001."""
 
 
 class Difference(NamedTuple):
@@ -100,15 +102,8 @@ def _of_simulations(entry: Entry) -> Difference:
 
 
 _SHOWN = ("av_delay_s", "contacts", "conflicts_pet", "share_strategy")
-_OTHERS = (
-    "vehicles_delay_s",
-    "other_delay_s",
-    "av_contacts",
-    "people_delay_s",
-    "people_wait_s",
-    "queue_p95",
-    "av_time_loss_s",
-)
+_OTHERS = ("vehicles_delay_s", "other_delay_s", "av_contacts", "people_delay_s", "people_wait_s",
+           "queue_p95", "av_time_loss_s")  # fmt: skip
 _SIMULATED = (*_SHOWN, *_OTHERS)
 
 
@@ -290,11 +285,11 @@ def _differences(a: Candidate, b: Candidate, confidence: float) -> dict[str, Fin
     samples = a.sample(pairs), b.sample(pairs)
     seed = a.cell.scenario.experiment.seed
     found = {}
-    for entry in _KINDS[a.run.kind].differences:
-        finding = entry.of(*samples, Sampling(resampling(seed, "comparison"), confidence))
+    for gap in _KINDS[a.run.kind].differences:
+        finding = gap.of(*samples, Sampling(resampling(seed, "comparison"), confidence))
         if finding.value is None:
             finding = replace(finding, reason="no pair counts in both")
-        found[entry.key] = finding.reliable_above(entry.reliable_from, "pairs that differ")
+        found[gap.key] = finding.reliable_above(gap.reliable_from, "pairs that differ")
     return found
 
 
@@ -340,7 +335,7 @@ def _difference(gap: Difference, rows: Sequence[ComparedPair]) -> _Column:
 
 def _p_values(heading: str, values: Sequence[float | None]) -> _Column:
     """A column of p; one of 0, with no resample beyond, is shown as below 0.001."""
-    found = [Finding(p if p is None else max(p, _RESOLUTION)) for p in values]
+    found = [Finding(p if p is None else max(p, _LEAST_P)) for p in values]
     return Column("p_holm", heading), [Shown(each, Style(digits=3)) for each in found]
 
 
@@ -369,31 +364,31 @@ def _notes(
     of_times = [row.found[kind.differences[0].key] for row in rows]
     unsure = [each for each in of_times if each.reliable is False or each.reason == FEW]
     few = [each.n for each in unsure if each.n is not None]
-    equal, of = sum(each.reason == EQUAL for each in of_times), f"of {len(rows):,}"
+    equal, among = sum(each.reason == EQUAL for each in of_times), f"of {len(rows):,}"
     shares = sum(row.a.av_share != row.b.av_share for row in rows)
     cut = [row for row in rows if _apart(row.a, row.b)]
     notes = []
     if worse:
         (one, other), others = worse[0], len(worse) - 1
-        similar = "row" if others == 1 else "rows"
         text = f"{one.name} {does} more often than {other.label}"
-        text += f" (similar in {others:,} more {similar})." if others else "."
+        text += f" (similar in {others:,} more row{'s' * (others > 1)})." if others else "."
+        # It is as bad news as the note of simulations on collisions of vehicles.
         notes.append(Note("more_crashes", rank_of["collisions"], "more crashes", text))
     if few:
-        text = f"In {len(few):,} {of} rows A − B is unreliable (*): few pairs differ (fewest: "
+        text = f"In {len(few):,} {among} rows A − B is unreliable (*): few pairs differ (fewest: "
         least = kind.differences[0].reliable_from or RELIABLE_PAIRS
         text, more = f"{text}{min(few):,}).", f"It is reliable from {least:,} on."
         notes.append(Note("few_differ", rank_of["few_pairs"], "few pairs differ", text, more))
     if shares:
-        text = f"In {shares:,} {of} rows A and B have different shares of AVs, so numbers of AVs "
-        text += "and of others are of different vehicles."
+        text = f"In {shares:,} {among} rows A and B have different shares of AVs, so numbers of AVs"
+        text += " and of others are of different vehicles."
         more = "Compare those of all vehicles (--full)."
         notes.append(Note("other_avs", rank_of["few_pairs"], "other vehicles are AVs", text, more))
     if cut:
-        text = f"In {len(cut):,} {of} rows A − B is over the pairs that count in both cells, and a "
-        text += "cell's own number over all that count in it, so A − B may differ from these two."
+        text = f"In {len(cut):,} {among} rows A − B is over the pairs that count in both cells, and"
+        text += " a cell's own number over all that count in it, so A − B may differ from them."
         notes.append(Note("common_pairs", rank_of["left_out"], "A − B over common pairs", text))
     if equal:
-        text = f"In {equal:,} {of} rows A − B is the same in every pair, so it has no interval."
+        text = f"In {equal:,} {among} rows A − B is the same in every pair, so it has no interval."
         notes.append(Note("equal_rows", rank_of["equal"], "equal in every pair", text))
     return notes

@@ -9,6 +9,7 @@ import math
 import xml.etree.ElementTree as ET
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -319,12 +320,9 @@ def _records(fcd: Path) -> Iterator[tuple[float, Mapping[str, str]]]:
 
 def _sizes(config: Path) -> Mapping[str, Sequence[float]]:
     """Length, width and what a vehicle can do, by its type; SUMO reads all of them."""
-    session = Session(config, {"route-steps": "0"})
-    try:
+    with closing(Session(config, {"route-steps": "0"})) as session, session.watched("failed"):
         session.step()
         return session.vehicle_types()
-    finally:
-        session.close()
 
 
 def _seen(

@@ -95,11 +95,11 @@ def files_of(folder: Path, kind: str) -> list[Path]:
     named = {
         "scenario": "*.toml",
         "model": "*.json",
-        "run": f"{RUN}/**/*",
+        "run": f"{RUN}/**/[!.]*",
         "rows": "rows*",
         "network": "*.net.xml",
-        "hours": "hours/*",
-        "risk": "risk/*",
+        "hours": "hours/[!.]*",
+        "risk": "risk/[!.]*",
         "town": "town/*",
     }
     return sorted(path for path in folder.glob(named[kind.split(",")[0]]) if path.is_file())

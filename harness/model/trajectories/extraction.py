@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from harness.core.documents import check_form
+from harness.core.documents import as_plain, check_form, frozen_tables
 from harness.core.errors import InputError, unknown_name
 from harness.core.files import write_file
 from harness.model.trajectories.encounters import candidate_rows
@@ -43,7 +43,7 @@ class Extraction:
     Attributes:
         rows: one row per encounter and sampling instant, with ``ROW_COLUMNS``, sorted by source
             path, clip, vehicle, pedestrian and time.  Missing values are null.
-        counts: numbers of used and excluded items.
+        counts: numbers of used and excluded items, in a copy whose tables are read-only.
     """
 
     rows: pd.DataFrame
@@ -85,7 +85,8 @@ def extract(paths: Paths, format_: str, **options: Any) -> Extraction:
     tally.vehicles = _groups(rows, VEHICLE_KEY)
     if tally.pairs is not None and seen is not None:
         tally.drop("pairs", "no_row_kept", seen - tally.pairs)
-    return Extraction(rows, tally)
+    final = {name: frozen_tables(getattr(tally, name)) for name in ("dropped", "skipped")}
+    return Extraction(rows, replace(tally, notes=[*tally.notes], **final))
 
 
 def read_clips(paths: Paths, format_: str, tally: Tally, **options: Any) -> list[Clip]:
@@ -119,7 +120,7 @@ def write_rows(path: Path, extraction: Extraction, command: str) -> None:
         HarnessError: the file cannot be written.
     """
     table = pa.Table.from_pandas(extraction.rows, preserve_index=False)
-    about = {"command": command, "counts": asdict(extraction.counts)}
+    about = {"command": command, "counts": as_plain(vars(extraction.counts))}
     metadata = {**(table.schema.metadata or {}), EXTRACTION_KEY: json.dumps(about).encode()}
     buffer = pa.BufferOutputStream()
     pq.write_table(table.replace_schema_metadata(metadata), buffer)

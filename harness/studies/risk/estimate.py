@@ -55,9 +55,14 @@ MOST_DRAWS = 200_000
 _SHOWN = 50
 """Most events of which a run is made."""
 
-_SMALL_SAMPLE, _LARGE_SHARE, _CHECK_TAIL = 30, 0.1, 0.001
-"""An interval is unreliable below this effective sample size, if one draw holds more than this
-share, and if nominal draws disagree with it, with less than this tail probability."""
+_SMALL_SAMPLE = 30
+"""Effective number of draws below which an interval is unreliable."""
+
+_LARGE_SHARE = 0.1
+"""An interval is unreliable if one draw holds more than this share of the estimate."""
+
+_CHECK_TAIL = 0.001
+"""An interval is unreliable if nominal draws agree with it with less than this tail probability."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ to the draws of all rounds with the lowest scores.  No round but the last is in 
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -17,15 +17,19 @@ from harness.studies.risk.draws import Proposal, Units, bound, effective
 from harness.studies.risk.normals import NormalMixture, fitted
 from harness.studies.risk.space import Space
 
-_LOOKS, _MOST_LOOKS = 1_000, 4_000
-"""Nominal draws of a round of the first look, and the most of all of them."""
+_LOOKS = 1_000
+"""Nominal draws of a round of the first look."""
+
+_MOST_LOOKS = 4_000
+"""Nominal draws after which the first look ends at the latest."""
 
 _LOOK_EVENTS = (4, 0.25)
 """The first look ends at this number of events, or at this share of 1/cv² if that is more."""
 
 _ROUND, _ROUND_WITHOUT_FLOW = (100, 40), (1_000, 150)
 """Units of a round of learning, and number of lowest scores of each grading to which a density is
-fitted.  Of fewer a fit would lose the less likely of several ways to the event."""
+fitted, with a flow of people and without.  Of fewer a fit would lose the less likely of several
+ways to the event."""
 
 _PLACED = 3.0
 """Mean number of placed people in a unit."""
@@ -36,22 +40,33 @@ _CLIPPED = 0.9
 _RECENT = 2_400
 """Number of latest units by which the cost of an estimate is predicted."""
 
-_FEWEST_EVENTS, _FEW_SCORES = 25.0, 5.0
-"""Effective number of events among them below which it cannot be predicted; and of low scores below
-which they do not bound the probability."""
+_FEWEST_EVENTS = 25.0
+"""Effective number of events among these units below which the cost cannot be predicted."""
 
-_OTHER_WAYS, _NEAREST, _BINS = 0.2, 6, 20
-"""Share of the placed people who look for other ways to the event; number of lowest scores of each
-grading at similar speeds that lead there; and number of ranges of speeds."""
+_FEW_SCORES = 5.0
+"""Effective number of low scores below which they do not bound the probability."""
 
-_ALLOWANCE, _ALLOWED_SHARE = 5_000, 0.08
-"""Number of episodes that learning may take in any case, and the share of the episodes of brute
-force that it may take besides."""
+_OTHER_WAYS = 0.2
+"""Share of the placed people who look for other ways to the event."""
+
+_NEAREST = 6
+"""Number of lowest scores of each grading, in a range of speeds, that lead to other ways."""
+
+_BINS = 20
+"""Number of ranges of speeds, with equally many draws."""
+
+_ALLOWANCE = 5_000
+"""Number of episodes that learning may take in any case."""
+
+_ALLOWED_SHARE = 0.08
+"""Share of the episodes of brute force that learning may take besides."""
 
 _RESERVE, _RESERVE_OF_BRUTE_FORCE = 2.5, 1.25
-"""Multiples of the predicted number of draws: large weights appear late."""
+"""Multiples of the predicted number of draws, weighted and by brute force: large weights appear
+late."""
 
 _LEAST_DRAWS = 4_000
+"""Least number of draws of an estimate whose people are not placed."""
 
 
 class _Tried(NamedTuple):
@@ -171,10 +186,7 @@ def _fit(
     size, first, tried = len(space.fixed), _tried(rounds, placed=False), _tried(rounds, placed=True)
     # Only the sign of a side's number matters: its size is drawn anew, or fits would narrow it.
     names = np.array([*space.fixed, "speed", "arrival", *space.marks])
-    for points in (first.points, tried.points):
-        if len(points):
-            of = names[: points.shape[1]] == "side"
-            points[:, of] = np.copysign(rng.standard_normal(points[:, of].shape), points[:, of])
+    first, tried = (_with_other_sides(each, names, rng) for each in (first, tried))
     fixed = _fitted(first, np.ones(size, dtype=bool), lowest, rng) if size else None
     if len(tried.due) < lowest:  # nobody can be placed, or the ego passes too rarely
         return proposal._replace(fixed=fixed)
@@ -196,6 +208,14 @@ def _fit(
         marginal = NormalMixture(placed.weights, locations, scales)
         fixed = marginal if fixed is None else fixed.mixed_with(marginal, 0.5)
     return proposal._replace(fixed=fixed, placed=placed)
+
+
+def _with_other_sides(tried: _Tried, names: NDArray[Any], rng: np.random.Generator) -> _Tried:
+    """The same draws, with new sizes of the numbers that stand for a side."""
+    points = tried.points.copy()
+    side = names[: points.shape[1]] == "side"
+    points[:, side] = np.copysign(rng.standard_normal(points[:, side].shape), points[:, side])
+    return tried._replace(points=points)
 
 
 def _fitted(

@@ -20,8 +20,6 @@ from harness.scenario import EngineName, Study
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
 
-_LOCK = ".lock"
-
 
 class RunFolder:
     """The folder of a run, locked by this process until ``close``.
@@ -36,7 +34,7 @@ class RunFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._lock = filelock.FileLock(path / _LOCK, timeout=0)
+        self._lock = filelock.FileLock(path / ".lock", timeout=0)
         try:
             # The operating system releases the lock when the process ends, even if it is killed.
             self._lock.acquire()

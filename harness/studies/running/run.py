@@ -9,6 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from harness.core.documents import frozen_tables
 from harness.core.errors import (
     HarnessError,
     InputError,
@@ -281,7 +282,7 @@ def _carried_out(
     found = computed(path, manifest, study)
     folders.write_findings(path, manifest, found)
     folder.note("finished")
-    return Run(path, manifest, study, True, found)
+    return Run(path, frozen_tables(manifest), study, True, found)
 
 
 def written(
