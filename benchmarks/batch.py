@@ -41,10 +41,12 @@ class Cost:
 
     @property
     def per_second(self) -> float:
+        """Pairs per second of the whole run."""
         return self.pairs / self.whole_s
 
     @property
     def steady(self) -> float:
+        """Pairs per second between the first and the last finished task."""
         (begin, first), (end, last) = self.finished[0], self.finished[-1]
         return (last - first) / (end - begin) if end > begin else float("nan")
 
@@ -60,6 +62,7 @@ class Cost:
 
     @property
     def cpu_per_pair_s(self) -> float:
+        """Processor time of a pair, of the workers and their parent."""
         return (self.parent_cpu_s + self.workers_cpu_s) / self.pairs
 
     @property

@@ -49,14 +49,17 @@ class Cost:
 
     @property
     def per_step_us(self) -> float:
+        """Processor time of a step."""
         return self.seconds / sum(self.steps) * 1e6
 
     @property
     def without_model_us(self) -> float:
+        """The same without the interaction model's."""
         return (self.seconds - self.model_s) / sum(self.steps) * 1e6
 
     @property
     def per_second(self) -> float:
+        """Episodes per second of processor time."""
         return len(self.steps) / self.seconds
 
 
@@ -66,6 +69,7 @@ class TimedModel(InteractionModel):
     spent_s = 0.0
 
     def walking_speed(self, *args, **kwargs):  # type: ignore[no-untyped-def]
+        """See ``InteractionModel``."""
         begin = time.process_time()
         try:
             return super().walking_speed(*args, **kwargs)
@@ -73,6 +77,7 @@ class TimedModel(InteractionModel):
             self.spent_s += time.process_time() - begin
 
     def driver_speed(self, *args, **kwargs):  # type: ignore[no-untyped-def]
+        """See ``InteractionModel``."""
         begin = time.process_time()
         try:
             return super().driver_speed(*args, **kwargs)
