@@ -24,9 +24,8 @@ IN_ENCOUNTERS = [name for name in STRATEGIES if name != "sumo_driver"]
 
 @pytest.mark.parametrize("strategy", IN_ENCOUNTERS)
 def test_keeps_every_rule(strategy: str, model) -> None:
-    assert [each.problem for each in check_strategy(strategy, model)] == [None] * len(
-        STRATEGY_RULES
-    )
+    problems = [each.problem for each in check_strategy(strategy, model)]
+    assert problems == [None] * len(STRATEGY_RULES)
 
 
 @pytest.mark.parametrize("strategy", IN_ENCOUNTERS)

@@ -71,10 +71,8 @@ def test_what_the_files_do_not_say_is_said(harness):
     # 24000/1001 frames per second; a speed is proportional to it.
     assert "frame_rate_hz = 23.976 frames per second (assumed" in out
     _, out, _ = harness(*given, "--set", "frame_rate_hz=29.97", "--json")
-    notes = json.loads(out)["notes"]
-    assert any(
-        note["text"].startswith("frame_rate_hz = 29.97 frames per second;") for note in notes
-    )
+    said = [note["text"] for note in json.loads(out)["notes"]]
+    assert any(text.startswith("frame_rate_hz = 29.97 frames per second;") for text in said)
 
 
 @pytest.mark.parametrize(

@@ -107,9 +107,8 @@ def observe(range_m: float, speed: float, *walkers: tuple[float, float]) -> Obse
 def test_decisions_about_one_person_by_hand(model) -> None:
     # 8 m walked, 5.75 m past the lane's centre: still on the crossing.
     decision = driver(model).decide(observe(15.0, 5.0, (8.0, 1.2)))
-    assert decision == pytest.approx(
-        model.driver_speed(15.0, 1.2, 1 / abs(15 / 5 + 5.75 / 1.2)) - 5.0, abs=1e-9
-    )
+    speed_mps = model.driver_speed(15.0, 1.2, 1 / abs(15 / 5 + 5.75 / 1.2))
+    assert decision == pytest.approx(speed_mps - 5.0, abs=1e-9)
     waiting = PedestrianView(0, Side.NEAR, 2.25, 9.0, 0.0, False)
     seen = observe(20.0, 4.0)._replace(pedestrians=(waiting,))
     assert driver(model).decide(seen) == 1.0

@@ -49,9 +49,8 @@ def test_required_deceleration_by_hand() -> None:
     assert result.contact == "front"
     assert result.required_deceleration_mps2 == pytest.approx(25 / (2 * 14.5), abs=1e-9)
     # 20 m of sight: the first such state is at 2.0 s.
-    trace = drive(
-        [0.0] * 76, [(0.0, Side.FAR, 1.0)], scene=scenario(ego={"detection_range_m": 20.0})
-    )
+    scene = scenario(ego={"detection_range_m": 20.0})
+    trace = drive([0.0] * 76, [(0.0, Side.FAR, 1.0)], scene=scene)
     (result,) = measure([trace])
     assert result.required_deceleration_mps2 == pytest.approx(25 / (2 * 19.75), abs=1e-9)
     assert cruise((0.0, Side.NEAR, 1.5)).required_deceleration_mps2 is None
@@ -77,12 +76,10 @@ def test_root_mean_squares_by_hand() -> None:
     driven = record([-2.0] * 25 + [0.0] * 30 + [1.25] * 80)
     gains = driven.steps - 55
     assert 0 < gains <= 80
-    assert driven.rms_acceleration_mps2 == pytest.approx(
-        math.sqrt((25 * 4 + gains * 1.25**2) / driven.steps)
-    )
-    assert driven.rms_jerk_mps3 == pytest.approx(
-        math.sqrt((20**2 + 20**2 + 12.5**2) / driven.steps)
-    )
+    mean_square = (25 * 4 + gains * 1.25**2) / driven.steps
+    assert driven.rms_acceleration_mps2 == pytest.approx(math.sqrt(mean_square))
+    mean_square = (20**2 + 20**2 + 12.5**2) / driven.steps
+    assert driven.rms_jerk_mps3 == pytest.approx(math.sqrt(mean_square))
     assert (cruise().rms_acceleration_mps2, cruise().rms_jerk_mps3) == (0.0, 0.0)
 
 

@@ -1,14 +1,16 @@
 """Parts, the manifest and the folder of a run, through the functions that write and read them."""
 
 import copy
+import errno
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from harness.core.errors import InputError
+from harness.core.errors import HarnessError, InputError
 from harness.core.vocabulary import Arm
 from harness.model.interaction import InteractionModel
 from harness.results import folder as folders
@@ -212,6 +214,10 @@ def test_a_folder_is_one_runs(
         with pytest.raises(InputError, match=line):
             claim_folder(place, "cctc")
     assert Path("full", "mine.txt").is_file()
+    monkeypatch.setattr(Path, "mkdir", Mock(side_effect=OSError(errno.ENOSPC, "it is full")))
+    with pytest.raises(HarnessError, match=r"^out=new: cannot be written \(it is full") as caught:
+        claim_folder("new", "cctc")
+    assert not isinstance(caught.value, InputError)  # the user's input is right
 
 
 def test_findings_are_read_as_written(tmp_path: Path) -> None:

@@ -114,9 +114,8 @@ def test_the_example_in_python_drives_as_it_does_inside(model) -> None:
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
 def test_the_example_in_cpp_drives_as_the_one_in_python(here: Path, model) -> None:
     source = EXAMPLES / "driver.cpp"
-    subprocess.run(
-        ["g++", "-std=c++17", "-O1", "-o", here / "driver", source], check=True, timeout=60
-    )
+    command = ["g++", "-std=c++17", "-O1", "-o", here / "driver", source]
+    subprocess.run(command, check=True, timeout=60)
     assert same(traces("exec:./driver", model), traces(Inside, model))
     gently = "--comfortable 0.5"
     alike = traces(f"exec:./driver.py {gently}", model)

@@ -57,9 +57,7 @@ def test_parsing_of_settings(text: str, key: str, value: object) -> None:
 def test_settings_are_applied_in_order_over_the_file_or_come_as_a_dictionary(tmp_path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("[ego]\nlength_m = 4.0\nwidth_m = 1.5\n")
-    settings = [
-        parse_setting(t) for t in ("ego.length_m=6", "ego.length_m=7", "arms.av=hard_yield")
-    ]
+    settings = [*map(parse_setting, ("ego.length_m=6", "ego.length_m=7", "arms.av=hard_yield"))]
     scenario = load_scenario(path, settings)
     assert (scenario.ego.length_m, scenario.ego.width_m) == (7.0, 1.5)
     assert scenario.arms.av == "hard_yield"

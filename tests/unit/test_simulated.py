@@ -1,5 +1,6 @@
 """Simulations in the results: estimators, numbers counted by hand, notes, screens and folders."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from harness.simulation.arm import ENDED
 from harness.studies.compare import compare
 from harness.studies.running.claimed_folder import manifest_of
 from harness.studies.worst import WhoDrove, worst
+from tests.batches import printed
 from tests.simulations import (
     Rows,
     arm,
@@ -266,9 +268,8 @@ def written(folder: Path, *shares: float, pairs: int = 6, of: Pairs | None = Non
     """A run in a folder; of ordinary pairs a greater share is slower by as many seconds."""
     changes = {"experiment.pairs": pairs, "arms.av": "gap_yield"}
     file = read_scenario_file("traffic", [Setting(key, of) for key, of in changes.items()])
-    study = study_of(
-        file, [("traffic.av_share", [*shares]), ("pedestrians.flow_per_hour", [250.0])]
-    )
+    flow = "pedestrians.flow_per_hour", [250.0]
+    study = study_of(file, [("traffic.av_share", [*shares]), flow])
     folder.mkdir()
     manifest = manifest_of(study, [], traces=False, engine="libsumo", pairs_per_part=1)
     write_manifest(folder, manifest)
@@ -325,7 +326,8 @@ def test_cells_are_compared_by_their_avs_over_pairs(tmp_path: Path) -> None:
     ps = sorted(record["av_delay_s_a_minus_b"].p for record in result.records)  # type: ignore[union-attr]
     adjusted = sorted(record["av_delay_s_a_minus_b_p_holm"] for record in result.records)  # type: ignore[type-var]
     assert adjusted[0] == pytest.approx(3 * ps[0])
-    assert "A − B" in screen_text(result, 100)
+    told = json.loads(printed("compare", run.path, "--set", "conflicts.pet_s=8", "--json"))
+    assert told["records"][0]["conflicts_pet_a"]["value"] == 1.0  # every PET is below 8 s
     assert "In 3 of 3 rows A and B have different shares of AVs" in screen_text(result, 200)
 
 
