@@ -137,9 +137,8 @@ def test_the_vector_takes_the_nearest_first():
     near = PedestrianView(1, Side.NEAR, -1.0, 5.75, 1.25, True)
     waits = PedestrianView(2, Side.NEAR, 2.25, 9.0, 0.0, False)
     ego = EgoView(20.0, 4.0, -0.5)
-    observation = Observation(
-        1.0, 0.1, ego, vehicle, Crossing(9.0, 4.0, 2.25, 4.5), (far, near, waits)
-    )
+    crossing = Crossing(9.0, 4.0, 2.25, 4.5)
+    observation = Observation(1.0, 0.1, ego, vehicle, crossing, (far, near, waits))
     expected = [20, 4, -0.5, 1, -1, 5.75, 1.25, 1, 1, 2.25, 9, 0, 0]
     assert observation_vector(observation, 2).tolist() == expected
     assert observation_vector(observation, 4).tolist()[13:] == [1, 6, 8.25, 1.5, 1, 0, 0, 0, 0, 0]
