@@ -126,8 +126,8 @@ class Entry:
 
 
 def _average(values: np.ndarray, weights: np.ndarray, _: Sampling) -> Finding:
-    """Σ values / Σ weights over the episodes whose weight is above 0, without an interval."""
-    counting = weights > 0
+    """Σ values / Σ weights of the defined values with a weight above 0, without an interval."""
+    counting = (weights > 0) & ~np.isnan(values)
     whole = float(np.sum(weights[counting]))
     return Finding(float(np.sum(values[counting])) / whole if whole else None)
 
