@@ -46,7 +46,7 @@ def driven(config: Path, end_s: float) -> dict[str, tuple[list[str], FloatArray,
             lanes[name].append(cars.lane(name))
             moved = (cars.lane_position_m(name), cars.odometer_m(name))
             rows[name].append((*moved, *cars.position(name), cars.angle_deg(name)))
-            sizes[name] = (cars.length_m(name), cars.width_m(name))
+            sizes[name] = session.built(name)[:2]
     session.close()
     return {name: (lanes[name], np.array(rows[name]), *sizes[name]) for name in rows}
 
