@@ -20,7 +20,7 @@ from harness.core.vocabulary import (
 )
 from harness.measures.contacts import Strike, strikes_of
 from harness.measures.ego import EgoStates, body_of, crossing_time_s, ego_states
-from harness.measures.motion.contact import time_to_collision_s
+from harness.measures.motion.contact import Body, time_to_collision_s
 from harness.measures.steps import Legs, Rows, legs_in, rows_of
 
 _ARRAYS = (
@@ -77,8 +77,8 @@ class Chunk:
         return self.traces[0].step_s
 
     @property
-    def body(self) -> tuple[float, float, float]:
-        """(length, y of the right side, y of the left side) of the ego in m."""
+    def body(self) -> Body:
+        """The ego's rectangle."""
         return body_of(self.traces[0])
 
     @cached_property

@@ -7,7 +7,7 @@ import numpy as np
 
 from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, Contact, Ending, IntArray, Trace
 from harness.measures.ego import body_of, ego_state
-from harness.measures.motion.contact import Motion, first_contact_in_step_s
+from harness.measures.motion.contact import Body, Motion, first_contact_in_step_s
 from harness.measures.steps import Rows
 
 
@@ -57,7 +57,7 @@ def strikes_of(traces: Sequence[Trace], rows: Rows) -> list[Strike | None]:
     return strikes
 
 
-def _close_rows(rows: Rows, body: tuple[float, float, float]) -> IntArray:
+def _close_rows(rows: Rows, body: Body) -> IntArray:
     """Rows in which the boxes around the paths of body and disc overlap."""
     length, right, left = body
     radius = PEDESTRIAN_RADIUS_M

@@ -17,7 +17,7 @@ from harness.core.vocabulary import (
     Trace,
     freeze_arrays,
 )
-from harness.measures.motion.contact import Motion
+from harness.measures.motion.contact import Body, Motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ def _speeds(trace: Trace, step: int) -> tuple[float, float]:
     return (after if trace.motion == "euler" else float(trace.speed_mps[step])), after
 
 
-def body_of(trace: Trace) -> tuple[float, float, float]:
-    """(length, y of the right side, y of the left side) of the ego in m."""
+def body_of(trace: Trace) -> Body:
+    """The ego's rectangle."""
     lane, half = trace.crossing.lane_centre_m, trace.vehicle.width_m / 2
-    return trace.vehicle.length_m, lane - half, lane + half
+    return Body(trace.vehicle.length_m, lane - half, lane + half)

@@ -1,6 +1,5 @@
 """The Gymnasium environment, in which a policy drives the AV of one pair after another."""
 
-import math
 import weakref
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -139,16 +138,15 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         pair = whole_number("options['pair']", options.get("pair", self._next_pair), 0)
         super().reset(seed=seed)
         self._end()
-        if self._runner is None:
-            get_engine = partial(open_engine, self._scenario, self._kind)
-            self._runner = PairRunner(self._scenario, self._model, get_engine)
+        get_engine = partial(open_engine, self._scenario, self._kind)
+        self._runner = self._runner or PairRunner(self._scenario, self._model, get_engine)
         if self._kind == "sumo" and _IN_SUMO:
             problem = "another environment of this process has a running episode in SUMO"
             raise InputError("engine", problem, "'plain', or 'sumo' once the other is closed")
         self._episode, self._next_pair = self._runner.begin(pair), pair + 1
         if self._kind == "sumo":
             _IN_SUMO.add(self._episode)
-        self._steps = self._episode.steps()
+        self._steps = _steps_of(self._episode)
         self._seen = next(self._steps)
         return observation_vector(self._seen, self._nearest), {"pair": pair}
 
@@ -182,9 +180,8 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         gain = (speed - before.ego.speed_mps) / before.step_s
         alone = before._replace(ego=EgoView(-episode.x_m[-1], speed, gain), pedestrians=())
         self._seen = after or alone
-        info: dict[str, Any] = {}
+        info: dict[str, Any] = {} if ending is None else {"ending": ending.value}
         if ending is not None:
-            info["ending"] = ending.value
             self._finished = episode.trace(ending, self._end())
         crossed, crashed = ending is Ending.CROSSED, ending is Ending.CRASHED
         reward = float(self._reward(Transition(before, wanted, after, crossed, crashed)))
@@ -231,7 +228,16 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
             return None
         self._steps = None
         _IN_SUMO.discard(self._episode)
-        return self._episode.engine.end()
+        return None if self._episode.engine.closed else self._episode.engine.end()
+
+
+def _steps_of(episode: Episode) -> Steps:
+    """The steps of an episode; an engine that fails is closed, so the next episode gets another."""
+    try:
+        return (yield from episode.steps())
+    except EngineError:
+        episode.engine.close()
+        raise
 
 
 def _touched(episode: Episode) -> bool:
@@ -239,12 +245,10 @@ def _touched(episode: Episode) -> bool:
     vehicle, crossing = episode.rules.vehicle, episode.rules.crossing
     # Pedestrians stay within the crosswalk's width.
     ahead_m = crossing.width_m / 2 + PEDESTRIAN_RADIUS_M
-    if episode.x_m[-1] < -ahead_m or episode.x_m[-2] > vehicle.length_m + ahead_m:
-        return False
+    here = episode.x_m[-1] >= -ahead_m and episode.x_m[-2] <= vehicle.length_m + ahead_m
     beside_m = half_path_width_m(vehicle) + _FASTEST_WALK_MPS * episode.rules.step_s
-    if any(abs(y - crossing.lane_centre_m) <= beside_m for _, y in episode.places):
-        return has_contact(episode.trace(Ending.TIMED_OUT))
-    return False
+    near = here and any(abs(y - crossing.lane_centre_m) <= beside_m for _, y in episode.places)
+    return near and has_contact(episode.trace(Ending.TIMED_OUT))
 
 
 def _bounds(scenario: Scenario, nearest: int) -> tuple[Vector, Vector]:
@@ -253,7 +257,7 @@ def _bounds(scenario: Scenario, nearest: int) -> tuple[Vector, Vector]:
     road_m = vehicle.trigger_range_m + vehicle.length_m + crossing.width_m / 2
     step_s, hardest_mps2 = scenario.experiment.step_s, vehicle.max_acceleration_mps2
     squared = vehicle.initial_speed_mps**2 + 2 * hardest_mps2 * road_m
-    fastest_mps = math.sqrt(squared) + hardest_mps2 * step_s
+    fastest_mps = np.sqrt(squared) + hardest_mps2 * step_s
     beyond_m = vehicle.trigger_range_m - road_m - fastest_mps * step_s
     # Even a pedestrian beyond the kerb is at most twice the crossing's length away; errors of
     # 8 standard deviations occur once in 1e15 draws.

@@ -1,10 +1,11 @@
 """The Gymnasium environment in SUMO."""
 
+import libsumo
 import pytest
 
 pytest.importorskip("gymnasium")
 
-from harness.core.errors import InputError
+from harness.core.errors import EngineError, InputError
 from harness.core.vocabulary import Arm, Ending
 from harness.encounter.pairing import PairRunner
 from harness.engine.shared import close_engine, open_engine
@@ -37,11 +38,16 @@ def test_the_same_records_as_the_harness_after_episodes_broken_off():
         assert ours.contact_time_s == theirs.contact_time_s
 
 
-def test_one_open_episode_in_sumo_per_process():
+def test_one_open_episode_in_sumo_per_process_and_a_new_sumo_after_a_lost_one():
     first, second = environment(engine="sumo"), environment(engine="sumo")
     first.reset()
     with pytest.raises(InputError, match="another environment"):
         second.reset()
     first.close()
+    expected, *_ = drive(second, lambda _: 0.0)
     second.reset()
-    second.close()
+    libsumo.close()
+    with pytest.raises(EngineError, match="lost the simulation"):
+        second.step(0.0)
+    assert drive(first, lambda _: 0.0)[0] == expected
+    first.close()

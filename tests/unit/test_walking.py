@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from harness.core.vocabulary import Arrival, Crossing, Leg, Side, Walk
-from harness.measures.motion.contact import Motion, first_contact_in_step_s
+from harness.measures.motion.contact import Body, Motion, first_contact_in_step_s
 from harness.measures.motion.walking import cleared_s, states_at
 
 CROSSING = Crossing(9.0, 4.0, 2.25, 4.5)
@@ -61,7 +61,7 @@ def test_first_contact_is_that_of_a_fine_sampling() -> None:
     rng = np.random.default_rng(5)
     touched = missed = 0
     for _ in range(400):
-        body = length, right, left = 4.5, -0.9, 0.8
+        body = length, right, left = Body(4.5, -0.9, 0.8)
         ego = Motion(rng.uniform(-6, 4), rng.uniform(-8, 8), rng.uniform(-8, 8))
         walker_x = Motion(rng.uniform(-3, 3), rng.uniform(-2, 2))
         walker_y = Motion(rng.uniform(-4, 4), rng.uniform(-4, 4), rng.uniform(-5, 5))
@@ -87,7 +87,7 @@ def test_who_turns_at_the_very_edge_touches_it() -> None:
     for _ in range(200):
         speed, braking = rng.uniform(0.5, 2.0), rng.uniform(1.5, 4.0)
         turns_m = speed**2 / (2 * braking)
-        body = (5.0, turns_m + RADIUS_M, turns_m + 2.0)
+        body = Body(5.0, turns_m + RADIUS_M, turns_m + 2.0)
         motions = Motion(0.0, 0.0), Motion(-2.0, 0.0), Motion(0.0, speed, -braking)
         found = first_contact_in_step_s(*motions, STEP_S, body)
         assert found == pytest.approx(speed / braking, abs=1e-4)

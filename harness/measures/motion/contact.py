@@ -37,12 +37,16 @@ class Motion(NamedTuple):
         return Motion(self.at(time_s), speed, self.acceleration_mps2)
 
 
+class Body(NamedTuple):
+    """The ego's rectangle: its length, and y of its right and its left side."""
+
+    length_m: float
+    right_m: float
+    left_m: float
+
+
 def first_contact_in_step_s(
-    ego: Motion,
-    walker_x: Motion,
-    walker_y: Motion,
-    duration_s: float,
-    body: tuple[float, float, float],
+    ego: Motion, walker_x: Motion, walker_y: Motion, duration_s: float, body: Body
 ) -> float | None:
     """Time into the step at which contact begins, or None.
 
@@ -54,7 +58,7 @@ def first_contact_in_step_s(
         walker_x: motion of the pedestrian along the road, without acceleration.
         walker_y: motion of the pedestrian across the road.
         duration_s: length of the step.
-        body: (length of the ego, y of its right side, y of its left side) in m.
+        body: the ego's rectangle.
     """
     length, right, left = body
     radius = PEDESTRIAN_RADIUS_M
@@ -128,9 +132,7 @@ def _near(span: tuple[float, float], place_m: float, reach_m: float) -> bool:
     return span[0] - reach_m <= place_m <= span[1] + reach_m
 
 
-def gap_m(
-    ahead_m: FloatArray | float, y_m: FloatArray | float, body: tuple[float, float, float]
-) -> FloatArray:
+def gap_m(ahead_m: FloatArray | float, y_m: FloatArray | float, body: Body) -> FloatArray:
     """Distance between the ego's rectangle and the disc's edge in m, negative inside."""
     length, right, left = body
     dx = np.maximum(np.maximum(ahead_m, -length - np.asarray(ahead_m)), 0.0)
@@ -140,11 +142,7 @@ def gap_m(
 
 
 def time_to_collision_s(
-    ahead_m: FloatArray,
-    y_m: FloatArray,
-    ahead_mps: FloatArray,
-    y_mps: FloatArray,
-    body: tuple[float, float, float],
+    ahead_m: FloatArray, y_m: FloatArray, ahead_mps: FloatArray, y_mps: FloatArray, body: Body
 ) -> FloatArray:
     """TTC: time until rectangle and disc meet if both keep their velocities, in s.
 
@@ -153,7 +151,7 @@ def time_to_collision_s(
         y_m: the pedestrian's y.
         ahead_mps: the pedestrian's velocity along the road minus the ego's speed.
         y_mps: the pedestrian's velocity across the road.
-        body: (length, y of the right side, y of the left side) of the ego in m.
+        body: the ego's rectangle.
 
     Returns:
         Array of the same shape, ≥ 0; infinite where they are not on a collision course.
