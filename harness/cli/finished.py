@@ -21,7 +21,7 @@ def show(
     as_json: options.JsonOption = False,
 ) -> None:
     """Print the screen of a run or risk estimate again, or with other thresholds of conflicts."""
-    from harness.studies.risk.estimate import result_of
+    from harness.studies import result_of
 
     result = result_of(run_folder, options.changes_of(settings))
     show_result(result, full=full, as_json=as_json)

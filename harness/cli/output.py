@@ -24,7 +24,7 @@ def show(
     """Print a result: its screen, its JSON, or with ``quiet`` the given lines.
 
     Raises:
-        Exit: with code 1, if an episode failed.
+        Exit: with code 1, if an episode or a simulation failed.
     """
     if as_json:
         print_line(json.dumps(result.to_dict(), indent=1, ensure_ascii=False, allow_nan=False))
@@ -37,7 +37,8 @@ def show(
         print_result(result, full)
     if failed := result.facts.get("failed"):
         first = result.facts.get("failure", "see log.jsonl")
-        say(one_line(f"harness: {failed:,} episodes failed; the first: {first}"))
+        noun = "simulations" if result.facts.get("kind") == "simulations" else "episodes"
+        say(one_line(f"harness: {failed:,} {noun} failed; the first: {first}"))
         raise Exit(1)
 
 

@@ -75,7 +75,7 @@ def resume(
     """Continue an interrupted run or risk estimate."""
     from harness.results.folder import read_manifest
     from harness.scenario.study import study_from
-    from harness.studies.risk.estimate import resumed
+    from harness.studies import resumed
 
     driven = study_from(read_manifest(run_folder), str(run_folder)).driven
     with progress_bar(quiet or as_json, "done") as advance, unwinding():

@@ -114,9 +114,8 @@ def cell_findings(cell: Cell, tables: Tables, confidence: float) -> CellFindings
 
     whole, places = found(sample, entries), dict[str, Findings]()
     if isinstance(sample, SimulationSample):
-        whole["not_driven"] = replace(
-            whole["not_driven"], reason=sample.why_not_driven() or whole["not_driven"].reason
-        )
+        why = sample.why_not_driven() or whole["not_driven"].reason
+        whole["not_driven"] = replace(whole["not_driven"], reason=why)
         by_crosswalk = [entry for entry in entries if not entry.network]
         places = {name: found(sample.at(name), by_crosswalk) for name in sample.crosswalks}
     return CellFindings(cell.number, cell.varied, cell.scenario, whole, places)

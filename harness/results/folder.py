@@ -39,10 +39,9 @@ EVENTS = "events"
 """The folder of the run that a risk makes of its events."""
 
 COMPUTES = (
-    "core/* measures/* scenario/* studies/risk/* encounter/arms model/mixture/normals "
-    "strategies/parameters strategies/registry results/catalogue results/columns "
-    "results/estimators results/finding results/cell_findings results/simulated results/student "
-    "results/tables"
+    "core/* measures/**/* model/interaction model/mixture/* scenario/* strategies/**/* "
+    "studies/risk/* encounter/arms results/catalogue results/columns results/estimators "
+    "results/finding results/cell_findings results/simulated results/student results/tables"
 )
 """The modules that make findings of rows; those of screens make none."""
 
@@ -312,6 +311,12 @@ def code_digest() -> str:
     return hashlib.sha256(b"".join([libraries, *map(read_file, files)])).hexdigest()
 
 
+def tried_again(folder: Path) -> int:
+    """The number of tasks that ran again because their process had died; 0 without a log."""
+    log = folder / LOG
+    return read_file(log).count(b'"event": "tried again"') if log.is_file() else 0
+
+
 def unfinished(folder: Path) -> InputError:
     """The refusal of a run that is not finished."""
     return InputError(str(folder), "is not finished", f"`{resume_command(folder)}` finishes it")
@@ -335,5 +340,4 @@ def _read(path: Path, allowed: str) -> JsonObject:
 
 
 def _json(document: Mapping[str, Any]) -> bytes:
-    text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
-    return f"{text}\n".encode()
+    return f"{json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)}\n".encode()

@@ -19,10 +19,8 @@ StateColumns = tuple[FloatArray | Sequence[float | None], ...]
 
 def encounter_rows(cell: int, outcomes: Sequence[Outcome], *, traces: bool) -> Tables:
     """The rows of some episodes of a cell in every table of a run."""
-    tables = {
-        EPISODES.name: episode_rows(cell, outcomes),
-        PEDESTRIANS.name: pedestrian_rows(cell, outcomes),
-    }
+    tables = {EPISODES.name: episode_rows(cell, outcomes)}
+    tables[PEDESTRIANS.name] = pedestrian_rows(cell, outcomes)
     return tables | ({TRACES.name: trace_rows(cell, outcomes)} if traces else {})
 
 

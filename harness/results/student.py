@@ -49,9 +49,8 @@ def t_ratio_difference(
     occur.
     """
     known = ~np.isnan([*a, *b]).any(axis=0)
-    (first, own), (second, others) = (
-        _contributions(above[known], below[known]) for above, below in (a, b)
-    )
+    first, own = _contributions(a[0][known], a[1][known])
+    second, others = _contributions(b[0][known], b[1][known])
     if first is None or second is None:
         return Finding(None)
     if not (first or second):

@@ -102,12 +102,10 @@ def evaluate(
     while len(_references) > MOST_REFERENCES:
         _references.popitem(last=False)
     order = np.arange(2 * len(numbers)).reshape(2, -1).T.ravel()
-    frame = []
+    frame, confidence = [], CONFIDENCE if intervals else 0.0
     for given, task, human, av in zip(candidates, tasks, humans, driven, strict=True):
         rows = pa.concat_tables([av, human]).take(order).combine_chunks()
-        found = cell_findings(
-            task.cells[0], {"episodes": rows}, CONFIDENCE if intervals else 0.0
-        ).findings
+        found = cell_findings(task.cells[0], {"episodes": rows}, confidence).findings
         values = flat(found) if intervals else {key: each.value for key, each in found.items()}
         known: dict[str, Any] = {k: math.nan if one is None else one for k, one in values.items()}
         failed = rows.filter(pc.equal(rows["ending"], Ending.ENGINE_FAILED.value)).to_pylist()

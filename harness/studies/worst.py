@@ -12,7 +12,7 @@ from harness.measures.measured import COLUMNS, MEASURES
 from harness.results.finding import Finding, Form, Plain
 from harness.results.loaded_run import Run
 from harness.results.notes import notes_of
-from harness.results.result import Column, Result, Shown, Style, Table
+from harness.results.result import Column, Entered, Result, Shown, Style, Table
 from harness.results.tables import RunKind
 
 if TYPE_CHECKING:
@@ -164,6 +164,7 @@ def _result(run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm) -> Re
     }
     styles = {name: _STYLES.get(name, Style(digits=3)) for name in (*_STYLES, by)}
     records: list[dict[str, Plain | Finding]] = []
+    cells: list[tuple[Entered, ...]] = []
     commands: dict[str, None] = {}
     for row in rows.astype(object).where(rows.notna(), None).to_dict("records"):
         number = row["cell"]
@@ -174,20 +175,15 @@ def _result(run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm) -> Re
         numbers = {name: Finding(found[name]) for name in styles if name in found}
         varied = run.study.cells[number].varied
         records.append({"cell": number, **varied, **found, **numbers, "replay": command})
-    cells = tuple(
-        tuple(
-            Shown(value, styles[name]) if isinstance(value, Finding) else value
-            for name, value in ((name, record.get(name)) for name in headings)
-        )
-        for record in records
-    )
+        styled = {name: Shown(each, styles[name]) for name, each in numbers.items()}
+        cells.append(tuple(map({**varied, **found, **styled}.get, headings)))
     noun = "episodes" if run.kind == "encounters" else "passages"
     return Result(
         command="worst",
         title=f"{run.name}: the worst {noun} of {arm} by {by}",
         scope=f"{len(records)} of {among:,}",
         about="",
-        screen=Table("", tuple(Column(*each) for each in headings.items()), cells),
+        screen=Table("", tuple(Column(*each) for each in headings.items()), tuple(cells)),
         full=(),
         notes=notes_of(run.cells),
         closing=tuple(commands),

@@ -252,9 +252,11 @@ def test_a_modules_name_occurs_once_in_its_room() -> None:
 
 
 def test_findings_know_the_code_that_makes_them() -> None:
-    """What the modules that compute import inside the house is in the digest of findings."""
+    """What the modules that compute import inside the house, and so on, is in their digest."""
     known = {path for name in COMPUTES.split() for path in PACKAGE.glob(f"{name}.py")}
     # All of a risk but estimate.py, which runs and stores it.
     makes = [path for path in known if path.match("results/*") or path.match("risk/[!_e]*")]
-    used = {other for path in makes for other in imports_of(path) & PATHS.keys()}
+    used = {name_of(path) for path in makes}
+    while further := set().union(*(imports_of(PATHS[n]) for n in used)) & PATHS.keys() - used:
+        used |= further
     assert [name for name in used if PATHS[name] not in known] == []

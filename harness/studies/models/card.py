@@ -114,10 +114,8 @@ def _counted(sample: Sample, rows: np.ndarray) -> dict[str, float | int | None]:
 
     Effective numbers are (Σw)²/Σw², where w is the weight of a distinct row or of a vehicle.
     """
-    items, weights = (
-        {"vehicles": sample.vehicle, "encounters": sample.encounter},
-        sample.weights[rows],
-    )
+    weights = sample.weights[rows]
+    items = {"vehicles": sample.vehicle, "encounters": sample.encounter}
     chosen = {name: None if item is None else item[rows] for name, item in items.items()}
     return {
         **{name: None if item is None else len(np.unique(item)) for name, item in chosen.items()},

@@ -164,7 +164,9 @@ def fit(
     answers = _carried_out(sample, settings, jobs, executor, progress)
     warnings, candidates = [], []
     for k in sorted(settings.components):
-        found, _ = _accepted(answers[k, -1])
+        if isinstance(whole := answers[k, -1], InputError):
+            raise whole
+        found, _ = whole
         parts = [answers[k, fold] for fold in range(folds)]
         scores = _joined([{} if isinstance(part, InputError) else part[1] for part in parts])
         if folds and not scores:
@@ -203,12 +205,6 @@ def _carried_out(
             raise HarnessError(f"a worker died during a fit ({error})") from None
         progress(len(answers), len(jobs))
     return answers
-
-
-def _accepted(answer: _Scored | InputError) -> _Scored:
-    if isinstance(answer, InputError):
-        raise answer
-    return answer
 
 
 def fit_weighted(

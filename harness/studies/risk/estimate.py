@@ -6,7 +6,7 @@ weights: what an episode with the event looks like, with both drivers.
 
 import json
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,8 +27,7 @@ from harness.measures import Outcome, measure
 from harness.results import folder as folders, tables
 from harness.results.catalogue import entries_of
 from harness.results.cell_findings import CellFindings
-from harness.results.finding import Finding, Findings, Plain
-from harness.results.loaded_run import load_run
+from harness.results.finding import Finding, Findings
 from harness.results.notes import Note
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.scenario import Cell, EngineName, Study, validate
@@ -196,10 +195,8 @@ def resumed(
     executor: Executor | None = None,
     progress: runs.Progress = runs.quiet,
 ) -> Result:
-    """Continue an interrupted run or risk; parts that were lost or damaged are made again."""
+    """Continue an interrupted risk; parts that were lost or damaged are made again."""
     manifest, study = _read(path)
-    if manifest["kind"] != "risk":
-        return runs.resume(path, workers=workers, executor=executor, progress=progress).result()
     if folders.is_finished(path):
         return read_risk(path)
     scenario, asked, known = study.cells[0].scenario, manifest["risk"], manifest["simulated_with"]
@@ -348,13 +345,6 @@ def _found_again(path: Path, manifest: folders.Manifest, study: Study) -> Findin
     return risk_findings(drawn)
 
 
-def result_of(path: Path, settings: Mapping[str, Any] | None = None) -> Result:
-    """What a run or a risk says; of a run also with other thresholds, see ``load_run``."""
-    if folders.read_manifest(path)["kind"] == "risk" and not settings:
-        return read_risk(path)
-    return load_run(path, settings).result()
-
-
 def read_risk(path: Path) -> Result:
     """What a finished risk says.
 
@@ -372,10 +362,9 @@ def read_risk(path: Path) -> Result:
         for each in entries_of("risk")
         if found[each.key].value is not None or each.key == "probability"
     ]
-    facts: dict[str, Plain] = {"name": study.name, "folder": str(path)}
-    facts |= {"failed": found["failures"].count, "event": asked["event"], "arm": asked["arm"]}
-    facts |= {"target_cv": asked["target_cv"], "seed": manifest["seed"]}
-    facts |= {"confidence": manifest["confidence"], "engine": manifest["engine"]}
+    facts: dict[str, Any] = {"name": study.name, "folder": str(path), "kind": "risk"}
+    facts |= {"failed": found["failures"].count, **asked}
+    facts |= {key: manifest[key] for key in ("seed", "confidence", "engine")}
     how = "weighted draws" if found["weighted"].count else "draws by brute force"
     episodes = f"{found['episodes'].count:,} episodes with earlier rounds"
     shown = f"Events: harness worst {quoted}/{folders.EVENTS}. Page: harness report {quoted}"
