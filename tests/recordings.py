@@ -35,14 +35,11 @@ class Person:
         return self.x_m + 0 * time_s, self.y_m + self.y_mps * time_s
 
 
-def crossing_of(people):
-    return Crossing(9.0, max(4.0, float(np.ptp([person.x_m for person in people]))), 4.5, 9.0)
-
-
 def driven(strategy, people, speed_mps):
     """Times, front bumper and speed of a strategy that meets these people, simulated anew."""
     vehicle = Vehicle(speed_mps, 30.0, 30.0, LENGTH_M, 1.8, 3.0, 4.5, 1.0)
-    crossing = crossing_of(people)
+    width_m = max(4.0, float(np.ptp([person.x_m for person in people])))
+    crossing = Crossing(9.0, width_m, 4.5, 9.0)
     rules = CellConstants(vehicle, crossing, PedestriansSection(kerb_wait_s=0.0), 0.1, 60.0)
     arrivals = []
     for person in people:

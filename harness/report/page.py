@@ -28,7 +28,6 @@ from harness.scenario.variation import flatten
 from harness.studies.allowed import Allowed, allowed_in
 from harness.studies.candidates import groups_of
 from harness.studies.compare import compare
-from harness.studies.risk.estimate import read_risk
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _NO_BREAK = "\N{NO-BREAK SPACE}"
@@ -93,6 +92,8 @@ def write_report(
     kind, page = read_manifest(folder)["kind"], out or folder / "report.html"
     check_target(page)
     if kind == "risk" and not settings:
+        from harness.studies.risk.estimate import read_risk
+
         result = read_risk(folder)
         if not result.closing:
             allowed = "a risk with events; `harness show` has the numbers of this one"

@@ -149,7 +149,7 @@ class Run:
             text += f"{resume_command(self.path)} continues it."
             notes.append(Note("unfinished", FIRST, "unfinished", text))
         if again := folders.tried_again(self.path):
-            text = f"{again:,} tasks ran again, because their process had died: {folders.LOG}."
+            text = f"Tasks whose process had died were tried again ({again:,} in {folders.LOG})."
             notes.append(Note("tried_again", len(RULES), "tried again", text, weight=again))
         which = name_of(cells[0].varied) if len(cells) == 1 else f"{len(cells)} cells"
         screen, full = tables_of(cells)

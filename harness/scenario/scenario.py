@@ -8,15 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, JsonValue, PlainSerializer, model_validator
 
 from harness.core.documents import as_plain, frozen_tables
-from harness.core.vocabulary import (
-    PEDESTRIAN_RADIUS_M,
-    ROUNDING,
-    Arm,
-    Crossing,
-    Leg,
-    Side,
-    Vehicle,
-)
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, ROUNDING, Arm, Crossing, Leg, Side, Vehicle
 from harness.scenario.pedestrians import PedestriansSection, TimedSection
 from harness.scenario.sections import (
     ActuationSection,

@@ -1,7 +1,7 @@
 """A scenario file in; the cells of its study out: one cell, or a grid of varied keys."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from typing import Any
 
 from harness.core.documents import frozen_tables
@@ -16,16 +16,19 @@ class Cell:
     """One cell of a study.
 
     ``number`` is its position in the tables; seeds do not depend on it.  ``varied`` holds the
-    varied keys with this cell's values.
+    varied keys with this cell's values.  The scenario is checked, unless the caller knows that it
+    is ``valid``.
     """
 
     number: int
     varied: Mapping[str, Any]
     scenario: Scenario
+    valid: InitVar[bool] = False
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, valid: bool) -> None:
         """Check the scenario, and copy ``varied`` into a read-only mapping."""
-        object.__setattr__(self, "scenario", checked(self.scenario))
+        if not valid:
+            object.__setattr__(self, "scenario", checked(self.scenario))
         object.__setattr__(self, "varied", frozen_tables(self.varied))
 
 
@@ -91,7 +94,7 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
             what = ", ".join(f"{key}={value}" for key, value in varied.items())
             problem = f"cells {first} and {number} are the same ({what})"
             raise InputError(source, problem, "each value once")
-        cells.append(Cell(number, varied, scenario))
+        cells.append(Cell(number, varied, scenario, valid=True))
     kinds = {(cell.scenario.traffic is None, cell.scenario.simulation is None) for cell in cells}
     if len(kinds) > 1:
         allowed = "[traffic] or [simulation] in every cell, or in none"
@@ -129,7 +132,7 @@ def study_from(document: Mapping[str, Any], where: str) -> Study:
         for key, value in varied.items():
             if value is not None:
                 apply_setting(tree, Setting(key, value))
-        cells.append(Cell(number, dict(varied), validate(tree, where)))
+        cells.append(Cell(number, varied, validate(tree, where), valid=True))
     return Study(document["name"], base, tuple(cells))
 
 

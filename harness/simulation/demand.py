@@ -24,7 +24,7 @@ from harness.scenario.traffic import TrafficSection
 
 NET_FILE, ROUTES_FILE, TRAFFIC_FILE = "road.net.xml", "vehicles.rou.xml", "traffic.sumocfg"
 
-CAR = "car"
+CAR_TYPE = "car"
 """The vehicles' type."""
 
 _DIRECTIONS = ("", "oncoming_")
@@ -94,7 +94,7 @@ def write_demand(scenario: Scenario, pair: int, seed: int, folder: Path) -> Sumo
 def _routes(scenario: Scenario, pair: int) -> ET.Element:
     """SUMO's file of the vehicles, by the time at which they are due."""
     root, strip = ET.Element("routes"), int(scenario.crossing.kerb_strip_m > 0)
-    values = {"id": CAR, **_type(scenario)}.items()
+    values = {"id": CAR_TYPE, **_type(scenario)}.items()
     ET.SubElement(root, "vType", {key: str(value) for key, value in values})
     for way in _DIRECTIONS[: 1 + (scenario.crossing.oncoming_lanes > 0)]:
         ET.SubElement(root, "route", id=f"{way}way", edges=f"{way}approach {way}exit")
@@ -104,7 +104,7 @@ def _routes(scenario: Scenario, pair: int) -> ET.Element:
             root,
             "vehicle",
             id=due.name,
-            type=CAR,
+            type=CAR_TYPE,
             route=f"{_DIRECTIONS[due.direction]}way",
             depart=f"{due.depart_s:.3f}",
             departLane=lane,

@@ -39,7 +39,7 @@ _NEAR_M = 2.0
 
 
 def passages(
-    vehicles: Sequence[Passage],
+    simulated: Sequence[Passage],
     people: Mapping[str, Sequence[Walked]],
     town: Town,
     step_s: float,
@@ -48,14 +48,14 @@ def passages(
     """The rows of the table ``passages``.
 
     Args:
-        vehicles: the passages; what one of a single state measures is undefined.
+        simulated: the passages; what one of a single state measures is undefined.
         people: everybody at each crosswalk.
         town: has the vehicles' paths.
         step_s: time between two states.
         motion: how vehicles move between two states.
     """
     traces, strikes, ids = [], [], []
-    for each in vehicles:
+    for each in simulated:
         end_s = each.begin_s + (len(each.xs_m) - 1) * step_s
         here = [
             person
@@ -68,8 +68,8 @@ def passages(
         path = town.path(each.connection)
         strikes.append(strike_of(trace, each, path, walkers))
     records = _records(traces, strikes)
-    free_s = [free_pass_s(each, town.path(each.connection)) for each in vehicles]
-    return [*map(_row, vehicles, traces, records, ids, free_s)]
+    free_s = [free_pass_s(each, town.path(each.connection)) for each in simulated]
+    return [*map(_row, simulated, traces, records, ids, free_s)]
 
 
 def _row(

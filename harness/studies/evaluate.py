@@ -139,7 +139,8 @@ def _tasks(
         scenarios.append(each)
     models, tasks = checked_models(scenarios, engine, "candidates"), list[Task]()
     for number, (each, model) in enumerate(zip(scenarios, models, strict=True)):
-        cells, code = (Cell(number, {}, each),), source_digests(each.arms.model_dump().values())
+        cells = (Cell(number, {}, each, valid=True),)
+        code = source_digests(each.arms.model_dump().values())
         tasks.append(Task(cells, model, pairs.start, len(pairs), engine=engine, code=code))
     return tasks
 

@@ -304,9 +304,9 @@ def test_few_tasks_and_rows_are_in_memory_at_a_time(tmp_path: Path) -> None:
 IMPORTED = 110
 """Modules of the house that a run may import."""
 
-A_RUN = """
+COMMAND = """
 import sys
-sys.argv = ["harness", "run", "cctc", "--pairs", "2", "--out", {out!r}]
+sys.argv = ["harness", *{words}]
 from harness.__main__ import main
 try:
     main()
@@ -318,9 +318,11 @@ print(len(names), file=sys.stderr)
 
 
 def test_a_run_imports_only_what_it_uses(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", A_RUN.format(out=str(tmp_path / "run"))]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert int(done.stderr.splitlines()[-1]) <= IMPORTED
+    out = str(tmp_path / "run")
+    for words in (["run", "cctc", "--pairs", "2", "--out", out], ["show", out], ["resume", out]):
+        command = [sys.executable, "-c", COMMAND.format(words=words)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+        assert int(done.stderr.splitlines()[-1]) <= IMPORTED, words
     child = (
         "import sys, harness.engine.starting, harness.studies.running.episodes; print(*sys.modules)"
     )

@@ -98,6 +98,7 @@ def test_the_log_has_one_line_a_fault_with_its_stacks_and_traceback(runs: tuple[
     died = {CULPRITS[name][0] for name in ("aborts", "leaves", "segfaults")}
     assert {*by_event["tried again"]} == died == {pair for pair, of in stacks.items() if of is None}
     assert {*by_event["episode failed"]} == {pair for pair, _, _ in CULPRITS.values()}
+    assert "died were tried again (3 in" in runs[1].result().notes[-1].text
     counted = Counter((event["event"], event.get("pair")) for event in events)
     assert {*counted.values()} == {1}
     assert "in raise_error" in by_event["episode failed"][CULPRITS["raises"][0]]["traceback"]

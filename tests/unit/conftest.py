@@ -1,4 +1,4 @@
-"""Unit tests need neither of SUMO's interfaces: both are blocked while they run."""
+"""Unit tests need no module of SUMO: all are blocked while they run."""
 
 import sys
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ import pytest
 
 @pytest.fixture(scope="package", autouse=True)
 def _without_sumo() -> Iterator[None]:
-    blocked = {name: sys.modules.get(name) for name in ("libsumo", "traci")}
+    blocked = {name: sys.modules.get(name) for name in ("libsumo", "traci", "sumolib", "sumo")}
     sys.modules.update(dict.fromkeys(blocked))
     yield
     for name, module in blocked.items():

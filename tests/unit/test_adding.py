@@ -52,6 +52,7 @@ def halved_time_s(chunk: Chunk) -> FloatArray:
 
 EVERYWHERE = """
 import json, sys
+sys.modules.update(dict.fromkeys(["libsumo", "traci", "sumolib", "sumo"]))
 from pathlib import Path
 import harness
 from docs.hooks.reference import columns_page

@@ -29,10 +29,6 @@ def scene(timeout_s: float = 3600.0, **pedestrians: object) -> Scenario:
     return validate({"pedestrians": pedestrians, "experiment": {"timeout_s": timeout_s}}, "test")
 
 
-def hour(pedestrians: dict[str, object], **traffic: object) -> Scenario:
-    return validate({"pedestrians": pedestrians, "traffic": traffic}, "test")
-
-
 def plans(scenario: Scenario, pairs: int) -> list[tuple[Arrival, ...]]:
     return [planned_arrivals(scenario, pair) for pair in range(pairs)]
 

@@ -156,15 +156,14 @@ def test_post_encroachment_time_of_who_is_on_the_road_or_beside_the_centre_line(
     assert pet_of(Leg(0.0, 0.0, 3.4, 0.0, 0.5, 0.0)) == pytest.approx(5.95, abs=1e-9)
     # At y = 3.5 m they have left it, and never enters.
     assert pet_of(Leg(0.0, 0.0, 3.5, 0.0, 0.5, 0.0)) is None
-    of = pet_of
     # They walk along x = 1.7 m: the bumper meets their line at 1.45 m, 31.45/5 = 6.29 s; the rear
     # leaves it at 1.95 m, 36.95/5 = 7.39 s.
-    assert of(Leg(0.0, 1.7, 0.0, 0.0, 1.5, 0.0)) == pytest.approx(6.29 - 3.4 / 1.5, abs=1e-9)
-    assert of(Leg(6.9, 1.7, 0.0, 0.0, 1.0, 0.0)) == pytest.approx(8.0 - 7.39, abs=1e-9)
+    assert pet_of(Leg(0.0, 1.7, 0.0, 0.0, 1.5, 0.0)) == pytest.approx(6.29 - 3.4 / 1.5, abs=1e-9)
+    assert pet_of(Leg(6.9, 1.7, 0.0, 0.0, 1.0, 0.0)) == pytest.approx(8.0 - 7.39, abs=1e-9)
     # They drift at 0.5 m/s from x = −1 m on; within the path (y = 1.1 … 3.4 m, 1.1 … 3.4 s) they
     # come from −0.45 to 0.7 m: the bumper is at −0.7 m at 29.3/5 = 5.86 s.
     drifting = (Leg(0.0, -1.0, 0.0, 0.5, 1.0, 0.0), Leg(4.0, 1.0, 4.0, 0.0, 1.0, 0.0))
-    assert of(*drifting) == pytest.approx(5.86 - 3.4, abs=1e-9)
+    assert pet_of(*drifting) == pytest.approx(5.86 - 3.4, abs=1e-9)
 
 
 def test_time_advantage_and_time_to_collision_by_hand() -> None:

@@ -1,5 +1,7 @@
 """The truncated mixture itself: density, draws, moments, refusals."""
 
+import pickle
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -39,6 +41,14 @@ def test_density_integrates_to_one_within_the_bounds_and_moments_follow():
     logs = mixture().logpdf([[0.0, 0.0], [2.0, 3.0], [2.0 + 1e-9, 1.0], [1.0, -1e-9]])
     assert np.isfinite(logs).tolist() == [True, True, False, False]
     assert (logs[2:] == -np.inf).all()
+
+
+def test_nothing_of_it_can_be_changed_in_another_process_either():
+    for found in (mixture(), pickle.loads(pickle.dumps(mixture()))):
+        with pytest.raises(AttributeError, match="immutable"):
+            found.weights = np.ones(2)
+        with pytest.raises(ValueError, match="read-only"):
+            found.weights[0] = 1.0
 
 
 def test_weights_are_of_the_truncated_components():

@@ -12,7 +12,6 @@ from harness.core.vocabulary import Arm, Ending
 from harness.encounter.arms import check_arms
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, load_scenario, read_scenario_file, study_of, validate
-from tests.batches import here
 from tests.scenes import on_plain, refusal_of
 
 MODULE = '''
@@ -193,9 +192,3 @@ def test_a_class_stands_for_its_name(write: Write) -> None:
     for nameless in (local, type("Steady", (), {"__module__": "mine_of_a_class"})):
         with pytest.raises(InputError, match=r"^settings arms.av: .* a class of a module"):
             load_scenario("cctc", {"arms.av": nameless})
-
-
-def checked(name: str, *options: str) -> tuple[int, list[str]]:
-    done = here("strategies", "--check", name, *options)
-    assert "Traceback" not in done.stderr
-    return done.returncode, (done.stdout + done.stderr).splitlines()

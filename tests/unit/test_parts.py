@@ -159,26 +159,17 @@ def test_the_size_of_a_part_depends_on_the_number_of_pairs_alone(pairs: int) -> 
     assert size <= part_pairs(pairs + 1)
 
 
-def study_of_cells(**changes: Any) -> tuple[Study, Any]:
-    base = load_scenario("cctc_flow", {"experiment.pairs": 40})
-    cells = [Cell(0, {}, base), Cell(1, {}, base.model_copy(update=changes))]
-    return Study("made up", base, tuple(cells)), base
-
-
 def manifest_in(folder: Path, model: InteractionModel) -> dict[str, Any]:
-    study, _ = study_of_cells()
+    base = load_scenario("cctc_flow", {"experiment.pairs": 40})
+    study = Study("made up", base, (Cell(0, {}, base), Cell(1, {}, base)))
     made = manifest_of(study, [model, model], traces=False, engine="sumo", pairs_per_part=5)
     folders.write_manifest(folder, made)
     return made
 
 
 def test_a_resumed_run_needs_its_versions_strategies_and_model() -> None:
-    then = {
-        "versions": {"sumo": "1"},
-        "strategies": {"own:A": "x"},
-        "models": {"dut": "1"},
-        "files": {"town.net.xml": "1"},
-    }
+    then = {"versions": {"sumo": "1"}, "strategies": {"own:A": "x"}, "models": {"dut": "1"}}
+    then["files"] = {"town.net.xml": "1"}
     refuse_other_versions(then, then)
     for part, now in (
         ("simulated with sumo 1, this is 2", {**then, "versions": {"sumo": "2"}}),

@@ -48,7 +48,7 @@ def never_backwards(plan: list[float], speed: float, step: float = 0.1) -> list[
     return driven
 
 
-def assert_same(one: Trace, other: Trace, but_for: set[str] = frozenset()) -> None:
+def assert_same(one: Trace, other: Trace, but_for: set[str] | frozenset[str] = frozenset()) -> None:
     # Measured apart: traces of one call are of one cell.
     (first,), (second,) = measure([one]), measure([other])
     assert first.ending == second.ending

@@ -16,6 +16,7 @@ from harness.model.interaction import load_model
 from harness.results.tables import DRAWS
 from harness.scenario import Scenario, load_scenario, validate
 from harness.scenario.sections import PerceptionSection
+from harness.studies.risk.densities import NormalMixture, fitted
 from harness.studies.risk.draws import (
     DrawInputs,
     DrawOutcome,
@@ -25,7 +26,6 @@ from harness.studies.risk.draws import (
     draw_units,
 )
 from harness.studies.risk.estimate import risk_findings, risk_notes
-from harness.studies.risk.normals import NormalMixture, fitted
 from harness.studies.risk.space import EVENTS, Space, parse_event, space_of
 from tests.risks import (
     CROWD,

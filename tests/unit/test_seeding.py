@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from harness.core.seeding import GivenFirst, Purpose, Resampled, resampling, stream
-from harness.simulation.opening import sumo_seed
+from harness.simulation.shares import sumo_seed
 
 PURPOSES = get_args(Purpose)
 

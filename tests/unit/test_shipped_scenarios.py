@@ -4,7 +4,7 @@ import pytest
 
 from harness.core.files import shipped_directory
 from harness.encounter.arms import check_arms
-from harness.scenario import Study, read_scenario_file, study_of
+from harness.scenario import read_scenario_file, study_of
 
 SHIPPED = sorted(file.stem for file in shipped_directory("scenarios").glob("*.toml"))
 # Runs are one cell; sweeps: 16 margins, 6 strategies at 4 flows, 4 cases at 11 speeds,
@@ -14,13 +14,9 @@ CELLS = {"cctc": 1, "cctc_flow": 1, "aggressiveness": 16, "strategies": 24}
 CELLS |= {"euro_ncap_vru": 44, "fmvss_127": 44, "open_stack": 64, "perception": 30}
 
 
-def cells_of(name: str) -> Study:
-    return study_of(read_scenario_file(name))
-
-
 @pytest.mark.parametrize("name", SHIPPED)
 def test_each_cell_can_be_run(name: str, model) -> None:
-    study = cells_of(name)
+    study = study_of(read_scenario_file(name))
     driven = set()
     for cell in study.cells:
         assert cell.scenario.model.name == study.base.model.name

@@ -11,7 +11,7 @@ from harness.measures import measure
 from harness.scenario import Scenario, read_scenario_file, study_of, validate
 from tests.scenes import Recorder, drive, episode
 
-WIDTH, LANE_CENTRE, RADIUS = 1.8, 2.25, 0.25
+WIDTH, RADIUS = 1.8, 0.25
 
 CASES = {
     # Euro NCAP: side, from where (m), acceleration distance (m), speed (km/h), share.

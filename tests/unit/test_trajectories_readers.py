@@ -35,10 +35,6 @@ def rows_of(folder, **options):
     return extract(folder, "vci", frame_rate_hz=RATE, **options)
 
 
-def assert_same_rows(found, folder=MADE_UP):
-    pd.testing.assert_frame_equal(found.rows, rows_of(folder).rows)
-
-
 def test_vci_lengths_come_from_corner_points_and_ratio():
     # Corners 2 m before and behind the centre, 20 pixels per metre: 4 m; the centre is recorded.
     track = read_clips(MADE_UP, "vci", Tally(), frame_rate_hz=RATE)[0].vehicles["0"]
@@ -79,7 +75,7 @@ def test_vci_clip_without_pedestrians_is_skipped_with_its_reason(clip):
     assert found.counts.clips == 1
     assert list(found.counts.skipped) == ["straight_02"]
     assert "missing" in found.counts.skipped["straight_02"]
-    assert_same_rows(found)
+    pd.testing.assert_frame_equal(found.rows, rows_of(MADE_UP).rows)
 
 
 @pytest.mark.parametrize("text", ["", "many", "0", "-3", "nan"])

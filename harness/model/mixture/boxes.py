@@ -46,8 +46,7 @@ def interval(a: FloatArray, b: FloatArray) -> FloatArray:
     """Φ(b) − Φ(a) for standardised bounds a ≤ b of any shape, accurate in both tails."""
     # In the upper tail both values are near 1 and their difference loses its digits.
     flip = a > -b
-    probability: FloatArray = ndtr(np.where(flip, -a, b)) - ndtr(np.where(flip, -b, a))
-    return probability
+    return np.asarray(ndtr(np.where(flip, -a, b)) - ndtr(np.where(flip, -b, a)))
 
 
 def _rectangle(a: FloatArray, b: FloatArray, rho: FloatArray) -> FloatArray:
@@ -179,8 +178,7 @@ def _by_path(correlations: FloatArray, a: FloatArray, b: FloatArray) -> FloatArr
         _standard_box(correlations[:, block, block], a[:, block], b[:, block])
         for block in (slice(2), slice(2, None))
     ]
-    result: FloatArray = blocks[0] * blocks[1] + np.bincount(box, steps, len(a))
-    return result
+    return np.asarray(blocks[0] * blocks[1] + np.bincount(box, steps, len(a)))
 
 
 def _largest_canonical(correlations: FloatArray) -> FloatArray:
@@ -189,8 +187,7 @@ def _largest_canonical(correlations: FloatArray) -> FloatArray:
     first = np.linalg.solve(correlations[:, :2, :2], cross)
     second = np.linalg.solve(correlations[:, 2:, 2:], np.swapaxes(cross, 1, 2))
     largest = np.linalg.eigvals(first @ second).real.max(axis=1)
-    result: FloatArray = np.sqrt(np.clip(largest, 1e-12, 1.0 - 1e-14))
-    return result
+    return np.asarray(np.sqrt(np.clip(largest, 1e-12, 1.0 - 1e-14)))
 
 
 def moments(

@@ -116,8 +116,7 @@ class Conditional:
 
     def pdf(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Density at x (n,) given y (n, g), (n,), ≥ 0; 0 outside the bounds."""
-        density: FloatArray = np.exp(self.logpdf(x, y))
-        return density
+        return np.asarray(np.exp(self.logpdf(x, y)))
 
     def cdf(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Distribution function at x (n,) given y (n, g), (n,) in [0, 1]."""

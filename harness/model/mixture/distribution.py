@@ -68,6 +68,18 @@ class TruncatedGaussianMixture:
         for array in vars(self).values():
             array.setflags(write=False)
 
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse every change of an object that is complete."""
+        if "masses" in vars(self):
+            raise AttributeError(f"a {type(self).__name__} is immutable")
+        super().__setattr__(name, value)
+
+    def __setstate__(self, state: dict[str, FloatArray]) -> None:
+        """Make the arrays of a copy read-only, also of one in another process."""
+        vars(self).update({name: each for name, each in state.items() if name != "_moments"})
+        for array in vars(self).values():
+            array.setflags(write=False)
+
     def _check(self) -> None:
         """Raise if the shapes or values do not belong together."""
         count, dimension = self.locations.shape if self.locations.ndim == 2 else (0, 0)
@@ -122,26 +134,22 @@ class TruncatedGaussianMixture:
                 rows = self.locations[k] + z @ self._factors[k].T
                 accepted.append(rows[self._inside(rows)][:missing])
                 missing -= len(accepted[-1])
-        shuffled: FloatArray = np.concatenate([np.empty((0, dimension)), *accepted])[
-            rng.permutation(n)
-        ]
-        return shuffled
+        every = np.concatenate([np.empty((0, dimension)), *accepted])
+        return np.asarray(every[rng.permutation(n)])
 
     def _inside(self, points: FloatArray) -> BoolArray:
         return np.asarray(((points >= self.lower) & (points <= self.upper)).all(axis=1))
 
     def mean(self) -> FloatArray:
         """Mean of the truncated mixture, (d,)."""
-        result: FloatArray = self.weights @ self._moments[0]
-        return result
+        return np.asarray(self.weights @ self._moments[0])
 
     def covariance(self) -> FloatArray:
         """Covariance of the truncated mixture, (d, d)."""
         means, covariances = self._moments
         away = means - self.mean()
         spread = covariances + away[:, :, None] * away[:, None, :]
-        result: FloatArray = np.einsum("k,kij->ij", self.weights, spread)
-        return result
+        return np.asarray(np.einsum("k,kij->ij", self.weights, spread))
 
     @cached_property
     def _moments(self) -> tuple[FloatArray, FloatArray]:

@@ -193,8 +193,7 @@ class Coordinates:
         """Factors (K, d, d) of the scale matrices minus the floor."""
         turned = np.zeros(self._factors.shape)
         turned[:, *self._low] = z[self._ends[1] :].reshape(len(turned), -1) * self._half
-        result: FloatArray = self._factors + self._factors @ (self._unit[:, :, None] * turned)
-        return result
+        return np.asarray(self._factors + self._factors @ (self._unit[:, :, None] * turned))
 
 
 def _outer(first: FloatArray, second: FloatArray) -> FloatArray:

@@ -31,7 +31,7 @@ from harness.core.seeding import stream
 from harness.core.vocabulary import FloatArray, freeze_arrays
 from harness.results.estimators import CONFIDENCE, clopper_pearson
 from harness.results.tables import Row
-from harness.studies.risk.normals import NormalMixture, standard_normal
+from harness.studies.risk.densities import NormalMixture, standard_normal
 from harness.studies.risk.space import NEVER, Space
 
 NOMINAL_SHARE = 0.1

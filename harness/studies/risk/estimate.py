@@ -209,7 +209,7 @@ def resumed(
 
         def draw(proposal: Proposal, round_: int, count: int) -> Units:
             drawn, tasks, size = dict[int, pa.Table](), list[Task](), part_pairs(count)
-            own, cells = _Drawing(space, event, proposal), (Cell(round_, {}, scenario),)
+            own, cells = _Drawing(space, event, proposal), (Cell(round_, {}, scenario, valid=True),)
             for first in range(0, count, size):
                 units = min(size, count - first)
                 task = replace(whole, cells=cells, first=first, count=units, own=own)
@@ -254,7 +254,8 @@ def _run_events(
         tree["pedestrians"]["drawn"] = [json.loads(estimate.uniforms[k]) for k in chosen]
         tree["experiment"]["pairs"] = len(chosen)
         scenario = validate(tree, folders.EVENTS)
-        again = Study(f"{study.name}-{folders.EVENTS}", scenario, (Cell(0, {}, scenario),))
+        cells = (Cell(0, {}, scenario, valid=True),)
+        again = Study(f"{study.name}-{folders.EVENTS}", scenario, cells)
         runs.run(again, out=events, engine=engine, executor=executor)
 
 

@@ -13,8 +13,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from harness.core.vocabulary import FloatArray
+from harness.studies.risk.densities import NormalMixture, fitted
 from harness.studies.risk.draws import Proposal, Units, bound, effective
-from harness.studies.risk.normals import NormalMixture, fitted
 from harness.studies.risk.space import Space
 
 _LOOKS = 1_000

@@ -51,7 +51,7 @@ _DECIDES = b"decides"
 _lock = Lock()
 _idle: "list[Child]" = []
 _children: "set[Child]" = set()
-"""The child processes of this process, and those of them that have no task."""
+"""The child processes of this process that have no task, and all of them."""
 
 
 class LostError(Exception):

@@ -32,7 +32,7 @@ class NormalMixture(Normals):
 
     __slots__ = ()
 
-    def given(self, known: FloatArray) -> "Conditional":
+    def given(self, known: FloatArray) -> "GivenDensity":
         """The densities of the other numbers given the first ones, ``known`` (n, c).
 
         A point far from every component chooses among them as if they were equally far.
@@ -47,7 +47,7 @@ class NormalMixture(Normals):
         together = np.logaddexp(np.array(logs).T, _UNLIKELY)
         chances = np.exp(together - together.max(axis=1, keepdims=True))
         chances /= chances.sum(axis=1, keepdims=True)
-        return Conditional(chances, np.array(means), np.array(factors))
+        return GivenDensity(chances, np.array(means), np.array(factors))
 
     def mixed_with(self, other: Normals, share: float) -> "NormalMixture":
         """A mixture in which the other one has a share."""
@@ -56,7 +56,7 @@ class NormalMixture(Normals):
         return NormalMixture(weights, *map(np.concatenate, parts))
 
 
-class Conditional(NamedTuple):
+class GivenDensity(NamedTuple):
     """Mixtures of k normal densities, one mixture for each of n points.
 
     ``chances`` (n, k), ``means`` (k, n, d) and the covariances' Cholesky factors ``factors``
