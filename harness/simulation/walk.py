@@ -75,7 +75,7 @@ class SumoPerson:
         id: SUMO's id.
         index: their number in observations.
         near: whether they came from the beginning of the axis.
-        states: (time, x + iy, whether SUMO had them on the crosswalk) at the ends of steps.
+        states: (time in s, x + iy in m, whether SUMO had them on the crosswalk) at steps' ends.
     """
 
     id: str
