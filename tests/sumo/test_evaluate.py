@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from harness.core.errors import InputError
-from harness.studies import evaluate as evaluation
+from harness.engine.plain import PlainEngine
 from harness.studies.evaluate import evaluate
 from harness.studies.running.run import run
 
@@ -27,19 +27,19 @@ def test_the_numbers_are_those_of_a_run(tmp_path: Path) -> None:
 
 
 def test_the_reference_is_driven_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    arms, driven = [], evaluation._driven
+    begun, begin = [], PlainEngine.begin
 
-    def counted(tasks: Any, executor: Any) -> Any:
-        arms.extend(task.arms for task in tasks)
-        return driven(tasks, executor)
+    def counted(self: PlainEngine, people: Any) -> tuple[float, float]:
+        begun.append(people)
+        return begin(self, people)
 
-    monkeypatch.setattr(evaluation, "_driven", counted)
+    monkeypatch.setattr(PlainEngine, "begin", counted)
     for gap in (1.0, 2.0):
         own = {**SETTINGS, GAP: gap, "experiment.seed": 4}
         evaluate("cctc_flow", [{}], 4, settings=own, engine="plain", workers=0)
-    assert [len(each) for each in arms] == [1, 1, 1]
+    assert len(begun) == 3 * 4
     evaluate("cctc_flow", [{}], 4, settings={"experiment.seed": 5}, engine="plain", workers=0)
-    assert len(arms) == 5
+    assert len(begun) == 5 * 4
 
 
 @pytest.mark.parametrize(

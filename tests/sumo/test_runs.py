@@ -18,7 +18,7 @@ import pytest
 
 from harness.core.errors import InputError
 from harness.core.vocabulary import Observation
-from harness.encounter.pairing import PairRunner
+from harness.engine.control import SumoEngine
 from harness.results.loaded_run import Run, load_run
 from harness.studies.evaluate import evaluate
 from harness.studies.running.run import resume, run
@@ -123,13 +123,13 @@ def test_a_shared_arm_is_simulated_once_and_its_rows_are_the_same(
     settings: dict[str, Any],
     simulated: int,
 ) -> None:
-    episodes, begins = [], PairRunner._run_arm
+    episodes, begin = [], SumoEngine.begin
 
-    def counted(self: PairRunner, *arguments: Any, **options: Any) -> Any:
-        episodes.append(arguments)
-        return begins(self, *arguments, **options)
+    def counted(self: SumoEngine, people: Any) -> tuple[float, float]:
+        episodes.append(people)
+        return begin(self, people)
 
-    monkeypatch.setattr(PairRunner, "_run_arm", counted)
+    monkeypatch.setattr(SumoEngine, "begin", counted)
     options: dict[str, Any] = {"pairs": 6, "traces": True, "workers": 0}
     sweep = run("cctc_flow", vary={key: values}, settings=settings, out=tmp_path / "all", **options)
     assert len(episodes) == simulated * 6
