@@ -16,7 +16,7 @@ from harness.core.vocabulary import (
     Walk,
     quick_tuple,
 )
-from harness.measures.motion.contact import time_to_collision_s
+from harness.measures.motion.contact import Body, time_to_collision_s
 from harness.measures.motion.walking import cleared_s
 
 LOOK_EVERY_S = 1.0
@@ -193,6 +193,6 @@ class ReactiveWalker(Walker):
             np.array([y_m]),
             np.array([-seen.speed_mps]),
             np.array([self._direction * speed_mps]),
-            (seen.vehicle.length_m, lane_y_m - half_m, lane_y_m + half_m),
+            Body(seen.vehicle.length_m, lane_y_m - half_m, lane_y_m + half_m),
         )
         return bool(np.isfinite(course[0]))

@@ -234,7 +234,11 @@ def drives_of(
             # Streams are keyed by a pair, so each drive of a passage has a stream of its own.
             rng = stream(scenario.experiment.seed, "strategy", number * DRIVES + draw)
             begun = rng.bit_generator.state
-            strategy = named_strategy(scenario, name, models[number], lambda rng=rng: rng)
+
+            def own_rng(rng: np.random.Generator = rng) -> np.random.Generator:
+                return rng
+
+            strategy = named_strategy(scenario, name, models[number], own_rng)
             trace = _simulated(passage, strategy, step_s)
             if trace.ending is Ending.ENGINE_FAILED:
                 raise HarnessError(f"{name} in {'/'.join(passage.vehicle_id)}: {trace.reason}")
