@@ -174,11 +174,8 @@ def risk(
         raise InputError(study.name, f"has {len(study.cells)} cells", f"one cell: {settled}")
     if not 0 < target_cv <= 1:
         raise InputError(Parameter("target_cv", target_cv), "is not accepted", "above 0, at most 1")
-    asked: folders.RiskAsked = {
-        "event": parse_event(event).text,
-        "arm": arm.value,
-        "target_cv": target_cv,
-    }
+    text = parse_event(event).text
+    asked = folders.RiskAsked(event=text, arm=arm.value, target_cv=target_cv)
     scenario = study.cells[0].scenario
     models = runs.checked_models([scenario], engine)
     space_of(scenario, arm)
