@@ -301,7 +301,7 @@ def test_few_tasks_and_rows_are_in_memory_at_a_time(tmp_path: Path) -> None:
     assert executor.most <= 4 * 2
 
 
-IMPORTED = 110
+IMPORTED = 100
 """Modules of the house that a run may import."""
 
 COMMAND = """
