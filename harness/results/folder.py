@@ -124,9 +124,8 @@ def part_name(cell: int, first: int) -> str:
 
 def done_parts(folder: Path) -> set[tuple[int, int]]:
     """The finished parts of a run folder: cell and first pair."""
-    places = (folder / table.name for table in _LAST)
-    found = (_PART.fullmatch(path.name) for at in places for path in at.glob("*.parquet"))
-    return {(int(match[1]), int(match[2])) for match in found if match}
+    names = (path.name for at in _LAST for path in (folder / at.name).glob("*.parquet"))
+    return {(int(match[1]), int(match[2])) for match in map(_PART.fullmatch, names) if match}
 
 
 def write_part(

@@ -19,7 +19,7 @@ from harness.core.vocabulary import Arm
 from harness.results import folder as folders
 from harness.results.cell_findings import CellFindings, cell_findings, records_of
 from harness.results.cell_tables import drivers, scope_of, tables_of
-from harness.results.notes import FIRST, RULES, Note, notes_of
+from harness.results.notes import FIRST, Note, notes_of, retries
 from harness.results.result import Result
 from harness.results.tables import COUNTED, TABLES_OF, RunKind, kind_of
 from harness.scenario import Scenario, Setting, Study, study_from
@@ -135,7 +135,8 @@ class Run:
         if not self.cells:
             allowed = f"a run with results: {resume_command(self.path)}"
             raise InputError(str(self.path), "no pair is finished yet", allowed)
-        cells, folder, notes = self.cells, shlex.quote(str(self.path)), list[Note]()
+        cells, folder = self.cells, shlex.quote(str(self.path))
+        notes = retries(folders.tried_again(self.path))
         facts: dict[str, Any] = {"name": self.name, "folder": str(self.path), "kind": self.kind}
         facts |= {key: self.manifest[key] for key in ("seed", "confidence", "engine")}
         facts |= {"finished": self.finished, "failed": sum(cell.total("failed") for cell in cells)}
@@ -148,9 +149,6 @@ class Run:
             text = f"The run is not finished: {done:,} of {planned:,} pairs are done; "
             text += f"{resume_command(self.path)} continues it."
             notes.append(Note("unfinished", FIRST, "unfinished", text))
-        if again := folders.tried_again(self.path):
-            text = f"Tasks whose process had died were tried again ({again:,} in {folders.LOG})."
-            notes.append(Note("tried_again", len(RULES), "tried again", text, weight=again))
         which = name_of(cells[0].varied) if len(cells) == 1 else f"{len(cells)} cells"
         screen, full = tables_of(cells)
         return Result(

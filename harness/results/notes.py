@@ -352,6 +352,12 @@ def notes_of(
     return tuple(sorted(notes, key=lambda note: (note.rank, -note.weight)))
 
 
+def retries(again: int) -> list[Note]:
+    """The note that so many tasks were tried again, because their process had died."""
+    text = f"Tasks whose process had died were tried again ({again:,} in log.jsonl)."
+    return [Note("tried_again", len(RULES), "tried again", text, weight=again)] if again else []
+
+
 def _by_arm(cell: CellFindings, key: str) -> str:
     """The count of each arm in words."""
     return ", ".join(f"{who} {cell[f'{key}{end}'].count:,}" for who, end in cell.arms)

@@ -28,7 +28,7 @@ from harness.results import folder as folders, tables
 from harness.results.catalogue import entries_of
 from harness.results.cell_findings import CellFindings
 from harness.results.finding import Finding, Findings
-from harness.results.notes import Note
+from harness.results.notes import Note, retries
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.scenario import Cell, EngineName, Study, validate
 from harness.scenario.place import place_in_words
@@ -373,7 +373,10 @@ def read_risk(path: Path) -> Result:
         about=place_in_words([scenario]),
         screen=Table("", columns, tuple(numbers)),
         full=(),
-        notes=tuple(risk_notes(found, space_of(scenario, arm), asked["target_cv"])),
+        notes=(
+            *risk_notes(found, space_of(scenario, arm), asked["target_cv"]),
+            *retries(folders.tried_again(path)),
+        ),
         closing=() if found["probability"].value is None else (shown,),
         facts=facts,
         records=[{"event": asked["event"], "strategy": scenario.arms.driver(arm), **found}],
