@@ -35,8 +35,8 @@ _RAIL = {"rail", "rail_urban", "rail_electric", "rail_fast", "tram", "subway", "
 _ON_FOOT = {"pedestrian", "wheelchair"}
 """SUMO's classes of trains, and of people."""
 
-_NAMELESS = (AttributeError, LookupError, RecursionError)
-"""What sumolib raises if what it is asked for is not in the network."""
+_NAMELESS = (AttributeError, LookupError, RecursionError, ValueError)
+"""What sumolib raises if what it is asked for is not in the network, or no lane has such a name."""
 
 _PATH_M = 40.0
 """Length of a path before the stop line, longer than a body."""
@@ -180,15 +180,15 @@ class Town:
             raise InputError(str(net), f"is not a complete SUMO network ({error})") from None
         try:
             passing = {node: (*_passing(network, node),) for node in network.getNodes()}
+            crosswalks = [
+                _crosswalk(edge, passing[edge.getToNode()], left_hand)
+                for edge in network.getEdges()
+                if edge.getFunction() == "crossing"
+            ]
+            lanes = [_lane(lane) for edge in network.getEdges() for lane in edge.getLanes()]
         # The parser does not check that what a file names exists.
         except (*_NAMELESS, shapely.errors.ShapelyError) as error:
             raise InputError(str(net), f"is not a complete SUMO network ({error})") from None
-        crosswalks = [
-            _crosswalk(edge, passing[edge.getToNode()], left_hand)
-            for edge in network.getEdges()
-            if edge.getFunction() == "crossing"
-        ]
-        lanes = [_lane(lane) for edge in network.getEdges() for lane in edge.getLanes()]
         ways = [each for at in passing.values() for each in at]
         return cls(
             MappingProxyType({each.id: each for each in crosswalks}),
