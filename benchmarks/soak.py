@@ -42,9 +42,6 @@ PARTS = 5
 FRESH_PAIRS = 10
 """Pairs that tell the machine's pace at each look."""
 
-PASSING = {".lock"}
-"""What a run folder holds while the run goes on, and no longer."""
-
 
 class State(NamedTuple):
     """One process at one time; ``memory_mb`` is its own alone (USS), ``resident_mb`` all (RSS)."""
@@ -181,7 +178,7 @@ def soak(
             process.kill()
             process.wait()
         left = [str(path.relative_to(temporary)) for path in _files(temporary)]
-    left += [path.name for path in out.iterdir() if path.name in PASSING or _hidden(path)]
+    left += [path.name for path in out.iterdir() if _hidden(path) and path.name != ".lock"]
     return Soak(process.returncode, pairs, looks, left)
 
 

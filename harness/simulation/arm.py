@@ -209,8 +209,9 @@ class SimulatedArm:
     def _refresh(self, car: Car) -> None:
         """Read the state of a vehicle that is not read at every step."""
         name, vehicles = car.name, self._vehicles
-        car.odometer_m, car.speed_mps = vehicles.odometer_m(name), vehicles.speed_mps(name)
-        car.acceleration_mps2 = vehicles.acceleration_mps2(name)
+        if name not in self._begun:
+            car.odometer_m, car.speed_mps = vehicles.odometer_m(name), vehicles.speed_mps(name)
+            car.acceleration_mps2 = vehicles.acceleration_mps2(name)
 
     def _go_on(self, car: Car, time_s: float) -> None:
         """End passages, find those that come, and begin those beyond R0."""

@@ -159,5 +159,6 @@ def test_a_bent_axis(along_m: float) -> None:
     bent = replace(crosswalk(), axis=shapely.LineString([(0, 0), (0, 5), (3, 9), (3, 11)]))
     line = bent.line
     assert line.foot(complex(line.position(along_m))) == pytest.approx((along_m, 0.0), abs=1e-9)
+    assert line.place(along_m) == pytest.approx(complex(line.position(along_m)), abs=1e-9)
     assert line.foot(0.5 - 2j) == pytest.approx((-2.0, -0.5))
     assert line.foot(3 + 13j) == pytest.approx((14.0, 0.0))
