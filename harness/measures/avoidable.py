@@ -1,4 +1,4 @@
-"""Whether full braking, or an attentive human driver, would have prevented a crash."""
+"""Whether full braking (Vehicle's limits) or an attentive human would have prevented a crash."""
 
 import math
 from bisect import bisect_left

@@ -18,6 +18,7 @@ from harness.core.seeding import stream
 from harness.core.vocabulary import ROUNDING, SECONDS_PER_HOUR
 from harness.engine.configuration import SumoConfig, write_options, write_xml
 from harness.engine.network import network_of
+from harness.engine.sources import EXIT_M
 from harness.engine.starting import OWN_ROADS, vehicle_type
 from harness.scenario import Scenario
 from harness.scenario.traffic import TrafficSection
@@ -31,6 +32,8 @@ _DIRECTIONS = ("", "oncoming_")
 """How the names of the edges of a direction begin; its place numbers its streams."""
 _LEAST_CLEARING_S = 900.0
 """Time for the road to empty after the counted time, at least."""
+_LEAVES_M = 120.0
+"""Vehicles leave the road this far behind the crosswalk, or farther if they accelerate slowly."""
 _SATURATED = 0.9
 """In a saturated lane a vehicle is due after this share of the least headway: one always waits."""
 _STANDS_NEARER_M = {"IDM": 0.4}
@@ -94,23 +97,20 @@ def write_demand(scenario: Scenario, pair: int, seed: int, folder: Path) -> Sumo
 def _routes(scenario: Scenario, pair: int) -> ET.Element:
     """SUMO's file of the vehicles, by the time at which they are due."""
     root, strip = ET.Element("routes"), int(scenario.crossing.kerb_strip_m > 0)
-    values = {"id": CAR_TYPE, **_type(scenario)}.items()
-    ET.SubElement(root, "vType", {key: str(value) for key, value in values})
+    vehicle = scenario.vehicle()
+    # Twice the way from a stop to v0 at the whole acceleration: IDM approaches v0 slowly.
+    recovers_m = vehicle.initial_speed_mps**2 / vehicle.resume_acceleration_mps2
+    leaves_m = min(max(_LEAVES_M, recovers_m), 0.9 * EXIT_M)
+    kind = {"id": CAR_TYPE, **_type(scenario)}.items()
+    ET.SubElement(root, "vType", {key: str(value) for key, value in kind})
     for way in _DIRECTIONS[: 1 + (scenario.crossing.oncoming_lanes > 0)]:
         ET.SubElement(root, "route", id=f"{way}way", edges=f"{way}approach {way}exit")
     for due in sorted(vehicles_due(scenario, pair), key=lambda due: (due.depart_s, due.name)):
-        lane = str(due.lane + strip)
-        ET.SubElement(
-            root,
-            "vehicle",
-            id=due.name,
-            type=CAR_TYPE,
-            route=f"{_DIRECTIONS[due.direction]}way",
-            depart=f"{due.depart_s:.3f}",
-            departLane=lane,
-            arrivalLane=lane,
-            departSpeed="max",
-        )
+        way, lane = f"{_DIRECTIONS[due.direction]}way", str(due.lane + strip)
+        values = {"id": due.name, "type": CAR_TYPE, "route": way, "depart": f"{due.depart_s:.3f}"}
+        values |= {"departLane": lane, "departSpeed": "max"}
+        values |= {"arrivalLane": lane, "arrivalPos": f"{leaves_m:.3f}"}
+        ET.SubElement(root, "vehicle", values)
     return root
 
 

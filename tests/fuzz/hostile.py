@@ -42,6 +42,8 @@ VALUES = st.recursive(
     max_leaves=6,
 )
 _WHERE = st.integers(0, 2**31)
+# SUMO makes everybody of a flow of people before it begins, which takes for ever in such a long one.
+_BEGINS = re.compile(r'(?s)(?!.*<personFlow[^>]* (begin|end|number)="-?\d{7})').match
 _NAMED_PLACES = st.sampled_from(["0,0", "0,0 0,0", "1e308,0 -1e308,0", "nan,nan 1,1", "1,2,3 4"])
 
 
@@ -112,7 +114,7 @@ def _xml(content: bytes) -> st.SearchStrategy[bytes]:
         return text[: at.start()] + at[0] * times + text[at.end() :]
 
     changed = st.one_of(
-        st.builds(valued, _WHERE, st.one_of(SCALARS, _NAMED_PLACES)),
+        st.builds(valued, _WHERE, st.one_of(SCALARS, _NAMED_PLACES)).filter(_BEGINS),
         st.builds(missing_or_twice, _WHERE, st.sampled_from([0, 2])),
     )
     return changed.map(lambda text: text.encode("utf-8", "replace"))

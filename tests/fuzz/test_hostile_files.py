@@ -141,8 +141,7 @@ def test_whatever_is_in_a_file(folder: Path, kind: str) -> None:
         (folder / "out").mkdir()
         file = data.draw(st.sampled_from(files))
         file.write_bytes(data.draw(hostile(kept[file], file.suffix)))
-        words = data.draw(st.sampled_from(commands)).format(file=file.name).split()
-        done_or_refused(*words)
+        done_or_refused(*data.draw(st.sampled_from(commands)).format(file=file.name).split())
         assert {path.name for path in {*folder.iterdir()} - there} <= {"out", "runs"}
         assert [path.name for path in folder.parent.iterdir()] == [folder.name]
         assert not [path for path in folder.rglob("*") if path.name.endswith(".partial")]
