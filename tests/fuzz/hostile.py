@@ -42,7 +42,7 @@ VALUES = st.recursive(
     max_leaves=6,
 )
 _WHERE = st.integers(0, 2**31)
-# SUMO makes everybody of a flow of people before it begins, which takes for ever in such a long one.
+# SUMO makes everybody of a flow of people first, which takes for ever in such a long one.
 _BEGINS = re.compile(r'(?s)(?!.*<personFlow[^>]* (begin|end|number)="-?\d{7})').match
 _NAMED_PLACES = st.sampled_from(["0,0", "0,0 0,0", "1e308,0 -1e308,0", "nan,nan 1,1", "1,2,3 4"])
 
