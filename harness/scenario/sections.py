@@ -89,7 +89,7 @@ class CrossingSection(Section):
     grade: Annotated[float, Field(ge=-0.4, le=0.4)] = 0.0
     """Rise over run in the ego's direction, positive uphill; it changes how hard vehicles can brake
     and accelerate, in both arms."""
-    friction: Annotated[float, Field(gt=0, le=2)] | None = None
+    friction: Annotated[float, Field(ge=0.01, le=2)] | None = None
     """Friction coefficient of tyre and road, which limits braking and accelerating, in both arms;
     if not given, only the vehicle limits them."""
 
@@ -129,7 +129,7 @@ class EgoSection(Section):
 
     lane: Annotated[int, Field(ge=0)] = 0
     """The ego's lane, counted from the near kerb; below ``crossing.lanes``."""
-    initial_speed_mps: Annotated[float, Field(gt=0, le=MAX_SPEED_MPS)] = 5.0
+    initial_speed_mps: Annotated[float, Field(ge=0.1, le=MAX_SPEED_MPS)] = 5.0
     """v0."""
     trigger_range_m: Annotated[float, Field(gt=0, le=MAX_TRIGGER_RANGE_M)] = 30.0
     """R0: t = 0 when the front bumper is this far from the centre line; at least half the
@@ -140,11 +140,11 @@ class EgoSection(Section):
     """Length of the vehicle."""
     width_m: Annotated[float, Field(ge=0.5, le=5)] = 1.8
     """Width of the vehicle; at most the width of its lane."""
-    max_acceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 3.0
+    max_acceleration_mps2: Annotated[float, Field(ge=0.1, le=20)] = 3.0
     """Greatest acceleration that a strategy can command."""
-    max_deceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 4.5
+    max_deceleration_mps2: Annotated[float, Field(ge=0.1, le=20)] = 4.5
     """Greatest deceleration that a strategy can command."""
-    resume_acceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 1.0
+    resume_acceleration_mps2: Annotated[float, Field(ge=0.1, le=20)] = 1.0
     """a0: acceleration back to v0 once the crossing is clear."""
 
 
