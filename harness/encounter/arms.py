@@ -66,8 +66,11 @@ def make_strategy(
     def draws_of() -> np.random.Generator:
         purpose = draws_from(scenario, driver)
         rng = stream(scenario.experiment.seed, purpose, pair, *vehicle)
+        # A copy without the seed, from which a strategy could compute who comes.
+        bits: np.random.BitGenerator = np.random.PCG64(0)
+        bits.state = rng.bit_generator.state
         first = given.get(purpose, ())
-        return GivenFirst(rng.bit_generator, first) if first else rng
+        return GivenFirst(bits, first) if first else np.random.Generator(bits)
 
     return named_strategy(scenario, scenario.arms.driver(driver), model, draws_of)
 

@@ -130,6 +130,19 @@ def answer_of(strategy: Strategy, observation: Observation) -> object:
         raise StrategyError(what, error) from error
 
 
+def attribute_of(strategy: Strategy, name: str) -> object:
+    """An attribute that a strategy may have; None: it has none.
+
+    Raises:
+        StrategyError: the strategy raised an exception.
+    """
+    try:
+        return getattr(strategy, name, None)
+    except (Exception, SystemExit) as error:
+        what = f"its {name} raised {type(error).__name__}: {error} ({place_of(error)})"
+        raise StrategyError(what, error) from error
+
+
 def _as_float(answer: object) -> float:
     """A command of another numeric type, such as NumPy's; NaN if it is no number or too large."""
     if not isinstance(answer, Real) or isinstance(answer, bool):

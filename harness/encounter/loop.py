@@ -26,7 +26,7 @@ from harness.core.vocabulary import (
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.crowd import Crowd
 from harness.encounter.deciding import KerbLane
-from harness.encounter.driver import Driver, answer_of
+from harness.encounter.driver import Driver, answer_of, attribute_of
 from harness.encounter.walkers import ChooseSpeed
 from harness.engine.protocol import Engine
 
@@ -53,7 +53,11 @@ def drive(episode: "Episode", strategy: Strategy) -> Trace:
         trace = episode.trace(ending, episode.engine.end())
     except (EngineError, StrategyError) as error:
         trace = failed(episode.trace(Ending.TIMED_OUT), error)
-    return replace(trace, fallback=True) if getattr(strategy, "fallback", False) else trace
+    try:
+        fallback = attribute_of(strategy, "fallback")
+    except StrategyError as error:
+        return failed(trace, error)
+    return replace(trace, fallback=True) if fallback else trace
 
 
 def failed(trace: Trace, error: EngineError | StrategyError) -> Trace:

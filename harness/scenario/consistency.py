@@ -50,6 +50,10 @@ def check_consistency(scenario: Scenario) -> None:
     """Refuse a scenario whose keys do not fit together, although each single key was accepted."""
     ego, crossing, step_s = scenario.ego, scenario.crossing, scenario.experiment.step_s
     _check_drivers(scenario)
+    own_s = None if scenario.simulation is None else scenario.simulation.step_s
+    for key, each_s in (("experiment.step_s", step_s), ("simulation.step_s", own_s)):
+        if each_s is not None and abs(each_s * 1000 - round(each_s * 1000)) > ROUNDING:
+            raise InputError(key, f"{each_s!r} s", "whole milliseconds, SUMO's resolution")
     if scenario.kind == "simulations":
         for key in _changed(scenario.pedestrians, PedestriansSection(), _NEED_A_TRIGGER):
             problem = "is not supported in simulations: no vehicle has a trigger"
@@ -69,9 +73,6 @@ def check_consistency(scenario: Scenario) -> None:
         allowed = f"at least crossing.width_m / 2 + 1.5 = {nearest:g} m"
         raise InputError("ego.trigger_range_m", problem, allowed)
     _check_pedestrians(scenario)
-    if abs(step_s * 1000 - round(step_s * 1000)) > ROUNDING:
-        allowed = "whole milliseconds, SUMO's resolution"
-        raise InputError("experiment.step_s", f"{step_s!r} s", allowed)
     check_steps("experiment.timeout_s", scenario.experiment.timeout_s, step_s, 1)
     check_perception(scenario)
     if scenario.traffic is not None:

@@ -283,7 +283,7 @@ class SimulationSection(Section):
     end_s: Positive | None = None
     """Time until which trips and passages count; if not given, the simulation's end."""
     step_s: Annotated[float, Field(ge=0.001, le=1)] | None = None
-    """Step of both arms; if not given, the configuration's, which is then at most 1 s."""
+    """Step of both arms, whole ms; if not given, the configuration's, which is then at most 1 s."""
 
 
 class ActuationSection(Section):

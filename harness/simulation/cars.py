@@ -14,7 +14,7 @@ import numpy as np
 
 from harness.core.actuation import Actuator
 from harness.core.vocabulary import LIMITED_BY, STRATEGY, Crossing, FloatArray, Strategy, Vehicle
-from harness.encounter.driver import Driver
+from harness.encounter.driver import Driver, attribute_of
 from harness.site.town import Connection, Crosswalk
 from harness.site.zone import Zone
 
@@ -212,7 +212,7 @@ class Passage:
             self.limited = (0,) * len(LIMITED_BY)
         else:
             self.limited = np.subtract(car.limited, self.limited).tolist()
-            self.fallback = bool(getattr(self.strategy, "fallback", False))
+            self.fallback = bool(attribute_of(self.strategy, "fallback"))
             self.strategy = None
 
     def move_to(self, other: "Passage") -> None:

@@ -17,8 +17,8 @@ def observation_vector(observation: Observation, nearest: int) -> NDArray[np.flo
     Args:
         observation: what the strategy sees.
         nearest: k, the number of pedestrians in the vector.  Pedestrians nearest to the centre of
-            the ego's lane (smallest abs(lateral_m)) come first; at equal distances the earlier
-            arrival comes first.
+            the ego's lane (smallest abs(lateral_m)) come first; at equal distances the one whom
+            the driver saw first.
 
     Returns:
         Shape (3 + 5 k,): ``EGO_ENTRIES``, then ``PEDESTRIAN_ENTRIES`` of each of the k.

@@ -129,12 +129,11 @@ class Child:
             state, now = self._head(), time.monotonic()
             if state != last:
                 last, since = state, now
-            elif _DECIDES in state and now - since > limit_s:
-                why = f"decide gave no answer within {limit_s:g} s"
-                raise LostError(why, _episode_in(state), self._stack())
-            elif now - since > SLOW_S:
-                why = f"nothing happened for {SLOW_S:g} s"
-                raise LostError(why, _episode_in(state), self._stack())
+                continue
+            decides = _DECIDES in state
+            if now - since > (most_s := limit_s if decides else SLOW_S):
+                why = "decide gave no answer within" if decides else "nothing happened for"
+                raise LostError(f"{why} {most_s:g} s", _episode_in(state), self._stack())
 
     def _stack(self) -> str:
         """The Python stacks of its threads, also if it hangs in C code."""

@@ -135,7 +135,8 @@ def executor_for(workers: int | None, drivers: Iterable[str], pairs: int) -> Own
 
 def carried_out(tasks: "Sequence[Task]") -> "list[TaskRows]":
     """The rows of tasks of one pair, in their order, by child processes of this machine."""
-    executor = LocalExecutor(min(default_workers(), len(tasks)), len(tasks))
+    # There may be none.
+    executor = LocalExecutor(max(1, min(default_workers(), len(tasks))), len(tasks))
     try:
         return [*executor.map(supervise, tasks)]
     finally:
