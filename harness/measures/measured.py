@@ -1,4 +1,4 @@
-"""Every measure of an encounter, one attribute each, which is a column (``SCHEMA``).
+"""Every measure of an encounter, one attribute each, which is a column.
 
 To add a measure, write a function of a chunk in one of this package's files and an attribute of
 ``Measured`` here.  Tables, statistics, the check of docs/measures.md and the conformance tests use

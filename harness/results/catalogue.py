@@ -22,8 +22,9 @@ from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
 
 AnySample = Sample | SimulationSample
 
-Estimate = Callable[..., Finding]
-"""Computes an entry from its column, its weight if it has one, and a ``Sampling``.
+OfColumn = Callable[[np.ndarray, Sampling], Finding]
+OfWeighted = Callable[[np.ndarray, np.ndarray, Sampling], Finding]
+"""These compute an entry from its column, its weight if it has one, and a ``Sampling``.
 
 The arrays have shape (n,), of an arm or of the pairs; or (2, n), of both arms for their difference.
 """
@@ -61,7 +62,7 @@ class Entry:
     heading: str
     meaning: str
     column: str | Of | None = None
-    estimate: Estimate | None = None
+    estimate: OfColumn | OfWeighted | None = None
     of: Literal["arms", "av", "pair", "both"] = "arms"
     weight: str | Of = ""
     met: bool = False

@@ -55,13 +55,11 @@ class Sample(dict[str, np.ndarray]):
         scenario, people, arms = self.scenario, self.scenario.pedestrians, self.scenario.arms
         fixed = not (people.anyone_comes or people.drawn) and any(self["met_someone"])
         errors = scenario.perception.draws
-        exact = not (errors or _draws(arms.av))
-        human = not ((errors and scenario.perception.human) or _draws(arms.human))
+        exact = fixed and not (errors or _draws(arms.av))
+        human = fixed and not ((errors and scenario.perception.human) or _draws(arms.human))
         rng = resampling(scenario.experiment.seed, "summary") if self.confidence else None
-        return (
-            Sampling(rng, self.confidence, fixed and exact and self._same(AV)),
-            Sampling(rng, self.confidence, fixed and human and self._same(REFERENCE)),
-        )
+        av = Sampling(rng, self.confidence, exact and self._same(AV))
+        return av, Sampling(rng, self.confidence, human and self._same(REFERENCE))
 
     def _same(self, arm: int) -> bool:
         """Whether all episodes of an arm are equal; one alone is not."""

@@ -184,7 +184,8 @@ def difference(
 
     With ``over`` it is Σ(a − b) / Σ over, of the pairs in which all are defined.  ``n`` is the
     number of pairs that differ.  p is the larger of two, that of the sign-flip test and that of the
-    BCa interval that ends at 0, and below 1 − confidence only where the interval excludes 0.  The
+    BCa interval that ends at 0, and below 1 − confidence only where the interval excludes 0.  If no
+    resample lies beyond 0, the latter is below what the resamples resolve, and does not count.  The
     sign-flip test needs both, because a bootstrap's interval excludes 0 whenever few pairs differ
     and all of them in one direction; the interval, because few large differences against many
     small ones are no sign of a mean.
@@ -302,10 +303,10 @@ def _of_means(
     if not np.isfinite(levels).all():
         return without
     if sampling.tested:
-        # The level at which an end is 0; there is none if no resample lies beyond 0.
+        # The level at which an end is 0; without a resample beyond 0 it is below what they resolve.
         w = normal(0.0) - bias
-        reached = math.isfinite(w) and 1 + acceleration * w > 0
-        p = 2 * float(special.ndtr(-abs(w / (1 + acceleration * w) - bias))) if reached else 0.0
+        if math.isfinite(w) and 1 + acceleration * w > 0:
+            p = 2 * float(special.ndtr(-abs(w / (1 + acceleration * w) - bias)))
     low, high = np.quantile(resampled, levels)
     return Finding(value, float(low), float(high), informing, reliable=True, p=p)
 

@@ -48,6 +48,7 @@ class Finding:
     p: float | None = None
 
     def __post_init__(self) -> None:
+        """Make a number that is not finite undefined."""
         numbers = (self.value, self.low, self.high, self.p)
         if not all(number is None or math.isfinite(number) for number in numbers):
             for name in ("value", "low", "high", "reliable", "p"):

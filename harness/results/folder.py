@@ -1,4 +1,4 @@
-"""The files of a run folder: manifest with ``SCHEMA``, the version of all columns, parts, findings.
+"""The files of a run folder: manifest, parts, findings.
 
 ``pd.read_parquet("RUN/episodes")`` reads a whole table.  A part appears complete or not at all,
 that of ``episodes`` or ``arms`` last: if it exists, its task is done.
@@ -7,7 +7,7 @@ that of ``episodes`` or ``arms`` last: if it exists, its task is done.
 import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict, cast
@@ -26,9 +26,6 @@ from harness.results.finding import Finding, Plain, finding_to_dict
 from harness.results.result import flat
 from harness.results.tables import TABLES, TABLES_OF, RunKind, TableSchema
 from harness.scenario import Cell, EngineName
-
-SCHEMA = 9
-"""Version of the folder's format."""
 
 MANIFEST, SUMMARY, LOG = "manifest.json", "summary.csv", "log.jsonl"
 
@@ -52,9 +49,10 @@ _PART = re.compile(r"(\d{4,})-(\d{8,})\.parquet")
 
 
 class SimulatedWith(TypedDict):
-    """What results depend on: versions by name, and the digests of what a user may change."""
+    """What results depend on: versions by name, and the digests of what may be edited."""
 
     versions: dict[str, str]
+    code: dict[str, str]
     strategies: dict[str, str]
     models: dict[str, str]
     files: dict[str, str]
@@ -71,7 +69,7 @@ class RiskAsked(TypedDict):
 class Manifest(TypedDict):
     """``manifest.json``, on which everything in a run depends; docs/files.md."""
 
-    schema: int
+    schema: str
     kind: RunKind
     name: str
     scenario: JsonObject
@@ -104,16 +102,16 @@ def read_manifest(folder: Path) -> Manifest:
     """The manifest of a run folder.
 
     Raises:
-        InputError: the folder holds no run, or its manifest has another version, has
-            been edited, or is damaged.
+        InputError: the folder holds no run, its tables have other columns, or its manifest has
+            other keys, has been edited, or is damaged.
     """
     path = folder / MANIFEST
     if not path.is_file():
         raise InputError(str(folder), "is not a run folder", f"a folder with {MANIFEST}")
-    document = _read(path, f"as the run wrote it, of version {SCHEMA}: run its scenario again")
-    if document.get("schema") != SCHEMA:
-        advice = f"version {SCHEMA}: run its scenario again"
-        raise InputError(str(path), f"format version {document.get('schema')!r}", advice)
+    document = _read(path, "as the run wrote it: run its scenario again")
+    if document.get("schema") != schema_digest():
+        allowed = "those of this version: run its scenario again"
+        raise InputError(str(path), "is of tables with other columns", allowed)
     return cast(Manifest, document)
 
 
@@ -305,15 +303,30 @@ def read_findings(
 @cache
 def code_digest() -> str:
     """The digest of the code that makes findings of rows, and of its libraries' versions."""
-    files = [file for name in COMPUTES.split() for file in sorted(PACKAGE.glob(f"{name}.py"))]
-    libraries = json.dumps(versions_of_fits()).encode()
-    return hashlib.sha256(b"".join([libraries, *map(read_file, files)])).hexdigest()
+    return _digest(json.dumps(versions_of_fits()).encode(), *_code(COMPUTES))
 
 
-def tried_again(folder: Path) -> int:
-    """The number of tasks that ran again because their process had died; 0 without a log."""
-    log = folder / LOG
-    return read_file(log).count(b'"event": "tried again"') if log.is_file() else 0
+def code_of_rows() -> dict[str, str]:
+    """The digest of the code whose numbers are in rows, which nothing computes again."""
+    return {"the measures": _digest(*_code("measures/**/*"))}
+
+
+@cache
+def schema_digest() -> str:
+    """The digest of the manifest's keys and of all tables' columns, with their types."""
+    keys = [*Manifest.__annotations__, *SimulatedWith.__annotations__]
+    columns = [table.schema.to_string() for table in TABLES.values()]
+    return _digest(repr((keys, columns)).encode())
+
+
+def tried_again(folder: Path) -> int | None:
+    """The number of tasks that ran again because their process had died.
+
+    None if that is not known: the log is missing, or does not begin with the run.
+    """
+    log = read_file(folder / LOG) if (folder / LOG).is_file() else b""
+    begins = b'"event": "started"' in log.partition(b"\n")[0]
+    return log.count(b'"event": "tried again"') if begins else None
 
 
 def unfinished(folder: Path) -> InputError:
@@ -324,7 +337,17 @@ def unfinished(folder: Path) -> InputError:
 def sealed(document: Mapping[str, Any]) -> JsonObject:
     """A document with the digest of its content."""
     content = {key: value for key, value in document.items() if key != "digest"}
-    return {**content, "digest": hashlib.sha256(_json(content)).hexdigest()}
+    return {**content, "digest": _digest(_json(content))}
+
+
+def _code(modules: str) -> Iterator[bytes]:
+    """The source texts of these modules of the package."""
+    for name in modules.split():
+        yield from map(read_file, sorted(PACKAGE.glob(f"{name}.py")))
+
+
+def _digest(*parts: bytes) -> str:
+    return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
 def _read(path: Path, allowed: str) -> JsonObject:

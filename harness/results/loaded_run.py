@@ -136,7 +136,7 @@ class Run:
             allowed = f"a run with results: {resume_command(self.path)}"
             raise InputError(str(self.path), "no pair is finished yet", allowed)
         cells, folder = self.cells, shlex.quote(str(self.path))
-        notes = retries(folders.tried_again(self.path))
+        notes = [*older_measures(self.manifest), *retries(folders.tried_again(self.path))]
         facts: dict[str, Any] = {"name": self.name, "folder": str(self.path), "kind": self.kind}
         facts |= {key: self.manifest[key] for key in ("seed", "confidence", "engine")}
         facts |= {"finished": self.finished, "failed": sum(cell.total("failed") for cell in cells)}
@@ -191,6 +191,13 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
     stored = None if settings else folders.read_findings(path, manifest, study.cells)
     found = stored or computed(path, manifest, study)
     return Run(path, frozen_tables(manifest), study, folders.is_finished(path), found)
+
+
+def older_measures(manifest: folders.Manifest) -> list[Note]:
+    """The note that the code of the measures has changed since a run, if it has."""
+    text = "The code of the measures has changed since the run: run its scenario again."
+    note = Note("older_measures", FIRST, "older measures", text)
+    return [] if manifest["simulated_with"]["code"] == folders.code_of_rows() else [note]
 
 
 def computed(path: Path, manifest: folders.Manifest, study: Study) -> tuple[CellFindings, ...]:

@@ -352,10 +352,12 @@ def notes_of(
     return tuple(sorted(notes, key=lambda note: (note.rank, -note.weight)))
 
 
-def retries(again: int) -> list[Note]:
-    """The note that so many tasks were tried again, because their process had died."""
-    text = f"Tasks whose process had died were tried again ({again:,} in log.jsonl)."
-    return [Note("tried_again", len(RULES), "tried again", text, weight=again)] if again else []
+def retries(again: int | None) -> list[Note]:
+    """The note that so many tasks ran again because their process had died; None: unknown."""
+    number = f"{again:,} in log.jsonl" if again else "unknown how many, if any: no whole log.jsonl"
+    text = f"Tasks whose process had died were tried again ({number})."
+    note = Note("tried_again", len(RULES), "tried again", text, weight=again or 0)
+    return [] if again == 0 else [note]
 
 
 def _by_arm(cell: CellFindings, key: str) -> str:

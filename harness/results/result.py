@@ -5,7 +5,6 @@ A view computes nothing and asks for no kind of run.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from harness.core.documents import frozen_tables
@@ -111,11 +110,8 @@ class Result:
 
         A number of a record is an object: ``value, low, high, n, events, reliable, reason, p``.
         """
-        return {
-            "command": self.command,
-            "title": self.title,
-            "scope": self.scope,
-            "about": self.about,
+        named = ("command", "title", "scope", "about")
+        return {name: getattr(self, name) for name in named} | {
             "facts": dict(self.facts),
             "records": [
                 {k: finding_to_dict(v) if isinstance(v, Finding) else v for k, v in record.items()}
@@ -130,20 +126,6 @@ class Result:
         import pandas as pd
 
         return pd.DataFrame([flat(record) for record in self.records])
-
-
-def listed(
-    command: str,
-    rows: Sequence[Mapping[str, Plain]],
-    title: str = "",
-    closing: Sequence[str] = (),
-    headings: Mapping[str, str] = MappingProxyType({}),
-) -> Result:
-    """A result whose rows are its records; without a heading a column has its key's name."""
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    columns = tuple(Column(name, headings.get(name, name)) for name in names)
-    table = Table("", columns, tuple(tuple(map(row.get, names)) for row in rows))
-    return Result(command, title, "", "", table, (), (), tuple(closing), records=rows)
 
 
 def flat(record: Mapping[str, Plain | Finding]) -> dict[str, Plain]:

@@ -95,11 +95,8 @@ def _pedestrian(walk: Walk, outcome: Outcome) -> Row:
     if start_s is None or start_s >= end_s:
         return row
     over_s = cleared_s(walk, outcome.trace.crossing)
-    return row | {
-        "start_s": start_s,
-        "speed_mps": walk.speed_mps,
-        "range_m": walk.range_m,
-        "vehicle_speed_mps": walk.vehicle_speed_mps,
+    started = ("start_s", "speed_mps", "range_m", "vehicle_speed_mps")
+    return {**row, **{name: getattr(walk, name) for name in started}} | {
         "cleared_s": over_s if over_s is not None and over_s <= end_s else None,
         "legs": walk.legs and [leg._asdict() for leg in walk.legs],
         "delay_s": start_s - arrival.arrival_s,

@@ -105,6 +105,7 @@ class SimulationSample(dict[str | Of, np.ndarray]):
     ) -> None:
         super().__init__()
         self.scenario, self.n, self._all = scenario, len(tables["arms"]) // 2, tables
+        self._kept: dict[tuple[str, tuple[str, ...]], pa.Table] = {}
         self.samplings = (Sampling(None, confidence), Sampling(None, confidence))
         failed = tables["arms"].filter(_OF("reason").is_valid())["pair"]
         counts = ~_OF("pair").isin(failed.combine_chunks())
@@ -136,16 +137,19 @@ class SimulationSample(dict[str | Of, np.ndarray]):
         return self.setdefault(name, values)
 
     def _found(self, of: Of) -> FloatArray:
-        kept = of.table
-        for each in of.rows:
-            whole, kept = self.tables[kept], f"{kept} {each}"
-            if kept not in self.tables:  # many columns are of the same rows
-                self.tables[kept] = whole.filter(ROWS[each](self.scenario.conflicts))
-        found = self.tables[kept].group_by(["pair", "arm"]).aggregate([(of.column, of.how)])
+        rows = self._rows(of.table, of.rows)
+        found = rows.group_by(["pair", "arm"]).aggregate([(of.column, of.how)])
         values = np.full((2, self.n), np.nan if of.how in ("mean", "max") else 0.0)
         arm = pc.equal(found["arm"], Arm.HUMAN.value).to_numpy().astype(int)
         values[arm, found["pair"].to_numpy()] = found[f"{of.column}_{of.how}"].cast(pa.float64())
         return values
+
+    def _rows(self, table: str, names: tuple[str, ...]) -> pa.Table:
+        """The rows of a table of which these ``ROWS`` hold; many columns are of the same rows."""
+        if names and (table, names) not in self._kept:
+            holds = ROWS[names[-1]](self.scenario.conflicts)
+            self._kept[table, names] = self._rows(table, names[:-1]).filter(holds)
+        return self._kept[table, names] if names else self.tables[table]
 
     def growth(self) -> FloatArray:
         """By what share of the vehicles due in a third the network fills; see ``queues.growth``."""

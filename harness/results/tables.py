@@ -1,4 +1,4 @@
-"""The columns of every table, declared once: type, unit, meaning; changes raise ``SCHEMA``."""
+"""The columns of every table, declared once: type, unit, meaning; see ``schema_digest``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -17,7 +17,7 @@ from harness.results.cell_tables import drivers, scope_of, shown, table_of
 from harness.results.columns import AV, REFERENCE, Sample
 from harness.results.estimators import EQUAL, FEW, Sampling
 from harness.results.finding import Finding, Form, Plain
-from harness.results.loaded_run import Run
+from harness.results.loaded_run import Run, older_measures
 from harness.results.notes import RULES, Note, notes_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
 from harness.results.simulated import SimulationSample
@@ -167,6 +167,9 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
         if run.kind != runs[0].kind:
             allowed = f"runs of {runs[0].kind}, as {runs[0].path}"
             raise InputError(str(run.path), f"is a run of {run.kind}", allowed)
+        if run.manifest["simulated_with"]["code"] != runs[0].manifest["simulated_with"]["code"]:
+            problem = f"has measures of other code than {runs[0].path}"
+            raise InputError(str(run.path), problem, "runs of the same code: run one again")
         if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:
             raise InputError(str(run.path), "is named twice", "different runs")
     groups = [group for group in groups_of(runs) if len(group) > 1]
@@ -197,7 +200,9 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
             *map(allowed_table, judged),
         ),
         notes=notes_of(
-            cells, _notes(rows, p_holm, kind), [candidate.name for candidate in candidates]
+            cells,
+            [*older_measures(runs[0].manifest), *_notes(rows, p_holm, kind)],
+            [candidate.name for candidate in candidates],
         ),
         closing=(
             *(f"{each.title}: {each.values}." for each in judged),

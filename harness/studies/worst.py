@@ -10,7 +10,7 @@ from harness.core.errors import InputError, Parameter, unknown_name
 from harness.core.vocabulary import Arm, Ending
 from harness.measures.measured import COLUMNS, MEASURES
 from harness.results.finding import Finding, Form, Plain
-from harness.results.loaded_run import Run
+from harness.results.loaded_run import Run, older_measures
 from harness.results.notes import notes_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table
 from harness.results.tables import RunKind
@@ -185,7 +185,7 @@ def _result(run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm) -> Re
         about="",
         screen=Table("", tuple(Column(*each) for each in headings.items()), tuple(cells)),
         full=(),
-        notes=notes_of(run.cells),
+        notes=notes_of(run.cells, older_measures(run.manifest)),
         closing=tuple(commands),
         facts={"folder": str(run.path), "by": by, "arm": arm.value},
         records=records,

@@ -40,10 +40,18 @@ LEAST_WIDTH_M, PATH_TO_KERB_M = 4.0, 4.5
 BEYOND_S = 30.0
 """A simulated vehicle times out this long after the recorded vehicle has passed."""
 
-_FOOTPATH_M = 1.5  # people are there from here before the kerb on, as in SUMO's own model
-_LEG_S = 0.1 - 1e-6  # records at shorter intervals are thinned
-_KEPT_S, _FREE_S = 0.5, 1.0  # before and after a record its speed over the first time is kept
-_ROUNDING_M = 0.05  # recorded positions are rounded
+_FOOTPATH_M = 1.5
+"""People are there from this far before the kerb on, as in SUMO's own model."""
+
+_LEG_S = 0.1 - 1e-6
+"""Records at shorter intervals are thinned."""
+
+_KEPT_S, _FREE_S = 0.5, 1.0
+"""Before and after a record the mean speed over the first time is kept; see ``FREE``."""
+
+_ROUNDING_M = 0.05
+"""Recorded positions are rounded to about this."""
+
 _REACH_M, _STRAIGHT_M = START_RANGE_M + 10.0, 60.0
 
 

@@ -13,8 +13,8 @@ from harness.core.errors import InputError, Parameter, resume_command
 from harness.core.files import cannot_write
 from harness.core.versions import versions_of_runs
 from harness.model.interaction import InteractionModel
+from harness.results import folder as folders
 from harness.results.estimators import CONFIDENCE
-from harness.results.folder import LOG, MANIFEST, SCHEMA, Manifest, RiskAsked, SimulatedWith, sealed
 from harness.results.tables import kind_of
 from harness.scenario import EngineName, Study
 from harness.strategies.parameters import knows_the_model
@@ -51,10 +51,10 @@ class RunFolder:
         """Append a line to the log, the only file of a run with time stamps."""
         now = datetime.now(UTC).isoformat(timespec="milliseconds")
         try:
-            with (self.path / LOG).open("a", encoding="utf-8") as file:
+            with (self.path / folders.LOG).open("a", encoding="utf-8") as file:
                 file.write(json.dumps({"time": now, "event": event, **details}) + "\n")
         except OSError as error:
-            raise cannot_write(self.path / LOG, error) from None
+            raise cannot_write(self.path / folders.LOG, error) from None
 
 
 def claim_folder(out: Path | str | None, name: str) -> Path:
@@ -83,7 +83,7 @@ def claim_folder(out: Path | str | None, name: str) -> Path:
         return claim_folder(out, name)  # another run took the number
     except OSError as error:
         raise cannot_write(where, error) from None
-    if MANIFEST in names:
+    if folders.MANIFEST in names:
         raise InputError(where, "already holds a run", f"{empty}, or {resume_command(folder)}")
     if names:
         raise InputError(where, "is not empty", empty)
@@ -98,8 +98,8 @@ def manifest_of(
     engine: EngineName,
     pairs_per_part: int,
     files: Mapping[str, str] = MappingProxyType({}),
-    risk: RiskAsked | None = None,
-) -> Manifest:
+    risk: folders.RiskAsked | None = None,
+) -> folders.Manifest:
     """The manifest: everything on which a run depends.
 
     Args:
@@ -112,8 +112,8 @@ def manifest_of(
         risk: what a risk is of.
     """
     know = [name for name in study.driven if knows_the_model(find_strategy(name, "arms"))]
-    document: Manifest = {
-        "schema": SCHEMA,
+    document: folders.Manifest = {
+        "schema": folders.schema_digest(),
         "kind": kind_of(study.base) if risk is None else "risk",
         "name": study.name,
         "scenario": study.base.model_dump(),
@@ -129,24 +129,26 @@ def manifest_of(
     }
     if risk is not None:
         document["risk"] = risk
-    return cast(Manifest, sealed(document))
+    return cast(folders.Manifest, folders.sealed(document))
 
 
 def simulated_with(
     drivers: Iterable[str],
     models: Iterable[InteractionModel],
     files: Mapping[str, str] = MappingProxyType({}),
-) -> SimulatedWith:
-    """The versions, the user's strategies and files, and the models on which results depend."""
+) -> folders.SimulatedWith:
+    """The versions, code, the user's strategies and files, and the models of results."""
     return {
         "versions": versions_of_runs(),
+        "code": folders.code_of_rows(),
         "strategies": source_digests(drivers),
         "models": {model.name: model.sha256 for model in models},
         "files": dict(files),
     }
 
 
-_CHANGES: Mapping[Literal["strategies", "files", "models", "versions"], str] = {
+_CHANGES: Mapping[Literal["code", "strategies", "files", "models", "versions"], str] = {
+    "code": "the harness's code of {} has changed since the run",
     "strategies": "the strategy {} has been edited since the run",
     "files": "{} has changed since the run",
     "models": "the interaction model {} has changed since the run",
@@ -154,7 +156,7 @@ _CHANGES: Mapping[Literal["strategies", "files", "models", "versions"], str] = {
 }
 
 
-def changes(then: SimulatedWith, now: SimulatedWith) -> Iterator[str]:
+def changes(then: folders.SimulatedWith, now: folders.SimulatedWith) -> Iterator[str]:
     """What has changed since a run, in words, from two results of ``simulated_with``."""
     for kind, words in _CHANGES.items():
         for name, value in now[kind].items():
@@ -162,11 +164,11 @@ def changes(then: SimulatedWith, now: SimulatedWith) -> Iterator[str]:
                 yield words.format(name, before, value)
 
 
-def refuse_other_versions(then: SimulatedWith, now: SimulatedWith) -> None:
-    """Refuse to resume a run if versions, strategies or models have changed since it began.
+def refuse_other_versions(then: folders.SimulatedWith, now: folders.SimulatedWith) -> None:
+    """Refuse to resume a run if versions, code, strategies or models have changed since it began.
 
     Raises:
         InputError: names the first change.
     """
     for change in changes(then, now):
-        raise InputError("resume", change, "the versions, strategies and model of its beginning")
+        raise InputError("resume", change, "the versions, code and model of its beginning")
