@@ -1,5 +1,7 @@
 """The commands ``run`` (also ``sweep``), ``risk`` and ``resume``, and where their tasks run."""
 
+import logging
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
@@ -11,6 +13,7 @@ from harness.cli.output import progress_bar, say, show
 from harness.core.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from concurrent.futures import Executor
 
 
@@ -35,28 +38,26 @@ def run(
     if dask is None:
         # They import their modules while this process imports its own.
         children.start_children(local.workers_for(workers, pairs))
-    else:
-        children.stop_children()  # the one of ``__main__``
     try:
         from harness.scenario import read_scenario_file, study_of
         from harness.scenario.variation import parse_variation
 
-        changes = settings_of(settings, pairs, seed)
-        file = read_scenario_file(scenario, changes)
+        file = read_scenario_file(scenario, settings_of(settings, pairs, seed))
         variations = [parse_variation(text) for text in vary or []]
         study = study_of(file, variations)
         if vary and file.sweep is not None:
             say(f"note: --vary replaces the [sweep] of {file.source}")
         from harness.studies.running.run import run as run_study
 
-        with progress_bar(quiet or as_json) as advance, unwinding():
+        bar = progress_bar(quiet or as_json)
+        with bar as advance, unwinding(), _cluster(dask, workers, study.driven) as cluster:
             finished = run_study(
                 study,
                 out=out,
                 traces=traces,
                 workers=workers,
                 engine=engine,
-                executor=_cluster(dask, workers, study.driven),
+                executor=cluster,
                 progress=advance,
             )
     finally:
@@ -78,8 +79,8 @@ def resume(
     from harness.studies import resumed
 
     driven = study_from(read_manifest(run_folder), str(run_folder)).driven
-    with progress_bar(quiet or as_json, "done") as advance, unwinding():
-        cluster = _cluster(dask, workers, driven)
+    bar = progress_bar(quiet or as_json, "done")
+    with bar as advance, unwinding(), _cluster(dask, workers, driven) as cluster:
         result = resumed(run_folder, workers=workers, executor=cluster, progress=advance)
     show(result, [run_folder], full=full, quiet=quiet, as_json=as_json)
 
@@ -105,7 +106,8 @@ def risk(
     from harness.studies.risk.estimate import risk as estimate
 
     study = study_of(read_scenario_file(scenario, settings_of(settings, None, seed)))
-    with progress_bar(quiet or as_json, "parts") as advance, unwinding():
+    bar = progress_bar(quiet or as_json, "parts")
+    with bar as advance, unwinding(), _cluster(dask, workers, study.driven) as cluster:
         result = estimate(
             study,
             event,
@@ -114,17 +116,24 @@ def risk(
             out=out,
             engine=engine,
             workers=workers,
-            executor=_cluster(dask, workers, study.driven),
+            executor=cluster,
             progress=advance,
         )
     show(result, [result.facts["folder"]], full=full, quiet=quiet, as_json=as_json)
 
 
-def _cluster(address: str | None, workers: int | None, drivers: list[str]) -> "Executor | None":
-    if address is None:
-        return None
+@contextmanager
+def _cluster(at: str | None, workers: int | None, driven: list[str]) -> "Iterator[Executor | None]":
+    """Yield the executor of the cluster at an address, if there is one."""
+    if at is None:
+        yield None
+        return
     if workers is not None:
         raise InputError("--workers", "cannot be combined with --dask", "one of the two")
     from harness.studies.running.workers import dask_executor
 
-    return dask_executor(address, drivers)
+    with dask_executor(at, driven) as executor:
+        # A lost scheduler is told in one line.  Importing Dask has set these levels.
+        for name in ("distributed", "distributed.client", "asyncio", "tornado.application"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        yield executor

@@ -1,4 +1,4 @@
-"""A moment of an episode from above, as pixels."""
+"""A moment of an episode from above, as pixels; who draws none does not import Matplotlib."""
 
 import io
 import math

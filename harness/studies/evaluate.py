@@ -21,15 +21,10 @@ from harness.results.result import flat
 from harness.scenario import Cell, EngineName, Scenario, Setting
 from harness.scenario.arguments import engine_named, whole_number
 from harness.strategies.registry import source_digests
+from harness.studies.running import workers as local
 from harness.studies.running.run import checked_models, scenario_file
 from harness.studies.running.tasks import Task, but_for_drivers
-from harness.studies.running.workers import (
-    QUICK_PAIRS,
-    OwnExecutor,
-    default_workers,
-    executor_for,
-    supervise,
-)
+from harness.studies.running.workers import OwnExecutor, submitted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -91,7 +86,7 @@ def evaluate(
     tasks = _tasks(scenario, candidates, settings or {}, numbers, engine_named(engine))
     own = {name for task in tasks for name in task.code}
     # All processes start at once: they serve later calls too.
-    executor = executor_for(workers, own, QUICK_PAIRS * default_workers())
+    executor = local.executor_for(workers, own, local.QUICK_PAIRS * local.default_workers())
     try:
         humans = [_reference(task, executor) for task in tasks]
         driven = _driven([replace(task, arms=(Arm.AV,)) for task in tasks], executor)
@@ -166,7 +161,7 @@ def _driven(tasks: Sequence[Task], executor: OwnExecutor) -> list[pa.Table]:
         for first in task.pairs[::size]
     ]
     found: dict[int, list[pa.Table]] = {}
-    for part, future in [(part, executor.submit(supervise, part)) for part in parts]:
+    for part, future in [(part, submitted(executor, part)) for part in parts]:
         number = part.cells[0].number
         found.setdefault(number, []).append(future.result().tables[number]["episodes"])
     return [pa.concat_tables(tables) for tables in found.values()]

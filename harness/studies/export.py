@@ -260,11 +260,17 @@ def _people(
 
 
 def _headings(x: FloatArray, y: FloatArray, standing: float) -> FloatArray:
-    """The direction of the way from each place to the next one, or of the last way."""
+    """The direction of the way from each place to the next one, or of the last way.
+
+    Ways too short to have a direction have that of the way before, or ``standing``.
+    """
     dx, dy = np.diff(x), np.diff(y)
     ways = np.where(np.hypot(dx, dy) > _POINTS_APART_M, np.arctan2(dy, dx), np.nan)
+    if not len(ways):
+        return np.array([standing])
     known = np.maximum.accumulate(np.where(np.isnan(ways), -1, np.arange(len(ways))))
-    return np.append(standing, ways)[[*(known + 1), *(known[-1:] + 1)] or [0]]
+    directions = np.where(known < 0, standing, ways[known])
+    return np.append(directions, directions[-1])
 
 
 def _obstacles(scenario: Scenario, frame: RoadFrame) -> Iterator[Entity]:

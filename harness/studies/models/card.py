@@ -1,13 +1,8 @@
-"""Fits a model to rows, in several processes, and makes its card: rows, fits over K, warnings."""
+"""Fits a model to rows, and makes its card: rows, fits over K, warnings."""
 
-import os
-import signal
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager, suppress
-from multiprocessing import active_children, get_context, parent_process, resource_tracker
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from threading import Thread, current_thread, main_thread
 from types import MappingProxyType
 from typing import Any
 
@@ -24,17 +19,9 @@ from harness.model.interaction import (
 )
 from harness.model.sample import RowFile, Sample, box_of, effective_number, make_sample, read_rows
 from harness.results.finding import Finding
-from harness.studies.models.fits import (
-    RULE_SHARE,
-    TARGETS,
-    FitSettings,
-    Fitted,
-    HeldOut,
-    Progress,
-    by_rule,
-    fit,
-    relative_gain,
-)
+from harness.studies.models import fits
+from harness.studies.models.fits import TARGETS, FitSettings, Fitted, HeldOut
+from harness.studies.models.processes import processes
 
 NEAR = MappingProxyType(
     {"range_m": 30.0, "vehicle_speed_mps": 5.0, "within_m": 5.0, "within_mps": 1.0}
@@ -64,7 +51,7 @@ def card(
     bic = {each.components: each.fit.bic for each in fitted.candidates}
     rule = None
     with suppress(InputError):  # there are not enough K
-        rule = by_rule(bic)
+        rule = fits.by_rule(bic)
     outside, extracted = dict(sample.outside or {}), file.extraction.get("command")
     return {
         "source": sample.sources,
@@ -84,9 +71,9 @@ def card(
         ),
         "components": fitted.chosen.components,
         "chosen_by": fitted.criterion,
-        "candidates": list(_candidates(fitted, relative_gain(bic))),
+        "candidates": list(_candidates(fitted, fits.relative_gain(bic))),
         "rule": {
-            "words": f"smallest K with BIC_K - BIC_K+1 < {RULE_SHARE:g} (BIC_1 - BIC_2)",
+            "words": f"smallest K with BIC_K - BIC_K+1 < {fits.RULE_SHARE:g} (BIC_1 - BIC_2)",
             "components": rule,
         },
         "folds_of_vehicles": fitted.folds,
@@ -182,7 +169,7 @@ def fit_model(
     weigh: str,
     bounds: Sequence[str],
     workers: int,
-    progress: Progress,
+    progress: fits.Progress,
 ) -> InteractionModel:
     """Fit a model to a file of rows and write it.
 
@@ -199,56 +186,6 @@ def fit_model(
     file = read_rows(rows)
     sample = make_sample(file.rows, weigh, *box_of(bounds))
     with processes(workers) as executor:
-        fitted = fit(sample, settings, executor, progress)
+        fitted = fits.fit(sample, settings, executor, progress)
         made = fitted.chosen.fit.mixture
         return write_model(out, made, name, card(sample, settings, fitted, file, command))
-
-
-class _Processes(ProcessPoolExecutor):
-    """Processes that do not hear Ctrl-C, and that end with this one."""
-
-    def submit(self, fn: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
-        """Submit a call; a process that starts here inherits the blocked signal.
-
-        An interruption waits until it has started: half a start would print a traceback.
-        """
-        came: list[int] = []
-        # Python handles signals in the main thread, and only there may their handlers be changed.
-        numbers = (signal.SIGINT, signal.SIGTERM) if current_thread() is main_thread() else ()
-        noting = [(of, signal.signal(of, lambda number, _: came.append(number))) for of in numbers]
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            return super().submit(fn, *arguments, **options)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-            for number, handler in noting:
-                signal.signal(number, handler)
-            if came:
-                signal.raise_signal(came[0])
-
-
-@contextmanager
-def processes(workers: int) -> Iterator[Executor | None]:
-    """Yield an executor of so many processes, which are killed on an exception; None for one."""
-    if workers == 1:
-        yield None
-        return
-    resource_tracker.ensure_running()  # it would unblock the signal
-    pool = _Processes(workers, get_context("spawn"), _end_with_parent)
-    try:
-        yield pool
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in active_children():
-            child.kill()
-        raise
-    pool.shutdown()
-
-
-def _end_with_parent() -> None:
-    def watch() -> None:
-        if (parent := parent_process()) is not None:
-            parent.join()
-        os._exit(1)
-
-    Thread(target=watch, daemon=True).start()

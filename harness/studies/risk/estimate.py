@@ -28,6 +28,7 @@ from harness.results import folder as folders, tables
 from harness.results.catalogue import entries_of
 from harness.results.cell_findings import CellFindings
 from harness.results.finding import Finding, Findings
+from harness.results.loaded_run import older_measures
 from harness.results.notes import Note, retries
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.scenario import Cell, EngineName, Study, validate
@@ -37,13 +38,7 @@ from harness.studies.risk import draws as risk_draws
 from harness.studies.risk.draws import DrawInputs, DrawOutcome, Proposal, Units
 from harness.studies.risk.learning import rounds_of
 from harness.studies.risk.space import Event, Space, parse_event, space_of
-from harness.studies.running import run as runs
-from harness.studies.running.claimed_folder import (
-    claim_folder,
-    manifest_of,
-    refuse_other_versions,
-    simulated_with,
-)
+from harness.studies.running import claimed_folder, run as runs
 from harness.studies.running.tasks import EpisodeId, Task, TaskRows, Tell, part_pairs
 
 _TABLE = tables.DRAWS.name
@@ -179,8 +174,10 @@ def risk(
     scenario = study.cells[0].scenario
     models = runs.checked_models([scenario], engine)
     space_of(scenario, arm)
-    manifest = manifest_of(study, models, traces=False, engine=engine, pairs_per_part=0, risk=asked)
-    path = claim_folder(out, f"{study.name}-risk")
+    manifest = claimed_folder.manifest_of(
+        study, models, traces=False, engine=engine, pairs_per_part=0, risk=asked
+    )
+    path = claimed_folder.claim_folder(out, f"{study.name}-risk")
     folders.write_manifest(path, manifest)
     return resumed(path, workers=workers, executor=executor, progress=progress)
 
@@ -199,7 +196,9 @@ def resumed(
     scenario, asked, known = study.cells[0].scenario, manifest["risk"], manifest["simulated_with"]
     (model,) = runs.checked_models([scenario], manifest["engine"])
     arm = Arm(asked["arm"])
-    refuse_other_versions(known, simulated_with(study.driven, [model]))
+    claimed_folder.refuse_other_versions(
+        known, claimed_folder.simulated_with(study.driven, [model])
+    )
     space, event = space_of(scenario, arm), parse_event(asked["event"])
     whole = Task((), model, 0, 0, (arm,), engine=manifest["engine"], code=known["strategies"])
     with runs.at_work(path, study, workers, executor, MOST_DRAWS) as (folder, chosen):
@@ -375,6 +374,7 @@ def read_risk(path: Path) -> Result:
         full=(),
         notes=(
             *risk_notes(found, space_of(scenario, arm), asked["target_cv"]),
+            *older_measures(manifest),
             *retries(folders.tried_again(path)),
         ),
         closing=() if found["probability"].value is None else (shown,),

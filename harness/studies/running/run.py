@@ -28,15 +28,10 @@ from harness.scenario import EngineName, Scenario
 from harness.scenario.arguments import engine_named
 from harness.scenario.file import ScenarioFile, Setting, read_scenario_file
 from harness.scenario.study import Study, study_from, study_of
-from harness.studies.running.claimed_folder import (
-    RunFolder,
-    claim_folder,
-    manifest_of,
-    refuse_other_versions,
-    simulated_with,
-)
+from harness.studies.running import claimed_folder
+from harness.studies.running.claimed_folder import RunFolder
 from harness.studies.running.tasks import Task, TaskRows, part_pairs, tasks_of
-from harness.studies.running.workers import executor_for, supervise
+from harness.studies.running.workers import Limited, executor_for, submitted
 
 _AT_ONCE = 300
 """Tasks at a time of an executor of the caller's."""
@@ -79,8 +74,8 @@ def run(
             limits, as do strategies that are classes of a script or notebook.
         engine: ``sumo``, or ``plain`` for the same kinematics without SUMO.
         executor: runs the tasks instead of processes of this machine, for example
-            ``dask_executor``'s; it is not shut down.  Its attribute ``at_once``, if it has one, is
-            the number of tasks that it has at a time.
+            that of ``dask_executor``; it is not shut down.  If it is ``Limited``, it has no more
+            than ``at_once`` tasks at a time.
         progress: see ``Progress``.
 
     Raises:
@@ -108,10 +103,10 @@ def run(
     if study.long_pairs and (traces or engine != "sumo"):
         key = "traces" if traces else "engine"
         raise InputError(key, "is not supported with simulations", "SUMO, without traces")
-    manifest = manifest_of(
+    manifest = claimed_folder.manifest_of(
         study, models, traces=bool(traces), engine=engine, pairs_per_part=size, files=files
     )
-    path = claim_folder(out, study.name)
+    path = claimed_folder.claim_folder(out, study.name)
     with at_work(path, study, workers, executor) as (folder, chosen):
         folders.write_manifest(path, manifest)
         return _carried_out(folder, study, manifest, models, (), chosen, progress)
@@ -141,9 +136,9 @@ def resume(
         if done >= planned and folders.read_findings(path, manifest, study.cells) is not None:
             return load_run(path)
         models, files = _checked(study, manifest["engine"])
-        now = simulated_with(study.driven, models, files)
+        now = claimed_folder.simulated_with(study.driven, models, files)
         if done < planned:
-            refuse_other_versions(manifest["simulated_with"], now)
+            claimed_folder.refuse_other_versions(manifest["simulated_with"], now)
         folder.note("resumed")
         return _carried_out(folder, study, manifest, models, done, chosen, progress)
 
@@ -289,12 +284,12 @@ def written(
     tasks: Iterable[Task], executor: Executor, folder: RunFolder, digest: str
 ) -> Iterator[tuple[Task, TaskRows]]:
     """Each task with its rows as soon as they are parts of the folder, in the order of the ends."""
-    most = getattr(executor, "at_once", _AT_ONCE)
+    most = executor.at_once if isinstance(executor, Limited) else _AT_ONCE
     waiting, running = iter(tasks), dict[Future[TaskRows], Task]()
     try:
         while True:
             for task in islice(waiting, most - len(running)):
-                running[executor.submit(supervise, task)] = task
+                running[submitted(executor, task)] = task
             if not running:
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:

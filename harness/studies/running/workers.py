@@ -12,10 +12,11 @@ everything, and users report that workers outlive a killed parent.
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
 from threading import Event, local
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from harness.core.errors import HarnessError, InputError, Parameter
 from harness.studies.running.children import LostError, give_back, stop_children, take_child
@@ -53,14 +54,19 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+@runtime_checkable
+class Limited(Protocol):
+    """An executor that says how many tasks it has at a time."""
+
+    at_once: int
+
+
 class LocalExecutor(ThreadPoolExecutor):
-    """Threads of this process, each with a child process.
+    """Threads of this process, each with a child process; ``Limited``.
 
     Args:
         workers: number of threads.
         pairs: number of pairs; of a few, further threads begin after ``LATER_S``.
-
-    ``at_once`` is the number of tasks that it has at a time.
     """
 
     def __init__(self, workers: int, pairs: int) -> None:
@@ -82,7 +88,7 @@ class LocalExecutor(ThreadPoolExecutor):
 
 
 class InProcess(Executor):
-    """Runs each task in this process, with its standard input and without time limits.
+    """Calls each function at once in this process, with its standard input.
 
     ``breakpoint()`` works in a strategy, and a strategy may be a class of a script or notebook.
     """
@@ -90,13 +96,10 @@ class InProcess(Executor):
     at_once = 1
 
     def submit(self, function: Any, /, *arguments: Any, **options: Any) -> "Future[Any]":
-        """Run a task at once, without ``supervise``."""
-        from harness.studies.running.episodes import run_task
-
-        assert function is supervise
+        """Call a function, and return when it has ended."""
         future: Future[Any] = Future()
         try:
-            future.set_result(run_task(*arguments, **options))
+            future.set_result(function(*arguments, **options))
         except Exception as error:
             future.set_exception(error)
         return future
@@ -138,9 +141,19 @@ def carried_out(tasks: "Sequence[Task]") -> "list[TaskRows]":
     # There may be none.
     executor = LocalExecutor(max(1, min(default_workers(), len(tasks))), len(tasks))
     try:
-        return [*executor.map(supervise, tasks)]
+        running = [submitted(executor, task) for task in tasks]
+        return [future.result() for future in running]
     finally:
         executor.abort()
+
+
+def submitted(executor: Executor, task: "Task") -> "Future[TaskRows]":
+    """A task in an executor: in a child process, or of ``InProcess`` without time limits."""
+    if not isinstance(executor, InProcess):
+        return executor.submit(supervise, task)
+    from harness.studies.running.episodes import run_task
+
+    return executor.submit(run_task, task)
 
 
 def supervise(task: "Task") -> "TaskRows":
@@ -184,8 +197,9 @@ def supervise(task: "Task") -> "TaskRows":
             events.append({"event": "episode given up", **event})
 
 
-def dask_executor(address: str, drivers: Iterable[str]) -> Executor:
-    """The executor of a Dask cluster.
+@contextmanager
+def dask_executor(address: str, drivers: Iterable[str]) -> Iterator[Executor]:
+    """Yield the executor of a Dask cluster; its client is closed afterwards.
 
     Args:
         address: address of the scheduler, e.g. ``tcp://127.0.0.1:8786``.
@@ -195,8 +209,6 @@ def dask_executor(address: str, drivers: Iterable[str]) -> Executor:
         InputError: Dask is not installed, the scheduler does not answer or has no worker, or a
             strategy is in a package.
     """
-    import logging
-
     where = Parameter("dask", address)
     files = [*_own_modules(where, drivers)]
     try:
@@ -205,8 +217,6 @@ def dask_executor(address: str, drivers: Iterable[str]) -> Executor:
     except ImportError:
         allowed = "pip install crosswalk-harness[cluster]"
         raise InputError(where, "Dask is not installed", allowed) from None
-    for name in ("distributed", "distributed.client", "asyncio", "tornado.application"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # a lost scheduler is told in one line
     try:
         # A client with an invalid address would print a second error when it is deleted.
         get_address_host_port(address, strict=True)
@@ -214,13 +224,12 @@ def dask_executor(address: str, drivers: Iterable[str]) -> Executor:
     except (OSError, ValueError) as error:
         allowed = "host:port of a running Dask scheduler"
         raise InputError(where, f"no scheduler answers ({error})", allowed) from None
-    if not client.nthreads():
-        client.close()
-        raise InputError(where, "the scheduler has no workers", "dask worker ADDRESS")
-    for file in files:
-        client.upload_file(file, load=False)
-    executor: Executor = client.get_executor(pure=False, retries=0)
-    return executor
+    with client:
+        if not client.nthreads():
+            raise InputError(where, "the scheduler has no workers", "dask worker ADDRESS")
+        for file in files:
+            client.upload_file(file, load=False)
+        yield client.get_executor(pure=False, retries=0)
 
 
 def _own_modules(where: Parameter, drivers: Iterable[str]) -> Iterator[str]:
