@@ -53,7 +53,6 @@ def options_of(changes: dict[str, object]) -> list[str]:
 def one_process() -> Iterator[None]:
     """Workers' tasks run in this process, which saves starting Python for each worker."""
     from harness.engine.shared import close_engine
-    from harness.studies import evaluate
     from harness.studies.running import children, run, workers
     from tests.conftest import close_all
 
@@ -61,7 +60,7 @@ def one_process() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(workers, "default_workers", lambda: 1)
         for module, name in (
-            (evaluate, "executor_for"),
+            (workers, "executor_for"),
             (run, "executor_for"),
             (workers, "LocalExecutor"),
         ):

@@ -4,12 +4,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pyarrow as pa
 
 from harness.core.vocabulary import Arm
 from harness.results.cell_findings import CellFindings, cell_findings
+from harness.results.folder import code_of_rows
 from harness.results.loaded_run import Run
 from harness.results.notes import Note, notes_of
 from harness.results.result import Result
@@ -28,20 +30,9 @@ Fates = Callable[[Scenario, int], tuple[Fate, Fate]]
 """The AV's fate and the reference's in a pair."""
 
 FAILED = {"ending": "engine_failed", "failed_in": "strategy", "reason": "the strategy raised"}
-TIMED = {
-    "pedestrians__timed": [
-        {
-            "side": "near",
-            "start_lateral_m": 4.0,
-            "acceleration_distance_m": 1.0,
-            "speed_mps": 1.4,
-            "impact_share": 0.5,
-        }
-    ],
-    "pedestrians__first_at_trigger": False,
-    "pedestrians__flow_per_hour": 0.0,
-    "pedestrians__max_count": None,
-}
+WALKER = {"side": "near", "start_lateral_m": 4.0, "speed_mps": 1.4, "impact_share": 0.5}
+TIMED = {"pedestrians__timed": [WALKER], "pedestrians__first_at_trigger": False}
+TIMED |= {"pedestrians__flow_per_hour": 0.0, "pedestrians__max_count": None}
 """Changes to a cell in which one person comes, in every pair at the same time."""
 
 NOBODY = {"pass_time_s": FREE_S, "pedestrians": 0, "arrivals": 0, "pedestrian_delay_s": None}
@@ -108,13 +99,14 @@ def run_of(
     tables = {cell.number: rows(cell) for cell in of.cells}
     cells = tuple(cell_findings(cell, {"episodes": tables[cell.number]}, 0.95) for cell in of.cells)
     manifest = {"confidence": 0.95, "engine": "libsumo"}
-    manifest["seed"] = of.base.experiment.seed
+    manifest |= {"seed": of.base.experiment.seed, "simulated_with": {"code": code_of_rows()}}
     return MadeRun(Path(name), manifest, of, finished, cells, tables=tables)
 
 
 def result_of(of: Study, fates: Fates, pairs: int, *, finished: bool = True) -> Result:
     """What is shown of a run."""
-    return run_of(of, fates, pairs, finished=finished).result()
+    with patch("harness.results.folder.tried_again", return_value=0):  # there is no log
+        return run_of(of, fates, pairs, finished=finished).result()
 
 
 def notes_by_key(*cells: CellFindings) -> dict[str, Note]:

@@ -33,14 +33,8 @@ def model() -> InteractionModel:
     return load_model(Scenario().model.name)
 
 
-_open: dict[str, Engine] = {}
-
-
 def close_all() -> None:
     """End this process's one simulation, whoever keeps it open."""
-    for engine in _open.values():
-        engine.close()
-    _open.clear()
     # tests/unit needs no SUMO: what was not imported has nothing open.
     if shared := sys.modules.get("harness.engine.shared"):
         shared.close_engine()
@@ -49,17 +43,9 @@ def close_all() -> None:
 @pytest.fixture
 def sumo() -> MakeEngine:
     """Gives a SUMO engine for a scenario; this process's one simulation is kept open."""
-    from harness.engine.control import SumoEngine  # tests/unit needs no SUMO
-    from harness.engine.starting import session_of
+    from harness.engine.shared import open_engine  # tests/unit needs no SUMO
 
-    def make(scenario: Scenario) -> Engine:
-        key = repr((scenario.crossing, scenario.ego, scenario.experiment.step_s))
-        if key not in _open:
-            close_all()
-            _open[key] = SumoEngine(session_of(scenario), scenario)
-        return _open[key]
-
-    return make
+    return open_engine
 
 
 @pytest.fixture

@@ -54,6 +54,8 @@ FAULTS: dict[str, Fault] = {
     "leaves": lambda _: os._exit(0),
     "segfaults": lambda _: ctypes.string_at(0),
     "babbles": babble,
+    "dawdles": lambda seen: time.sleep(2.0 * (seen.time_s < 0.35)) or 0.0,
+    "falls_back": lambda _: 0.0,
     "hangs": hang,
     "hangs_in_c": hang_in_c,
 }
@@ -78,6 +80,8 @@ class Faulty:
         leaves: float = -1.0,
         segfaults: float = -1.0,
         babbles: float = -1.0,
+        dawdles: float = -1.0,
+        falls_back: float = -1.0,
         hangs: float = -1.0,
         hangs_in_c: float = -1.0,
     ) -> None:
@@ -85,6 +89,12 @@ class Faulty:
         drawn = rng.random()
         found = [name for name in FAULTS if given[name] == drawn]
         self.fault = FAULTS[found[0]] if found else None
+
+    @property
+    def fallback(self) -> bool:
+        if self.fault is FAULTS["falls_back"]:
+            raise LookupError("on purpose")
+        return False
 
     def decide(self, observation: Observation) -> object:
         if self.fault is not None and observation.time_s > 0.25:

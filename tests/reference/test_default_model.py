@@ -17,8 +17,8 @@ from harness.model.mixture.normals import Normals
 from harness.model.sample import make_sample
 from harness.model.trajectories.extraction import extract
 from harness.scenario import Scenario, load_scenario
-from harness.studies.models.card import processes
 from harness.studies.models.fits import FitSettings, fit
+from harness.studies.models.processes import processes
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
 needs_dut = pytest.mark.skipif(

@@ -7,14 +7,17 @@ from pathlib import Path
 import pytest
 
 from harness.core.vocabulary import Observation
-from harness.report.page import write_page
+from harness.report.page import write_page, write_report
 from harness.report.shown import shown_pairs
 from harness.results.loaded_run import Run
+from harness.studies import result_of
 from harness.studies.allowed import allowed_in
 from harness.studies.candidates import groups_of
 from harness.studies.compare import compare
 from harness.studies.running.run import run
+from harness.studies.worst import worst
 from tests.report.test_screens import PAPER, result as made_result
+from tests.scenes import refuses
 
 HOSTILE = '</script><script>document.title = "owned"</script><img src=x onerror=alert(1)> & $\\x$'
 QUICK = {"engine": "plain", "workers": 0}
@@ -111,6 +114,20 @@ class Failing:
 
     def decide(self, _observation: Observation, /) -> float:
         raise RuntimeError(HOSTILE)
+
+
+def test_a_run_in_which_every_episode_of_the_av_failed(tmp_path: Path) -> None:
+    """Of more than 50 pairs a page shows those that are bad or typical, and here is none."""
+    failed, other = (
+        run("cctc", pairs=51, settings={"arms.av": av}, out=tmp_path / f"{number}", **QUICK)  # type: ignore[arg-type]
+        for number, av in enumerate((Failing, "hard_yield"))
+    )
+    line = "Every episode of the AV failed: nothing was tested."
+    assert line in [note.text for note in result_of(failed.path).notes[:2]]
+    assert line in Page(write_report(failed.path).page).text
+    refuses("all 51 episodes of av failed", lambda: worst(failed))
+    (row,) = compare(failed, other).records
+    assert (row["kappa_difference"].value, row["kappa_all_difference"].value) == (None, 1.0)
 
 
 def test_what_a_run_is_called_and_fails_with_stays_text(tmp_path: Path) -> None:

@@ -65,8 +65,8 @@ def test_rows_are_those_of_one_process_and_faults_cost_the_cluster_no_worker(
     }
     with distributed.Client(started[0], set_as_default=False) as client:
         before = client.run(os.getpid)
-        executor = dask_executor(started[0], [])
-        there = run("cctc", executor=executor, out=tmp_path / "there", **options)
+        with dask_executor(started[0], []) as executor:
+            there = run("cctc", executor=executor, out=tmp_path / "there", **options)
         assert client.run(os.getpid) == before
     same_rows(there, run("cctc", workers=1, out=tmp_path / "here", **options))
     assert [failure[:3] for failure in there.failures] == [(0, 2, "av"), (0, 7, "av")]

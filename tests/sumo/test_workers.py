@@ -19,8 +19,9 @@ import pyarrow as pa
 import pytest
 
 from harness.results.loaded_run import Run
+from harness.studies.evaluate import evaluate
+from harness.studies.running import children
 from harness.studies.running.run import run
-from harness.studies.running.workers import workers_for
 from tests.batches import QUICK
 from tests.faulty import NAME, struck
 
@@ -28,6 +29,7 @@ CULPRITS = {
     "raises": (1, "strategy", "the strategy raised RuntimeError: on purpose at t = 0.300 s"),
     "nan": (2, "strategy", "the strategy returned nan at t = 0.300 s"),
     "text": (3, "strategy", "the strategy returned 'fast' at t = 0.300 s"),
+    "falls_back": (6, "strategy", "its fallback raised LookupError: on purpose"),
     "loses_ego": (4, "engine", "SUMO failed during the episode"),
     "exits": (9, "strategy", "the strategy raised SystemExit: 3 at t = 0.300 s"),
     "aborts": (12, "strategy", "the worker process died (exit code -6)"),
@@ -104,6 +106,16 @@ def test_the_log_has_one_line_a_fault_with_its_stacks_and_traceback(runs: tuple[
     assert "in raise_error" in by_event["episode failed"][CULPRITS["raises"][0]]["traceback"]
 
 
+def test_a_strategy_may_decide_for_longer_than_anything_else_may_last(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    settings = {**CHANGES, "experiment.decide_limit_s": 60.0}
+    for faults in ({}, {"dawdles": 0}):  # first the process starts
+        found = evaluate("cctc", [struck(faults)], 1, settings=settings, engine="plain", workers=1)
+        assert found["failure"].tolist() == [None]
+        monkeypatch.setattr(children, "SLOW_S", 1.0)
+
+
 SCRIPT = """
 import sys
 from harness.studies.running.run import run
@@ -147,10 +159,3 @@ def test_no_process_outlives_its_parent(tmp_path: Path, number: int) -> None:
     assert alive == []
     if number == signal.SIGINT:
         assert "harness resume" in errors.splitlines()[-1]
-
-
-@pytest.mark.parametrize(
-    ("workers", "pairs", "started_early"), [(0, 20, 0), (4, 20, 1), (4, None, 1), (2, 20_000, 2)]
-)
-def test_children_that_start_early(workers: int, pairs: int | None, started_early: int) -> None:
-    assert workers_for(workers, pairs) == started_early

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 from scipy import stats
 
 from harness.core.vocabulary import Arrival, Side
@@ -55,15 +56,21 @@ def test_gaps_are_exponential_and_an_hour_has_3600_seconds() -> None:
     assert first.arrival_s == pytest.approx(np.log(2) * 14.4, rel=1e-12)
 
 
-def test_no_one_arrives_after_the_horizon_and_all_in_order() -> None:
-    short = plans(scene(timeout_s=30.0, flow_per_hour=900.0), 300)
-    long = plans(scene(timeout_s=300.0, flow_per_hour=900.0), 300)
-    for plan, more in zip(short, long, strict=True):
-        times = [a.arrival_s for a in plan]
-        assert times == sorted(times)
-        assert [a.index for a in plan] == list(range(len(plan)))
-        # A longer horizon only adds people.
-        assert plan == tuple(a for a in more if a.arrival_s <= 30.0)
+@settings(max_examples=50)
+@given(st.integers(0, 10**6), st.floats(1, 900), st.floats(1, 5), st.integers(8, 120))
+def test_a_greater_flow_brings_the_same_people_earlier_and_a_longer_horizon_more(
+    pair: int, flow: float, times: float, seconds: int
+) -> None:
+    def plan(flow: float, timeout_s: float) -> tuple[Arrival, ...]:
+        return planned_arrivals(scene(timeout_s=timeout_s, flow_per_hour=flow), pair)
+
+    late, early = plan(flow, seconds), plan(times * flow, seconds)
+    assert [person.index for person in early] == list(range(len(early)))
+    assert (np.diff([person.arrival_s for person in early]) >= 0).all()
+    assert late == tuple(each for each in plan(flow, 3.0 * seconds) if each.arrival_s <= seconds)
+    for one, other in zip(late, early[: len(late)], strict=True):
+        assert one.arrival_s == pytest.approx(times * other.arrival_s, rel=1e-9)
+        assert (one.side, one.quantile) == (other.side, other.quantile)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 1.0])

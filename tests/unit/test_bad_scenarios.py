@@ -39,6 +39,7 @@ def timed(**changes: Any) -> str:
 
 CLASSES = f"[{table(share=0.5, mean_mps=1.0)},{table(share=0.6, mean_mps=1.2)}]"
 PEOPLE = "cctc_flow pedestrians"
+FILE = "simulation.file=my.sumocfg simulation.crossings=[':J_c0']"
 SPEED = "cctc ego.initial_speed_mps"
 
 BAD_SETTINGS = [
@@ -72,6 +73,7 @@ BAD_SETTINGS = [
     ("cctc ego.width_m=5.0", "ego.width_m | 5 m | at most 4 m"),
     ("cctc experiment.step_s=0.0333", "experiment.step_s | 0.0333 | whole milliseconds"),
     ("cctc experiment.timeout_s=0.05", "experiment.timeout_s | 0.05 | 0.1"),
+    (f"cctc {FILE} simulation.step_s=0.0125", "simulation.step_s | 0.0125 | whole milliseconds"),
     ("cctc crossing.lanes=2 crossing.lane_width_m=3.5", "crossing.lane_width_m | = 3 m"),
     ("cctc crossing.lanes=3 crossing.oncoming_lanes=3", "ego.width_m | at most 1 m"),
     ("cctc crossing.grade=-0.2 crossing.friction=0.1", "crossing.grade | with -0.2 | not brake"),
@@ -158,18 +160,6 @@ def test_bad_files(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text)
     refusal_of(lambda: study_of(read_scenario_file(path)), *said.split(" | "))
-
-
-def test_what_is_no_file(tmp_path: Path) -> None:
-    binary = tmp_path / "binary.toml"
-    binary.write_bytes(b"\xff\xfe\x00")
-    for path, says in (
-        (binary, "not a TOML file"),
-        (tmp_path, "not a regular file"),
-        (tmp_path / "none.toml", "No such file"),
-        ("cctx", "did you mean 'cctc'"),
-    ):
-        refusal_of(lambda path=path: load_scenario(path), says, str(path))
 
 
 BAD = Scenario.model_validate({"ego": {"lane": 5}})

@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import norm, sem
 
 from harness.model.sample import RowFile, make_sample
-from harness.studies.models.card import card, near_state, processes
+from harness.studies.models.card import card, near_state
 from harness.studies.models.fits import (
     FitSettings,
     HeldOut,
@@ -17,6 +17,7 @@ from harness.studies.models.fits import (
     relative_gain,
     vehicle_folds,
 )
+from harness.studies.models.processes import processes
 from tests.scenes import refusal_of, refuses
 
 

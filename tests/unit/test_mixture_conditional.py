@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 from scipy.stats import multivariate_normal, norm
 
 from harness.core.errors import InputError
@@ -101,16 +102,17 @@ def test_density_integrates_to_the_distribution_function(bounded, rows, target, 
         assert conditional.cdf(edges[[0, -1]], y).tolist() == [0.0, 1.0]
 
 
-@pytest.mark.parametrize(("target", "given"), CASES)
-def test_ppf_inverts_cdf(bounded, rows, model, target, given):
-    n, rng = 8 if len(given) == 1 else 300, np.random.default_rng(4)
-    u = rng.random(n)
-    u[:6] = 0.0, 1.0, 1e-12, 1.0 - 1e-12, 1e-4, 1.0 - 1e-4
-    shipped = model.mixture
-    anywhere = rng.uniform(shipped.lower, shipped.upper, (n, 4))
-    for mixture, points in ((bounded, rows[:n]), (shipped, anywhere)):
-        conditional, y = Conditional(mixture, target, given), points[:, list(given)]
-        x, lower, upper = conditional.ppf(u, y), mixture.lower[target], mixture.upper[target]
+@pytest.mark.parametrize(("target", "known"), CASES)
+@settings(max_examples=5)
+@given(seed=st.integers(0, 10**6))
+def test_ppf_inverts_cdf(model, target, known, seed):
+    n, rng = 8 if len(known) == 1 else 60, np.random.default_rng(seed)
+    u = np.append([0.0, 1.0, 1e-12, 1.0 - 1e-12, 1e-4, 1.0 - 1e-4], rng.random(n - 6))
+    for mixture in (TruncatedGaussianMixture(*random_parts(seed), LOWER, UPPER), model.mixture):
+        lower, upper = mixture.lower[target], mixture.upper[target]
+        y = rng.uniform(mixture.lower, mixture.upper, (n, 4))[:, list(known)]
+        conditional = Conditional(mixture, target, known)
+        x = conditional.ppf(u, y)
         assert (x[0], x[1]) == (lower, upper)
         assert ((x >= lower) & (x <= upper)).all()
         np.testing.assert_allclose(conditional.cdf(x, y), u, atol=1e-9)

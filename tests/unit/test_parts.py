@@ -22,6 +22,7 @@ from harness.results.folder import (
     done_parts,
     part_name,
     read_cell,
+    sealed,
     write_part,
 )
 from harness.results.loaded_run import load_run
@@ -34,6 +35,7 @@ from harness.studies.running.claimed_folder import (
     refuse_other_versions,
 )
 from harness.studies.running.tasks import part_pairs
+from harness.studies.worst import worst
 from tests.scenes import refuses
 
 
@@ -129,12 +131,6 @@ def test_a_refusal_from_elsewhere_is_of_the_same_class(kind: type[InputError]) -
         assert (type(same), vars(same), str(same)) == (kind, vars(error), str(error))
 
 
-def test_a_part_of_another_run_is_refused(tmp_path: Path) -> None:
-    write(tmp_path, 0, rows(0, 3), digest="another run")
-    with pytest.raises(InputError, match="belongs to another run"):
-        read_cell(tmp_path, "episodes", 2, MANIFEST)
-
-
 def test_people_of_other_pairs_are_refused(tmp_path: Path) -> None:
     """A copy of another part under this name would count its people twice."""
     people = [
@@ -169,10 +165,11 @@ def manifest_in(folder: Path, model: InteractionModel) -> dict[str, Any]:
 
 def test_a_resumed_run_needs_its_versions_strategies_and_model() -> None:
     then = {"versions": {"sumo": "1"}, "strategies": {"own:A": "x"}, "models": {"dut": "1"}}
-    then["files"] = {"town.net.xml": "1"}
+    then |= {"files": {"town.net.xml": "1"}, "code": {"the measures": "1"}}
     refuse_other_versions(then, then)
     for part, now in (
         ("simulated with sumo 1, this is 2", {**then, "versions": {"sumo": "2"}}),
+        ("code of the measures has changed", {**then, "code": {"the measures": "2"}}),
         ("own:A has been edited", {**then, "strategies": {"own:A": "y"}}),
         ("town.net.xml has changed", {**then, "files": {"town.net.xml": "2"}}),
         ("model other has changed", {**then, "models": {"other": "1"}}),
@@ -267,6 +264,8 @@ def test_an_unfinished_run_has_the_pairs_before_the_first_gap(half: Path) -> Non
     result = run.result()
     assert result.notes[0].key == "unfinished"
     assert "35 of 80 pairs are done" in result.notes[0].text
+    # Its log is missing.
+    assert "unknown how many" in result.notes[-1].text
 
 
 @pytest.fixture
@@ -296,6 +295,20 @@ def test_findings_of_other_code_are_computed_again(
     (whole / "episodes" / part_name(1, 5)).unlink()
     with pytest.raises(InputError, match="episodes are missing: cell 1, pair 5 to 9"):
         load_run(whole)
+
+
+def test_rows_of_older_measures_are_told(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of tables with other columns are refused."""
+
+    def notes() -> set[str]:
+        run = load_run(whole)
+        return {note.key for of in (run.result(), worst(run)) for note in of.notes[:1]}
+
+    assert "older_measures" not in notes()
+    monkeypatch.setattr(folders, "code_of_rows", lambda: {"the measures": "later"})
+    assert notes() == {"older_measures"}
+    folders.write_manifest(whole, sealed({**folders.read_manifest(whole), "schema": "9"}))
+    refuses("tables with other columns; .* run its scenario again", lambda: load_run(whole))
 
 
 def test_other_thresholds_of_conflicts(whole: Path) -> None:

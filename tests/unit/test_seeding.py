@@ -8,7 +8,11 @@ import pytest
 from scipy import stats
 
 from harness.core.seeding import GivenFirst, Purpose, Resampled, resampling, stream
+from harness.core.vocabulary import Arm
+from harness.encounter.arms import make_strategy
+from harness.model.interaction import InteractionModel
 from harness.simulation.shares import sumo_seed
+from tests.scenes import scenario
 
 PURPOSES = get_args(Purpose)
 
@@ -38,6 +42,24 @@ def test_pairs_are_independent_and_uniform() -> None:
         (numbers[:, 0], [stream(5, "side", pair).random() for pair in range(4000)]),
     ):
         assert abs(np.corrcoef(one, other)[0, 1]) < 4 / np.sqrt(4000)
+
+
+class Keeps:
+    """Keeps the generator that a strategy is given."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.rng = rng
+
+    def decide(self, _seen: object) -> float:
+        return 0.0
+
+
+def test_a_strategy_is_given_the_streams_numbers_and_not_its_seed(model: InteractionModel) -> None:
+    scene = scenario(arms={"av": f"{__name__}:Keeps"}, experiment={"seed": 987_654})
+    rng = make_strategy(scene, Arm.AV, 7, model).rng
+    seeds = rng.bit_generator.seed_seq
+    assert {987_654, 7}.isdisjoint([seeds.entropy, *seeds.spawn_key])
+    assert rng.random() == stream(987_654, "av_strategy", 7).random()
 
 
 @pytest.mark.parametrize("size", [None, 1, 2, 3, (2, 2)])

@@ -7,11 +7,6 @@ from harness.encounter.arms import check_arms
 from harness.scenario import read_scenario_file, study_of
 
 SHIPPED = sorted(file.stem for file in shipped_directory("scenarios").glob("*.toml"))
-# Runs are one cell; sweeps: 16 margins, 6 strategies at 4 flows, 4 cases at 11 speeds,
-# twice; 2 references, 2 speeds, 4 flows and 4 strategies; 3 strategies at 5 latencies and 2
-# probabilities.
-CELLS = {"cctc": 1, "cctc_flow": 1, "aggressiveness": 16, "strategies": 24}
-CELLS |= {"euro_ncap_vru": 44, "fmvss_127": 44, "open_stack": 64, "perception": 30}
 
 
 @pytest.mark.parametrize("name", SHIPPED)
