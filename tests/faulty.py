@@ -54,7 +54,7 @@ FAULTS: dict[str, Fault] = {
     "leaves": lambda _: os._exit(0),
     "segfaults": lambda _: ctypes.string_at(0),
     "babbles": babble,
-    "dawdles": lambda seen: time.sleep(2.0 * (seen.time_s < 0.35)) or 0.0,
+    "dawdles": lambda seen: time.sleep(2.5 * (seen.time_s < 0.35)) or 0.0,
     "falls_back": lambda _: 0.0,
     "hangs": hang,
     "hangs_in_c": hang_in_c,

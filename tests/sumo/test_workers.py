@@ -113,7 +113,7 @@ def test_a_strategy_may_decide_for_longer_than_anything_else_may_last(
     for faults in ({}, {"dawdles": 0}):  # first the process starts
         found = evaluate("cctc", [struck(faults)], 1, settings=settings, engine="plain", workers=1)
         assert found["failure"].tolist() == [None]
-        monkeypatch.setattr(children, "SLOW_S", 1.0)
+        monkeypatch.setattr(children, "SLOW_S", 0.5)
 
 
 SCRIPT = """
