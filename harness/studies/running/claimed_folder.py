@@ -171,4 +171,4 @@ def refuse_other_versions(then: folders.SimulatedWith, now: folders.SimulatedWit
         InputError: names the first change.
     """
     for change in changes(then, now):
-        raise InputError("resume", change, "the versions, code and model of its beginning")
+        raise InputError("resume", change, "what the run began with, or a new run")
