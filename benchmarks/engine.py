@@ -105,7 +105,7 @@ class HarnessArm:
         planned = {pair: self._runner._people(pair) for pair in pairs}
         traces: list[Trace] = []
         for pair, people in planned.items():
-            traces.append(self._runner._run_arm(Arm.AV, pair, people))
+            traces.append(self._runner._run_arm(Arm.AV, pair, people, lambda *_: None))
         simulated = time.process_time()
         measure(traces)
         end = time.process_time()

@@ -28,7 +28,7 @@ PARTS = {
     "persons held by moveToXY": r"_wrap_person_moveToXY \(",
     "ego's setSpeed and getDistance": r"_wrap_vehicle_(setSpeed|getDistance|getSpeed) \(",
     "ego and persons inserted and removed": r"(_insert_ego|_announce_until|begin|remove|end) "
-    r"\(harness/engine/control",
+    r"\(harness/engine/sumo_engine",
     "SUMO started": r"session_of \(",
     "rest of the engine": r"\(harness/engine/",
     "the human driver: modes of the model": r"\(harness/strategies/human_gmm",

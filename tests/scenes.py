@@ -28,7 +28,7 @@ from harness.engine.protocol import Engine
 from harness.measures import EpisodeRecord, Outcome, measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, validate
-from harness.strategies.perception.perception import Perception
+from harness.strategies.perception.encounter_view import Perception
 
 Walker = tuple[float, Side, float]
 """When they step off (or arrive), from where, how fast they walk in m/s."""

@@ -90,10 +90,10 @@ def strategies(
     if check is None:
         if settings:
             raise InputError("--set", "needs --check", "--check STRATEGY --set KEY=VALUE")
-        from harness.strategies.registry import listing
+        from harness.report.strategy_rows import strategy_rows
 
         closing = ["harness strategies --check my_module:MyStrategy checks your own one."]
-        show_rows("strategies", listing(), quiet=quiet, as_json=as_json, closing=closing)
+        show_rows("strategies", strategy_rows(), quiet=quiet, as_json=as_json, closing=closing)
         return
     from harness.strategies.parameters import knows_the_model
     from harness.strategies.registry import KNOWS_THE_MODEL, find_strategy

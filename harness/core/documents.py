@@ -3,13 +3,11 @@
 Values that a parser accepts but that would break a program or a terminal later are refused.
 """
 
-import copyreg
 import json
 import re
 import tomllib
 import unicodedata
 from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, TypeVar, get_args
 
 import numpy as np
@@ -136,17 +134,6 @@ def shortened(value: Any) -> str:
     """A value in the form in which messages show it: at most 60 characters."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-def frozen_tables(value: Any) -> Any:
-    """A value in which tables, and tables in tables, are read-only; arrays stay lists."""
-    if not isinstance(value, Mapping):
-        return value
-    return MappingProxyType({key: frozen_tables(part) for key, part in value.items()})
-
-
-# Read-only tables go to other processes.
-copyreg.pickle(MappingProxyType, lambda table: (frozen_tables, (dict(table),)))
 
 
 def as_plain(value: Any) -> Any:

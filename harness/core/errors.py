@@ -57,12 +57,8 @@ class InputError(HarnessError):
         self.problem = problem
         self.allowed = allowed
         self.nearest = nearest
-        parts = [f"{self.where}: {problem}"]
-        if allowed:
-            parts.append(f"allowed: {allowed}")
-        if nearest:
-            parts.append(f"did you mean {nearest!r}?")
-        super().__init__(one_line("; ".join(parts)))
+        hints = allowed and f"allowed: {allowed}", nearest and f"did you mean {nearest!r}?"
+        super().__init__(one_line("; ".join([f"{self.where}: {problem}", *filter(None, hints)])))
 
     def at(self, where: str) -> Self:
         """The same error at another place."""
@@ -155,6 +151,11 @@ def one_line(text: str) -> str:
         char if char.isprintable() else char.encode("unicode_escape").decode()
         for char in " ".join(text.split())
     )
+
+
+def reason_of(error: Exception) -> str:
+    """Why a file cannot be read or written: the system's word, or else the error's own."""
+    return getattr(error, "strerror", None) or one_line(str(error))
 
 
 def resume_command(folder: object) -> str:

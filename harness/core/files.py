@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-from harness.core.errors import HarnessError, InputError, Parameter
+from harness.core.errors import HarnessError, InputError, Parameter, reason_of
 
 PACKAGE = Path(__file__).resolve().parents[1]
 """The folder of the package."""
@@ -34,8 +34,7 @@ def read_file(path: Path) -> bytes:
         return path.read_bytes()
     except (OSError, ValueError) as error:
         # ValueError: a name that no file can have.
-        why = error.strerror if isinstance(error, OSError) else str(error)
-        raise InputError(str(path), f"cannot be read ({why})") from None
+        raise InputError(str(path), f"cannot be read ({reason_of(error)})") from None
 
 
 @contextmanager
@@ -112,7 +111,7 @@ _NOT_THERE = (errno.EROFS, errno.EACCES, errno.EPERM, errno.EEXIST, errno.ENOENT
 
 def cannot_write(path: Path | Parameter, error: OSError) -> HarnessError:
     """The error for a file or folder that cannot be written."""
-    why = f"cannot be written ({error.strerror})"
+    why = f"cannot be written ({reason_of(error)})"
     where = path if isinstance(path, Parameter) else str(path)
     refused = InputError(where, why, "a writable place")
     return refused if error.errno in _NOT_THERE else HarnessError(f"{refused.where}: {why}")

@@ -6,14 +6,15 @@ kerb.  Nothing here depends on an engine.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from types import MappingProxyType
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from harness.core.freezing import Frozen, frozen
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -110,15 +111,13 @@ class Vehicle:
         return road_m / self.initial_speed_mps
 
 
-LIMITED_BY = MappingProxyType(
-    {
-        "strategy": "the strategy",
-        "actuator": "the actuator",
-        "lane": "lanes and curves",
-        "leader": "leaders",
-        "right_of_way": "right of way",
-    }
-)
+LIMITED_BY: Mapping[str, str] = frozen({
+    "strategy": "the strategy",
+    "actuator": "the actuator",
+    "lane": "lanes and curves",
+    "leader": "leaders",
+    "right_of_way": "right of way",
+})  # fmt: skip
 """What decides a driven vehicle's speed in a step of a simulation, with its words."""
 STRATEGY, ACTUATOR, LANE, LEADER, RIGHT_OF_WAY = range(len(LIMITED_BY))
 """The places of these, in their order, in the counts of steps."""
@@ -132,8 +131,8 @@ class Crossing:
 
     ``length_m`` is the distance from kerb to kerb (L0) over all lanes; ``width_m`` is the extent
     along the road.  ``lane`` is the number of the ego's lane, counted from 0 at the near kerb, and
-    ``lane_centre_m`` is y of its centre.  ``speed_limit_mps`` is the road's speed limit; it is None
-    if it is not known.
+    ``lane_centre_m`` is y of its centre.  ``speed_limit_mps`` is the road's speed limit, or v0 if
+    the scenario gives none; it is None on recorded roads, whose limit is not known.
     """
 
     length_m: float
@@ -230,7 +229,6 @@ class Strategy(Protocol):
 
     def decide(self, observation: Observation, /) -> float:
         """Return the commanded acceleration in m/s²."""
-        ...
 
 
 StrategyFactory = Callable[..., Strategy]
@@ -335,16 +333,8 @@ NO_MODEL_USE = ModelUse()
 """The counts of an episode in which nobody asked the model."""
 
 
-def freeze_arrays(record: object, *names: str) -> None:
-    """Replace arrays of a frozen record by read-only views; the caller's own stay as they are."""
-    for name in names:
-        view = getattr(record, name).view()
-        view.setflags(write=False)
-        object.__setattr__(record, name, view)
-
-
 @dataclass(frozen=True, slots=True)
-class Trace:
+class Trace(Frozen):
     """One simulated episode: the ego's states at every step and the pedestrians' walks.
 
     ``x_m`` and ``speed_mps`` have shape (steps + 1,): the state at times 0, step_s, 2 step_s, …
@@ -374,7 +364,3 @@ class Trace:
     shown: tuple[Views, ...] | None = None
     conditionings: ModelUse = NO_MODEL_USE
     motion: StepMotion = "ballistic"
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        freeze_arrays(self, "x_m", "speed_mps")

@@ -142,7 +142,7 @@ def threats(lanes: Iterable[KerbLane], elapsed_s: float, weights: ThresholdSecti
 
 
 def blocking(
-    threats: list[Threat], threshold_s: float, kerb_m: float, speed_mps: float
+    coming: list[Threat], threshold_s: float, kerb_m: float, speed_mps: float
 ) -> Approaching | None:
     """The vehicle for which a pedestrian at a kerb does not decide to go; None if they decide.
 
@@ -150,13 +150,13 @@ def blocking(
     exceeds their threshold.
 
     Args:
-        threats: the next vehicle of each lane.
+        coming: the next vehicle of each lane.
         threshold_s: their threshold θ.
         kerb_m: y of their kerb.
         speed_mps: the speed at which they would walk, > 0; infinite to leave out the walk.
     """
     least_s, nearest = math.inf, None
-    for time_s, vehicle, edges_m in threats:
+    for time_s, vehicle, edges_m in coming:
         to_lane_m = min(abs(edge_m - kerb_m) for edge_m in edges_m)
         margin_s = time_s - to_lane_m / speed_mps
         if margin_s < least_s:

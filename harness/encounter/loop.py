@@ -31,7 +31,7 @@ from harness.encounter.walkers import ChooseSpeed
 from harness.engine.protocol import Engine
 
 if TYPE_CHECKING:
-    from harness.strategies.perception.perception import Perception
+    from harness.strategies.perception.encounter_view import Perception
 
 Steps = Generator[Observation, object, Ending]
 """An episode as a generator: it yields observations and receives the answers of a strategy."""

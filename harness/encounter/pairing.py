@@ -143,7 +143,8 @@ class PairRunner:
         if drawn and pair >= len(drawn):
             raise InputError("pair", f"{pair}", f"below {len(drawn)}, those of pedestrians.drawn")
         number = drawn[pair].episode if drawn else pair
-        given = drawn[pair].uniforms if drawn and given is None else given or {}
+        if given is None:
+            given = drawn[pair].uniforms if drawn else {}
         coming = planned_arrivals(self._scenario, number, given)
         walking = self._speeds.unconditional
         present = already_walking(self._scenario, number, walking, len(coming))
@@ -154,7 +155,7 @@ class PairRunner:
         self._engine = self._engine or self._get_engine()
         shown, sensor = None, self._sensors[arm]
         if sensor is not None:
-            from harness.strategies.perception.perception import Perception
+            from harness.strategies.perception.encounter_view import Perception
 
             shown = Perception(sensor, people.arrivals, people.number, people.given)
         return Episode(self._engine, people.arrivals, self._speeds, self._rules[arm], shown)
@@ -172,7 +173,7 @@ class PairRunner:
             ending=Ending.ENGINE_FAILED,
         )
 
-    def _run_arm(self, arm: Arm, pair: int, people: "_People", begins: Begins = _ignore) -> Trace:
+    def _run_arm(self, arm: Arm, pair: int, people: "_People", begins: Begins) -> Trace:
         episode = self._episode(arm, people)
         try:
             strategy = make_strategy(

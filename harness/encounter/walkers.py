@@ -42,7 +42,6 @@ class ChooseSpeed(Protocol):
         self, arrival: Arrival, range_m: float | None, speed_mps: float | None, /
     ) -> float:
         """Walking speed in m/s, > 0, from the vehicle's range and speed; None: there is none."""
-        ...
 
 
 def chosen_speed(choose: ChooseSpeed, person: Arrival, seen: Seen | None) -> float:

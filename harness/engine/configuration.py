@@ -14,8 +14,8 @@ from functools import cache
 from pathlib import Path
 from urllib.parse import unquote
 
-from harness.core.documents import frozen_tables
 from harness.core.errors import EngineError, InputError, one_line
+from harness.core.freezing import Frozen
 from harness.core.vocabulary import ROUNDING
 from harness.engine.installation import run_program, scratch_folder
 
@@ -31,7 +31,7 @@ _PEOPLE = ("person", "personFlow")
 
 
 @dataclass(frozen=True)
-class SumoConfig:
+class SumoConfig(Frozen):
     """A SUMO configuration.
 
     Attributes:
@@ -41,10 +41,6 @@ class SumoConfig:
 
     path: Path
     options: Mapping[str, str]
-
-    def __post_init__(self) -> None:
-        """Copy the options into a read-only mapping."""
-        object.__setattr__(self, "options", frozen_tables(self.options))
 
     def files(self, option: str) -> list[Path]:
         """The files that an option lists, in its order."""

@@ -7,9 +7,10 @@ import tempfile
 from importlib import metadata
 from pathlib import Path
 
+from harness.core.errors import EngineError
 from harness.core.files import cannot_write, shipped_directory
 from harness.engine.installation import run_program, scratch_folder
-from harness.engine.sources import plain_sources
+from harness.engine.sources import NO_LIMIT_MPS, plain_sources
 from harness.scenario import Scenario
 from harness.scenario.sections import CrossingSection
 
@@ -80,6 +81,21 @@ def network_of(scenario: Scenario) -> Path:
     if net.is_file():  # the network is the last file, so the folder is complete
         return net
     return build_network(crossing, directory, "site")
+
+
+def network_with_limit(scenario: Scenario) -> str:
+    """The text of a scenario's network in which the lanes have the scenario's speed limit.
+
+    Raises:
+        HarnessError: see ``network_of``.
+        EngineError: netconvert wrote no lane.
+    """
+    text = network_of(scenario).read_text(encoding="utf-8")
+    limit = f'speed="{scenario.speed_limit_mps!r}"'
+    text, lanes = re.subn(rf'speed="{NO_LIMIT_MPS}(\.0+)?"', limit, text)
+    if not lanes:
+        raise EngineError(f"netconvert wrote no lane with a limit of {NO_LIMIT_MPS} m/s")
+    return text
 
 
 def opendrive(net: Path) -> bytes:

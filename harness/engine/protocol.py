@@ -25,7 +25,6 @@ class Engine(Protocol):
         Returns:
             The ego's state (x of the front bumper in m, speed in m/s) at t = 0.
         """
-        ...
 
     def step(self, speed_mps: float, pedestrians: Sequence[tuple[int, float]]) -> float:
         """Advance one step under constant acceleration.
@@ -38,11 +37,9 @@ class Engine(Protocol):
         Returns:
             The ego's x at the end of the step.
         """
-        ...
 
     def remove(self, index: int) -> None:
         """Remove a pedestrian who has reached the other kerb."""
-        ...
 
     def end(self) -> bool | None:
         """Clear the road.
@@ -51,8 +48,6 @@ class Engine(Protocol):
             Whether the engine itself detected that the ego hit a pedestrian; None if it detects no
             collisions.
         """
-        ...
 
     def close(self) -> None:
         """Release the simulation; the engine cannot be used afterwards."""
-        ...

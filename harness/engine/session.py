@@ -180,12 +180,11 @@ class Session:
         self.step_s: float = api.simulation.getDeltaT()
 
     def _function(self, domain: str, name: str) -> Callable[..., Any]:
-        if self._api.__name__ == "libsumo" and name != _WRAPPED:
-            # Without the wrapper in Python, which takes as long as the function.
-            compiled: Callable[..., Any] = getattr(self._api._libsumo, f"{domain}_{name}")
-            return compiled
-        public: Callable[..., Any] = getattr(getattr(self._api, domain), name)
-        return public
+        found: Callable[..., Any] = getattr(getattr(self._api, domain), name)
+        if name != _WRAPPED:
+            # libsumo's own, if there is one: its wrapper in Python takes as long as the function.
+            found = getattr(getattr(self._api, "_libsumo", None), f"{domain}_{name}", found)
+        return found
 
     def _functions(self, domain: str, kind: type[_Functions]) -> _Functions:
         names = get_type_hints(kind, include_extras=True).items()

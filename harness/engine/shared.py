@@ -14,7 +14,7 @@ from harness.engine.protocol import Engine
 from harness.scenario import EngineName, Scenario
 
 if TYPE_CHECKING:
-    from harness.engine.control import SumoEngine
+    from harness.engine.sumo_engine import SumoEngine
 
 _engine: "tuple[str, SumoEngine] | None" = None
 
@@ -65,7 +65,7 @@ def recording_engine(folder: Path, arm: Arm, scenario: Scenario) -> "SumoEngine"
 
 def _started(scenario: Scenario, options: Mapping[str, str]) -> "SumoEngine":
     """A new engine in this process; what is not needed is not imported."""
-    from harness.engine.control import SumoEngine
     from harness.engine.starting import session_of
+    from harness.engine.sumo_engine import SumoEngine
 
     return SumoEngine(session_of(scenario, options), scenario)

@@ -22,6 +22,8 @@ EXIT_M = APPROACH_M
 """Length of road after the crosswalk's centre line: the approach of oncoming vehicles."""
 FOOTPATH_M = 10.0
 """Length of a footpath, from the kerb to its outer end."""
+NO_LIMIT_MPS = 100
+"""The lanes' speed limit, so high that SUMO neither refuses nor changes a speed."""
 CROSSWALK = ":crosswalk_c0"
 """SUMO's id of the crosswalk of such a site."""
 
@@ -54,6 +56,7 @@ def plain_sources(crossing: CrossingSection, name: str) -> dict[str, str]:
         "crossed": "approach oncoming_exit" if crossing.oncoming_lanes else "approach",
         "lane": repr(crossing.width_of_lane_m),
         "width": repr(crossing.width_m),
+        "limit": repr(NO_LIMIT_MPS),
     }
     return {f"{name}.{kind}": text.format_map(values) for kind, text in _TEMPLATES.items()}
 
@@ -87,9 +90,8 @@ _TEMPLATES = {
     <edge id="far" from="crosswalk" to="far" type="footpath" spreadType="center"/>
 </edges>
 """,
-    # The speed limits are high so that SUMO neither refuses nor changes a speed.
     "typ.xml": """<types>
-    <type id="road" numLanes="1" speed="100" width="{lane}" priority="2" disallow="pedestrian"/>
+    <type id="road" numLanes="1" speed="{limit}" width="{lane}" priority="2" disallow="pedestrian"/>
     <type id="footpath" numLanes="1" speed="10" width="{width}" priority="1" allow="pedestrian"/>
 </types>
 """,

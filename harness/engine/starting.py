@@ -6,23 +6,21 @@ docs/simulations.md explains the choices and has the measurements behind them.
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 
+from harness.core.freezing import frozen
 from harness.core.vocabulary import Vehicle
 from harness.engine.installation import scratch_folder
 from harness.engine.network import network_of
 from harness.engine.session import Module, Session
 from harness.scenario import Scenario
 
-OWN_ROADS: Mapping[str, str] = MappingProxyType(
-    {
-        "step-method.ballistic": "true",
-        "collision.check-junctions": "true",
-        "collision.mingap-factor": "0",
-        "collision.action": "warn",
-        "time-to-teleport": "-1",
-    }
-)
+OWN_ROADS: Mapping[str, str] = frozen({
+    "step-method.ballistic": "true",
+    "collision.check-junctions": "true",
+    "collision.mingap-factor": "0",
+    "collision.action": "warn",
+    "time-to-teleport": "-1",
+})  # fmt: skip
 """SUMO's options on every road that the harness builds: exact steps; a collision ends nothing."""
 
 _OPTIONS = {

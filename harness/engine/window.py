@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from harness.core.vocabulary import Arm
-from harness.engine.control import SumoEngine
 from harness.engine.starting import session_of
+from harness.engine.sumo_engine import SumoEngine
 from harness.scenario import Scenario
 
 _VIEW = Path(__file__).with_name("view.template.xml")

@@ -7,13 +7,7 @@ contact in which the pedestrian walks into the side of the ego.
 
 import numpy as np
 
-from harness.core.vocabulary import (
-    PEDESTRIAN_RADIUS_M,
-    ROUNDING,
-    BoolArray,
-    FloatArray,
-    IntArray,
-)
+from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, ROUNDING, BoolArray, FloatArray, IntArray
 from harness.measures.chunk import Chunk
 
 

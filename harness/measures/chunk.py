@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from harness.core.freezing import Frozen
 from harness.core.vocabulary import (
     ROUNDING,
     BoolArray,
@@ -16,21 +17,15 @@ from harness.core.vocabulary import (
     IntArray,
     Trace,
     Vehicle,
-    freeze_arrays,
 )
 from harness.measures.contacts import Strike, strikes_of
 from harness.measures.ego import EgoStates, body_of, crossing_time_s, ego_states
 from harness.measures.motion.contact import Body, time_to_collision_s
 from harness.measures.steps import Legs, Rows, legs_in, rows_of
 
-_ARRAYS = (
-    "ttc_s", "crashed", "pass_time_s", "pass_time_ignoring_contact_s", "end_s", "steps",
-)  # fmt: skip
-"""The arrays of a chunk, which are read-only."""
-
 
 @dataclass(frozen=True)
-class Chunk:
+class Chunk(Frozen):
     """Traces with the same vehicle, crossing and step, and arrays computed from them.
 
     ``vehicle`` is the first trace's; v0, the trigger range and the actuation may differ.
@@ -53,13 +48,9 @@ class Chunk:
     pass_time_ignoring_contact_s: FloatArray
     """The pass time if contacts are ignored: the simulation continues after a contact."""
     end_s: FloatArray
-    """The record's end: the contact, the pass, the time-out or the failure; 0 without a state."""
+    """The record's end: the contact, the pass, the time-out or the failure; NaN without a state."""
     steps: IntArray
     """Steps of the record."""
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        freeze_arrays(self, *_ARRAYS)
 
     @property
     def vehicle(self) -> Vehicle:
@@ -126,6 +117,7 @@ def chunk_of(traces: Sequence[Trace], strikes: Sequence[Strike | None] | None = 
     )
     crashed = np.array([strike is not None for strike in strikes])
     met = rows.where(rows.start_s < ends[rows.trace])
+    steps = np.ceil(np.nan_to_num(ends) / step_s - ROUNDING)
     return Chunk(
         traces=tuple(traces),
         ego=ego,
@@ -143,7 +135,7 @@ def chunk_of(traces: Sequence[Trace], strikes: Sequence[Strike | None] | None = 
         pass_time_s=np.where(crashed, np.nan, in_time),
         pass_time_ignoring_contact_s=in_time,
         end_s=ends,
-        steps=np.minimum(np.ceil(ends / step_s - ROUNDING).astype(np.int64), ego.steps),
+        steps=np.minimum(steps.astype(np.int64), ego.steps),
     )
 
 
@@ -160,4 +152,4 @@ def _end(trace: Trace, strike: Strike | None, pass_time_s: float | None) -> floa
         return strike.time_s
     if pass_time_s is not None:
         return pass_time_s
-    return (len(trace.x_m) - 1) * trace.step_s if len(trace.x_m) else 0.0
+    return (len(trace.x_m) - 1) * trace.step_s if len(trace.x_m) else math.nan

@@ -63,11 +63,11 @@ def pedestrian_delay_s(chunk: Chunk) -> FloatArray:
 
 
 def arrivals(chunk: Chunk) -> FloatArray:
-    """Number of people who arrived within the record, without timed pedestrians."""
+    """Number of people who arrived within the record, not timed ones; NaN without a state."""
     count = np.zeros(len(chunk.traces))
     for number, _, _ in _arrivals(chunk):
         count[number] += 1
-    return count
+    return np.where(np.isnan(chunk.end_s), np.nan, count)
 
 
 def _arrivals(chunk: Chunk) -> Iterator[tuple[int, Walk, float]]:

@@ -9,19 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.core.vocabulary import (
-    ROUNDING,
-    BoolArray,
-    FloatArray,
-    IntArray,
-    Trace,
-    freeze_arrays,
-)
+from harness.core.freezing import Frozen
+from harness.core.vocabulary import ROUNDING, BoolArray, FloatArray, IntArray, Trace
 from harness.measures.motion.contact import Body, Motion
 
 
 @dataclass(frozen=True, slots=True)
-class EgoStates:
+class EgoStates(Frozen):
     """The states of all egos of a chunk, one after another.
 
     ``first`` is the index of each trace's first state; ``steps`` is the number of its steps.
@@ -33,10 +27,6 @@ class EgoStates:
     first: IntArray
     steps: IntArray
     euler: BoolArray
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        freeze_arrays(self, *self.__slots__)
 
 
 def ego_states(traces: Sequence[Trace]) -> EgoStates:
@@ -52,7 +42,10 @@ def ego_states(traces: Sequence[Trace]) -> EgoStates:
 
 
 def crossing_time_s(trace: Trace, x_m: float) -> float | None:
-    """The exact time at which the front bumper reaches ``x_m``; None if it never does."""
+    """The exact time at which the front bumper reaches ``x_m``; None if it never does.
+
+    The time is 0 if the bumper is there, or past it, in the first state.
+    """
     step = int(trace.x_m.searchsorted(x_m))
     if step >= len(trace.x_m):
         return None

@@ -6,13 +6,15 @@ it.
 """
 
 from collections.abc import Callable
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import Field, dataclass, field, fields, replace
 from operator import attrgetter
-from typing import Any, Literal, get_args
+from typing import Any, Literal, ParamSpec, get_args
 
 from harness.core.vocabulary import FloatArray
 from harness.measures import avoidable as prevention, braking, conflicts, efficiency
 from harness.measures.chunk import Chunk
+
+_Given = ParamSpec("_Given")
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +22,6 @@ class Measure:
     """A measure of an episode, for either arm.
 
     Attributes:
-        column, kind: name and type of its attribute in ``Measured``.
         compute: returns a value for each trace of a chunk, NaN if it is undefined.  Each value
             depends only on that trace, to the last bit.
         on_step: how the value depends on the length of a step.  ``exact``: it does not.
@@ -28,23 +29,31 @@ class Measure:
             ``steps``: it is a number of steps.
         worse: whether small or large values are bad; None if neither.  In a measure of conflicts a
             crash is worse than every value.
+        column, kind: name and type of its attribute in ``Measured``.
     """
 
-    column: str
-    kind: type[float] | type[int] | type[bool]
     compute: Callable[[Chunk], FloatArray]
     unit: str
     formula: str
     about: Literal["conflict", "time", "comfort", "other"]
-    undefined_when: str = "never"
+    undefined_when: str
     on_step: Literal["exact", "states", "steps"] = "exact"
     worse: Literal["small", "large"] | None = None
     source: str = ""
+    column: str = ""
+    kind: type[float] | type[int] | type[bool] = float
 
 
-def _measured(compute: Callable[[Chunk], FloatArray], unit: str, formula: str, **more: Any) -> Any:
-    """An attribute whose metadata have the fields of ``Measure`` except ``column`` and ``kind``."""
-    return field(metadata={"compute": compute, "unit": unit, "formula": formula, **more})
+def _attribute_with(make: Callable[_Given, Measure]) -> Callable[_Given, Any]:
+    """Makes attributes with a measure as their metadata, from the arguments of ``make``."""
+
+    def attribute(*args: _Given.args, **kwargs: _Given.kwargs) -> Any:
+        return field(metadata={"measure": make(*args, **kwargs)})
+
+    return attribute
+
+
+_measured = _attribute_with(Measure)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -202,11 +211,12 @@ class Measured:
         worse="large",
         source="HCM: pedestrian delay",
     )
-    arrivals: int = _measured(
+    arrivals: int | None = _measured(
         efficiency.arrivals,
         "",
         "number of pedestrians who arrived within the record; timed pedestrians do not count",
         about="other",
+        undefined_when="the record has no state",
     )
     pass_time_ignoring_contact_s: float | None = _measured(
         attrgetter("pass_time_ignoring_contact_s"),
@@ -256,7 +266,8 @@ class Measured:
 
 def _entry(attribute: Field[Any]) -> Measure:
     kind: Any = next(iter(get_args(attribute.type)), attribute.type)
-    return Measure(**attribute.metadata, column=attribute.name, kind=kind)
+    measure: Measure = attribute.metadata["measure"]
+    return replace(measure, column=attribute.name, kind=kind)
 
 
 MEASURES = tuple(map(_entry, fields(Measured)))

@@ -1,5 +1,6 @@
 """Traces in; the record of each episode, with every measure, out."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,14 +19,15 @@ Value = float | int | bool | None
 class EpisodeRecord(Measured):
     """The stored results of an episode: a row of the table ``episodes`` (docs/files.md).
 
-    ``end_s`` is the time of the record's end: the contact, the pass, the time-out or the failure.
-    Each measure is an attribute (``record.pet_s``).  Undefined values are None.
+    ``end_s`` is the time of the record's end: the contact, the pass, the time-out or the failure;
+    it is undefined if the episode failed before its first state.  Each measure is an attribute
+    (``record.pet_s``).  Undefined values are None.
     """
 
     ending: Ending
     reason: str | None
     failed_in: FailedIn | None
-    end_s: float
+    end_s: float | None
     contact: Contact | None
     contact_index: int | None
     contact_time_s: float | None
@@ -96,7 +98,7 @@ def _record(chunk: Chunk, number: int, measures: dict[str, Any]) -> EpisodeRecor
         ending=trace.ending if strike is None else Ending.CRASHED,
         reason=trace.reason,
         failed_in=trace.failed_in,
-        end_s=end_s,
+        end_s=None if math.isnan(end_s) else end_s,
         contact=None if strike is None else strike.contact,
         contact_index=None if strike is None else chunk.legs.walks[strike.walk].arrival.index,
         contact_time_s=None if strike is None else strike.time_s,

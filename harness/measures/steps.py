@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harness.core.freezing import Frozen
 from harness.core.vocabulary import (
     ROUNDING,
     BoolArray,
@@ -18,14 +19,13 @@ from harness.core.vocabulary import (
     Side,
     Trace,
     Walk,
-    freeze_arrays,
 )
 from harness.measures.ego import EgoStates
 from harness.measures.motion import walking
 
 
 @dataclass(frozen=True, slots=True)
-class Legs:
+class Legs(Frozen):
     """Straight parts of walks, in order of traces, walks and time.
 
     ``walk`` numbers the pedestrians who stepped off, over all traces.  A leg begins at
@@ -48,13 +48,9 @@ class Legs:
     """Number of the walk's trace."""
     from_far: BoolArray
 
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        freeze_arrays(self, *(name for name in self.__slots__ if name != "walks"))
-
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class Rows(Frozen):
     """One row for each step of each pedestrian on the crossing, in order of traces and walks.
 
     The pedestrian is on the crossing from ``start_s`` to ``stop_s`` of the step.  The other columns
@@ -76,10 +72,6 @@ class Rows:
     walker_x_mps: FloatArray
     walker_y_mps: FloatArray
     walker_y_mps2: FloatArray
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        freeze_arrays(self, *self.__slots__)
 
     @property
     def ahead_m(self) -> FloatArray:

@@ -19,9 +19,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from harness.core.documents import check_form, frozen_tables, parse_json
+from harness.core.documents import check_form, parse_json
 from harness.core.errors import InputError, nearest_name
 from harness.core.files import read_file, write_file
+from harness.core.freezing import Frozen
 from harness.core.vocabulary import NO_MODEL_USE, FloatArray, ModelUse
 from harness.model.mixture.conditional import Conditional
 from harness.model.mixture.distribution import TruncatedGaussianMixture
@@ -44,7 +45,7 @@ DRIVING_GIVEN = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
 
 
 @dataclass(frozen=True, eq=False)
-class InteractionModel:
+class InteractionModel(Frozen):
     """A fitted mixture with its name, provenance and hash.
 
     Conditions are clamped to the box in which the model was fitted.
@@ -60,10 +61,6 @@ class InteractionModel:
     name: str
     provenance: Mapping[str, Any]
     sha256: str
-
-    def __post_init__(self) -> None:
-        """Make the provenance read-only."""
-        object.__setattr__(self, "provenance", frozen_tables(self.provenance))
 
     @cached_property
     def _limits(self) -> list[tuple[float, float]]:

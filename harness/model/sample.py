@@ -17,7 +17,8 @@ from scipy.sparse.csgraph import connected_components
 
 from harness.core.documents import parse_json
 from harness.core.errors import InputError, Parameter, unknown_name
-from harness.core.vocabulary import FloatArray, freeze_arrays
+from harness.core.freezing import Frozen
+from harness.core.vocabulary import FloatArray
 from harness.model.interaction import VARIABLES
 from harness.model.trajectories.extraction import ENCOUNTER_KEY, EXTRACTION_KEY, VEHICLE_KEY
 from harness.model.trajectories.rules import TEXT_COLUMNS
@@ -45,7 +46,7 @@ class RowFile(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
+class Sample(Frozen):
     """Weighted rows inside a box.
 
     Attributes:
@@ -77,11 +78,6 @@ class Sample:
     rows_read: int = 0
     outside: Mapping[str, int] | None = None
     weigh: str = "row"
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        known = [name for name in ("vehicle", "encounter") if getattr(self, name) is not None]
-        freeze_arrays(self, "data", "weights", "row", "lower", "upper", *known)
 
     @property
     def vehicles(self) -> int:
@@ -200,7 +196,7 @@ def make_sample(
         tracks=texts["track"],
         sources=texts["source"],
         rows_read=len(rows),
-        outside=MappingProxyType(dict(zip(COLUMNS, outside.sum(axis=0).tolist(), strict=True))),
+        outside=dict(zip(COLUMNS, outside.sum(axis=0).tolist(), strict=True)),
         weigh=weigh,
     )
 

@@ -142,12 +142,9 @@ def _over_a_key(scene: PictureSource) -> bool:
 
 def _across(run: Run) -> str | None:
     """The key of the x axis: the flow, or else the numeric key with the most values."""
-    values = {key: {cell.varied[key] for cell in run.cells} for key in run.cells[0].varied}
-    numeric = {
-        key: len(found)
-        for key, found in values.items()
-        if len(found) > 1 and None not in map(as_number, found)
-    }
+    keys, cells = run.cells[0].varied, run.cells
+    values = {key: {as_number(cell.varied[key]) for cell in cells} for key in keys}
+    numeric = {k: len(each) for k, each in values.items() if len(each) > 1 and None not in each}
     if not numeric:
         return None
     return _FLOW if _FLOW in numeric else max(numeric, key=numeric.__getitem__)

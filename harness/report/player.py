@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 from jinja2.utils import htmlsafe_json_dumps
 
-from harness.core.documents import JsonObject
+from harness.core.documents import JsonObject, as_plain
+from harness.core.freezing import Frozen
 from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, Arm, Crossing, Ending, FloatArray
 from harness.measures.conflicts import time_advantage_s
 from harness.report.words import counted, plain_text
@@ -38,7 +39,7 @@ Numbers = list[float | None]
 
 
 @dataclass(frozen=True)
-class Player:
+class Player(Frozen):
     """The player of a page.
 
     Attributes:
@@ -56,7 +57,7 @@ class Player:
     @property
     def json(self) -> str:
         """Scenes and episodes as JSON that is safe inside a page."""
-        return htmlsafe_json_dumps({"scenes": self.scenes, "episodes": self.episodes})
+        return htmlsafe_json_dumps(as_plain({"scenes": self.scenes, "episodes": self.episodes}))
 
 
 def player_of(run: Run, shown: "Sequence[ShownPair]") -> Player:

@@ -34,7 +34,7 @@ def listed(
     names = list(dict.fromkeys(name for row in rows for name in row))
     columns = tuple(Column(name, headings.get(name, name)) for name in names)
     table = Table("", columns, tuple(tuple(map(row.get, names)) for row in rows))
-    return Result(command, title, "", "", table, (), (), tuple(closing), records=rows)
+    return Result(command, title, "", "", table, (), (), tuple(closing), records=[*rows])
 
 
 def make_console() -> Console:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from harness.core.documents import frozen_tables
+from harness.core.freezing import Frozen
 from harness.results.catalogue import ENTRY_OF, AnySample, Entry, entries_of
 from harness.results.columns import Sample
 from harness.results.estimators import EQUAL
@@ -14,7 +14,7 @@ from harness.scenario import Cell, Scenario
 
 
 @dataclass(frozen=True)
-class CellFindings:
+class CellFindings(Frozen):
     """The findings of one cell.
 
     Attributes:
@@ -30,11 +30,6 @@ class CellFindings:
     scenario: Scenario
     findings: Findings
     by_crosswalk: Mapping[str, Findings] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """Make the findings read-only."""
-        for name in ("findings", "by_crosswalk"):
-            object.__setattr__(self, name, frozen_tables(getattr(self, name)))
 
     @property
     def kind(self) -> RunKind:

@@ -155,7 +155,8 @@ def table_of(
     """A table of columns with their values; columns that are equal in all rows become ``same``."""
     kept, same = [], []
     for name, values in columns:
-        if len({*map(_if_defined, values)}) == 1 < len(values):
+        first, *others = map(_if_defined, values)
+        if others and all(each == first for each in others):
             same.append((name, values[0]))
         else:
             kept.append((name, values))

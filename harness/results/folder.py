@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from harness.core.documents import JsonObject, parse_json
+from harness.core.documents import JsonObject, as_plain, parse_json
 from harness.core.errors import InputError, one_line, resume_command
 from harness.core.files import PACKAGE, cannot_write, read_file, whole_file, write_csv, write_file
 from harness.core.versions import versions_of_fits
@@ -362,4 +362,5 @@ def _read(path: Path, allowed: str) -> JsonObject:
 
 
 def _json(document: Mapping[str, Any]) -> bytes:
-    return f"{json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)}\n".encode()
+    plain = as_plain(document)
+    return f"{json.dumps(plain, indent=1, allow_nan=False, ensure_ascii=False)}\n".encode()

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.core.documents import as_plain, frozen_tables
+from harness.core.documents import as_plain
 from harness.core.errors import InputError, resume_command, unknown_name
+from harness.core.freezing import frozen
 from harness.core.vocabulary import Arm
 from harness.results import folder as folders
 from harness.results.cell_findings import CellFindings, cell_findings, records_of
@@ -190,7 +191,7 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
     study = study_from(asked, "settings" if settings else str(path / folders.MANIFEST))
     stored = None if settings else folders.read_findings(path, manifest, study.cells)
     found = stored or computed(path, manifest, study)
-    return Run(path, frozen_tables(manifest), study, folders.is_finished(path), found)
+    return Run(path, frozen(manifest), study, folders.is_finished(path), found)
 
 
 def older_measures(manifest: folders.Manifest) -> list[Note]:

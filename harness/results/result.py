@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from harness.core.documents import frozen_tables
+from harness.core.documents import as_plain
+from harness.core.freezing import Frozen
 from harness.results.finding import Finding, Form, Plain, finding_to_dict
 from harness.results.notes import Note
 
@@ -71,7 +72,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(Frozen):
     """What a command found.
 
     Attributes:
@@ -100,11 +101,6 @@ class Result:
     facts: Mapping[str, Plain] = field(default_factory=dict)
     records: Sequence[Mapping[str, Plain | Finding]] = ()
 
-    def __post_init__(self) -> None:
-        """Make facts and records read-only."""
-        object.__setattr__(self, "facts", frozen_tables(self.facts))
-        object.__setattr__(self, "records", tuple(map(frozen_tables, self.records)))
-
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON, of the same form for all commands; it has all that a screen says.
 
@@ -112,10 +108,10 @@ class Result:
         """
         named = ("command", "title", "scope", "about")
         return {name: getattr(self, name) for name in named} | {
-            "facts": dict(self.facts),
+            "facts": as_plain(self.facts),
             "records": [
                 {k: finding_to_dict(v) if isinstance(v, Finding) else v for k, v in record.items()}
-                for record in self.records
+                for record in as_plain(self.records)
             ],
             "notes": [note.to_dict() for note in self.notes],
             "remarks": list(self.remarks),
@@ -137,7 +133,7 @@ def flat(record: Mapping[str, Plain | Finding]) -> dict[str, Plain]:
     row: dict[str, Plain] = {}
     for key, value in record.items():
         if not isinstance(value, Finding):
-            row[key] = value
+            row[key] = as_plain(value)
             continue
         parts = finding_to_dict(value)
         row[key] = parts.pop("value")

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import pyarrow as pa
 
-from harness.core.vocabulary import Arm, FloatArray, Side, Trace, Walk
+from harness.core.vocabulary import Arm, Crossing, FloatArray, Side, Trace, Walk
 from harness.measures import Outcome
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.results.tables import EPISODES, PEDESTRIANS, TABLES_OF, TRACES, Row, Tables
@@ -55,10 +55,11 @@ def episode_rows(cell: int, outcomes: Sequence[Outcome]) -> pa.Table:
 def pedestrian_rows(cell: int, outcomes: Sequence[Outcome]) -> pa.Table:
     """The rows of ``pedestrians``: everyone who arrived within the record."""
     rows = [
-        _keys(cell, outcome) | _pedestrian(walk, outcome)
+        _keys(cell, outcome) | _pedestrian(walk, outcome.trace.crossing, end_s)
         for outcome in outcomes
+        if (end_s := outcome.record.end_s) is not None
         for walk in outcome.trace.walks
-        if walk.arrival.arrival_s <= outcome.record.end_s
+        if walk.arrival.arrival_s <= end_s
     ]
     return PEDESTRIANS.of(rows)
 
@@ -87,14 +88,14 @@ def _keys(cell: int, outcome: Outcome) -> Row:
     return {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
 
 
-def _pedestrian(walk: Walk, outcome: Outcome) -> Row:
-    """The row of a pedestrian of an episode, without the keys."""
-    arrival, start_s, end_s = walk.arrival, walk.start_s, outcome.record.end_s
+def _pedestrian(walk: Walk, crossing: Crossing, end_s: float) -> Row:
+    """The row of a pedestrian of an episode whose record ends at ``end_s``, without the keys."""
+    arrival, start_s = walk.arrival, walk.start_s
     waited = ("index", "arrival_s", "quantile", "critical_gap_s", "threshold_s", "latency_s")
     row: Row = {name: getattr(arrival, name) for name in waited} | {"side": arrival.side.value}
     if start_s is None or start_s >= end_s:
         return row
-    over_s = cleared_s(walk, outcome.trace.crossing)
+    over_s = cleared_s(walk, crossing)
     started = ("start_s", "speed_mps", "range_m", "vehicle_speed_mps")
     return {**row, **{name: getattr(walk, name) for name in started}} | {
         "cleared_s": over_s if over_s is not None and over_s <= end_s else None,
@@ -105,7 +106,7 @@ def _pedestrian(walk: Walk, outcome: Outcome) -> Row:
 
 def _motions(outcome: Outcome) -> Iterator[tuple[str, StateColumns]]:
     trace, record = outcome.trace, outcome.record
-    if not len(trace.x_m):
+    if record.end_s is None:
         return  # the episode failed before its first state
     count = record.steps + 1
     times = np.arange(count, dtype=np.float64) * trace.step_s

@@ -20,7 +20,7 @@ from harness.scenario.sections import ConflictsSection
 
 _OF = pc.field
 _TOUCHED = _OF("contact_person").is_valid()
-_REACHED = _OF("front_s").is_valid() | _TOUCHED
+_REACHED = _OF("front_s").is_valid() | _OF("rear_s").is_valid() | _TOUCHED
 
 
 # fmt: off

@@ -13,9 +13,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from harness.core.documents import as_plain, check_form, frozen_tables, parse_toml, shortened
+from harness.core.documents import as_plain, check_form, parse_toml, shortened
 from harness.core.errors import InputError, nearest_name
 from harness.core.files import read_file, shipped_directory
+from harness.core.freezing import Frozen
 from harness.core.vocabulary import SECONDS_PER_HOUR
 from harness.scenario.consistency import check_consistency
 from harness.scenario.scenario import Scenario
@@ -46,7 +47,7 @@ class Setting(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ScenarioFile:
+class ScenarioFile(Frozen):
     """A scenario file as read: it is valid TOML, but its keys have not been checked.
 
     ``sweep`` is its ``[sweep]`` table, or None.  Relative paths are relative to the file's folder.
@@ -112,8 +113,7 @@ def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> Sce
         raise InputError(f"{path.name}: sweep", f"{shortened(sweep)} is not accepted", "a table")
     if isinstance(settings, Mapping):
         settings = [Setting(key, value, "settings") for key, value in settings.items()]
-    tables = frozen_tables(tree), frozen_tables(sweep)
-    return ScenarioFile(path.stem, path.name, *tables, tuple(settings), path.parent)
+    return ScenarioFile(path.stem, path.name, tree, sweep, tuple(settings), path.parent)
 
 
 def load_scenario(name_or_path: str | Path, settings: Settings = ()) -> Scenario:

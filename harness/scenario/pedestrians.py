@@ -47,11 +47,13 @@ class GapAcceptanceSection(Section):
 
 
 LogMean = Annotated[float, Field(ge=-10, le=10)]
+"""The mean of a logarithm."""
 LogSpread = Annotated[float, Field(ge=0, le=5)]
-"""The mean and the standard deviation of a logarithm."""
+"""The standard deviation of a logarithm."""
 WalkingMean = Annotated[float, Field(ge=0.5, le=3)]
+"""The mean of walking speeds, in m/s."""
 WalkingSpread = Annotated[float, Field(gt=0, le=1)]
-"""The mean and the standard deviation of walking speeds, in m/s."""
+"""The standard deviation of walking speeds, in m/s."""
 
 
 class ThresholdSection(Section):

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, JsonValue, PlainSerializer, model_validator
 
-from harness.core.documents import as_plain, frozen_tables
+from harness.core.documents import as_plain
+from harness.core.freezing import frozen
 from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, ROUNDING, Arm, Crossing, Leg, Side, Vehicle
 from harness.scenario.pedestrians import PedestriansSection, TimedSection
 from harness.scenario.sections import (
@@ -27,7 +28,7 @@ from harness.scenario.sections import (
 from harness.scenario.traffic import TrafficSection
 
 _Tables = Annotated[
-    Mapping[str, Mapping[str, JsonValue]], AfterValidator(frozen_tables), PlainSerializer(as_plain)
+    Mapping[str, Mapping[str, JsonValue]], AfterValidator(frozen), PlainSerializer(as_plain)
 ]
 
 
@@ -41,7 +42,7 @@ class Scenario(Section):
     actuation: ActuationSection = ActuationSection()
     model: ModelSection = ModelSection()
     arms: ArmsSection = ArmsSection()
-    strategies: _Tables = Field(default_factory=lambda: frozen_tables({}))
+    strategies: _Tables = Field(default_factory=lambda: frozen({}))
     """Parameters of each strategy, by the strategy's name."""
     conflicts: ConflictsSection = ConflictsSection()
     experiment: ExperimentSection = ExperimentSection()
@@ -125,7 +126,8 @@ class Scenario(Section):
     @property
     def speed_limit_mps(self) -> float:
         """The road's speed limit, or v0 if none is given."""
-        return self.crossing.road_speed_limit_mps or self.ego.initial_speed_mps
+        limit_mps = self.crossing.road_speed_limit_mps
+        return self.ego.initial_speed_mps if limit_mps is None else limit_mps
 
     def least_headway_s(self) -> float:
         """Shortest headway at which a vehicle does not disturb the next at v0; whole steps.

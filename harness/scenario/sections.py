@@ -96,7 +96,9 @@ class CrossingSection(Section):
     @property
     def width_of_lane_m(self) -> float:
         """``lane_width_m``, or ``length_m`` divided equally among the lanes of both directions."""
-        return self.lane_width_m or self.length_m / (self.lanes + self.oncoming_lanes)
+        if self.lane_width_m is not None:
+            return self.lane_width_m
+        return self.length_m / (self.lanes + self.oncoming_lanes)
 
     @property
     def beside_lanes_m(self) -> float:

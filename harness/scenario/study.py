@@ -4,15 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import InitVar, dataclass
 from typing import Any
 
-from harness.core.documents import frozen_tables
+from harness.core.documents import as_plain
 from harness.core.errors import InputError, nearest_name
+from harness.core.freezing import Frozen
 from harness.scenario.file import ScenarioFile, Setting, apply_setting, checked, parts_of, validate
 from harness.scenario.scenario import Scenario
 from harness.scenario.variation import Variation, planned_cells
 
 
 @dataclass(frozen=True)
-class Cell:
+class Cell(Frozen):
     """One cell of a study.
 
     ``number`` is its position in the tables; seeds do not depend on it.  ``varied`` holds the
@@ -29,7 +30,7 @@ class Cell:
         """Check the scenario, and copy ``varied`` into a read-only mapping."""
         if not valid:
             object.__setattr__(self, "scenario", checked(self.scenario))
-        object.__setattr__(self, "varied", frozen_tables(self.varied))
+        super().__post_init__()
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ def as_written(value: Any) -> str:
     """A value of a scenario as a user would write it."""
     if isinstance(value, bool):
         return "true" if value else "false"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{value:g}" if isinstance(value, float) else str(as_plain(value))
 
 
 def _value_at(tree: Mapping[str, Any], key: str) -> Any:

@@ -30,7 +30,7 @@ def planned_cells(
     Raises:
         InputError: a key varies twice, or a key has no list of values.
     """
-    sweep = None if variations else file.sweep
+    sweep = None if variations else as_plain(file.sweep)
     grid = [(key, as_plain(values)) for key, values in variations]
     points = None
     if sweep is not None and "cells" in sweep:

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from harness.core.documents import frozen_tables
 from harness.core.errors import EngineError, StrategyError
+from harness.core.freezing import Frozen
 from harness.core.vocabulary import Arm, FailedIn, StepMotion
 from harness.engine.session import Module, Session
 from harness.model.interaction import InteractionModel
@@ -22,7 +22,7 @@ from harness.simulation.setup import Setup
 from harness.simulation.walk import Walked
 from harness.site.town import Crosswalk
 
-Columns = dict[str, list[Any]]
+Columns = Mapping[str, Sequence[Any]]
 """A table: its columns by name."""
 
 _COUNTS = ("vehicle_collisions", "person_collisions", "overlaps", "teleports", "emergency_stops",
@@ -30,7 +30,7 @@ _COUNTS = ("vehicle_collisions", "person_collisions", "overlaps", "teleports", "
 
 
 @dataclass(frozen=True, slots=True)
-class ArmTables:
+class ArmTables(Frozen):
     """One arm of a pair: its tables, or the reason why it failed.
 
     Attributes:
@@ -45,10 +45,6 @@ class ArmTables:
     reason: str | None = None
     failed_in: FailedIn | None = None
     traceback: str | None = None
-
-    def __post_init__(self) -> None:
-        """Make the tables read-only."""
-        object.__setattr__(self, "tables", frozen_tables(self.tables))
 
 
 def run_arm(

@@ -5,7 +5,6 @@ with ``[simulation]``.
 """
 
 import math
-import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -13,11 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.core.errors import EngineError
 from harness.core.seeding import stream
 from harness.core.vocabulary import ROUNDING, SECONDS_PER_HOUR
 from harness.engine.configuration import SumoConfig, write_options, write_xml
-from harness.engine.network import network_of
+from harness.engine.network import network_with_limit
 from harness.engine.sources import EXIT_M
 from harness.engine.starting import OWN_ROADS, vehicle_type
 from harness.scenario import Scenario
@@ -73,12 +71,8 @@ def write_demand(scenario: Scenario, pair: int, seed: int, folder: Path) -> Sumo
     """
     traffic, step_s = scenario.known_traffic, scenario.experiment.step_s
     folder.mkdir(parents=True, exist_ok=True)
-    # Their limit of 100 m/s serves encounters; with the real one SUMO's time losses are right.
-    net = network_of(scenario).read_text(encoding="utf-8")
-    limited, lanes = re.subn(r'speed="100(\.0+)?"', f'speed="{scenario.speed_limit_mps!r}"', net)
-    if not lanes:
-        raise EngineError(f"{NET_FILE}: netconvert wrote no lane with a limit of 100 m/s")
-    (folder / NET_FILE).write_text(limited, encoding="utf-8")
+    # With the real speed limit SUMO's time losses are right.
+    (folder / NET_FILE).write_text(network_with_limit(scenario), encoding="utf-8")
     write_xml(folder / ROUTES_FILE, _routes(scenario, pair))
     options = {
         "net-file": NET_FILE,

@@ -76,7 +76,9 @@ def _row(
     passage: Passage, trace: Trace, record: EpisodeRecord, names: Mapping[int, str], free_s: float
 ) -> Row:
     car, begin_s, driven = passage.car, passage.begin_s, sum(passage.limited)
-    front_s = crossing_time_s(trace, -trace.crossing.width_m / 2)
+    edge_m = -trace.crossing.width_m / 2
+    # A vehicle that came onto the road beyond the edge never reached it.
+    front_s = None if trace.x_m[0] > edge_m else crossing_time_s(trace, edge_m)
     rear_s = record.pass_time_ignoring_contact_s
     trigger_s = begin_s - passage.trace_offset_s
     values = record.values

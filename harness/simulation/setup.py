@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from harness.core.documents import frozen_tables
 from harness.core.errors import StrategyError, in_one_line
+from harness.core.freezing import Frozen
 from harness.core.vocabulary import Arm, Arrival, Strategy, Vehicle
 from harness.encounter.arms import make_strategy
 from harness.encounter.arrivals import planned_arrivals
@@ -23,7 +23,7 @@ CAR = VehicleType(5.0, 1.8, 2.6, 4.5, 200 / 3.6)
 
 
 @dataclass(frozen=True, slots=True)
-class Setup:
+class Setup(Frozen):
     """A scenario whose simulation has been read.
 
     Attributes:
@@ -42,10 +42,6 @@ class Setup:
     simulation: SimulationSection
     begin_s: float
     end_s: float
-
-    def __post_init__(self) -> None:
-        """Make the crosswalks read-only."""
-        object.__setattr__(self, "crosswalks", frozen_tables(self.crosswalks))
 
     @property
     def own_people(self) -> bool:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from harness.core.freezing import Frozen
 from harness.core.vocabulary import FloatArray
 
 Places = NDArray[np.complex128]
@@ -40,7 +41,7 @@ class Lane(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class FrontPath:
+class FrontPath(Frozen):
     """Successive lanes as one line; s is 0 at the stop line and negative before it.
 
     Every lane's shape is scaled linearly to the lane's length, as SUMO does, so that s differs from
@@ -83,8 +84,6 @@ class FrontPath:
         begin, end = first / abs(first) * _BEYOND_M, last / abs(last) * _BEYOND_M
         points = np.concatenate([points[:1] - begin, points, points[-1:] + end])
         knots_m = np.concatenate([[starts_m[0] - _BEYOND_M], *knots, [starts_m[-1] + _BEYOND_M]])
-        for each in (starts_m, knots_m, points):
-            each.setflags(write=False)
         return cls(tuple(lanes), starts_m, knots_m, points)
 
     def position(self, s: ArrayLike) -> Places:

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
 import shapely
 
-from harness.core.errors import InputError
+from harness.core.errors import InputError, reason_of
+from harness.core.freezing import Frozen
 from harness.site.path import FrontPath, Lane
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class Connection:
 
 
 @dataclass(frozen=True, eq=False)
-class Crosswalk:
+class Crosswalk(Frozen):
     """A crosswalk.
 
     Attributes:
@@ -98,7 +98,7 @@ class Crosswalk:
     prioritized: bool = False
     signalled: bool = False
     roads: Sequence[str] = ()
-    areas: Mapping[str, bool] = field(default_factory=lambda: MappingProxyType({}))
+    areas: Mapping[str, bool] = field(default_factory=dict)
     junction: Sequence[Connection] = ()
 
     @cached_property
@@ -141,7 +141,7 @@ class Crosswalk:
 
 
 @dataclass(frozen=True, eq=False)
-class Town:
+class Town(Frozen):
     """A network's crosswalks, connections and lanes.
 
     Attributes:
@@ -174,10 +174,10 @@ class Town:
                 net, withPedestrianConnections=True, withFoes=True, lxml=False, maxcache=0
             )
         except OSError as error:
-            raise InputError(str(net), f"cannot be read ({error.strerror or error})") from None
+            raise InputError(str(net), f"cannot be read ({reason_of(error)})") from None
         # What the parser raises for a file that is not whole depends on where it ends.
         except Exception as error:
-            raise InputError(str(net), f"is not a complete SUMO network ({error})") from None
+            raise InputError(str(net), f"is not a complete SUMO network ({error})") from error
         try:
             passing = {node: (*_passing(network, node),) for node in network.getNodes()}
             crosswalks = [
@@ -186,14 +186,15 @@ class Town:
                 if edge.getFunction() == "crossing"
             ]
             lanes = [_lane(lane) for edge in network.getEdges() for lane in edge.getLanes()]
-        # The parser does not check that what a file names exists.
+        # The parser does not check that what a file names exists.  The cause stays with the error,
+        # so that a mistake of this module can be told from a damaged file.
         except (*_NAMELESS, shapely.errors.ShapelyError) as error:
-            raise InputError(str(net), f"is not a complete SUMO network ({error})") from None
+            raise InputError(str(net), f"is not a complete SUMO network ({error})") from error
         ways = [each for at in passing.values() for each in at]
         return cls(
-            MappingProxyType({each.id: each for each in crosswalks}),
-            MappingProxyType({(each.from_lane, each.to_lane): each for each in ways}),
-            MappingProxyType({each.id: each for each in lanes}),
+            {each.id: each for each in crosswalks},
+            {(each.from_lane, each.to_lane): each for each in ways},
+            {each.id: each for each in lanes},
         )
 
     @cached_property
@@ -255,7 +256,7 @@ def _crosswalk(edge: "Edge", junction: Sequence[Connection], left_hand: bool) ->
         prioritized=any(link.getState() == "M" for link in walked),
         signalled=any(link.getTLSID() for link in walked),
         roads=tuple(road.getID() for road in edge.getCrossingEdges()),
-        areas=MappingProxyType(ends),
+        areas=ends,
         junction=junction,
     )
 

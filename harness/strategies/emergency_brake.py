@@ -4,7 +4,7 @@ import math
 
 from harness.core.vocabulary import PEDESTRIAN_RADIUS_M, ROUNDING, Observation, PedestrianView
 from harness.scenario.sections import Positive
-from harness.strategies.manoeuvres import full_braking, half_path_width_m, resume, time_in_path_s
+from harness.strategies.manoeuvres import full_braking, half_path_width_m, resume, time_in_path
 
 
 class EmergencyBrake:
@@ -55,7 +55,7 @@ def _ttc_s(observation: Observation, pedestrian: PedestrianView, half_path_m: fl
     ego = observation.ego
     if not pedestrian.on_crossing or ego.speed_mps <= 0:
         return math.inf
-    enters_s, leaves_s = time_in_path_s(pedestrian, half_path_m)
+    _, enters_s, leaves_s = time_in_path(pedestrian, half_path_m)
     arrives_s = (ego.range_m - PEDESTRIAN_RADIUS_M) / ego.speed_mps
     clears_s = (ego.range_m + observation.vehicle.length_m + PEDESTRIAN_RADIUS_M) / ego.speed_mps
     first_s = max(enters_s, arrives_s, 0.0)
@@ -63,5 +63,5 @@ def _ttc_s(observation: Observation, pedestrian: PedestrianView, half_path_m: fl
 
 
 def _in_or_before_path(pedestrian: PedestrianView, half_path_m: float) -> bool:
-    enters_s, leaves_s = time_in_path_s(pedestrian, half_path_m)
+    _, enters_s, leaves_s = time_in_path(pedestrian, half_path_m)
     return leaves_s >= 0 and enters_s < math.inf

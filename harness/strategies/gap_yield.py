@@ -17,7 +17,7 @@ from harness.strategies.manoeuvres import (
     speeding_up,
     stop_at,
     stop_at_line,
-    time_in_path_s,
+    time_in_path,
 )
 
 ROLLING_MPS = 1.0
@@ -95,7 +95,7 @@ def _people(observation: Observation) -> list[_Person]:
     for pedestrian in observation.pedestrians:
         if not pedestrian.on_crossing:
             continue
-        enters_s, leaves_s = time_in_path_s(pedestrian, half_m)
+        _, enters_s, leaves_s = time_in_path(pedestrian, half_m)
         if pedestrian.speed_mps > 0:
             leaves_s = lane_free_in_s(observation, pedestrian)
         if leaves_s > 0 and enters_s < math.inf:

@@ -109,36 +109,34 @@ def half_path_width_m(vehicle: Vehicle) -> float:
     return vehicle.width_m / 2 + PEDESTRIAN_RADIUS_M
 
 
-def time_in_path_s(pedestrian: PedestrianView, half_path_m: float) -> tuple[float, float]:
+class InPath(NamedTuple):
     """When a pedestrian who keeps their velocity enters and leaves the ego's path, in s from now.
 
-    Returns:
-        (enters, leaves).  ``enters`` is 0 if they are in the path; ``leaves`` is below 0 if they
-        are past it; both are infinite if they stand before it.
+    ``enters_s`` is 0 if they are in the path; ``leaves_s`` is below 0 if they are past it; both are
+    infinite if they stand before it.
     """
-    lateral_m, speed_mps = pedestrian.lateral_m, pedestrian.speed_mps
-    if speed_mps > 0:
-        return max(0.0, (lateral_m - half_path_m) / speed_mps), (
-            lateral_m + half_path_m
-        ) / speed_mps
-    if lateral_m < -half_path_m:
-        return 0.0, -math.inf
-    return (0.0 if lateral_m <= half_path_m else math.inf), math.inf
-
-
-class InPath(NamedTuple):
-    """When a pedestrian enters and leaves the ego's path, in s from now."""
 
     index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
     enters_s: float
     leaves_s: float
 
 
+def time_in_path(pedestrian: PedestrianView, half_path_m: float) -> InPath:
+    """When a pedestrian is in a path of this half width."""
+    index, lateral_m, speed_mps = pedestrian.index, pedestrian.lateral_m, pedestrian.speed_mps
+    if speed_mps > 0:
+        enters_s = max(0.0, (lateral_m - half_path_m) / speed_mps)
+        return InPath(index, enters_s, (lateral_m + half_path_m) / speed_mps)
+    if lateral_m < -half_path_m:
+        return InPath(index, 0.0, -math.inf)
+    return InPath(index, 0.0 if lateral_m <= half_path_m else math.inf, math.inf)
+
+
 def times_in_path(observation: Observation, spare_m: float) -> list[InPath]:
     """When those who walk or are on the crossing are in the path, with space on both sides."""
     half_m = half_path_width_m(observation.vehicle) + spare_m
     return [
-        InPath(pedestrian.index, *time_in_path_s(pedestrian, half_m))
+        time_in_path(pedestrian, half_m)
         for pedestrian in observation.pedestrians
         if pedestrian.on_crossing or pedestrian.speed_mps > 0
     ]

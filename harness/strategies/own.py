@@ -62,9 +62,7 @@ def _import(name: str, where: str) -> ModuleType:
 def _unknown_module(missing: str, where: str) -> InputError:
     """The error for a module that does not exist; it holds the nearest name in the same folder."""
     package, _, last = missing.rpartition(".")
-    folders = (
-        list(getattr(sys.modules.get(package), "__path__", [])) if package else [str(Path.cwd())]
-    )
+    folders = getattr(sys.modules.get(package), "__path__", []) if package else [str(Path.cwd())]
     names = [module.name for module in pkgutil.iter_modules(folders)]
     close = nearest_name(last, names)
     nearest = f"{package}.{close}" if package and close else close
@@ -77,6 +75,5 @@ def _unknown_class(module: ModuleType, path: str, where: str) -> InputError:
         name for name, thing in vars(module).items() if callable(getattr(thing, "decide", None))
     ]
     allowed = ", ".join(sorted(strategies)) or "a class with a method decide"
-    return InputError(
-        where, f"{module.__name__!r} has no {path!r}", allowed, nearest_name(path, strategies)
-    )
+    nearest = nearest_name(path, strategies)
+    return InputError(where, f"{module.__name__!r} has no {path!r}", allowed, nearest)

@@ -84,19 +84,3 @@ def defaults_of(strategy: StrategyFactory) -> dict[str, Any]:
     """The defaults of the parameters that have one."""
     fields = form_of(strategy).model_fields
     return {name: field.default for name, field in fields.items() if not field.is_required()}
-
-
-_SIGNS = {"ge": "≥", "gt": ">", "le": "≤", "lt": "<"}
-"""Signs by the names of pydantic's limits."""
-
-
-def values_in_words(strategy: StrategyFactory, name: str) -> str:
-    """The type and the range of a parameter, as its annotation says them."""
-    field = form_of(strategy).model_fields[name]
-    bounds = [
-        f"{sign} {getattr(limit, key):g}"
-        for limit in field.metadata
-        for key, sign in _SIGNS.items()
-        if hasattr(limit, key)
-    ]
-    return ", ".join([inspect.formatannotation(field.annotation), *bounds])

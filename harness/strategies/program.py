@@ -14,7 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-from harness.core.errors import InputError
+from harness.core.errors import InputError, reason_of
 from harness.core.vocabulary import Crossing, Observation, StrategyFactory, Vehicle
 from harness.scenario.consistency import PROGRAM
 
@@ -23,8 +23,8 @@ SCHEMA_FILE = Path(__file__).with_name("observation.schema.json")
 
 _NEWLINE = b"\n"
 """It ends every message."""
-_LONGEST_ANSWER = 1_000
-"""Number of bytes of an answer after which no more is read; a number has fewer."""
+_LONGEST_ANSWER_BYTES = 1_000
+"""No more of an answer is read; a number is shorter."""
 
 
 def is_program(name: str) -> bool:
@@ -61,7 +61,7 @@ def _program_below(here: Path, name: str, where: str) -> StrategyFactory:
     if not os.access(path, os.X_OK):
         raise InputError(where, f"{words[0]!r} cannot be executed", f"chmod +x {words[0]}")
     with path.open("rb") as file:
-        head = file.read(_LONGEST_ANSWER)
+        head = file.read(_LONGEST_ANSWER_BYTES)
     if not head.startswith(b"#!") and b"\0" not in head:  # a compiled program has zeros
         first = "a first line such as #!/usr/bin/env python3"
         raise InputError(where, f"{words[0]!r} does not say what runs it", first)
@@ -103,8 +103,8 @@ def _ask(program: subprocess.Popen[bytes], line: bytes) -> bytes:
     try:
         program.stdin.write(line)
         program.stdin.flush()
-        while _NEWLINE not in answer and len(answer) < _LONGEST_ANSWER:
-            part = os.read(program.stdout.fileno(), _LONGEST_ANSWER)
+        while _NEWLINE not in answer and len(answer) < _LONGEST_ANSWER_BYTES:
+            part = os.read(program.stdout.fileno(), _LONGEST_ANSWER_BYTES)
             if not part:
                 raise BrokenPipeError
             answer += part
@@ -125,8 +125,8 @@ def _running_program(command: tuple[str, ...]) -> subprocess.Popen[bytes]:
         try:
             _programs[command] = subprocess.Popen(command, stdin=pipe, stdout=pipe)
         except OSError as error:
-            why = f"the program cannot be started ({error.strerror}): does what its #! names exist?"
-            raise ChildProcessError(why) from None
+            why = f"the program cannot be started ({reason_of(error)})"
+            raise ChildProcessError(f"{why}: does what its #! names exist?") from None
     return _programs[command]
 
 

@@ -10,10 +10,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from harness.core.documents import frozen_tables
+from harness.core.freezing import frozen
 from harness.scenario import Scenario, load_scenario
-from harness.strategies.parameters import defaults_of
+from harness.scenario.sections import ModelSection
+from harness.strategies.parameters import defaults_of, knows_the_model
 from harness.strategies.registry import STRATEGIES
+
+_PAPERS = (30, 9, 5)
+"""The paper's R0 in m, length of the crosswalk in m, and v0 in m/s (Table II)."""
 
 CROWD_PER_HOUR = 1_000.0
 """From this flow on, two or more people are on a road of 9 m at once: a crowd, as in the
@@ -27,7 +31,7 @@ FILE = Path(__file__).with_name("validated.json")
 @cache
 def known() -> Mapping[str, Any]:
     """The result of ``harness validate``, and the ratios of times of runs."""
-    results: Mapping[str, Any] = frozen_tables(json.loads(FILE.read_text(encoding="utf-8")))
+    results: Mapping[str, Any] = frozen(json.loads(FILE.read_text(encoding="utf-8")))
     return results
 
 
@@ -48,7 +52,7 @@ def is_the_papers(scenario: Scenario) -> bool:
     """Whether a scenario is the paper's (Table II, arms, pedestrian), for any N and seed."""
     ego, people, arms = scenario.ego, scenario.pedestrians, scenario.arms
     return (
-        (ego.trigger_range_m, scenario.crossing.length_m, ego.initial_speed_mps) == (30, 9, 5)
+        (ego.trigger_range_m, scenario.crossing.length_m, ego.initial_speed_mps) == _PAPERS
         and scenario.crosswalk().lane_centre_m == scenario.crossing.length_m / 4
         and (arms.av, arms.human) == ("soft_yield", "human_gmm")
         and all(keeps_its_defaults(scenario, name) for name in (arms.av, arms.human))
@@ -59,10 +63,13 @@ def is_the_papers(scenario: Scenario) -> bool:
 
 
 def is_validated(scenario: Scenario) -> bool:
-    """Whether the reference was validated with its parameters, and ``human_gmm`` with its model."""
+    """Whether the reference was validated with its parameters, and its model if it uses one."""
     name = scenario.arms.human
-    other_model = (scenario.model.name, scenario.model.path) != ("dut", None)
-    if name not in recorded() or (other_model and name == "human_gmm"):
+    used, shipped = scenario.model, ModelSection()
+    if name not in recorded():
+        return False
+    other_model = (used.name, used.path) != (shipped.name, shipped.path)
+    if other_model and knows_the_model(STRATEGIES[name]):
         return False
     return keeps_its_defaults(scenario, name)
 

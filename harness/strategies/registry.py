@@ -4,11 +4,11 @@ import hashlib
 import inspect
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import cast
 
 from harness.core.errors import InputError, nearest_name
 from harness.core.files import read_file
+from harness.core.freezing import frozen
 from harness.core.vocabulary import StrategyFactory
 from harness.strategies.autoware_crosswalk import AutowareCrosswalk
 from harness.strategies.constant_speed import ConstantSpeed
@@ -19,25 +19,22 @@ from harness.strategies.human_gmm import HumanGmm
 from harness.strategies.human_recorded import HumanRecorded
 from harness.strategies.human_yield import HumanYield
 from harness.strategies.own import load_own
-from harness.strategies.parameters import form_of, knows_the_model, values_in_words
 from harness.strategies.program import ProgramDriver, is_program, load_program
 from harness.strategies.soft_yield import SoftYield
 from harness.strategies.sumo_driver import SumoDriver
 
-STRATEGIES: Mapping[str, StrategyFactory] = MappingProxyType(
-    {
-        "soft_yield": SoftYield,
-        "hard_yield": HardYield,
-        "constant_speed": ConstantSpeed,
-        "human_gmm": HumanGmm,
-        "human_yield": HumanYield,
-        "human_recorded": HumanRecorded,
-        "emergency_brake": EmergencyBrake,
-        "gap_yield": GapYield,
-        "autoware_crosswalk": AutowareCrosswalk,
-        "sumo_driver": SumoDriver,
-    }
-)
+STRATEGIES: Mapping[str, StrategyFactory] = frozen({
+    "soft_yield": SoftYield,
+    "hard_yield": HardYield,
+    "constant_speed": ConstantSpeed,
+    "human_gmm": HumanGmm,
+    "human_yield": HumanYield,
+    "human_recorded": HumanRecorded,
+    "emergency_brake": EmergencyBrake,
+    "gap_yield": GapYield,
+    "autoware_crosswalk": AutowareCrosswalk,
+    "sumo_driver": SumoDriver,
+})  # fmt: skip
 
 KNOWS_THE_MODEL = "It is given the model from which the pedestrians are drawn."
 """What is said of a strategy that knows more than real drivers do."""
@@ -60,27 +57,6 @@ def find_strategy(name: str, where: str) -> StrategyFactory:
     is_module = Path(f"{name.replace('.', '/')}.py").is_file()
     nearest = f"{name}:Class" if is_module else nearest_name(name, names)
     raise InputError(where, f"unknown strategy {name!r}", allowed, nearest)
-
-
-def listing() -> list[dict[str, str | None]]:
-    """Rows for a user: of each built-in strategy its first line, then its parameters."""
-    rows: list[dict[str, str | None]] = []
-    for name, factory in STRATEGIES.items():
-        meaning = (factory.__doc__ or "no description").strip().splitlines()[0]
-        if knows_the_model(factory):
-            meaning += f" {KNOWS_THE_MODEL}"
-        no_parameter = {"parameter": None, "default": None}
-        rows.append({"strategy": name, **no_parameter, "meaning": meaning})
-        rows += [
-            {
-                "strategy": name,
-                "parameter": key,
-                "default": "none" if field.is_required() else repr(field.default),
-                "meaning": values_in_words(factory, key),
-            }
-            for key, field in form_of(factory).model_fields.items()
-        ]
-    return rows
 
 
 def source_digests(names: Iterable[str]) -> dict[str, str]:

@@ -28,7 +28,9 @@ Judgement = Literal["allowed", "denied", "undecided"]
 
 def as_number(value: Plain) -> float | None:
     """A value of a scenario's key if it is a number."""
-    return None if value is None or isinstance(value, str | bool) else float(value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value)
 
 
 class Judged(NamedTuple):

@@ -8,6 +8,7 @@ from typing import Any
 
 import pyarrow.compute as pc
 
+from harness.core.freezing import Frozen
 from harness.core.vocabulary import Arm
 from harness.results.catalogue import AnySample
 from harness.results.cell_findings import CellFindings, sample_of
@@ -27,7 +28,7 @@ _SHARED = ("traffic", "simulation")
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Candidate(Frozen):
     """A cell as one of several strategies that met the same people.
 
     ``label`` tells it from the others of its group; ``shared`` are the swept keys of the group, and

@@ -247,8 +247,8 @@ def _crosses(plays: Sequence[Play]) -> None:
 
 def _keeps_to_the_limit(plays: Sequence[Play]) -> None:
     for play in plays:
-        v0_mps = play.trace.vehicle.initial_speed_mps
-        most_mps = max(play.trace.crossing.speed_limit_mps or v0_mps, v0_mps)
+        allowed_mps = play.trace.vehicle.initial_speed_mps, play.trace.crossing.speed_limit_mps
+        most_mps = max(each for each in allowed_mps if each is not None)
         speeding = play.trace.speed_mps > most_mps * (1 + SPEED_ROUNDING)
         if speeding.any():
             what = f"drove at {play.trace.speed_mps.max():.3g} m/s, above {most_mps:g} m/s"

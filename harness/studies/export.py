@@ -22,6 +22,7 @@ import pyarrow.compute as pc
 
 from harness.core.errors import InputError, Parameter
 from harness.core.files import cannot_write, write_file
+from harness.core.freezing import Frozen
 from harness.core.vocabulary import (
     PEDESTRIAN_RADIUS_M,
     ROUNDING,
@@ -31,7 +32,6 @@ from harness.core.vocabulary import (
     Leg,
     Side,
     Walk,
-    freeze_arrays,
 )
 from harness.engine.configuration import read_config, seconds
 from harness.engine.network import network_of, opendrive
@@ -61,7 +61,7 @@ _SLACK_M = 1e-3
 
 
 @dataclass(frozen=True)
-class Entity:
+class Entity(Frozen):
     """A vehicle, pedestrian or obstacle.
 
     Attributes:
@@ -84,10 +84,6 @@ class Entity:
     leaves_s: float | None = None
     limits_mps2: Sequence[float] = ()
 
-    def __post_init__(self) -> None:
-        """Make the states read-only."""
-        freeze_arrays(self, "states")
-
     @property
     def axle_m(self) -> float:
         """Distance from OpenSCENARIO's reference point, a vehicle's rear axle, to the place."""
@@ -107,7 +103,7 @@ class Entity:
 
 
 @dataclass(frozen=True)
-class Exported:
+class Exported(Frozen):
     """What is exported.
 
     Attributes:

@@ -8,9 +8,9 @@ import pytest
 
 from harness.core.vocabulary import Arm
 from harness.encounter.pairing import PairRunner
-from harness.engine.control import SumoEngine
 from harness.engine.network import CACHE_VARIABLE
 from harness.engine.starting import session_of
+from harness.engine.sumo_engine import SumoEngine
 from harness.scenario import Scenario, validate
 from tests.scenes import on_plain
 from tests.sites import to_road

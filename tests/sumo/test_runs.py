@@ -18,7 +18,7 @@ import pytest
 
 from harness.core.errors import InputError
 from harness.core.vocabulary import Observation
-from harness.engine.control import SumoEngine
+from harness.engine.sumo_engine import SumoEngine
 from harness.results.loaded_run import Run, load_run
 from harness.studies.evaluate import evaluate
 from harness.studies.running.run import resume, run

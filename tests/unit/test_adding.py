@@ -36,7 +36,7 @@ def halved_time_s(chunk: Chunk) -> FloatArray:
         'each with its definition; undefined values are None."""\n',
         """
     halved_time_s: float | None = _measured(
-        efficiency.halved_time_s, "s", "half of pass_time_s", about="time"
+        efficiency.halved_time_s, "s", "half of pass_time_s", about="time", undefined_when="crash"
     )
 """,
     ),

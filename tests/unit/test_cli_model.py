@@ -130,7 +130,7 @@ def test_the_card_tells_where_the_model_comes_from_and_how_to_make_it(model_file
     assert card["chosen_by"] == "held-out"
     best = max(card["candidates"], key=lambda of: of["held_out"]["mean"])
     assert best["components"] == card["components"]
-    assert card["bounds"]["inverse_range_per_m"] == [1 / 60, 0.5]
+    assert card["bounds"]["inverse_range_per_m"] == (1 / 60, 0.5)
     assert any("vehicles" in warning for warning in card["warnings"])
     assert set(card["versions"]) >= {"harness", "python", "numpy", "scipy"}
     commands = read_model(model_file).provenance["commands"]

@@ -224,4 +224,4 @@ def test_vehicles_of_one_track_are_one():
     sample = make_sample(rows)
     assert (sample.vehicles, sample.named_vehicles, len(set(sample.row))) == (3, 4, 80)
     assert sample.vehicle.tolist() == [0] * 20 + [1] * 20 + [0] * 20 + [2] * 20
-    assert sample.tracks == ["a", "b", "c"]
+    assert sample.tracks == ("a", "b", "c")

@@ -199,6 +199,15 @@ def test_one_module_knows_sumos_interfaces() -> None:
     assert reads == {"harness.site.town"}
 
 
+def test_frozen_records_have_nothing_that_can_be_written_to() -> None:
+    field = re.compile(r"(?m)^    \w+: (?!.*Callable).*\b(list|dict|Mapping|Sequence|\w*Array)\b")
+    for name, path in PATHS.items():
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            record = ast.unparse(node) if isinstance(node, ast.ClassDef) else ""
+            if "dataclass(frozen=True" in record and field.search(record):
+                assert "(Frozen" in record, (name, record)
+
+
 def test_help_imports_nothing_heavy() -> None:
     script = (
         "import sys; sys.argv = ['harness', '--help']\n"
@@ -216,7 +225,7 @@ def test_help_imports_nothing_heavy() -> None:
 NAMED = re.compile(r"`([\w./]+\.py)`")
 
 KAPPA = (
-    "engine/control encounter/loop encounter/pairing measures/chunk measures/contacts "
+    "engine/sumo_engine encounter/loop encounter/pairing measures/chunk measures/contacts "
     "measures/record studies/running/episodes results/rows results/folder results/columns "
     "results/estimators results/catalogue results/cell_findings results/cell_tables report/screen"
 )

@@ -17,8 +17,8 @@ from harness.model.interaction import load_model
 from harness.results.rows import trace_rows
 from harness.scenario import Scenario, load_scenario
 from harness.scenario.file import Setting
+from harness.strategies.perception.encounter_view import Perception
 from harness.strategies.perception.occlusion import Rectangle, is_hidden
-from harness.strategies.perception.perception import Perception
 from harness.strategies.perception.sensor import Sensor, sensor_of
 from harness.strategies.perception.updates import SensorTrack, Updates, updates_until_found
 from tests.scenes import Recorder, episode, on_plain, outcome_of, scenario

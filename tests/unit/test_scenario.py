@@ -34,7 +34,6 @@ def test_constants_for_strategies_of_an_immutable_scenario() -> None:
     assert scenario.crosswalk().stop_line_m == 3.0
     seen = validate({"ego": {"detection_range_m": 12.0}}, "test").vehicle()
     assert (seen.trigger_range_m, seen.detection_range_m) == (30.0, 12.0)
-    scenario = validate({}, "test")
     with pytest.raises(ValueError, match="frozen"):
         scenario.ego.length_m = 4.0  # type: ignore[misc]
     with pytest.raises(TypeError, match="mappingproxy"):

@@ -4,14 +4,7 @@ import math
 
 import numpy as np
 
-from harness.core.vocabulary import (
-    ROUNDING,
-    Crossing,
-    FloatArray,
-    Leg,
-    Side,
-    Walk,
-)
+from harness.core.vocabulary import ROUNDING, Crossing, FloatArray, Leg, Side, Walk
 
 
 def legs_of(walk: Walk, crossing: Crossing) -> tuple[Leg, ...]:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from harness.core.freezing import Frozen, frozen
 from harness.core.vocabulary import ROUNDING, FloatArray
 from harness.model.trajectories.rules import ExtractionRules, Tally
 from harness.model.trajectories.tracks import (
@@ -19,7 +20,6 @@ from harness.model.trajectories.tracks import (
     build_path,
     fingerprint,
     first_crossing,
-    read_only,
     travel_m,
 )
 
@@ -36,7 +36,7 @@ PairColumns = dict[str, FloatArray | str | float | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Mover:
+class Mover(Frozen):
     """A track with its path and the path length of every record."""
 
     track: Track
@@ -87,7 +87,7 @@ def _mover(track: Track, shape: tuple[float, float, float], least_m: float) -> M
     path = build_path(track.position_m, *shape)
     if path is None:
         return None
-    return Mover(track, path, read_only(arc_of_records(path, track.position_m)))
+    return Mover(track, path, arc_of_records(path, track.position_m))
 
 
 def _pair_rows(
@@ -139,7 +139,7 @@ def crossing_of(car: Mover, walker: Mover, rules: ExtractionRules) -> CrossingPa
     angle = angle_deg(driving, walking)
     if not rules.min_angle_deg <= angle <= rules.max_angle_deg:
         return "crossing_angle"
-    return CrossingPaths(crossing[0], read_only(driving), read_only(walking), angle)
+    return CrossingPaths(crossing[0], frozen(driving), frozen(walking), angle)
 
 
 def angle_deg(driving: FloatArray, walking: FloatArray) -> float:

@@ -11,9 +11,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from harness.core.documents import as_plain, check_form, frozen_tables
+from harness.core.documents import as_plain, check_form
 from harness.core.errors import InputError, unknown_name
 from harness.core.files import write_file
+from harness.core.freezing import frozen
 from harness.model.trajectories.encounters import candidate_rows
 from harness.model.trajectories.formats import FORMATS, File, Format
 from harness.model.trajectories.rules import (
@@ -85,7 +86,7 @@ def extract(paths: Paths, format_: str, **options: Any) -> Extraction:
     tally.vehicles = _groups(rows, VEHICLE_KEY)
     if tally.pairs is not None and seen is not None:
         tally.drop("pairs", "no_row_kept", seen - tally.pairs)
-    final = {name: frozen_tables(getattr(tally, name)) for name in ("dropped", "skipped")}
+    final = {name: frozen(getattr(tally, name)) for name in ("dropped", "skipped")}
     return Extraction(rows, replace(tally, notes=[*tally.notes], **final))
 
 

@@ -168,7 +168,7 @@ def vci_clip(file: File, options: VciOptions, tally: Tally) -> Clip:
     tally.clips += 1
     folder = file.given if file.given.is_dir() else file.given.parent
     source = options.source or folder.resolve().name
-    return Clip(source, file.name, MappingProxyType(vehicles), pedestrians, y_down=True)
+    return Clip(source, file.name, vehicles, pedestrians, y_down=True)
 
 
 def _beside(vehicle_file: Path, folder: str, name: str) -> Path | None:

@@ -15,6 +15,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.freezing import Frozen
 from harness.core.vocabulary import FloatArray
 
 _CELLS_PER_M = 1000.0
@@ -25,15 +26,8 @@ _DIGITS = 16
 """Hexadecimal digits of a fingerprint."""
 
 
-def read_only(values: FloatArray) -> FloatArray:
-    """A float copy that cannot be written to."""
-    copy = np.array(values, dtype=np.float64)
-    copy.setflags(write=False)
-    return copy
-
-
 @dataclass(frozen=True, eq=False)
-class Track:
+class Track(Frozen):
     """One object's positions.
 
     Attributes:
@@ -45,8 +39,10 @@ class Track:
     position_m: FloatArray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "time_s", read_only(self.time_s))
-        object.__setattr__(self, "position_m", read_only(self.position_m))
+        """Make the arrays read-only, and floats."""
+        for name in ("time_s", "position_m"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
+        super().__post_init__()
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +60,7 @@ class VehicleTrack(Track):
 
 
 @dataclass(frozen=True, eq=False)
-class Clip:
+class Clip(Frozen):
     """Tracks recorded together, as in one video clip.
 
     Attributes:
@@ -112,7 +108,7 @@ def _hash(cell: Iterable[int]) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class TravelPath:
+class TravelPath(Frozen):
     """A path as a chain of straight pieces; the last piece is its straight extension.
 
     Attributes:
@@ -191,9 +187,7 @@ def build_path(
     beyond = max(0.0, float((position_m[-1] - last) @ ahead))
     points = np.vstack([corners, last + ahead * (beyond + max(extension_m, 1e-3))])
     pieces = np.hypot(*np.diff(points, axis=0).T)
-    return TravelPath(
-        read_only(points), read_only(np.concatenate([[0.0], np.cumsum(pieces)])), kept
-    )
+    return TravelPath(points, np.concatenate([[0.0], np.cumsum(pieces)]), kept)
 
 
 def arc_of_records(path: TravelPath, position_m: FloatArray) -> FloatArray:

@@ -1,8 +1,11 @@
 """``[perception]`` and the step in; the constants of a driver's sensor out."""
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
+from harness.core.seeding import Purpose
 from harness.core.vocabulary import Arm, Crossing
 from harness.scenario import Scenario
 from harness.scenario.sections import PerceptionSection
@@ -30,6 +33,41 @@ class Sensor:
     update_steps: int
     correlation: float
     obstacles: tuple[Rectangle, ...]
+
+
+class TrackStream(NamedTuple):
+    """Random numbers of the track of one pedestrian, from the stream of one purpose.
+
+    Attributes:
+        drawn: whether a sensor draws them on the way to the crosswalk.
+        given: how many of a pedestrian's first ones can be given, as those that a risk samples.
+        later: what the others decide, in words; empty if a risk need not tell.
+    """
+
+    drawn: Callable[[Sensor], bool]
+    given: int = 0
+    later: str = ""
+
+
+def _detects_again(sensor: Sensor) -> bool:
+    section = sensor.section
+    loses = section.dropout_probability > 0 or bool(sensor.obstacles)
+    return section.detection_probability < 1 and loses
+
+
+TRACK_STREAMS: Mapping[Purpose, TrackStream] = {
+    "redetection": TrackStream(_detects_again, given=1),
+    "dropout": TrackStream(
+        lambda sensor: sensor.section.dropout_probability > 0,
+        later="the updates at which perception loses a pedestrian",
+    ),
+    "perception_error": TrackStream(
+        lambda sensor: sensor.section.position_sd_m > 0 or sensor.section.speed_sd_mps > 0,
+        given=2,
+        later="the change of perception errors after a pedestrian's first update",
+    ),
+}
+"""What tracks draw at random, by purpose, in the order in which a risk samples it."""
 
 
 def sensor_of(scenario: Scenario, driver: Arm) -> Sensor | None:

@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from harness.core.seeding import Given, GivenFirst, Purpose, stream
 from harness.core.vocabulary import PedestrianView, Views
-from harness.strategies.perception.sensor import Sensor
+from harness.strategies.perception.sensor import TRACK_STREAMS, Sensor
 
 Look = Callable[[], Iterable[tuple[PedestrianView, bool]]]
 """Returns everybody at the crosswalk, and whether they are in range and in sight."""
@@ -61,20 +61,18 @@ class SensorTrack:
         vehicle: tuple[int, ...] = (),
     ) -> None:
         self._sensor, self._key = sensor, (pair, *vehicle, index)
-        self._wait_given = given.get("redetection", ())[index : index + 1]
         section = self._section = sensor.section
         self._wait = 1.0
         if quantile is not None:
             self._wait = updates_until_found(quantile, section.detection_probability)
         self._found = False
         self._again: np.random.Generator | None = None
-        self._dropout = self._stream("dropout") if section.dropout_probability > 0 else None
-        erring = section.position_sd_m > 0 or section.speed_sd_mps > 0
-        self._noise = self._stream("perception_error") if erring else None
+        self._dropout, self._noise = self._stream("dropout"), self._stream("perception_error")
         # In standard deviations; the process is stationary from the first update on.
         self._errors = np.zeros(2) if self._noise is None else self._noise.standard_normal(2)
-        first = given.get("perception_error", ())[2 * index : 2 * index + 2]
-        if erring and first:
+        self._wait_given = _first("redetection", given, index)
+        first = _first("perception_error", given, index)
+        if self._noise is not None and first:
             self._errors = ndtri(np.array(first))
 
     def update(self, in_sight: bool) -> bool:
@@ -114,11 +112,19 @@ class SensorTrack:
         if probability >= 1:
             return 1
         if self._again is None:
-            self._again = GivenFirst(self._stream("redetection").bit_generator, self._wait_given)
+            again = stream(self._sensor.seed, "redetection", *self._key)
+            self._again = GivenFirst(again.bit_generator, self._wait_given)
         return updates_until_found(self._again.random(), probability)
 
-    def _stream(self, purpose: Purpose) -> np.random.Generator:
-        return stream(self._sensor.seed, purpose, *self._key)
+    def _stream(self, purpose: Purpose) -> np.random.Generator | None:
+        drawn = TRACK_STREAMS[purpose].drawn(self._sensor)
+        return stream(self._sensor.seed, purpose, *self._key) if drawn else None
+
+
+def _first(purpose: Purpose, given: Given, index: int) -> Sequence[float]:
+    """The given first random numbers of the pedestrian with this index."""
+    count = TRACK_STREAMS[purpose].given
+    return given.get(purpose, ())[count * index : count * (index + 1)]
 
 
 def track_from(sensor: Sensor, pair: int, vehicle: tuple[int, ...], index: int) -> SensorTrack:

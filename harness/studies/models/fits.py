@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from harness.core.errors import HarnessError, InputError, Parameter
+from harness.core.freezing import frozen
 from harness.core.seeding import resampling
 from harness.core.vocabulary import FloatArray
 from harness.model.interaction import DRIVING_GIVEN, PEDESTRIAN_SPEED, VEHICLE_SPEED, WALKING_GIVEN
@@ -176,9 +177,9 @@ def fit(
                 f"The fit with K = {k} did not converge in {found.n_iter} steps; its gradient "
                 f"norm is {found.gradient_norm:.1g} per unit of weight."
             )
-        candidates.append(FitOfK(k, found, scores))
+        candidates.append(FitOfK(k, found, frozen(scores)))
     chosen, criterion = _choose(candidates, settings, warnings)
-    return Fitted(candidates, chosen, criterion, folds, warnings)
+    return Fitted(tuple(candidates), chosen, criterion, folds, tuple(warnings))
 
 
 def _carried_out(
@@ -235,7 +236,7 @@ def fit_weighted(
     for name in TARGETS:
         logs = log_scores(found.mixture, sample.data[~used], name)
         sums = [np.bincount(vehicle, of, sample.vehicles) for of in (logs * held, held)]
-        scores[name] = HeldOut(*np.array(sums, dtype=float))
+        scores[name] = HeldOut(*frozen(np.array(sums, dtype=float)))
     return found, scores
 
 
@@ -283,7 +284,8 @@ def _joined(scores: Sequence[Mapping[str, HeldOut]]) -> Mapping[str, HeldOut]:
     """The scores of all folds together; every vehicle is in exactly one fold."""
     if not scores or not all(scores):
         return {}
-    joined = {name: HeldOut(*np.sum([score[name] for score in scores], axis=0)) for name in TARGETS}
+    sums = {name: np.sum([score[name] for score in scores], axis=0) for name in TARGETS}
+    joined = {name: HeldOut(*frozen(each)) for name, each in sums.items()}
     return joined if all(np.isfinite(score.mean) for score in joined.values()) else {}
 
 

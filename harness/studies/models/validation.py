@@ -180,7 +180,7 @@ def _result(
 def fitted_on(model: InteractionModel, seen: frozenset[str]) -> bool | None:
     """Whether a model's card lists one of the tracks ``seen``; None if it lists none at all."""
     tracks = model.provenance.get("tracks")
-    return not seen.isdisjoint(map(str, tracks)) if isinstance(tracks, list) and tracks else None
+    return not seen.isdisjoint(map(str, tracks)) if isinstance(tracks, tuple) and tracks else None
 
 
 def models_without(

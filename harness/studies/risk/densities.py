@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.freezing import frozen
 from harness.core.vocabulary import FloatArray
 from harness.model.mixture.normals import Normals, clustered_normals
 
@@ -47,7 +48,7 @@ class NormalMixture(Normals):
         together = np.logaddexp(np.array(logs).T, _UNLIKELY)
         chances = np.exp(together - together.max(axis=1, keepdims=True))
         chances /= chances.sum(axis=1, keepdims=True)
-        return GivenDensity(chances, np.array(means), np.array(factors))
+        return GivenDensity(*map(frozen, (chances, np.array(means), np.array(factors))))
 
     def mixed_with(self, other: Normals, share: float) -> "NormalMixture":
         """A mixture in which the other one has a share."""

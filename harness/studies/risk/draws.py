@@ -20,15 +20,16 @@ alone.  So the mean weight of a unit is the probability, whatever g and q₀ are
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
 from scipy import special
 
-from harness.core.seeding import stream
-from harness.core.vocabulary import FloatArray, freeze_arrays
+from harness.core.freezing import Frozen
+from harness.core.seeding import Given, stream
+from harness.core.vocabulary import FloatArray
 from harness.results.estimators import CONFIDENCE, clopper_pearson
 from harness.results.tables import Row
 from harness.studies.risk.densities import NormalMixture, standard_normal
@@ -45,7 +46,8 @@ _FARTHEST = 8.0
 """Standard normal numbers beyond it have a probability of 1e-15, and are not drawn."""
 
 
-class DrawInputs(NamedTuple):
+@dataclass(frozen=True)
+class DrawInputs(Frozen):
     """An episode to run: its unit, its number, its random inputs (see ``Space``).
 
     ``asked`` is the place among the people of the one whose own scores are wanted; None: everybody
@@ -57,6 +59,10 @@ class DrawInputs(NamedTuple):
     fixed: FloatArray
     people: FloatArray
     asked: int | None = None
+
+    def given(self, space: Space) -> Given:
+        """The uniforms by purpose; see ``Space.given``."""
+        return space.given(self.fixed, self.people, self.number)
 
     def place(self, rank: int) -> int | None:
         """The place among the people of somebody of a rank in the flow; None if not of them."""
@@ -137,7 +143,6 @@ def draw_units(
         nominal = uniform[:, 0] < NOMINAL_SHARE
         drawn = proposal.fixed.given(f[:, :0]).points(uniform[:, 1], f)
         f = np.where(nominal[:, None], f, drawn)
-    f.setflags(write=False)
     begun = [
         DrawInputs(unit, FIRST_NUMBER + round_ * _NUMBERS + unit, fixed, space.crowd(rng))
         for unit, fixed, rng in zip(units, f, rngs, strict=True)
@@ -148,7 +153,7 @@ def draw_units(
     # Without its culprit an event says how often a placed person is drawn there.
     whose = {k: outcome.culprit for k, outcome in enumerate(first) if outcome.culprit is not None}
     without = [np.delete(begun[k].people, at, axis=0) for k, at in whose.items()]
-    fewer = run([begun[k]._replace(people=of) for k, of in zip(whose, without, strict=True)])
+    fewer = run([replace(begun[k], people=of) for k, of in zip(whose, without, strict=True)])
     points = np.full((n, size + 2 + len(space.marks)), np.nan)
     points[:, :size] = f
     for (k, at), each in zip(whose.items(), fewer, strict=True):
@@ -203,13 +208,12 @@ def _placed(
         people = begun[k].people
         place = int(np.searchsorted(people[:, 0], arrival))
         joined = np.concatenate([people[:place], [[arrival, *marks]], people[place:]])
-        joined.setflags(write=False)
-        again.append(begun[k]._replace(people=joined, asked=place))
+        again.append(replace(begun[k], people=joined, asked=place))
     return np.column_stack([known, who])[inside], row[inside].tolist(), again
 
 
 @dataclass(frozen=True)
-class Units:
+class Units(Frozen):
     """The rows of a round, and what is summed over its ``count`` units.
 
     Attributes:
@@ -234,10 +238,6 @@ class Units:
     timed_out_episodes: int
     failures: int
     weighted: bool
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        freeze_arrays(self, "value", "failed", "weights")
 
     @classmethod
     def of(cls, rows: pa.Table) -> "Units":

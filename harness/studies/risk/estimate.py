@@ -79,7 +79,7 @@ class _Drawing:
 
         def run(episodes: Sequence[DrawInputs]) -> list[DrawOutcome]:
             kept = [each for each in episodes if each.unit not in lost]
-            inputs = [(each.number, self.space.given(*each[2:4], each.number)) for each in kept]
+            inputs = [(each.number, each.given(self.space)) for each in kept]
             units = (each.unit for each in kept)
 
             def begins(_number: int, _arm: Arm, episode: Episode) -> None:
@@ -104,7 +104,7 @@ class _Drawing:
         for at, each, own in zip(drawn, measured, measure(traces), strict=True):
             event = self.event.holds(each.record)
             culprit = self._culprit(each) if event else None
-            given = self.space.given(*at[2:4], at.number) if event else {}
+            given = at.given(self.space) if event else {}
             yield DrawOutcome(
                 event,
                 None if culprit is None else at.place(culprit - before),

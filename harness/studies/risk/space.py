@@ -20,6 +20,7 @@ from harness.core.vocabulary import SECONDS_PER_HOUR, Arm, Ending, FloatArray
 from harness.encounter.arms import draws, draws_from
 from harness.measures import EpisodeRecord
 from harness.scenario import Scenario
+from harness.strategies.perception.sensor import TRACK_STREAMS, sensor_of
 
 GRADINGS = 4
 """Number of scores by which the distance of an episode from an event is graded."""
@@ -137,9 +138,7 @@ class Space(NamedTuple):
         """The people of a nominal flow."""
         count = int(rng.poisson(self.rate_per_s * self.window_s))
         arrivals_s = np.sort(rng.random(count)) * self.window_s
-        people = np.column_stack([arrivals_s, rng.standard_normal((count, len(self.marks)))])
-        people.setflags(write=False)
-        return people
+        return np.column_stack([arrivals_s, rng.standard_normal((count, len(self.marks)))])
 
     def given(self, fixed: FloatArray, people: FloatArray, number: int) -> Given:
         """The uniforms by purpose; they replace the first draws of each stream.
@@ -181,35 +180,30 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
         InputError: the scenario has groups or drawn pedestrians, or nothing in an episode is
             random.
     """
-    people, perception = scenario.pedestrians, scenario.perception
+    people, sensor = scenario.pedestrians, sensor_of(scenario, arm)
     for key, odd, allowed in (
         ("pedestrians.group_size", len(people.group_size) > 1, "a scenario without it"),
         ("pedestrians.drawn", bool(people.drawn), "a scenario without it"),
     ):
         if odd:
             raise InputError(key, "is not supported by a risk estimate", allowed)
-    misses, drops = perception.detection_probability < 1, perception.dropout_probability > 0
-    errs = perception.position_sd_m > 0 or perception.speed_sd_mps > 0
-    hides = perception.occlusion and bool(scenario.obstacles())
-    seen: list[Purpose] = ["redetection"] if misses and (drops or hides) else []
-    seen += ["perception_error", "perception_error"] if errs else []
+    drawn = {} if sensor is None else {k: v for k, v in TRACK_STREAMS.items() if v.drawn(sensor)}
+    seen: list[Purpose] = [purpose for purpose, of in drawn.items() for _ in range(of.given)]
+    misses = sensor is not None and sensor.section.detection_probability < 1
     each: list[Purpose] = [*people.marks, "detection"] if misses else [*people.marks]
     timed, most = len(scenario.timed_walks()), people.max_count
     first = int(people.first_at_trigger and most != 0)
     fixed: list[Purpose] = ["timed_detection"] * timed if misses else []
     fixed += each * first + seen * (timed + first)
-    if drawing := draws(scenario, arm):
+    by_chance = [of.later for of in drawn.values() if of.later]
+    if draws(scenario, arm):
         fixed += [draws_from(scenario, arm)] * GIVEN_DRAWS
+        by_chance.append(f"what the strategy draws after its first {GIVEN_DRAWS} random numbers")
     rate = people.flow_per_hour / SECONDS_PER_HOUR
     flows = rate > 0 and (most is None or most > first)
-    if not (fixed or flows or drops):
+    if not (fixed or flows or (timed + first and by_chance)):
         allowed = "a flow above 0, or a detection probability below 1; otherwise use harness run"
         raise InputError("pedestrians.flow_per_hour", "is 0: nothing here is random", allowed)
-    words = {
-        "the updates at which perception loses a pedestrian": drops,
-        "the change of perception errors after a pedestrian's first update": errs,
-        f"what the strategy draws after its first {GIVEN_DRAWS} random numbers": drawing,
-    }
     pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
     return Space(
         tuple(fixed),
@@ -219,5 +213,5 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
         first,
         timed + first,
         scenario.experiment.seed,
-        tuple(word for word, by_chance in words.items() if by_chance),
+        tuple(by_chance),
     )

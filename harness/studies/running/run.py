@@ -9,7 +9,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from harness.core.documents import frozen_tables
 from harness.core.errors import (
     HarnessError,
     InputError,
@@ -18,6 +17,7 @@ from harness.core.errors import (
     refused_at,
     resume_command,
 )
+from harness.core.freezing import frozen
 from harness.encounter.arms import check_arms
 from harness.engine.installation import check_packages
 from harness.model.interaction import InteractionModel, load_model
@@ -277,7 +277,7 @@ def _carried_out(
     found = computed(path, manifest, study)
     folders.write_findings(path, manifest, found)
     folder.note("finished")
-    return Run(path, frozen_tables(manifest), study, True, found)
+    return Run(path, frozen(manifest), study, True, found)
 
 
 def written(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from harness.core.documents import frozen_tables
+from harness.core.freezing import Frozen
 from harness.core.vocabulary import Arm, FailedIn
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class GivenUp(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Task:
+class Task(Frozen):
     """Some pairs of cells that share people, road and model.
 
     Episodes that cells share (``arm_key``) are simulated once.
@@ -83,11 +83,6 @@ class Task:
     given_up: Mapping[EpisodeId, GivenUp] = field(default_factory=dict)
     own: "Own | None" = None
 
-    def __post_init__(self) -> None:
-        """Make the mappings read-only."""
-        for name in ("code", "given_up"):
-            object.__setattr__(self, name, frozen_tables(getattr(self, name)))
-
     @property
     def pairs(self) -> range:
         """The pairs to simulate."""
@@ -112,15 +107,11 @@ class Own(Protocol):
 
 
 @dataclass(frozen=True)
-class TaskRows:
+class TaskRows(Frozen):
     """What a task returns: the tables of each cell by its number, and lines for the log."""
 
     tables: "Mapping[int, Tables]"
     events: "tuple[Row, ...]" = ()
-
-    def __post_init__(self) -> None:
-        """Make the tables read-only."""
-        object.__setattr__(self, "tables", frozen_tables(self.tables))
 
 
 def part_pairs(pairs: int) -> int:
