@@ -3,8 +3,7 @@
     python docs/pictures/make.py              # all of them
     python docs/pictures/make.py report sweep # some of them
 
-``report`` and ``own_simulation`` need Chromium; ``sumo-gui``
-needs a desktop or ``xvfb-run``.
+``report`` and ``own_simulation`` need Chromium.  ``sumo-gui.png`` is a picture of its window.
 """
 
 import os
@@ -27,11 +26,9 @@ COLOURS = 128
 """Number of colours; it is enough for screenshots and makes their files four times smaller."""
 
 
-def harness(*words: object, display: bool = False) -> None:
-    """Run a command of the harness in the working directory, with a virtual display if needed."""
+def harness(*words: object) -> None:
+    """Run a command of the harness in the working directory."""
     command = [sys.executable, "-m", "harness", *map(str, words)]
-    if display and "DISPLAY" not in os.environ:
-        command = ["xvfb-run", "-a", "-s", "-screen 0 1280x960x24", *command]
     subprocess.run(command, check=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
 
 
@@ -86,27 +83,6 @@ def sweep() -> None:
     figure("flows", "time-ratio", "sweep")
 
 
-def frame(run: str, pair: int, at_s: float) -> Path:
-    """The screenshot of the AV's arm in sumo-gui that is nearest to a time after the trigger."""
-    folder = Path(f"{run}-{pair}")
-    shown = ("--gui", "--screenshots", folder)
-    harness("replay", run, "--pair", pair, "--arm", "av", *shown, display=True)
-    return min(folder.rglob("*.png"), key=lambda path: abs(seconds(path) - at_s))
-
-
-def seconds(screenshot: Path) -> float:
-    """The time of a screenshot, from its name."""
-    return float(screenshot.stem.split("-")[1])
-
-
-def sumo_gui() -> None:
-    """An ego that waits for pedestrians on the crosswalk, in sumo-gui."""
-    settings = ("arms.av=hard_yield", "pedestrians.flow_per_hour=1500")
-    chosen = [word for setting in settings for word in ("--set", setting)]
-    harness("run", "cctc_flow", "--pairs", 2, *chosen, "--quiet", "--out", "flow")
-    save(frame("flow", 0, 9.0), "sumo-gui", (360, 210, 920, 650))
-
-
 def own_simulation() -> None:
     """The page of the run of docs/simulations.md: its first screen and figures."""
     config = ROOT / "examples" / "own_simulation" / "town.sumocfg"
@@ -149,7 +125,6 @@ def exported() -> None:
 PICTURES: dict[str, Callable[[], None]] = {
     "report": report,
     "sweep": sweep,
-    "sumo-gui": sumo_gui,
     "own_simulation": own_simulation,
     "exported": exported,
 }

@@ -103,7 +103,6 @@ def replay(
     cell: options.CellOption = 0,
     arm: Annotated[Literal["av", "human", "both"], Option(help="Which arm.")] = "both",
     gui: options.GuiOption = False,
-    screenshots: Annotated[Path | None, Option(help="With --gui: a new folder for PNGs.")] = None,
     debug: options.DebugOption = False,
     as_json: options.JsonOption = False,
 ) -> None:
@@ -111,8 +110,6 @@ def replay(
     if (given := sum((gui, debug, out is not None))) != 1:
         problem = "cannot be combined" if given else "one is missing"
         raise InputError("--out, --gui, --debug", problem, "one of the three")
-    if screenshots is not None and not gui:
-        raise InputError("--screenshots", "needs --gui", "--gui")
     from harness.core.vocabulary import Arm
     from harness.results.loaded_run import load_run
     from harness.studies.running import replay as again
@@ -121,7 +118,7 @@ def replay(
     run = load_run(run_folder)
     with unwinding():
         if gui:
-            replayed = again.watch(run, cell, pairs, arms, screenshots=screenshots)
+            replayed = again.watch(run, cell, pairs, arms)
         elif out is None:
             replayed = again.debug(run, cell, pairs, arms)
         else:

@@ -66,9 +66,10 @@ def make_strategy(
     def draws_of() -> np.random.Generator:
         purpose = draws_from(scenario, driver)
         rng = stream(scenario.experiment.seed, purpose, pair, *vehicle)
-        # A copy without the seed, from which a strategy could compute who comes.
-        bits: np.random.BitGenerator = np.random.PCG64(0)
-        bits.state = rng.bit_generator.state
+        state = rng.bit_generator.state
+        # Its numbers without its seed, from which a strategy could compute who comes.
+        bits: np.random.BitGenerator = np.random.PCG64(rng.integers(2**63, size=4))
+        bits.state = state
         first = given.get(purpose, ())
         return GivenFirst(bits, first) if first else np.random.Generator(bits)
 

@@ -314,10 +314,6 @@ class Session:
         """Show a square of the network in the window."""
         self._api.gui.setBoundary(_VIEW, x_m - reach_m, y_m - reach_m, x_m + reach_m, y_m + reach_m)
 
-    def screenshot(self, file: Path, width: int, height: int) -> None:
-        """Order a picture of the window at the end of the next step."""
-        self._api.gui.screenshot(_VIEW, str(file.absolute()), width, height)
-
     def close(self) -> None:
         """End the simulation; only then are its output files complete."""
         # The user may have closed the window.

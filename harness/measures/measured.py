@@ -80,8 +80,8 @@ class Measured:
     min_gap_m: float | None = _measured(
         conflicts.min_gap_m,
         "m",
-        "smallest distance between the ego's rectangle and the pedestrian's disc over the states; "
-        "0 after a contact",
+        "smallest distance between the ego's rectangle and the pedestrian's disc, over the "
+        "states; 0 if they touch",
         about="conflict",
         undefined_when="nobody stepped off",
         on_step="states",
@@ -90,8 +90,8 @@ class Measured:
     min_ttc_s: float | None = _measured(
         conflicts.min_ttc_s,
         "s",
-        "smallest TTC over the states: time until the rectangle meets the disc (radius 0.25 m) "
-        "if both keep their velocities; 0 after a contact",
+        "smallest TTC over the states: the time until the rectangle meets the disc if both keep "
+        "their velocities; 0 if they touch",
         about="conflict",
         undefined_when="never on a collision course",
         on_step="states",
@@ -111,12 +111,10 @@ class Measured:
     pet_s: float | None = _measured(
         conflicts.pet_s,
         "s",
-        "time between the first road user's exit from the conflict area and the second's entry; "
-        "smallest over the pedestrians who stepped off before the record's end, who keep walking "
-        "after it; the area is the ego's width × the disc, at the pedestrian's x; 0 if both are in "
-        "the area at once without touching (at a corner)",
+        "time from the first road user's exit from the conflict area to the second's entry; "
+        "smallest over pedestrians",
         about="conflict",
-        undefined_when="crash, or one of the two never enters",
+        undefined_when="a crash, or one of the two never enters the area",
         worse="small",
         source="Allen, Shin, Cooper 1978",
     )
@@ -160,12 +158,10 @@ class Measured:
     max_drac_mps2: float | None = _measured(
         braking.max_drac_mps2,
         "m/s²",
-        "largest DRAC over the states on a collision course with the front: the least constant "
-        "deceleration that keeps the bumper behind the disc until the disc leaves the ego's path; "
-        "2 (v − d/T)/T if v T ≤ 2 d, else v²/(2 d), with distance d to the disc and time T until "
-        "it leaves",
+        "largest DRAC over the states on a collision course with the front: 2 (v − d/T)/T if v T "
+        "≤ 2 d, else v²/(2 d)",
         about="conflict",
-        undefined_when="crash (it grows without bound), or never on such a course",
+        undefined_when="a crash, or never on such a course",
         on_step="states",
         worse="large",
         source="Cooper, Ferguson 1976; Archer 2005; for crossing paths as SUMO's SSM device",
@@ -173,8 +169,7 @@ class Measured:
     required_deceleration_mps2: float | None = _measured(
         braking.required_deceleration_mps2,
         "m/s²",
-        "v²/(2 d) at first sight, the first state in which the pedestrian has stepped off and the "
-        "ego is within its detection range; largest over pedestrians",
+        "v²/(2 d) at the first sight of a pedestrian; largest over pedestrians",
         about="conflict",
         undefined_when="nobody on a collision course with the front at first sight",
         on_step="states",
@@ -184,19 +179,17 @@ class Measured:
     max_jerk_mps3: float | None = _measured(
         braking.max_jerk_mps3,
         "m/s³",
-        "largest abs(Δa)/Δt from one step to the next, a = 0 before the trigger",
+        "largest abs(Δa)/Δt between successive steps; a = 0 before the trigger",
         about="comfort",
         undefined_when="the record has no step",
         on_step="steps",
         worse="large",
-        source="finite difference; the value depends on the length of the step",
+        source="finite difference",
     )
     avoidable: bool | None = _measured(
         prevention.avoidable,
         "",
-        "whether full braking (`max_deceleration_mps2`) from the moment at which the pedestrian "
-        "stepped off would have prevented the contact, if the pedestrian walks as in the "
-        "run; with `[actuation]` the brakes obey as late as in the run",
+        "whether full braking from the pedestrian's step-off on would have prevented the contact",
         about="conflict",
         undefined_when="no contact",
         source="after UN Regulation 157: was the collision preventable?",
@@ -204,8 +197,8 @@ class Measured:
     pedestrian_delay_s: float | None = _measured(
         efficiency.pedestrian_delay_s,
         "s",
-        "mean wait at the kerb, until stepping off or the record's end, of those who arrived "
-        "within the record; timed pedestrians do not count",
+        "mean wait at the kerb of the pedestrians who arrived within the record; timed "
+        "pedestrians do not count",
         about="comfort",
         undefined_when="nobody arrived",
         worse="large",
@@ -235,9 +228,8 @@ class Measured:
     avoidable_attentive: bool | None = _measured(
         prevention.avoidable_attentive,
         "",
-        "whether an attentive human driver would have avoided the contact; from the moment at "
-        "which the pedestrian stepped off this driver keeps the speed for 1.15 s, then brakes with "
-        "a jerk of 12.65 m/s³ up to 0.774 g or `max_deceleration_mps2`, whichever is less",
+        "whether an attentive human driver would have avoided the contact, taking over at the "
+        "pedestrian's step-off",
         about="conflict",
         undefined_when="no contact",
         source="UN Regulation 157: the competent and careful human driver",
@@ -255,12 +247,12 @@ class Measured:
     rms_jerk_mps3: float | None = _measured(
         braking.rms_jerk_mps3,
         "m/s³",
-        "root mean square of Δa/Δt over the steps, a = 0 before the trigger",
+        "root mean square of Δa/Δt over the steps; a = 0 before the trigger",
         about="comfort",
         undefined_when="the record has no step",
         on_step="steps",
         worse="large",
-        source="finite difference; the value depends on the length of the step",
+        source="finite difference",
     )
 
 

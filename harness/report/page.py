@@ -3,6 +3,7 @@
 import base64
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -99,6 +100,8 @@ def write_report(
             allowed = "a risk with events; `harness show` has the numbers of this one"
             raise InputError(str(folder), "no episode ended in the event", allowed)
         run = load_run(folder / EVENTS)
+        about = (note for note in run.result().notes if note.key in ("selected", "failures"))
+        result = replace(result, notes=(*result.notes, *about))
     else:
         run = load_run(folder, settings)
         result = run.result()

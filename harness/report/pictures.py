@@ -132,6 +132,10 @@ def _of_one_cell(scene: PictureSource) -> bool:
     return len(scene.run.cells) == 1
 
 
+def _with_crosswalks(scene: PictureSource) -> bool:
+    return _of_one_cell(scene) and bool(scene.run.cells[0].by_crosswalk)
+
+
 def _with_traces(scene: PictureSource) -> bool:
     return bool(scene.shown)
 
@@ -208,8 +212,8 @@ def _tau(axes: Sequence[Axes], scene: PictureSource) -> str:
 def _limits(axes: Sequence[Axes], scene: PictureSource) -> str:
     """Draw the paper's figure of the influence of aggressiveness."""
     for place, swept in enumerate(scene.allowed[:_MOST]):
-        _, strategy, name = swept.key.split(".")
-        bolder = aggressiveness_of(strategy).get(name, 0.0)
+        table, _, name = swept.key.rpartition(".")
+        bolder = aggressiveness_of(table.removeprefix("strategies.")).get(name, 0.0)
         across = f"{axis_label(swept.key)}{' → bolder' if bolder > 0 else ''}"
         across = f"bolder ← {across}" if bolder < 0 else across
         allowed = [row.verdict == "allowed" for row in swept.rows]
@@ -344,11 +348,11 @@ PICTURES = (
     Picture("speed-time", "Speed over time", _with_traces,
             partial(_motion, of=lambda axes, traces, _: draw.draw_speed_over_time(axes, traces),
                     what="speed over time")),
-    Picture("map", "Crosswalks", lambda scene: _of_one_cell(scene) and bool(_places(scene.run)),
+    Picture("map", "Crosswalks",
+            lambda scene: _with_crosswalks(scene) and bool(_places(scene.run)),
             _map, lambda _scene: (1, 5.0), SIMULATIONS),
-    Picture("crosswalks", "Delay and PET by crosswalk",
-            lambda scene: _of_one_cell(scene) and bool(scene.run.cells[0].by_crosswalk),
-            _by_crosswalk, lambda scene: (
+    Picture("crosswalks", "Delay and PET by crosswalk", _with_crosswalks, _by_crosswalk,
+            lambda scene: (
                 len(_AT), 1.4 + 0.26 * len([*scene.run.cells[0].by_crosswalk][:_MOST_CELLS])),
             SIMULATIONS),
     Picture("curves", "Delays, waits and PET over a key", _over_a_key, _curves,

@@ -176,7 +176,6 @@ _MEAN = partial(Entry, estimate=estimators.mean, reliable_from=1_000)
 _SHARE = partial(Entry, estimate=estimators.share, weight="ran", form=Form.SHARE,
                  undefined="every episode failed")  # fmt: skip
 _COUNT = partial(Entry, estimate=_count, form=Form.COUNT, digits=0)
-_rms = estimators.root_mean_square
 _MET = "Only pairs in which someone stepped off count."
 _HUMAN_CRASHED = "A reference driver who crashed counts as driving on."
 _WORST = ("Over all pairs: an AV that crashed, failed or timed out counts with `timeout_s`, a "
@@ -252,15 +251,9 @@ ENTRIES: tuple[Entry, ...] = (
           weight="ran", undefined="every episode failed"),
     Entry("max_speed_mps", "largest speed", "Of the vehicle in any episode.", "max_speed_mps",
           _largest, unit="m/s", undefined="every episode failed"),
-    Entry("acceleration_rms_mps2", "acceleration, root mean square, pairs that met someone",
-          f"Over all steps of the episodes that did not fail. {_MET}", "rms_acceleration_mps2",
-          _rms, weight="steps", met=True, unit="m/s²", reliable_from=200, undefined=_NOBODY),
     Entry("max_deceleration_p95_mps2", "hardest braking, 95 % quantile, pairs that met someone",
           f"Of the largest value of each episode that did not fail. {_MET}",
           "max_deceleration_mps2", _p95, weight="ran", met=True, unit="m/s²", undefined=_NOBODY),
-    Entry("jerk_rms_mps3", "jerk, root mean square, pairs that met someone",
-          "As the acceleration's.", "rms_jerk_mps3", _rms, weight="steps", met=True,
-          unit="m/s³", reliable_from=1000, undefined=_NOBODY),
     _COUNT("pairs", "pairs", "Number of pairs.", "every", of="pair", kinds=_BOTH),
     _COUNT("met_someone", "pairs that met someone", "Pairs in which someone stepped off, in "
            "either episode.", "met_someone", of="pair"),

@@ -35,8 +35,8 @@ _MOST_CROSSWALKS = 3
 FALLBACK_FROM = 0.5
 """From this share on, a fallback is said to have driven most passages."""
 
-_MOST_TABLES = 50
-"""Cells of a sweep whose every number stands in a table of ``--full``; CSV and JSON have all."""
+_MOST_CELLS = 50
+"""Cells of a sweep whose every number stands in tables of ``--full``; CSV and JSON have all."""
 
 
 def tables_of(cells: Sequence[CellFindings]) -> tuple[Table, tuple[Table, ...]]:
@@ -44,8 +44,10 @@ def tables_of(cells: Sequence[CellFindings]) -> tuple[Table, tuple[Table, ...]]:
     one = len(cells) == 1
     paper = one and is_the_papers(cells[0].scenario)
     screen = _rows("", on_first_screen(cells[0]), cells[0], paper) if one else _sweep(cells)
-    every = [table for cell in cells for table in _every_number(cell, paper)]
-    return screen, tuple(every[:_MOST_TABLES])
+    every = [table for cell in cells[:_MOST_CELLS] for table in _every_number(cell, paper)]
+    if more := len(cells[_MOST_CELLS:]):
+        every[-1] = replace(every[-1], legend=f"The numbers of {more:,} more cells: summary.csv.")
+    return screen, tuple(every)
 
 
 def shown(entry: Entry, found: CellFindings | Findings, key: str = "") -> Shown:

@@ -83,14 +83,16 @@ def _counted_times(sample: Sample) -> FloatArray:
     """Both times of the pairs that the ratio of times counts; NaN in all others.
 
     These are the pairs in which neither episode failed and the AV did not crash.  A driver who has
-    not passed counts with the time-out; a reference who crashed counts as driving on.
+    not passed counts with the time-out; a reference who crashed counts as driving on, if it did not
+    fail after the contact.
     """
     limit_s, (av_late, human_late) = sample.scenario.experiment.timeout_s, sample["timed_out"]
     (_, human), crashed = sample["pass_time_s"], sample["crashed"][REFERENCE]
     av, untouched = _av_and_untouched_s(sample)
     av = np.where(av_late, limit_s, av)
     human = np.where(crashed, untouched, human)
-    human = np.where(human_late | (crashed & np.isnan(human)), limit_s, human)
+    late = human_late | (crashed & np.isnan(human) & ~sample["cut"][REFERENCE])
+    human = np.where(late, limit_s, human)
     counted = ~(sample["failed"].any(axis=0) | np.isnan(av) | np.isnan(human))
     return np.where(counted, [av, human], np.nan)
 
@@ -121,8 +123,9 @@ COLUMNS: Mapping[str, Callable[[Sample], Any]] = MappingProxyType({
     "crashed": lambda s: s["ending"] == Ending.CRASHED,
     "timed_out": lambda s: s["ending"] == Ending.TIMED_OUT,
     "failed": lambda s: s["ending"] == Ending.ENGINE_FAILED,
-    "failed_strategy": lambda s: s["failed_in"] == "strategy",
+    "failed_strategy": lambda s: s["failed"] & (s["failed_in"] == "strategy"),
     "ran": lambda s: ~s["failed"],
+    "cut": lambda s: np.isin(s["failed_in"], ("strategy", "engine")),
     "missed": lambda s: s["crashed"] | s["timed_out"] | s["failed_strategy"],
     "tried": lambda s: s["ran"] | s["failed_strategy"],
     "missing": lambda s: s["crashed"] | s["timed_out"] | s["failed"],

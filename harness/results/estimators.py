@@ -113,13 +113,6 @@ def ratio(numerators: FloatArray, denominators: FloatArray, sampling: Sampling) 
     return _of_means(both, lambda means: means[0] / means[1], residuals, sampling)
 
 
-def root_mean_square(values: FloatArray, steps: FloatArray, sampling: Sampling) -> Finding:
-    """√(Σ steps · values² / Σ steps): the root mean square over all steps of some episodes."""
-    square = ratio(steps * values**2, steps, sampling)
-    value, low, high = (end and math.sqrt(end) for end in (square.value, square.low, square.high))
-    return replace(square, value=value, low=low, high=high)
-
-
 def share(marked: np.ndarray, trials: np.ndarray, sampling: Sampling) -> Finding:
     """The share of marked trials with its exact interval.
 

@@ -190,8 +190,9 @@ def load_run(path: Path | str, settings: Mapping[str, Any] | None = None) -> Run
         apply_setting(asked["scenario"], Setting(key, value))
     study = study_from(asked, "settings" if settings else str(path / folders.MANIFEST))
     stored = None if settings else folders.read_findings(path, manifest, study.cells)
+    finished = folders.is_finished(path)  # a run may end while its parts are read
     found = stored or computed(path, manifest, study)
-    return Run(path, frozen(manifest), study, folders.is_finished(path), found)
+    return Run(path, frozen(manifest), study, finished, found)
 
 
 def older_measures(manifest: folders.Manifest) -> list[Note]:
@@ -206,6 +207,9 @@ def computed(path: Path, manifest: folders.Manifest, study: Study) -> tuple[Cell
     found, names = [], COUNTED[manifest["kind"]]
     for cell in study.cells:
         tables = {name: folders.read_cell(path, name, cell.number, manifest) for name in names}
-        if len(tables[names[0]]):
+        pairs = len(tables[names[0]]) // 2
+        for name in names[1:]:  # a run that goes on may have rows of more pairs by now
+            tables[name] = tables[name].filter(pc.less(tables[name]["pair"], pairs))
+        if pairs:
             found.append(cell_findings(cell, tables, manifest["confidence"]))
     return tuple(found)

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from harness.core.vocabulary import BY_SUMO, SPEED_ROUNDING
-from harness.encounter.arms import asks_model
 from harness.results.catalogue import Entry
 from harness.results.cell_findings import CellFindings, on_first_screen
 from harness.results.estimators import EQUAL, FEW, REPEATED
@@ -187,8 +186,8 @@ def _not_validated(cell: CellFindings) -> Iterator[Said]:
 
 
 def _model_fit(cell: CellFindings) -> Iterator[Said]:
-    scenario = cell.scenario
-    if scenario.walks_by_model or asks_model(scenario):
+    uses = (cell[f"clamped_share{end}"].value for _, end in cell.arms)  # undefined without a use
+    if cell.scenario.walks_by_model or any(share is not None for share in uses):
         text = "The error of the model's fit is in no interval, and may be larger."
         yield Said(text, "Compare several models: --vary model.path=….")
 
@@ -199,8 +198,7 @@ def _speeding(cell: CellFindings) -> Iterator[Said]:
     known = [(speed, who) for speed, who in speeds if speed is not None]
     fastest, who = max(known, default=(0.0, ""))
     if fastest > limit_mps * (1 + SPEED_ROUNDING):
-        limit = "v0" if cell.scenario.crossing.road_speed_limit_mps is None else "the road's limit"
-        text = f"The {who} drove at up to {fastest:.3g} m/s, above {limit} of {limit_mps:g} m/s."
+        text = f"The {who} drove at up to {fastest:.3g} m/s, above the limit of {limit_mps:g} m/s."
         yield Said(text, weight=fastest - limit_mps)
 
 
@@ -211,12 +209,11 @@ def _repeated(cell: CellFindings) -> Iterator[Said]:
 
 
 def _equal(cell: CellFindings) -> Iterator[Said]:
-    names = []
+    names, ends = [], (*cell.arms, ("difference", "_difference"))
     for entry in on_first_screen(cell):
-        ends = cell.arms[: len(entry.keys)]
-        who = [who for who, end in ends if cell[f"{entry.key}{end}"].reason == EQUAL]
-        if who:
-            whose = f" ({_listed(who)})" if entry.of == "arms" else ""
+        own = ends[: len(entry.keys)]
+        if who := [who for who, end in own if cell[f"{entry.key}{end}"].reason == EQUAL]:
+            whose = f" ({_listed(who)})" if len(own) > 1 else ""
             names.append(_name(entry.heading) + whose)
     if names:
         text = f"The same in every pair, so without an interval: {_listed(names)}."
@@ -228,8 +225,8 @@ def _nobody_met(cell: CellFindings) -> Iterator[Said]:
         yield Said("A simulation of every pair failed: nothing was tested.")
     elif not cell["avs"].value:
         yield Said("No vehicle was an AV: nothing was tested.")
-    elif not cell.total("met_somebody"):
-        yield Said("No vehicle met a pedestrian at the crosswalks: nothing was tested.")
+    elif cell["fallback_share"].value is None:  # a share of those that met somebody
+        yield Said("No AV that a strategy drove met a pedestrian: nothing was tested.")
 
 
 def _collisions(cell: CellFindings) -> Iterator[Said]:
@@ -261,9 +258,10 @@ def _cut_off(cell: CellFindings) -> Iterator[Said]:
 def _who_drove(cell: CellFindings) -> Iterator[Said]:
     share, by_sumo = cell["share_strategy"].value, [cell[f"share_{each}"].value for each in BY_SUMO]
     driven, passages = cell["driven"], cell["driven"].n
-    if share is None or passages is None or (share > DECIDED and driven.count > DRIVEN * passages):
+    decided = share is not None and share > DECIDED
+    if not passages or (decided and driven.count > DRIVEN * passages):
         return
-    of_sumo = sum(each for each in by_sumo if each is not None)
+    of_sumo = 1.0 if share is None else sum(each for each in by_sumo if each is not None)
     text, more = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps.", ""
     if left := passages - driven.count:
         more = f"Left to SUMO: {left:,} of {passages:,} passages: {cell['not_driven'].reason}."
@@ -281,13 +279,15 @@ def _fills(cell: CellFindings) -> Iterator[Said]:
         text = f"The roads fill: the number of vehicles grows by {_listed([*growth])}."
         more = "A longer simulation would have longer delays."
         yield Said(text, more, max(growth.values()))
-    elif count := cell.total("teleports"):
-        text = f"A jam: SUMO teleported vehicles ({_by_arm(cell, 'teleports')})."
-        yield Said(text, weight=count)
-    elif count := cell.total("long_trips"):
-        text = "Trips last longer than a third of the time, so it is not known whether roads fill."
-        more = f"Simulations with such trips: {_by_arm(cell, 'long_trips')}."
-        yield Said(text, more, count)
+        return
+    jams, late, said = cell.total("teleports"), cell.total("long_trips"), []
+    if jams:
+        said.append(f"A jam: SUMO teleported vehicles ({_by_arm(cell, 'teleports')}).")
+    if late:
+        text = "Trips last longer than a third of the time, so it is not known whether roads fill"
+        said.append(f"{text} ({_by_arm(cell, 'long_trips')}).")
+    if said:
+        yield Said(said[0], " ".join(said[1:]), jams or late)
 
 
 def _people_of_sumo(cell: CellFindings) -> Iterator[Said]:

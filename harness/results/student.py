@@ -110,5 +110,6 @@ def _t(value: float, parts: FloatArray, confidence: float, least: float = -math.
     error = float(np.std(parts, ddof=1)) / math.sqrt(n)
     reach = float(special.stdtrit(n - 1, (1 + confidence) / 2)) * error
     p = 2 * float(special.stdtr(n - 1, -abs(value) / error)) if least < 0 else None
-    found = Finding(value, max(value - reach, least), value + reach, n, reliable=True, p=p)
+    low = max(value - reach, min(value, least))
+    found = Finding(value, low, value + reach, n, reliable=True, p=p)
     return found.reliable_above(RELIABLE_PAIRS, "pairs")

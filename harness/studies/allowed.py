@@ -16,6 +16,7 @@ from harness.results.columns import AV
 from harness.results.finding import Finding, Form, Plain
 from harness.results.result import Column, Shown, Style, Table
 from harness.scenario.place import name_of
+from harness.strategies.registry import table_key
 
 if TYPE_CHECKING:
     from harness.studies.candidates import Candidate
@@ -28,9 +29,7 @@ Judgement = Literal["allowed", "denied", "undecided"]
 
 def as_number(value: Plain) -> float | None:
     """A value of a scenario's key if it is a number."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return float(value)
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 class Judged(NamedTuple):
@@ -72,10 +71,11 @@ def allowed_in(
     kappa0: float | None,
     confidence: float,
 ) -> list[Allowed]:
-    """The verdicts on each parameter of a strategy that a group sweeps alone; none without limits.
+    """The verdicts on each parameter of a strategy, at equal other keys; none without limits.
 
     Raises:
-        InputError: a limit is out of range, only one is given, or they are not encounters.
+        InputError: a limit is out of range, only one is given, they are not encounters, or no
+            numeric parameter of the AV's strategy is swept.
     """
     if mu0 is None and kappa0 is None:
         return []
@@ -84,15 +84,19 @@ def allowed_in(
         raise InputError(Parameter("mu0"), "is a limit of encounters", "a run of encounters")
     sweeps: dict[tuple[str, str], list[Candidate]] = {}
     for each in (each for group in groups for each in group):
-        if each.own and each.own[0].startswith(f"strategies.{each.cell.scenario.arms.av}."):
-            where = ", ".join(filter(None, [name_of(each.shared), each.origin]))
-            sweeps.setdefault((", ".join(each.own), where), []).append(each)
+        varied, table = each.cell.varied, f"{table_key(each.cell.scenario.arms.av)}."
+        for key in (key for key in each.own if key.startswith(table)):
+            others = {**each.shared, **{own: varied[own] for own in each.own if own != key}}
+            where = ", ".join(filter(None, [name_of(others), each.origin]))
+            sweeps.setdefault((key, where), []).append(each)
     found = []
     for (key, where), swept in sweeps.items():
-        values = [as_number(each.cell.varied.get(key)) for each in swept]
-        known = [value for value in values if value is not None]
+        known = [value for each in swept if (value := as_number(each.cell.varied[key])) is not None]
         if 1 < len(swept) == len(known):
             found.append(Allowed(key, where, *limits, _judged(swept, known, limits, confidence)))
+    if not found:
+        allowed = "a finished run that sweeps a numeric parameter of the AV's strategy"
+        raise InputError(Parameter("mu0"), "judges nothing here", allowed)
     return found
 
 

@@ -172,9 +172,7 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
             raise InputError(str(run.path), problem, "runs of the same code: run one again")
         if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:
             raise InputError(str(run.path), "is named twice", "different runs")
-    groups = [group for group in groups_of(runs) if len(group) > 1]
-    if not groups:
-        raise _nothing_to_compare(runs)
+    groups = _comparable(runs)
     for group in groups:
         _refuse_other_people(group)
     kind = _KINDS[runs[0].kind]
@@ -223,6 +221,17 @@ def compare(*runs: Run, mu0: float | None = None, kappa0: float | None = None) -
     )
 
 
+def _comparable(runs: Sequence[Run]) -> list[list[Candidate]]:
+    """The groups of several cells; every one of several runs must share one with another run."""
+    groups = [group for group in groups_of(runs) if len(group) > 1]
+    least = min(len(runs), 2)
+    joint = [group for group in groups if len({each.origin for each in group}) >= least]
+    met = {each.run.path for group in joint for each in group}
+    for alone in (run for run in runs if run.path not in met):
+        raise _nothing_to_compare([*[run for run in runs if run is not alone][:1], alone])
+    return groups
+
+
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
     """Adjusted p of each test of a family (Holm 1979), in the given order.
 
@@ -255,6 +264,7 @@ def _refuse_other_people(group: Sequence[Candidate]) -> None:
             for each in (first, other)
         )
         same = np.isclose(a, b, rtol=_SAME, atol=_SAME, equal_nan=True).all(axis=0)
+        same |= np.isnan(a).all(axis=0) | np.isnan(b).all(axis=0)  # a simulation failed
         if not same.all():
             raise InputError(
                 str(other.run.path),

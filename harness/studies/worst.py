@@ -14,6 +14,7 @@ from harness.results.loaded_run import Run, older_measures
 from harness.results.notes import notes_of
 from harness.results.result import Column, Entered, Result, Shown, Style, Table
 from harness.results.tables import RunKind
+from harness.scenario.place import place_in_words
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -182,7 +183,7 @@ def _result(run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm) -> Re
         command="worst",
         title=f"{run.name}: the worst {noun} of {arm} by {by}",
         scope=f"{len(records)} of {among:,}",
-        about="",
+        about=place_in_words([cell.scenario for cell in run.cells]),
         screen=Table("", tuple(Column(*each) for each in headings.items()), tuple(cells)),
         full=(),
         notes=notes_of(run.cells, older_measures(run.manifest)),

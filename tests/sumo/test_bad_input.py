@@ -78,7 +78,6 @@ REFUSED = [
     # No option of a replay or of a check is ignored.
     *((f"{REPLAY} {two}", "cannot be combined", "one of the three") for two in TWO_OF_THREE),
     (REPLAY, "--out, --gui, --debug", "one is missing"),
-    (f"{REPLAY} --debug --screenshots x", "--screenshots", "needs --gui"),
     ("replay run --pair 3-1 --debug", "--pair 3-1", "e.g. 7 or 1-20"),
     ("run cctc --dask a:1 --workers 2", "--workers", "--dask", "one of the two"),
     ("compare nowhere", "nowhere", "is not a run folder"),

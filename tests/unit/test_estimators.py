@@ -144,17 +144,6 @@ def test_resampling_depends_on_neither_batches_nor_earlier_calls(
     assert of.mean(SAMPLES["heavy"], sampling) == whole
 
 
-def test_root_mean_square_over_steps_by_hand() -> None:
-    # 300 steps of 2 m/s² and two of 100 steps of 1 m/s²; the fourth episode failed.
-    steps, rms = np.array([300.0, 100, 100, np.nan]), np.array([2.0, 1, 1, np.nan])
-    found = of.root_mean_square(rms, steps, at())
-    assert found.value == pytest.approx(math.sqrt((300 * 4 + 200) / 500))
-    found = of.root_mean_square(SAMPLES["heavy"], np.full(80, 50.0), at())
-    square = of.mean(SAMPLES["heavy"] ** 2, at())
-    assert (found.low**2, found.high**2) == pytest.approx((square.low, square.high), rel=1e-9)
-    assert found.reliable
-
-
 @pytest.mark.parametrize(("events", "n"), [(0, 50), (1, 50), (7, 50), (50, 50), (3, 3)])
 def test_clopper_pearson_by_beta_quantiles(events: int, n: int) -> None:
     marked, trials = np.arange(n + 5) < events, np.arange(n + 5) < n

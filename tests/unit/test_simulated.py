@@ -236,7 +236,7 @@ SAID: dict[str, tuple[Pairs, str]] = {
     ),
     "fills (a jam)": (
         [*USUAL[1:], (arm([passage("a")], [trip("a", arrival_s=None)]), ordinary(0, False))],
-        "whether roads fill. Simulations with such trips: AV 1, human_yield 0.",
+        "whether roads fill (AV 1, human_yield 0).",
     ),
     "who_drove": (several(), "SUMO decided 30 % of soft_yield's steps."),
     "people_of_sumo": (several({"sumo_people": 3}), "until the car stands"),

@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -139,8 +140,11 @@ def _contents(
     given = [paths] if isinstance(paths, str | Path) else list(paths)
     if not given:
         raise InputError("paths", "no file or folder given", "at least one")
-    contents = []
-    for file in [file for path in given for file in _files(path, known)]:
+    contents, files = [], [file for path in given for file in _files(path, known)]
+    times = Counter(file.name for file in files)
+    for file in files:
+        if times[file.name] > 1:  # equal names get their path
+            file = file._replace(name=_without(file.path.as_posix(), known))
         try:
             contents.append(known.read(file, rules, tally))
         except EmptyTableError as problem:
@@ -152,7 +156,7 @@ def _contents(
 
 
 def _files(given: str | Path, known: Format) -> list[File]:
-    """The file itself, or the matching files of a folder by name; equal names get their folder."""
+    """The file itself, or the matching files of a folder by name."""
     # Unlike Path.exists, this is False for a name that is too long or contains a NUL.
     if not os.path.exists(given):  # noqa: PTH110
         raise InputError(str(given), "no such file or folder")
@@ -164,10 +168,7 @@ def _files(given: str | Path, known: Format) -> list[File]:
     files = [file for ending in known.endings for file in path.rglob(f"*{ending}")]
     if not files:
         raise InputError(str(path), "has no such file", allowed)
-    names = [file.name for file in files]
-    if len(set(names)) < len(names):
-        names = [file.relative_to(path).as_posix() for file in files]
-    pairs = sorted((_without(name, known), file) for name, file in zip(names, files, strict=True))
+    pairs = sorted((_without(file.name, known), file) for file in files)
     return [File(path, *pair) for pair in pairs]
 
 

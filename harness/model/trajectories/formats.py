@@ -241,7 +241,7 @@ def mobileye_rows(file: File, options: MobileyeOptions, tally: Tally) -> pd.Data
         moments = trip.sort_values("time_s", kind="stable").drop_duplicates("time_s")
         track = Track(moments["time_s"].to_numpy(), moments[["bus_x", "bus_y"]].to_numpy())
         names = {
-            "source": options.source or file.path.stem,
+            "source": options.source or file.name,
             "clip": f"{vehicle}-{number}",
             "vehicle": vehicle,
             "track": fingerprint(track),
@@ -326,7 +326,7 @@ def own_rows(file: File, options: ExtractionRules, tally: Tally) -> pd.DataFrame
     for name in [each for each in ROW_COLUMNS if each in table and each not in OWN_ROWS]:
         read = identifiers(table[name]) if name in TEXT_COLUMNS else numbers(file.path, table[name])
         rows[name] = read[rows.index]
-    source = options.source or file.path.stem
+    source = options.source or file.name
     return rows.assign(source=rows["source"].fillna(source) if "source" in rows else source)
 
 

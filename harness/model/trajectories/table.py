@@ -39,6 +39,8 @@ def read_table(path: Path) -> pd.DataFrame:
         first_line = (str(problem).splitlines() or [type(problem).__name__])[0]
         raise InputError(str(path), f"cannot be read as a table: {first_line}") from None
     table.columns = pd.Index([str(name).strip() for name in table.columns])
+    for name in table.columns[table.columns.duplicated()]:
+        raise InputError(str(path), f"column {name!r} occurs twice", "each column once")
     if table.empty:
         raise EmptyTableError(str(path), "the file has no record")
     return table

@@ -118,9 +118,7 @@ def debug(run: Run, cell: int, pairs: range, arms: Sequence[Arm]) -> list[Replay
         close_engine()
 
 
-def watch(
-    run: Run, cell: int, pairs: range, arms: Sequence[Arm], screenshots: Path | None = None
-) -> list[Replayed]:
+def watch(run: Run, cell: int, pairs: range, arms: Sequence[Arm]) -> list[Replayed]:
     """Run episodes again in sumo-gui in real time, one after the other.
 
     Args:
@@ -128,15 +126,11 @@ def watch(
         cell: number of the cell.
         pairs: numbers of the pairs.
         arms: the arms.
-        screenshots: a new or empty folder for PNG files; several episodes each have one in it.
 
     Raises:
-        InputError: the cell or a pair does not exist, there is no display, or the folder is not
-            empty.
+        InputError: the cell or a pair does not exist, or there is no display.
         EngineError: sumo-gui did not start, or its window was closed.
     """
-    if screenshots is not None:
-        refuse_in_use(screenshots, "screenshots")
     tasks = stored_tasks(run, cell, pairs, arms)
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         raise InputError(
@@ -146,9 +140,6 @@ def watch(
         )
     # What a run does not simulate is not imported.
     if run.kind == "simulations":
-        if screenshots is not None:
-            where = Parameter("screenshots", screenshots)
-            raise InputError(where, "is of encounters", "sumo-gui without")
         from harness.studies.running import simulations
 
         shown = (simulations.simulate_task(task, module="gui", more=_SHOW) for task in tasks)
@@ -157,13 +148,9 @@ def watch(
 
     found = []
     for task in tasks:
-        folder, (arm,) = screenshots, task.arms
-        if folder is not None:
-            folder = folder / f"{task.first}-{arm}" if len(tasks) > 1 else folder
-            folder.mkdir(parents=True, exist_ok=True)
-        rows = run_episodes(task, make_engine=partial(Window, arm=arm, screenshots=folder))
+        rows = run_episodes(task, make_engine=partial(Window, arm=task.arms[0]))
         (episode,) = rows.tables[cell]["episodes"].to_pylist()
-        if episode["ending"] == Ending.ENGINE_FAILED:
+        if episode["failed_in"] == "engine":
             raise EngineError(f"sumo-gui: {episode['reason']}")
         found.append(replayed(run, task, rows))
     return found
