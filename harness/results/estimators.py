@@ -23,7 +23,7 @@ RESAMPLES, FEWEST_RESAMPLES = 4_999, 1_999
 """Bootstrap resamples: the first number up to 4,000 values, the second from 10,000 values on."""
 
 _DRAWS_IN_MEMORY, _KEPT = 500_000, 10_000
-"""Draws of a batch, and the most values whose resamples are kept (20 MB)."""
+"""Draws of a batch, and the most values whose resamples are kept: 20 MB, at high confidence 80."""
 
 _RESAMPLES_BEYOND = 20
 """At least this many resamples lie beyond each limit of an interval."""
@@ -272,7 +272,8 @@ def _of_means(
         return Finding(value, n=informing) if sampling.rng is None else without
     with np.errstate(divide="ignore", invalid="ignore"):
         left_out = of((n * means[:, None] - columns) / (n - 1))
-        resamples = (_kept if n <= _KEPT else _resamples)(n, sampling.rng, sampling.confidence)
+        kept = _KEPT * min(1.0, 10 * (1 - sampling.confidence) / (1 - CONFIDENCE))
+        resamples = (_kept if n <= kept else _resamples)(n, sampling.rng, sampling.confidence)
         # Unlike those of BLAS, these sums do not depend on a number of threads.
         sums = (np.einsum("cn,rn->cr", columns, times) for times in resamples)
         resampled = np.concatenate([of(each / n) for each in sums])

@@ -41,8 +41,7 @@ from harness.results.loaded_run import Run
 from harness.results.tables import TABLES_OF, Row, Tables
 from harness.scenario import Scenario
 from harness.site.road_frame import RoadFrame
-from harness.studies.running.replay import refuse_in_use, replayed, stored_tasks, traced
-from harness.studies.running.tasks import Task
+from harness.studies.running import replay as again
 from harness.studies.running.workers import carried_out
 
 SCENARIO, ROAD = "scenario.xosc", "road.xodr"
@@ -148,8 +147,8 @@ def export(
         InputError: the cell, pair or passage does not exist, the arm failed, or an option is not
             supported.
     """
-    refuse_in_use(out, "out")
-    (task,) = stored_tasks(run, cell, [pair], [arm])
+    again.refuse_in_use(out, "out")
+    again.check_pairs(run, cell, [pair])
     if (run.kind == "simulations") != (passage is not None):
         problem = "is of simulations" if passage else "is missing"
         allowed = "of a simulation one that `harness worst` lists"
@@ -158,7 +157,7 @@ def export(
         raise InputError(Parameter("ego", "free"), "is of encounters", "recorded")
     title = f"{run.name}, cell {cell}, pair {pair}, {arm.value}'s arm"
     with TemporaryDirectory() as scratch:
-        tables, differences = _tables(run, task, Path(scratch))
+        tables, differences = _tables(run, cell, pair, arm, Path(scratch))
         (row,) = tables[TABLES_OF[run.kind][0].name].to_pylist()
         if row["reason"] is not None:
             problem = f"the arm {arm} failed ({row['reason']})"
@@ -177,13 +176,13 @@ def export(
     return [out / name for name in contents], differences
 
 
-def _tables(run: Run, task: Task, outputs: Path) -> tuple[Tables, tuple[str, ...]]:
+def _tables(run: Run, cell: int, pair: int, arm: Arm, outputs: Path) -> again.Traced:
     """The rows of an arm, and how they differ from its record if it had to be simulated again."""
-    (cell,), (arm,) = (each.number for each in task.cells), task.arms
     if run.kind == "simulations":
+        (task,) = again.stored_tasks(run, cell, [pair], [arm])
         (rows,) = carried_out([replace(task, outputs=outputs)])
-        return rows.tables[cell], replayed(run, task, rows).differences
-    ((tables, differences),) = traced(run, [(cell, task.first)], (arm,)).values()
+        return rows.tables[cell], again.replayed(run, task, rows).differences
+    ((tables, differences),) = again.traced(run, [(cell, pair)], (arm,)).values()
     own = {name: rows.filter(pc.equal(rows["arm"], arm)) for name, rows in tables.items()}
     return own, differences
 

@@ -79,9 +79,9 @@ def claim_folder(out: Path | str | None, name: str) -> Path:
         folder.mkdir(parents=True, exist_ok=out is not None)
         # A run that ended before its manifest was written leaves hidden files.
         names = {file.name for file in folder.glob("[!.]*")}
-    except FileExistsError:
-        return claim_folder(out, name)  # another run took the number
     except OSError as error:
+        if out is None and isinstance(error, FileExistsError) and folder.exists():
+            return claim_folder(out, name)  # another run took the number
         raise cannot_write(where, error) from None
     if folders.MANIFEST in names:
         raise InputError(where, "already holds a run", f"{empty}, or {resume_command(folder)}")

@@ -43,6 +43,9 @@ _MOST_DIFFERENCES = 3
 Key = tuple[int, int]
 """Cell and pair."""
 
+Traced = tuple[Tables, tuple[str, ...]]
+"""The rows of a pair by table, and how they differ from its record."""
+
 
 @dataclass(frozen=True)
 class Replayed:
@@ -162,13 +165,8 @@ def stored_tasks(run: Run, cell: int, pairs: Sequence[int], arms: Sequence[Arm])
     Raises:
         InputError: the cell or a pair does not exist, or SUMO or the model is missing.
     """
+    check_pairs(run, cell, pairs)
     check_packages()
-    if not 0 <= cell < len(run.study.cells):
-        allowed = f"0 to {len(run.study.cells) - 1}"
-        raise InputError(Parameter("cell", cell), "there is none", allowed)
-    known = set(run.rows(TABLES_OF[run.kind][0].name, cell)["pair"].to_pylist())
-    if (odd := next((pair for pair in pairs if pair not in known), None)) is not None:
-        raise InputError(Parameter("pair", odd), "there is none", f"0 to {max(known, default=0)}")
     chosen = run.study.cells[cell]
     model = load_model(chosen.scenario.model.name, chosen.scenario.model.path)
     code = source_digests(chosen.scenario.arms.model_dump().values())
@@ -176,14 +174,22 @@ def stored_tasks(run: Run, cell: int, pairs: Sequence[int], arms: Sequence[Arm])
     return [replace(task, first=pair, arms=(arm,)) for pair in pairs for arm in arms]
 
 
-def traced(
-    run: Run, keys: Collection[Key], arms: tuple[Arm, ...]
-) -> dict[Key, tuple[Tables, tuple[str, ...]]]:
+def check_pairs(run: Run, cell: int, pairs: Sequence[int]) -> None:
+    """Raise an ``InputError`` if the cell or a pair does not exist."""
+    if not 0 <= cell < len(run.study.cells):
+        allowed = f"0 to {len(run.study.cells) - 1}"
+        raise InputError(Parameter("cell", cell), "there is none", allowed)
+    known = set(run.rows(TABLES_OF[run.kind][0].name, cell)["pair"].to_pylist())
+    if (odd := next((pair for pair in pairs if pair not in known), None)) is not None:
+        raise InputError(Parameter("pair", odd), "there is none", f"0 to {max(known, default=0)}")
+
+
+def traced(run: Run, keys: Collection[Key], arms: tuple[Arm, ...]) -> dict[Key, Traced]:
     """The tables of pairs with their traces, and how the pairs differ from their records.
 
     They are simulated again if the run kept no traces; otherwise they have both arms.
     """
-    found: dict[Key, tuple[Tables, tuple[str, ...]]] = {}
+    found: dict[Key, Traced] = {}
     if run.manifest["traces"]:
         names = [table.name for table in TABLES_OF["encounters"]]
         for cell, pair in keys:
