@@ -5,7 +5,6 @@ intervals over vehicles, because the passages of one vehicle are not independent
 """
 
 import hashlib
-import pickle
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -234,7 +233,7 @@ def drives_of(
         for number, passage in enumerate(passages):
             # Streams are keyed by a pair, so each drive of a passage has a stream of its own.
             rng = stream(scenario.experiment.seed, "strategy", number * DRIVES + draw)
-            begun = pickle.dumps(rng)
+            begun = str((rng.bit_generator.state, rng.bit_generator.seed_seq))
 
             def own_rng(rng: np.random.Generator = rng) -> np.random.Generator:
                 return rng
@@ -243,7 +242,8 @@ def drives_of(
             trace = _simulated(passage, strategy, step_s)
             if trace.ending is Ending.ENGINE_FAILED:
                 raise HarnessError(f"{name} in {'/'.join(passage.vehicle_id)}: {trace.reason}")
-            drew = drew or pickle.dumps(rng) != begun
+            now = str((rng.bit_generator.state, rng.bit_generator.seed_seq))
+            drew = drew or now != begun
             pass_time_s, first = _passing(passage, trace)
             recorded = replace(trace, x_m=passage.x_m, speed_mps=np.gradient(passage.x_m, step_s))
             truth_s, truth = _passing(passage, recorded)
