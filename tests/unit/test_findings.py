@@ -234,7 +234,7 @@ def test_a_sweep_has_a_row_a_cell_and_no_column_that_is_empty_or_equal() -> None
     """Delays differ; nobody waits, for two reasons; all else is the same."""
     vary = ("pedestrians.flow_per_hour=100,200", "ego.length_m=4", "crossing.length_m=9")
     cells = []
-    for cell in study({}, *vary).cells:
+    for cell in study({}, *vary, "pedestrians.group_size=[0.5,0.5]").cells:
         waits = Finding(None, n=cell.number, reason=f"reason {cell.number}")
         own = {"delay_s": Finding(float(cell.number)), "pedestrian_wait_s": waits}
         own |= {"pedestrian_wait_s_human": waits}
@@ -251,10 +251,11 @@ def test_a_sweep_has_a_row_a_cell_and_no_column_that_is_empty_or_equal() -> None
     ]
     same = {column.key: column.heading for column, _ in table.same}
     assert {"time_ratio", "pedestrian_wait_s", "kappa", "conflict_pet"} <= {*same}
-    assert {"ego.length_m", "crossing.length_m"} <= {*same.values()}
+    assert {"ego.length_m", "crossing.length_m", "group_size"} <= {*same.values()}
     for record, cell in zip(result.to_dict()["records"], cells, strict=True):
         assert record["pedestrians.flow_per_hour"] == cell.varied["pedestrians.flow_per_hour"]
         assert record["delay_s"] == finding_to_dict(cell["delay_s"])
+        assert record["pedestrians.group_size"] == [0.5, 0.5]
 
 
 def test_flat_names() -> None:
