@@ -161,7 +161,7 @@ class Measured:
         "largest DRAC over the states on a collision course with the front: 2 (v − d/T)/T if v T "
         "≤ 2 d, else v²/(2 d)",
         about="conflict",
-        undefined_when="a crash, or never on such a course",
+        undefined_when="a crash, or never on such a collision course",
         on_step="states",
         worse="large",
         source="Cooper, Ferguson 1976; Archer 2005; for crossing paths as SUMO's SSM device",

@@ -56,10 +56,11 @@ class Keeps:
 
 def test_a_strategy_is_given_the_streams_numbers_and_not_its_seed(model: InteractionModel) -> None:
     scene = scenario(arms={"av": f"{__name__}:Keeps"}, experiment={"seed": 987_654})
-    rng = make_strategy(scene, Arm.AV, 7, model).rng
+    rng, other = (make_strategy(scene, Arm.AV, pair, model).rng for pair in (7, 8))
     seeds = rng.bit_generator.seed_seq
-    assert {987_654, 7}.isdisjoint([seeds.entropy, *seeds.spawn_key])
+    assert {987_654, 7}.isdisjoint([*np.ravel(seeds.entropy), *seeds.spawn_key])
     assert rng.random() == stream(987_654, "av_strategy", 7).random()
+    assert rng.spawn(1)[0].random() != other.spawn(1)[0].random()
 
 
 @pytest.mark.parametrize("size", [None, 1, 2, 3, (2, 2)])
