@@ -39,11 +39,7 @@ _COLUMNS: Mapping[RunKind, Mapping[str, str]] = {
 """The columns of a row that say which it is, with their headings."""
 
 _SPEED = "contact_speed_mps"
-_STYLES = {
-    _SPEED: Style(digits=3),
-    "front_s": Style(digits=1),
-    "share_strategy": Style(Form.SHARE, 0),
-}
+_STYLES = {"front_s": Style(digits=1), "share_strategy": Style(Form.SHARE, 0)}
 """How numbers are written; any other measure has three digits."""
 
 _CAPPED = ("pet_s", "min_ttc_s")
@@ -163,7 +159,7 @@ def _result(run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm) -> Re
         **_COLUMNS[run.kind],
         **{_SPEED: "speed at contact, m/s", by: f"{by}, {unit}" if unit else by},
     }
-    styles = {name: _STYLES.get(name, Style(digits=3)) for name in (*_STYLES, by)}
+    styles = {name: _STYLES.get(name, Style(digits=3)) for name in (_SPEED, *_STYLES, by)}
     records: list[dict[str, Plain | Finding]] = []
     cells: list[tuple[Entered, ...]] = []
     commands: dict[str, None] = {}

@@ -29,7 +29,7 @@ def drives(vehicles: int, rng: np.random.Generator) -> pd.DataFrame:
             "error_s": np.exp(1.4 + 0.6 * effect[vehicle] + 0.5 * rng.normal(size=n)),
             "right": rng.binomial(people, share[vehicle]).astype(float),
             "people": people.astype(float),
-            **dict.fromkeys(("contacts", "timed_out"), 0.0),
+            **dict.fromkeys(("contacts", "timed_out", "uses", "clamped"), 0.0),
         }
     )
 

@@ -284,6 +284,7 @@ def test_the_sampled_uniforms_are_those_of_people_strategy_and_perception() -> N
     person = ("side", "quantile", "detection", "redetection", "perception_error")
     assert space.marks == (*person, "perception_error")
     assert len(space.by_chance) == 2
+    assert space_of(seen, Arm.HUMAN).marks == person[:2]  # ``perception`` is the AV's alone
     # Two people: each has one uniform of every stream, and two errors in a row.
     people = space.crowd(np.random.default_rng(1))[:2].copy()
     people[:, 6] = 0.5, 1.5

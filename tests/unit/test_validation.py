@@ -181,13 +181,13 @@ def test_draws_and_passages_have_the_weight_of_their_passage_and_vehicle() -> No
         *2 * [{"vehicle": "b", "passage": 1, "error_s": -1.0, "right": 1.0, "people": 1.0}],
         *2 * [{"vehicle": "b", "passage": 2, "error_s": 5.0, "right": 0.0, "people": 1.0}],
     ]
-    counts = {"contacts": [0, 1] + [0] * 4, "timed_out": 0.0}
+    counts = {"contacts": [0, 1] + [0] * 4, "timed_out": 0.0, "uses": 2, "clamped": [1] + [0] * 5}
     found = scores_of(pd.DataFrame(rows).assign(**counts), Sampling(None))
     # Scores: E|e| − ½ E|e − e'| = 2 − 1, 1 and 5; errors 2, −1, 5; order (3 + 1 + 0) of 6.
     assert found["pass_time_score_s"].value == pytest.approx((1 + 1 + 5) / 3)
     assert found["pass_time_error_mean_s"].value == pytest.approx((2 - 1 + 5) / 3)
     assert found["order_right"].value == pytest.approx(4 / 6)
-    assert found["contacts"].value == 0.5
+    assert (found["contacts"].value, found["clamped_share"].value) == (0.5, 1 / 12)
     assert str(found["pass_time_score_s"].reason).startswith("2 vehicles")
 
 
@@ -200,6 +200,8 @@ def test_draws_and_passages_have_the_weight_of_their_passage_and_vehicle() -> No
         (("no passage", "begins too near 4"), ["hard_yield"], {"vehicle_length_m": 60.0}),
         (("strategies.hard_yield", "p1"), ["hard_yield"], {"strategies.hard_yield.p1": 1.0}),
         (("unknown key", "vehicle_lenth_m"), ["hard_yield"], {"vehicle_lenth_m": 4.0}),
+        (("ego.lane: has no effect", "ego.width_m"), ["hard_yield"], {"ego.lane": 0}),
+        (("soft_yield.p1: has no effect",), ["hard_yield"], {"strategies.soft_yield.p1": 1.0}),
     ],
 )
 def test_what_is_refused(
@@ -220,6 +222,11 @@ def test_a_driver_that_draws_is_driven_often(tmp_path: Path) -> None:
     share = often.records[0]["order_right"].value * people
     assert share * DRIVES == pytest.approx(round(share * DRIVES))
     assert not float(share).is_integer()
+    # 2.5 times as fast, so beyond the 8 m/s of the model's data.
+    fast = held(folder, ["human_gmm", "hard_yield"], frame_rate_hz=2.5 * RATE_HZ)
+    of_driver = {record["driver"]: record["clamped_share"].value for record in fast.records}
+    assert (of_driver["human_gmm"] > 0.1, of_driver["hard_yield"]) == (True, None)
+    assert "human_gmm" in notes(fast)["outside_model"]
 
 
 def optimistic(result: Result) -> set[str]:

@@ -18,7 +18,7 @@ from harness.core.errors import HarnessError, InputError
 from harness.core.seeding import resampling, stream
 from harness.core.versions import versions_of_fits
 from harness.core.vocabulary import Ending, FloatArray, Strategy, StrategyFactory, Trace
-from harness.encounter.arms import check_arms, named_strategy
+from harness.encounter.arms import check_arms, named_strategy, uses_of
 from harness.encounter.cell_constants import CellConstants
 from harness.encounter.loop import Episode, drive
 from harness.engine.plain import PlainEngine
@@ -35,6 +35,7 @@ from harness.results.finding import Finding, Form, Plain
 from harness.results.notes import Note
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.scenario import Scenario, Setting, load_scenario
+from harness.scenario.file import parts_of
 from harness.scenario.pedestrians import PedestriansSection
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.parameters import knows_the_model
@@ -51,7 +52,12 @@ RELIABLE_VEHICLES = 200
 FOLDS = 5
 """Folds of vehicles: a model that was fitted on the same data is fitted again without each."""
 
-_COUNTS = ("contacts", "timed_out")
+_KEYS = (
+    *("model.name", "model.path", "experiment.seed", "experiment.step_s", "crossing.grade"),
+    *("crossing.friction", "ego.width_m", "ego.detection_range_m", "ego.max_acceleration_mps2"),
+    *("ego.max_deceleration_mps2", "ego.resume_acceleration_mps2"),
+)
+"""The keys of a scenario that have an effect, besides the drivers' parameters."""
 
 COLUMNS: Mapping[Column, Style] = MappingProxyType({
     Column("pass_time_score_s", "score, s", interval=True): Style(),
@@ -85,13 +91,13 @@ def validate(
     Args:
         paths, format_: the data, as for ``harness.extract``.
         drivers: names of strategies.
-        settings: keys of a scenario, which gives parameters, model, seed, step, and the vehicles'
-            width and accelerations; keys without a dot are options of the extraction.
+        settings: keys of a scenario, which gives parameters, model, seed, step, and what all
+            vehicles have in common; keys without a dot are options of the extraction.
         progress: is given the numbers of done and planned drivers.
 
     Raises:
-        InputError: a format, option or driver is refused, the data cannot be read or have no
-            passage.
+        InputError: a format, option or driver is refused, a key has no effect, the data cannot be
+            read or have no passage.
         HarnessError: a strategy fails in a passage.
     """
     keys = [setting for setting in settings if "." in setting.key]
@@ -116,13 +122,10 @@ def validate(
     optimistic += with_model if known and not of_vehicle else []
     models = [of_vehicle.get(passage.vehicle_id, model) for passage in passages]
     sampling = Sampling(resampling(seed, "validation"))
-    records: list[dict[str, Any]] = []
+    records, folds = list[dict[str, Any]](), len({*of_vehicle.values()})
     for number, name in enumerate(factories, start=1):
-        record = {
-            "driver": name,
-            "fitted_on_these_data": name in optimistic,
-            "folds": len({*of_vehicle.values()}) if name in with_model else 0,
-        }
+        record = {"driver": name, "fitted_on_these_data": name in optimistic}
+        record |= {"folds": folds if name in with_model else 0}
         records.append(record | scores_of(drives_of(name, passages, models, scenario), sampling))
         progress(number, len(factories))
     records.sort(key=lambda record: record["pass_time_score_s"].value)
@@ -133,11 +136,22 @@ def validate(
 def _factories(
     drivers: Sequence[str], keys: Sequence[Setting], model: InteractionModel
 ) -> dict[str, StrategyFactory]:
-    """The strategies, each of which can drive with these keys."""
+    """The strategies, each of which can drive with these keys.
+
+    The state at the trigger is each passage's own, so ``cctc``'s may be outside the model's data.
+
+    Raises:
+        InputError: a strategy or a parameter is refused, or a key has no effect.
+    """
     found = {name: find_strategy(name, f"driver {name}") for name in drivers}
+    allowed = [*(f"strategies.{name}" for name in found), *_KEYS]
+    for key in keys:
+        if ".".join(parts_of(key)[:2]) not in allowed:
+            problem = "has no effect on recorded passages"
+            raise InputError(f"{key.source} {key.key}", problem, ", ".join(allowed))
     for name in found:
-        own = Setting("arms.av", name, f"driver {name}")
-        check_arms(load_scenario("cctc", [*keys, own]), model)
+        own = Setting("arms.av", name, f"driver {name}"), Setting("model.extrapolate", True)
+        check_arms(load_scenario("cctc", [*keys, *own]), model)
     return found
 
 
@@ -247,17 +261,16 @@ def drives_of(
             pass_time_s, first = _passing(passage, trace)
             recorded = replace(trace, x_m=passage.x_m, speed_mps=np.gradient(passage.x_m, step_s))
             truth_s, truth = _passing(passage, recorded)
-            rows.append(
-                {
-                    "vehicle": passage.vehicle_id,
-                    "passage": number,
-                    "error_s": pass_time_s - truth_s,
-                    "right": float(np.count_nonzero(first == truth)),
-                    "people": float(len(truth)),
-                    "contacts": float(measure([trace])[0].contact is not None),
-                    "timed_out": float(trace.ending is Ending.TIMED_OUT),
-                }
-            )
+            row = {
+                "vehicle": passage.vehicle_id,
+                "passage": number,
+                "error_s": pass_time_s - truth_s,
+                "right": float(np.count_nonzero(first == truth)),
+                "people": float(len(truth)),
+                "contacts": float(measure([trace])[0].contact is not None),
+                "timed_out": float(trace.ending is Ending.TIMED_OUT),
+            }
+            rows.append(row | uses_of(strategy)._asdict())
         if not drew:
             break
     return pd.DataFrame(rows)
@@ -336,12 +349,14 @@ def scores_of(drives: pd.DataFrame, sampling: Sampling) -> dict[str, Finding]:
         reason = f"{len(sums)} vehicles, reliable from {RELIABLE_VEHICLES} on"
         return replace(found, reliable=False, reason=reason)
 
+    uses, clamped = drives[["uses", "clamped"]].sum().tolist()
     return {
         "pass_time_score_s": ratio("score_s"),
         "pass_time_error_mean_s": ratio("error_s"),
         "pass_time_error_median_s": Finding(float(drives["error_s"].abs().median())),
         "order_right": ratio("right", "people"),
-        **{name: Finding(float(sums[name].sum())) for name in _COUNTS},
+        **{name: Finding(float(sums[name].sum())) for name in ("contacts", "timed_out")},
+        "clamped_share": Finding(clamped / uses) if uses else Finding(None, reason="no use"),
     }
 
 
@@ -350,6 +365,9 @@ def _notes(
 ) -> Iterator[Note]:
     """Yield the sentences without which the numbers mislead, the worst first."""
     late = "; ".join(f"{one['driver']} {n:.3g}" for one in records if (n := one["timed_out"].value))
+    outside = "; ".join(
+        f"{one['driver']} {100 * n:.3g} %" for one in records if (n := one["clamped_share"].value)
+    )
     optimistic = "; ".join(one["driver"] for one in records if one["fitted_on_these_data"])
     few, remarks = records[0]["pass_time_score_s"].reason, "; ".join(tally.remarks())
     better = "fitted on these passages, so better here than elsewhere"
@@ -359,6 +377,7 @@ def _notes(
         "fitted on these data": optimistic and f"{optimistic}: {better}",
         "fitted on unknown data": card if unknown else "",
         "time-outs": late and f"Timed out, so the limit counts as their time; passages: {late}",
+        "outside model": outside and f"Outside the model's data, by share of uses: {outside}",
         "left out": left_out and f"Left out: {left_out}",
         "records": remarks and f"Records: {remarks}",
     }

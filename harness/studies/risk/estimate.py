@@ -287,11 +287,6 @@ def risk_findings(rounds: Sequence[Units]) -> dict[str, Finding]:
     return {each.key: each.judged(told.get(each.key, Finding(None))) for each in entries_of("risk")}
 
 
-def _or_1(found: Finding) -> float:
-    """A bound of a probability; nothing is known of an undefined one."""
-    return 1.0 if found.value is None else found.value
-
-
 def risk_notes(found: Findings, space: Space, target_cv: float = 1.0) -> Iterator[Note]:
     """What a reader must know, the worst first.
 
@@ -302,7 +297,8 @@ def risk_notes(found: Findings, space: Space, target_cv: float = 1.0) -> Iterato
     """
     p, every = found["probability"], f"{found['episodes'].count:,} episodes"
     failures, late = (found[key].count for key in ("failures", "timed_out_episodes"))
-    high, worst = (_or_1(found[key]) for key in ("all_ways_high", "probability_worst"))
+    bounds = (found[key].value for key in ("all_ways_high", "probability_worst"))
+    high, worst = (1.0 if bound is None else bound for bound in bounds)  # it says nothing
     chance, cv = "; ".join(space.by_chance), found["coefficient_of_variation"].value
     cv = np.nan if cv is None else cv
     said = (

@@ -181,12 +181,10 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
             random.
     """
     people, sensor = scenario.pedestrians, sensor_of(scenario, arm)
-    for key, odd, allowed in (
-        ("pedestrians.group_size", len(people.group_size) > 1, "a scenario without it"),
-        ("pedestrians.drawn", bool(people.drawn), "a scenario without it"),
-    ):
+    for key, odd in (("group_size", len(people.group_size) > 1), ("drawn", people.drawn)):
         if odd:
-            raise InputError(key, "is not supported by a risk estimate", allowed)
+            problem, allowed = "is not supported by a risk estimate", "a scenario without it"
+            raise InputError(f"pedestrians.{key}", problem, allowed)
     drawn = {} if sensor is None else {k: v for k, v in TRACK_STREAMS.items() if v.drawn(sensor)}
     seen: list[Purpose] = [purpose for purpose, of in drawn.items() for _ in range(of.given)]
     misses = sensor is not None and sensor.section.detection_probability < 1
@@ -202,7 +200,7 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     rate = people.flow_per_hour / SECONDS_PER_HOUR
     flows = rate > 0 and (most is None or most > first)
     if not (fixed or flows or (timed + first and by_chance)):
-        allowed = "a flow above 0, or a detection probability below 1; otherwise use harness run"
+        allowed = "a flow above 0, or misses of this driver's perception; otherwise use harness run"
         raise InputError("pedestrians.flow_per_hour", "is 0: nothing here is random", allowed)
     pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
     return Space(
