@@ -227,7 +227,7 @@ def _comparable(runs: Sequence[Run]) -> list[list[Candidate]]:
     least = min(len(runs), 2)
     joint = [group for group in groups if len({each.origin for each in group}) >= least]
     met = {each.run.path for group in joint for each in group}
-    for alone in (run for run in runs if run.path not in met):
+    for alone in (run for run in reversed(runs) if run.path not in met):
         raise _nothing_to_compare([*[run for run in runs if run is not alone][:1], alone])
     return groups
 
