@@ -121,8 +121,7 @@ def _judged(
         mu = estimators.mean(sample["tau_all"], sampling)
         mu = mu.reliable_above(RELIABLE_FROM, "informative pairs")
         kappa = estimators.share(sample["missed"][AV], sample["tried"][AV], sampling)
-        verdict = _verdict((mu, kappa), limits)
-        rows.append(Judged(value, mu, kappa, verdict))
+        rows.append(Judged(value, mu, kappa, _verdict((mu, kappa), limits)))
     return tuple(sorted(rows, key=lambda row: row.value))
 
 

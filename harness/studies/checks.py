@@ -211,18 +211,15 @@ def _verdicts(plays: Sequence[Play], stopped: BrokenRuleError | None) -> tuple[V
     """The verdict on each rule; what ended the plays is one fault, and the other rules wait."""
     verdicts = []
     for rule, why, check in STRATEGY_RULES:
-        error = stopped
-        if stopped is None:
-            try:
-                check(plays)
-            except BrokenRuleError as broken:
-                error = broken
-        if error is None:
+        try:
+            if stopped is not None:
+                raise stopped
+            check(plays)
             verdicts.append(Verdict(rule, why))
-        elif error.rule not in ("", rule):
-            verdicts.append(Verdict(rule, why, f"not checked: {error}", checked=False))
-        else:
-            verdicts.append(Verdict(rule, why, str(error), True, error.observation))
+        except BrokenRuleError as error:
+            here = error.rule in ("", rule)
+            problem = str(error) if here else f"not checked: {error}"
+            verdicts.append(Verdict(rule, why, problem, here, error.observation if here else None))
     return tuple(verdicts)
 
 

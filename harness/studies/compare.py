@@ -104,7 +104,6 @@ def _of_simulations(entry: Entry) -> Difference:
 _SHOWN = ("av_delay_s", "contacts", "conflicts_pet", "share_strategy")
 _OTHERS = ("vehicles_delay_s", "other_delay_s", "av_contacts", "people_delay_s", "people_wait_s",
            "queue_p95", "av_time_loss_s")  # fmt: skip
-_SIMULATED = (*_SHOWN, *_OTHERS)
 
 
 class _Kind(NamedTuple):
@@ -131,7 +130,7 @@ _KINDS: Mapping[RunKind, _Kind] = {
         ("crashed", "steps", "pedestrians", "pass_time_s", "pedestrian_delay_s"),
     ),
     "simulations": _Kind(
-        tuple(_of_simulations(ENTRY_OF[key]) for key in _SIMULATED),
+        tuple(_of_simulations(ENTRY_OF[key]) for key in (*_SHOWN, *_OTHERS)),
         _SHOWN,
         ("contacts_a_minus_b", "touches people"),
         tuple(ENTRY_OF[key].column for key in ("passages", "people", "people_wait_s")),

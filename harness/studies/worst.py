@@ -160,8 +160,7 @@ def _result(run: Run, rows: "pd.DataFrame", among: int, by: str, arm: Arm) -> Re
         **{_SPEED: "speed at contact, m/s", by: f"{by}, {unit}" if unit else by},
     }
     styles = {name: _STYLES.get(name, Style(digits=3)) for name in (_SPEED, *_STYLES, by)}
-    records: list[dict[str, Plain | Finding]] = []
-    cells: list[tuple[Entered, ...]] = []
+    records, cells = list[dict[str, Plain | Finding]](), list[tuple[Entered, ...]]()
     commands: dict[str, None] = {}
     for row in rows.astype(object).where(rows.notna(), None).to_dict("records"):
         number = row["cell"]

@@ -104,14 +104,15 @@ def test_without_an_event_there_is_no_page_and_none_is_named(tmp_path: Path) -> 
 
 def test_draws_that_are_not_sampled_are_said(tmp_path: Path) -> None:
     """The human driver that samples its speed draws at every decision."""
-    sampled = {"arms.av": "human_gmm", "strategies.human_gmm.speed": "sampled"}
+    sampled = {"arms.human": "human_gmm", "strategies.human_gmm.speed": "sampled"}
     settings = options_of({**QUICK, **sampled})
-    words = ("risk", "cctc", *settings, "--event", "min_gap_m<1000", "--target-cv", 0.5)
-    document = json.loads(printed(*words, "--out", tmp_path / "risk", "--json"))
+    words = ("risk", "cctc", *settings, "--event", "min_gap_m<1000", "--arm", "human", "--json")
+    document = json.loads(printed(*words, "--out", tmp_path / "risk", "--target-cv", 0.5))
     # Everybody who steps off is nearer than a kilometre.
     assert document["records"][0]["probability"]["value"] == 1.0
-    (note,) = document["notes"]
-    assert "what the strategy draws after its first 2 random numbers" in note["text"]
+    said = {note["key"]: note["text"] for note in document["notes"]}
+    assert "what the strategy draws after its first 2 random numbers" in said["not sampled"]
+    assert {"not_validated", "model_fit"} < said.keys()
 
 
 @pytest.mark.parametrize(

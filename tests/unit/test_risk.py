@@ -257,7 +257,7 @@ def test_an_event_is_a_measure_beyond_a_limit(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["crash", "min_ttc_s<", "min_tcc_s<1", "pet_s<nan", "pet_s>1", "pet_s=1", ""]
+    "text", ["crash", "min_ttc_s<", "min_tcc_s<1", "pet_s<nan", "pet_s>1", "pet_s<0.0", ""]
 )
 def test_what_is_no_event_is_refused(text: str) -> None:
     with pytest.raises(InputError):

@@ -223,9 +223,8 @@ def test_a_driver_that_draws_is_driven_often(tmp_path: Path) -> None:
     assert share * DRIVES == pytest.approx(round(share * DRIVES))
     assert not float(share).is_integer()
     # 2.5 times as fast, so beyond the 8 m/s of the model's data.
-    fast = held(folder, ["human_gmm", "hard_yield"], frame_rate_hz=2.5 * RATE_HZ)
-    of_driver = {record["driver"]: record["clamped_share"].value for record in fast.records}
-    assert (of_driver["human_gmm"] > 0.1, of_driver["hard_yield"]) == (True, None)
+    fast = held(folder, ["human_gmm"], frame_rate_hz=2.5 * RATE_HZ)
+    assert fast.records[0]["clamped_share"].value > 0.1
     assert "human_gmm" in notes(fast)["outside_model"]
 
 

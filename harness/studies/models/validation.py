@@ -52,11 +52,9 @@ RELIABLE_VEHICLES = 200
 FOLDS = 5
 """Folds of vehicles: a model that was fitted on the same data is fitted again without each."""
 
-_KEYS = (
-    *("model.name", "model.path", "experiment.seed", "experiment.step_s", "crossing.grade"),
-    *("crossing.friction", "ego.width_m", "ego.detection_range_m", "ego.max_acceleration_mps2"),
-    *("ego.max_deceleration_mps2", "ego.resume_acceleration_mps2"),
-)
+_KEYS = ("model.name", "model.path", "experiment.seed", "experiment.step_s", "crossing.grade",
+         "crossing.friction", "ego.width_m", "ego.detection_range_m", "ego.max_acceleration_mps2",
+         "ego.max_deceleration_mps2", "ego.resume_acceleration_mps2")  # fmt: skip
 """The keys of a scenario that have an effect, besides the drivers' parameters."""
 
 COLUMNS: Mapping[Column, Style] = MappingProxyType({

@@ -31,9 +31,10 @@ from harness.results.finding import Finding, Findings
 from harness.results.loaded_run import older_measures
 from harness.results.notes import Note, retries
 from harness.results.result import Column, Result, Shown, Style, Table
-from harness.scenario import Cell, EngineName, Study, validate
+from harness.scenario import Cell, EngineName, Scenario, Study, validate
 from harness.scenario.place import place_in_words
 from harness.scenario.study import study_from
+from harness.strategies.references import not_validated
 from harness.studies.risk import draws as risk_draws
 from harness.studies.risk.draws import DrawInputs, DrawOutcome, Proposal, Units
 from harness.studies.risk.learning import rounds_of
@@ -80,10 +81,10 @@ class _Drawing:
         def run(episodes: Sequence[DrawInputs]) -> list[DrawOutcome]:
             kept = [each for each in episodes if each.unit not in lost]
             inputs = [(each.number, each.given(self.space)) for each in kept]
-            units = (each.unit for each in kept)
+            unit_of = {each.number: each.unit for each in kept}
 
-            def begins(_number: int, _arm: Arm, episode: Episode) -> None:
-                tell(EpisodeId(cell.number, next(units), arm), episode.x_m)
+            def begins(number: int, _arm: Arm, episode: Episode) -> None:
+                tell(EpisodeId(cell.number, unit_of[number], arm), episode.x_m)
 
             measured = [*runner.run_arm_given(arm, inputs, lambda: tell(None, None), begins)]
             found = self._outcomes(kept, measured)
@@ -169,8 +170,7 @@ def risk(
         raise InputError(study.name, f"has {len(study.cells)} cells", f"one cell: {settled}")
     if not 0 < target_cv <= 1:
         raise InputError(Parameter("target_cv", target_cv), "is not accepted", "above 0, at most 1")
-    text = parse_event(event).text
-    asked = folders.RiskAsked(event=text, arm=arm.value, target_cv=target_cv)
+    asked = folders.RiskAsked(event=parse_event(event).text, arm=arm.value, target_cv=target_cv)
     scenario = study.cells[0].scenario
     models = runs.checked_models([scenario], engine)
     space_of(scenario, arm)
@@ -321,6 +321,16 @@ def risk_notes(found: Findings, space: Space, target_cv: float = 1.0) -> Iterato
             yield Note(key, rank, key, first, more)
 
 
+def _notes_of_models(scenario: Scenario, arm: Arm, know: Sequence[str]) -> Iterator[Note]:
+    """What no interval has; ``know`` are the strategies that know the interaction model."""
+    if arm is Arm.HUMAN and (said := not_validated(scenario)):
+        yield Note("not_validated", 7, "reference not validated", *said)
+    if scenario.walks_by_model or scenario.arms.driver(arm) in know:
+        text = "The error of the model's fit is in no interval, and may be larger."
+        more = "Compare several models: --set model.path=…."
+        yield Note("model_fit", 8, "model fit", text, more)
+
+
 def _found_again(path: Path, manifest: folders.Manifest, study: Study) -> Findings:
     """The numbers of the stored draws, if other code than today's computed the stored numbers."""
     stored = folders.read_findings(path, manifest, study.cells, old=True)
@@ -370,6 +380,7 @@ def read_risk(path: Path) -> Result:
         full=(),
         notes=(
             *risk_notes(found, space_of(scenario, arm), asked["target_cv"]),
+            *_notes_of_models(scenario, arm, manifest["know_the_model"]),
             *older_measures(manifest),
             *retries(folders.tried_again(path)),
         ),

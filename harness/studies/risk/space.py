@@ -97,16 +97,16 @@ def parse_event(text: str) -> Event:
     Raises:
         InputError: the text is not an event.
 
-    >>> parse_event("contact_speed_mps>5")
-    Event(text='contact_speed_mps>5', measure='contact_speed_mps', limit=5.0)
+    >>> parse_event("contact_speed_mps > 5.0000001")
+    Event(text='contact_speed_mps>5.0000001', measure='contact_speed_mps', limit=5.0000001)
     """
     if text.strip() == "crashed":
         return Event()
     match = _FORM.fullmatch(text)
-    allowed = f"crashed, or a number after one of {' '.join(EVENTS)}"
-    if match is None or match[1] + match[2] not in EVENTS:
+    allowed = f"crashed, or a number after one of {' '.join(EVENTS)}, after < above 0"
+    if not match or match[1] + match[2] not in EVENTS or (match[2] == "<" and not float(match[3])):
         raise InputError(Parameter("event", text), "is not an event", allowed)
-    return Event(f"{match[1]}{match[2]}{float(match[3]):g}", match[1], float(match[3]))
+    return Event("".join(match.groups()), match[1], float(match[3]))
 
 
 class Space(NamedTuple):
