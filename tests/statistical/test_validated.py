@@ -57,9 +57,9 @@ def same(now: Sequence[Mapping[str, Any]], then: Sequence[Mapping[str, Any]]) ->
     for one, other in zip(now, then, strict=True):
         assert one.keys() == other.keys()
         for key, cell in other.items():
-            stored = isinstance(cell, dict) and "value" in cell
+            stored = isinstance(cell, Mapping) and "value" in cell
             found, number = (each["value"] if stored else each for each in (one[key], cell))
-            exact = isinstance(number, str | bool | dict)
+            exact = isinstance(number, str | bool | Mapping)
             expected = number if exact else pytest.approx(number, rel=1e-6, abs=1e-9)
             assert found == expected, (other, key)
 
