@@ -337,7 +337,7 @@ def _seen(
         return Entity(f"pedestrian-{name}", "pedestrian", _PERSON_M, _PERSON_M, states)
     # The copy of a type for a single vehicle is named type@vehicle.
     length_m, width_m, *limits = sizes[rows[0]["type"].partition("@")[0]]
-    return Entity(name, "vehicle", length_m, width_m, states, limits_mps2=limits)
+    return Entity(f"vehicle-{name}", "vehicle", length_m, width_m, states, limits_mps2=limits)
 
 
 def _distance_m(mover: Entity, ego: Entity) -> float:

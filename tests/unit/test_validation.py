@@ -155,10 +155,10 @@ def test_the_command_shows_the_result_and_writes_its_page(tmp_path: Path) -> Non
     assert printed(*words, "--quiet").split()[0] == "hard_yield"
 
 
-def test_one_vehicle_has_no_intervals(tmp_path: Path) -> None:
-    for file in (write_set(tmp_path, HardYield) / "trajectories_filtered").glob("clip_*"):
-        if not file.name.startswith("clip_00"):
-            file.unlink()
+def test_one_vehicle_has_no_intervals_however_often_it_is_copied(tmp_path: Path) -> None:
+    clips = write_set(tmp_path, HardYield) / "trajectories_filtered"
+    for file in clips.glob("clip_*"):
+        file.write_text((clips / f"clip_00{file.name[7:]}").read_text())
     found = held(tmp_path)
     assert {record["pass_time_score_s"].low for record in found.records} == {None}
     assert next(note.key for note in found.notes) == "few_vehicles"

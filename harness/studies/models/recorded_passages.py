@@ -25,7 +25,7 @@ from harness.model.trajectories.encounters import (
     walker_of,
 )
 from harness.model.trajectories.rules import ExtractionRules
-from harness.model.trajectories.tracks import Clip, TravelPath, thinned
+from harness.model.trajectories.tracks import Clip, TravelPath, fingerprint, thinned
 
 START_RANGE_M, LEAST_RANGE_M = 30.0, 6.0
 """A passage begins at the first record within the first distance of x = 0; it is left out if the
@@ -75,7 +75,9 @@ class RecordedPassage(NamedTuple):
     """One recorded passage.
 
     Attributes:
-        vehicle_id: source, clip and key of the vehicle, whose passages are not independent.
+        vehicle_id: source, clip and key of the vehicle.
+        track: fingerprint of the vehicle's track, the same in every copy of the recording.  The
+            passages with one track are not independent.
         vehicle: the ego's constants.  ``initial_speed_mps`` is the free speed v0: the highest of
             the start speed and of the mean speeds over one second.
         start_speed_mps: the speed at the start, from a parabola through the first 0.5 s.
@@ -85,6 +87,7 @@ class RecordedPassage(NamedTuple):
     """
 
     vehicle_id: tuple[str, str, str]
+    track: str
     vehicle: Vehicle
     start_speed_mps: float
     crossing: Crossing
@@ -201,6 +204,7 @@ class _Record:
         states.setflags(write=False)
         return RecordedPassage(
             (self.clip.source, self.clip.name, self.key),
+            fingerprint(track),
             replace(
                 self.limits,
                 initial_speed_mps=max(start_mps, round(_free_speed(time_s, x_m), 9)),

@@ -1,7 +1,7 @@
 """Drivers in place of recorded ones: how close they come in time to pass and in who goes first.
 
 Each driver drives every recorded passage, among the people who walk as recorded.  Both scores have
-intervals over vehicles, because the passages of one vehicle are not independent.
+intervals over vehicles, because the passages of one vehicle, or of its copies, are not independent.
 """
 
 import hashlib
@@ -166,7 +166,7 @@ def _result(
     passages: Sequence[RecordedPassage],
     known: Mapping[str, Plain],
 ) -> Result:
-    vehicles = len({passage.vehicle_id for passage in passages})
+    vehicles = len({passage.track for passage in passages})
     encounters = sum(len(passage.to_come) for passage in passages)
     facts = {**known, "passages": len(passages), "vehicles": vehicles, "encounters": encounters}
     facts |= versions_of_fits()
@@ -260,7 +260,7 @@ def drives_of(
             recorded = replace(trace, x_m=passage.x_m, speed_mps=np.gradient(passage.x_m, step_s))
             truth_s, truth = _passing(passage, recorded)
             row = {
-                "vehicle": passage.vehicle_id,
+                "vehicle": passage.track,
                 "passage": number,
                 "error_s": pass_time_s - truth_s,
                 "right": float(np.count_nonzero(first == truth)),

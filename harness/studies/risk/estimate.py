@@ -359,7 +359,6 @@ def read_risk(path: Path) -> Result:
     found = _found_again(path, manifest, study) if cells is None else cells[0].findings
     scenario, asked, quoted = study.cells[0].scenario, manifest["risk"], shlex.quote(str(path))
     arm = Arm(asked["arm"])
-    columns = Column("measure", ""), Column("value", "", interval=True)
     numbers = [
         (each.heading, Shown(found[each.key], Style(each.form, each.digits)))
         for each in entries_of("risk")
@@ -376,7 +375,7 @@ def read_risk(path: Path) -> Result:
         title=f"{study.name}: {asked['event']}, {scenario.arms.driver(arm)}",
         scope=f"{found['probability'].n:,} {how}; {episodes}; seed {manifest['seed']}",
         about=place_in_words([scenario]),
-        screen=Table("", columns, tuple(numbers)),
+        screen=Table("", (Column("measure", ""), Column("value", "", interval=True)), (*numbers,)),
         full=(),
         notes=(
             *risk_notes(found, space_of(scenario, arm), asked["target_cv"]),
