@@ -88,8 +88,9 @@ def strategies(
 ) -> None:
     """List strategies with their parameters, or check one (--check)."""
     if check is None:
-        if settings:
-            raise InputError("--set", "needs --check", "--check STRATEGY --set KEY=VALUE")
+        if settings or scenario != "cctc":
+            option = "--set" if settings else "--scenario"
+            raise InputError(option, "needs --check", f"--check STRATEGY with {option}")
         from harness.report.strategy_rows import strategy_rows
 
         closing = ["harness strategies --check my_module:MyStrategy checks your own one."]

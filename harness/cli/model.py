@@ -10,6 +10,7 @@ from typer import Argument, Option
 from harness.cli import options
 from harness.cli.interruption import unwinding
 from harness.cli.output import progress_bar, show
+from harness.core.errors import InputError
 from harness.core.files import check_target
 
 
@@ -97,6 +98,8 @@ def model(
 
     if out:
         check_target(out)
+    if rows and not (out or figures):
+        raise InputError("--rows", "needs a page or figures", "--out or --figures")
     loaded, written = model_named(model), list[Path]()
     result = model_result("model", loaded, model)
     if out or figures:
