@@ -59,11 +59,12 @@ class SimulatedWith(TypedDict):
 
 
 class RiskAsked(TypedDict):
-    """What a risk is of."""
+    """What a risk is of; ``not_sampled`` is what is random besides, in words."""
 
     event: str
     arm: str
     target_cv: float
+    not_sampled: list[str]
 
 
 class Manifest(TypedDict):

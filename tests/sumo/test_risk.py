@@ -96,8 +96,8 @@ def test_without_an_event_there_is_no_page_and_none_is_named(tmp_path: Path) -> 
     words = ("risk", "cctc", "--set", "arms.av=raising:Raises", "--out", "out")
     done = here(*words, cwd=tmp_path)
     assert done.returncode == 1
-    assert "probability" in done.stdout
-    assert "harness report" not in done.stdout
+    assert ("probability" in done.stdout, "harness report" in done.stdout) == (True, False)
+    (tmp_path / "raising.py").unlink()  # looking at a risk imports nothing
     assert "no episode ended in the event" in refusal("report", "out", cwd=tmp_path)
     assert [path.name for path in tmp_path.rglob("*.html")] == []
 

@@ -147,7 +147,7 @@ def test_what_a_risk_says_of_its_draws() -> None:
     light = rows([-1.0] * 100 + [1.0] * 900, [0.04] + [0.005] * 99 + [1.0] * 900)
     numbers = risk_findings([light])
     assert numbers["probability"].reliable
-    assert "target missed" in [note.key for note in risk_notes(numbers, FLAT, 0.01)]
+    assert "target missed" in [note.key for note in risk_notes(numbers, (), 0.01)]
     # Failures: the worst case, and no nominal draws.
     failing = rows([-1.0] * 40 + [math.nan] * 10 + [1.0] * 50, [1.0] * 100)
     numbers = risk_findings([failing])
@@ -155,7 +155,7 @@ def test_what_a_risk_says_of_its_draws() -> None:
     assert numbers["probability_worst"].value == 0.5
     assert (numbers["nominal_high"].n, numbers["failures"].value) == (90, 10)
     # Those of another round are not in the estimate: 0, not 1.
-    (note, *_) = risk_notes(risk_findings([failing, rows([1.0] * 9, [1.0] * 9)]), FLAT)
+    (note, *_) = risk_notes(risk_findings([failing, rows([1.0] * 9, [1.0] * 9)]), ())
     assert note.text.endswith("its probability would be 0.")
     nothing = risk_findings([rows([math.nan] * 9, [1.0] * 9)])
     assert (nothing["probability"].value, nothing["nominal_high"].value) == (None, None)

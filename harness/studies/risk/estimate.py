@@ -170,10 +170,10 @@ def risk(
         raise InputError(study.name, f"has {len(study.cells)} cells", f"one cell: {settled}")
     if not 0 < target_cv <= 1:
         raise InputError(Parameter("target_cv", target_cv), "is not accepted", "above 0, at most 1")
-    asked = folders.RiskAsked(event=parse_event(event).text, arm=arm.value, target_cv=target_cv)
-    scenario = study.cells[0].scenario
+    text, scenario = parse_event(event).text, study.cells[0].scenario
     models = runs.checked_models([scenario], engine)
-    space_of(scenario, arm)
+    chance = [*space_of(scenario, arm).by_chance]
+    asked = folders.RiskAsked(event=text, arm=arm.value, target_cv=target_cv, not_sampled=chance)
     manifest = claimed_folder.manifest_of(
         study, models, traces=False, engine=engine, pairs_per_part=0, risk=asked
     )
@@ -287,19 +287,19 @@ def risk_findings(rounds: Sequence[Units]) -> dict[str, Finding]:
     return {each.key: each.judged(told.get(each.key, Finding(None))) for each in entries_of("risk")}
 
 
-def risk_notes(found: Findings, space: Space, target_cv: float = 1.0) -> Iterator[Note]:
+def risk_notes(found: Findings, chance: Sequence[str], target_cv: float = 1.0) -> Iterator[Note]:
     """What a reader must know, the worst first.
 
     Args:
         found: the numbers.
-        space: what is random.
+        chance: what is random and not sampled, in words.
         target_cv: see ``risk``.
     """
     p, every = found["probability"], f"{found['episodes'].count:,} episodes"
     failures, late = (found[key].count for key in ("failures", "timed_out_episodes"))
     bounds = (found[key].value for key in ("all_ways_high", "probability_worst"))
     high, worst = (1.0 if bound is None else bound for bound in bounds)  # it says nothing
-    chance, cv = "; ".join(space.by_chance), found["coefficient_of_variation"].value
+    cv = found["coefficient_of_variation"].value
     cv = np.nan if cv is None else cv
     said = (
         ("failures", failures, f"{failures:,} of {every} failed and count as no event.",
@@ -313,7 +313,7 @@ def risk_notes(found: Findings, space: Space, target_cv: float = 1.0) -> Iterato
         ("target missed", cv > target_cv, "The coefficient of variation is "
          f"{cv:.2g}, above the target of {target_cv:g}.", f"{p.n:,} draws did not suffice."),
         ("time-outs", late, f"{late:,} of {every} timed out and count as no event.", ""),
-        ("not sampled", chance, f"Random, but not sampled: {chance}.",
+        ("not sampled", chance, f"Random, but not sampled: {'; '.join(chance)}.",
          "A way to the event that needs rare values of these is found only by chance."),
     )  # fmt: skip
     for rank, (key, holds, first, more) in enumerate(said):
@@ -378,7 +378,7 @@ def read_risk(path: Path) -> Result:
         screen=Table("", (Column("measure", ""), Column("value", "", interval=True)), (*numbers,)),
         full=(),
         notes=(
-            *risk_notes(found, space_of(scenario, arm), asked["target_cv"]),
+            *risk_notes(found, asked["not_sampled"], asked["target_cv"]),
             *_notes_of_models(scenario, arm, manifest["know_the_model"]),
             *older_measures(manifest),
             *retries(folders.tried_again(path)),
