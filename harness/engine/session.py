@@ -139,7 +139,7 @@ class Session:
         move_person: puts a person who exists on a point of a crosswalk's axis, 0.05 m or more from
             its ends; SUMO ends the process if the person does not exist.
         lost, advance: SUMO's exceptions, and its function for a step.  Only the loop of an
-            encounter in ``control`` has them, where a context would cost time at every step;
+            encounter in ``sumo_engine`` has them, where a context would cost time at every step;
             elsewhere ``watched`` turns the exceptions into ``EngineError``.
 
     Raises:

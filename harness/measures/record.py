@@ -87,7 +87,7 @@ def measure(
 
 def _values(entry: Measure, chunk: Chunk) -> list[Value]:
     kind = entry.kind
-    return [None if value != value else kind(value) for value in entry.compute(chunk).tolist()]
+    return [None if math.isnan(value) else kind(value) for value in entry.compute(chunk).tolist()]
 
 
 def _record(chunk: Chunk, number: int, measures: dict[str, Any]) -> EpisodeRecord:

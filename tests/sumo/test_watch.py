@@ -12,10 +12,6 @@ from harness.studies.running.run import run
 from tests.batches import HARNESS
 from tests.scenes import refuses
 
-needs_xvfb = pytest.mark.skipif(
-    shutil.which("xvfb-run") is None, reason="needs a virtual display: Debian's package xvfb"
-)
-
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Run:
@@ -24,7 +20,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return run("cctc_flow", settings=settings, pairs=4, out=out, workers=0)
 
 
-@needs_xvfb
+@pytest.mark.skipif(not shutil.which("xvfb-run"), reason="needs Debian's package xvfb")
 def test_the_record_is_the_stored_one(stored: Run) -> None:
     display = ["xvfb-run", "-a", "-s", "-screen 0 1280x900x24"]
     command = [*display, *HARNESS, "replay", str(stored.path), "--pair", "2", "--gui"]

@@ -171,7 +171,7 @@ def test_the_bound_at_no_event_is_one_sided_at_any_confidence(n: int, confidence
 
 
 def test_the_limits_of_a_quantile_keep_their_errors() -> None:
-    # 59 values are the fewest whose largest bounds the 95 % of.quantile with 95 %: 0.95⁵⁹ < 0.05.
+    # 59 values are the fewest whose largest bounds the 95 % quantile with 95 %: 0.95⁵⁹ < 0.05.
     assert of.quantile(np.arange(59.0), 0.95, 0.9).high == 58.0
     few = of.quantile(np.arange(58.0), 0.95, 0.9)
     assert (few.value, few.high, few.reason) == (55.0, None, of.FEW_BEYOND)

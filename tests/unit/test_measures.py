@@ -154,7 +154,7 @@ def test_post_encroachment_time_of_who_is_on_the_road_or_beside_the_centre_line(
     assert pet_of(Leg(0.0, 0.0, 2.0, 0.0, 0.5, 0.0)) == pytest.approx(5.95 - 2.8, abs=1e-9)
     # At y = 3.40 m, on its edge, they are in it and leave it at once.
     assert pet_of(Leg(0.0, 0.0, 3.4, 0.0, 0.5, 0.0)) == pytest.approx(5.95, abs=1e-9)
-    # At y = 3.5 m they have left it, and never enters.
+    # At y = 3.5 m they have left it, and never enter it.
     assert pet_of(Leg(0.0, 0.0, 3.5, 0.0, 0.5, 0.0)) is None
     # They walk along x = 1.7 m: the bumper meets their line at 1.45 m, 31.45/5 = 6.29 s; the rear
     # leaves it at 1.95 m, 36.95/5 = 7.39 s.

@@ -131,6 +131,11 @@ def test_a_refusal_from_elsewhere_is_of_the_same_class(kind: type[InputError]) -
         assert (type(same), vars(same), str(same)) == (kind, vars(error), str(error))
 
 
+def test_a_part_of_another_run_is_refused(tmp_path: Path) -> None:
+    write(tmp_path, 0, rows(0, 3), digest="another run")
+    refuses("belongs to another run", lambda: read_cell(tmp_path, "episodes", 2, MANIFEST))
+
+
 def test_people_of_other_pairs_are_refused(tmp_path: Path) -> None:
     """A copy of another part under this name would count its people twice."""
     people = [

@@ -47,7 +47,7 @@ _LEG_S = 0.1 - 1e-6
 """Records at shorter intervals are thinned."""
 
 _KEPT_S, _FREE_S = 0.5, 1.0
-"""Before and after a record the mean speed over the first time is kept; see ``FREE``."""
+"""Before and after a record the mean speed over the first time is kept; see ``_free_speed``."""
 
 _ROUNDING_M = 0.05
 """Recorded positions are rounded to about this."""

@@ -87,7 +87,7 @@ def validate(
     """Drive recorded passages with each driver; the nearest to the recorded drivers comes first.
 
     Args:
-        paths, format_: the data, as for ``harness.extract``.
+        paths, format_: the data, as for ``extraction.extract``.
         drivers: names of strategies.
         settings: keys of a scenario, which gives parameters, model, seed, step, and what all
             vehicles have in common; keys without a dot are options of the extraction.
@@ -342,7 +342,7 @@ def scores_of(drives: pd.DataFrame, sampling: Sampling) -> dict[str, Finding]:
 
     def ratio(above: str, below: str = "passages") -> Finding:
         found = estimators.ratio(sums[above].to_numpy(), sums[below].to_numpy(), sampling)
-        if len(sums) >= RELIABLE_VEHICLES:
+        if found.low is None or len(sums) >= RELIABLE_VEHICLES:
             return found
         reason = f"{len(sums)} vehicles, reliable from {RELIABLE_VEHICLES} on"
         return replace(found, reliable=False, reason=reason)
