@@ -49,8 +49,8 @@ def test_crash_rate_of_the_truth_is_what_geometry_says(model) -> None:
 
     With s = v_p/v0 and X ahead of the bumper it is y = s (30 − X) from the near kerb and
     9 − s (30 − X) from the far one; the car is −5 ≤ X ≤ 0, 1.35 ≤ y ≤ 3.15.  They are hit between
-    the slopes at which the line passes a corner at r: the rear one they come to, the front one they leave
-    by.
+    the slopes at which the line passes a corner at r: the rear one they come to, the front one
+    they leave by.
     """
     reach = lambda s: 0.25 * np.hypot(1.0, s)  # noqa: E731
     hit = (
