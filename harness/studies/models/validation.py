@@ -342,10 +342,10 @@ def scores_of(drives: pd.DataFrame, sampling: Sampling) -> dict[str, Finding]:
 
     def ratio(above: str, below: str = "passages") -> Finding:
         found = estimators.ratio(sums[above].to_numpy(), sums[below].to_numpy(), sampling)
-        if found.low is None or len(sums) >= RELIABLE_VEHICLES:
+        if len(sums) >= RELIABLE_VEHICLES:
             return found
         reason = f"{len(sums)} vehicles, reliable from {RELIABLE_VEHICLES} on"
-        return replace(found, reliable=False, reason=reason)
+        return replace(found, reliable=None if found.low is None else False, reason=reason)
 
     uses, clamped = drives[["uses", "clamped"]].sum().tolist()
     return {
