@@ -1,4 +1,4 @@
-"""``harness`` and ``python -m harness``: start a first worker for a run, then the command."""
+"""``harness``, ``python -m harness``: a first worker for a run, unless ``--dask``; the command."""
 
 import os
 import sys
