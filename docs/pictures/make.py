@@ -1,4 +1,4 @@
-"""Makes the pictures of the docs.
+"""Makes the pictures of the docs: first screens with notes, figures, the player, an export.
 
     python docs/pictures/make.py              # all of them
     python docs/pictures/make.py report sweep # some of them

@@ -1,4 +1,4 @@
-"""Whether full braking (Vehicle's limits) or an attentive human would have prevented a crash."""
+"""Whether full braking (Vehicle's limits; measures.md) or an attentive human prevents a crash."""
 
 import math
 from bisect import bisect_left

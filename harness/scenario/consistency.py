@@ -1,4 +1,4 @@
-"""Checks on combinations of keys, and which keys (also of [ego]) [simulation] refuses.
+"""Checks on combinations of keys; which keys [simulation] accepts (a new one of [ego] also here).
 
 Every function raises ``InputError`` at the dotted key to change; ``validate`` says which file or
 option gave it.

@@ -1,4 +1,4 @@
-"""The executors of tasks: in threads of this machine, in this process alone, on a Dask cluster.
+"""The executors of tasks (__main__ knows their options): local, Dask; batches.md, trust: files.md.
 
 ``supervise`` carries out a task in any ``concurrent.futures.Executor``: in threads of this process,
 or in those of a Dask worker.  It gives the task to a child process, and watches it.
