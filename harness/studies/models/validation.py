@@ -1,4 +1,4 @@
-"""Drivers in place of recorded ones: how close they come in time to pass and in who goes first.
+"""Drivers in place of recorded ones: how close they come; ``_KEYS`` of [ego] and so on that count.
 
 Each driver drives every recorded passage, among the people who walk as recorded.  Both scores have
 intervals over vehicles, because the passages of one vehicle, or of its copies, are not independent.
