@@ -171,6 +171,8 @@ def _check_drivers(scenario: Scenario) -> None:
 def _check_traffic(scenario: Scenario, traffic: TrafficSection) -> None:
     """Refuse flows above capacity and times that are not whole steps."""
     step_s = scenario.experiment.step_s
+    if scenario.crossing.obstacles:
+        raise InputError("crossing.obstacles", "hide nobody in simulations", "an encounter")
     if traffic.tau_s < step_s:
         why = f"{traffic.tau_s:g} s: vehicles would collide with each other"
         raise InputError("traffic.tau_s", why, f"at least experiment.step_s = {step_s:g} s")
@@ -267,7 +269,7 @@ def _check_timed(number: int, scenario: Scenario) -> None:
 
 def _check_obstacles(scenario: Scenario) -> None:
     """Refuse an obstacle in the path of a vehicle or of pedestrians, or with an unknown case."""
-    crossing = scenario.crosswalk()
+    crossing, half_m = scenario.crosswalk(), scenario.ego.width_m / 2
     starts_m = {side: [0.0] for side in Side}
     for timed in scenario.pedestrians.timed:
         side = Side(timed.side)
@@ -279,29 +281,14 @@ def _check_obstacles(scenario: Scenario) -> None:
     for number, obstacle in enumerate(scenario.crossing.obstacles):
         key = f"crossing.obstacles.{number}"
         _check_case(obstacle.case, scenario, f"{key}.case")
-        for low, high in _driven(scenario):
-            if _overlap(obstacle.y_bounds_m, (low, high)):
-                whose = "the ego's" if scenario.traffic is None else "the vehicles'"
-                allowed = f"y below {low:g} m or above {high:g} m"
-                raise InputError(f"{key}.y_m", f"stands in {whose} path", allowed)
+        low, high = (crossing.lane_centre_m + way for way in (-half_m, half_m))
+        if _overlap(obstacle.y_bounds_m, (low, high)):
+            allowed = f"y below {low:g} m or above {high:g} m"
+            raise InputError(f"{key}.y_m", "stands in the ego's path", allowed)
         beside = (-PEDESTRIAN_RADIUS_M, PEDESTRIAN_RADIUS_M)
         if _overlap(obstacle.x_bounds_m, beside) and _overlap(obstacle.y_bounds_m, walked):
             allowed = f"x below {beside[0]:g} m or above {beside[1]:g} m"
             raise InputError(f"{key}.x_m", "a pedestrian would touch it", allowed)
-
-
-def _driven(scenario: Scenario) -> list[tuple[float, float]]:
-    """The strips in which vehicles drive: the ego's, or with ``[traffic]`` those of all lanes."""
-    crossing, traffic = scenario.crosswalk(), scenario.traffic
-    half_m, centres_m = scenario.ego.width_m / 2, [crossing.lane_centre_m]
-    if traffic is not None:
-        centres_m = [
-            crossing.length_m - lane.lane_centre_m if oncoming else lane.lane_centre_m
-            for oncoming in (False, True)
-            if traffic.has_vehicles(oncoming=oncoming)
-            for lane in scenario.crosswalk_from_lanes(oncoming=oncoming)
-        ]
-    return [(centre - half_m, centre + half_m) for centre in centres_m]
 
 
 def _overlap(interval: tuple[float, float], other: tuple[float, float]) -> bool:

@@ -191,7 +191,8 @@ class PedestriansSection(Section):
     first_at_trigger: bool = False
     """Whether the first pedestrian or group arrives at the kerb at t = 0."""
     near_side_share: Share = 0.5
-    """Share of pedestrians or groups that come from the near kerb."""
+    """Share of pedestrians or groups that come from the near kerb (in `[simulation]`: from the
+    begin of the crosswalk's axis)."""
     behaviour: Behaviour = "constant"
     """Rule by which pedestrians decide and walk (docs/method.md)."""
     kerb_wait_s: NonNegative = Field(default_factory=_kerb_wait_s)

@@ -98,6 +98,12 @@ class Scenario(Section):
         limited = on_road(_vehicle(self.ego), self.crossing, oncoming=oncoming)
         return self.late(limited, driver)
 
+    def mirrored(self) -> "Scenario":
+        """The scenario in which people of the near kerb come from the far one, and vice versa."""
+        people = self.pedestrians
+        exchanged = people.model_copy(update={"near_side_share": 1 - people.near_side_share})
+        return self.model_copy(update={"pedestrians": exchanged})
+
     def late(self, vehicle: Vehicle, driver: Arm | None) -> Vehicle:
         """A vehicle with the dead time, lag and jerk of a driver's vehicle."""
         actuation = self.actuation

@@ -142,8 +142,9 @@ class SimulatedArm:
         events = ["teleports"] * len(teleported)
         events += ["emergency_stops"] * len(session.emergency_stops())
         for hit in session.collisions():
-            # SUMO reports a collision at several steps; it counts at the first.
-            if (hit.collider, hit.victim) not in self._hits:
+            # SUMO reports a collision at several steps; it counts at the first.  It reports those
+            # of people with each other, too.
+            if hit.collider in self.automated and (hit.collider, hit.victim) not in self._hits:
                 self._hits.add((hit.collider, hit.victim))
                 events += self._kinds_of(hit)
         if events and setup.counts(time_s):
@@ -267,7 +268,8 @@ class SimulatedArm:
         range_m = setup.scenario.ego.trigger_range_m
         x_m = car.odometer_m - passage.centre_m
         over_m = max(0.0, x_m + range_m)
-        within = over_m <= (car.speed_mps + car.vehicle.max_deceleration_mps2 * step_s) * step_s
+        reach_m = (car.speed_mps + car.vehicle.max_deceleration_mps2 * step_s) * step_s
+        within = car.speed_mps > 0 and over_m <= reach_m  # it may have departed here
         passage.begin(time_s, range_m if within else max(-x_m, 0.1))
         if over_m > ROUNDING and within:
             # Time since R0, from over = v t − a t²/2.

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.core.seeding import stream
-from harness.core.vocabulary import ROUNDING, SECONDS_PER_HOUR
+from harness.core.vocabulary import ROUNDING, SECONDS_PER_HOUR, Vehicle
 from harness.engine.configuration import SumoConfig, write_options, write_xml
 from harness.engine.network import network_with_limit
 from harness.engine.sources import EXIT_M
@@ -25,6 +25,8 @@ NET_FILE, ROUTES_FILE, TRAFFIC_FILE = "road.net.xml", "vehicles.rou.xml", "traff
 
 CAR_TYPE = "car"
 """The vehicles' type."""
+ONCOMING_TYPE = "oncoming_car"
+"""The type of oncoming vehicles on a road with a grade, whose sign is the other one for them."""
 
 _DIRECTIONS = ("", "oncoming_")
 """How the names of the edges of a direction begin; its place numbers its streams."""
@@ -91,26 +93,37 @@ def write_demand(scenario: Scenario, pair: int, seed: int, folder: Path) -> Sumo
 def _routes(scenario: Scenario, pair: int) -> ET.Element:
     """SUMO's file of the vehicles, by the time at which they are due."""
     root, strip = ET.Element("routes"), int(scenario.crossing.kerb_strip_m > 0)
-    vehicle = scenario.vehicle()
+    kinds = types_of(scenario)
+    slowest_mps2 = min(vehicle.resume_acceleration_mps2 for vehicle in kinds.values())
     # Twice the way from a stop to v0 at the whole acceleration: IDM approaches v0 slowly.
-    recovers_m = vehicle.initial_speed_mps**2 / vehicle.resume_acceleration_mps2
+    recovers_m = scenario.ego.initial_speed_mps**2 / slowest_mps2
     leaves_m = min(max(_LEAVES_M, recovers_m), 0.9 * EXIT_M)
-    kind = {"id": CAR_TYPE, **_type(scenario)}.items()
-    ET.SubElement(root, "vType", {key: str(value) for key, value in kind})
+    for name, vehicle in kinds.items():
+        kind = {"id": name, **_type(scenario, vehicle)}.items()
+        ET.SubElement(root, "vType", {key: str(value) for key, value in kind})
     for way in _DIRECTIONS[: 1 + (scenario.crossing.oncoming_lanes > 0)]:
         ET.SubElement(root, "route", id=f"{way}way", edges=f"{way}approach {way}exit")
     for due in sorted(vehicles_due(scenario, pair), key=lambda due: (due.depart_s, due.name)):
         way, lane = f"{_DIRECTIONS[due.direction]}way", str(due.lane + strip)
-        values = {"id": due.name, "type": CAR_TYPE, "route": way, "depart": f"{due.depart_s:.3f}"}
+        own = [*kinds][due.direction % len(kinds)]
+        values = {"id": due.name, "type": own, "route": way, "depart": f"{due.depart_s:.3f}"}
         values |= {"departLane": lane, "departSpeed": "max"}
         values |= {"arrivalLane": lane, "arrivalPos": f"{leaves_m:.3f}"}
         ET.SubElement(root, "vehicle", values)
     return root
 
 
-def _type(scenario: Scenario) -> Mapping[str, object]:
-    """The vehicles' attributes in SUMO."""
-    traffic, vehicle = scenario.known_traffic, scenario.vehicle()
+def types_of(scenario: Scenario) -> dict[str, Vehicle]:
+    """The limits of each type of vehicle: one, or on a road with a grade one for each direction."""
+    kinds = {CAR_TYPE: scenario.vehicle()}
+    if scenario.crossing.grade and scenario.crossing.oncoming_lanes:
+        kinds[ONCOMING_TYPE] = scenario.vehicle(oncoming=True)
+    return kinds
+
+
+def _type(scenario: Scenario, vehicle: Vehicle) -> Mapping[str, object]:
+    """The attributes in SUMO of vehicles with these limits."""
+    traffic = scenario.known_traffic
     return {
         **vehicle_type(vehicle, scenario.speed_limit_mps),
         # SUMO lowers commands to it too, so it is the strategies' limit as well.

@@ -45,7 +45,7 @@ def opened_traffic(scenario: Scenario, pair: int, folder: Path) -> Setup:
         file=str(config.path),
         crossings=(CROSSWALK,),
         av_share=traffic.av_share,
-        av_types=(demand.CAR_TYPE,),
+        av_types=tuple(demand.types_of(scenario)),
         begin_s=traffic.warm_up_s,
         end_s=traffic.warm_up_s + traffic.duration_s,
     )

@@ -94,6 +94,8 @@ class Setup(Frozen):
         """
         since_s, last_s = self.config.begin_s, self.config.end_s
         horizon_s = (self.end_s if last_s is None else last_s) - since_s
+        # People of the near side come from the begin of the axis: here it is at the far kerb.
+        scenario = self.scenario.mirrored() if crosswalk == CROSSWALK else self.scenario
         key = () if crosswalk == CROSSWALK else (number_of(crosswalk),)
-        planned = planned_arrivals(self.scenario, pair, horizon_s=horizon_s, key=key)
+        planned = planned_arrivals(scenario, pair, horizon_s=horizon_s, key=key)
         return [each._replace(arrival_s=since_s + each.arrival_s) for each in planned]
