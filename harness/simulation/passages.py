@@ -166,7 +166,9 @@ def strike_of(
     """
     length_m, width_m = passage.car.vehicle.length_m, passage.car.vehicle.width_m
     half_m = trace.crossing.width_m / 2
-    ends_m = (-half_m - _NEAR_M, half_m + length_m + _NEAR_M)
+    # A rear that cuts a corner leaves later than a straight body would.
+    leaves_m = max(half_m + length_m, passage.zone.last_m - passage.zone.centre_m)
+    ends_m = (-half_m - _NEAR_M, leaves_m + _NEAR_M)
     low, high = np.searchsorted(trace.x_m, ends_m).tolist()
     low, high = max(low - 1, 0), min(high, len(trace.x_m) - 1)
     if low >= high:  # it was never near the crosswalk
