@@ -59,7 +59,7 @@ def same(now: Sequence[Mapping[str, Any]], then: Sequence[Mapping[str, Any]]) ->
         for key, cell in other.items():
             stored = isinstance(cell, Mapping) and "value" in cell
             found, number = (each["value"] if stored else each for each in (one[key], cell))
-            exact = isinstance(number, str | bool | Mapping)
+            exact = number is None or isinstance(number, str | bool | Mapping)
             expected = number if exact else pytest.approx(number, rel=1e-6, abs=1e-9)
             assert found == expected, (other, key)
 
