@@ -14,6 +14,7 @@ from harness.core.errors import EngineError, StrategyError
 from harness.core.freezing import Frozen
 from harness.core.vocabulary import Arm, FailedIn, StepMotion
 from harness.engine.session import Module, Session
+from harness.engine.sources import CROSSWALK
 from harness.model.interaction import InteractionModel
 from harness.simulation.arm import SimulatedArm
 from harness.simulation.arm_configuration import TRIPS_FILE, write_config
@@ -109,12 +110,11 @@ def _tables(setup: Setup, arm: SimulatedArm, trips: Path) -> dict[str, Columns]:
         for row in _people(of, setup.crosswalks[name], sorted(fronts_s[name]), end_s)
         if setup.counts(row["arrival_s"])
     ]
-    own = sum(row["own"] for row in walked)
     arms = {
         "begin_s": setup.begin_s,
         "counted_s": min(setup.end_s, end_s) - setup.begin_s,
-        "harness_people": own,
-        "sumo_people": len(walked) - own,
+        "harness_people": sum(row["own"] for row in walked),
+        "sumo_people": sum(not row["own"] for row in walked),
         "people_left_out": sum(each.left_out for each in arm.people.values()),
         **{name: arm.counts[name] for name in _COUNTS},
     }
@@ -169,9 +169,10 @@ def _people(
     """The rows of the table ``people`` at one crosswalk: one for each way over it.
 
     Who crosses two crosswalks has two rows with one ``person``.  ``side`` is the end of the
-    crosswalk's axis from which they come.  ``let_go`` says of those who waited whether they went
-    before the first vehicle: before the first that kept them waiting, if they are the harness's;
-    before any, if they are SUMO's.
+    crosswalk's axis from which they come, ``near`` its begin; on the harness's own road, where the
+    axis begins at the far kerb, it is the kerb.  ``let_go`` says of those who waited whether they
+    went before the first vehicle: before the first that kept them waiting, if they are the
+    harness's; before any, if they are SUMO's.
 
     Args:
         people: everybody there.
@@ -192,7 +193,7 @@ def _people(
             "crosswalk": crosswalk.id,
             "person": person.id,
             "own": person.own,
-            "side": walk.arrival.side,
+            "side": walk.arrival.side.other if crosswalk.id == CROSSWALK else walk.arrival.side,
             "arrival_s": arrival_s,
             "start_s": walk.start_s,
             "cleared_s": person.cleared_s,
