@@ -2,7 +2,7 @@
 
     python -m benchmarks.references ../shared/data/dut
 
-writes ``harness/strategies/validated.json``: the result of ``harness validate`` for all built-in
+writes ``harness/results/validated.json``: the result of ``harness validate`` for all built-in
 drivers, and the ratios of times against both references in the scenarios of the documentation.
 """
 
@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from harness.core.files import write_file
+from harness.results import references
 from harness.results.finding import finding_to_dict
 from harness.scenario.file import Setting, read_scenario_file
 from harness.scenario.study import study_of
 from harness.scenario.variation import parse_variation
-from harness.strategies import references
 from harness.strategies.registry import STRATEGIES
 from harness.studies.models.validation import validate
 from harness.studies.running.run import run

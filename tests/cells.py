@@ -2,14 +2,17 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 import pyarrow as pa
+from rich.console import Console
 
 from harness.core.vocabulary import Arm
+from harness.report.screen import print_result
 from harness.results.cell_findings import CellFindings, cell_findings
 from harness.results.folder import code_of_rows
 from harness.results.loaded_run import Run
@@ -107,6 +110,13 @@ def result_of(of: Study, fates: Fates, pairs: int, *, finished: bool = True) -> 
     """What is shown of a run."""
     with patch("harness.results.folder.tried_again", return_value=0):  # there is no log
         return run_of(of, fates, pairs, finished=finished).result()
+
+
+def screen_text(result: Result, width: int, full: bool = False) -> str:
+    """The text that ``print_result`` prints to a console of this width."""
+    written = StringIO()
+    print_result(result, full, Console(file=written, width=width, color_system=None))
+    return "".join(f"{line.rstrip()}\n" for line in written.getvalue().splitlines())
 
 
 def notes_by_key(*cells: CellFindings) -> dict[str, Note]:

@@ -10,6 +10,7 @@ from hypothesis import settings
 from harness.engine.protocol import Engine
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario
+from tests.densities import Joint
 
 # pytest-xdist gives its workers 80 columns; screens are tested as in a pipe.
 os.environ.pop("COLUMNS", None)
@@ -31,6 +32,12 @@ MakeEngine = Callable[[Scenario], Engine]
 def model() -> InteractionModel:
     """The shipped interaction model that scenarios use by default."""
     return load_model(Scenario().model.name)
+
+
+@pytest.fixture(scope="session")
+def joint(model: InteractionModel) -> Joint:
+    """Its density, written out."""
+    return Joint(model.mixture)
 
 
 def close_all() -> None:

@@ -102,11 +102,7 @@ class Faulty:
         return 0.0
 
 
-def first_number(pair: int) -> float:
-    """What the strategy draws first in that pair, under seed 1."""
-    return float(stream(1, "av_strategy", pair).random())
-
-
 def struck(faults: dict[str, int]) -> dict[str, object]:
-    """Keys of a scenario that let each fault strike its pair."""
-    return {f'strategies."{NAME}".{fault}': first_number(pair) for fault, pair in faults.items()}
+    """Keys of a scenario that let each fault strike its pair: what is drawn first, under seed 1."""
+    drawn = {fault: stream(1, "av_strategy", pair).random() for fault, pair in faults.items()}
+    return {f'strategies."{NAME}".{fault}': number for fault, number in drawn.items()}

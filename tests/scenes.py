@@ -20,6 +20,7 @@ from harness.core.vocabulary import (
     Walk,
 )
 from harness.encounter import loop
+from harness.encounter.arrivals import planned_arrivals
 from harness.encounter.cell_constants import constants_of
 from harness.encounter.pairing import PairRunner
 from harness.encounter.walkers import ChooseSpeed
@@ -45,6 +46,11 @@ def scenario(**sections: dict[str, object]) -> Scenario:
 def outcome_of(trace: Trace) -> Outcome:
     """A trace as the AV's episode of pair 0, measured."""
     return Outcome(0, Arm.AV, "test", measure([trace])[0], trace)
+
+
+def plans(scene: Scenario, pairs: int = 4_000) -> list[tuple[Arrival, ...]]:
+    """Who comes in the first pairs of a scenario."""
+    return [planned_arrivals(scene, pair) for pair in range(pairs)]
 
 
 def on_plain(scene: Scenario, model: InteractionModel) -> PairRunner:

@@ -29,7 +29,7 @@ def extract(
     """
     check_target(out, ".parquet")
     from harness.model.trajectories import extraction
-    from harness.report.model_screens import extraction_result
+    from harness.studies.models.model_results import extraction_result
 
     rules = options.changes_of(settings)
     with unwinding():
@@ -57,9 +57,9 @@ def fit(
 ) -> None:
     """Fit the interaction model to rows, and choose the number K."""
     check_target(out, ".json")
-    from harness.report.model_screens import model_result
     from harness.studies.models.card import fit_model
     from harness.studies.models.fits import FitSettings, components_of
+    from harness.studies.models.model_results import model_result
     from harness.studies.running.workers import default_workers
 
     number = workers or default_workers()
@@ -94,7 +94,7 @@ def model(
     The figures are the paper's; --figures writes them as files.
     """
     from harness.model.interaction import model_named
-    from harness.report.model_screens import model_result
+    from harness.studies.models.model_results import model_result
 
     if out:
         check_target(out)

@@ -47,7 +47,7 @@ def show_rows(command: str, rows: Rows, *, as_json: bool, quiet: bool = False, *
 
     ``said`` is what the result has besides: ``title``, ``closing``, ``headings``.
     """
-    from harness.report.screen import listed
+    from harness.results.result import listed
 
     first = dict.fromkeys(str(next(iter(row.values()))) for row in rows)
     show(listed(command, rows, **said), first, quiet=quiet, as_json=as_json)

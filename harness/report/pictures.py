@@ -28,9 +28,9 @@ from harness.results.cell_findings import CellFindings
 from harness.results.estimators import CONFIDENCE
 from harness.results.finding import Finding, Form
 from harness.results.loaded_run import Run
+from harness.results.references import is_the_papers
 from harness.results.result import Result, Shown
 from harness.results.tables import ENCOUNTERS, SIMULATIONS, RunKind
-from harness.strategies.references import is_the_papers
 from harness.strategies.registry import aggressiveness_of
 from harness.studies.allowed import as_number
 

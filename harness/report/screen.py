@@ -1,11 +1,9 @@
-"""The screen of a result: its rows, its worst notes, and where the rest is; results of lists."""
+"""A result in; its screen out: the rows, the worst notes, and where the rest is."""
 
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
-from io import StringIO
-from types import MappingProxyType
 
 from rich.console import Console, RenderableType
 from rich.table import Table as RichTable
@@ -14,27 +12,12 @@ from rich.text import Text
 from harness.report.layout import TextColumn, blocks_of, bounds_of, drawn
 from harness.report.words import printable, text_of
 from harness.results.estimators import CONFIDENCE
-from harness.results.finding import Plain
-from harness.results.result import Column, Result, Table
+from harness.results.result import Result, Table
 
 MOST_NOTES = 3
 """Notes on a screen, each with its first sentence; ``--full`` has all, with all their sentences."""
 
 PIPE_COLUMNS = 120
-
-
-def listed(
-    command: str,
-    rows: Sequence[Mapping[str, Plain]],
-    title: str = "",
-    closing: Sequence[str] = (),
-    headings: Mapping[str, str] = MappingProxyType({}),
-) -> Result:
-    """A result whose rows are its records; without a heading a column has its key's name."""
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    columns = tuple(Column(name, headings.get(name, name)) for name in names)
-    table = Table("", columns, tuple(tuple(map(row.get, names)) for row in rows))
-    return Result(command, title, "", "", table, (), (), tuple(closing), records=[*rows])
 
 
 def make_console() -> Console:
@@ -62,14 +45,6 @@ def print_result(result: Result, full: bool = False, console: Console | None = N
     for line in result.closing:
         # A command or path that is longer than a line stays whole, so that it can be copied.
         console.print(Text(printable(line)), soft_wrap=True)
-
-
-def screen_text(result: Result, width: int, full: bool = False) -> str:
-    """The text that ``print_result`` prints to a console of this width."""
-    written = StringIO()
-    console = Console(file=written, width=width, force_terminal=False, color_system=None)
-    print_result(result, full, console)
-    return "".join(f"{line.rstrip()}\n" for line in written.getvalue().splitlines())
 
 
 def _parts(result: Result, full: bool, console: Console) -> Iterator[RenderableType]:

@@ -7,10 +7,10 @@ from harness.core.vocabulary import Arm
 from harness.results.catalogue import ENTRY_OF, Entry, entries_of
 from harness.results.cell_findings import CellFindings, on_first_screen, worst_cases
 from harness.results.finding import Findings, Form, Plain
+from harness.results.place import short_names
+from harness.results.references import is_the_papers
 from harness.results.result import Column, Entered, Shown, Style, Table, Versus
 from harness.results.tables import RunKind
-from harness.scenario.place import short_names
-from harness.strategies.references import is_the_papers
 from harness.strategies.registry import fallback_of
 
 _SWEEP: Mapping[RunKind, Sequence[str]] = {

@@ -21,11 +21,11 @@ from harness.results import folder as folders
 from harness.results.cell_findings import CellFindings, cell_findings, records_of
 from harness.results.cell_tables import drivers, scope_of, tables_of
 from harness.results.notes import FIRST, Note, notes_of, retries
+from harness.results.place import name_of, place_in_words
 from harness.results.result import Result
 from harness.results.tables import COUNTED, TABLES_OF, RunKind, kind_of
 from harness.scenario import Scenario, Setting, Study, study_from
 from harness.scenario.file import apply_setting
-from harness.scenario.place import name_of, place_in_words
 
 if TYPE_CHECKING:
     import pandas as pd

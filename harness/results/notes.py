@@ -14,9 +14,9 @@ from harness.core.vocabulary import BY_SUMO, SPEED_ROUNDING
 from harness.results.catalogue import Entry
 from harness.results.cell_findings import CellFindings, on_first_screen
 from harness.results.estimators import EQUAL, FEW, REPEATED
+from harness.results.place import name_of
+from harness.results.references import not_validated, opposite
 from harness.results.student import RELIABLE_PAIRS
-from harness.scenario.place import name_of
-from harness.strategies.references import not_validated, opposite
 from harness.strategies.registry import fallback_of
 
 GROWTH = 0.05

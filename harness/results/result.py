@@ -5,6 +5,7 @@ A view computes nothing and asks for no kind of run.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from harness.core.documents import as_plain
@@ -122,6 +123,20 @@ class Result(Frozen):
         import pandas as pd
 
         return pd.DataFrame([flat(record) for record in self.records])
+
+
+def listed(
+    command: str,
+    rows: Sequence[Mapping[str, Plain]],
+    title: str = "",
+    closing: Sequence[str] = (),
+    headings: Mapping[str, str] = MappingProxyType({}),
+) -> Result:
+    """A result whose rows are its records; without a heading a column has its key's name."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    columns = tuple(Column(name, headings.get(name, name)) for name in names)
+    table = Table("", columns, tuple(tuple(map(row.get, names)) for row in rows))
+    return Result(command, title, "", "", table, (), (), tuple(closing), records=[*rows])
 
 
 def flat(record: Mapping[str, Plain | Finding]) -> dict[str, Plain]:

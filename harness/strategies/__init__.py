@@ -2,6 +2,6 @@
 
 Each strategy that ``registry`` lists has a module of its own.  The others are machinery: ``own``
 and ``program`` load the user's strategies, ``parameters`` checks their tables, ``manoeuvres`` has
-what several strategies do, ``vector`` is for learned policies, ``perception`` comes before any
-strategy, and ``references`` says what is known of the reference drivers.
+what several strategies do, ``vector`` is for learned policies, and ``perception`` comes before
+any strategy.
 """

@@ -15,9 +15,9 @@ from harness.results.cell_findings import CellFindings, sample_of
 from harness.results.cell_tables import driver_of
 from harness.results.finding import Plain
 from harness.results.loaded_run import Run
+from harness.results.place import name_of
 from harness.results.tables import COUNTED
 from harness.scenario import Scenario
-from harness.scenario.place import name_of
 from harness.scenario.study import as_written
 from harness.scenario.variation import flatten
 from harness.strategies.parameters import defaults_of

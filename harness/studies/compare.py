@@ -19,11 +19,11 @@ from harness.results.estimators import EQUAL, FEW, Sampling
 from harness.results.finding import Finding, Form, Plain
 from harness.results.loaded_run import Run, older_measures
 from harness.results.notes import RULES, Note, notes_of
+from harness.results.place import place_in_words
 from harness.results.result import Column, Entered, Result, Shown, Style, Table, Versus
 from harness.results.simulated import SimulationSample
 from harness.results.student import RELIABLE_PAIRS
 from harness.results.tables import RunKind
-from harness.scenario.place import place_in_words
 from harness.scenario.variation import flatten
 from harness.studies.allowed import allowed_in, allowed_table
 from harness.studies.candidates import Candidate, groups_of, without_av

@@ -12,9 +12,9 @@ from harness.measures.measured import COLUMNS, MEASURES
 from harness.results.finding import Finding, Form, Plain
 from harness.results.loaded_run import Run, older_measures
 from harness.results.notes import notes_of
+from harness.results.place import place_in_words
 from harness.results.result import Column, Entered, Result, Shown, Style, Table
 from harness.results.tables import RunKind
-from harness.scenario.place import place_in_words
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,14 +6,14 @@ from collections import Counter
 import pytest
 from hypothesis import given, strategies as st
 
-from harness.report.screen import MOST_NOTES, screen_text
+from harness.report.screen import MOST_NOTES
 from harness.report.words import DASH, text_of
 from harness.results.estimators import clopper_pearson
 from harness.results.finding import Finding, Form
 from harness.results.notes import Note
 from harness.results.result import Column, Result, Shown, Style, Table, Versus
 from harness.scenario import Scenario
-from tests.cells import HUMAN_S, Fate, noisy, result_of, study
+from tests.cells import HUMAN_S, Fate, noisy, result_of, screen_text, study
 
 WIDTHS = st.integers(40, 200)
 NUMBERS = st.floats(-1e4, 1e4, allow_subnormal=False)

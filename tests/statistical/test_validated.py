@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.references import time_ratios, validated
 from harness.results.estimators import Sampling
-from harness.strategies.references import known
+from harness.results.references import known
 from harness.studies.models.validation import RELIABLE_VEHICLES, scores_of
 from tests.docs.conftest import ROOT
 

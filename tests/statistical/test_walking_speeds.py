@@ -7,11 +7,6 @@ from harness.model.interaction import InteractionModel
 from tests.densities import VP, Joint, R, V
 
 
-@pytest.fixture(scope="module")
-def joint(model: InteractionModel) -> Joint:
-    return Joint(model.mixture)
-
-
 @pytest.mark.parametrize(("range_m", "speed"), [(30.0, 5.0), (8.0, 1.2), (15.0, 7.5), (55.0, 3.0)])
 def test_quantiles_against_integration(model, joint, range_m, speed) -> None:
     u = np.linspace(0.001, 0.999, 400)

@@ -33,12 +33,8 @@ def same_rows(one: Run, other: Run) -> None:
             assert one.rows(table, cell.number).equals(other.rows(table, cell.number))
 
 
-def spawning() -> Executor:
-    return ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn"))
-
-
-def forking() -> Executor:
-    return ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("fork"))
+def processes(method: str) -> Callable[[], Executor]:
+    return lambda: ProcessPoolExecutor(2, mp_context=multiprocessing.get_context(method))
 
 
 @contextlib.contextmanager
@@ -64,7 +60,7 @@ VARIED = {"arms.av": ["soft_yield", "hard_yield"], "pedestrians.flow_per_hour": 
 
 @pytest.mark.parametrize(
     "workers",
-    [2, lambda: ThreadPoolExecutor(2), spawning, forking],
+    [2, lambda: ThreadPoolExecutor(2), processes("spawn"), processes("fork")],
     ids=["two", "threads", "spawn", "fork"],
 )
 def test_rows_and_findings_are_the_same_for_any_workers(

@@ -57,15 +57,12 @@ from pathlib import Path
 import harness
 from docs.hooks.reference import columns_page
 from harness.report.page import write_page
-from harness.report.screen import screen_text
 
 run = harness.run("cctc", pairs=3, seed=1, out="run", workers=0, engine="plain")
 run = harness.load_run("run")
 result = run.result()
 write_page(run, result)
 texts = {
-    "screen": screen_text(result, 100),
-    "full": screen_text(result, 100, full=True),
     "page": Path("run/report.html").read_text(encoding="utf-8"),
     "json": json.dumps(result.to_dict()),
     "findings": Path("run/findings.json").read_text(encoding="utf-8"),
@@ -94,6 +91,10 @@ def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     result = subprocess.run(command, cwd=copy, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
     found: dict[str, str] = json.loads((copy / "texts.json").read_text("utf-8"))
+    for view, *options in (("screen",), ("full", "--full")):
+        command = [sys.executable, "-m", "harness", "show", "run", *options]
+        result = subprocess.run(command, cwd=copy, capture_output=True, text=True, check=True)
+        found[view] = result.stdout
     assert found["where"].startswith(str(copy))
     return found
 

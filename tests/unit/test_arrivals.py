@@ -8,6 +8,7 @@ from scipy import stats
 from harness.core.vocabulary import Arrival, Side
 from harness.encounter.arrivals import planned_arrivals
 from harness.scenario import Scenario, validate
+from tests.scenes import plans
 
 PAIRS = 4000
 
@@ -15,10 +16,6 @@ PAIRS = 4000
 def scene(timeout_s: float = 60.0, seed: int = 1, **pedestrians: object) -> Scenario:
     experiment = {"timeout_s": timeout_s, "seed": seed}
     return validate({"pedestrians": pedestrians, "experiment": experiment}, "test")
-
-
-def plans(scenario: Scenario, pairs: int = PAIRS) -> list[tuple[Arrival, ...]]:
-    return [planned_arrivals(scenario, pair) for pair in range(pairs)]
 
 
 @pytest.mark.parametrize("flow", [60.0, 250.0, 1200.0])

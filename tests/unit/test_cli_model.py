@@ -13,7 +13,7 @@ import pytest
 from harness.model.interaction import VARIABLES, read_model
 from harness.model.trajectories.extraction import EXTRACTION_KEY
 from harness.report import model_figures
-from harness.report.model_screens import model_result
+from harness.studies.models.model_results import model_result
 from tests.batches import here, printed
 from tests.recordings import made_up
 

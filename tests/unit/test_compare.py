@@ -10,7 +10,6 @@ import pytest
 from scipy import stats
 
 from harness.core.errors import InputError
-from harness.report.screen import screen_text
 from harness.results.estimators import EQUAL, FEW
 from harness.results.finding import Finding
 from harness.results.result import Result
@@ -18,7 +17,7 @@ from harness.scenario import Scenario
 from harness.studies.allowed import allowed_in
 from harness.studies.candidates import groups_of
 from harness.studies.compare import compare
-from tests.cells import FAILED, HUMAN_S, Fate, MadeRun, noisy, run_of, study
+from tests.cells import FAILED, HUMAN_S, Fate, MadeRun, noisy, run_of, screen_text, study
 
 THREE = "arms.av=soft_yield,hard_yield,constant_speed"
 FLOWS = "pedestrians.flow_per_hour=50,250"

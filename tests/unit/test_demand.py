@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.vocabulary import Arm, Arrival, Side
-from harness.encounter.arrivals import already_walking, planned_arrivals
+from harness.core.vocabulary import Arm, Side
+from harness.encounter.arrivals import already_walking
 from harness.encounter.walking_speeds import WalkingSpeeds
 from harness.scenario import Scenario, validate
 from harness.studies.risk.space import space_of
-from tests.scenes import on_plain, refuses
+from tests.scenes import on_plain, plans, refuses
 
 LUCK = 1e-3
 SIZES = [0.5, 0.3, 0.2]
@@ -29,10 +29,6 @@ def scene(timeout_s: float = 3600.0, **pedestrians: object) -> Scenario:
     return validate({"pedestrians": pedestrians, "experiment": {"timeout_s": timeout_s}}, "test")
 
 
-def plans(scenario: Scenario, pairs: int) -> list[tuple[Arrival, ...]]:
-    return [planned_arrivals(scenario, pair) for pair in range(pairs)]
-
-
 @pytest.mark.parametrize("more", [{}, {"group_size": SIZES}, {"first_at_trigger": True}])
 def test_a_sweep_over_the_flow_keeps_its_people(more: dict[str, object]) -> None:
     """Who comes as number i is the same, only earlier: time is stretched."""
@@ -43,15 +39,12 @@ def test_a_sweep_over_the_flow_keeps_its_people(more: dict[str, object]) -> None
             assert b.arrival_s == pytest.approx(a.arrival_s / 2)
 
 
-def groups_of(plan: tuple[Arrival, ...]) -> list[list[Arrival]]:
-    return [[*members] for _, members in groupby(plan, key=lambda a: a.arrival_s)]
-
-
 def test_groups_have_their_sizes_and_flow_counts_people() -> None:
     pairs, people = 600, 600.0 / 6
     of = scene(600.0, flow_per_hour=600.0, group_size=SIZES, behaviour="gap_acceptance")
     found = plans(of, pairs)
-    groups = [members for plan in found for members in groups_of(plan)]
+    together = (groupby(plan, key=lambda a: a.arrival_s) for plan in found)
+    groups = [[*members] for plan in together for _, members in plan]
     sizes = Counter(map(len, groups))
     expected = [len(groups) * share for share in SIZES]
     assert stats.chisquare([sizes[size] for size in (1, 2, 3)], expected).pvalue > LUCK

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from harness.core.errors import EngineError
-from harness.core.vocabulary import Arrival, Ending, Observation, Side, Trace
+from harness.core.vocabulary import Arrival, Ending, Observation, Side
 from harness.engine.plain import PlainEngine
 from harness.measures import measure
 from harness.scenario.pedestrians import PedestriansSection
@@ -188,14 +188,10 @@ class Failing(PlainEngine):
         return super().end()
 
 
-def failed(at: str, *arrivals: Arrival) -> Trace:
-    return episode(scenario(), ConstantSpeed(), arrivals, lambda *_: 2.5, engine=Failing(at))
-
-
 @pytest.mark.parametrize("at", ["begin", "step", "remove", "end"])
 def test_an_engine_that_fails_ends_its_episode_with_a_reason(at: str) -> None:
     arrivals = [Arrival(0, 0.0, Side.NEAR, 0.5), Arrival(1, 2.04, Side.FAR, 0.5)]
-    trace = failed(at, *arrivals)
+    trace = episode(scenario(), ConstantSpeed(), arrivals, lambda *_: 2.5, engine=Failing(at))
     assert (trace.ending, trace.failed_in) == (Ending.ENGINE_FAILED, "engine")
     assert trace.reason in {"no ego", "lost ego", "lost pedestrian 0", "no end"}
     (record,) = measure([trace])

@@ -11,10 +11,10 @@ from harness.results.cell_findings import CellFindings, on_first_screen
 from harness.results.estimators import EQUAL, zero_bound
 from harness.results.finding import Finding, Form
 from harness.results.notes import RULES, Note, notes_of
+from harness.results.references import opposite
 from harness.results.result import Result, Shown, Style, Versus
 from harness.scenario import Scenario, load_scenario
 from harness.scenario.sections import ActuationSection, PerceptionSection
-from harness.strategies.references import opposite
 from harness.studies.compare import compare
 from tests.cells import (
     FAILED,

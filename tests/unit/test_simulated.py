@@ -12,7 +12,6 @@ from scipy import stats
 from harness.core.vocabulary import Arm
 from harness.measures.queues import growth, level_of_service
 from harness.report.page import write_page
-from harness.report.screen import screen_text
 from harness.results.catalogue import entries_of
 from harness.results.cell_findings import CellFindings, on_first_screen
 from harness.results.estimators import EQUAL
@@ -328,7 +327,7 @@ def test_cells_are_compared_by_their_avs_over_pairs(tmp_path: Path) -> None:
     assert adjusted[0] == pytest.approx(3 * ps[0])
     told = json.loads(printed("compare", run.path, "--set", "conflicts.pet_s=8", "--json"))
     assert told["records"][0]["conflicts_pet_a"]["value"] == 1.0  # every PET is below 8 s
-    assert "In 3 of 3 rows A and B have different shares of AVs" in screen_text(result, 200)
+    assert "In 3 of 3 rows A and B have different shares of AVs" in result.notes[0].text
 
 
 def test_a_page_has_the_figures_of_simulations(tmp_path: Path) -> None:

@@ -30,11 +30,11 @@ from harness.results.cell_findings import CellFindings
 from harness.results.finding import Finding, Findings
 from harness.results.loaded_run import older_measures
 from harness.results.notes import Note, retries
+from harness.results.place import place_in_words
+from harness.results.references import not_validated
 from harness.results.result import Column, Result, Shown, Style, Table
 from harness.scenario import Cell, EngineName, Scenario, Study, validate
-from harness.scenario.place import place_in_words
 from harness.scenario.study import study_from
-from harness.strategies.references import not_validated
 from harness.studies.risk import draws as risk_draws
 from harness.studies.risk.draws import DrawInputs, DrawOutcome, Proposal, Units
 from harness.studies.risk.learning import rounds_of
