@@ -7,6 +7,7 @@ group, if it describes one), unless the stream is keyed by the pedestrian too.  
 i-th group has the i-th row of four draws.
 """
 
+import hashlib
 from collections.abc import Container, Mapping, Sequence
 from itertools import count
 from typing import Any, Literal, TypeVar, get_args
@@ -17,10 +18,12 @@ import numpy as np
 Purpose = Literal[
     "arrival", "side", "quantile", "strategy", "critical_gap", "vehicle_arrival", "detection",
     "timed_detection", "redetection", "dropout", "perception_error", "warm_up", "av_strategy",
-    "threshold", "latency", "group_size", "walking_class", "risk",
+    "threshold", "latency", "group_size", "walking_class", "risk", "automated", "recorded_drive",
+    "start_of_fit",
 ]
 # fmt: on
-"""What random numbers of a pair are for; a new one is added at the end."""
+"""What random numbers of a pair (the last two: of a recorded passage, of a fit) are for; a new one
+is added at the end."""
 
 Resampled = Literal["folds", "summary", "comparison", "validation", "risk"]
 """What random numbers that belong to no pair are for; a new one is added at the end."""
@@ -95,16 +98,37 @@ def resampling(root_seed: int, purpose: Resampled) -> np.random.Generator:
     return np.random.default_rng((root_seed, _RESAMPLINGS[purpose]))
 
 
-def start_of_fit(root_seed: int, *key: int) -> np.random.Generator:
-    """The generator of one start of a fit.
+def number_of(name: str, key: bytes = b"") -> int:
+    """A number from 0 to below ``NUMBERS`` that belongs to a vehicle, person or crosswalk.
 
-    The stream whose purpose has the number of the fit has the same numbers with the same seed.  No
-    result depends on both: a fit's rows are recorded ones or draws of a test, never of a pair, and
-    its starts only say where the climb to the same maximum begins.  (Another key would change the
-    starts of the shipped models.)
+    It keys random streams or, with a random key, is itself a random number.
 
     Args:
-        root_seed: the fit's seed, ≥ 0.
-        key: the numbers of the fit and of its start, ≥ 0.
+        name: SUMO's id.
+        key: the first bytes of a stream; none: the number depends on the id alone.
     """
-    return np.random.default_rng(np.random.SeedSequence(root_seed, spawn_key=key))
+    return int.from_bytes(hashlib.blake2b(name.encode(), digest_size=6, key=key).digest(), "big")
+
+
+NUMBERS = 2**48
+"""The numbers of ``number_of`` lie below this."""
+
+SUMO_SEEDS_APART = 1_000_003
+"""Distance of SUMO's seeds of two successive values of ``experiment.seed``, so a simulation's most
+pairs; odd, so that the values do not repeat before all of SUMO's seeds are used."""
+_SUMO_SEEDS = 2**31
+"""SUMO's seeds lie below this."""
+
+
+def sumo_seed(root_seed: int, config_seed: int, pair: int) -> int:
+    """SUMO's seed of a pair: the configuration's plus the pair's number, for seed 1.
+
+    The pairs of a run have different seeds, and none of the next value of ``experiment.seed``.
+    SUMO has 2**31 seeds: values of ``experiment.seed`` that differ by a multiple share them all.
+
+    Args:
+        root_seed: the experiment's seed, ≥ 0.
+        config_seed: the configuration's seed, ≥ 0.
+        pair: index of the pair, ≥ 0 and below ``SUMO_SEEDS_APART``.
+    """
+    return (config_seed + pair + SUMO_SEEDS_APART * (root_seed - 1)) % _SUMO_SEEDS

@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 
 from harness.core.errors import InputError, unknown_name
+from harness.core.seeding import SUMO_SEEDS_APART
 from harness.core.vocabulary import (
     PEDESTRIAN_RADIUS_M,
     ROUNDING,
@@ -58,6 +59,9 @@ def check_consistency(scenario: Scenario) -> None:
         for key in _changed(scenario.pedestrians, PedestriansSection(), _NEED_A_TRIGGER):
             problem = "is not supported in simulations: no vehicle has a trigger"
             raise InputError(f"pedestrians.{key}", problem, "none")
+        if (pairs := scenario.experiment.pairs) > SUMO_SEEDS_APART:
+            problem = f"SUMO's seeds of {pairs:,} pairs are also those of the next experiment.seed"
+            raise InputError("experiment.pairs", problem, f"at most {SUMO_SEEDS_APART:,}")
     if scenario.simulation is not None:
         _check_simulation(scenario)
         _check_pedestrians(scenario)

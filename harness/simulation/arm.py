@@ -5,6 +5,7 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from functools import partial
 
+from harness.core.seeding import stream
 from harness.core.vocabulary import ROUNDING, Arm, ModelUse
 from harness.encounter.arms import uses_of
 from harness.encounter.driver import Driver
@@ -53,8 +54,8 @@ class SimulatedArm:
         self, setup: Setup, session: Session, pair: int, arm: Arm, model: InteractionModel
     ) -> None:
         self.setup, self.session, self._vehicles = setup, session, session.vehicles
-        self._pair, self._arm, self._model = pair, arm, model
-        self._seed, self._steps = setup.seed(pair), 0
+        self._pair, self._arm, self._model, self._steps = pair, arm, model, 0
+        self._key = stream(setup.scenario.experiment.seed, "automated", pair).bytes(32)
         self.passages: list[Passage] = []
         self.automated: dict[str, bool] = {}
         self._classes: Mapping[str, str] = {}
@@ -157,7 +158,7 @@ class SimulatedArm:
     def is_automated(self, name: str, type_id: str) -> bool:
         """Whether a vehicle of a type is an AV, in either arm, or would be if it departed."""
         kinds, simulation = {type_id, self._classes.get(type_id, "")}, self.setup.simulation
-        return is_automated(self._seed, name, kinds, simulation.av_share, simulation.av_types)
+        return is_automated(self._key, name, kinds, simulation.av_share, simulation.av_types)
 
     def _kinds_of(self, hit: Collision) -> list[str]:
         """What a collision counts as; a passage notes that SUMO saw one with a person."""

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from harness.core.errors import InputError, nearest_name, unknown_name
 from harness.core.files import read_file
+from harness.core.seeding import sumo_seed
 from harness.encounter.arms import asks_model
 from harness.engine.configuration import (
     DEFAULT_SEED,
@@ -26,7 +27,6 @@ from harness.simulation import demand
 from harness.simulation.arm_configuration import run_untouched
 from harness.simulation.own_people import OWN_PREFIX
 from harness.simulation.setup import CAR, Setup
-from harness.simulation.shares import sumo_seed
 from harness.site.town import Crosswalk, Town
 
 

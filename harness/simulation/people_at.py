@@ -3,11 +3,11 @@
 import math
 from collections.abc import Callable
 
+from harness.core.seeding import number_of
 from harness.core.vocabulary import STANDING_MPS, PedestrianView, Side, Views, quick_tuple
 from harness.engine.session import Session
 from harness.simulation.cars import Passage
 from harness.simulation.own_people import OWN_PREFIX, OwnPeople
-from harness.simulation.shares import number_of
 from harness.simulation.walk import WAITING_M, SumoPerson, Walked
 from harness.site.town import Crosswalk
 from harness.strategies.perception.sensor import Sensor

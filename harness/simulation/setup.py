@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 from harness.core.errors import StrategyError, in_one_line
 from harness.core.freezing import Frozen
+from harness.core.seeding import number_of, sumo_seed
 from harness.core.vocabulary import Arm, Arrival, Strategy, Vehicle
 from harness.encounter.arms import make_strategy
 from harness.encounter.arrivals import planned_arrivals
@@ -15,7 +16,6 @@ from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
 from harness.scenario.consistency import SUMO_DRIVER
 from harness.scenario.sections import SimulationSection
-from harness.simulation.shares import number_of, sumo_seed
 from harness.site.town import Crosswalk, Town
 
 CAR = VehicleType(5.0, 1.8, 2.6, 4.5, 200 / 3.6)

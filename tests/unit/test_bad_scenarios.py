@@ -97,6 +97,7 @@ BAD_SETTINGS = [
     (f"{PEOPLE}.walking_speed.classes={CLASSES}", "walking_speed.mean_mps"),
     (f"{PEOPLE}.walking_speed={{mean_mps=1.4,classes={CLASSES}}}", "the shares sum to 1.1"),
     # Vehicles of a simulation.
+    ("traffic experiment.pairs=1000004", "experiment.pairs | 1,000,004 | at most 1,000,003"),
     ("traffic traffic.flow_per_hour=1900", "traffic.flow_per_hour | below 1895"),
     # Strategies and their parameters.
     ("cctc arms.av=soft_yeild", "arms.av | 'soft_yeild' | did you mean 'soft_yield'"),

@@ -22,14 +22,14 @@ from harness.results.folder import COMPUTES
 CHECKOUT = Path(__file__).parents[2]
 CODE = {"harness": 19_000, "tests": 13_000, "benchmarks": 1_700, "docs": 600, "examples": 201}
 ROOMS = {
-    "core": 570,
-    "scenario": 1_014,
+    "core": 576,
+    "scenario": 1_016,
     "model": 2_020,
     "strategies": 1_305,
     "engine": 1_010,
     "encounter": 1_040,
     "measures": 1_190,
-    "simulation": 1_700,
+    "simulation": 1_692,
     "site": 370,
     "results": 2_113,
     "report": 1_736,

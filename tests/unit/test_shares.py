@@ -1,30 +1,42 @@
-"""Which vehicles are AVs: by their ids alone, nested in the share."""
+"""Which vehicles are AVs: by their ids alone, nested in the share; and SUMO's seeds."""
 
 import math
 
+import pytest
 from hypothesis import given, strategies as some
 
-from harness.simulation.shares import is_automated, uniform_of
+from harness.core.seeding import SUMO_SEEDS_APART, stream, sumo_seed
+from harness.simulation.shares import is_automated
 
 CARS = frozenset({"passenger"})
 SHARES = some.floats(0, 1)
 
 
-@given(some.integers(0, 2**31), some.text(), SHARES, SHARES)
-def test_a_greater_share_only_adds_avs(seed: int, name: str, one: float, other: float) -> None:
+@given(some.binary(min_size=32, max_size=32), some.text(), SHARES, SHARES)
+def test_a_greater_share_only_adds_avs(key: bytes, name: str, one: float, other: float) -> None:
     low, high = sorted((one, other))
-    if is_automated(seed, name, CARS, low, CARS):
-        assert is_automated(seed, name, CARS, high, CARS)
-    assert not is_automated(seed, name, CARS, 0.0, CARS)
-    assert is_automated(seed, name, CARS, 1.0, CARS)
-    assert not is_automated(seed, name, frozenset({"bus"}), 1.0, CARS)
+    if is_automated(key, name, CARS, low, CARS):
+        assert is_automated(key, name, CARS, high, CARS)
+    assert not is_automated(key, name, CARS, 0.0, CARS)
+    assert is_automated(key, name, CARS, 1.0, CARS)
+    assert not is_automated(key, name, frozenset({"bus"}), 1.0, CARS)
 
 
 def test_the_share_of_many_vehicles() -> None:
-    """Numbers are uniform: 3 standard errors of a proportion; another seed draws others."""
-    names = [f"car{number}" for number in range(4000)]
-    for seed in (1, 2):
-        found = sum(uniform_of(seed, name) < 0.3 for name in names) / len(names)
-        assert abs(found - 0.3) < 3 * math.sqrt(0.3 * 0.7 / len(names))
-    both = sum(uniform_of(1, name) < 0.3 > uniform_of(2, name) for name in names) / len(names)
-    assert abs(both - 0.09) < 3 * math.sqrt(0.09 * 0.91 / len(names))
+    """Numbers are uniform: 3 standard errors of a proportion; another seed or pair draws others."""
+    ids = [f"car{number}" for number in range(4000)]
+    pairs = ((1, 0), (2, 0), (1, 2**31))
+    keys = (stream(seed, "automated", pair).bytes(32) for seed, pair in pairs)
+    one, *others = ({of for of in ids if is_automated(key, of, CARS, 0.3, CARS)} for key in keys)
+    for found, share in ((one, 0.3), *((one & other, 0.09) for other in others)):
+        assert abs(len(found) / 4000 - share) < 3 * math.sqrt(share * (1 - share) / 4000)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 2**31, 2**63 - 2])
+def test_sumo_has_other_seeds_for_another_seed(seed: int) -> None:
+    """With the most pairs the seeds of successive values do not overlap, and SUMO takes all."""
+    assert 0 <= sumo_seed(seed, 7, 0) < 2**31
+    apart = (sumo_seed(seed + 1, 7, 0) - sumo_seed(seed, 7, 0)) % 2**31
+    assert SUMO_SEEDS_APART <= apart <= 2**31 - SUMO_SEEDS_APART
+    # The default is the configuration's own seed.
+    assert sumo_seed(1, 7, 0) == 7

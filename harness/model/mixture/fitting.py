@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from harness.core.errors import InputError
-from harness.core.seeding import start_of_fit
+from harness.core.seeding import stream
 from harness.core.vocabulary import FloatArray
 from harness.model.mixture.distribution import TruncatedGaussianMixture
 from harness.model.mixture.likelihood import Coordinates, Evaluation, Likelihood
@@ -116,7 +116,7 @@ def fit_mixture(
         begun: list[Climb] = []
         # One component has the same start each time.
         for i in range(_CLIMBS * n_init if n_components > 1 else 1):
-            rng = start_of_fit(seed, *key, i)
+            rng = stream(seed, "start_of_fit", *key, i)
             first = clustered_normals(rows, weights, n_components, rng)
             mixed = (first.weights + _EQUAL / n_components) / (1.0 + _EQUAL)
             first = first._replace(weights=mixed)

@@ -243,8 +243,7 @@ def drives_of(
     rows, drew, step_s = [], False, scenario.experiment.step_s
     for draw in range(DRIVES):
         for number, passage in enumerate(passages):
-            # Streams are keyed by a pair, so each drive of a passage has a stream of its own.
-            rng = stream(scenario.experiment.seed, "strategy", number * DRIVES + draw)
+            rng = stream(scenario.experiment.seed, "recorded_drive", number, draw)
             begun = str((rng.bit_generator.state, rng.bit_generator.seed_seq))
 
             def own_rng(rng: np.random.Generator = rng) -> np.random.Generator:
