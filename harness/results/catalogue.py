@@ -266,6 +266,8 @@ ENTRIES: tuple[Entry, ...] = (
     _COUNT("failed", "failures", "Episodes or arms that failed.", "failed", kinds=_BOTH),
     _COUNT("failed_strategy", "failures of the strategy", "Those of `failed` in which the strategy "
            "failed; the other failures are the engine's.", "failed_strategy", kinds=_BOTH),
+    _COUNT("sumo_alone", "contacts that SUMO alone reports", "Episodes or passages in which SUMO "
+           "reports a collision and the harness no contact.", "sumo_alone", kinds=_BOTH),
     _COUNT("fallbacks", "fallbacks", "Episodes or passages in which the strategy fell back on "
            "another one.", "fell_back", kinds=_BOTH),
     Entry("fallback_share", "fallbacks, episodes that met someone", "Their share among these.",

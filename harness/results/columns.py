@@ -129,6 +129,7 @@ COLUMNS: Mapping[str, Callable[[Sample], Any]] = MappingProxyType({
     "missed": lambda s: s["crashed"] | s["timed_out"] | s["failed_strategy"],
     "tried": lambda s: s["ran"] | s["failed_strategy"],
     "missing": lambda s: s["crashed"] | s["timed_out"] | s["failed"],
+    "sumo_alone": lambda s: (s["sumo_collision"] == 1) & s["ran"] & ~s["crashed"],
     "crash_avoidable": lambda s: s["crashed"] & (s["avoidable"] == 1),
     "crash_avoidable_attentive": lambda s: s["crashed"] & (s["avoidable_attentive"] == 1),
     "met": lambda s: s["pedestrians"] > 0,

@@ -95,15 +95,20 @@ def _failures(cell: CellFindings) -> Iterator[Said]:
     yield Said(f"{count:,} of {2 * cell['pairs'].count:,} {noun} failed ({what}).", more, count)
 
 
+def _sumo_alone(cell: CellFindings) -> Iterator[Said]:
+    if count := cell.total("sumo_alone"):
+        text = f"SUMO alone reports {count:,} contacts ({_by_arm(cell, 'sumo_alone')})."
+        yield Said(text, "They count nowhere: the harness, with other outlines, finds none.", count)
+
+
 def _nothing_tested(cell: CellFindings) -> Iterator[Said]:
     if cell["kappa_met_someone"].n:
         return
-    if cell["failed"].count == cell["pairs"].count:
-        yield Said("Every episode of the AV failed: nothing was tested.", weight=2)
-    elif cell["failed"].count:
-        yield Said("Every pair that met a pedestrian failed: nothing was tested.", weight=2)
-    else:
-        yield Said("Neither driver met a pedestrian: nothing was tested.", weight=1)
+    why, failed = "Neither driver met a pedestrian", cell["failed"].count
+    if failed:
+        every = failed == cell["pairs"].count
+        why = f"Every {'episode of the AV' if every else 'pair that met a pedestrian'} failed"
+    yield Said(f"{why}: nothing was tested.", weight=2 if failed else 1)
 
 
 def _selected(cell: CellFindings) -> Iterator[Said]:
@@ -176,8 +181,7 @@ def _outside_the_model(cell: CellFindings) -> Iterator[Said]:
     if shares:
         used = " and ".join(f"{100 * part:.3g} % ({who})" for part, who in shares)
         more = "It answered as for the nearest vehicle in its data."
-        largest = max(part for part, _ in shares)
-        yield Said(f"The model was outside its data in {used} of its uses.", more, largest)
+        yield Said(f"The model was outside its data in {used} of its uses.", more, max(shares)[0])
 
 
 def _not_validated(cell: CellFindings) -> Iterator[Said]:
@@ -194,9 +198,8 @@ def _model_fit(cell: CellFindings) -> Iterator[Said]:
 
 def _speeding(cell: CellFindings) -> Iterator[Said]:
     limit_mps = cell.scenario.speed_limit_mps
-    speeds = [(cell[f"max_speed_mps{end}"].value, who) for who, end in cell.arms]
-    known = [(speed, who) for speed, who in speeds if speed is not None]
-    fastest, who = max(known, default=(0.0, ""))
+    speeds = ((cell[f"max_speed_mps{end}"].value or 0.0, who) for who, end in cell.arms)
+    fastest, who = max(speeds)
     if fastest > limit_mps * (1 + SPEED_ROUNDING):
         text = f"The {who} drove at up to {fastest:.3g} m/s, above the limit of {limit_mps:g} m/s."
         yield Said(text, weight=fastest - limit_mps)
@@ -240,8 +243,7 @@ def _collisions(cell: CellFindings) -> Iterator[Said]:
 
 
 def _few_simulations(cell: CellFindings) -> Iterator[Said]:
-    ran = cell["people_wait_s_difference"].n
-    ran = cell["pairs"].count if ran is None else ran  # nobody came
+    ran = cell["people_wait_s_difference"].n or cell["pairs"].count  # nobody came
     if ran < RELIABLE_PAIRS:
         rests = f"intervals rest on {ran:,} pairs" if ran > 1 else "one pair has no intervals"
         more = f"Intervals are reliable from {RELIABLE_PAIRS} pairs on."
@@ -258,8 +260,7 @@ def _cut_off(cell: CellFindings) -> Iterator[Said]:
 def _who_drove(cell: CellFindings) -> Iterator[Said]:
     share, by_sumo = cell["share_strategy"].value, [cell[f"share_{each}"].value for each in BY_SUMO]
     driven, passages = cell["driven"], cell["driven"].n
-    decided = share is not None and share > DECIDED
-    if not passages or (decided and driven.count > DRIVEN * passages):
+    if not passages or ((share or 0.0) > DECIDED and driven.count > DRIVEN * passages):
         return
     of_sumo = 1.0 if share is None else sum(each for each in by_sumo if each is not None)
     text, more = f"SUMO decided {100 * of_sumo:.0f} % of {cell.scenario.arms.av}'s steps.", ""
@@ -294,12 +295,13 @@ def _people_of_sumo(cell: CellFindings) -> Iterator[Said]:
     if count := cell.total("sumo_people"):
         text = "SUMO's people without priority wait until the car stands, so slowing down does "
         text += "nothing for them; those with priority do not look."
-        yield Said(text, weight=count)
+        yield Said(text, "A strategy knows who will cross and sees nobody who only passes.", count)
 
 
 RULES: tuple[Rule, ...] = (
     Rule("failures", "failures", _failures, _failures),
     Rule("nothing_tested", "nothing tested", _nothing_tested, _nobody_met),
+    Rule("sumo_alone", "contacts that SUMO alone reports", _sumo_alone, _sumo_alone),
     Rule("selected", "selected pairs", _selected),
     Rule("few_pairs", "few pairs", _few_pairs, _few_simulations),
     Rule("opposite", "another reference disagrees", _opposite),
@@ -332,8 +334,7 @@ def notes_of(
     """
     notes, called = list(about_run), names or [name_of(cell.varied) for cell in cells]
     for rank, rule in enumerate(RULES):
-        simulated = any(cell.kind == "simulations" for cell in cells)
-        say = rule.simulated if simulated else rule.say
+        say = rule.simulated if cells and cells[0].kind == "simulations" else rule.say
         by_cell = enumerate(map(say, cells) if say else ())
         told = [(place, said) for place, each in by_cell for said in each]
         if not told:

@@ -30,13 +30,13 @@ ROWS: Mapping[str, Callable[[ConflictsSection], pc.Expression]] = MappingProxyTy
     "av": lambda _: _OF("automated"), "other": lambda _: ~_OF("automated"),
     "driven": lambda _: _OF("driven"), "left": lambda _: ~_OF("driven"),
     "reached": lambda _: _REACHED, "touched": lambda _: _TOUCHED,
+    "sumo_alone": lambda _: _OF("sumo_contact") & ~_TOUCHED,
     "passed": lambda _: _OF("rear_s").is_valid(), "cut_off": lambda _: _OF("rear_s").is_null(),
     "pet": lambda limits: _REACHED & ((_OF("pet_s") < limits.pet_s) | _TOUCHED),
     "ttc": lambda limits: _REACHED & ((_OF("min_ttc_s") < limits.ttc_s) | _TOUCHED),
     "drac": lambda limits: _REACHED & ((_OF("max_drac_mps2") > limits.drac_mps2) | _TOUCHED),
-    "met": lambda _: _OF("pedestrians") > 0,
+    "met": lambda _: _OF("pedestrians") > 0, "never_went": lambda _: _OF("start_s").is_null(),
     "waited": lambda _: _OF("let_go").is_valid(), "let_go": lambda _: _OF("let_go"),
-    "never_went": lambda _: _OF("start_s").is_null(),
     "unfinished": lambda _: _OF("arrival_s").is_null(),
 })
 """Which rows of a table a column counts; a contact is a conflict of every kind."""
@@ -154,13 +154,12 @@ class SimulationSample(dict[str | Of, np.ndarray]):
     def growth(self) -> FloatArray:
         """By what share of the vehicles due in a third the network fills; see ``queues.growth``."""
         found = np.full((2, self.n), np.nan)
-        for number, arm in enumerate(self.tables["arms"].to_pylist()):
+        for n, arm in enumerate(self.tables["arms"].to_pylist()):
             own = (_OF("pair") == arm["pair"]) & (_OF("arm") == arm["arm"])
             rows, begin_s = self.tables["vehicles"].filter(own), arm["begin_s"]
             if begin_s is not None:
                 due_s, left_s = (rows[name].to_numpy() for name in ("due_s", "arrival_s"))
-                filled = growth(due_s, left_s, begin_s, begin_s + arm["counted_s"])
-                found[number % 2, number // 2] = filled
+                found[n % 2, n // 2] = growth(due_s, left_s, begin_s, begin_s + arm["counted_s"])
         return found
 
     def why_not_driven(self) -> str | None:
@@ -177,6 +176,7 @@ NAMED: Mapping[str, Of | Callable[[SimulationSample], np.ndarray]] = MappingProx
     "failed_strategy": counted("arms", "failed_strategy"),
     "met": counted("passages", "av", "driven", "met"),
     "fell_back": counted("passages", "av", "driven", "met", "fell_back"),
+    "sumo_alone": counted("passages", "sumo_alone"),
     "conditionings": summed("arms", "conditionings"),
     "clamped": summed("arms", "clamped"),
     "growth": SimulationSample.growth,

@@ -238,6 +238,7 @@ SAID: dict[str, tuple[Pairs, str]] = {
         "whether roads fill (AV 1, human_yield 0).",
     ),
     "who_drove": (several(), "SUMO decided 30 % of soft_yield's steps."),
+    "sumo_alone": (altered(USUAL, sumo_contact=True), "720 contacts (AV 720, human_yield 0)"),
     "people_of_sumo": (several({"sumo_people": 3}), "until the car stands"),
     "nothing_tested (all)": ([(USUAL[0][0], failed()), (failed(), USUAL[0][1])], "every pair f"),
     "fallback": (altered(USUAL, fallback=True), f"{DRIVEN} of {DRIVEN} AV passages (100 %"),
