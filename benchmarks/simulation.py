@@ -26,14 +26,14 @@ from pathlib import Path
 import sumo
 
 from harness.core.vocabulary import Arm
+from harness.engine.arm_configuration import write_config
 from harness.engine.shared import close_engine
+from harness.engine.town_reader import read_town
 from harness.model.interaction import load_model
 from harness.scenario import validate
-from harness.simulation.arm_configuration import write_config
 from harness.simulation.arm_tables import run_arm
 from harness.simulation.opening import opened
 from harness.simulation.setup import Setup
-from harness.site.town import Town
 
 NETS = {
     "grid": "--grid --grid.number 5 --grid.length 150",
@@ -88,7 +88,7 @@ def build(folder: Path, net: str) -> Path:
 
 def central(config: Path, count: int) -> Setup:
     """The simulation with `gap_yield` at the crosswalks nearest to the network's centre."""
-    town = Town.read(config.parent / "net.net.xml")
+    town = read_town(config.parent / "net.net.xml")
     centres = {
         each.id: complex(*each.axis.centroid.coords[0])
         for each in town.crosswalks.values()

@@ -17,6 +17,8 @@ Module = Literal["libsumo", "traci", "gui"]
 
 _VIEW = "View #0"
 """The name of sumo-gui's first view."""
+_WALKER = "DEFAULT_PEDTYPE"
+"""SUMO's own type of people."""
 _DEPART_NOW = -3.0
 """SUMO's flag for a departure at once."""
 _COMMANDED = 32
@@ -289,7 +291,7 @@ class Session:
         self._set_speed_mode(name, _COMMANDED)
         self._api.vehicle.setLaneChangeMode(name, 0)
 
-    def add_person(self, name: str, edge: str, position_m: float, type_id: str) -> None:
+    def add_person(self, name: str, edge: str, position_m: float, type_id: str = _WALKER) -> None:
         """Add a person, who has to get a way (``people.walk``) before the next step.
 
         They exist, and may be moved, after the next step but one.
@@ -299,11 +301,6 @@ class Session:
     def built(self, vehicle: str) -> VehicleType:
         """What a vehicle is and can do, which may differ from its type's."""
         return _built(self._api.vehicle, vehicle)
-
-    def vehicle_types(self) -> Mapping[str, VehicleType]:
-        """Every type of vehicles, by its id."""
-        types = self._api.vehicletype
-        return {name: _built(types, name) for name in types.getIDList()}
 
     def vehicle_classes(self) -> Mapping[str, str]:
         """The class of every type of vehicles that SUMO has read so far, by the type's id."""
@@ -319,6 +316,15 @@ class Session:
         # The user may have closed the window.
         with contextlib.suppress(self._api.FatalTraCIError):
             self._api.close()
+
+
+def vehicle_types(config: Path) -> Mapping[str, VehicleType]:
+    """Every type of vehicles of a configuration, by its id; SUMO reads all of them."""
+    session = Session(config, {"route-steps": "0"})
+    with contextlib.closing(session), session.watched("failed"):
+        session.step()
+        types = session._api.vehicletype
+        return {name: _built(types, name) for name in types.getIDList()}
 
 
 def _built(api: Any, name: str) -> VehicleType:

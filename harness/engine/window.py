@@ -14,6 +14,11 @@ _AROUND_M = 6.0
 """Length of road shown beyond the trigger and beyond the crosswalk."""
 
 
+def window_options(delay_s: float) -> dict[str, str]:
+    """Options of sumo-gui: it begins at once, waits after each step, and closes at the end."""
+    return {"start": "true", "quit-on-end": "true", "delay": f"{1000 * delay_s:.6g}"}
+
+
 class Window(SumoEngine):
     """A SUMO engine that shows the crosswalk in real time.
 
@@ -27,8 +32,7 @@ class Window(SumoEngine):
 
     def __init__(self, scenario: Scenario, arm: Arm) -> None:
         step_s = scenario.experiment.step_s
-        options = {"start": "true", "quit-on-end": "true", "delay": f"{1000 * step_s:.6g}"}
-        options["window-size"] = ",".join(map(str, _PIXELS))
+        options = window_options(step_s) | {"window-size": ",".join(map(str, _PIXELS))}
         v0_mps = scenario.ego.initial_speed_mps
         view = _VIEW.read_text("utf-8").format(v0_mps=v0_mps, half_mps=v0_mps / 2)
         files = {"gui-settings-file": view}

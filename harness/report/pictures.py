@@ -302,11 +302,11 @@ def _roads(run: Run) -> "tuple[list[ArrayLike], str]":
     simulation, made = run.cells[0].scenario.simulation, run.manifest["simulated_with"]["files"]
     if simulation is None:
         return [], " The roads, which the harness made, are not drawn."
-    from harness.site.town import Town  # no other picture needs it
+    from harness.engine.town_reader import read_town  # no other picture needs it
 
     try:
         net = read_config(Path(simulation.file), simulation.step_s).net
-        lanes, now = Town.read(net).lanes, hashlib.sha256(read_file(net)).hexdigest()
+        lanes, now = read_town(net).lanes, hashlib.sha256(read_file(net)).hexdigest()
     except HarnessError as error:
         return [], f" The roads are not drawn, because the network cannot be read: {error}."
     roads: list[ArrayLike] = [lane.shape for name, lane in lanes.items() if name[0] != ":"]

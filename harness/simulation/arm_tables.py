@@ -1,6 +1,5 @@
 """One arm of a pair: one configuration in; rows of arms, vehicles, people and crosswalks out."""
 
-import xml.etree.ElementTree as ET
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass, field
@@ -13,11 +12,12 @@ import numpy as np
 from harness.core.errors import EngineError, StrategyError
 from harness.core.freezing import Frozen
 from harness.core.vocabulary import Arm, FailedIn, StepMotion
+from harness.engine.arm_configuration import write_config
+from harness.engine.outputs import Trip, trips_in
 from harness.engine.session import Module, Session
 from harness.engine.sources import CROSSWALK
 from harness.model.interaction import InteractionModel
 from harness.simulation.arm import SimulatedArm
-from harness.simulation.arm_configuration import TRIPS_FILE, write_config
 from harness.simulation.passages import Row, passages
 from harness.simulation.setup import Setup
 from harness.simulation.walk import Walked
@@ -85,7 +85,7 @@ def run_arm(
         begins(None)
         session.close()
         session = None
-        return ArmTables(pair, arm, _tables(setup, running, folder / TRIPS_FILE))
+        return ArmTables(pair, arm, _tables(setup, running, folder))
     except StrategyError as error:
         return ArmTables(pair, arm, {}, str(error), "strategy", error.traceback)
     except EngineError as error:
@@ -95,8 +95,8 @@ def run_arm(
             session.close()
 
 
-def _tables(setup: Setup, arm: SimulatedArm, trips: Path) -> dict[str, Columns]:
-    """The tables of an arm whose simulation has ended."""
+def _tables(setup: Setup, arm: SimulatedArm, folder: Path) -> dict[str, Columns]:
+    """The tables of an arm whose simulation has ended, with its outputs in a folder."""
     end_s, people = arm.session.time_s, {name: each.walked() for name, each in arm.people.items()}
     counted = [each for each in arm.passages if setup.counts(each.begin_s - each.trace_offset_s)]
     motion: StepMotion = "ballistic" if setup.config.ballistic else "euler"
@@ -118,7 +118,7 @@ def _tables(setup: Setup, arm: SimulatedArm, trips: Path) -> dict[str, Columns]:
         "people_left_out": sum(each.left_out for each in arm.people.values()),
         **{name: arm.counts[name] for name in _COUNTS},
     }
-    vehicles = _vehicles(trips, arm.is_automated, end_s)
+    vehicles = _vehicles(trips_in(folder), arm.is_automated, end_s)
     tables: dict[str, list[Row]] = {
         "arms": [arms],
         "passages": passed,
@@ -133,34 +133,26 @@ def _tables(setup: Setup, arm: SimulatedArm, trips: Path) -> dict[str, Columns]:
     }
 
 
-def _vehicles(trips: Path, is_automated: Callable[[str, str], bool], end_s: float) -> Iterator[Row]:
-    """The rows of the table ``vehicles``, from SUMO's tripinfo: trips that never began too.
+def _vehicles(
+    trips: Iterable[Trip], is_automated: Callable[[str, str], bool], end_s: float
+) -> Iterator[Row]:
+    """The rows of the table ``vehicles``, from SUMO's trips: those that never began too.
 
     A trip that has not ended counts with the time until the end.  Delays before the departure are
     part of ``time_loss_s``.
-
-    Raises:
-        EngineError: the file is cut off.
     """
-    try:
-        for _, trip in ET.iterparse(trips):
-            if trip.tag != "tripinfo":
-                continue
-            depart_s, arrival_s = float(trip.attrib["depart"]), float(trip.attrib["arrival"])
-            delay_s, departed = float(trip.attrib["departDelay"]), depart_s >= 0
-            yield {
-                "vehicle": trip.attrib["id"],
-                "type": trip.get("vType", ""),
-                "automated": is_automated(trip.attrib["id"], trip.get("vType", "")),
-                "due_s": (depart_s if departed else end_s) - delay_s,
-                "depart_s": depart_s if departed else None,
-                "arrival_s": arrival_s if arrival_s >= 0 else None,
-                "depart_delay_s": delay_s,
-                "time_loss_s": delay_s + float(trip.attrib["timeLoss"]),
-            }
-            trip.clear()
-    except (ET.ParseError, OSError, ValueError) as error:
-        raise EngineError(f"SUMO's tripinfo cannot be read: {error}") from None
+    for trip in trips:
+        begun_s = end_s if trip.depart_s is None else trip.depart_s
+        yield {
+            "vehicle": trip.vehicle,
+            "type": trip.type_id,
+            "automated": is_automated(trip.vehicle, trip.type_id),
+            "due_s": begun_s - trip.depart_delay_s,
+            "depart_s": trip.depart_s,
+            "arrival_s": trip.arrival_s,
+            "depart_delay_s": trip.depart_delay_s,
+            "time_loss_s": trip.depart_delay_s + trip.time_loss_s,
+        }
 
 
 def _people(

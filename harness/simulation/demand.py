@@ -1,139 +1,26 @@
-"""``[traffic]`` in; a pair's network, vehicles and SUMO configuration out, in a folder.
-
-``sumo -c`` simulates the configuration, sumo-gui opens it, and it can be the ``file`` of a scenario
-with ``[simulation]``.
-"""
+"""``[traffic]`` in; the vehicles that are due in a pair, and the end of the simulation, out."""
 
 import math
-import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
-from pathlib import Path
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 
 from harness.core.seeding import stream
-from harness.core.vocabulary import ROUNDING, SECONDS_PER_HOUR, Vehicle
-from harness.engine.configuration import SumoConfig, write_options, write_xml
-from harness.engine.network import network_with_limit
-from harness.engine.sources import EXIT_M
-from harness.engine.starting import OWN_ROADS, vehicle_type
+from harness.core.vocabulary import ROUNDING, SECONDS_PER_HOUR
+from harness.engine.traffic_files import Due
 from harness.scenario import Scenario
 from harness.scenario.traffic import TrafficSection
 
-NET_FILE, ROUTES_FILE, TRAFFIC_FILE = "road.net.xml", "vehicles.rou.xml", "traffic.sumocfg"
-
-CAR_TYPE = "car"
-"""The vehicles' type."""
-ONCOMING_TYPE = "oncoming_car"
-"""The type of oncoming vehicles on a road with a grade, whose sign is the other one for them."""
-
-_DIRECTIONS = ("", "oncoming_")
-"""How the names of the edges of a direction begin; its place numbers its streams."""
 _LEAST_CLEARING_S = 900.0
 """Time for the road to empty after the counted time, at least."""
-_LEAVES_M = 120.0
-"""Vehicles leave the road this far behind the crosswalk, or farther if they accelerate slowly."""
 _SATURATED = 0.9
 """In a saturated lane a vehicle is due after this share of the least headway: one always waits."""
-_STANDS_NEARER_M = {"IDM": 0.4}
-"""SUMO's IDM stops this much nearer than its minGap (at 1.61 m for a minGap of 2 m)."""
-
-_STAYS_IN_LANE = {"lcStrategic": -1, "lcCooperative": -1, "lcSpeedGain": 0, "lcKeepRight": 0}
-
-
-class Due(NamedTuple):
-    """A vehicle, and when it is due at the road's upstream end."""
-
-    name: str
-    direction: int
-    lane: int
-    depart_s: float
 
 
 def end_s(traffic: TrafficSection) -> float:
     """The end of the simulation: the counted time, then time for the road to empty."""
     clearing_s = 0.0 if traffic.saturated else max(traffic.duration_s, _LEAST_CLEARING_S)
     return traffic.warm_up_s + traffic.duration_s + clearing_s
-
-
-def write_demand(scenario: Scenario, pair: int, seed: int, folder: Path) -> SumoConfig:
-    """Write the network, the vehicles and the configuration of a pair of ``[traffic]``.
-
-    The same arguments give the same bytes.
-
-    Args:
-        scenario: a scenario with ``[traffic]``.
-        pair: index of the pair, which keys the vehicles' streams.
-        seed: SUMO's seed.
-        folder: the folder; made if missing.
-
-    Raises:
-        EngineError: netconvert failed.
-    """
-    traffic, step_s = scenario.known_traffic, scenario.experiment.step_s
-    folder.mkdir(parents=True, exist_ok=True)
-    # With the real speed limit SUMO's time losses are right.
-    (folder / NET_FILE).write_text(network_with_limit(scenario), encoding="utf-8")
-    write_xml(folder / ROUTES_FILE, _routes(scenario, pair))
-    options = {
-        "net-file": NET_FILE,
-        "route-files": ROUTES_FILE,
-        "begin": "0",
-        "end": f"{end_s(traffic):.3f}",
-        "step-length": f"{step_s:.3f}",
-        "seed": str(seed),
-        **OWN_ROADS,
-    }
-    path = write_options(folder / TRAFFIC_FILE, options)
-    files = {key: str(folder.absolute() / options[key]) for key in ("net-file", "route-files")}
-    return SumoConfig(path, {**options, **files})
-
-
-def _routes(scenario: Scenario, pair: int) -> ET.Element:
-    """SUMO's file of the vehicles, by the time at which they are due."""
-    root, strip = ET.Element("routes"), int(scenario.crossing.kerb_strip_m > 0)
-    kinds = types_of(scenario)
-    slowest_mps2 = min(vehicle.resume_acceleration_mps2 for vehicle in kinds.values())
-    # Twice the way from a stop to v0 at the whole acceleration: IDM approaches v0 slowly.
-    recovers_m = scenario.ego.initial_speed_mps**2 / slowest_mps2
-    leaves_m = min(max(_LEAVES_M, recovers_m), 0.9 * EXIT_M)
-    for name, vehicle in kinds.items():
-        kind = {"id": name, **_type(scenario, vehicle)}.items()
-        ET.SubElement(root, "vType", {key: str(value) for key, value in kind})
-    for way in _DIRECTIONS[: 1 + (scenario.crossing.oncoming_lanes > 0)]:
-        ET.SubElement(root, "route", id=f"{way}way", edges=f"{way}approach {way}exit")
-    for due in sorted(vehicles_due(scenario, pair), key=lambda due: (due.depart_s, due.name)):
-        way, lane = f"{_DIRECTIONS[due.direction]}way", str(due.lane + strip)
-        own = [*kinds][due.direction % len(kinds)]
-        values = {"id": due.name, "type": own, "route": way, "depart": f"{due.depart_s:.3f}"}
-        values |= {"departLane": lane, "departSpeed": "max"}
-        values |= {"arrivalLane": lane, "arrivalPos": f"{leaves_m:.3f}"}
-        ET.SubElement(root, "vehicle", values)
-    return root
-
-
-def types_of(scenario: Scenario) -> dict[str, Vehicle]:
-    """The limits of each type of vehicle: one, or on a road with a grade one for each direction."""
-    kinds = {CAR_TYPE: scenario.vehicle()}
-    if scenario.crossing.grade and scenario.crossing.oncoming_lanes:
-        kinds[ONCOMING_TYPE] = scenario.vehicle(oncoming=True)
-    return kinds
-
-
-def _type(scenario: Scenario, vehicle: Vehicle) -> Mapping[str, object]:
-    """The attributes in SUMO of vehicles with these limits."""
-    traffic = scenario.known_traffic
-    return {
-        **vehicle_type(vehicle, scenario.speed_limit_mps),
-        # SUMO lowers commands to it too, so it is the strategies' limit as well.
-        "accel": vehicle.resume_acceleration_mps2,
-        "maxSpeed": vehicle.initial_speed_mps,
-        "carFollowModel": traffic.following,
-        "tau": traffic.tau_s,
-        "minGap": traffic.min_gap_m + _STANDS_NEARER_M.get(traffic.following, 0.0),
-        **_STAYS_IN_LANE,
-    }
 
 
 def vehicles_due(scenario: Scenario, pair: int) -> Iterator[Due]:

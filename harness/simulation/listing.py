@@ -2,16 +2,14 @@
 
 import json
 import math
-import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from harness.core.vocabulary import SECONDS_PER_HOUR
-from harness.engine.configuration import SumoConfig, elements_of, people_in, read_config, write_xml
+from harness.engine.configuration import people_in, read_config
+from harness.engine.outputs import Counts, entering
 from harness.engine.session import lane_of
 from harness.scenario.sections import EgoSection
-from harness.simulation.arm_configuration import run_untouched
 from harness.simulation.opening import chosen, town_of
 from harness.simulation.setup import CAR
 from harness.site.town import Crosswalk, Town
@@ -23,9 +21,6 @@ _STEP_S = 0.1
 """The greatest step of a written scenario."""
 _TEMPLATE = Path(__file__).with_name("scenario.template.toml")
 _MANOEUVRES = ("straight", "left", "right", "turn")
-
-_COUNTED = {"vehicles": "none", "people": "walk"}
-"""Who is counted, by the value of ``detectPersons`` of SUMO's ``laneData``."""
 
 
 class CrosswalkRow(NamedTuple):
@@ -45,10 +40,6 @@ class CrosswalkRow(NamedTuple):
     refused: str | None
 
 
-Counts = Mapping[str, Mapping[str, float]]
-"""For vehicles and people: how many per hour enter a lane, by its id."""
-
-
 def crossings_of(file: Path, folder: Path) -> tuple[list[CrosswalkRow], list[CrosswalkRow]]:
     """The usable crosswalks and the others, with who passes per hour, by vehicles × people.
 
@@ -63,7 +54,7 @@ def crossings_of(file: Path, folder: Path) -> tuple[list[CrosswalkRow], list[Cro
         InputError: the file is refused, or SUMO fails.
     """
     config = read_config(file)
-    crosswalks, counts = town_of(config).crosswalks, _counts(config, folder.absolute())
+    crosswalks, counts = town_of(config).crosswalks, entering(config, folder.absolute())
     rows = sorted((_row(each, counts) for each in crosswalks.values()), key=_rank)
     usable = [row for row in rows if row.refused is None]
     return usable, [row for row in rows if row.refused is not None]
@@ -87,25 +78,6 @@ def _row(crosswalk: Crosswalk, counts: Counts) -> CrosswalkRow:
     return CrosswalkRow._make(
         (crosswalk.id, roads, *numbers, priority, length_m, limit_mps, crosswalk.refused)
     )
-
-
-def _counts(config: SumoConfig, folder: Path) -> Counts:
-    """Simulate a configuration to its end, and count who enters each lane."""
-    asked = ET.Element("additional")
-    for who, people in _COUNTED.items():
-        values = {"id": who, "file": f"{who}.xml", "detectPersons": people}
-        ET.SubElement(asked, "laneData", values, withInternal="true", excludeEmpty="true")
-    file, counts = folder / "counted.add.xml", {who: dict[str, float]() for who in _COUNTED}
-    write_xml(file, asked)
-    run_untouched(config, folder, {"additional-files": str(file)})
-    for who, entered in counts.items():
-        for each in elements_of(folder / f"{who}.xml"):
-            if each.tag == "interval":
-                begin_s, end_s = (float(each.attrib[name]) for name in ("begin", "end"))
-            elif each.tag == "lane":
-                hours = (end_s - begin_s) / SECONDS_PER_HOUR
-                entered[each.attrib["id"]] = float(each.get("entered", 0)) / hours
-    return counts
 
 
 def scenario_text(file: Path, crossings: Sequence[str], written: Path) -> str:

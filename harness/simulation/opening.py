@@ -17,14 +17,13 @@ from harness.engine.configuration import (
     people_in,
     read_config,
 )
-from harness.engine.installation import scratch_folder
 from harness.engine.sources import CROSSWALK
+from harness.engine.traffic_files import types_of, write_traffic
 from harness.model.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
 from harness.scenario.consistency import check_perception
 from harness.scenario.sections import MAX_SPEED_MPS, SimulationSection
-from harness.simulation import demand
-from harness.simulation.arm_configuration import run_untouched
+from harness.simulation.demand import end_s, vehicles_due
 from harness.simulation.own_people import OWN_PREFIX
 from harness.simulation.setup import CAR, Setup
 from harness.site.town import Crosswalk, Town
@@ -33,19 +32,22 @@ from harness.site.town import Crosswalk, Town
 @lru_cache(1)
 def _town(net: Path, _content: str) -> Town:
     """The network of a file with this digest."""
-    return Town.read(net)
+    from harness.engine.town_reader import read_town  # slow
+
+    return read_town(net)
 
 
 def opened_traffic(scenario: Scenario, pair: int, folder: Path) -> Setup:
     """The simulation of a pair of ``[traffic]``, whose files are written into a folder."""
     traffic = scenario.known_traffic
     seed = sumo_seed(scenario.experiment.seed, DEFAULT_SEED, pair)
-    config = demand.write_demand(scenario, pair, seed, folder)
+    due = vehicles_due(scenario, pair)
+    config = write_traffic(scenario, due, seed, end_s(traffic), folder)
     simulation = SimulationSection(
         file=str(config.path),
         crossings=(CROSSWALK,),
         av_share=traffic.av_share,
-        av_types=tuple(demand.types_of(scenario)),
+        av_types=tuple(types_of(scenario)),
         begin_s=traffic.warm_up_s,
         end_s=traffic.warm_up_s + traffic.duration_s,
     )
@@ -108,17 +110,6 @@ def check(setup: Setup, model: InteractionModel) -> None:
     for name in setup.simulation.av_types:
         if name not in known:
             raise unknown_name("simulation.av_types", "vehicle type or class", name, known)
-
-
-def check_demand(config: SumoConfig) -> None:
-    """Refuse a configuration with a route that SUMO cannot build.
-
-    Raises:
-        InputError: SUMO does not begin with all routes loaded.
-    """
-    with scratch_folder() as scratch:
-        now = {"route-steps": "0", "end": f"{config.begin_s + config.step_s:.3f}"}
-        run_untouched(config, Path(scratch), now)
 
 
 def digests(config: SumoConfig) -> Mapping[str, str]:

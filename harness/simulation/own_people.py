@@ -25,8 +25,6 @@ HELD_M = 0.05
 """The harness's people are moved in SUMO only this far from both kerbs."""
 OWN_PREFIX = "own:"
 """How the ids of the harness's people begin in SUMO; no other person's id may."""
-WALKER_TYPE = "DEFAULT_PEDTYPE"
-"""SUMO's type of the harness's people."""
 
 
 class OwnPeople:
@@ -144,7 +142,7 @@ class OwnPeople:
         """Have SUMO add somebody on the crosswalk, where their way ends, too."""
         name, ends_m = self.name_of(walker.index), (HELD_M, self._crosswalk.length_m - HELD_M)
         start_m, goal_m = ends_m if walker.side is Side.NEAR else ends_m[::-1]
-        self._session.add_person(name, self._crosswalk.id, start_m, WALKER_TYPE)
+        self._session.add_person(name, self._crosswalk.id, start_m)
         self._session.people.walk(name, [self._crosswalk.id], goal_m)
 
     def _leave(self, index: int) -> None:

@@ -4,16 +4,13 @@ Coordinates are those of the SUMO network.  A vehicle's place is the middle of i
 pedestrian's the centre.  Times count from the ego's first state within R0.
 """
 
-import gzip
 import math
-import xml.etree.ElementTree as ET
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Literal
 
 import jinja2
 import numpy as np
@@ -33,9 +30,11 @@ from harness.core.vocabulary import (
     Side,
     Walk,
 )
-from harness.engine.configuration import read_config, seconds
+from harness.engine.arm_configuration import CONFIG_FILE
+from harness.engine.configuration import read_config
 from harness.engine.network import network_of, opendrive
-from harness.engine.session import Session
+from harness.engine.outputs import Seen, seen_in
+from harness.engine.session import vehicle_types
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.results.loaded_run import Run
 from harness.results.tables import TABLES_OF, Row, Tables
@@ -278,65 +277,33 @@ def _obstacles(scenario: Scenario, frame: RoadFrame) -> Iterator[Entity]:
 
 def _passage(title: str, rows: pa.Table, ids: tuple[str, str], outputs: Path) -> Exported:
     """A passage of a simulation with everybody near, as SUMO's own output has them."""
-    # No export of an encounter needs these.
-    from harness.simulation.arm_configuration import CONFIG_FILE
-    from harness.studies.running.simulations import REPLAYED
-
     vehicle, crosswalk = ids
     chosen = [row for row in rows.to_pylist() if (row["vehicle"], row["crosswalk"]) == ids]
     if not chosen:
         problem = f"{vehicle} does not pass {crosswalk} in this arm"
         raise InputError(Parameter("passage"), problem, "one that `harness worst` lists")
-    config, (fcd,) = read_config(outputs / CONFIG_FILE), REPLAYED.values()
+    config = read_config(outputs / CONFIG_FILE)
     begin_s, rear_s = chosen[0]["trigger_s"], chosen[0]["rear_s"]
     last_s = math.inf if rear_s is None else rear_s + config.step_s
-    found: dict[tuple[bool, str], list[Mapping[str, Any]]] = defaultdict(list)
-    for written_s, record in _records(outputs / fcd):
-        # SUMO writes a state under the time at which its step began.
-        time_s = written_s + config.step_s
-        if time_s >= last_s - ROUNDING:
-            break
-        # Who rides in a vehicle is no pedestrian.
-        if time_s > begin_s - ROUNDING and not record.get("vehicle"):
-            # A vehicle, which is on a lane, and a person may have the same id.
-            found["lane" in record, record["id"]].append({**record, "time": time_s})
-    sizes = _sizes(config.path)
-    names = sorted(found, key=lambda key: key != (True, vehicle))
-    ego, *others = (_seen(name, found[drives, name], sizes) for drives, name in names)
+    found = defaultdict[tuple[bool, str], list[Seen]](list)
+    for each in seen_in(outputs, config.step_s, begin_s, last_s):
+        found[each.vehicle_type is not None, each.name].append(each)
+    sizes = vehicle_types(config.path)
+    ego, *others = (
+        _mover(found[key], sizes) for key in sorted(found, key=lambda key: key != (True, vehicle))
+    )
     since_s, end_s = ego.states[0, 0], ego.states[-1, 0]
     near = [each for each in others if _distance_m(each, ego) < _NEAR_M]
     movers = [_between(each, since_s, end_s) for each in (replace(ego, name="ego"), *near)]
     return Exported(f"{title}, {vehicle} over {crosswalk}", config.net, movers, end_s - since_s)
 
 
-def _records(fcd: Path) -> Iterator[tuple[float, Mapping[str, str]]]:
-    """Time and attributes of everybody at each step of SUMO's FCD output."""
-    with gzip.open(fcd) as file:
-        for _, element in ET.iterparse(file):
-            if element.tag == "timestep":
-                time_s = seconds(element.attrib["time"])
-                yield from ((time_s, each.attrib) for each in element)
-                element.clear()
-
-
-def _sizes(config: Path) -> Mapping[str, Sequence[float]]:
-    """Length, width and what a vehicle can do, by its type; SUMO reads all of them."""
-    with closing(Session(config, {"route-steps": "0"})) as session, session.watched("failed"):
-        session.step()
-        return session.vehicle_types()
-
-
-def _seen(
-    name: str, rows: Sequence[Mapping[str, Any]], sizes: Mapping[str, Sequence[float]]
-) -> Entity:
+def _mover(seen: Sequence[Seen], sizes: Mapping[str, Sequence[float]]) -> Entity:
     """Somebody in SUMO's output, by SUMO's time."""
-    keys = ("time", "x", "y", "angle", "speed")
-    states = np.array([[float(row[key]) for key in keys] for row in rows])
-    states[:, 3] = np.radians(90.0 - states[:, 3])
-    if "lane" not in rows[0]:
+    (name, kind, _), states = seen[0], np.array([each.state for each in seen])
+    if kind is None:
         return Entity(f"pedestrian-{name}", "pedestrian", _PERSON_M, _PERSON_M, states)
-    # The copy of a type for a single vehicle is named type@vehicle.
-    length_m, width_m, *limits = sizes[rows[0]["type"].partition("@")[0]]
+    length_m, width_m, *limits = sizes[kind]
     return Entity(f"vehicle-{name}", "vehicle", length_m, width_m, states, limits_mps2=limits)
 
 

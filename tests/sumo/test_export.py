@@ -13,10 +13,10 @@ import pytest
 import shapely
 
 from harness.core.vocabulary import Arm
+from harness.engine.town_reader import read_town
 from harness.results.loaded_run import load_run
 from harness.scenario import Scenario, study_of
 from harness.scenario.file import ScenarioFile
-from harness.site.town import Town
 from harness.studies.running.run import run
 from tests import towns
 from tests.batches import printed, refusal
@@ -172,7 +172,7 @@ def test_a_passage_of_a_simulation(town: Path, tmp_path: Path, kind: str) -> Non
     passage = row["vehicle"], row["crosswalk"]
     path = exported(town, tmp_path / "out", "--pair", 0, "--passage", *passage)
     back = read(path)
-    crosswalk = Town.read(town.parent / "net.net.xml").crosswalks[row["crosswalk"]]
+    crosswalk = read_town(town.parent / "net.net.xml").crosswalks[row["crosswalk"]]
     # Corners of the bounding box; the clock begins with the first step within R0.
     begin_s = math.ceil(row["trigger_s"] * 10 - 1e-6) / 10
     size = next(entity_of(back, "ego").iter("Dimensions"))

@@ -13,6 +13,7 @@ import shapely
 from harness.core.errors import EngineError, InputError
 from harness.core.vocabulary import FloatArray
 from harness.engine.session import Session, edge_of
+from harness.engine.town_reader import read_town
 from harness.simulation.listing import crossings_of, scenario_text
 from harness.site.town import NO_VEHICLES, RAIL, SIGNAL, Connection, Town
 from harness.site.zone import zone_of
@@ -98,7 +99,7 @@ def test_vehicles_are_where_their_path_says(
 ) -> None:
     """In SUMO's step: the front point in 99.5 %, the body's first and last touch within one."""
     config = town(tmp_path, seed, end_s, kind=kind)
-    here = Town.read(tmp_path / "net.net.xml")
+    here = read_town(tmp_path / "net.net.xml")
     assert {each.left_hand for each in here.crosswalks.values()} == {kind == "left"}
     assert {each.refused for each in here.crosswalks.values()} == {None}
     assert {each.prioritized for each in here.crosswalks.values()} == {kind == "zebras"}
@@ -173,7 +174,7 @@ def junctions(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_who_gives_way_and_what_is_refused(junctions: Path) -> None:
     """By the rules of the road; a zebra alone makes no connection give way to vehicles."""
-    here = Town.read(junctions)
+    here = read_town(junctions)
     by_roads = {frozenset(each.roads): each for each in here.crosswalks.values()}
     zebra, street = by_roads[frozenset(["n_c", "c_n"])], by_roads[frozenset(["w_c", "c_w"])]
     assert (zebra.prioritized, street.prioritized) == (True, False)
@@ -237,14 +238,14 @@ def test_a_scenario_for_chosen_crosswalks(busy: Path, tmp_path: Path) -> None:
 
 def test_a_signal_is_a_reason(tmp_path: Path) -> None:
     grid(tmp_path)
-    here = Town.read(tmp_path / "net.net.xml")
+    here = read_town(tmp_path / "net.net.xml")
     refused = {each.id[:3] for each in here.crosswalks.values() if each.refused == SIGNAL}
     assert refused == {":C2", ":D1"}
     assert {each.refused for each in here.crosswalks.values()} == {None, SIGNAL}
 
 
 def test_a_path_begins_upstream_where_one_lane_leads_on(junctions: Path) -> None:
-    here = Town.read(junctions)
+    here = read_town(junctions)
     # Of the lanes at the junction c, only c_e is entered from two lanes, w_c and n_c.
     path = here.path(next(way for way in here.connections.values() if way.from_lane == "w_c_1"))
     assert path.lanes[0].id == "w_c_1"  # nothing is upstream

@@ -13,11 +13,12 @@ import pytest
 
 from harness.core.errors import InputError
 from harness.core.seeding import stream
+from harness.engine.traffic_files import TRAFFIC_FILE
 from harness.report.pictures import PictureSource, pictures_of
 from harness.report.style import styled
 from harness.results.loaded_run import Run, load_run
 from harness.scenario import load_scenario
-from harness.simulation.demand import TRAFFIC_FILE, vehicles_due
+from harness.simulation.demand import vehicles_due
 from harness.simulation.shares import number_of
 from harness.studies.running.run import resume, run
 from tests import faulty, towns

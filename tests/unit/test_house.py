@@ -26,11 +26,11 @@ ROOMS = {
     "scenario": 1_016,
     "model": 2_020,
     "strategies": 1_305,
-    "engine": 1_010,
+    "engine": 1_280,
     "encounter": 1_040,
     "measures": 1_190,
-    "simulation": 1_692,
-    "site": 370,
+    "simulation": 1_560,
+    "site": 280,
     "results": 2_113,
     "report": 1_736,
     "rl": 170,
@@ -54,6 +54,7 @@ ORDER = (
 LEVELS = {name: n for n, names in enumerate(ORDER.split(" | ")) for name in names.split()}
 HEAVY = ("libsumo", "traci", "scipy", "pandas", "pyarrow", "matplotlib")
 SESSION, INTERFACES = "harness.engine.session", {"libsumo", "traci"}
+SUMOS_WORDS = "net-file|route-files|fcd-output|tripinfo|quit-on-end|laneData|vType|DEFAULT_PEDTYPE"
 _SILENT = "COMMENT NL NEWLINE INDENT DEDENT ENDMARKER"
 NO_CODE = {getattr(tokenize, name) for name in _SILENT.split()}
 
@@ -196,7 +197,11 @@ def test_one_module_knows_sumos_interfaces() -> None:
     assert [name for name, path in PATHS.items() if knows_sumo(path)] == [SESSION]
     # A town is read by SUMO's own library of networks.
     reads = {name for name, path in PATHS.items() for of in imports_of(path) if "sumolib" in of}
-    assert reads == {"harness.site.town"}
+    assert reads == {"harness.engine.town_reader"}
+    # Its options and the words of its files are the engine's.
+    texts = {name: path.read_text("utf-8") for name, path in PATHS.items()}
+    say = {name for name, text in texts.items() if re.search(f'"({SUMOS_WORDS})"', text)}
+    assert {name.split(".")[1] for name in say} == {"engine"}
 
 
 def test_frozen_records_have_nothing_that_can_be_written_to() -> None:

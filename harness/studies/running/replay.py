@@ -34,8 +34,8 @@ TOLERANCE = 1e-6
 RECORDS = ("episodes", "pedestrians")
 """The tables of encounters that are compared; of simulations all are."""
 
-_SHOW = {"start": "true", "quit-on-end": "true", "delay": "100"}
-"""Options of sumo-gui for a simulation."""
+_DELAY_S = 0.1
+"""Time between two steps of a simulation that is shown."""
 
 _MOST_DIFFERENCES = 3
 """Differences of a replay from its record that are printed."""
@@ -141,14 +141,15 @@ def watch(run: Run, cell: int, pairs: range, arms: Sequence[Arm]) -> list[Replay
             "is not set, so there is no display",
             "a desktop session, or a virtual one: install Xvfb and run `xvfb-run -a harness …`",
         )
-    # What a run does not simulate is not imported.
+    # What a run does not simulate is not imported, and only this function opens windows.
+    from harness.engine.window import Window, window_options
+
     if run.kind == "simulations":
-        from harness.studies.running import simulations
+        from harness.studies.running.simulations import simulate_task
 
-        shown = (simulations.simulate_task(task, module="gui", more=_SHOW) for task in tasks)
+        options = window_options(_DELAY_S)
+        shown = (simulate_task(task, module="gui", more=options) for task in tasks)
         return [replayed(run, task, rows) for task, rows in zip(tasks, shown, strict=True)]
-    from harness.engine.window import Window
-
     found = []
     for task in tasks:
         rows = run_episodes(task, make_engine=partial(Window, arm=task.arms[0]))

@@ -9,6 +9,7 @@ import pyarrow as pa
 
 from harness.core.vocabulary import Arm
 from harness.encounter.arms import arm_key, check_arms
+from harness.engine.arm_configuration import check_routes
 from harness.engine.installation import scratch_folder
 from harness.engine.session import Module
 from harness.engine.shared import close_engine
@@ -17,12 +18,9 @@ from harness.results.rows import simulation_rows
 from harness.results.tables import Row, Tables
 from harness.scenario import Cell, Scenario, Study
 from harness.simulation.arm_tables import ArmTables, run_arm
-from harness.simulation.opening import check, check_demand, digests, opened, opened_traffic
+from harness.simulation.opening import check, digests, opened, opened_traffic
 from harness.simulation.setup import Setup
 from harness.studies.running.tasks import EpisodeId, Task, TaskRows, Tell
-
-REPLAYED = MappingProxyType({"fcd-output": "fcd.xml.gz"})
-"""Outputs of a replay besides those of the configuration."""
 
 FILES = "sumo"
 """The folder of a run for what SUMO reads and writes, with a folder for each cell and pair."""
@@ -44,7 +42,7 @@ def checked(study: Study) -> tuple[list[InteractionModel], Mapping[str, str]]:
             check(found, models[-1])
             now = digests(found.config)
             if not now.items() <= files.items():
-                check_demand(found.config)
+                check_routes(found.config)
             files |= now
     return models, files
 
@@ -86,7 +84,7 @@ def simulate_task(
             arms / (arm if task.outputs is None else ""),
             keeps=task.outputs is not None,
             module=module,
-            more={**more, **({} if task.outputs is None else REPLAYED)},
+            more=more,
             begins=partial(tell, episode),
         )
         tell(None, None)

@@ -6,10 +6,9 @@ from types import MappingProxyType
 
 from harness.core.errors import EngineError, InputError
 from harness.engine.configuration import SumoConfig, option_kinds, write_options
-from harness.engine.installation import run_program
+from harness.engine.installation import run_program, scratch_folder
 
-CONFIG_FILE = "simulation.sumocfg"
-TRIPS_FILE = "tripinfo.xml"
+CONFIG_FILE, TRIPS_FILE, STATES_FILE = "simulation.sumocfg", "tripinfo.xml", "fcd.xml.gz"
 
 _ALWAYS = {
     "random": "false",
@@ -54,8 +53,8 @@ def write_config(
         arm: the arm's folder.
         seed: seed of SUMO's random numbers.
         more: further options; an additional file comes after those of the configuration.
-        keeps: whether the outputs that the configuration's own options name are written; all
-            outputs come into the folder, by their names without a folder.
+        keeps: whether the outputs that the configuration's own options name are written, and
+            everybody's states; all outputs come into the folder, by their names without a folder.
 
     Returns:
         The path of the file.
@@ -67,6 +66,8 @@ def write_config(
     files = filter(None, [each.get("additional-files") for each in (options, more)])
     if together := ",".join(files):
         ours["additional-files"] = together
+    if keeps:
+        ours["fcd-output"] = STATES_FILE
     return write_options(arm.absolute() / CONFIG_FILE, {**options, **more, **ours})
 
 
@@ -81,3 +82,14 @@ def run_untouched(config: SumoConfig, folder: Path, more: Mapping[str, str]) -> 
         run_program("sumo", ["-c", str(path)])
     except EngineError as error:
         raise InputError(str(config.path), str(error)) from None
+
+
+def check_routes(config: SumoConfig) -> None:
+    """Refuse a configuration with a route that SUMO cannot build.
+
+    Raises:
+        InputError: SUMO does not begin with all routes loaded.
+    """
+    with scratch_folder() as scratch:
+        now = {"route-steps": "0", "end": f"{config.begin_s + config.step_s:.3f}"}
+        run_untouched(config, Path(scratch), now)
