@@ -11,9 +11,14 @@ from harness.site.road_frame import RoadFrame
 NETWORKS = shipped_directory("networks")
 
 
+def frame_of(crossing: CrossingSection) -> RoadFrame:
+    """The road frame of a crosswalk."""
+    return RoadFrame.of(crossing.bearing_deg, crossing.length_m)
+
+
 def to_road(crossing: CrossingSection, x_m: float, y_m: float) -> tuple[float, float]:
     """A point of the network in a crosswalk's road frame: turned back about the frame's origin."""
-    frame = RoadFrame.of(crossing.bearing_deg, crossing.length_m)
+    frame = frame_of(crossing)
     ahead = complex(x_m - frame.origin_x_m, y_m - frame.origin_y_m)
     ahead /= complex(frame.along_x, frame.along_y)
     return ahead.real, ahead.imag
