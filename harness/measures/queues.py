@@ -11,9 +11,14 @@ PEDESTRIAN_LOS_S = (5.0, 10.0, 20.0, 30.0, 45.0)
 def level_of_service(delay_s: float) -> str:
     """The level of service of pedestrians, A to F, by their mean delay (HCM 2010).
 
+    Raises:
+        ValueError: the delay is NaN.
+
     >>> [level_of_service(delay_s) for delay_s in (5.0, 12.0, 46.0)]
     ['A', 'C', 'F']
     """
+    if np.isnan(delay_s):
+        raise ValueError("an undefined delay has no level of service")
     return "ABCDEF"[sum(delay_s > limit for limit in PEDESTRIAN_LOS_S)]
 
 

@@ -20,8 +20,8 @@ class EpisodeRecord(Measured):
     """The stored results of an episode: a row of the table ``episodes`` (docs/files.md).
 
     ``end_s`` is the time of the record's end: the contact, the pass, the time-out or the failure;
-    it is undefined if the episode failed before its first state.  Each measure is an attribute
-    (``record.pet_s``).  Undefined values are None.
+    it is undefined if the episode failed before its first state, and so is every count then.  Each
+    measure is an attribute (``record.pet_s``).  Undefined values are None.
     """
 
     ending: Ending
@@ -33,11 +33,11 @@ class EpisodeRecord(Measured):
     contact_time_s: float | None
     sumo_collision: bool | None
     fallback: bool
-    steps: int
-    pedestrians: int
-    conditionings: int
-    clamped: int
-    near_clamped: int
+    steps: int | None
+    pedestrians: int | None
+    conditionings: int | None
+    clamped: int | None
+    near_clamped: int | None
     clamped_speed_excess_mps: float | None
     clamped_range_excess_m: float | None
 
@@ -93,23 +93,28 @@ def _values(entry: Measure, chunk: Chunk) -> list[Value]:
 def _record(chunk: Chunk, number: int, measures: dict[str, Any]) -> EpisodeRecord:
     trace, strike = chunk.traces[number], chunk.strikes[number]
     end_s = float(chunk.end_s[number])
-    model_use = trace.conditionings
+    began, model_use = not math.isnan(end_s), trace.conditionings
     return EpisodeRecord(
         ending=trace.ending if strike is None else Ending.CRASHED,
         reason=trace.reason,
         failed_in=trace.failed_in,
-        end_s=None if math.isnan(end_s) else end_s,
+        end_s=end_s if began else None,
         contact=None if strike is None else strike.contact,
         contact_index=None if strike is None else chunk.legs.walks[strike.walk].arrival.index,
         contact_time_s=None if strike is None else strike.time_s,
         sumo_collision=trace.sumo_collision,
         fallback=trace.fallback,
-        steps=int(chunk.steps[number]),
-        pedestrians=sum(walk.start_s is not None and walk.start_s < end_s for walk in trace.walks),
-        conditionings=model_use.uses,
-        clamped=model_use.clamped,
-        near_clamped=model_use.near_clamped,
+        steps=int(chunk.steps[number]) if began else None,
+        pedestrians=_stepped_off(trace, end_s) if began else None,
+        conditionings=model_use.uses if began else None,
+        clamped=model_use.clamped if began else None,
+        near_clamped=model_use.near_clamped if began else None,
         clamped_speed_excess_mps=model_use.speed_excess_mps if model_use.clamped else None,
         clamped_range_excess_m=model_use.range_excess_m if model_use.clamped else None,
         **measures,
     )
+
+
+def _stepped_off(trace: Trace, end_s: float) -> int:
+    """The number of people who stepped off before a time."""
+    return sum(walk.start_s is not None and walk.start_s < end_s for walk in trace.walks)

@@ -80,9 +80,9 @@ class Sample(Frozen):
     weigh: str = "row"
 
     @property
-    def vehicles(self) -> int:
-        """Number of vehicles inside the box; 0 if rows do not identify them."""
-        return 0 if self.vehicle is None else int(self.vehicle.max()) + 1
+    def vehicles(self) -> int | None:
+        """Number of vehicles inside the box; None if rows do not identify them."""
+        return None if self.vehicle is None else int(self.vehicle.max()) + 1
 
     @property
     def copies(self) -> int:

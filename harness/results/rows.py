@@ -106,7 +106,7 @@ def _pedestrian(walk: Walk, crossing: Crossing, end_s: float) -> Row:
 
 def _motions(outcome: Outcome) -> Iterator[tuple[str, StateColumns]]:
     trace, record = outcome.trace, outcome.record
-    if record.end_s is None:
+    if record.end_s is None or record.steps is None:
         return  # the episode failed before its first state
     count = record.steps + 1
     times = np.arange(count, dtype=np.float64) * trace.step_s

@@ -114,13 +114,15 @@ class Passage:
         driver: who drives, or ``sumo``.
         strategy: the strategy that drives, until the passage has ended.
         not_driven: why no strategy drives it, or None.
-        begun, begin_s, first: whether it has passed R0; then, the time of its first state, and its
-            place among those of the car.
+        begun: whether it has passed R0.
+        begin_s, first: time of its first state, and its place among those of the car; NaN and 0
+            until it has begun.
         xs_m, speeds_mps: once it has ended, its states in the straight frame at every step.
         trace_offset_s: time from R0 until the first of them.
         limited: number of driven steps by what limited them (``LIMITED_BY``), once it has ended.
         ended: how it ended; None while it goes on.
-        fallback, collided: whether its strategy fell back, and whether SUMO saw a collision.
+        fallback: whether its strategy fell back, once it has ended; None if no strategy drove.
+        collided: whether SUMO saw a collision.
         driven_by: what the strategy sees and how it commands, once it drives.
     """
 
@@ -134,14 +136,14 @@ class Passage:
     strategy: Strategy | None = None
     not_driven: str | None = None
     begun: bool = False
-    begin_s: float = field(init=False)
+    begin_s: float = math.nan
     first: int = 0
     xs_m: FloatArray = field(default_factory=lambda: np.empty(0))
     speeds_mps: FloatArray = field(default_factory=lambda: np.empty(0))
     trace_offset_s: float = 0.0
     limited: Sequence[int] = (0,) * len(LIMITED_BY)
     ended: str | None = None
-    fallback: bool = False
+    fallback: bool | None = None
     collided: bool = False
     driven_by: Driver | None = None
     crossing: Crossing = field(init=False)

@@ -127,7 +127,6 @@ def _trace(
         walks=(),
         ending=Ending.CROSSED if passage.passed else Ending.TIMED_OUT,
         sumo_collision=passage.collided,
-        fallback=passage.fallback,
         trace_offset_s=passage.trace_offset_s,
         shown=None if passage.driven_by is None else passage.driven_by.shown,
         motion=motion,

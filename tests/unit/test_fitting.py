@@ -67,8 +67,7 @@ def test_weights_sum_to_the_encounters_in_the_box(weigh):
     rows = made_up()
     rows.loc[:3, "range_m"] = 1.0  # the whole first encounter is outside
     sample = make_sample(rows, weigh=weigh)
-    assert len(set(sample.encounter)) == 59
-    assert sample.vehicles == 12
+    assert (len(set(sample.encounter)), sample.vehicles) == (59, 12)
     assert sample.weights.sum() == pytest.approx(59, rel=1e-12)
 
 
@@ -83,16 +82,14 @@ def test_weights_sum_to_the_encounters_in_the_box(weigh):
 )
 def test_bad_values_name_the_column_and_the_number_of_rows(change, words):
     rows = made_up(40)
-    for column, value in change.items():
-        rows.loc[[5, 9], column] = value
+    rows.loc[[5, 9], [*change]] = [*change.values()]
     refusal_of(lambda: make_sample(rows), *words)
 
 
 def test_rows_without_identifiers_count_one_each_and_have_no_held_out_score():
     rows = made_up(40).drop(columns=["source", "clip", "vehicle", "pedestrian"])
     sample = make_sample(rows, weigh="row")
-    assert sample.weights.sum() == 40
-    assert sample.vehicles == 0
+    assert (sample.weights.sum(), sample.vehicles) == (40, None)
     refuses("no missing value in source", lambda: make_sample(rows, weigh="encounter"))
     refuses("no held-out scores", lambda: fit(sample, FitSettings((1, 2), choose="held-out")))
 

@@ -112,6 +112,8 @@ def test_the_vehicles_on_a_network_grow_by_those_whom_it_does_not_serve(
 def test_levels_of_service_are_the_handbooks() -> None:
     """HCM 2010, exhibit 19-2: up to 5, 10, 20, 30 and 45 s."""
     assert [level_of_service(s) for s in (0, 5, 5.1, 45, 46)] == ["A", "A", "B", "E", "F"]
+    with pytest.raises(ValueError, match="undefined"):
+        level_of_service(np.nan)
 
 
 AV = arm(

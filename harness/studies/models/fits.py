@@ -151,7 +151,8 @@ def fit(
         InputError: the rows do not determine a fit, or the criterion cannot be applied.
         HarnessError: a worker died.
     """
-    folds = min(settings.folds, sample.vehicles) if min(settings.folds, sample.vehicles) > 1 else 0
+    folds = min(settings.folds, sample.vehicles or 0)
+    folds = folds if folds > 1 else 0
     _check(sample, settings, folds)
     fold_of_row = np.zeros(len(sample.data))
     if sample.vehicle is not None and folds:
@@ -235,7 +236,7 @@ def fit_weighted(
     vehicle, held, scores = sample.vehicle[~used], sample.weights[~used], {}
     for name in TARGETS:
         logs = log_scores(found.mixture, sample.data[~used], name)
-        sums = [np.bincount(vehicle, of, sample.vehicles) for of in (logs * held, held)]
+        sums = [np.bincount(vehicle, of, sample.vehicles or 0) for of in (logs * held, held)]
         scores[name] = HeldOut(*frozen(np.array(sums, dtype=float)))
     return found, scores
 

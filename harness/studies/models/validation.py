@@ -116,18 +116,22 @@ def validate(
     if known:
         of_vehicle = models_without(model, extract(paths, format_, **options).rows, FOLDS, seed)
     sources = {name: getattr(factory, "FITTED_ON", None) for name, factory in factories.items()}
-    optimistic = [name for name, fit in sources.items() if fit and fitted_on(load_model(fit), seen)]
-    optimistic += with_model if known and not of_vehicle else []
+    fitted = {
+        name: fitted_on(load_model(fit), seen) if fit else False for name, fit in sources.items()
+    }
+    here = known and not of_vehicle
+    for name in with_model:
+        fitted[name] = here if fitted[name] is False else fitted[name] or here or None
     models = [of_vehicle.get(passage.vehicle_id, model) for passage in passages]
     sampling = Sampling(resampling(seed, "validation"))
     records, folds = list[dict[str, Any]](), len({*of_vehicle.values()})
     for number, name in enumerate(factories, start=1):
-        record = {"driver": name, "fitted_on_these_data": name in optimistic}
+        record: dict[str, Any] = {"driver": name, "fitted_on_these_data": fitted[name]}
         record |= {"folds": folds if name in with_model else 0}
         records.append(record | scores_of(drives_of(name, passages, models, scenario), sampling))
         progress(number, len(factories))
     records.sort(key=lambda record: record["pass_time_score_s"].value)
-    notes = _notes(records, left_out, tally, known is None)
+    notes = _notes(records, left_out, tally)
     return _result(records, notes, passages, {**_recordings(clips), "seed": seed})
 
 
@@ -357,15 +361,14 @@ def scores_of(drives: pd.DataFrame, sampling: Sampling) -> dict[str, Finding]:
     }
 
 
-def _notes(
-    records: Sequence[Mapping[str, Any]], left_out: str, tally: Tally, unknown: bool
-) -> Iterator[Note]:
+def _notes(records: Sequence[Mapping[str, Any]], left_out: str, tally: Tally) -> Iterator[Note]:
     """Yield the sentences without which the numbers mislead, the worst first."""
     late = "; ".join(f"{one['driver']} {n:.3g}" for one in records if (n := one["timed_out"].value))
     outside = "; ".join(
         f"{one['driver']} {100 * n:.3g} %" for one in records if (n := one["clamped_share"].value)
     )
     optimistic = "; ".join(one["driver"] for one in records if one["fitted_on_these_data"])
+    unknown = any(one["fitted_on_these_data"] is None for one in records)
     few, remarks = records[0]["pass_time_score_s"].reason, "; ".join(tally.remarks())
     better = "fitted on these passages, so better here than elsewhere"
     card = "The model's card has no tracks, so it is unknown whether the model was fitted on them"
