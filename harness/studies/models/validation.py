@@ -115,19 +115,15 @@ def validate(
     known = fitted_on(model, seen) if with_model else False
     if known:
         of_vehicle = models_without(model, extract(paths, format_, **options).rows, FOLDS, seed)
-    sources = {name: getattr(factory, "FITTED_ON", None) for name, factory in factories.items()}
-    fitted = {
-        name: fitted_on(load_model(fit), seen) if fit else False for name, fit in sources.items()
-    }
-    here = known and not of_vehicle
-    for name in with_model:
-        fitted[name] = here if fitted[name] is False else fitted[name] or here or None
     models = [of_vehicle.get(passage.vehicle_id, model) for passage in passages]
     sampling = Sampling(resampling(seed, "validation"))
     records, folds = list[dict[str, Any]](), len({*of_vehicle.values()})
-    for number, name in enumerate(factories, start=1):
-        record: dict[str, Any] = {"driver": name, "fitted_on_these_data": fitted[name]}
-        record |= {"folds": folds if name in with_model else 0}
+    for number, (name, factory) in enumerate(factories.items(), start=1):
+        fit = getattr(factory, "FITTED_ON", None)
+        told = {fitted_on(load_model(fit), seen) if fit else False}
+        told.add(name in with_model and known and not of_vehicle)
+        record: dict[str, Any] = {"driver": name, "folds": folds if name in with_model else 0}
+        record["fitted_on_these_data"] = True in told or (None if None in told else False)
         records.append(record | scores_of(drives_of(name, passages, models, scenario), sampling))
         progress(number, len(factories))
     records.sort(key=lambda record: record["pass_time_score_s"].value)
